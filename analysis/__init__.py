@@ -1,0 +1,1 @@
+"""From results to claims: metrics, figures, cross-checks and reports."""

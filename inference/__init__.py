@@ -1,0 +1,1 @@
+"""From taps to beliefs, decisions and moves."""

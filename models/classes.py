@@ -1,0 +1,223 @@
+"""The grid of classes that perception decides between: where (position) times what (object).
+
+Letters, everywhere in this project, are the paper's: `L` where classes, `M` what classes, `N = L M` joint classes,
+`K` taxels, `J` samples of a tap, `B` histogram bins, `T` taps of a sequence. Arrays over classes have the axes
+(L, M) in this order and count from 0.
+"""
+
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any, Self
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from .errors import InputError
+
+_LENGTHS_M = {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "um": 1e-6, "µm": 1e-6}
+_ROUNDING = 1e-6  # of a cell: a value this close below an edge belongs above it
+
+
+@dataclass(frozen=True, eq=False)
+class ClassGrid:
+    """`L` where classes times `M` what classes, with the labels and values they stand for.
+
+    Attributes:
+        where_value: What each where class is reported as (its centre), shape (L,), increasing.
+        where_unit: Unit of `where_value` and `where_edges`.
+        where_edges: Class `l` covers `[where_edges[l], where_edges[l + 1])`, shape (L + 1,); `None` where the
+            classes are the listed values themselves.
+        what_members: The object names that each what class covers, `M` tuples.
+        what_value: What each what class is reported as, shape (M,), or `None` where objects have no size.
+        what_unit: Unit of `what_value`.
+
+    Raises:
+        InputError: Sizes contradict each other, values do not increase, or a name stands in two classes.
+    """
+
+    where_value: NDArray[np.float64]
+    where_unit: str
+    where_edges: NDArray[np.float64] | None
+    what_members: tuple[tuple[str, ...], ...]
+    what_value: NDArray[np.float64] | None = None
+    what_unit: str = ""
+
+    def __post_init__(self) -> None:
+        """Checks the sizes."""
+        if self.L < 1 or self.M < 1:
+            raise InputError(f"A class grid needs at least one where and one what class, got {self.L} and {self.M}.")
+        if not np.all(np.diff(self.where_value) > 0):
+            raise InputError("The where values of a class grid must increase.")
+        if self.where_edges is not None and (
+            self.where_edges.shape != (self.L + 1,) or not np.all(np.diff(self.where_edges) > 0)
+        ):
+            raise InputError(f"{self.L} where classes need {self.L + 1} increasing edges.")
+        names = [name for members in self.what_members for name in members]
+        if len(set(names)) != len(names):
+            raise InputError(f"An object name stands in two what classes: {sorted(names)}.")
+        if self.what_value is not None and self.what_value.shape != (self.M,):
+            raise InputError(f"{self.M} what classes need {self.M} values, got shape {self.what_value.shape}.")
+
+    @property
+    def L(self) -> int:  # noqa: N802
+        """Number of where classes."""
+        return len(self.where_value)
+
+    @property
+    def M(self) -> int:  # noqa: N802
+        """Number of what classes."""
+        return len(self.what_members)
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """(L, M)."""
+        return self.L, self.M
+
+    @property
+    def what_name(self) -> tuple[str, ...]:
+        """One printable name per what class."""
+        return tuple(m[0] if len(m) == 1 else f"{m[0]} … {m[-1]}" for m in self.what_members)
+
+    def where_label(self, l: int) -> str:
+        """How where class `l` is called in print, for example `"7.5 mm"`."""
+        return f"{self.where_value[l]:g} {self.where_unit}".strip()
+
+    def where_index(self, values: ArrayLike) -> NDArray[np.intp]:
+        """The where class of each value, -1 where there is none; same shape as `values`."""
+        values = np.asarray(values, dtype=np.float64)
+        if self.where_edges is not None:
+            slack = _ROUNDING * np.diff(self.where_edges).min()
+            index = np.searchsorted(self.where_edges, values + slack, side="right") - 1
+            return np.where((index >= 0) & (index < self.L), index, -1)
+        nearest = np.abs(values[..., np.newaxis] - self.where_value).argmin(axis=-1)
+        spacing = np.diff(self.where_value).min() if self.L > 1 else max(1.0, abs(float(self.where_value[0])))
+        return np.where(np.abs(values - self.where_value[nearest]) <= _ROUNDING * spacing, nearest, -1)
+
+    def what_index(self, names: Sequence[str]) -> NDArray[np.intp]:
+        """The what class of each object name, -1 where there is none; shape (len(names),)."""
+        table = {name: m for m, members in enumerate(self.what_members) for name in members}
+        return np.array([table.get(str(name), -1) for name in names], dtype=np.intp)
+
+    def where_error(self, decided: ArrayLike, true: ArrayLike) -> NDArray[np.float64]:
+        """Distance between two where classes in `where_unit` (decisions by class, so 0 or at least one cell)."""
+        return np.abs(self.where_value[np.asarray(decided)] - self.where_value[np.asarray(true)])
+
+    def what_error(self, decided: ArrayLike, true: ArrayLike) -> NDArray[np.float64]:
+        """Distance between two what classes in `what_unit`; without values 1 where they differ, else 0."""
+        decided, true = np.asarray(decided), np.asarray(true)
+        if self.what_value is None:
+            return (decided != true).astype(np.float64)
+        return np.abs(self.what_value[decided] - self.what_value[true])
+
+    @property
+    def what_error_unit(self) -> str:
+        """Unit of `what_error`: that of the values, or `"P(wrong)"` where there are none."""
+        return "P(wrong)" if self.what_value is None else self.what_unit
+
+    def select(self, where: Sequence[int], what: Sequence[int]) -> Self:
+        """The grid with these where and what classes only, in this order.
+
+        Edges survive only where the kept where classes are neighbours; otherwise the kept classes are listed.
+        """
+        where, what = list(where), list(what)
+        contiguous = where == list(range(where[0], where[0] + len(where))) if where else False
+        edges = self.where_edges
+        if edges is not None:
+            if not contiguous:
+                raise InputError("Where classes between others cannot be left out of a grid with edges.")
+            edges = edges[where[0] : where[-1] + 2]
+        return type(self)(
+            where_value=self.where_value[where],
+            where_unit=self.where_unit,
+            where_edges=edges,
+            what_members=tuple(self.what_members[m] for m in what),
+            what_value=None if self.what_value is None else self.what_value[what],
+            what_unit=self.what_unit,
+        )
+
+    def differences(self, other: Self) -> list[str]:
+        """How `other` differs, in phrases; empty where both grids mean the same classes."""
+        phrases = []
+        if self.shape != other.shape:
+            phrases.append(f"{self.L} x {self.M} classes here and {other.L} x {other.M} there")
+        elif not np.array_equal(self.where_value, other.where_value) or self.where_unit != other.where_unit:
+            phrases.append("the where values differ")
+        elif self.what_members != other.what_members:
+            phrases.append("the objects differ")
+        return phrases
+
+    def to_dict(self) -> dict[str, Any]:
+        """The grid as plain lists and strings, for JSON and file attributes."""
+        return {
+            "where_value": self.where_value.tolist(),
+            "where_unit": self.where_unit,
+            "where_edges": None if self.where_edges is None else self.where_edges.tolist(),
+            "what_members": [list(members) for members in self.what_members],
+            "what_value": None if self.what_value is None else self.what_value.tolist(),
+            "what_unit": self.what_unit,
+        }
+
+    @classmethod
+    def from_dict(cls, fields: dict[str, Any]) -> Self:
+        """The grid from `to_dict`.
+
+        Raises:
+            InputError: A field is missing or has the wrong size.
+        """
+        try:
+            return cls(
+                where_value=np.asarray(fields["where_value"], dtype=np.float64),
+                where_unit=fields["where_unit"],
+                where_edges=None if fields["where_edges"] is None else np.asarray(fields["where_edges"], dtype=np.float64),
+                what_members=tuple(tuple(members) for members in fields["what_members"]),
+                what_value=None if fields["what_value"] is None else np.asarray(fields["what_value"], dtype=np.float64),
+                what_unit=fields["what_unit"],
+            )
+        except (KeyError, TypeError, ValueError) as error:
+            raise InputError(f"This is not a class grid: {error}.") from error
+
+
+def parse_length(text: str, unit: str, option: str) -> float:
+    """A positive number with an optional unit, such as `"3mm"`, in `unit`.
+
+    Args:
+        text: What the user wrote.
+        unit: The unit of the result; lengths are converted into each other, other units must be the same word.
+        option: The option's name, for the message.
+
+    Raises:
+        InputError: The text is no positive number, or its unit cannot be converted.
+    """
+    match = re.fullmatch(r"\s*([0-9.]+(?:[eE][-+]?\d+)?)\s*(\S*)\s*", text)
+    try:
+        number = float(match[1]) if match else 0.0
+    except ValueError:
+        number = 0.0
+    if match is None or not number > 0 or not np.isfinite(number):
+        raise InputError(f"{option} needs a positive length such as 3mm, got {text!r}.")
+    given, wanted = match[2], unit.split()[0].rstrip(",;") if unit else ""
+    if not given or given == wanted:
+        return number
+    if given in _LENGTHS_M and wanted in _LENGTHS_M:
+        return number * _LENGTHS_M[given] / _LENGTHS_M[wanted]
+    raise InputError(f"{option} {text!r} cannot be converted to {unit!r}, the unit of these data.")
+
+
+def values_from_names(names: Sequence[str]) -> tuple[NDArray[np.float64], str] | None:
+    """Values and unit that object names spell out, such as `"rod 4 mm"`; `None` where they do not.
+
+    All names must be one number between the same words, so that numbering (`"ball_1"`) with a unit is told from
+    naming; names without a unit behind the number are not taken for sizes.
+    """
+    matches = [re.fullmatch(r"(.*?)(-?\d+(?:\.\d+)?)\s*([a-zA-Zµ]+)", str(name)) for name in names]
+    parts = [m.groups() for m in matches if m is not None]
+    if len(parts) != len(names) or len({(before, unit) for before, _, unit in parts}) != 1:
+        return None
+    return np.array([float(number) for _, number, _ in parts]), parts[0][2]
+
+
+def group(values: NDArray[np.float64], width: float, start: float | None = None) -> NDArray[np.intp]:
+    """The cell of each value when cells of `width` are laid from `start` (default: the lowest value) upwards."""
+    start = float(values.min()) if start is None else start
+    return np.floor((values - start) / width + _ROUNDING).astype(np.intp)

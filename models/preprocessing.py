@@ -1,0 +1,236 @@
+"""How a stream of sensor frames becomes taps; the same code off line and beside the rig.
+
+A histogram learned from high-pass filtered counts says nothing about raw counts, so what was done to the samples is
+part of the data: the record travels in every `TapSet` and in every fitted model, and a model refuses taps that were
+prepared otherwise.
+"""
+
+import json
+from dataclasses import asdict, dataclass, fields
+from typing import Literal, NamedTuple, Self
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.signal import butter, lfilter, lfilter_zi
+
+from .errors import InputError
+
+
+@dataclass(frozen=True)
+class Preprocessing:
+    """What was done to the samples of a tap, in the order of the fields.
+
+    Attributes:
+        samples: `J`, samples in one tap.
+        rate_hz: Sampling rate in hertz, `None` where it is not known.
+        tare: What is subtracted from each taxel: nothing, the mean of the first `tare_samples` frames of the
+            stream, or the mean of the first `tare_samples` samples of each tap.
+        tare_samples: How many samples the tare is averaged over.
+        highpass_hz: Cut-off of a causal first-order Butterworth high-pass over the whole stream, started in its
+            steady state; 0 for none.
+        trigger: What starts a tap: `"none"` (taps arrived already cut), `"clock"` (every `samples` frames) or
+            `"contact"` (a taxel reaches `trigger_level`; armed again when all are below half of it).
+        trigger_level: The prepared value that counts as contact, in the units of the samples; negative for sensors
+            whose values fall under load.
+        pre_samples: Samples kept from before the contact.
+    """
+
+    samples: int
+    rate_hz: float | None = None
+    tare: Literal["none", "stream", "tap"] = "none"
+    tare_samples: int = 0
+    highpass_hz: float = 0.0
+    trigger: Literal["none", "clock", "contact"] = "none"
+    trigger_level: float = 0.0
+    pre_samples: int = 0
+
+    def __post_init__(self) -> None:
+        """Checks the record.
+
+        Raises:
+            InputError: A field contradicts another or lies outside its range.
+        """
+        if self.samples < 1:
+            raise InputError(f"Preprocessing needs at least one sample per tap, got samples={self.samples}.")
+        if self.rate_hz is not None and not self.rate_hz > 0:
+            raise InputError(f"The sampling rate must be positive, got rate_hz={self.rate_hz}.")
+        if self.tare not in ("none", "stream", "tap"):
+            raise InputError(f"tare must be none, stream or tap, got {self.tare!r}.")
+        if (self.tare == "none") != (self.tare_samples == 0) or self.tare_samples < 0:
+            raise InputError(f"tare={self.tare!r} does not go with tare_samples={self.tare_samples}.")
+        if self.tare == "tap" and self.tare_samples > self.samples:
+            raise InputError(f"A tap of {self.samples} samples has no {self.tare_samples} samples to tare with.")
+        if self.highpass_hz < 0:
+            raise InputError(f"The high-pass cut-off must not be negative, got highpass_hz={self.highpass_hz}.")
+        if self.highpass_hz > 0 and (self.rate_hz is None or self.highpass_hz >= self.rate_hz / 2):
+            raise InputError(
+                f"A high-pass at {self.highpass_hz} Hz needs a sampling rate above {2 * self.highpass_hz} Hz, "
+                f"got rate_hz={self.rate_hz}."
+            )
+        if self.trigger not in ("none", "clock", "contact"):
+            raise InputError(f"trigger must be none, clock or contact, got {self.trigger!r}.")
+        if (self.trigger == "contact") != (self.trigger_level != 0):
+            raise InputError(f"trigger={self.trigger!r} does not go with trigger_level={self.trigger_level}.")
+        if self.pre_samples and (self.trigger != "contact" or not 0 < self.pre_samples < self.samples):
+            raise InputError(
+                f"pre_samples={self.pre_samples} needs a contact trigger and must be smaller than "
+                f"samples={self.samples}."
+            )
+
+    def differences(self, other: Self) -> list[str]:
+        """How `other` differs, one phrase per field; empty where both prepare taps alike."""
+        return [
+            f"{field.name} is {getattr(self, field.name)} here and {getattr(other, field.name)} there"
+            for field in fields(self)
+            if getattr(self, field.name) != getattr(other, field.name)
+        ]
+
+    def to_json(self) -> str:
+        """The record as JSON, for file attributes."""
+        return json.dumps(asdict(self))
+
+    @classmethod
+    def from_json(cls, text: str) -> Self:
+        """The record from `to_json`.
+
+        Raises:
+            InputError: The text is not such a record.
+        """
+        try:
+            return cls(**json.loads(text))
+        except (TypeError, json.JSONDecodeError) as error:
+            raise InputError(f"This is not a preprocessing record: {text[:80]!r}.") from error
+
+
+class CutTap(NamedTuple):
+    """One tap cut from a stream.
+
+    Attributes:
+        start: Index of its first frame, counted from the first frame of the stream.
+        samples: The prepared samples, shape (J, K).
+    """
+
+    start: int
+    samples: NDArray[np.float64]
+
+
+class TapCutter:
+    """Prepares frames and cuts taps as they arrive; any split of a stream into pieces gives the same taps.
+
+    It holds at most one tap and the frames before it. Taps that the end of the stream or its beginning cuts short
+    are not returned; `incomplete` counts them.
+
+    Args:
+        preprocessing: What to do; its trigger must be `"clock"` or `"contact"`.
+
+    Raises:
+        InputError: The record has no trigger.
+    """
+
+    def __init__(self, preprocessing: Preprocessing) -> None:
+        if preprocessing.trigger == "none":
+            raise InputError("A stream can only be cut into taps with a clock or a contact trigger.")
+        self.preprocessing = preprocessing
+        self.incomplete = 0
+        self._filter_state: NDArray[np.float64] | None = None
+        self._tare: NDArray[np.float64] | None = None
+        self._untared: list[NDArray[np.float64]] = []
+        self._kept = np.empty((0, 0))
+        self._kept_from = 0
+        self._begin: int | None = None
+        self._armed = True
+        self._scanned = 0
+
+    def push(self, frames: ArrayLike) -> list[CutTap]:
+        """The taps completed by these frames.
+
+        Args:
+            frames: Sensor frames in the order of time, shape (n, K), any n including 0.
+
+        Raises:
+            InputError: The frames are not finite or have another number of taxels than those before.
+        """
+        frames = np.asarray(frames, dtype=np.float64)
+        if frames.ndim != 2:
+            raise InputError(f"Frames must have two axes (time, taxel), got shape {frames.shape}.")
+        if not np.isfinite(frames).all():
+            raise InputError(f"Frame {int(np.argmin(np.isfinite(frames).all(axis=1)))} holds a NaN or infinite value.")
+        if self._kept.shape[1] and frames.shape[1] != self._kept.shape[1]:
+            raise InputError(f"Frames of {frames.shape[1]} taxels follow frames of {self._kept.shape[1]}.")
+        prepared = self._highpass(self._tared(frames))
+        self._kept = np.concatenate([self._kept.reshape(-1, frames.shape[1]), prepared])
+        return self._cut()
+
+    def finish(self) -> None:
+        """Ends the stream; a tap in progress counts as incomplete."""
+        if self._begin is not None:
+            self.incomplete += 1
+            self._begin = None
+
+    def _tared(self, frames: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Subtracts the mean of the first frames; holds frames back until there are enough of them."""
+        if self.preprocessing.tare != "stream":
+            return frames
+        if self._tare is None:
+            self._untared.append(frames)
+            frames = np.concatenate(self._untared)
+            if len(frames) < self.preprocessing.tare_samples:
+                self._untared = [frames]
+                return frames[:0]
+            self._tare = frames[: self.preprocessing.tare_samples].mean(axis=0)
+            self._untared = []
+        return frames - self._tare
+
+    def _highpass(self, frames: NDArray[np.float64]) -> NDArray[np.float64]:
+        record = self.preprocessing
+        if record.highpass_hz == 0 or len(frames) == 0:
+            return frames
+        b, a = butter(1, record.highpass_hz, "highpass", fs=record.rate_hz)
+        if self._filter_state is None:
+            self._filter_state = lfilter_zi(b, a)[:, np.newaxis] * frames[0]
+        filtered, self._filter_state = lfilter(b, a, frames, axis=0, zi=self._filter_state)
+        return filtered
+
+    def _cut(self) -> list[CutTap]:
+        taps: list[CutTap] = []
+        while True:
+            if self._begin is None:
+                self._begin = self._next_begin()
+            if self._begin is None or self._begin + self.preprocessing.samples > self._kept_from + len(self._kept):
+                break
+            first = self._begin - self._kept_from
+            window = self._kept[first : first + self.preprocessing.samples].copy()
+            if self.preprocessing.trigger == "contact":
+                self._armed = bool(self._load(window[-1:])[0] < 0.5)
+            if self.preprocessing.tare == "tap":
+                window -= window[: self.preprocessing.tare_samples].mean(axis=0)
+            taps.append(CutTap(self._begin, window))
+            self._scanned = self._begin + self.preprocessing.samples
+            self._begin = None
+        oldest = self._begin if self._begin is not None else self._scanned - self.preprocessing.pre_samples
+        drop = max(0, min(oldest - self._kept_from, len(self._kept)))
+        self._kept = self._kept[drop:]
+        self._kept_from += drop
+        return taps
+
+    def _load(self, frames: NDArray[np.float64]) -> NDArray[np.float64]:
+        """The most loaded taxel of each frame as a fraction of the trigger level."""
+        return (frames / self.preprocessing.trigger_level).max(axis=1)
+
+    def _next_begin(self) -> int | None:
+        """Index of the first frame of the next tap; advances over frames that start none."""
+        record = self.preprocessing
+        end = self._kept_from + len(self._kept)
+        if record.trigger == "clock":
+            return self._scanned if self._scanned < end else None
+        for load in self._load(self._kept[self._scanned - self._kept_from :]):
+            frame = self._scanned
+            self._scanned += 1
+            if self._armed and load >= 1.0:
+                self._armed = False
+                if frame >= record.pre_samples and frame - record.pre_samples >= self._kept_from:
+                    return frame - record.pre_samples
+                self.incomplete += 1
+            elif load < 0.5:
+                self._armed = True
+        return None

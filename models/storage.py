@@ -1,0 +1,66 @@
+"""Files that are either whole or not there.
+
+Everything this software writes goes to a temporary name in the target's own folder first and is moved into place
+when it is complete, so an interrupted command leaves no half-written file behind.
+"""
+
+import os
+import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+from .errors import InputError
+
+
+def check_writable(path: str | Path, force: bool = False) -> Path:
+    """The path, if a file may be written there.
+
+    Args:
+        path: The file to be written.
+        force: Whether an existing file may be replaced.
+
+    Raises:
+        InputError: The file exists and `force` is not set, it is a directory, or its folder cannot be written.
+    """
+    path = Path(path)
+    if path.is_dir():
+        raise InputError(f"{path} is a directory, a file name is needed.")
+    if path.exists() and not force:
+        raise InputError(f"{path} exists already; --force overwrites it.")
+    folder = path.parent
+    if not folder.is_dir():
+        raise InputError(f"{path} cannot be written: there is no folder {folder}.")
+    if not os.access(folder, os.W_OK):
+        raise InputError(f"{path} cannot be written: the folder {folder} is not writable.")
+    return path
+
+
+@contextmanager
+def complete_file(path: str | Path, force: bool = False) -> Iterator[Path]:
+    """A temporary file name that becomes `path` when the block ends without an exception.
+
+    Raises:
+        InputError: As `check_writable`, or the operating system refuses the write (for example a full disk).
+    """
+    path = check_writable(path, force)
+    try:
+        handle, name = tempfile.mkstemp(prefix=f".{path.name}.", suffix=path.suffix, dir=path.parent)
+    except OSError as error:
+        raise InputError(f"{path} cannot be written: {error.strerror}.") from error
+    os.close(handle)
+    temporary = Path(name)
+    try:
+        yield temporary
+        temporary.chmod(0o666 & ~_umask())
+        temporary.replace(path)
+    except OSError as error:
+        raise InputError(f"{path} cannot be written: {error.strerror or error}.") from error
+    finally:
+        temporary.unlink(missing_ok=True)
+
+
+def _umask() -> int:
+    mask = os.umask(0)
+    os.umask(mask)
+    return mask

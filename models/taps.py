@@ -1,0 +1,368 @@
+"""Labelled taps: what every command reads and every rig writes.
+
+A `TapSet` wraps one xarray dataset, so that recordings stay readable without this software:
+
+==================  ==================  ===================================================================
+name                dims                meaning
+==================  ==================  ===================================================================
+``taps``            tap, sample, taxel  the prepared samples, attribute ``units`` where known
+``what``            tap                 index into the table of objects
+``where``           tap                 position of the tap, attribute ``units``
+``session``         tap                 number of the recording session
+``trial``           tap                 number of the tap within its session or class, as recorded
+``time``            sample              seconds from the first sample of a tap (sample number without a rate)
+``taxel_position``  taxel, axis         optional, millimetres
+``what_name``       what_class          table of objects
+``what_value``      what_class          optional size of each object, attribute ``units``
+``where_value``     where_class         table of nominal positions
+``where_edges``     where_edge          optional: class ``l`` covers ``[edge l, edge l + 1)``
+==================  ==================  ===================================================================
+
+Attributes: ``sensor``, ``source``, ``licence``, ``preprocessing`` (JSON), ``format``.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Any, Self
+
+import numpy as np
+import xarray as xr
+from numpy.typing import ArrayLike, NDArray
+
+from .classes import ClassGrid, group, parse_length, values_from_names
+from .errors import InputError
+from .preprocessing import Preprocessing
+from .storage import complete_file
+
+FORMAT = 1
+
+
+@dataclass(frozen=True, eq=False)
+class TapSet:
+    """Labelled taps on xarray; the table in the head of this file lists its variables.
+
+    Attributes:
+        dataset: The labelled arrays.
+
+    Raises:
+        InputError: An array is missing, has the wrong shape, holds NaN or infinite values, or labels point
+            outside their table.
+    """
+
+    dataset: xr.Dataset
+
+    def __post_init__(self) -> None:
+        """Checks the dataset."""
+        _validate(self.dataset)
+
+    @classmethod
+    def from_arrays(
+        cls,
+        taps: ArrayLike,
+        what: ArrayLike,
+        what_name: Sequence[str],
+        *,
+        preprocessing: Preprocessing,
+        where: ArrayLike | None = None,
+        where_value: ArrayLike | None = None,
+        where_edges: ArrayLike | None = None,
+        where_unit: str = "",
+        what_value: ArrayLike | None = None,
+        what_unit: str = "",
+        session: ArrayLike | None = None,
+        trial: ArrayLike | None = None,
+        taxel_position: ArrayLike | None = None,
+        units: str = "",
+        sensor: str = "",
+        source: str = "",
+        licence: str = "",
+        extra: Mapping[str, ArrayLike] | None = None,
+    ) -> Self:
+        """Labelled taps from plain arrays.
+
+        Args:
+            taps: Prepared samples, shape (N, J, K).
+            what: Object of each tap as an index into `what_name`, shape (N,).
+            what_name: Names of the objects.
+            preprocessing: What was done to the samples.
+            where: Position of each tap in `where_unit`, shape (N,); default 0 for all.
+            where_value: Nominal positions, increasing; default the distinct values of `where`.
+            where_edges: Edges of the where classes, one more than `where_value`.
+            where_unit: Unit of the positions.
+            what_value: Size of each object, shape (len(what_name),).
+            what_unit: Unit of the sizes.
+            session: Recording session of each tap, shape (N,); default 0 for all.
+            trial: Number of each tap in its session, shape (N,); default the order given.
+            taxel_position: Position of each taxel in mm, shape (K, 2) or (K, 3).
+            units: Unit of the samples.
+            sensor: What recorded them.
+            source: Where the data come from.
+            licence: Under which terms.
+            extra: Further arrays whose first axis is the tap and whose second, if any, the taxel.
+
+        Raises:
+            InputError: As the class.
+        """
+        taps = np.asarray(taps)
+        if taps.ndim != 3:
+            raise InputError(f"taps must have three axes (tap, sample, taxel), got shape {taps.shape}.")
+        n = len(taps)
+        where = np.zeros(n) if where is None else np.asarray(where, dtype=np.float64)
+        where_value = np.unique(where) if where_value is None else np.asarray(where_value, dtype=np.float64)
+        rate = preprocessing.rate_hz
+        coords: dict[str, Any] = {
+            "what": ("tap", np.asarray(what)),
+            "where": ("tap", where, {"units": where_unit}),
+            "session": ("tap", np.zeros(n, dtype=np.int64) if session is None else np.asarray(session)),
+            "trial": ("tap", np.arange(n) if trial is None else np.asarray(trial)),
+            "time": (
+                "sample",
+                np.arange(taps.shape[1]) / (rate or 1.0),
+                {"units": "sample" if rate is None else "s"},
+            ),
+            "what_name": ("what_class", np.asarray(what_name, dtype=np.str_)),
+            "where_value": ("where_class", where_value, {"units": where_unit}),
+        }
+        if what_value is not None:
+            coords["what_value"] = ("what_class", np.asarray(what_value, dtype=np.float64), {"units": what_unit})
+        if where_edges is not None:
+            coords["where_edges"] = ("where_edge", np.asarray(where_edges, dtype=np.float64), {"units": where_unit})
+        if taxel_position is not None:
+            coords["taxel_position"] = (("taxel", "axis"), np.asarray(taxel_position, dtype=np.float64), {"units": "mm"})
+        variables: dict[str, Any] = {"taps": (("tap", "sample", "taxel"), taps, {"units": units})}
+        for name, values in (extra or {}).items():
+            values = np.asarray(values)
+            variables[name] = (("tap", "taxel")[: values.ndim], values)
+        attributes = {
+            "sensor": sensor,
+            "source": source,
+            "licence": licence,
+            "preprocessing": preprocessing.to_json(),
+            "format": FORMAT,
+        }
+        for name, (dims, values, *_) in {**coords, **variables}.items():
+            axes = 1 if isinstance(dims, str) else len(dims)
+            if np.ndim(values) != axes:
+                raise InputError(f"{name} must have {axes} axes, got shape {np.shape(values)}.")
+        try:
+            return cls(xr.Dataset(variables, coords, attributes))
+        except ValueError as error:
+            if isinstance(error, InputError):
+                raise
+            raise InputError(f"The arrays of this tap set do not fit together: {error}.") from error
+
+    @property
+    def taps(self) -> NDArray[np.floating]:
+        """The samples, shape (N, J, K)."""
+        return self.dataset["taps"].values
+
+    @property
+    def what(self) -> NDArray[np.int64]:
+        """Index of each tap's object in `what_name`, shape (N,)."""
+        return self.dataset["what"].values
+
+    @property
+    def where(self) -> NDArray[np.float64]:
+        """Position of each tap in `where_unit`, shape (N,)."""
+        return self.dataset["where"].values
+
+    @property
+    def session(self) -> NDArray[np.int64]:
+        """Recording session of each tap, shape (N,)."""
+        return self.dataset["session"].values
+
+    @property
+    def trial(self) -> NDArray[np.int64]:
+        """Number of each tap as recorded, shape (N,)."""
+        return self.dataset["trial"].values
+
+    @property
+    def what_name(self) -> list[str]:
+        """The table of objects."""
+        return [str(name) for name in self.dataset["what_name"].values]
+
+    @property
+    def where_unit(self) -> str:
+        """Unit of the positions."""
+        return self.dataset["where"].attrs.get("units", "")
+
+    @cached_property
+    def preprocessing(self) -> Preprocessing:
+        """What was done to the samples."""
+        return Preprocessing.from_json(self.dataset.attrs["preprocessing"])
+
+    def __len__(self) -> int:
+        return self.dataset.sizes["tap"]
+
+    def select(self, index: ArrayLike) -> Self:
+        """The taps at these positions or where this mask is true, tables unchanged."""
+        index = np.asarray(index)
+        return type(self)(self.dataset.isel(tap=np.flatnonzero(index) if index.dtype == bool else index))
+
+    def grid(self, where_cell: str | None = None, what_cell: str | None = None) -> ClassGrid:
+        """The class grid of the tables, optionally grouped into cells.
+
+        Args:
+            where_cell: Width of the where cells with unit, such as `"3mm"`; `None` takes the table as it is.
+            what_cell: Width of the what cells; needs object sizes, or names that spell them (`"rod 4 mm"`).
+
+        Raises:
+            InputError: A width cannot be read or converted, or objects have no sizes to group by.
+        """
+        where_value = self.dataset["where_value"].values
+        edges = self.dataset["where_edges"].values if "where_edges" in self.dataset.coords else None
+        if where_cell is not None:
+            width = parse_length(where_cell, self.where_unit, "--where-cell")
+            start = float(where_value.min()) if edges is None else float(edges[0])
+            cells = group(where_value, width, start)
+            groups = [where_value[cells == cell] for cell in range(cells.max() + 1)]
+            if not all(len(members) for members in groups):
+                raise InputError(f"--where-cell {where_cell} leaves a cell without any position.")
+            edges = start + width * np.arange(len(groups) + 1)
+            where_value = np.array([members.mean() for members in groups])
+        names = self.what_name
+        what_value, what_unit = self._what_values()
+        members = tuple((name,) for name in names)
+        if what_cell is not None:
+            spelled = values_from_names(names) if what_value is None else (what_value, what_unit)
+            if spelled is None:
+                raise InputError("--what-cell needs objects with a size, and these data give none.")
+            sizes, what_unit = spelled
+            cells = group(sizes, parse_length(what_cell, what_unit, "--what-cell"))
+            kept = [np.flatnonzero(cells == cell) for cell in np.unique(cells)]
+            members = tuple(tuple(names[i] for i in cell[np.argsort(sizes[cell])]) for cell in kept)
+            what_value = np.array([sizes[cell].mean() for cell in kept])
+        return ClassGrid(where_value, self.where_unit, edges, members, what_value, what_unit if what_value is not None else "")
+
+    def _what_values(self) -> tuple[NDArray[np.float64] | None, str]:
+        if "what_value" not in self.dataset.coords:
+            return None, ""
+        values = self.dataset["what_value"]
+        return values.values, values.attrs.get("units", "")
+
+    def indices(self, grid: ClassGrid) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+        """Where and what class of each tap in `grid`, -1 where it lies outside; two arrays of shape (N,)."""
+        return grid.where_index(self.where), grid.what_index(self.what_name)[self.what]
+
+    def save(self, path: str | Path, force: bool = False) -> None:
+        """Writes the tap set as netCDF, complete or not at all.
+
+        Raises:
+            InputError: The file cannot be written, or exists and `force` is not set.
+        """
+        with complete_file(path, force) as temporary:
+            self.dataset.to_netcdf(temporary, engine="h5netcdf")
+
+    @classmethod
+    def load(cls, path: str | Path) -> Self:
+        """The tap set in a netCDF file.
+
+        Raises:
+            InputError: The file is missing, damaged, or no tap set.
+        """
+        dataset = load_dataset(path)
+        if dataset.attrs.get("format") != FORMAT or "taps" not in dataset:
+            raise InputError(f"{path} is netCDF but no tap set of format {FORMAT}.")
+        try:
+            return cls(dataset)
+        except InputError as error:
+            raise InputError(f"{path}: {error}") from error
+
+
+def load_dataset(path: str | Path) -> xr.Dataset:
+    """A netCDF file's content, read whole and closed.
+
+    Raises:
+        InputError: The file is missing, a directory, truncated or not netCDF.
+    """
+    path = Path(path)
+    if path.is_dir():
+        raise InputError(f"{path} is a directory, a file is needed.")
+    if not path.exists():
+        raise InputError(f"{path} does not exist.")
+    try:
+        return xr.load_dataset(path, engine="h5netcdf")
+    except (OSError, ValueError, KeyError, RuntimeError) as error:
+        raise InputError(f"{path} cannot be read as netCDF; it may be truncated or of another kind.") from error
+
+
+def concatenate(parts: Sequence[TapSet]) -> TapSet:
+    """One tap set from several with the same objects, positions and preprocessing.
+
+    Raises:
+        InputError: The parts do not fit together.
+    """
+    first = parts[0]
+    for i, part in enumerate(parts[1:], start=1):
+        check_compatible(first, part, "the first part", f"part {i + 1}")
+        if part.what_name != first.what_name:
+            raise InputError(f"Part {i + 1} has other objects than the first part.")
+    dataset = xr.concat(
+        [part.dataset for part in parts], dim="tap", data_vars="minimal", coords="minimal", compat="override"
+    )
+    return TapSet(dataset)
+
+
+def check_compatible(train: TapSet, test: TapSet, train_name: str = "TRAIN", test_name: str = "TEST") -> None:
+    """Whether a model of one tap set can be tested on another.
+
+    Raises:
+        InputError: They differ in taxels, unit of position or preprocessing; the message says how.
+    """
+    taxels = train.dataset.sizes["taxel"], test.dataset.sizes["taxel"]
+    if taxels[0] != taxels[1]:
+        raise InputError(f"{train_name} has {taxels[0]} taxels and {test_name} has {taxels[1]}.")
+    if train.where_unit != test.where_unit:
+        raise InputError(f"{train_name} gives positions in {train.where_unit!r}, {test_name} in {test.where_unit!r}.")
+    differences = train.preprocessing.differences(test.preprocessing)
+    if differences:
+        raise InputError(f"{train_name} and {test_name} were prepared differently: {'; '.join(differences)}.")
+
+
+def _validate(dataset: xr.Dataset) -> None:
+    required = ("taps", "what", "where", "session", "trial", "what_name", "where_value")
+    for name in required:
+        if name not in dataset.variables:
+            raise InputError(f"The array {name} is missing.")
+    if dataset["taps"].dims != ("tap", "sample", "taxel"):
+        raise InputError(f"taps must have the dims (tap, sample, taxel), got {dataset['taps'].dims}.")
+    sizes = dataset.sizes
+    if min(sizes["tap"], sizes["sample"], sizes["taxel"]) < 1:
+        raise InputError(f"taps must not be empty, got shape {dataset['taps'].shape}.")
+    for name in ("taps", "where", "what_value", "where_value", "where_edges", "taxel_position"):
+        if name in dataset.variables:
+            _check_finite(name, dataset[name].values)
+    for name, values in dataset.data_vars.items():
+        if values.dtype.kind == "f":
+            _check_finite(str(name), values.values)
+    for name in ("what", "session", "trial"):
+        if dataset[name].dtype.kind not in "iu":
+            raise InputError(f"{name} must hold whole numbers, got {dataset[name].dtype}.")
+    _check_labels("what", dataset["what"].values, sizes["what_class"])
+    names = [str(name) for name in dataset["what_name"].values]
+    if len(set(names)) != len(names):
+        raise InputError(f"what_name holds a name twice: {names}.")
+    if not np.all(np.diff(dataset["where_value"].values) > 0):
+        raise InputError("where_value must increase.")
+    if "where_edges" in dataset and sizes["where_edge"] != sizes["where_class"] + 1:
+        raise InputError(f"where_edges must have {sizes['where_class'] + 1} values, got {sizes['where_edge']}.")
+    record = Preprocessing.from_json(dataset.attrs.get("preprocessing", ""))
+    if record.samples != sizes["sample"]:
+        raise InputError(f"The preprocessing record speaks of {record.samples} samples, taps has {sizes['sample']}.")
+
+
+def _check_finite(name: str, values: NDArray[Any]) -> None:
+    if values.dtype.kind not in "fiub":
+        raise InputError(f"{name} must hold numbers, got {values.dtype}.")
+    bad = np.argwhere(~np.isfinite(values))
+    if len(bad):
+        place = ", ".join(str(int(i)) for i in bad[0])
+        raise InputError(f"{name}[{place}] is {values[tuple(bad[0])]}; NaN and infinite values are not accepted.")
+
+
+def _check_labels(name: str, values: NDArray[Any], size: int) -> None:
+    bad = np.flatnonzero((values < 0) | (values >= size))
+    if len(bad):
+        raise InputError(f"{name}[{bad[0]}] is {values[bad[0]]}, outside its table of {size} entries.")
