@@ -46,7 +46,9 @@ class ClassGrid:
     def __post_init__(self) -> None:
         """Checks the sizes."""
         if self.L < 1 or self.M < 1:
-            raise InputError(f"A class grid needs at least one where and one what class, got {self.L} and {self.M}.")
+            raise InputError(
+                f"A class grid needs at least one where and one what class, got {self.L} and {self.M}."
+            )
         if not np.all(np.diff(self.where_value) > 0):
             raise InputError("The where values of a class grid must increase.")
         if self.where_edges is not None and (
@@ -57,7 +59,9 @@ class ClassGrid:
         if len(set(names)) != len(names):
             raise InputError(f"An object name stands in two what classes: {sorted(names)}.")
         if self.what_value is not None and self.what_value.shape != (self.M,):
-            raise InputError(f"{self.M} what classes need {self.M} values, got shape {self.what_value.shape}.")
+            raise InputError(
+                f"{self.M} what classes need {self.M} values, got shape {self.what_value.shape}."
+            )
 
     @property
     def L(self) -> int:  # noqa: N802
@@ -169,9 +173,13 @@ class ClassGrid:
             return cls(
                 where_value=np.asarray(fields["where_value"], dtype=np.float64),
                 where_unit=fields["where_unit"],
-                where_edges=None if fields["where_edges"] is None else np.asarray(fields["where_edges"], dtype=np.float64),
+                where_edges=None
+                if fields["where_edges"] is None
+                else np.asarray(fields["where_edges"], dtype=np.float64),
                 what_members=tuple(tuple(members) for members in fields["what_members"]),
-                what_value=None if fields["what_value"] is None else np.asarray(fields["what_value"], dtype=np.float64),
+                what_value=None
+                if fields["what_value"] is None
+                else np.asarray(fields["what_value"], dtype=np.float64),
                 what_unit=fields["what_unit"],
             )
         except (KeyError, TypeError, ValueError) as error:

@@ -59,9 +59,13 @@ class Preprocessing:
         if (self.tare == "none") != (self.tare_samples == 0) or self.tare_samples < 0:
             raise InputError(f"tare={self.tare!r} does not go with tare_samples={self.tare_samples}.")
         if self.tare == "tap" and self.tare_samples > self.samples:
-            raise InputError(f"A tap of {self.samples} samples has no {self.tare_samples} samples to tare with.")
+            raise InputError(
+                f"A tap of {self.samples} samples has no {self.tare_samples} samples to tare with."
+            )
         if self.highpass_hz < 0:
-            raise InputError(f"The high-pass cut-off must not be negative, got highpass_hz={self.highpass_hz}.")
+            raise InputError(
+                f"The high-pass cut-off must not be negative, got highpass_hz={self.highpass_hz}."
+            )
         if self.highpass_hz > 0 and (self.rate_hz is None or self.highpass_hz >= self.rate_hz / 2):
             raise InputError(
                 f"A high-pass at {self.highpass_hz} Hz needs a sampling rate above {2 * self.highpass_hz} Hz, "
@@ -154,7 +158,9 @@ class TapCutter:
         if frames.ndim != 2:
             raise InputError(f"Frames must have two axes (time, taxel), got shape {frames.shape}.")
         if not np.isfinite(frames).all():
-            raise InputError(f"Frame {int(np.argmin(np.isfinite(frames).all(axis=1)))} holds a NaN or infinite value.")
+            raise InputError(
+                f"Frame {int(np.argmin(np.isfinite(frames).all(axis=1)))} holds a NaN or infinite value."
+            )
         if self._kept.shape[1] and frames.shape[1] != self._kept.shape[1]:
             raise InputError(f"Frames of {frames.shape[1]} taxels follow frames of {self._kept.shape[1]}.")
         prepared = self._highpass(self._tared(frames))
@@ -196,7 +202,9 @@ class TapCutter:
         while True:
             if self._begin is None:
                 self._begin = self._next_begin()
-            if self._begin is None or self._begin + self.preprocessing.samples > self._kept_from + len(self._kept):
+            if self._begin is None or self._begin + self.preprocessing.samples > self._kept_from + len(
+                self._kept
+            ):
                 break
             first = self._begin - self._kept_from
             window = self._kept[first : first + self.preprocessing.samples].copy()

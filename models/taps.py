@@ -126,11 +126,23 @@ class TapSet:
             "where_value": ("where_class", where_value, {"units": where_unit}),
         }
         if what_value is not None:
-            coords["what_value"] = ("what_class", np.asarray(what_value, dtype=np.float64), {"units": what_unit})
+            coords["what_value"] = (
+                "what_class",
+                np.asarray(what_value, dtype=np.float64),
+                {"units": what_unit},
+            )
         if where_edges is not None:
-            coords["where_edges"] = ("where_edge", np.asarray(where_edges, dtype=np.float64), {"units": where_unit})
+            coords["where_edges"] = (
+                "where_edge",
+                np.asarray(where_edges, dtype=np.float64),
+                {"units": where_unit},
+            )
         if taxel_position is not None:
-            coords["taxel_position"] = (("taxel", "axis"), np.asarray(taxel_position, dtype=np.float64), {"units": "mm"})
+            coords["taxel_position"] = (
+                ("taxel", "axis"),
+                np.asarray(taxel_position, dtype=np.float64),
+                {"units": "mm"},
+            )
         variables: dict[str, Any] = {"taps": (("tap", "sample", "taxel"), taps, {"units": units})}
         for name, values in (extra or {}).items():
             values = np.asarray(values)
@@ -234,7 +246,14 @@ class TapSet:
             kept = [np.flatnonzero(cells == cell) for cell in np.unique(cells)]
             members = tuple(tuple(names[i] for i in cell[np.argsort(sizes[cell])]) for cell in kept)
             what_value = np.array([sizes[cell].mean() for cell in kept])
-        return ClassGrid(where_value, self.where_unit, edges, members, what_value, what_unit if what_value is not None else "")
+        return ClassGrid(
+            where_value,
+            self.where_unit,
+            edges,
+            members,
+            what_value,
+            what_unit if what_value is not None else "",
+        )
 
     def _what_values(self) -> tuple[NDArray[np.float64] | None, str]:
         if "what_value" not in self.dataset.coords:
@@ -285,7 +304,9 @@ def load_dataset(path: str | Path) -> xr.Dataset:
     try:
         return xr.load_dataset(path, engine="h5netcdf")
     except (OSError, ValueError, KeyError, RuntimeError) as error:
-        raise InputError(f"{path} cannot be read as netCDF; it may be truncated or of another kind.") from error
+        raise InputError(
+            f"{path} cannot be read as netCDF; it may be truncated or of another kind."
+        ) from error
 
 
 def concatenate(parts: Sequence[TapSet]) -> TapSet:
@@ -315,7 +336,9 @@ def check_compatible(train: TapSet, test: TapSet, train_name: str = "TRAIN", tes
     if taxels[0] != taxels[1]:
         raise InputError(f"{train_name} has {taxels[0]} taxels and {test_name} has {taxels[1]}.")
     if train.where_unit != test.where_unit:
-        raise InputError(f"{train_name} gives positions in {train.where_unit!r}, {test_name} in {test.where_unit!r}.")
+        raise InputError(
+            f"{train_name} gives positions in {train.where_unit!r}, {test_name} in {test.where_unit!r}."
+        )
     differences = train.preprocessing.differences(test.preprocessing)
     if differences:
         raise InputError(f"{train_name} and {test_name} were prepared differently: {'; '.join(differences)}.")
@@ -347,10 +370,14 @@ def _validate(dataset: xr.Dataset) -> None:
     if not np.all(np.diff(dataset["where_value"].values) > 0):
         raise InputError("where_value must increase.")
     if "where_edges" in dataset and sizes["where_edge"] != sizes["where_class"] + 1:
-        raise InputError(f"where_edges must have {sizes['where_class'] + 1} values, got {sizes['where_edge']}.")
+        raise InputError(
+            f"where_edges must have {sizes['where_class'] + 1} values, got {sizes['where_edge']}."
+        )
     record = Preprocessing.from_json(dataset.attrs.get("preprocessing", ""))
     if record.samples != sizes["sample"]:
-        raise InputError(f"The preprocessing record speaks of {record.samples} samples, taps has {sizes['sample']}.")
+        raise InputError(
+            f"The preprocessing record speaks of {record.samples} samples, taps has {sizes['sample']}."
+        )
 
 
 def _check_finite(name: str, values: NDArray[Any]) -> None:
@@ -359,7 +386,9 @@ def _check_finite(name: str, values: NDArray[Any]) -> None:
     bad = np.argwhere(~np.isfinite(values))
     if len(bad):
         place = ", ".join(str(int(i)) for i in bad[0])
-        raise InputError(f"{name}[{place}] is {values[tuple(bad[0])]}; NaN and infinite values are not accepted.")
+        raise InputError(
+            f"{name}[{place}] is {values[tuple(bad[0])]}; NaN and infinite values are not accepted."
+        )
 
 
 def _check_labels(name: str, values: NDArray[Any], size: int) -> None:

@@ -1,0 +1,308 @@
+"""The paper's equations 1 to 10 in plain NumPy, one function each, in the paper's order.
+
+Lepora, Martinez-Hernandez and Prescott, "A SOLID case for active Bayesian perception in robot touch", Living Machines
+2013. This file is the yardstick: it is written for reading beside the paper, imports nothing else of this project,
+and every faster path is checked against it. Indices count from 0, arrays are float64.
+
+Axes: `L` where classes, `M` what classes, `K` taxels, `J` samples of a tap, `B` histogram bins. A belief has shape
+(L, M) and sums to one; a log belief is its logarithm, with -inf for an impossible class.
+"""
+
+from typing import Literal
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+type Power = Literal["J", "JK", "none"] | float
+type Border = Literal["uniform", "uniform_what", "prior", "clamp", "circular"]
+
+POWERS = ("J", "JK", "none")
+BORDERS = ("uniform", "uniform_what", "prior", "clamp", "circular")
+
+
+class ZeroEvidenceError(ArithmeticError):
+    """A tap is impossible under every class, so no posterior exists."""
+
+
+def bin_index(samples: ArrayLike, edges: ArrayLike) -> NDArray[np.intp]:
+    """The histogram bin b(s) of each sample; text below Eq. 2.
+
+    Args:
+        samples: Sensor values, any shape.
+        edges: Increasing bin edges, shape (B + 1,). Bins are half-open, `[edges[b], edges[b + 1])`, the last one is
+            closed; values outside go to the end bins.
+
+    Returns:
+        Indices in 0 .. B - 1, the shape of `samples`.
+
+    Raises:
+        ValueError: The edges do not increase, or a sample is NaN.
+    """
+    samples, edges = np.asarray(samples, dtype=np.float64), np.asarray(edges, dtype=np.float64)
+    if edges.ndim != 1 or len(edges) < 2 or not np.all(np.diff(edges) > 0):
+        raise ValueError(f"edges must be at least two increasing numbers, got shape {edges.shape}.")
+    if np.isnan(samples).any():
+        raise ValueError("A sample is NaN and belongs to no bin.")
+    return np.clip(np.searchsorted(edges, samples, side="right") - 1, 0, len(edges) - 2)
+
+
+def exponent(power: Power, J: int, K: int) -> float:
+    """The exponent of the likelihood product: 1/J as printed in Eq. 1, or another choice.
+
+    Args:
+        power: `"J"` for 1/J, `"JK"` for 1/(J K), `"none"` for 1, or the exponent itself.
+        J: Samples of a tap.
+        K: Taxels.
+
+    Raises:
+        ValueError: The power is none of these, or no positive finite number.
+    """
+    if isinstance(power, str):
+        if power not in POWERS:
+            raise ValueError(f"power must be J, JK, none or a positive number, got {power!r}.")
+        return {"J": 1.0 / J, "JK": 1.0 / (J * K), "none": 1.0}[power]
+    if not (np.isfinite(power) and power > 0):
+        raise ValueError(f"power must be J, JK, none or a positive number, got {power!r}.")
+    return float(power)
+
+
+def tap_log_likelihood(bins: ArrayLike, log_prob: ArrayLike, power: Power = "J") -> NDArray[np.float64]:
+    """Log-likelihood of one tap under every class; Eq. 1.
+
+    Args:
+        bins: Bin of each sample and taxel, shape (J, K).
+        log_prob: Logarithm of Eq. 2, shape (L, M, K, B).
+        power: The root in Eq. 1, see `exponent`.
+
+    Returns:
+        log P(z | x_l, w_m), shape (L, M); -inf where a sample is impossible.
+
+    Raises:
+        ValueError: Taxels do not agree, or `power` is unknown.
+    """
+    bins, log_prob = np.asarray(bins), np.asarray(log_prob, dtype=np.float64)
+    J, K = bins.shape
+    if log_prob.ndim != 4 or log_prob.shape[2] != K:
+        raise ValueError(
+            f"bins have {K} taxels, log_prob has shape {log_prob.shape} instead of (L, M, {K}, B)."
+        )
+    total = np.zeros(log_prob.shape[:2])
+    for j in range(J):
+        for k in range(K):
+            total += log_prob[:, :, k, bins[j, k]]
+    return exponent(power, J, K) * total
+
+
+def histogram_probabilities(counts: ArrayLike, pseudocount: float = 0.01) -> NDArray[np.float64]:
+    """Sample distribution P_k(s | c) over the bins; Eq. 2.
+
+    Args:
+        counts: Occupation numbers h_k(b), bins on the last axis.
+        pseudocount: Added to every bin before normalising, in counts. 0 is the equation as printed.
+
+    Returns:
+        Probabilities that sum to one over the last axis, the shape of `counts`.
+
+    Raises:
+        ValueError: A count or the pseudocount is negative, or a histogram is empty while the pseudocount is 0.
+    """
+    occupation = np.asarray(counts, dtype=np.float64) + pseudocount
+    if pseudocount < 0 or np.any(occupation < pseudocount):
+        raise ValueError("Counts and pseudocount must not be negative.")
+    total = occupation.sum(axis=-1, keepdims=True)
+    if np.any(total == 0):
+        raise ValueError("A histogram without any sample has no distribution when the pseudocount is 0.")
+    return occupation / total
+
+
+def update(prior: ArrayLike, log_likelihood: ArrayLike) -> tuple[NDArray[np.float64], float]:
+    """Posterior after one more tap and the log evidence of that tap; Eq. 3 and 4.
+
+    Args:
+        prior: Belief before the tap, shape (L, M).
+        log_likelihood: log P(z_t | c), shape (L, M), see `tap_log_likelihood`.
+
+    Returns:
+        The posterior, shape (L, M), and log P(z_t | z_1 .. z_{t-1}).
+
+    Raises:
+        ZeroEvidenceError: No class with positive prior can have given the tap.
+        ValueError: Shapes differ, or a value is NaN.
+    """
+    prior, log_likelihood = _pair(prior, log_likelihood)
+    possible = (prior > 0) & (log_likelihood > -np.inf)
+    if not possible.any():
+        raise ZeroEvidenceError("The tap is impossible under every class that is still believed in.")
+    largest = log_likelihood[possible].max()
+    joint = np.zeros(prior.shape)
+    joint[possible] = prior[possible] * np.exp(log_likelihood[possible] - largest)
+    evidence = joint.sum()
+    if evidence == 0:
+        raise ZeroEvidenceError(
+            "The evidence of the tap underflows; carry log beliefs with update_log instead."
+        )
+    return joint / evidence, float(np.log(evidence) + largest)
+
+
+def where_marginal(belief: ArrayLike) -> NDArray[np.float64]:
+    """P(x_l | z_t), shape (L,), from the joint belief, shape (L, M); Eq. 5."""
+    return np.asarray(belief, dtype=np.float64).sum(axis=1)
+
+
+def what_marginal(belief: ArrayLike) -> NDArray[np.float64]:
+    """P(w_m | z_t), shape (M,), from the joint belief, shape (L, M); Eq. 6."""
+    return np.asarray(belief, dtype=np.float64).sum(axis=0)
+
+
+def what_decision(belief: ArrayLike, threshold: float) -> int | None:
+    """The decided what class, or `None` while no marginal exceeds the threshold theta_W; Eq. 7.
+
+    The comparison is strict and ties go to the lowest index. A threshold of 1 or more never fires, whatever
+    rounding makes of a marginal.
+    """
+    return _decision(what_marginal(belief), threshold)
+
+
+def where_decision(belief: ArrayLike, threshold: float) -> int | None:
+    """The decided where class, or `None` while no marginal exceeds the threshold theta_X; Eq. 8.
+
+    theta_X = 0 always decides (active perception), theta_X = 1 never does (passive perception).
+    """
+    return _decision(where_marginal(belief), threshold)
+
+
+def shift(belief: ArrayLike, delta: int, border: Border = "uniform") -> NDArray[np.float64]:
+    """The belief after the sensor moved by `delta` where classes; Eq. 9.
+
+    Belief about class l becomes belief about l + delta. The paper assumes what falls outside the range to be
+    "uniformly distributed"; the readings are
+
+    - `"uniform"`: the mass pushed out is spread evenly over all vacated cells, all objects alike;
+    - `"uniform_what"`: the same for each object apart, which keeps the what marginal;
+    - `"prior"`: vacated cells get 1/N, then everything is normalised;
+    - `"clamp"`: the mass pushed out piles up on the end class, as for a sensor that stops there;
+    - `"circular"`: it comes in at the other end.
+
+    Args:
+        belief: Joint belief, shape (L, M).
+        delta: Where classes moved, any whole number.
+        border: One of the readings above.
+
+    Returns:
+        The shifted belief, shape (L, M), sum one.
+
+    Raises:
+        ValueError: The border is unknown.
+    """
+    belief = np.asarray(belief, dtype=np.float64)
+    L, M = belief.shape
+    if border not in BORDERS:
+        raise ValueError(f"border must be one of {', '.join(BORDERS)}, got {border!r}.")
+    shifted = np.zeros((L, M))
+    vacated = np.ones(L, dtype=bool)
+    pushed_out = np.zeros(M)
+    for l in range(L):
+        target = l + int(delta)
+        if border == "circular":
+            target %= L
+        if border == "clamp":
+            target = min(max(target, 0), L - 1)
+        if 0 <= target < L:
+            shifted[target] += belief[l]
+            vacated[target] = False
+        else:
+            pushed_out += belief[l]
+    if border == "uniform" and vacated.any():
+        shifted[vacated] = pushed_out.sum() / (vacated.sum() * M)
+    if border == "uniform_what" and vacated.any():
+        shifted[vacated] = pushed_out / vacated.sum()
+    if border == "prior":
+        shifted[vacated] = 1.0 / (L * M)
+    return shifted / shifted.sum()
+
+
+def fixation_move(where_index: int, fixation_index: int) -> int:
+    """The move Delta(x_MAP) = x_fixed - x_MAP in where classes; Eq. 10."""
+    return fixation_index - where_index
+
+
+def update_log(log_prior: ArrayLike, log_likelihood: ArrayLike) -> tuple[NDArray[np.float64], float]:
+    """`update` on log beliefs, which no sequence is too long for; Eq. 3 and 4.
+
+    Args:
+        log_prior: Log belief before the tap, shape (L, M).
+        log_likelihood: log P(z_t | c), shape (L, M).
+
+    Returns:
+        The log posterior, shape (L, M), and log P(z_t | z_1 .. z_{t-1}).
+
+    Raises:
+        ZeroEvidenceError: Every class is impossible.
+        ValueError: Shapes differ, or a value is NaN.
+    """
+    log_prior, log_likelihood = _pair(log_prior, log_likelihood)
+    log_joint = log_prior + log_likelihood
+    log_evidence = float(_log_sum(log_joint))
+    if log_evidence == -np.inf:
+        raise ZeroEvidenceError("The tap is impossible under every class that is still believed in.")
+    return log_joint - log_evidence, log_evidence
+
+
+def shift_log(log_belief: ArrayLike, delta: int, border: Border = "uniform") -> NDArray[np.float64]:
+    """`shift` on log beliefs; Eq. 9.
+
+    Args:
+        log_belief: Log of the joint belief, shape (L, M).
+        delta: Where classes moved.
+        border: As in `shift`.
+
+    Returns:
+        The shifted log belief, shape (L, M).
+
+    Raises:
+        ValueError: The border is unknown.
+    """
+    log_belief = np.asarray(log_belief, dtype=np.float64)
+    L, M = log_belief.shape
+    if border not in BORDERS:
+        raise ValueError(f"border must be one of {', '.join(BORDERS)}, got {border!r}.")
+    shifted = np.full((L, M), -np.inf)
+    vacated = np.ones(L, dtype=bool)
+    pushed_out = np.full(M, -np.inf)
+    for l in range(L):
+        target = l + int(delta)
+        if border == "circular":
+            target %= L
+        if border == "clamp":
+            target = min(max(target, 0), L - 1)
+        if 0 <= target < L:
+            shifted[target] = np.logaddexp(shifted[target], log_belief[l])
+            vacated[target] = False
+        else:
+            pushed_out = np.logaddexp(pushed_out, log_belief[l])
+    if border == "uniform" and vacated.any():
+        shifted[vacated] = _log_sum(pushed_out) - np.log(vacated.sum() * M)
+    if border == "uniform_what" and vacated.any():
+        shifted[vacated] = pushed_out - np.log(vacated.sum())
+    if border == "prior":
+        shifted[vacated] = -np.log(L * M)
+    return shifted - _log_sum(shifted)
+
+
+def _decision(marginal: NDArray[np.float64], threshold: float) -> int | None:
+    best = int(np.argmax(marginal))
+    return best if threshold < 1 and marginal[best] > threshold else None
+
+
+def _log_sum(log_values: NDArray[np.float64]) -> np.float64:
+    return np.logaddexp.reduce(log_values.ravel())
+
+
+def _pair(belief: ArrayLike, log_likelihood: ArrayLike) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    belief = np.asarray(belief, dtype=np.float64)
+    log_likelihood = np.asarray(log_likelihood, dtype=np.float64)
+    if belief.shape != log_likelihood.shape:
+        raise ValueError(f"Belief has shape {belief.shape}, log-likelihood {log_likelihood.shape}.")
+    if np.isnan(belief).any() or np.isnan(log_likelihood).any() or np.isposinf(log_likelihood).any():
+        raise ValueError("Belief and log-likelihood must hold no NaN, and the log-likelihood no +inf.")
+    return belief, log_likelihood

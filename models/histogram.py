@@ -1,0 +1,391 @@
+"""The paper's measurement model: one histogram of sample values per class and taxel.
+
+Two views of the same thing. `histogram_model` is the generative story in NumPyro, a Dirichlet prior over the bins of
+every class and taxel; `fit` is its conjugate posterior in closed form, whose mean is Eq. 2 of the paper with the
+pseudocount as the Dirichlet concentration. The order of samples drops out of Eq. 1, so the log-likelihood of many
+taps is one matrix product of their bin counts with the log tables.
+
+Reference: Lepora, Martinez-Hernandez and Prescott, "A SOLID case for active Bayesian perception in robot touch" (2013).
+"""
+
+import json
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import cached_property
+from importlib.metadata import version
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+import numpyro
+import numpyro.distributions as dist
+import xarray as xr
+from jax.typing import ArrayLike
+from numpy.typing import NDArray
+
+from .classes import ClassGrid
+from .errors import InputError
+from .preprocessing import Preprocessing
+from .storage import complete_file
+from .taps import TapSet, load_dataset
+
+FORMAT = 1
+_CHUNK = 1 << 24  # counts held at a time, 128 MiB
+
+
+def histogram_model(
+    bins: ArrayLike, where: ArrayLike, what: ArrayLike, shape: tuple[int, int, int, int], pseudocount: float
+) -> None:
+    """Bins of taps of known class; Eq. 1 at power 1 with a Dirichlet prior on every histogram of Eq. 2.
+
+    The posterior is Dirichlet again, with the counts added, and its mean is Eq. 2 with the pseudocount.
+
+    Args:
+        bins: Bin of every sample, shape (N, J, K).
+        where: Where class of every tap, shape (N,).
+        what: What class of every tap, shape (N,).
+        shape: (L, M, K, B).
+        pseudocount: Dirichlet concentration of every bin.
+    """
+    L, M, K, B = shape
+    bins, where, what = np.asarray(bins), np.asarray(where), np.asarray(what)
+    N, J, _ = bins.shape
+    with numpyro.plate("L", L, dim=-3), numpyro.plate("M", M, dim=-2), numpyro.plate("K", K, dim=-1):
+        p = numpyro.sample("p", dist.Dirichlet(np.full(B, pseudocount)))
+    with numpyro.plate("tap", N, dim=-3), numpyro.plate("J", J, dim=-2), numpyro.plate("taxel", K, dim=-1):
+        numpyro.sample("bins", dist.Categorical(probs=p[where, what][:, None]), obs=bins)
+
+
+@dataclass(frozen=True, eq=False)
+class HistogramModel:
+    """A fitted measurement model: all that perception needs to know of the training data.
+
+    Attributes:
+        grid: The classes.
+        edges: Bin edges, shape (B + 1,) for all taxels or (K, B + 1) for each.
+        counts: Occupation numbers h_k(b) of every class, shape (L, M, K, B).
+        pseudocount: Added to every bin, in counts.
+        power: Root of the likelihood in Eq. 1: `"J"`, `"JK"`, `"none"` or an exponent.
+        preprocessing: How the taps were prepared.
+        left_out: Names of the classes without a training tap.
+        version: Version of this software that fitted it.
+    """
+
+    grid: ClassGrid
+    edges: NDArray[np.float64]
+    counts: NDArray[np.int64]
+    pseudocount: float
+    power: str | float
+    preprocessing: Preprocessing
+    left_out: tuple[str, ...] = ()
+    version: str = ""
+
+    @cached_property
+    def trained(self) -> NDArray[np.bool_]:
+        """Which classes have a training tap, shape (L, M)."""
+        return self.counts.sum(axis=(2, 3)) > 0
+
+    @cached_property
+    def probabilities(self) -> NDArray[np.float64]:
+        """P_k(b | class), shape (L, M, K, B); Eq. 2, flat for a class without a training tap."""
+        smoothed = self.counts + float(self.pseudocount)
+        smoothed[~self.trained] = 1.0
+        return smoothed / smoothed.sum(axis=-1, keepdims=True)
+
+    @cached_property
+    def log_prob(self) -> NDArray[np.float64]:
+        """Logarithm of `probabilities`, -inf for empty bins without pseudocount, shape (L, M, K, B)."""
+        with np.errstate(divide="ignore"):
+            return np.log(self.probabilities)
+
+    @property
+    def log_prior(self) -> NDArray[np.float64]:
+        """Log of the uniform prior over the trained classes, shape (L, M)."""
+        return np.where(self.trained, -np.log(self.trained.sum()), -np.inf)
+
+    @property
+    def exponent(self) -> float:
+        """The exponent that `power` stands for."""
+        return likelihood_exponent(self.power, self.preprocessing.samples, self.counts.shape[2])
+
+    def bins(self, taps: ArrayLike) -> NDArray[np.intp]:
+        """The histogram bin of every sample, the shape of `taps` (..., K); values outside go to the end bins."""
+        return find_bins(np.asarray(taps), self.edges)
+
+    def log_likelihood(self, taps: ArrayLike) -> NDArray[np.float64]:
+        """Log P(z | class) of taps, -inf under untrained classes; Eq. 1.
+
+        Args:
+            taps: Prepared samples, shape (N, J, K).
+
+        Returns:
+            Shape (N, L, M).
+
+        Raises:
+            InputError: The taps have another number of samples or taxels than the training data.
+        """
+        taps = np.asarray(taps)
+        J, K = self.preprocessing.samples, self.counts.shape[2]
+        if taps.ndim != 3 or taps.shape[1:] != (J, K):
+            raise InputError(f"The model knows taps of {J} samples and {K} taxels, got shape {taps.shape}.")
+        L, M, _, B = self.counts.shape
+        table = self.log_prob.reshape(L * M, K * B).T
+        impossible = np.isneginf(table)
+        table = np.where(impossible, 0.0, table)
+        parts = []
+        for counts in _tap_counts(self.bins(taps), B):
+            part = counts @ table
+            if impossible.any():
+                part[counts @ impossible > 0] = -np.inf
+            parts.append(part)
+        log_likelihood = self.exponent * np.concatenate(parts).reshape(len(taps), L, M)
+        log_likelihood[:, ~self.trained] = -np.inf
+        return log_likelihood
+
+    def check_taps(self, preprocessing: Preprocessing) -> None:
+        """Refuses taps that were prepared otherwise.
+
+        Raises:
+            InputError: The records differ; the message says how.
+        """
+        differences = self.preprocessing.differences(preprocessing)
+        if differences:
+            raise InputError(f"The taps were prepared otherwise than the model's: {'; '.join(differences)}.")
+
+    def usable(self, taps: TapSet) -> TapSet:
+        """The taps whose class was trained.
+
+        Raises:
+            InputError: There is none, or the taps were prepared otherwise.
+        """
+        self.check_taps(taps.preprocessing)
+        where, what = taps.indices(self.grid)
+        known = (where >= 0) & (what >= 0)
+        known[known] = self.trained[where[known], what[known]]
+        if not known.any():
+            raise InputError("No tap is left: none belongs to a class with a training tap.")
+        return taps.select(known)
+
+    def save(self, path: str | Path, force: bool = False) -> None:
+        """Writes the model as netCDF, complete or not at all.
+
+        Raises:
+            InputError: The file cannot be written, or exists and `force` is not set.
+        """
+        edge_dims = ("edge",) if self.edges.ndim == 1 else ("taxel", "edge")
+        dataset = xr.Dataset(
+            {
+                "counts": (("where", "what", "taxel", "bin"), self.counts),
+                "probabilities": (("where", "what", "taxel", "bin"), self.probabilities),
+                "edges": (edge_dims, self.edges),
+            },
+            {
+                "where": ("where", self.grid.where_value, {"units": self.grid.where_unit}),
+                "what": ("what", np.asarray(self.grid.what_name, dtype=np.str_)),
+            },
+            {
+                "kind": "histogram",
+                "format": FORMAT,
+                "pseudocount": self.pseudocount,
+                "power": str(self.power),
+                "preprocessing": self.preprocessing.to_json(),
+                "grid": json.dumps(self.grid.to_dict()),
+                "left_out": json.dumps(self.left_out),
+                "version": self.version,
+            },
+        )
+        with complete_file(path, force) as temporary:
+            dataset.to_netcdf(temporary, engine="h5netcdf")
+
+
+def load_model(path: str | Path) -> HistogramModel:
+    """The fitted model in a file.
+
+    Raises:
+        InputError: The file is missing, damaged, or no fitted histogram model.
+    """
+    dataset = load_dataset(path)
+    if dataset.attrs.get("kind") != "histogram" or dataset.attrs.get("format") != FORMAT:
+        raise InputError(f"{path} is netCDF but no fitted histogram model of format {FORMAT}.")
+    attributes = dataset.attrs
+    try:
+        return HistogramModel(
+            grid=ClassGrid.from_dict(json.loads(attributes["grid"])),
+            edges=dataset["edges"].values,
+            counts=dataset["counts"].values,
+            pseudocount=float(attributes["pseudocount"]),
+            power=parse_power(attributes["power"]),
+            preprocessing=Preprocessing.from_json(attributes["preprocessing"]),
+            left_out=tuple(json.loads(attributes["left_out"])),
+            version=attributes["version"],
+        )
+    except KeyError as error:
+        raise InputError(f"{path} is damaged: {error} is missing.") from error
+
+
+def fit(
+    taps: TapSet,
+    grid: ClassGrid,
+    *,
+    bins: int = 100,
+    pseudocount: float = 0.01,
+    power: str | float = "J",
+    value_range: Literal["global", "taxel"] = "global",
+) -> HistogramModel:
+    """The histograms of training taps; Eq. 2.
+
+    Args:
+        taps: Training taps.
+        grid: The classes to tell apart. Objects without any tap are left out; where classes without any are left out
+            at both ends of the range only, so that one class stays one step. Single empty cells stay in the grid as
+            untrained classes, which are impossible.
+        bins: `B`, equal-width bins across the range.
+        pseudocount: Added to every bin, in counts. The paper has none, and then 37 % of simulated test taps are
+            impossible under their own class; later work adds a small constant.
+        power: Root of Eq. 1, see `inference.reference.exponent`.
+        value_range: Whether bins span the range of all taxels together or of each.
+
+    Returns:
+        The fitted model, with the left-out classes by name.
+
+    Raises:
+        InputError: No tap lies in the grid, or an argument is out of range.
+    """
+    if bins < 1:
+        raise InputError(f"A histogram needs at least one bin, got bins={bins}.")
+    if not (np.isfinite(pseudocount) and pseudocount >= 0):
+        raise InputError(f"The pseudocount must not be negative, got {pseudocount}.")
+    K = taps.dataset.sizes["taxel"]
+    likelihood_exponent(power, taps.preprocessing.samples, K)
+    where, what = taps.indices(grid)
+    inside = (where >= 0) & (what >= 0)
+    if not inside.any():
+        raise InputError("No training tap belongs to a class of the grid.")
+    kept, left_out = _leave_out(grid, where[inside], what[inside])
+    where, what = taps.indices(kept)
+    inside = (where >= 0) & (what >= 0)
+    samples = taps.taps[inside]
+    edges = bin_edges(samples, bins, value_range)
+    return HistogramModel(
+        grid=kept,
+        edges=edges,
+        counts=_class_counts(find_bins(samples, edges), where[inside], what[inside], (*kept.shape, K, bins)),
+        pseudocount=float(pseudocount),
+        power=power,
+        preprocessing=taps.preprocessing,
+        left_out=left_out,
+        version=version("solidtouch"),
+    )
+
+
+def likelihood_exponent(power: str | float, J: int, K: int) -> float:
+    """The exponent of the product in Eq. 1: 1/J as printed, 1/(J K), 1, or a number.
+
+    Raises:
+        InputError: The power is none of these.
+    """
+    named = {"J": 1.0 / J, "JK": 1.0 / (J * K), "none": 1.0}
+    value = named.get(power) if isinstance(power, str) else float(power)
+    if value is None or not (np.isfinite(value) and value > 0):
+        raise InputError(f"The power must be J, JK, none or a positive number, got {power!r}.")
+    return value
+
+
+def parse_power(text: str) -> str | float:
+    """A power as written on a command line.
+
+    Raises:
+        InputError: It is neither J, JK, none nor a positive number.
+    """
+    if text in ("J", "JK", "none"):
+        return text
+    try:
+        number = float(text)
+    except ValueError:
+        number = -1.0
+    if not (np.isfinite(number) and number > 0):
+        raise InputError(f"The power must be J, JK, none or a positive number, got {text!r}.")
+    return number
+
+
+def bin_edges(samples: NDArray[np.floating], bins: int, value_range: str) -> NDArray[np.float64]:
+    """Edges of equal-width bins across the full range of the samples.
+
+    Args:
+        samples: Shape (N, J, K).
+        bins: Number of bins.
+        value_range: `"global"` for one range over all taxels, `"taxel"` for one each.
+
+    Returns:
+        Shape (bins + 1,) or (K, bins + 1). A constant range is widened by half a unit to both sides.
+
+    Raises:
+        InputError: The range is named otherwise.
+    """
+    if value_range not in ("global", "taxel"):
+        raise InputError(f"The range must be global or taxel, got {value_range!r}.")
+    axes = None if value_range == "global" else (0, 1)
+    low = np.asarray(samples.min(axis=axes), dtype=np.float64)
+    high = np.asarray(samples.max(axis=axes), dtype=np.float64)
+    # A range of a few rounding steps cannot hold distinct edges and counts as constant too.
+    constant = high - low <= 4 * bins * np.spacing(np.maximum(np.abs(low), np.abs(high)))
+    margin = np.maximum(0.5, 8 * bins * np.spacing(np.maximum(np.abs(low), np.abs(high))))
+    low, high = np.where(constant, low - margin, low), np.where(constant, high + margin, high)
+    return np.linspace(low, high, bins + 1, axis=-1)
+
+
+def find_bins(samples: NDArray[np.floating], edges: NDArray[np.float64]) -> NDArray[np.intp]:
+    """The bin of every sample (..., K): half-open, the last closed, outside clipped to the end bins."""
+    last = edges.shape[-1] - 2
+    samples = samples.astype(np.float64, copy=False)
+    if edges.ndim == 1:
+        return np.clip(np.searchsorted(edges, samples, side="right") - 1, 0, last)
+    columns = [np.searchsorted(edges[k], samples[..., k], side="right") - 1 for k in range(len(edges))]
+    return np.clip(np.stack(columns, axis=-1), 0, last)
+
+
+def _class_counts(
+    bins: NDArray[np.intp], where: NDArray[np.intp], what: NDArray[np.intp], shape: tuple[int, int, int, int]
+) -> NDArray[np.int64]:
+    L, M, K, B = shape
+    counts = np.zeros((L * M, K * B), dtype=np.int64)
+    start = 0
+    for part in _tap_counts(bins, B):
+        cells = (where * M + what)[start : start + len(part)]
+        np.add.at(counts, cells, part.astype(np.int64))
+        start += len(part)
+    return counts.reshape(shape)
+
+
+def _tap_counts(bins: NDArray[np.intp], B: int) -> Iterator[NDArray[np.float64]]:
+    """Occupation counts of each tap, shape (n, K B), in chunks of taps."""
+    N, _, K = bins.shape
+    step = max(1, _CHUNK // (K * B))
+    for start in range(0, N, step):
+        part = bins[start : start + step]
+        cells = (np.arange(len(part))[:, None, None] * K + np.arange(K)) * B + part
+        yield (
+            np.bincount(cells.ravel(), minlength=len(part) * K * B)
+            .reshape(len(part), K * B)
+            .astype(np.float64)
+        )
+
+
+def _leave_out(
+    grid: ClassGrid, where: NDArray[np.intp], what: NDArray[np.intp]
+) -> tuple[ClassGrid, tuple[str, ...]]:
+    """The grid without untouched objects and end positions, and the names of everything without a tap."""
+    objects = np.unique(what)
+    first, last = int(where.min()), int(where.max())
+    left_out = [grid.what_name[m] for m in range(grid.M) if m not in objects]
+    left_out += [grid.where_label(l) for l in range(grid.L) if not first <= l <= last]
+    kept = grid.select(range(first, last + 1), objects.tolist())
+    touched = np.zeros(grid.shape, dtype=bool)
+    touched[where, what] = True
+    left_out += [
+        f"{grid.what_name[m]} at {grid.where_label(l)}"
+        for l in range(first, last + 1)
+        for m in objects
+        if not touched[l, m]
+    ]
+    return kept, tuple(left_out)
