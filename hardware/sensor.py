@@ -5,6 +5,8 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from ..models.classes import ClassGrid
+from ..models.errors import InputError
 from ..models.preprocessing import Preprocessing
 
 
@@ -37,3 +39,18 @@ class TouchSensor(Protocol):
             `delta`: the realised one would tell where the sensor stood.
         """
         ...
+
+
+def clipped_move(delta: int, room: tuple[int, int]) -> int:
+    """The part of a move that a sensor with this room can make."""
+    return max(-room[0], min(int(delta), room[1]))
+
+
+def check_class(grid: ClassGrid, where: int, what: int) -> None:
+    """Whether a class lies on the grid.
+
+    Raises:
+        InputError: It does not.
+    """
+    if not (0 <= where < grid.L and 0 <= what < grid.M):
+        raise InputError(f"Class ({where}, {what}) lies outside the grid of {grid.L} x {grid.M} classes.")

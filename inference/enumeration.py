@@ -132,7 +132,9 @@ class NumpyroEngine:
         """Eq. 9 as the transition of the sequence model."""
         kernel = move_kernel(len(log_belief), int(delta), self.border)
         with jax.enable_x64(True):
-            return np.asarray(_predict(jnp.asarray(log_belief), jnp.asarray(kernel.where), jnp.asarray(kernel.redraws_what)))
+            return np.asarray(
+                _predict(jnp.asarray(log_belief), jnp.asarray(kernel.where), jnp.asarray(kernel.redraws_what))
+            )
 
 
 def check_kernel_border(border: str) -> None:

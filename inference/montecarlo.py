@@ -25,6 +25,8 @@ from . import filter as bayes
 from .episode import DEADLINE
 from .reference import BORDERS, Border, ZeroEvidenceError
 
+# The paper's range of belief thresholds; its spacing is not given.
+THRESHOLDS = (0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 0.95, 0.975, 0.99, 0.995)
 _SLOTS = 1024
 _ROUND = 8  # taps between two looks at which trials have ended
 
@@ -340,9 +342,7 @@ def _replace(state: _Slots, ended: jax.Array, fresh: _Slots) -> _Slots:
 
 
 @partial(jax.jit, static_argnames=("border", "moving"))
-def _round(
-    tables: _Tables, state: _Slots, theta_x: float, border: Border, moving: bool
-) -> tuple[_Slots, _Seen]:
+def _round(tables: _Tables, state: _Slots, theta_x: float, border: Border, moving: bool) -> tuple[_Slots, _Seen]:
     """A few taps in every slot."""
     step = jax.vmap(partial(_tap, tables, theta_x=theta_x, border=border, moving=moving))
     return jax.lax.scan(lambda slots, _: step(slots), state, length=_ROUND)

@@ -83,9 +83,7 @@ def tap_log_likelihood(bins: ArrayLike, log_prob: ArrayLike, power: Power = "J")
     bins, log_prob = np.asarray(bins), np.asarray(log_prob, dtype=np.float64)
     J, K = bins.shape
     if log_prob.ndim != 4 or log_prob.shape[2] != K:
-        raise ValueError(
-            f"bins have {K} taxels, log_prob has shape {log_prob.shape} instead of (L, M, {K}, B)."
-        )
+        raise ValueError(f"bins have {K} taxels, log_prob has shape {log_prob.shape} instead of (L, M, {K}, B).")
     total = np.zeros(log_prob.shape[:2])
     for j in range(J):
         for k in range(K):
@@ -138,9 +136,7 @@ def update(prior: ArrayLike, log_likelihood: ArrayLike) -> tuple[NDArray[np.floa
     joint[possible] = prior[possible] * np.exp(log_likelihood[possible] - largest)
     evidence = joint.sum()
     if evidence == 0:
-        raise ZeroEvidenceError(
-            "The evidence of the tap underflows; carry log beliefs with update_log instead."
-        )
+        raise ZeroEvidenceError("The evidence of the tap underflows; carry log beliefs with update_log instead.")
     return joint / evidence, float(np.log(evidence) + largest)
 
 

@@ -46,9 +46,7 @@ class ClassGrid:
     def __post_init__(self) -> None:
         """Checks the sizes."""
         if self.L < 1 or self.M < 1:
-            raise InputError(
-                f"A class grid needs at least one where and one what class, got {self.L} and {self.M}."
-            )
+            raise InputError(f"A class grid needs at least one where and one what class, got {self.L} and {self.M}.")
         if not np.all(np.diff(self.where_value) > 0):
             raise InputError("The where values of a class grid must increase.")
         if self.where_edges is not None and (
@@ -59,9 +57,7 @@ class ClassGrid:
         if len(set(names)) != len(names):
             raise InputError(f"An object name stands in two what classes: {sorted(names)}.")
         if self.what_value is not None and self.what_value.shape != (self.M,):
-            raise InputError(
-                f"{self.M} what classes need {self.M} values, got shape {self.what_value.shape}."
-            )
+            raise InputError(f"{self.M} what classes need {self.M} values, got shape {self.what_value.shape}.")
 
     @property
     def L(self) -> int:  # noqa: N802
@@ -84,8 +80,9 @@ class ClassGrid:
         return tuple(m[0] if len(m) == 1 else f"{m[0]} … {m[-1]}" for m in self.what_members)
 
     def where_label(self, l: int) -> str:
-        """How where class `l` is called in print, for example `"7.5 mm"`."""
-        return f"{self.where_value[l]:g} {self.where_unit}".strip()
+        """How where class `l` is called in print, for example `"7.5 mm"`; remarks behind the unit are left out."""
+        unit = re.split(r"[,(;]", self.where_unit, maxsplit=1)[0]
+        return f"{self.where_value[l]:g} {unit}".strip()
 
     def where_index(self, values: ArrayLike) -> NDArray[np.intp]:
         """The where class of each value, -1 where there is none; same shape as `values`."""
@@ -177,9 +174,7 @@ class ClassGrid:
                 if fields["where_edges"] is None
                 else np.asarray(fields["where_edges"], dtype=np.float64),
                 what_members=tuple(tuple(members) for members in fields["what_members"]),
-                what_value=None
-                if fields["what_value"] is None
-                else np.asarray(fields["what_value"], dtype=np.float64),
+                what_value=None if fields["what_value"] is None else np.asarray(fields["what_value"], dtype=np.float64),
                 what_unit=fields["what_unit"],
             )
         except (KeyError, TypeError, ValueError) as error:
@@ -204,7 +199,7 @@ def parse_length(text: str, unit: str, option: str) -> float:
         number = 0.0
     if match is None or not number > 0 or not np.isfinite(number):
         raise InputError(f"{option} needs a positive length such as 3mm, got {text!r}.")
-    given, wanted = match[2], unit.split()[0].rstrip(",;") if unit else ""
+    given, wanted = match[2], unit.split(maxsplit=1)[0].rstrip(",;") if unit else ""
     if not given or given == wanted:
         return number
     if given in _LENGTHS_M and wanted in _LENGTHS_M:

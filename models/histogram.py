@@ -9,7 +9,7 @@ Reference: Lepora, Martinez-Hernandez and Prescott, "A SOLID case for active Bay
 """
 
 import json
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from importlib.metadata import version
@@ -236,9 +236,8 @@ def fit(
 
     Args:
         taps: Training taps.
-        grid: The classes to tell apart. Objects without any tap are left out; where classes without any are left out
-            at both ends of the range only, so that one class stays one step. Single empty cells stay in the grid as
-            untrained classes, which are impossible.
+        grid: The classes to tell apart. A class without a training tap stays in the grid as an untrained class,
+            which is impossible; `trim` takes whole empty objects and ends of the range out of a grid.
         bins: `B`, equal-width bins across the range.
         pseudocount: Added to every bin, in counts. The paper has none, and then 37 % of simulated test taps are
             impossible under their own class; later work adds a small constant.
@@ -246,7 +245,7 @@ def fit(
         value_range: Whether bins span the range of all taxels together or of each.
 
     Returns:
-        The fitted model, with the left-out classes by name.
+        The fitted model, with the untrained classes by name.
 
     Raises:
         InputError: No tap lies in the grid, or an argument is out of range.
@@ -261,21 +260,47 @@ def fit(
     inside = (where >= 0) & (what >= 0)
     if not inside.any():
         raise InputError("No training tap belongs to a class of the grid.")
-    kept, left_out = _leave_out(grid, where[inside], what[inside])
-    where, what = taps.indices(kept)
-    inside = (where >= 0) & (what >= 0)
     samples = taps.taps[inside]
     edges = bin_edges(samples, bins, value_range)
+    counts = _class_counts(find_bins(samples, edges), where[inside], what[inside], (*grid.shape, K, bins))
     return HistogramModel(
-        grid=kept,
+        grid=grid,
         edges=edges,
-        counts=_class_counts(find_bins(samples, edges), where[inside], what[inside], (*kept.shape, K, bins)),
+        counts=counts,
         pseudocount=float(pseudocount),
         power=power,
         preprocessing=taps.preprocessing,
-        left_out=left_out,
+        left_out=_untouched(grid, counts.sum(axis=(2, 3)) > 0),
         version=version("solidtouch"),
     )
+
+
+def trim(grid: ClassGrid, taps: Sequence[TapSet]) -> tuple[ClassGrid, tuple[str, ...]]:
+    """The grid without classes that no tap belongs to, and their names.
+
+    Objects without any tap are dropped; where classes only at both ends of the range, so that one class stays one
+    step. Empty cells between others stay and are left out by `fit`, as impossible classes.
+
+    Args:
+        grid: The classes.
+        taps: The training taps, in one or several sets.
+
+    Raises:
+        InputError: No tap lies in the grid.
+    """
+    touched = np.zeros(grid.shape, dtype=bool)
+    for part in taps:
+        where, what = part.indices(grid)
+        inside = (where >= 0) & (what >= 0)
+        touched[where[inside], what[inside]] = True
+    if not touched.any():
+        raise InputError("No training tap belongs to a class of the grid.")
+    objects = np.flatnonzero(touched.any(axis=0)).tolist()
+    positions = np.flatnonzero(touched.any(axis=1))
+    kept = range(int(positions[0]), int(positions[-1]) + 1)
+    dropped = [grid.what_name[m] for m in range(grid.M) if m not in objects]
+    dropped += [grid.where_label(l) for l in range(grid.L) if l not in kept]
+    return grid.select(kept, objects), tuple(dropped)
 
 
 def likelihood_exponent(power: str | float, J: int, K: int) -> float:
@@ -364,28 +389,13 @@ def _tap_counts(bins: NDArray[np.intp], B: int) -> Iterator[NDArray[np.float64]]
     for start in range(0, N, step):
         part = bins[start : start + step]
         cells = (np.arange(len(part))[:, None, None] * K + np.arange(K)) * B + part
-        yield (
-            np.bincount(cells.ravel(), minlength=len(part) * K * B)
-            .reshape(len(part), K * B)
-            .astype(np.float64)
-        )
+        yield (np.bincount(cells.ravel(), minlength=len(part) * K * B).reshape(len(part), K * B).astype(np.float64))
 
 
-def _leave_out(
-    grid: ClassGrid, where: NDArray[np.intp], what: NDArray[np.intp]
-) -> tuple[ClassGrid, tuple[str, ...]]:
-    """The grid without untouched objects and end positions, and the names of everything without a tap."""
-    objects = np.unique(what)
-    first, last = int(where.min()), int(where.max())
-    left_out = [grid.what_name[m] for m in range(grid.M) if m not in objects]
-    left_out += [grid.where_label(l) for l in range(grid.L) if not first <= l <= last]
-    kept = grid.select(range(first, last + 1), objects.tolist())
-    touched = np.zeros(grid.shape, dtype=bool)
-    touched[where, what] = True
-    left_out += [
-        f"{grid.what_name[m]} at {grid.where_label(l)}"
-        for l in range(first, last + 1)
-        for m in objects
-        if not touched[l, m]
-    ]
-    return kept, tuple(left_out)
+def _untouched(grid: ClassGrid, touched: NDArray[np.bool_]) -> tuple[str, ...]:
+    """Names of the classes without a tap: whole objects, whole positions, then single cells."""
+    objects, positions = ~touched.any(axis=0), ~touched.any(axis=1)
+    names = [grid.what_name[m] for m in np.flatnonzero(objects)]
+    names += [grid.where_label(l) for l in np.flatnonzero(positions)]
+    cells = np.argwhere(~touched & ~objects & ~positions[:, np.newaxis])
+    return (*names, *(f"{grid.what_name[m]} at {grid.where_label(l)}" for l, m in cells))

@@ -16,7 +16,7 @@ name                   shape                  meaning
 ``trial``              (N,)                   number of the tap within its session or class
 ``taxel_position``     (K, 2) or (K, 3)       millimetres
 ``units``              text                   unit of the samples
-``meta``               JSON text              ``sensor``, ``rate_hz``, ``licence``, ``source`` or ``repo``, ``path``, ``note``
+``meta``               JSON text              keys sensor, rate_hz, licence, source, repo, path, note
 =====================  =====================  ==================================================================
 
 ``taps`` (or ``stream``), ``what`` and ``what_names`` are required. Every further array of shape (N,) or (N, K) is kept

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from .errors import InputError
 
-_DAMAGE = (zipfile.BadZipFile, zlib.error, OSError, EOFError, ValueError, RuntimeError, NotImplementedError, MemoryError)
+_DAMAGE = (zipfile.BadZipFile, zlib.error, OSError, EOFError, ValueError, RuntimeError, MemoryError)
 
 
 def read_npz(path: Path) -> dict[str, NDArray[Any]]:

@@ -7,13 +7,15 @@ prepared otherwise.
 
 import json
 from dataclasses import asdict, dataclass, fields
-from typing import Literal, NamedTuple, Self
+from typing import Literal, NamedTuple, Self, cast
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.signal import butter, lfilter, lfilter_zi
 
 from .errors import InputError
+
+type _Pair = tuple[NDArray[np.float64], NDArray[np.float64]]  # SciPy's return types depend on its options
 
 
 @dataclass(frozen=True)
@@ -50,6 +52,9 @@ class Preprocessing:
         Raises:
             InputError: A field contradicts another or lies outside its range.
         """
+        for name in ("rate_hz", "highpass_hz", "trigger_level"):
+            if not np.isfinite(getattr(self, name) or 0.0):
+                raise InputError(f"{name} must be finite, got {getattr(self, name)}.")
         if self.samples < 1:
             raise InputError(f"Preprocessing needs at least one sample per tap, got samples={self.samples}.")
         if self.rate_hz is not None and not self.rate_hz > 0:
@@ -59,13 +64,9 @@ class Preprocessing:
         if (self.tare == "none") != (self.tare_samples == 0) or self.tare_samples < 0:
             raise InputError(f"tare={self.tare!r} does not go with tare_samples={self.tare_samples}.")
         if self.tare == "tap" and self.tare_samples > self.samples:
-            raise InputError(
-                f"A tap of {self.samples} samples has no {self.tare_samples} samples to tare with."
-            )
+            raise InputError(f"A tap of {self.samples} samples has no {self.tare_samples} samples to tare with.")
         if self.highpass_hz < 0:
-            raise InputError(
-                f"The high-pass cut-off must not be negative, got highpass_hz={self.highpass_hz}."
-            )
+            raise InputError(f"The high-pass cut-off must not be negative, got highpass_hz={self.highpass_hz}.")
         if self.highpass_hz > 0 and (self.rate_hz is None or self.highpass_hz >= self.rate_hz / 2):
             raise InputError(
                 f"A high-pass at {self.highpass_hz} Hz needs a sampling rate above {2 * self.highpass_hz} Hz, "
@@ -158,9 +159,7 @@ class TapCutter:
         if frames.ndim != 2:
             raise InputError(f"Frames must have two axes (time, taxel), got shape {frames.shape}.")
         if not np.isfinite(frames).all():
-            raise InputError(
-                f"Frame {int(np.argmin(np.isfinite(frames).all(axis=1)))} holds a NaN or infinite value."
-            )
+            raise InputError(f"Frame {int(np.argmin(np.isfinite(frames).all(axis=1)))} holds a NaN or infinite value.")
         if self._kept.shape[1] and frames.shape[1] != self._kept.shape[1]:
             raise InputError(f"Frames of {frames.shape[1]} taxels follow frames of {self._kept.shape[1]}.")
         prepared = self._highpass(self._tared(frames))
@@ -191,10 +190,11 @@ class TapCutter:
         record = self.preprocessing
         if record.highpass_hz == 0 or len(frames) == 0:
             return frames
-        b, a = butter(1, record.highpass_hz, "highpass", fs=record.rate_hz)
+        b, a = cast("_Pair", butter(1, record.highpass_hz, "highpass", fs=record.rate_hz))
         if self._filter_state is None:
             self._filter_state = lfilter_zi(b, a)[:, np.newaxis] * frames[0]
-        filtered, self._filter_state = lfilter(b, a, frames, axis=0, zi=self._filter_state)
+        result = lfilter(b, a, frames, axis=0, zi=self._filter_state)
+        filtered, self._filter_state = cast("_Pair", result)
         return filtered
 
     def _cut(self) -> list[CutTap]:
@@ -202,9 +202,7 @@ class TapCutter:
         while True:
             if self._begin is None:
                 self._begin = self._next_begin()
-            if self._begin is None or self._begin + self.preprocessing.samples > self._kept_from + len(
-                self._kept
-            ):
+            if self._begin is None or self._begin + self.preprocessing.samples > self._kept_from + len(self._kept):
                 break
             first = self._begin - self._kept_from
             window = self._kept[first : first + self.preprocessing.samples].copy()

@@ -91,6 +91,17 @@ class Recording:
         """Whether the rows are frames that still have to be cut into taps."""
         return self.samples.ndim == 2
 
+    def tapset(self) -> TapSet:
+        """The cut taps as they are.
+
+        Raises:
+            InputError: The rows are frames of streams, or as `TapSet`.
+        """
+        if self.is_stream:
+            raise InputError("this holds continuous streams; solidtouch convert --segment cuts them into taps.")
+        record = Preprocessing(samples=self.samples.shape[1], rate_hz=self.rate_hz)
+        return self.labels.tapset(self.samples, record)
+
 
 @contextmanager
 def naming(path: str | Path) -> Iterator[None]:

@@ -5,6 +5,7 @@ when it is complete, so an interrupted command leaves no half-written file behin
 """
 
 import os
+import shutil
 import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -58,6 +59,44 @@ def complete_file(path: str | Path, force: bool = False) -> Iterator[Path]:
         raise InputError(f"{path} cannot be written: {error.strerror or error}.") from error
     finally:
         temporary.unlink(missing_ok=True)
+
+
+def check_folder(path: str | Path, force: bool = False) -> Path:
+    """The path, if a folder of results may be written there.
+
+    Raises:
+        InputError: It is a file, or a folder that is not empty while `force` is not set.
+    """
+    path = Path(path)
+    if path.exists() and not path.is_dir():
+        raise InputError(f"{path} is a file, a folder is needed.")
+    if path.is_dir() and any(path.iterdir()) and not force:
+        raise InputError(f"{path} exists already; --force overwrites the files in it.")
+    return path
+
+
+@contextmanager
+def complete_folder(path: str | Path, force: bool = False) -> Iterator[Path]:
+    """A temporary folder whose files appear in `path` when the block ends without an exception.
+
+    With `force` files of the same name in an existing folder are replaced and others stay.
+
+    Raises:
+        InputError: The folder exists and is not empty while `force` is not set, or it cannot be written.
+    """
+    path = check_folder(path, force)
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        temporary = Path(tempfile.mkdtemp(prefix=f".{path.name}.", dir=path.parent))
+    except OSError as error:
+        raise InputError(f"{path} cannot be written: {error.strerror}.") from error
+    try:
+        yield temporary
+        path.mkdir(exist_ok=True)
+        for file in sorted(temporary.iterdir()):
+            file.replace(path / file.name)
+    finally:
+        shutil.rmtree(temporary, ignore_errors=True)
 
 
 def _umask() -> int:

@@ -37,6 +37,19 @@ from .preprocessing import Preprocessing
 from .storage import complete_file
 
 FORMAT = 1
+_DIMS = {
+    "taps": ("tap", "sample", "taxel"),
+    "what": ("tap",),
+    "where": ("tap",),
+    "session": ("tap",),
+    "trial": ("tap",),
+    "what_name": ("what_class",),
+    "what_value": ("what_class",),
+    "where_value": ("where_class",),
+    "where_edges": ("where_edge",),
+    "taxel_position": ("taxel", "axis"),
+}
+_OPTIONAL = ("what_value", "where_edges", "taxel_position")
 
 
 @dataclass(frozen=True, eq=False)
@@ -145,8 +158,7 @@ class TapSet:
             )
         variables: dict[str, Any] = {"taps": (("tap", "sample", "taxel"), taps, {"units": units})}
         for name, values in (extra or {}).items():
-            values = np.asarray(values)
-            variables[name] = (("tap", "taxel")[: values.ndim], values)
+            variables[name] = (("tap", "taxel")[: np.ndim(values)], np.asarray(values))
         attributes = {
             "sensor": sensor,
             "source": source,
@@ -232,7 +244,7 @@ class TapSet:
             groups = [where_value[cells == cell] for cell in range(cells.max() + 1)]
             if not all(len(members) for members in groups):
                 raise InputError(f"--where-cell {where_cell} leaves a cell without any position.")
-            edges = start + width * np.arange(len(groups) + 1)
+            edges = start + width * np.arange(len(groups) + 1, dtype=np.float64)
             where_value = np.array([members.mean() for members in groups])
         names = self.what_name
         what_value, what_unit = self._what_values()
@@ -302,11 +314,9 @@ def load_dataset(path: str | Path) -> xr.Dataset:
     if not path.exists():
         raise InputError(f"{path} does not exist.")
     try:
-        return xr.load_dataset(path, engine="h5netcdf")
+        return xr.load_dataset(path, engine="h5netcdf", decode_times=False)
     except (OSError, ValueError, KeyError, RuntimeError) as error:
-        raise InputError(
-            f"{path} cannot be read as netCDF; it may be truncated or of another kind."
-        ) from error
+        raise InputError(f"{path} cannot be read as netCDF; it may be truncated or of another kind.") from error
 
 
 def concatenate(parts: Sequence[TapSet]) -> TapSet:
@@ -336,21 +346,14 @@ def check_compatible(train: TapSet, test: TapSet, train_name: str = "TRAIN", tes
     if taxels[0] != taxels[1]:
         raise InputError(f"{train_name} has {taxels[0]} taxels and {test_name} has {taxels[1]}.")
     if train.where_unit != test.where_unit:
-        raise InputError(
-            f"{train_name} gives positions in {train.where_unit!r}, {test_name} in {test.where_unit!r}."
-        )
+        raise InputError(f"{train_name} gives positions in {train.where_unit!r}, {test_name} in {test.where_unit!r}.")
     differences = train.preprocessing.differences(test.preprocessing)
     if differences:
         raise InputError(f"{train_name} and {test_name} were prepared differently: {'; '.join(differences)}.")
 
 
 def _validate(dataset: xr.Dataset) -> None:
-    required = ("taps", "what", "where", "session", "trial", "what_name", "where_value")
-    for name in required:
-        if name not in dataset.variables:
-            raise InputError(f"The array {name} is missing.")
-    if dataset["taps"].dims != ("tap", "sample", "taxel"):
-        raise InputError(f"taps must have the dims (tap, sample, taxel), got {dataset['taps'].dims}.")
+    _check_dims(dataset)
     sizes = dataset.sizes
     if min(sizes["tap"], sizes["sample"], sizes["taxel"]) < 1:
         raise InputError(f"taps must not be empty, got shape {dataset['taps'].shape}.")
@@ -370,14 +373,19 @@ def _validate(dataset: xr.Dataset) -> None:
     if not np.all(np.diff(dataset["where_value"].values) > 0):
         raise InputError("where_value must increase.")
     if "where_edges" in dataset and sizes["where_edge"] != sizes["where_class"] + 1:
-        raise InputError(
-            f"where_edges must have {sizes['where_class'] + 1} values, got {sizes['where_edge']}."
-        )
+        raise InputError(f"where_edges must have {sizes['where_class'] + 1} values, got {sizes['where_edge']}.")
     record = Preprocessing.from_json(dataset.attrs.get("preprocessing", ""))
     if record.samples != sizes["sample"]:
-        raise InputError(
-            f"The preprocessing record speaks of {record.samples} samples, taps has {sizes['sample']}."
-        )
+        raise InputError(f"The preprocessing record speaks of {record.samples} samples, taps has {sizes['sample']}.")
+
+
+def _check_dims(dataset: xr.Dataset) -> None:
+    for name, dims in _DIMS.items():
+        if name in dataset.variables:
+            if dataset[name].dims != dims:
+                raise InputError(f"{name} must have the dims {dims}, got {dataset[name].dims}.")
+        elif name not in _OPTIONAL:
+            raise InputError(f"The array {name} is missing.")
 
 
 def _check_finite(name: str, values: NDArray[Any]) -> None:
@@ -386,9 +394,7 @@ def _check_finite(name: str, values: NDArray[Any]) -> None:
     bad = np.argwhere(~np.isfinite(values))
     if len(bad):
         place = ", ".join(str(int(i)) for i in bad[0])
-        raise InputError(
-            f"{name}[{place}] is {values[tuple(bad[0])]}; NaN and infinite values are not accepted."
-        )
+        raise InputError(f"{name}[{place}] is {values[tuple(bad[0])]}; NaN and infinite values are not accepted.")
 
 
 def _check_labels(name: str, values: NDArray[Any], size: int) -> None:

@@ -84,9 +84,7 @@ def move_kernel(L: int, delta: int, border: str) -> MoveKernel:
         ValueError: The border is `prior`, which renormalises the belief and is no kernel, or is unknown.
     """
     if border not in KERNEL_BORDERS:
-        raise ValueError(
-            f"border {border!r} is no Markov kernel; the NumPyro models take {', '.join(KERNEL_BORDERS)}."
-        )
+        raise ValueError(f"border {border!r} is no Markov kernel; the NumPyro models take {', '.join(KERNEL_BORDERS)}.")
     target = np.arange(L) + delta
     if border == "circular":
         target %= L
@@ -167,9 +165,7 @@ def tap_sequence(
         else:
             before = where
             where = numpyro.sample(f"where_{t}", dist.Categorical(logits=Vindex(log_where_kernel[t])[before]))
-            what = numpyro.sample(
-                f"what_{t}", dist.Categorical(logits=Vindex(log_what_kernel[t])[before, what])
-            )
+            what = numpyro.sample(f"what_{t}", dist.Categorical(logits=Vindex(log_what_kernel[t])[before, what]))
         numpyro.factor(f"probe_{t}", Vindex(probe[t])[where, what])
         with numpyro.handlers.mask(mask=used[t]):
             numpyro.factor(f"trained_{t}", Vindex(tables.log_trained)[where, what])

@@ -1,0 +1,279 @@
+"""Every way of computing the posterior, run over the same episodes and compared.
+
+Routes: the plain NumPy reference, the enumerated one-tap NumPyro model, the compiled filter of the Monte Carlo, and
+the whole-sequence NumPyro model summed by funsor for the first taps of each episode.
+"""
+
+from collections.abc import Callable
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..hardware.replay import ReplayRig, uniforms
+from ..inference import reference
+from ..inference.engine import Engine, make_engine
+from ..inference.montecarlo import THRESHOLDS
+from ..inference.reference import Border
+from ..models.histogram import HistogramModel
+from ..models.taps import TapSet
+
+if TYPE_CHECKING:
+    from rich.console import Console
+
+    from ..inference.enumeration import SequencePosterior
+
+TOLERANCE = 1e-10
+NEAR_TIE = 1e-12
+_COMPARED_ABOVE = -600.0  # log posteriors below it are no longer compared with each other
+
+
+class Script(NamedTuple):
+    """One episode that all routes go through.
+
+    Attributes:
+        taps: Prepared samples, shape (T, J, K).
+        targets: The where class aimed for after each tap, shape (T,).
+        deltas: Moves between the taps, shape (T - 1,).
+    """
+
+    taps: NDArray[np.float64]
+    targets: NDArray[np.intp]
+    deltas: NDArray[np.intp]
+
+
+class Row(NamedTuple):
+    """The largest difference of one quantity between two routes."""
+
+    quantity: str
+    routes: str
+    largest: float
+    allowed: float
+
+    @property
+    def passed(self) -> bool:
+        """Whether it is as small as allowed; NaN is not."""
+        return bool(self.largest <= self.allowed)
+
+
+class CrossCheck(NamedTuple):
+    """What the comparison found.
+
+    Attributes:
+        rows: Largest differences.
+        episodes: Episodes compared.
+        taps: Taps of each.
+        sequence_taps: How many of them the whole-sequence route held; 0 where it was not run.
+        differing_decisions: Decisions that differ between routes, over all taps and thresholds.
+        differing_moves: Moves that differ.
+        near_ties: Differences where the deciding beliefs lie within 1e-12, not counted above.
+        notes: Sentences about routes that could not be run as asked.
+    """
+
+    rows: tuple[Row, ...]
+    episodes: int
+    taps: int
+    sequence_taps: int
+    differing_decisions: int
+    differing_moves: int
+    near_ties: int
+    notes: tuple[str, ...]
+
+    @property
+    def passed(self) -> bool:
+        """Whether every difference is allowed and no decision or move differs."""
+        return all(row.passed for row in self.rows) and not self.differing_decisions and not self.differing_moves
+
+
+class _Trace(NamedTuple):
+    """One route through one episode: log beliefs (T, L, M) and log evidence (T,)."""
+
+    log_beliefs: NDArray[np.float64]
+    log_evidence: NDArray[np.float64]
+
+
+def crosscheck(
+    model: HistogramModel,
+    taps: TapSet,
+    *,
+    border: Border = "uniform",
+    episodes: int = 10,
+    length: int = 40,
+    sequence_taps: int = 20,
+    seed: int = 0,
+    progress: Callable[[], None] | None = None,
+) -> CrossCheck:
+    """Compares all routes over random episodes with a move after every tap.
+
+    Args:
+        model: The fitted measurement model.
+        taps: Test taps of trained classes.
+        border: Reading of Eq. 9; under `"prior"`, which is no kernel, the NumPyro routes are left out.
+        episodes: Number of episodes.
+        length: Taps of each.
+        sequence_taps: How many of them to hand to the whole-sequence route, at most 20; halved while it underflows.
+        seed: Of the episodes.
+        progress: Called after each episode.
+    """
+    from ..models.touch import KERNEL_BORDERS  # noqa: PLC0415 - NumPyro takes seconds to import
+
+    generator = np.random.default_rng(seed)
+    names = ("numpy", "numpyro", "filter") if border in KERNEL_BORDERS else ("numpy", "filter")
+    engines = [make_engine(name, model, border) for name in names]
+    notes = [] if len(names) == 3 else [f"Border {border} is no Markov kernel, so the NumPyro routes were left out."]
+    comparison = _Comparison(length)
+    sequence = _SequenceRoute(model, border, min(sequence_taps, length) if "numpyro" in names else 0, notes)
+    for _ in range(episodes):
+        script = _script(engines[0], model, taps, length, generator)
+        traces = [_follow(engine, script) for engine in engines]
+        for engine, trace in zip(engines[1:], traces[1:], strict=True):
+            comparison.add(f"numpy, {engine.name}", traces[0], trace, script.targets)
+        sequence.add(comparison, traces[0], script)
+        if progress is not None:
+            progress()
+    return CrossCheck(
+        comparison.rows(),
+        episodes,
+        length,
+        sequence.taps,
+        comparison.differing_decisions,
+        comparison.differing_moves,
+        comparison.near_ties,
+        tuple(notes),
+    )
+
+
+def render(check: CrossCheck, console: "Console") -> None:
+    """Prints the comparison as a table and a verdict."""
+    from rich.table import Table  # noqa: PLC0415
+
+    table = Table("routes", "quantity", "largest difference", "allowed", "")
+    for row in check.rows:
+        table.add_row(
+            row.routes, row.quantity, f"{row.largest:.2e}", f"{row.allowed:.0e}", "ok" if row.passed else "DIFFERS"
+        )
+    console.print(table)
+    console.print(
+        f"{check.episodes} episodes of {check.taps} taps, the first {check.sequence_taps} enumerated as whole "
+        f"sequences: {check.differing_decisions} decisions and {check.differing_moves} moves differ, "
+        f"{check.near_ties} near-ties within {NEAR_TIE:g}.",
+        highlight=False,
+    )
+    for note in check.notes:
+        console.print(note, highlight=False)
+    console.print("All routes agree." if check.passed else "The routes DISAGREE.", highlight=False)
+
+
+class _SequenceRoute:
+    """The whole-sequence enumeration, on as many taps as it can hold."""
+
+    def __init__(self, model: HistogramModel, border: Border, taps: int, notes: list[str]) -> None:
+        self.model, self.border, self.taps, self.notes = model, border, taps, notes
+
+    def add(self, comparison: "_Comparison", expected: _Trace, script: Script) -> None:
+        """Enumerates the first taps of an episode; halves their number, for good, while they underflow."""
+        from ..inference.enumeration import SequenceUnderflowError, enumerate_sequence  # noqa: PLC0415
+
+        while self.taps:
+            T = self.taps
+            try:
+                posterior = enumerate_sequence(
+                    self.model, script.taps[:T], script.deltas[: T - 1].tolist(), self.border
+                )
+            except SequenceUnderflowError as error:
+                self.taps //= 2
+                self.notes.append(f"{str(error).rstrip('.')}; continued with {self.taps} taps.")
+                continue
+            comparison.add_sequence(_Trace(expected.log_beliefs[:T], expected.log_evidence[:T]), posterior)
+            return
+
+
+class _Comparison:
+    """Largest differences so far, by routes and quantity."""
+
+    def __init__(self, length: int) -> None:
+        self.length = length
+        self.largest: dict[tuple[str, str], float] = {}
+        self.differing_decisions = self.differing_moves = self.near_ties = 0
+
+    def add(self, routes: str, expected: _Trace, actual: _Trace, targets: NDArray[np.intp]) -> None:
+        """Compares two recursions over one episode."""
+        self._note_beliefs(routes, np.exp(expected.log_beliefs), np.exp(actual.log_beliefs))
+        compared = expected.log_beliefs > _COMPARED_ABOVE
+        self._note(routes, "log posterior", expected.log_beliefs[compared], actual.log_beliefs[compared])
+        self._note(routes, "log evidence", expected.log_evidence.cumsum(), actual.log_evidence.cumsum())
+        for t in range(len(targets)):
+            self._compare_choices(np.exp(expected.log_beliefs[t]), np.exp(actual.log_beliefs[t]), int(targets[t]))
+
+    def add_sequence(self, expected: _Trace, posterior: "SequencePosterior") -> None:
+        """Compares the recursion with the enumerated sequence."""
+        routes = "numpy, numpyro sequence"
+        self._note_beliefs(routes, np.exp(expected.log_beliefs), posterior.filtered)
+        self._note(routes, "log evidence", expected.log_evidence.cumsum(), posterior.log_evidence)
+
+    def rows(self) -> tuple[Row, ...]:
+        """The findings; log quantities may differ by the tolerance times the number of taps."""
+        return tuple(
+            Row(quantity, routes, value, TOLERANCE * (self.length if quantity.startswith("log") else 1))
+            for (routes, quantity), value in self.largest.items()
+        )
+
+    def _note_beliefs(self, routes: str, expected: NDArray[np.float64], actual: NDArray[np.float64]) -> None:
+        self._note(routes, "posterior", expected, actual)
+        self._note(routes, "where marginal", expected.sum(axis=2), actual.sum(axis=2))
+        self._note(routes, "what marginal", expected.sum(axis=1), actual.sum(axis=1))
+
+    def _note(self, routes: str, quantity: str, expected: NDArray[np.float64], actual: NDArray[np.float64]) -> None:
+        difference = float(np.abs(expected - actual).max(initial=0.0))
+        # A NaN stays a NaN, so that it cannot pass.
+        self.largest[routes, quantity] = float(np.maximum(self.largest.get((routes, quantity), 0.0), difference))
+
+    def _compare_choices(self, expected: NDArray[np.float64], actual: NDArray[np.float64], target: int) -> None:
+        what = reference.what_marginal(expected)
+        for theta in THRESHOLDS:
+            if reference.what_decision(expected, theta) != reference.what_decision(actual, theta):
+                near = min(_gap(what), abs(what.max() - theta)) < NEAR_TIE
+                self.near_ties += near
+                self.differing_decisions += not near
+        if _move(expected, target) != _move(actual, target):
+            near = _gap(reference.where_marginal(expected)) < NEAR_TIE
+            self.near_ties += near
+            self.differing_moves += not near
+
+
+def _script(engine: Engine, model: HistogramModel, taps: TapSet, length: int, generator: np.random.Generator) -> Script:
+    """An episode on recorded taps that aims for a new random class after every tap."""
+    where, what = taps.indices(model.grid)
+    start = int(generator.integers(len(taps)))
+    rig = ReplayRig(taps, model.grid, int(where[start]), int(what[start]), uniforms(generator))
+    targets = generator.integers(model.grid.L, size=length)
+    log_belief, recorded, deltas = engine.log_prior, [], []
+    for t in range(length):
+        recorded.append(rig.tap())
+        log_belief, _ = engine.update(log_belief, recorded[-1])
+        if t < length - 1:
+            deltas.append(_move(np.exp(log_belief), int(targets[t])))
+            rig.move(deltas[-1])
+            log_belief = engine.shift(log_belief, deltas[-1])
+    return Script(np.array(recorded), targets, np.array(deltas, dtype=np.intp))
+
+
+def _follow(engine: Engine, script: Script) -> _Trace:
+    log_belief, log_beliefs, log_evidence = engine.log_prior, [], []
+    for t, tap in enumerate(script.taps):
+        if t:
+            log_belief = engine.shift(log_belief, int(script.deltas[t - 1]))
+        log_belief, evidence = engine.update(log_belief, tap)
+        log_beliefs.append(log_belief)
+        log_evidence.append(evidence)
+    return _Trace(np.array(log_beliefs), np.array(log_evidence))
+
+
+def _move(belief: NDArray[np.float64], target: int) -> int:
+    return reference.fixation_move(int(reference.where_marginal(belief).argmax()), target)
+
+
+def _gap(marginal: NDArray[np.float64]) -> float:
+    """Distance between the two largest values; infinite where there is one."""
+    largest = np.sort(marginal)[::-1]
+    return float(largest[0] - largest[1]) if len(largest) > 1 else np.inf

@@ -1,0 +1,101 @@
+"""The report: one self-contained HTML page that a person can mail or print."""
+
+import base64
+import math
+from collections.abc import Mapping, Sequence
+from importlib import resources
+from numbers import Integral, Real
+from pathlib import Path
+from typing import Any, TypeGuard
+
+from jinja2 import ChainableUndefined, Environment
+
+from ..models.storage import complete_file
+from .figure_style import PNG_DPI
+
+_IMAGE_BYTES = 4_000_000  # of all figures together; base64 adds a third
+_MISSING = "–"
+
+
+def write_report(folder: str | Path, summary: Mapping[str, Any], figures: Sequence[Mapping[str, Any]]) -> Path:
+    """Writes `report.html` into a folder and returns its path.
+
+    Args:
+        folder: Where to write; an older report there is replaced.
+        summary: What `summary.json` holds. Sections whose keys are missing are left out.
+        figures: One mapping per figure with `name`, `title`, `caption` and the files `png` and `svg`.
+
+    Raises:
+        InputError: The file cannot be written.
+    """
+    path = Path(folder) / "report.html"
+    page = render_report(summary, figures)
+    with complete_file(path, force=True) as temporary:
+        temporary.write_text(page, encoding="utf-8")
+    return path
+
+
+def render_report(summary: Mapping[str, Any], figures: Sequence[Mapping[str, Any]]) -> str:
+    """The page as text, with every figure inside it."""
+    environment = Environment(autoescape=True, undefined=ChainableUndefined, trim_blocks=True, lstrip_blocks=True)
+    environment.filters.update(number=number, percent=percent, interval=interval)
+    template = environment.from_string(resources.files(__package__ or "").joinpath("report.html").read_text("utf-8"))
+    share = _IMAGE_BYTES // max(1, len(figures))
+    images = [
+        dict(figure) | {"data": image_uri(figure["png"], figure["svg"], share), "width": page_width(figure["png"])}
+        for figure in figures
+    ]
+    return template.render(summary=summary, figures=images)
+
+
+def image_uri(png: Path, svg: Path, limit: int) -> str:
+    """A picture as a data URI: the drawing where it is no larger than `limit` bytes, else the smaller of both."""
+    chosen = svg if svg.stat().st_size <= limit else min(png, svg, key=lambda path: path.stat().st_size)
+    kind = "svg+xml" if chosen == svg else "png"
+    return f"data:image/{kind};base64,{base64.b64encode(chosen.read_bytes()).decode('ascii')}"
+
+
+def page_width(png: Path) -> int:
+    """The width of a figure in CSS pixels (96 per inch), from the header of its PNG file."""
+    return round(int.from_bytes(png.read_bytes()[16:20], "big") * 96 / PNG_DPI)
+
+
+def number(value: Any, digits: int = 3) -> str:
+    """A number rounded to so many significant digits, other things as they print, a dash for what is missing.
+
+    >>> number(0.43218), number(26.31), number(1234.5), number(None)
+    ('0.432', '26.3', '1234', '–')
+    """
+    if not _is_number(value):
+        missing = value is None or isinstance(value, ChainableUndefined | float)
+        return _MISSING if missing else str(value)
+    if isinstance(value, Integral):
+        return str(value)
+    return f"{value:.0f}" if 1000 <= abs(value) < 1e6 else f"{value:.{digits}g}"
+
+
+def percent(value: Any) -> str:
+    """A fraction in per cent; a dash where it is missing.
+
+    >>> percent(0.0481), percent(1.0)
+    ('4.8 %', '100 %')
+    """
+    return f"{number(round(100 * value, 1))} %" if _is_number(value) else _MISSING
+
+
+def interval(row: Mapping[str, Any], name: str) -> str:
+    """A quantity with its bounds, to the digit that the width of the interval supports.
+
+    >>> interval({"taps": 26.314, "taps_low": 25.2, "taps_high": 27.41}, "taps")
+    '26.3 [25.2, 27.4]'
+    """
+    value, low, high = (row.get(name + suffix) for suffix in ("", "_low", "_high"))
+    if not (_is_number(value) and _is_number(low) and _is_number(high)):
+        return number(value)
+    half = (high - low) / 2
+    digits = min(max(-math.floor(math.log10(half / 3)), 0), 4) if half > 0 else 3
+    return f"{value:.{digits}f} [{low:.{digits}f}, {high:.{digits}f}]"
+
+
+def _is_number(value: Any) -> TypeGuard[float]:
+    return isinstance(value, Real) and not isinstance(value, bool) and math.isfinite(value)

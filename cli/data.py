@@ -1,0 +1,164 @@
+"""`solidtouch convert` and `solidtouch inspect`: recordings in, labelled taps out."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, Literal
+
+import typer
+
+from .options import Force, WhatCell, WhereCell
+
+if TYPE_CHECKING:
+    from ..models.preprocessing import Preprocessing
+    from ..models.recording import Recording
+    from ..models.taps import TapSet
+
+_CUTTING = "Cutting streams"
+_LABELS = "Labels"
+
+
+def convert(
+    source_file: Annotated[
+        Path, typer.Argument(metavar="IN", help=".npz, .csv, .mat, .nc, or a folder of .csv files.", show_default=False)
+    ],
+    target: Annotated[Path, typer.Argument(metavar="OUT", help="The .nc file to write.", show_default=False)],
+    force: Force = False,
+    segment: Annotated[
+        bool, typer.Option("--segment", help="Cut continuous streams into taps.", rich_help_panel=_CUTTING)
+    ] = False,
+    trigger: Annotated[
+        Literal["clock", "contact"] | None,
+        typer.Option(
+            help="What starts a tap: every WINDOW frames, or a taxel that reaches LEVEL.", rich_help_panel=_CUTTING
+        ),
+    ] = None,
+    level: Annotated[
+        float | None,
+        typer.Option(
+            help="Prepared value that counts as contact; negative where values fall.", rich_help_panel=_CUTTING
+        ),
+    ] = None,
+    window: Annotated[int | None, typer.Option(help="Samples of a tap.", rich_help_panel=_CUTTING)] = None,
+    pre: Annotated[
+        int | None, typer.Option(help="Samples of a tap from before the contact.", rich_help_panel=_CUTTING)
+    ] = None,
+    tare: Annotated[
+        Literal["none", "stream", "tap"] | None,
+        typer.Option(
+            help="Subtract the mean of the first samples of the stream or of each tap.", rich_help_panel=_CUTTING
+        ),
+    ] = None,
+    tare_samples: Annotated[
+        int | None, typer.Option(help="How many samples the tare is averaged over.", rich_help_panel=_CUTTING)
+    ] = None,
+    highpass: Annotated[
+        float | None,
+        typer.Option(metavar="HZ", help="Cut-off of a high-pass.", rich_help_panel=_CUTTING),
+    ] = None,
+    rate: Annotated[
+        float | None,
+        typer.Option(metavar="HZ", help="Sampling rate, where the file does not tell.", rich_help_panel=_LABELS),
+    ] = None,
+    sensor: Annotated[str | None, typer.Option(help="What recorded the taps.", rich_help_panel=_LABELS)] = None,
+    source: Annotated[str | None, typer.Option(help="Where they come from.", rich_help_panel=_LABELS)] = None,
+    licence: Annotated[str | None, typer.Option(help="Under which terms.", rich_help_panel=_LABELS)] = None,
+    units: Annotated[str | None, typer.Option(help="Unit of the samples.", rich_help_panel=_LABELS)] = None,
+    where_unit: Annotated[str | None, typer.Option(help="Unit of the positions.", rich_help_panel=_LABELS)] = None,
+    what_unit: Annotated[str | None, typer.Option(help="Unit of the object sizes.", rich_help_panel=_LABELS)] = None,
+) -> None:
+    """Import recorded taps, or cut recorded streams into taps, as one .nc file."""
+    from ..models.errors import InputError
+    from ..models.importers import read_recording
+    from ..models.recording import naming
+    from ..models.relabel import relabel
+    from ..models.storage import check_writable
+    from ..models.taps import TapSet
+
+    if target.suffix.lower() != ".nc":
+        raise InputError(f"{target} must end in .nc, the format that taps are written in.")
+    check_writable(target, force)
+    cutting = {
+        "--trigger": trigger,
+        "--level": level,
+        "--window": window,
+        "--pre": pre,
+        "--tare": tare,
+        "--tare-samples": tare_samples,
+        "--highpass": highpass,
+    }
+    given = [option for option, value in cutting.items() if value is not None]
+    if given and not segment:
+        raise InputError(f"{given[0]} prepares continuous streams and needs --segment.")
+    if source_file.suffix.lower() == ".nc" and not segment:
+        taps = TapSet.load(source_file)
+    else:
+        recording = read_recording(source_file)
+        with naming(source_file):
+            taps = _segmented(recording, cutting, rate) if segment else recording.tapset()
+        for name in recording.left_out:
+            typer.echo(f"Left out, no row per tap: {name}.")
+    labelled = relabel(
+        taps,
+        sensor=sensor,
+        source=source,
+        licence=licence,
+        units=units,
+        where_unit=where_unit,
+        what_unit=what_unit,
+        rate_hz=rate,
+    )
+    labelled.save(target, force)
+    n, j, k = labelled.taps.shape
+    typer.echo(f"{target}: {n} taps of {j} samples from {k} taxels.")
+
+
+def _preprocessing(cutting: dict[str, Any], rate_hz: float | None) -> "Preprocessing":
+    """The record that the options spell."""
+    from ..models.errors import InputError
+    from ..models.preprocessing import Preprocessing
+
+    if cutting["--window"] is None:
+        raise InputError("--segment needs --window, the number of samples in a tap.")
+    if cutting["--trigger"] is None:
+        raise InputError("--segment needs --trigger, clock or contact.")
+    if cutting["--trigger"] == "contact" and not cutting["--level"]:
+        raise InputError("--trigger contact needs --level, the value that counts as contact.")
+    return Preprocessing(
+        samples=cutting["--window"],
+        rate_hz=rate_hz,
+        tare=cutting["--tare"] or "none",
+        tare_samples=cutting["--tare-samples"] or 0,
+        highpass_hz=cutting["--highpass"] or 0.0,
+        trigger=cutting["--trigger"],
+        trigger_level=cutting["--level"] or 0.0,
+        pre_samples=cutting["--pre"] or 0,
+    )
+
+
+def _segmented(recording: "Recording", cutting: dict[str, Any], rate_hz: float | None) -> "TapSet":
+    """The taps of the streams; says what was lost."""
+    from ..models.streams import segment
+
+    cut = segment(recording, _preprocessing(cutting, recording.rate_hz if rate_hz is None else rate_hz))
+    typer.echo(f"{len(cut.taps)} taps from {cut.streams} streams, {cut.incomplete} cut short and left out.")
+    for stream in cut.silent:
+        typer.echo(f"No tap in the stream of {stream}.")
+    return cut.taps
+
+
+def inspect(
+    data: Annotated[
+        Path,
+        typer.Argument(metavar="DATA", help=".nc, .npz, .csv, .mat or a folder of .csv files."),
+    ],
+    where_cell: WhereCell = None,
+    what_cell: WhatCell = None,
+) -> None:
+    """Print what a tap set holds and name what in it may mislead."""
+    from rich.console import Console
+
+    from ..analysis.inspect import inspect as inspect_taps
+    from ..analysis.inspect_view import show
+    from ..models.importers import load_taps
+
+    taps = load_taps(data)
+    show(inspect_taps(taps, taps.grid(where_cell, what_cell)), Console(), str(data))

@@ -1,0 +1,51 @@
+"""The command `solidtouch`."""
+
+import sys
+from importlib.metadata import version as installed_version
+from typing import Annotated
+
+import typer
+
+from ..models.errors import InputError
+from .checks import crosscheck
+from .data import convert, inspect
+from .fit import fit
+from .reproduce import reproduce
+from .simulate import simulate
+
+app = typer.Typer(
+    name="solidtouch",
+    help="Active Bayesian perception for robot touch: where and what, exactly enumerated.",
+    no_args_is_help=True,
+    pretty_exceptions_enable=False,
+    add_completion=False,
+)
+for command in (reproduce, simulate, convert, inspect, fit, crosscheck):
+    app.command()(command)
+
+
+def _print_version(wanted: bool) -> None:
+    if wanted:
+        print(f"solidtouch {installed_version('solidtouch')}")
+        raise typer.Exit
+
+
+@app.callback()
+def main(
+    version: Annotated[
+        bool, typer.Option("--version", help="Print the version and stop.", callback=_print_version, is_eager=True)
+    ] = False,
+) -> None:
+    """Active Bayesian perception for robot touch: where and what, exactly enumerated."""
+
+
+def run() -> None:
+    """Runs a command; what a user can mend is one sentence on standard error and exit code 2."""
+    try:
+        app()
+    except InputError as error:
+        print(f"solidtouch: {error}", file=sys.stderr)
+        sys.exit(2)
+    except KeyboardInterrupt:
+        print("solidtouch: interrupted, nothing was written.", file=sys.stderr)
+        sys.exit(130)

@@ -1,0 +1,48 @@
+"""Arguments and options that several commands share."""
+
+from pathlib import Path
+from typing import Annotated, Literal
+
+import typer
+
+Data = Annotated[
+    list[Path],
+    typer.Argument(
+        metavar="DATA...",
+        help="Taps: .nc, .npz, .csv, .mat or a folder of .csv files. One is split; two are TRAIN and TEST.",
+        show_default=False,
+    ),
+]
+WhereCell = Annotated[
+    str | None,
+    typer.Option("--where-cell", metavar="WIDTH", help="Group positions into cells of this width, such as 3mm."),
+]
+WhatCell = Annotated[
+    str | None,
+    typer.Option("--what-cell", metavar="WIDTH", help="Group objects by size into cells of this width."),
+]
+SplitMethod = Annotated[
+    str | None,
+    typer.Option(
+        "--split",
+        metavar="METHOD",
+        help="sessions, leave-one-session-out, halves or parity; "
+        "default sessions, the last tests, or parity where there is one session.",
+    ),
+]
+TrainSessions = Annotated[
+    str | None, typer.Option("--train", metavar="LIST", help="Sessions to train with, such as 0,1.")
+]
+TestSessions = Annotated[str | None, typer.Option("--test", metavar="LIST", help="Sessions to test, such as 2.")]
+Force = Annotated[bool, typer.Option("--force", help="Overwrite an existing file.")]
+Bins = Annotated[int, typer.Option("--bins", min=1, help="Histogram bins.")]
+Pseudocount = Annotated[float, typer.Option("--pseudocount", min=0.0, help="Counts added to every bin.")]
+Power = Annotated[str, typer.Option("--power", help="Root of the likelihood: J, JK, none or an exponent.")]
+ValueRange = Annotated[
+    Literal["global", "taxel"], typer.Option("--range", help="Bins across the range of all taxels or of each.")
+]
+Border = Annotated[
+    Literal["uniform", "uniform_what", "prior", "clamp", "circular"],
+    typer.Option("--border", help="What a move does to belief that leaves the range."),
+]
+Seed = Annotated[int, typer.Option("--seed", min=0, help="Of every random draw.")]

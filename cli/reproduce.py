@@ -1,0 +1,119 @@
+"""`solidtouch reproduce`: the paper's experiment, from taps to the report."""
+
+import shlex
+import sys
+from datetime import datetime
+from pathlib import Path
+from typing import Annotated
+
+import typer
+from typer import Option
+
+from ..models.errors import InputError
+from .options import (
+    Bins,
+    Border,
+    Force,
+    Power,
+    Pseudocount,
+    Seed,
+    SplitMethod,
+    TestSessions,
+    TrainSessions,
+    ValueRange,
+    WhatCell,
+    WhereCell,
+)
+
+_QUICK_DATA_SETS, _DATA_SETS = 4, 12
+_QUICK_TRIALS, _TRIALS = 250, 1000
+
+
+def reproduce(
+    data: Annotated[
+        list[str] | None, Option(help="Recorded taps instead of simulated ones: one file to split.")
+    ] = None,
+    test_data: Annotated[
+        list[str] | None, typer.Argument(metavar="[TEST]", help="With --data TRAIN: the test taps.")
+    ] = None,
+    out: Annotated[Path | None, Option(help="Folder for the results; default runs/<date-time>.")] = None,
+    quick: Annotated[
+        bool, Option("--quick", help=f"{_QUICK_DATA_SETS} simulated data sets, {_QUICK_TRIALS} trials each.")
+    ] = False,
+    preset: Annotated[str, Option(help="Which simulated rig: paper, ideal, broken, hold2 or nodrift.")] = "paper",
+    data_sets: Annotated[int | None, Option(min=1, help=f"Simulated data sets; default {_DATA_SETS}.")] = None,
+    trials: Annotated[
+        int | None, Option(min=1, help=f"Trials per position and per fixation point; default {_TRIALS}.")
+    ] = None,
+    thresholds: Annotated[str | None, Option(help="Belief thresholds, such as 0.5,0.9,0.99.")] = None,
+    theta_x: Annotated[float, Option(help="Belief in a position needed for a move; 0 always moves.")] = 0.0,
+    fixation: Annotated[int | None, Option(help="Fixation point as 0-based class index; default the middle.")] = None,
+    deadline: Annotated[int, Option(min=1, help="Taps after which the most probable classes are taken.")] = 100,
+    where_cell: WhereCell = None,
+    what_cell: WhatCell = None,
+    split: SplitMethod = None,
+    train: TrainSessions = None,
+    test: TestSessions = None,
+    bins: Bins = 100,
+    pseudocount: Pseudocount = 0.01,
+    power: Power = "J",
+    value_range: ValueRange = "global",
+    border: Border = "uniform",
+    seed: Seed = 0,
+    force: Force = False,
+) -> None:
+    """Runs the paper's experiment on simulated or recorded taps and writes figures, tables and a report."""
+    files = [*(data or []), *(test_data or [])]
+    if test_data and not data:
+        raise InputError(f"{test_data[0]} is not expected here; recorded taps are named with --data.")
+    from ..analysis.reproduce import Request, reproduce as run, simulated_split
+    from ..analysis.study import Settings
+    from ..models.experiment import load_experiment
+    from ..models.histogram import parse_power
+    from ..models.storage import check_folder
+    from .progress import bars
+
+    settings = Settings(
+        trials=trials or (_QUICK_TRIALS if quick else _TRIALS),
+        theta_x=theta_x,
+        fixation=fixation,
+        border=border,
+        deadline=deadline,
+        bins=bins,
+        pseudocount=pseudocount,
+        power=parse_power(power),
+        value_range=value_range,
+        seed=seed,
+        **({} if thresholds is None else {"thresholds": _thresholds(thresholds)}),
+    )
+    folder = out or Path("runs") / datetime.now().astimezone().strftime("%Y-%m-%d-%H%M%S")
+    check_folder(folder, force)
+    with bars() as progress:
+        if files:
+            parts, grid = load_experiment(files, where_cell, what_cell, split, train, test)
+        else:
+            parts = simulated_split(preset, data_sets or (_QUICK_DATA_SETS if quick else _DATA_SETS), seed, progress)
+            grid = parts.folds[0].train.grid(where_cell, what_cell)
+        request = Request(
+            parts,
+            grid,
+            settings,
+            simulated=None if files else preset,
+            files=tuple(Path(file).name for file in files),
+            command=shlex.join(["solidtouch", *sys.argv[1:]]),
+            episodes=4 if quick else 10,
+            sequence_taps=8 if quick else 20,
+        )
+        summary = run(request, folder, force, progress)
+    for sentence in (*summary["warnings"], *summary["skipped"]):
+        print(f"Note: {sentence}")
+    print(f"The report is {folder / 'report.html'}")
+    if not summary["crosscheck"]["passed"]:
+        raise typer.Exit(1)
+
+
+def _thresholds(text: str) -> tuple[float, ...]:
+    try:
+        return tuple(sorted(float(part) for part in text.split(",")))
+    except ValueError:
+        raise InputError(f"--thresholds needs numbers such as 0.5,0.9,0.99, got {text!r}.") from None

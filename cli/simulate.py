@@ -1,0 +1,79 @@
+"""`solidtouch simulate`: data sets from the simulated rig or from a fitted model."""
+
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+from typer import Option
+
+from ..models.errors import InputError
+from ..models.storage import check_writable
+
+if TYPE_CHECKING:
+    from ..models.taps import TapSet
+
+_MODEL = "model"
+
+
+def simulate(
+    out: Annotated[Path, Option(help="Folder for session-0.nc, session-1.nc, ...; made if needed.")],
+    preset: Annotated[
+        str, Option(help="Which rig: paper, ideal, broken, hold2, nodrift, or model (needs --model).")
+    ] = "paper",
+    sessions: Annotated[int, Option(help="How many sessions.")] = 2,
+    seed: Annotated[int, Option(help="Which data set; its sessions share the sensor.")] = 0,
+    force: Annotated[bool, Option("--force", help="Overwrite existing files.")] = False,
+    model: Annotated[Path | None, Option(help="Fitted model that preset model draws from.")] = None,
+    samples: Annotated[int | None, Option(help="Samples of a tap with preset model; default the model's.")] = None,
+    taps_per_class: Annotated[int | None, Option(help="Taps of each class with preset model; default 20.")] = None,
+) -> None:
+    """Simulates sessions of taps, one file each."""
+    from rich.progress import track
+
+    if sessions < 1:
+        raise InputError(f"--sessions must be at least 1, got {sessions}.")
+    if seed < 0:
+        raise InputError(f"--seed must not be negative, got {seed}.")
+    drawn = preset == _MODEL
+    if not drawn and any(option is not None for option in (model, samples, taps_per_class)):
+        raise InputError("--model, --samples and --taps-per-class go with --preset model only.")
+    make = _from_model(model, samples, taps_per_class, seed) if drawn else _from_rig(preset, seed)
+    paths = [_folder(out) / f"session-{session}.nc" for session in range(sessions)]
+    for path in paths:
+        check_writable(path, force)
+    for session, path in enumerate(track(paths, description=f"Simulating {preset}", transient=True)):
+        make(session).save(path, force)
+    print(f"{sessions} session{'s' * (sessions > 1)} of preset {preset}, seed {seed}, in {out}")
+
+
+def _from_rig(name: str, seed: int) -> Callable[[int], "TapSet"]:
+    from ..hardware.data_collection import simulate_session
+    from ..hardware.presets import preset
+
+    settings = preset(name, (_MODEL,))
+    return lambda session: simulate_session(settings, seed, session)
+
+
+def _from_model(
+    path: Path | None, samples: int | None, taps_per_class: int | None, seed: int
+) -> Callable[[int], "TapSet"]:
+    from ..hardware.model_rig import draw_taps
+    from ..models.histogram import load_model
+
+    if path is None:
+        raise InputError("--preset model draws from a fitted model; name its file with --model.")
+    model = load_model(path)
+    record = model.preprocessing if samples is None else replace(model.preprocessing, samples=samples)
+    n = 20 if taps_per_class is None else taps_per_class
+    return lambda session: draw_taps(
+        model.grid, model.probabilities, model.edges, record, n, seed, session, model.trained
+    )
+
+
+def _folder(path: Path) -> Path:
+    try:
+        path.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise InputError(f"The folder {path} cannot be made: {error.strerror}.") from error
+    return path

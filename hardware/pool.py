@@ -1,0 +1,56 @@
+"""Recorded taps sorted by class, so that one of a class is found from one random number."""
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ..models.errors import InputError
+
+
+class TapPool(NamedTuple):
+    """Which taps belong to which class.
+
+    The taps of class (l, m) are `order[first[l, m] : first[l, m] + count[l, m]]`, in the order of the file.
+
+    Attributes:
+        order: Tap indices, class by class, shape (taps inside the grid,).
+        first: Where a class begins in `order`, shape (L, M).
+        count: Its number of taps, shape (L, M).
+        nearest: The nearest where class with a tap of this what, itself where it has one, the lower of two equally
+            near; -1 where the what has no tap at all; shape (L, M).
+    """
+
+    order: NDArray[np.intp]
+    first: NDArray[np.intp]
+    count: NDArray[np.intp]  # pyright: ignore[reportIncompatibleMethodOverride]
+    nearest: NDArray[np.intp]
+
+    def pick(self, where: int, what: int, uniform: float) -> int:
+        """The tap of a class that a number in [0, 1) selects, all taps alike; the class must have one."""
+        return int(self.order[self.first[where, what] + int(uniform * self.count[where, what])])
+
+
+def tap_pool(where: ArrayLike, what: ArrayLike, shape: tuple[int, int]) -> TapPool:
+    """The pool of taps with these classes.
+
+    Args:
+        where: Where class of each tap, -1 for taps outside the grid, shape (N,).
+        what: What class of each tap, likewise.
+        shape: (L, M).
+
+    Raises:
+        InputError: No tap lies inside the grid.
+    """
+    where, what = np.asarray(where, dtype=np.intp), np.asarray(what, dtype=np.intp)
+    L, M = shape
+    inside = np.flatnonzero((where >= 0) & (what >= 0))
+    if not len(inside):
+        raise InputError("No tap lies inside the class grid.")
+    cell = where[inside] * M + what[inside]
+    count = np.bincount(cell, minlength=L * M).reshape(L, M)
+    first = np.cumsum(count).reshape(L, M) - count
+    distance = np.abs(np.arange(L)[:, np.newaxis] - np.arange(L)).astype(np.float64)
+    nearest = np.where(count.T > 0, distance[:, np.newaxis, :], np.inf).argmin(axis=-1)
+    nearest[:, count.sum(axis=0) == 0] = -1
+    return TapPool(inside[np.argsort(cell, kind="stable")], first, count, nearest)

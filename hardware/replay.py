@@ -1,0 +1,89 @@
+"""Recorded taps behind the interface of a rig (the paper's way of testing, sec. 3.2)."""
+
+from collections.abc import Iterator
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..models.classes import ClassGrid
+from ..models.errors import InputError
+from ..models.preprocessing import Preprocessing
+from ..models.taps import TapSet
+from .pool import tap_pool
+from .sensor import check_class, clipped_move
+
+
+def uniforms(generator: np.random.Generator) -> Iterator[float]:
+    """Endless random numbers in [0, 1)."""
+    while True:
+        yield generator.random()
+
+
+class ReplayRig:
+    """A `TouchSensor` that draws, with replacement, recorded taps of the class where it stands.
+
+    A class without a tap is replaced by the nearest where class that has one of the same object: the sensor then
+    stands there.
+
+    Args:
+        taps: The recording.
+        grid: The classes.
+        start: Where class in which it stands first.
+        what: What class of the object.
+        uniforms: Numbers in [0, 1), one per tap: number `u` picks tap `floor(u * count)` of the class in the order of
+            the file.
+
+    Attributes:
+        where_index: The where class in which it stands.
+        clamped: Moves that the end of the range cut short.
+        substituted: Times that a class without a tap was replaced, counting the start.
+
+    Raises:
+        InputError: The start lies outside the grid or the object has no tap at all.
+    """
+
+    def __init__(self, taps: TapSet, grid: ClassGrid, start: int, what: int, uniforms: Iterator[float]) -> None:
+        check_class(grid, start, what)
+        self._taps = taps
+        self._last = grid.L - 1
+        self._pool = tap_pool(*taps.indices(grid), grid.shape)
+        self._what = what
+        self._uniforms = uniforms
+        self.clamped = 0
+        self.substituted = 0
+        if self._pool.nearest[start, what] < 0:
+            raise InputError(f"The recording holds no tap of {grid.what_name[what]} inside the class grid.")
+        self.where_index = self._stand(start)
+
+    @property
+    def preprocessing(self) -> Preprocessing:
+        """How the recorded taps were prepared."""
+        return self._taps.preprocessing
+
+    @property
+    def room(self) -> tuple[int, int]:
+        """Class steps left to either side."""
+        return self.where_index, self._last - self.where_index
+
+    def tap(self) -> NDArray[np.float64]:
+        """A recorded tap of the class where it stands, shape (J, K)."""
+        index = self._pool.pick(self.where_index, self._what, next(self._uniforms))
+        return self._taps.taps[index].astype(np.float64)
+
+    def move(self, delta: int) -> int:
+        """Moves by `delta` where classes, at most to the end of the range.
+
+        Returns:
+            The steps really made, including those to the nearest class with a tap.
+        """
+        before = self.where_index
+        steps = clipped_move(delta, self.room)
+        self.clamped += steps != delta
+        if steps:
+            self.where_index = self._stand(before + steps)
+        return self.where_index - before
+
+    def _stand(self, where: int) -> int:
+        nearest = int(self._pool.nearest[where, self._what])
+        self.substituted += nearest != where
+        return nearest

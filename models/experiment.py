@@ -1,0 +1,68 @@
+"""From the files and options of a command to the taps that train and test, and the classes between them."""
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+
+from .classes import ClassGrid
+from .errors import InputError
+from .importers import load_taps
+from .splits import Split, split, two_files
+
+
+def load_experiment(
+    data: Sequence[str | Path],
+    where_cell: str | None = None,
+    what_cell: str | None = None,
+    method: str | None = None,
+    train: str | None = None,
+    test: str | None = None,
+) -> tuple[Split, ClassGrid]:
+    """The split and the class grid of an experiment on recorded taps.
+
+    Args:
+        data: One file (or folder of CSV files) that is split, or two, TRAIN and TEST.
+        where_cell: Width of the where cells with unit, such as `"3mm"`.
+        what_cell: Width of the what cells.
+        method: As `split`.
+        train: Sessions to train with, such as `"0,1"`.
+        test: Sessions to test.
+
+    Returns:
+        The split, and the grid of the tables of the (first) file; classes without a training tap are in it.
+
+    Raises:
+        InputError: No file or more than two, an option that does not go with two files, or as `load_taps`,
+            `TapSet.grid`, `split` and `two_files`.
+    """
+    if not 1 <= len(data) <= 2:
+        raise InputError(f"One data file or two, TRAIN and TEST, are needed, got {len(data)}.")
+    first = load_taps(data[0])
+    grid = first.grid(where_cell, what_cell)
+    if len(data) == 1:
+        parts = split(first, grid, method, parse_sessions(train, "--train"), parse_sessions(test, "--test"))
+    else:
+        for option, value in (("--split", method), ("--train", train), ("--test", test)):
+            if value is not None:
+                raise InputError(f"{option} divides one file; with two files the first trains and the second tests.")
+        parts = two_files(first, load_taps(data[1]))
+    for fold in parts.folds:
+        for verb, side in (("train with", fold.train), ("test", fold.test)):
+            if not np.any(np.minimum(*side.indices(grid)) >= 0):
+                raise InputError(f"There is no tap left to {verb}: none of {data[-1]} falls into a class of {data[0]}.")
+    return parts, grid
+
+
+def parse_sessions(text: str | None, option: str) -> list[int] | None:
+    """Session numbers separated by commas.
+
+    Raises:
+        InputError: The text is something else.
+    """
+    if text is None:
+        return None
+    try:
+        return [int(part) for part in text.split(",")]
+    except ValueError:
+        raise InputError(f"{option} needs session numbers such as 0,1, got {text!r}.") from None

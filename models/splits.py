@@ -1,0 +1,170 @@
+"""Which taps train and which test; the split stands in every result."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Literal, get_args
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .classes import ClassGrid
+from .errors import InputError
+from .taps import TapSet, check_compatible
+
+Method = Literal["sessions", "leave-one-session-out", "halves", "parity"]
+METHODS: tuple[str, ...] = get_args(Method)
+
+_SAME_SESSION = (
+    "Training and test taps come from the same session, so whatever drifts slowly is known to the model: "
+    "expect larger errors on a new session."
+)
+
+
+@dataclass(frozen=True, eq=False)
+class Fold:
+    """One training and one test set without a common tap.
+
+    Attributes:
+        train: What the model is fitted to.
+        test: What it is tested on.
+        name: How the fold is called in print.
+    """
+
+    train: TapSet
+    test: TapSet
+    name: str
+
+
+@dataclass(frozen=True, eq=False)
+class Split:
+    """The folds of an experiment.
+
+    Attributes:
+        folds: One or more; results of several are pooled.
+        method: `"sessions"`, `"leave-one-session-out"`, `"halves"`, `"parity"` or `"files"`.
+        description: One sentence that says which taps test.
+        warning: One sentence that says what the split cannot show, or nothing.
+    """
+
+    folds: tuple[Fold, ...]
+    method: str
+    description: str
+    warning: str = ""
+
+
+def split(
+    taps: TapSet,
+    grid: ClassGrid,
+    method: str | None = None,
+    train_sessions: Sequence[int] | None = None,
+    test_sessions: Sequence[int] | None = None,
+) -> Split:
+    """Divides one tap set.
+
+    Args:
+        taps: The taps; recorded order is (session, trial, position in the file).
+        grid: The classes within which `halves` and `parity` divide.
+        method: `sessions` (default where there are two or more) tests the last session, or those named, with
+            the model of the others; `leave-one-session-out` does so with each session in turn; `halves` trains
+            with the first half of each class in recorded order, the longer half where the number is odd; `parity`
+            (default where there is one session) trains with its first, third, fifth, ... tap.
+        train_sessions: Sessions to train with; default all that do not test.
+        test_sessions: Sessions to test; default the last, or all that do not train.
+
+    Raises:
+        InputError: An unknown method, a session that is not there or stands on both sides, or no tap left to
+            train or to test.
+    """
+    named = train_sessions is not None or test_sessions is not None
+    sessions = np.unique(taps.session).tolist()
+    if method is None:
+        method = "sessions" if named or len(sessions) > 1 else "parity"
+    if method not in METHODS:
+        raise InputError(f"--split must be one of {', '.join(METHODS)}, got {method!r}.")
+    if named and method != "sessions":
+        raise InputError(f"--train and --test name sessions and do not go with --split {method}.")
+    if method == "sessions":
+        return _by_sessions(taps, sessions, train_sessions, test_sessions)
+    if method == "leave-one-session-out":
+        return _leave_one_out(taps, sessions)
+    return _within_classes(taps, grid, method)
+
+
+def two_files(train: TapSet, test: TapSet) -> Split:
+    """One fold from two tap sets.
+
+    Raises:
+        InputError: They differ in taxels, unit of position or preprocessing.
+    """
+    check_compatible(train, test)
+    return Split((Fold(train, test, "test file"),), "files", "The first file trains, the second tests.")
+
+
+def _by_sessions(taps: TapSet, sessions: list[int], train: Sequence[int] | None, test: Sequence[int] | None) -> Split:
+    for option, given in (("--train", train), ("--test", test)):
+        missing = sorted(set(given or ()) - set(sessions))
+        if missing:
+            raise InputError(f"{option} names session {missing[0]}; there are {_listed(sessions)}.")
+    if test is None:
+        test = sessions[-1:] if train is None else [s for s in sessions if s not in train]
+    if train is None:
+        train = [s for s in sessions if s not in test]
+    both = sorted(set(train) & set(test))
+    if both:
+        raise InputError(f"Session {both[0]} cannot both train and test.")
+    for verb, side in (("train with", train), ("test", test)):
+        if not side:
+            raise InputError(f"There is no tap left to {verb}: the data have {_listed(sessions)}.")
+    fold = Fold(_of(taps, train), _of(taps, test), f"test {_listed(test)}")
+    description = f"{_listed(train).capitalize()} train{_s(train)}, {_listed(test)} test{_s(test)}."
+    return Split((fold,), "sessions", description)
+
+
+def _leave_one_out(taps: TapSet, sessions: list[int]) -> Split:
+    if len(sessions) < 2:
+        raise InputError(f"There is no tap left to train with: the data have {_listed(sessions)} only.")
+    folds = tuple(
+        Fold(_of(taps, [s for s in sessions if s != left_out]), _of(taps, [left_out]), f"test session {left_out}")
+        for left_out in sessions
+    )
+    description = f"Each of {len(sessions)} sessions is tested with the model of the others."
+    return Split(folds, "leave-one-session-out", description)
+
+
+def _within_classes(taps: TapSet, grid: ClassGrid, method: str) -> Split:
+    position, size = rank_in_class(taps, grid)
+    if method == "halves":
+        trains = position < (size + 1) // 2
+        description = "Within each class, the first half of the taps in recorded order trains, the second tests."
+    else:
+        trains = position % 2 == 0
+        description = "Within each class, taps in recorded order train and test in turn."
+    if trains.all():
+        raise InputError("There is no tap left to test: no class has more than one tap.")
+    fold = Fold(taps.select(trains), taps.select(~trains), method)
+    return Split((fold,), method, description, _SAME_SESSION)
+
+
+def rank_in_class(taps: TapSet, grid: ClassGrid) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+    """Position of each tap among those of its class in recorded order, and how many there are; shapes (N,)."""
+    where, what = taps.indices(grid)
+    key = where * (grid.M + 1) + what
+    rank, size = np.zeros(len(taps), dtype=np.intp), np.zeros(len(taps), dtype=np.intp)
+    order = np.lexsort((taps.trial, taps.session))
+    for value in np.unique(key):
+        members = order[key[order] == value]
+        rank[members] = np.arange(len(members))
+        size[members] = len(members)
+    return rank, size
+
+
+def _of(taps: TapSet, sessions: Sequence[int]) -> TapSet:
+    return taps.select(np.isin(taps.session, sessions))
+
+
+def _listed(sessions: Sequence[int]) -> str:
+    return f"session{'s' if len(sessions) > 1 else ''} {', '.join(str(s) for s in sessions)}"
+
+
+def _s(sessions: Sequence[int]) -> str:
+    return "" if len(sessions) > 1 else "s"

@@ -1,0 +1,72 @@
+"""`solidtouch simulate`, called as a function."""
+
+import numpy as np
+import pytest
+from solidtouch.cli.simulate import simulate
+from solidtouch.hardware.data_collection import simulate_session
+from solidtouch.hardware.presets import PRESETS
+from solidtouch.models.errors import InputError
+from solidtouch.models.histogram import fit
+from solidtouch.models.taps import TapSet
+
+
+def test_every_session_becomes_one_file(tmp_path, capsys):
+    """The files hold the sessions of this preset and seed, in a folder made for them."""
+    out = tmp_path / "new" / "folder"
+    simulate(out, preset="hold2", sessions=2, seed=4)
+
+    assert sorted(path.name for path in out.iterdir()) == ["session-0.nc", "session-1.nc"]
+    loaded = TapSet.load(out / "session-1.nc")
+    np.testing.assert_array_equal(simulate_session(PRESETS["hold2"], 4, 1).taps, loaded.taps)
+    assert set(loaded.session) == {1}
+    assert "2 sessions of preset hold2" in capsys.readouterr().out
+
+
+def test_existing_files_are_kept_unless_forced(tmp_path):
+    """One file in the way stops the command before it writes any."""
+    (tmp_path / "session-1.nc").write_text("mine")
+    with pytest.raises(InputError, match=r"session-1\.nc exists already; --force"):
+        simulate(tmp_path, sessions=2)
+
+    assert [tmp_path / "session-1.nc"] == list(tmp_path.iterdir())
+
+    simulate(tmp_path, sessions=2, force=True)
+
+    assert len(TapSet.load(tmp_path / "session-1.nc")) == 1600
+
+
+def test_preset_model_draws_from_a_fitted_model(tmp_path):
+    """Samples per tap and taps per class can be chosen; the classes are the model's."""
+    taps = simulate_session(PRESETS["paper"], 0, 0)
+    fit(taps, taps.grid()).save(tmp_path / "model.nc")
+    simulate(tmp_path, preset="model", sessions=1, model=tmp_path / "model.nc", samples=3, taps_per_class=2)
+    drawn = TapSet.load(tmp_path / "session-0.nc")
+
+    assert drawn.taps.shape == (160, 3, 12)
+    assert drawn.preprocessing.samples == 3
+    assert taps.grid().differences(drawn.grid()) == []
+
+
+REFUSED = {
+    "unknown preset": ({"preset": "papr"}, "the presets are paper, ideal, broken, hold2, nodrift, model"),
+    "no session": ({"sessions": 0}, "--sessions must be at least 1, got 0"),
+    "negative seed": ({"seed": -1}, "--seed must not be negative"),
+    "model without a file": ({"preset": "model"}, "name its file with --model"),
+    "file without preset model": ({"samples": 3}, "go with --preset model only"),
+}
+
+
+@pytest.mark.parametrize(("options", "message"), REFUSED.values(), ids=REFUSED.keys())
+def test_bad_options_are_refused_before_anything_is_written(tmp_path, options, message):
+    """The message names the option and the folder is not made."""
+    with pytest.raises(InputError, match=message):
+        simulate(tmp_path / "out", **options)
+
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_file_in_place_of_the_folder_is_refused(tmp_path):
+    """The message names it."""
+    (tmp_path / "out").write_text("a file")
+    with pytest.raises(InputError, match=r"The folder .*out cannot be made"):
+        simulate(tmp_path / "out")
