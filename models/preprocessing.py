@@ -156,8 +156,8 @@ class TapCutter:
             InputError: The frames are not finite or have another number of taxels than those before.
         """
         frames = np.asarray(frames, dtype=np.float64)
-        if frames.ndim != 2:
-            raise InputError(f"Frames must have two axes (time, taxel), got shape {frames.shape}.")
+        if frames.ndim != 2 or not frames.shape[1]:
+            raise InputError(f"Frames must have two axes (time, taxel) and a taxel or more, got shape {frames.shape}.")
         if not np.isfinite(frames).all():
             raise InputError(f"Frame {int(np.argmin(np.isfinite(frames).all(axis=1)))} holds a NaN or infinite value.")
         if self._kept.shape[1] and frames.shape[1] != self._kept.shape[1]:

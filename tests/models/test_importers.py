@@ -129,7 +129,7 @@ def test_missing_file_and_unknown_kind_are_refused(tmp_path):
             load_taps(tmp_path / name)
 
 
-def test_unreadable_file_is_refused(tmp_path, make_taps):
+def test_a_tap_set_holds_no_streams(tmp_path, make_taps):
     make_taps(repeats=1).save(tmp_path / "a.nc")
     with pytest.raises(InputError, match="cut already"):
         read_recording(tmp_path / "a.nc")

@@ -1,0 +1,196 @@
+"""One preparation of samples, off line and live."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from hypothesis.extra import numpy as hnp
+
+from solidtouch.models.errors import InputError
+from solidtouch.models.preprocessing import Preprocessing, TapCutter
+
+BAD = {
+    "no samples": ({"samples": 0}, "at least one sample per tap, got samples=0"),
+    "rate 0": ({"samples": 4, "rate_hz": 0.0}, "rate must be positive, got rate_hz=0.0"),
+    "rate nan": ({"samples": 4, "rate_hz": np.nan}, "rate_hz must be finite"),
+    "rate inf": ({"samples": 4, "rate_hz": np.inf}, "rate_hz must be finite"),
+    "tare kind": ({"samples": 4, "tare": "each"}, "tare must be none, stream or tap, got 'each'"),
+    "tare without samples": ({"samples": 4, "tare": "tap"}, "tare='tap' does not go with tare_samples=0"),
+    "samples without tare": ({"samples": 4, "tare_samples": 2}, "does not go with tare_samples=2"),
+    "tare negative": ({"samples": 4, "tare": "tap", "tare_samples": -2}, "does not go with tare_samples=-2"),
+    "tare too long": ({"samples": 4, "tare": "tap", "tare_samples": 5}, "4 samples has no 5 samples"),
+    "highpass negative": ({"samples": 4, "highpass_hz": -1.0}, "must not be negative"),
+    "highpass nan": ({"samples": 4, "highpass_hz": np.nan}, "highpass_hz must be finite"),
+    "highpass without rate": ({"samples": 4, "highpass_hz": 1.0}, "needs a sampling rate above 2.0 Hz"),
+    "highpass too high": ({"samples": 4, "highpass_hz": 5.0, "rate_hz": 10.0}, "needs a sampling rate above 10.0 Hz"),
+    "trigger kind": ({"samples": 4, "trigger": "touch"}, "trigger must be none, clock or contact"),
+    "contact without level": ({"samples": 4, "trigger": "contact"}, "does not go with trigger_level=0.0"),
+    "level without contact": ({"samples": 4, "trigger": "clock", "trigger_level": 1.0}, "does not go with trigger_level"),
+    "level nan": ({"samples": 4, "trigger": "contact", "trigger_level": np.nan}, "trigger_level must be finite"),
+    "pre without contact": ({"samples": 4, "trigger": "clock", "pre_samples": 1}, "needs a contact trigger"),
+    "pre too long": (
+        {"samples": 4, "trigger": "contact", "trigger_level": 1.0, "pre_samples": 4},
+        "must be smaller than samples=4",
+    ),
+}
+
+
+@pytest.mark.parametrize("case", BAD)
+def test_contradicting_fields_are_refused(case):
+    fields, message = BAD[case]
+    with pytest.raises(InputError, match=message):
+        Preprocessing(**fields)
+
+
+@pytest.mark.parametrize("text", ["", "5", "null", "[]", "{", '{"samples": "four"}', '{"j": 4}', "{}"])
+def test_other_text_is_no_record(text):
+    with pytest.raises(InputError, match="not a preprocessing record"):
+        Preprocessing.from_json(text)
+
+
+RECORDS = st.builds(
+    lambda samples, tare, highpass, contact, level, pre: Preprocessing(
+        samples=samples,
+        rate_hz=40.0,
+        tare=tare,
+        tare_samples=0 if tare == "none" else min(samples, 3),
+        highpass_hz=highpass,
+        trigger="contact" if contact else "clock",
+        trigger_level=level if contact else 0.0,
+        pre_samples=min(pre, samples - 1) if contact else 0,
+    ),
+    st.integers(1, 6),
+    st.sampled_from(["none", "stream", "tap"]),
+    st.sampled_from([0.0, 0.5, 12.0]),
+    st.booleans(),
+    st.sampled_from([-2.0, 1.0, 3.0]),
+    st.integers(0, 4),
+)
+STREAMS = hnp.arrays(np.float64, st.tuples(st.integers(1, 60), st.integers(1, 3)), elements=st.integers(-5, 5))
+
+
+@given(record=RECORDS)
+def test_a_record_survives_its_text(record):
+    assert Preprocessing.from_json(record.to_json()) == record
+    assert not record.differences(record)
+
+
+@given(record=RECORDS, stream=STREAMS, cuts=st.lists(st.integers(0, 60), max_size=12))
+@settings(max_examples=300, deadline=None)
+def test_any_split_of_a_stream_gives_the_same_taps(record, stream, cuts):
+    """Frames may arrive one by one, in any pieces, or all at once."""
+    whole, pieces = TapCutter(record), TapCutter(record)
+    at_once = whole.push(stream)
+    piecewise = [tap for part in np.split(stream, sorted(min(c, len(stream)) for c in cuts)) for tap in pieces.push(part)]
+    whole.finish()
+    pieces.finish()
+
+    assert [tap.start for tap in piecewise] == [tap.start for tap in at_once]
+    assert whole.incomplete == pieces.incomplete
+    for one, other in zip(at_once, piecewise, strict=True):
+        np.testing.assert_array_equal(one.samples, other.samples)
+        assert one.samples.shape == (record.samples, stream.shape[1])
+
+
+def naive_contacts(stream, record):
+    """Start frames, by a walk over the frames as the docstring of `Preprocessing` reads."""
+    starts, armed, frame, lost = [], True, 0, 0
+    while frame < len(stream):
+        load = (stream[frame] / record.trigger_level).max()
+        if armed and load >= 1:
+            armed = False
+            begin = frame - record.pre_samples
+            if begin < 0:
+                lost += 1
+            elif begin + record.samples > len(stream):
+                lost += 1
+                break
+            else:
+                starts.append(begin)
+                frame = begin + record.samples - 1
+                armed = (stream[frame] / record.trigger_level).max() < 0.5
+        elif load < 0.5:
+            armed = True
+        frame += 1
+    return starts, lost
+
+
+@given(stream=STREAMS, level=st.sampled_from([-3.0, 2.0]), samples=st.integers(1, 6), pre=st.integers(0, 5))
+@settings(max_examples=200, deadline=None)
+def test_contacts_are_those_of_a_walk_over_the_frames(stream, level, samples, pre):
+    record = Preprocessing(samples=samples, trigger="contact", trigger_level=level, pre_samples=min(pre, samples - 1))
+    cutter = TapCutter(record)
+    taps = cutter.push(stream)
+    cutter.finish()
+
+    assert ([tap.start for tap in taps], cutter.incomplete) == naive_contacts(stream, record)
+    for tap in taps:
+        np.testing.assert_array_equal(tap.samples, stream[tap.start : tap.start + samples])
+
+
+@given(stream=STREAMS, offset=st.integers(-100, 100))
+def test_a_tare_removes_a_constant_offset(stream, offset):
+    for tare in ("stream", "tap"):
+        record = Preprocessing(samples=4, tare=tare, tare_samples=2, trigger="clock")
+        plain, shifted = (TapCutter(record).push(frames) for frames in (stream, stream + offset))
+
+        for one, other in zip(plain, shifted, strict=True):
+            np.testing.assert_allclose(one.samples, other.samples, atol=1e-9)
+
+
+def test_a_highpass_starts_in_its_steady_state():
+    """A constant stream is 0 from its first frame, a step decays."""
+    record = Preprocessing(samples=50, rate_hz=50.0, highpass_hz=1.0, trigger="clock")
+    stream = np.full((100, 2), 7.0)
+    stream[50:, 1] += 1.0
+
+    first, second = TapCutter(record).push(stream)
+
+    np.testing.assert_allclose(first.samples, 0.0, atol=1e-9)
+    np.testing.assert_allclose(second.samples[:, 0], 0.0, atol=1e-9)
+    assert second.samples[0, 1] > 0.9
+    assert abs(second.samples[-1, 1]) < 0.01
+
+
+def test_a_record_without_trigger_cuts_nothing():
+    with pytest.raises(InputError, match="clock or a contact trigger"):
+        TapCutter(Preprocessing(samples=4))
+
+
+@pytest.mark.parametrize(
+    ("frames", "message"),
+    [
+        (np.zeros(3), r"two axes \(time, taxel\).*got shape \(3,\)"),
+        (np.zeros((3, 5)), "Frames of 5 taxels follow frames of 2"),
+        (np.array([[0.0, 0.0], [0.0, np.nan]]), "Frame 1 holds a NaN"),
+        (np.array([[0.0, -np.inf]]), "Frame 0 holds a NaN"),
+        (np.zeros((3, 0)), "a taxel or more"),
+    ],
+)
+def test_frames_that_do_not_follow_are_refused(frames, message):
+    cutter = TapCutter(Preprocessing(samples=4, trigger="clock"))
+    cutter.push(np.zeros((1, 2)))
+
+    with pytest.raises(InputError, match=message):
+        cutter.push(frames)
+
+
+def test_frames_without_taxels_are_refused_from_the_start():
+    with pytest.raises(InputError, match="a taxel or more"):
+        TapCutter(Preprocessing(samples=4, trigger="clock")).push(np.zeros((3, 0)))
+
+
+def test_memory_stays_bounded_on_a_long_stream():
+    """Between taps at most a tap and the frames before it are kept."""
+    record = Preprocessing(samples=5, trigger="contact", trigger_level=2.0, pre_samples=2)
+    cutter = TapCutter(record)
+    for _ in range(50):
+        cutter.push(np.zeros((100, 3)))
+
+        assert len(cutter._kept) <= record.samples
+
+
+def test_differences_name_the_field_and_both_values():
+    here, there = Preprocessing(samples=4), Preprocessing(samples=4, rate_hz=50.0)
+
+    assert here.differences(there) == ["rate_hz is None here and 50.0 there"]
