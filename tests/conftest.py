@@ -5,7 +5,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-
 from solidtouch.models.preprocessing import Preprocessing
 from solidtouch.models.taps import TapSet
 

@@ -10,7 +10,6 @@ import h5py
 import numpy as np
 import pytest
 from scipy.io import savemat
-
 from solidtouch.models.taps import TapSet
 
 

@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-
 from solidtouch.models.classes import ClassGrid, group, parse_length, values_from_names
 from solidtouch.models.errors import InputError
 

@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
-
 from solidtouch.models.errors import InputError
 from solidtouch.models.importers import load_taps, read_recording
 
@@ -100,13 +99,20 @@ def test_damaged_files_are_refused_or_read(kind, make_taps, writers, tmp_path, r
         start = int(rng.integers(len(whole)))
         garbled[start : start + 8] = rng.bytes(8)
         damaged.append(bytes(garbled))
-    for content in damaged:
-        path.write_bytes(content)
-        try:
-            load_taps(path)
-        except InputError as error:
-            assert "\n" not in str(error)
-            assert str(path) in str(error)
+    sentences = [refusal(path, content) for content in damaged]
+
+    assert any(sentences)
+    assert all("\n" not in sentence and str(path) in sentence for sentence in sentences if sentence)
+
+
+def refusal(path, content):
+    """What is said to a file with this content, nothing if it is read."""
+    path.write_bytes(content)
+    try:
+        load_taps(path)
+    except InputError as error:
+        return str(error)
+    return ""
 
 
 @pytest.mark.parametrize("suffix", [".nc", ".npz", ".mat", ".csv"])

@@ -6,7 +6,6 @@ import h5py
 import numpy as np
 import pytest
 from scipy.io import savemat
-
 from solidtouch.models.errors import InputError
 from solidtouch.models.import_arrays import recording_from_arrays
 from solidtouch.models.importers import load_taps

@@ -4,7 +4,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-
 from solidtouch.models.errors import InputError
 from solidtouch.models.importers import load_taps, read_recording
 
@@ -59,11 +58,17 @@ BAD = {
     "blank first": ("\n" + HEADER, "begins with an empty line"),
     "header only": (HEADER, "a header but no rows"),
     "no object": ("tap,taxel_1\n0,1\n", r"line 1 has no column what; separated by commas it reads: tap, taxel_1\."),
-    "semicolons": ("tap;what;taxel\n0;a;1\n", "line 1 has no column what; separated by commas it reads: tap;what;taxel"),
+    "semicolons": (
+        "tap;what;taxel\n0;a;1\n",
+        "line 1 has no column what; separated by commas it reads: tap;what;taxel",
+    ),
     "no taxel": ("tap,what,force\n0,a,1\n", "no column whose name begins with taxel"),
     "column twice": ("tap,what,taxel,taxel\n0,a,1,2\n", "line 1 names the column 'taxel' twice"),
     "not a number": (HEADER + "0,a,1,1,2\n0,a,1,x7,2\n", r"line 3, column taxel_1 holds 'x7', which is not a number"),
-    "after blank lines": (HEADER + "0,a,1,1,2\n\n\n0,a,1,,2\n", r"line 5, column taxel_1 holds '', which is not a numb"),
+    "after blank lines": (
+        HEADER + "0,a,1,1,2\n\n\n0,a,1,,2\n",
+        r"line 5, column taxel_1 holds '', which is not a numb",
+    ),
     "after quoted line end": ('tap,what,taxel\n0,"a\nb",1\n1,c,x\n', r"line 4, column taxel holds 'x'"),
     "decimal comma": (HEADER + '0,a,1,"1,5",2\n', r"line 2, column taxel_1 holds '1,5'"),
     "nan": (HEADER + "0,a,1,1,nan\n", r"line 2, column taxel_2 holds nan; NaN and infinite"),
@@ -75,7 +80,10 @@ BAD = {
     "lengths": (HEADER + "0,a,1,1,2\n0,a,1,1,2\n7,a,1,1,2\n", "line 4: tap 7 has 1 rows, the first tap has 2"),
     "again": (HEADER + "3,a,1,1,2\n4,a,1,1,2\n3,a,1,1,2\n", "line 4: tap 3 of session 0 begins again"),
     "object changes": (HEADER + "3,a,1,1,2\n3,b,1,1,2\n", "line 3: column what changes within tap 3 from a to b"),
-    "place changes": (HEADER + "3,a,1,1,2\n3,a,2,1,2\n", r"line 3: column where changes within tap 3 from 1\.0 to 2\.0"),
+    "place changes": (
+        HEADER + "3,a,1,1,2\n3,a,2,1,2\n",
+        r"line 3: column where changes within tap 3 from 1\.0 to 2\.0",
+    ),
     "size changes": (
         "tap,what,what_value,taxel\n0,a,1,1\n1,b,2,1\n2,a,3,1\n",
         "line 4: what_value of a differs from its first one",
@@ -130,7 +138,10 @@ def test_a_column_session_goes_before_the_number_of_the_file(tmp_path):
 @pytest.mark.parametrize(
     ("second", "message"),
     [
-        ("tap,what,taxel_2,taxel_1\n0,a,1,2\n", r"b\.csv: line 1 has other taxel columns, or in another order, than .*a\.csv"),
+        (
+            "tap,what,taxel_2,taxel_1\n0,a,1,2\n",
+            r"b\.csv: line 1 has other taxel columns, or in another order, than .*a\.csv",
+        ),
         ("tap,what,taxel_1\n0,a,1\n", r"b\.csv: line 1 has other taxel columns"),
         ("tap,what,where,taxel_1,taxel_2\n0,a,0,1,2\n", r"b\.csv: the column where stands either here or in"),
         ("tap,what,taxel_1,taxel_2\n0,a,1,x\n", r"b\.csv: line 2, column taxel_2"),

@@ -5,7 +5,6 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
-
 from solidtouch.models.errors import InputError
 from solidtouch.models.preprocessing import Preprocessing, TapCutter
 
@@ -25,7 +24,10 @@ BAD = {
     "highpass too high": ({"samples": 4, "highpass_hz": 5.0, "rate_hz": 10.0}, "needs a sampling rate above 10.0 Hz"),
     "trigger kind": ({"samples": 4, "trigger": "touch"}, "trigger must be none, clock or contact"),
     "contact without level": ({"samples": 4, "trigger": "contact"}, "does not go with trigger_level=0.0"),
-    "level without contact": ({"samples": 4, "trigger": "clock", "trigger_level": 1.0}, "does not go with trigger_level"),
+    "level without contact": (
+        {"samples": 4, "trigger": "clock", "trigger_level": 1.0},
+        "does not go with trigger_level",
+    ),
     "level nan": ({"samples": 4, "trigger": "contact", "trigger_level": np.nan}, "trigger_level must be finite"),
     "pre without contact": ({"samples": 4, "trigger": "clock", "pre_samples": 1}, "needs a contact trigger"),
     "pre too long": (
@@ -81,7 +83,9 @@ def test_any_split_of_a_stream_gives_the_same_taps(record, stream, cuts):
     """Frames may arrive one by one, in any pieces, or all at once."""
     whole, pieces = TapCutter(record), TapCutter(record)
     at_once = whole.push(stream)
-    piecewise = [tap for part in np.split(stream, sorted(min(c, len(stream)) for c in cuts)) for tap in pieces.push(part)]
+    piecewise = [
+        tap for part in np.split(stream, sorted(min(c, len(stream)) for c in cuts)) for tap in pieces.push(part)
+    ]
     whole.finish()
     pieces.finish()
 

@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-
 from solidtouch.models.errors import InputError
 from solidtouch.models.experiment import load_experiment, parse_sessions
 from solidtouch.models.importers import load_taps
@@ -31,7 +30,9 @@ def sides(taps, *arguments, **more):
     return numbers(fold.train), numbers(fold.test)
 
 
-TAPS = st.lists(st.tuples(st.integers(0, 3), st.integers(0, 2), st.integers(0, 4), st.integers(0, 9)), min_size=2, max_size=40)
+TAPS = st.lists(
+    st.tuples(st.integers(0, 3), st.integers(0, 2), st.integers(0, 4), st.integers(0, 9)), min_size=2, max_size=40
+)
 
 
 @given(rows=TAPS, method=st.sampled_from(["halves", "parity"]))

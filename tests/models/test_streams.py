@@ -2,7 +2,6 @@
 
 import numpy as np
 import pytest
-
 from solidtouch.models.errors import InputError
 from solidtouch.models.import_arrays import recording_from_arrays
 from solidtouch.models.importers import read_recording
@@ -78,9 +77,7 @@ def test_further_arrays_and_sample_types_follow_the_trigger_frame():
 
 
 def test_a_table_of_positions_survives_where_given():
-    cut = segment(
-        recording((0, 0, pulses([10])), where=np.zeros(30), where_values=np.array([1.0, 2.0, 4.0])), CONTACT
-    )
+    cut = segment(recording((0, 0, pulses([10])), where=np.zeros(30), where_values=np.array([1.0, 2.0, 4.0])), CONTACT)
 
     assert cut.taps.dataset["where_value"].values.tolist() == [1.0, 2.0, 4.0]
 
@@ -88,7 +85,11 @@ def test_a_table_of_positions_survives_where_given():
 @pytest.mark.parametrize(
     ("streams", "record", "message"),
     [
-        ([(0, 0, pulses([]))], CONTACT, "no tap was found in 1 streams; the level is 2 and the values as stored span 0 to 0"),
+        (
+            [(0, 0, pulses([]))],
+            CONTACT,
+            "no tap was found in 1 streams; the level is 2 and the values as stored span 0 to 0",
+        ),
         ([(0, 0, pulses([28]))], CONTACT, "1 began but were cut short"),
         ([(0, 0, pulses([3]))], Preprocessing(samples=4), "needs? a trigger|clock or a contact trigger"),
     ],

@@ -3,7 +3,6 @@
 import numpy as np
 import pytest
 import xarray as xr
-
 from solidtouch.models.errors import InputError
 from solidtouch.models.preprocessing import Preprocessing
 from solidtouch.models.relabel import relabel
@@ -18,8 +17,10 @@ def put(name, place, value):
     def change(data):
         values = data[name].values.copy()
         values[place] = value
-        return data.assign({name: (data[name].dims, values)}) if name == "taps" else data.assign_coords(
-            {name: (data[name].dims, values, data[name].attrs)}
+        return (
+            data.assign({name: (data[name].dims, values)})
+            if name == "taps"
+            else data.assign_coords({name: (data[name].dims, values, data[name].attrs)})
         )
 
     return change
@@ -35,7 +36,10 @@ BAD = {
         lambda d: d.drop_vars("what").assign_coords(what=("sample", np.zeros(6, int))),
         r"what must have the dims \('tap',\), got \('sample',\)",
     ),
-    "table without axis": (lambda d: d.drop_vars("what_name").assign_coords(what_name="a"), "what_name must have the dims"),
+    "table without axis": (
+        lambda d: d.drop_vars("what_name").assign_coords(what_name="a"),
+        "what_name must have the dims",
+    ),
     "no tap": (lambda d: d.isel(tap=slice(0)), "taps must not be empty"),
     "nan": (put("taps", (3, 2, 1), np.nan), r"taps\[3, 2, 1\] is nan"),
     "where nan": (put("where", 3, np.nan), r"where\[3\] is nan"),

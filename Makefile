@@ -1,0 +1,56 @@
+# `make run` reproduces the paper, `make test` runs the tests; both set themselves up first.
+# Recipes speak of paths relative to this folder, so that its name may hold spaces.
+
+VENV := .venv
+PY := $(VENV)/bin/python
+
+.PHONY: run test quick check format bench lock clean help
+
+run: $(VENV)/.ready-run
+	@$(VENV)/bin/solidtouch reproduce
+
+test: $(VENV)/.ready-dev
+	@$(PY) -m pytest
+
+quick: $(VENV)/.ready-dev
+	@$(PY) -m pytest -m "not slow"
+
+check: $(VENV)/.ready-dev
+	@$(PY) -m ruff check .
+	@$(PY) -m ruff format --check .
+	@$(PY) -m pyright
+	@$(VENV)/bin/lint-imports
+
+format: $(VENV)/.ready-dev
+	@$(PY) -m ruff check --fix .
+	@$(PY) -m ruff format .
+
+# Pins every dependency for Python 3.12 to 3.14, on every platform, without addresses.
+lock: $(VENV)/.ready-dev
+	@$(PY) -m uv pip compile pyproject.toml --group dev --universal --python-version 3.12 --upgrade --quiet \
+		--no-header --no-annotate --no-emit-index-url --no-emit-find-links --output-file constraints.txt
+
+clean:
+	rm -rf $(VENV) build dist *.egg-info
+
+help:
+	@echo "make run     reproduce the paper, about a minute"
+	@echo "make test    all tests"
+	@echo "make quick   tests without the slow ones"
+	@echo "make check   lint, format, types and import layers"
+	@echo "make format  mend lint and format"
+	@echo "make lock    choose the newest dependencies and pin them in constraints.txt"
+	@echo "make clean   remove what the others made"
+
+$(VENV)/bin/python:
+	@./.ci/make-venv $(VENV)
+
+$(VENV)/.ready-run: $(VENV)/bin/python pyproject.toml constraints.txt
+	@echo "Installing solidtouch into $(VENV) ..."
+	@$(PY) -m pip install --quiet --disable-pip-version-check -c constraints.txt -e .
+	@touch $@
+
+$(VENV)/.ready-dev: $(VENV)/.ready-run
+	@echo "Installing what the tests need into $(VENV) ..."
+	@$(PY) -m pip install --quiet --disable-pip-version-check -c constraints.txt --group dev
+	@touch $@

@@ -1,0 +1,127 @@
+"""`convert` and `inspect` as a person types them."""
+
+import numpy as np
+import pytest
+import typer
+from solidtouch.cli.data import convert, inspect
+from solidtouch.models.errors import InputError
+from solidtouch.models.preprocessing import Preprocessing
+from solidtouch.models.taps import TapSet
+from typer.testing import CliRunner
+
+app = typer.Typer()
+app.command()(convert)
+app.command()(inspect)
+
+
+def run(*words):
+    result = CliRunner().invoke(app, [str(word) for word in words])
+    if isinstance(result.exception, InputError):
+        raise result.exception
+    assert result.exit_code == 0, result.output
+    return result.output
+
+
+@pytest.fixture
+def stream(tmp_path):
+    """A CSV file with one stream of two presses on the second of two taxels, at 10 samples per second."""
+    values = [0, 0, 0, 5, 5, 5, 0, 0, 0, 5, 5, 5, 0, 0]
+    rows = "".join(f"{j / 10},ball,{j},100,{100 + value}\n" for j, value in enumerate(values))
+    (tmp_path / "stream.csv").write_text("time_s,what,where,taxel_0,taxel_1\n" + rows)
+    return tmp_path / "stream.csv"
+
+
+CUT = (
+    "--segment",
+    "--trigger",
+    "contact",
+    "--level",
+    3,
+    "--window",
+    4,
+    "--pre",
+    1,
+    "--tare",
+    "stream",
+    "--tare-samples",
+    2,
+)
+
+
+def test_streams_are_cut_and_labelled(stream, tmp_path):
+    out = tmp_path / "taps.nc"
+    text = run("convert", stream, out, *CUT, "--sensor", "tip", "--units", "counts", "--where-unit", "mm")
+    taps = TapSet.load(out)
+
+    assert "2 taps from 1 streams, 0 cut short" in text
+    assert taps.taps[:, :, 1].tolist() == [[0, 5, 5, 5]] * 2
+    assert taps.preprocessing == Preprocessing(4, 10.0, "stream", 2, 0.0, "contact", 3.0, 1)
+    assert (taps.where.tolist(), taps.where_unit, taps.dataset.attrs["sensor"]) == ([3.0, 9.0], "mm", "tip")
+    assert taps.dataset["taps"].attrs["units"] == "counts"
+
+
+def test_a_rate_given_goes_before_that_of_the_file(stream, tmp_path):
+    run("convert", stream, tmp_path / "taps.nc", *CUT, "--rate", 40)
+
+    assert TapSet.load(tmp_path / "taps.nc").preprocessing.rate_hz == 40.0
+
+
+def test_tap_sets_can_be_relabelled_in_place(make_taps, tmp_path):
+    make_taps().save(tmp_path / "a.nc")
+    run("convert", tmp_path / "a.nc", tmp_path / "a.nc", "--force", "--licence", "MIT")
+
+    assert TapSet.load(tmp_path / "a.nc").dataset.attrs["licence"] == "MIT"
+
+
+def test_what_is_left_out_is_said(tmp_path):
+    np.savez(tmp_path / "a.npz", taps=np.zeros((3, 2, 4)), what=[0, 0, 0], what_names=["a"], camera=np.zeros((3, 9)))
+
+    assert "Left out, no row per tap: camera (3, 9)." in run("convert", tmp_path / "a.npz", tmp_path / "a.nc")
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        (("--window", 4), "--window prepares continuous streams and needs --segment"),
+        (("--tare", "none"), "--tare prepares continuous streams"),
+        (("--segment", "--trigger", "clock"), "--segment needs --window"),
+        (("--segment", "--window", 4), "--segment needs --trigger"),
+        (("--segment", "--window", 4, "--trigger", "contact"), "--trigger contact needs --level"),
+        (("--segment", "--window", 4, "--trigger", "contact", "--level", 0), "--trigger contact needs --level"),
+        (("--segment", "--window", 4, "--trigger", "clock", "--level", 2), "does not go with trigger_level"),
+        ((*CUT, "--level", 300), r"stream\.csv: no tap was found in 1 streams; the level is 300"),
+        ((*CUT, "--rate", 0), "rate must be positive"),
+        ((), "solidtouch convert --segment cuts them into taps"),
+        ((*CUT, "--what-unit", "mm"), "--what-unit was given"),
+    ],
+)
+def test_options_that_do_not_go_together_write_nothing(options, message, stream, tmp_path):
+    with pytest.raises(InputError, match=message):
+        run("convert", stream, tmp_path / "taps.nc", *options)
+
+    assert [path.name for path in tmp_path.iterdir()] == ["stream.csv"]
+
+
+def test_the_output_is_checked_before_the_input_is_read(tmp_path):
+    (tmp_path / "old.nc").write_text("precious")
+    for out, message in (
+        ("old.nc", "exists already; --force overwrites it"),
+        ("taps.npz", "must end in .nc"),
+        ("no/taps.nc", "there is no folder"),
+    ):
+        with pytest.raises(InputError, match=message):
+            run("convert", tmp_path / "none.npz", tmp_path / out)
+
+    with pytest.raises(InputError, match="does not exist"):
+        run("convert", tmp_path / "none.npz", tmp_path / "old.nc", "--force")
+    assert (tmp_path / "old.nc").read_text() == "precious"
+
+
+def test_any_kind_is_inspected_in_cells(make_taps, tmp_path):
+    make_taps().save(tmp_path / "a.nc")
+    text = run("inspect", tmp_path / "a.nc", "--where-cell", "3mm", "--what-cell", "4mm")
+
+    assert "21+21" not in text
+    assert "28+28" in text
+    with pytest.raises(InputError, match="cannot be converted"):
+        run("inspect", tmp_path / "a.nc", "--where-cell", "3kg")
