@@ -168,7 +168,10 @@ class _SequenceRoute:
     """The whole-sequence enumeration, on as many taps as it can hold."""
 
     def __init__(self, model: HistogramModel, border: Border, taps: int, notes: list[str]) -> None:
-        self.model, self.border, self.taps, self.notes = model, border, taps, notes
+        self.model = model
+        self.border: Border = border
+        self.taps = taps
+        self.notes = notes
 
     def add(self, comparison: "_Comparison", expected: _Trace, script: Script) -> None:
         """Enumerates the first taps of an episode; halves their number, for good, while they underflow."""

@@ -29,8 +29,8 @@ class Trajectories(NamedTuple):
 def belief_cases(study: Study, engine: Engine, settings: Settings) -> tuple[BeliefCase, BeliefCase]:
     """One clear and one ambiguous passive sequence of 20 taps.
 
-    Clear is the one in which the right class leads for good the earliest, ambiguous the one in which the lead
-    changes most often; ties go to the surer, and the less sure, end.
+    Clear is the one in which the right class leads for good the earliest, ties go to the surer end; ambiguous the
+    one in which the runner-up is believed in most, on average over the taps.
     """
     cases = []
     for where, what, stream in _starts(study, _CANDIDATES, settings.seed):
@@ -71,9 +71,9 @@ def _clarity(case: BeliefCase) -> tuple[int, float]:
     return -(int(wrong[-1]) + 1 if len(wrong) else 0), float(case.beliefs[-1].ravel()[true])
 
 
-def _ambiguity(case: BeliefCase) -> tuple[int, float]:
-    changes = int((np.diff(_leaders(case)) != 0).sum())
-    return changes, -float(case.beliefs[-1].max())
+def _ambiguity(case: BeliefCase) -> float:
+    beliefs = np.sort(case.beliefs.reshape(len(case.beliefs), -1), axis=1)
+    return float(beliefs[:, -2:].min(axis=1).mean()) if beliefs.shape[1] > 1 else 0.0
 
 
 def _leaders(case: BeliefCase) -> NDArray[np.intp]:

@@ -83,17 +83,15 @@ def at_place(data_sets: xr.Dataset, index: int) -> xr.Dataset:
     return by_place(data_sets).isel(place=index)
 
 
-def confusion(trials: Trials, plan: TrialPlan, M: int, threshold: int) -> NDArray[np.int64]:
+def confusion(true: ArrayLike, decided: ArrayLike, M: int) -> NDArray[np.int64]:
     """How often each object (row) was taken for each (column), shape (M, M).
 
     Args:
-        trials: The decisions.
-        plan: The trials as planned.
+        true: What class of every trial, shape (n,).
+        decided: Decided what class, shape (n,).
         M: Number of what classes.
-        threshold: Index of the threshold.
     """
-    cells = plan.what * M + trials.what[:, threshold]
-    return np.bincount(cells, minlength=M * M).reshape(M, M)
+    return np.bincount(np.asarray(true) * M + np.asarray(decided), minlength=M * M).reshape(M, M)
 
 
 def join(parts: Sequence[xr.Dataset], names: Sequence[str]) -> xr.Dataset:

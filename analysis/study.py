@@ -140,19 +140,14 @@ def study(fold: Fold, grid: ClassGrid, settings: Settings, progress: Callable[[i
     plan = _passive_plan(table, settings)
     trials = play(plan, 1.0)
     passive = outcomes(trials, plan, plan.where, grid, settings.thresholds)
-    passive_confusion = confusion(trials, plan, grid.M, settings.shown)
+    passive_confusion = confusion(plan.what, trials.what[:, settings.shown], grid.M)
     active, active_confusion = None, None
     if can_act(grid):
         plan = _active_plan(table, settings, grid.L)
         trials = play(plan, settings.theta_x)
         active = outcomes(trials, plan, plan.fixation, grid, settings.thresholds)
         chosen = plan.fixation == fixation
-        active_confusion = confusion(
-            Trials(*(field[chosen] for field in trials)),
-            TrialPlan(*(field[chosen] for field in plan)),
-            grid.M,
-            settings.shown,
-        )
+        active_confusion = confusion(plan.what[chosen], trials.what[chosen, settings.shown], grid.M)
     rows = accuracy(table, settings.seed)
     dropped = len(fold.test) - len(test)
     return Study(fold.name, model, test, dropped, table, passive, active, passive_confusion, active_confusion, rows)

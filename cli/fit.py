@@ -44,7 +44,7 @@ def fit(
     from ..models.histogram import parse_power, trim
 
     parts, grid = load_experiment(data, where_cell, what_cell, split, train, test)
-    if len(parts.folds) > 1:
+    if len(parts.folds) != 1:
         raise InputError(f"--split {parts.method} makes {len(parts.folds)} models; fit writes one, so choose another.")
     fold = parts.folds[0]
     grid, dropped = trim(grid, [fold.train])

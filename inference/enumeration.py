@@ -50,7 +50,7 @@ class SequencePosterior(NamedTuple):
 def touch_tables(model: HistogramModel) -> TouchTables:
     """The fitted model as float64 JAX arrays; to be called where x64 is enabled."""
     return TouchTables(
-        jnp.asarray(model.log_prob), jnp.where(jnp.asarray(model.trained), 0.0, -jnp.inf), jnp.asarray(model.exponent)
+        jnp.asarray(model.log_prob), jnp.where(jnp.asarray(model.trained), 0.0, -jnp.inf), model.exponent
     )
 
 
@@ -60,7 +60,7 @@ def log_joint(tables: TouchTables, log_prior: jax.Array, bins: jax.Array) -> jax
     L, M = log_prior.shape
 
     def at(c: jax.Array) -> jax.Array:
-        return log_density(one_tap, (tables, log_prior, bins), {}, {"where": c // M, "what": c % M})[0]
+        return jnp.asarray(log_density(one_tap, (tables, log_prior, bins), {}, {"where": c // M, "what": c % M})[0])
 
     return jax.vmap(at)(jnp.arange(L * M)).reshape(L, M)
 
@@ -214,7 +214,7 @@ def _sequence(arguments: tuple, prefixes: jax.Array) -> tuple[jax.Array, jax.Arr
     T, (L, M) = len(prefixes), arguments[2].shape
 
     def log_evidence(probe: jax.Array, used: jax.Array) -> jax.Array:
-        return enumerated_log_density(model, (*arguments, used, probe), {}, {})[0]
+        return jnp.asarray(enumerated_log_density(model, (*arguments, used, probe), {}, {})[0])
 
     return jax.vmap(partial(jax.value_and_grad(log_evidence), jnp.zeros((T, L, M))))(prefixes)
 

@@ -10,7 +10,7 @@ however they are cut into slots and rounds.
 
 from collections.abc import Callable, Sequence
 from functools import partial
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -99,15 +99,15 @@ class _Slots(NamedTuple):
 
 
 class _Seen(NamedTuple):
-    """What one tap showed, before the move that follows it; axes (round, slot)."""
+    """What one tap showed, before the move that follows it; JAX, later NumPy arrays with the axes (round, slot)."""
 
-    what_belief: jax.Array
-    what: jax.Array
-    where: jax.Array
-    true_where: jax.Array
-    clamped: jax.Array
-    substituted: jax.Array
-    log_evidence: jax.Array
+    what_belief: Any
+    what: Any
+    where: Any
+    true_where: Any
+    clamped: Any
+    substituted: Any
+    log_evidence: Any
 
 
 class _Tables(NamedTuple):
@@ -116,7 +116,7 @@ class _Tables(NamedTuple):
     log_likelihood: jax.Array
     order: jax.Array
     first: jax.Array
-    count: jax.Array
+    size: jax.Array
     nearest: jax.Array
     key: jax.Array
 
@@ -351,7 +351,7 @@ def _round(tables: _Tables, state: _Slots, theta_x: float, border: Border, movin
 def _tap(tables: _Tables, slot: _Slots, *, theta_x: float, border: Border, moving: bool) -> tuple[_Slots, _Seen]:
     """One tap of one trial and the move after it; the order of `episode.perceive`."""
     uniform = _uniform(tables.key, slot.stream, slot.tap)
-    number = jnp.floor(uniform * tables.count[slot.where, slot.what]).astype(jnp.int64)
+    number = jnp.floor(uniform * tables.size[slot.where, slot.what]).astype(jnp.int64)
     index = tables.order[tables.first[slot.where, slot.what] + number]
     log_belief, log_evidence = bayes.update(slot.log_belief, tables.log_likelihood[index])
     where_belief, what_belief = bayes.marginals(log_belief)

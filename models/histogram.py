@@ -14,14 +14,13 @@ from dataclasses import dataclass
 from functools import cached_property
 from importlib.metadata import version
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 import numpyro
 import numpyro.distributions as dist
 import xarray as xr
-from jax.typing import ArrayLike
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from .classes import ClassGrid
 from .errors import InputError
@@ -51,9 +50,9 @@ def histogram_model(
     bins, where, what = np.asarray(bins), np.asarray(where), np.asarray(what)
     N, J, _ = bins.shape
     with numpyro.plate("L", L, dim=-3), numpyro.plate("M", M, dim=-2), numpyro.plate("K", K, dim=-1):
-        p = numpyro.sample("p", dist.Dirichlet(np.full(B, pseudocount)))
+        p: Any = numpyro.sample("p", dist.Dirichlet(np.full(B, pseudocount)))
     with numpyro.plate("tap", N, dim=-3), numpyro.plate("J", J, dim=-2), numpyro.plate("taxel", K, dim=-1):
-        numpyro.sample("bins", dist.Categorical(probs=p[where, what][:, None]), obs=bins)
+        numpyro.sample("bins", dist.CategoricalProbs(probs=p[where, what][:, None]), obs=bins)
 
 
 @dataclass(frozen=True, eq=False)
@@ -396,6 +395,6 @@ def _untouched(grid: ClassGrid, touched: NDArray[np.bool_]) -> tuple[str, ...]:
     """Names of the classes without a tap: whole objects, whole positions, then single cells."""
     objects, positions = ~touched.any(axis=0), ~touched.any(axis=1)
     names = [grid.what_name[m] for m in np.flatnonzero(objects)]
-    names += [grid.where_label(l) for l in np.flatnonzero(positions)]
-    cells = np.argwhere(~touched & ~objects & ~positions[:, np.newaxis])
+    names += [grid.where_label(l) for l in np.flatnonzero(positions).tolist()]
+    cells = np.argwhere(~touched & ~objects & ~positions[:, np.newaxis]).tolist()
     return (*names, *(f"{grid.what_name[m]} at {grid.where_label(l)}" for l, m in cells))

@@ -36,7 +36,7 @@ from .recording import Labels, Recording, as_samples
 ROW_VECTORS = ("what", "where", "session", "trial")
 TABLE_VECTORS = ("what_names", "what_values", "where_values", "where_edges")
 TEXTS = ("where_unit", "what_unit", "units", "meta")
-_KNOWN = {"taps", "stream", "taxel_position", *ROW_VECTORS, *TABLE_VECTORS, *TEXTS}
+KNOWN = {"taps", "stream", "taxel_position", *ROW_VECTORS, *TABLE_VECTORS, *TEXTS}
 _TAKEN = {  # names with a meaning of their own in a TapSet
     *("tap", "sample", "taxel", "axis", "time", "what_class", "where_class", "where_edge"),
     *("what_name", "what_value", "where_value"),
@@ -192,7 +192,7 @@ def _extra(arrays: Arrays, samples: NDArray[Any]) -> tuple[dict[str, NDArray[Any
     """Further arrays with one row per tap, and the names of those that have another shape or hold no numbers."""
     n, k = len(samples), samples.shape[-1]
     extra, left_out = {}, []
-    for name in sorted(set(arrays) - _KNOWN):
+    for name in sorted(set(arrays) - KNOWN):
         values = arrays[name]
         fits = values.shape in ((n,), (n, k)) and values.dtype.kind in "fiubU"
         if fits and name in _TAKEN:

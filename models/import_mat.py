@@ -11,9 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .errors import InputError
-from .import_arrays import ROW_VECTORS, TABLE_VECTORS, TEXTS
-
-_STRING_HINT = "is a MATLAB string or object; save text as cellstr(...) or char(...)."
+from .import_arrays import KNOWN, ROW_VECTORS, TABLE_VECTORS, TEXTS
+from .mat_v5 import Content, read_v5
 
 
 def read_mat(path: Path) -> dict[str, NDArray[Any]]:
@@ -25,13 +24,13 @@ def read_mat(path: Path) -> dict[str, NDArray[Any]]:
     """
     import h5py  # noqa: PLC0415
 
-    if h5py.is_hdf5(path):
-        return _arranged(_read_v73(path))
-    with path.open("rb") as file:
-        head = file.read(128)
-    if len(head) < 128 or not head.startswith(b"MATLAB"):
-        raise InputError("this is no MATLAB file of version 5 to 7.3, or it is truncated.")
-    return _arranged(_read_v5(path))
+    content = _read_v73(path) if h5py.is_hdf5(path) else read_v5(path.read_bytes())
+    arrays = {}
+    for name, value in content.items():
+        if isinstance(value, str) and name in KNOWN:
+            raise InputError(f"the array {name} is a {value}; plain arrays and cellstr(...) or char(...) are read.")
+        arrays[name] = np.array(value, dtype=object) if isinstance(value, str) else value
+    return _arranged(arrays)
 
 
 def _arranged(arrays: dict[str, NDArray[Any]]) -> dict[str, NDArray[Any]]:
@@ -42,66 +41,39 @@ def _arranged(arrays: dict[str, NDArray[Any]]) -> dict[str, NDArray[Any]]:
     if "taps" in arrays and arrays["taps"].ndim == 2:
         arrays["taps"] = arrays["taps"][:, :, np.newaxis]
     rows = len(arrays["taps"]) if "taps" in arrays else len(arrays.get("stream", ()))
-    known = {"taps", "stream", "taxel_position", *ROW_VECTORS, *TABLE_VECTORS, *TEXTS}
     for name, values in arrays.items():
-        if name not in known and values.shape in ((rows, 1), (1, rows)):
+        if name not in KNOWN and values.shape in ((rows, 1), (1, rows)):
             arrays[name] = values.reshape(-1)
     return arrays
 
 
-def _read_v5(path: Path) -> dict[str, NDArray[Any]]:
-    from scipy.io import loadmat  # noqa: PLC0415
-
-    try:
-        content = loadmat(path)
-    except Exception as error:  # on foreign bytes this parser raises almost any exception
-        raise InputError(f"this MATLAB file is damaged ({type(error).__name__}: {error}).") from error
-    return {name: _plain(name, value) for name, value in content.items() if not name.startswith("__")}
-
-
-def _plain(name: str, value: Any) -> NDArray[Any]:
-    """A v5 array as it is, and a cell of texts as an array of texts without the padding of character matrices."""
-    if not isinstance(value, np.ndarray):
-        raise InputError(f"the array {name} is of a kind that is not read ({type(value).__name__}).")
-    if value.dtype.names:
-        raise InputError(f"the array {name} is a struct or object; plain arrays are needed.")
-    if value.dtype.kind == "U":
-        return np.char.rstrip(value)
-    if value.dtype.kind != "O":
-        return value
-    cells = [np.asarray(cell) for cell in value.reshape(-1)]
-    if not all(cell.dtype.kind == "U" and cell.size <= 1 for cell in cells):
-        raise InputError(f"the array {name} is a cell with something else than one text in each place.")
-    return np.array(["".join(cell.reshape(-1)) for cell in cells], dtype=np.str_)
-
-
-def _read_v73(path: Path) -> dict[str, NDArray[Any]]:
+def _read_v73(path: Path) -> dict[str, Content]:
     import h5py  # noqa: PLC0415
 
     try:
         with h5py.File(path, "r") as file:
-            return {name: _read_node(file, name, node) for name, node in file.items() if not name.startswith("#")}
-    except InputError:
-        raise
+            return {name: _read_node(file, node) for name, node in file.items() if not name.startswith("#")}
     except (OSError, KeyError, RuntimeError, ValueError, TypeError) as error:
         raise InputError(f"this MATLAB 7.3 file is damaged ({error}).") from error
 
 
-def _read_node(file: Any, name: str, node: Any) -> NDArray[Any]:
+def _read_node(file: Any, node: Any) -> Content:
+    """The array, or for what cannot be read the name of its kind."""
     import h5py  # noqa: PLC0415
 
-    if not isinstance(node, h5py.Dataset):
-        raise InputError(f"the array {name} is a struct, object or sparse matrix; plain arrays are needed.")
     kind = _class_of(node)
-    if "MATLAB_object_decode" in node.attrs or kind in ("string", "table", "FileWrapper__"):
-        raise InputError(f"the array {name} {_STRING_HINT}")
+    if not isinstance(node, h5py.Dataset):
+        return "struct, object or sparse matrix"
+    if "MATLAB_object_decode" in node.attrs or kind in ("string", "table"):
+        return "string or object"
     if node.attrs.get("MATLAB_empty", 0):
         return np.array([], dtype=np.str_ if kind in ("char", "cell") else np.float64)
     if kind == "cell":
-        return np.array([_read_cell(file, name, reference) for reference in node[()].T.reshape(-1)], dtype=np.str_)
-    if kind == "char":
-        return np.array(_texts(node[()]), dtype=np.str_)
-    return node[()].T
+        cells = [file[reference] for reference in node[()].T.reshape(-1)]
+        if not all(_class_of(cell) == "char" for cell in cells):
+            return "cell with something else than one text in each place"
+        return np.array(["".join(_texts(cell)) for cell in cells], dtype=np.str_)
+    return np.array(_texts(node), dtype=np.str_) if kind == "char" else node[()].T
 
 
 def _class_of(node: Any) -> str:
@@ -109,14 +81,8 @@ def _class_of(node: Any) -> str:
     return kind.decode() if isinstance(kind, bytes) else str(kind)
 
 
-def _read_cell(file: Any, name: str, reference: Any) -> str:
-    node = file[reference]
-    if _class_of(node) != "char":
-        raise InputError(f"the array {name} is a cell with something else than one text in each place.")
-    texts = [] if node.attrs.get("MATLAB_empty", 0) else _texts(node[()])
-    return "".join(texts)
-
-
-def _texts(codes: NDArray[np.uint16]) -> list[str]:
+def _texts(node: Any) -> list[str]:
     """The rows of a character matrix, stored as UTF-16 codes of shape (columns, rows), without their padding."""
-    return [row.astype("<u2").tobytes().decode("utf-16-le", "replace").rstrip() for row in codes.T]
+    if node.attrs.get("MATLAB_empty", 0):
+        return []
+    return [row.astype("<u2").tobytes().decode("utf-16-le", "replace").rstrip() for row in node[()].T]

@@ -59,16 +59,17 @@ class TapCounts(dist.Distribution):
         log_prob_table: log P_k(b | class), shape (..., K, B).
     """
 
-    support = dist.constraints.independent(dist.constraints.nonnegative_integer, 2)
+    support = dist.constraints.independent(dist.constraints.nonnegative_integer, 2)  # pyright: ignore
     arg_constraints = {"log_prob_table": dist.constraints.independent(dist.constraints.real, 2)}  # noqa: RUF012
 
     def __init__(self, log_prob_table: jax.Array, *, validate_args: bool | None = None) -> None:
         self.log_prob_table = log_prob_table
         super().__init__(log_prob_table.shape[:-2], log_prob_table.shape[-2:], validate_args=validate_args)
 
-    def log_prob(self, value: jax.Array, intermediates: object = None) -> jax.Array:  # noqa: ARG002
+    def log_prob(self, value: ArrayLike, intermediates: object = None) -> jax.Array:  # noqa: ARG002
         """Sum over taxels and bins of counts times log probability; bins never hit do not count."""
-        terms = jnp.where(value > 0, value * self.log_prob_table, 0.0)
+        counts = jnp.asarray(value)
+        terms = jnp.where(counts > 0, counts * self.log_prob_table, 0.0)
         return terms.sum((-2, -1))
 
 
@@ -119,8 +120,8 @@ def one_tap(tables: TouchTables, log_prior: jax.Array, bins: ArrayLike) -> None:
         bins: Bin of each sample and taxel, shape (J, K).
     """
     log_where, log_what = split_prior(log_prior)
-    where = numpyro.sample("where", dist.Categorical(logits=log_where))
-    what = numpyro.sample("what", dist.Categorical(logits=log_what[where]))
+    where = numpyro.sample("where", dist.CategoricalLogits(logits=log_where))
+    what = numpyro.sample("what", dist.CategoricalLogits(logits=log_what[where]))
     numpyro.factor("trained", tables.log_trained[where, what])
     J, K = jnp.shape(bins)
     # The J-th root of Eq. 1 is a tempered likelihood: all samples of a taxel together count as one.
@@ -129,7 +130,7 @@ def one_tap(tables: TouchTables, log_prior: jax.Array, bins: ArrayLike) -> None:
         numpyro.plate("J", J, dim=-2),
         numpyro.plate("K", K, dim=-1),
     ):
-        numpyro.sample("bins", dist.Categorical(logits=tables.log_prob[where, what]), obs=bins)
+        numpyro.sample("bins", dist.CategoricalLogits(logits=tables.log_prob[where, what]), obs=bins)
 
 
 def tap_sequence(
@@ -160,12 +161,12 @@ def tap_sequence(
     where, what = None, None
     for t in markov(range(len(counts))):
         if where is None:
-            where = numpyro.sample("where_0", dist.Categorical(logits=log_where))
-            what = numpyro.sample("what_0", dist.Categorical(logits=Vindex(log_what)[where]))
+            where = numpyro.sample("where_0", dist.CategoricalLogits(logits=log_where))
+            what = numpyro.sample("what_0", dist.CategoricalLogits(logits=Vindex(log_what)[where]))
         else:
             before = where
-            where = numpyro.sample(f"where_{t}", dist.Categorical(logits=Vindex(log_where_kernel[t])[before]))
-            what = numpyro.sample(f"what_{t}", dist.Categorical(logits=Vindex(log_what_kernel[t])[before, what]))
+            where = numpyro.sample(f"where_{t}", dist.CategoricalLogits(logits=Vindex(log_where_kernel[t])[before]))
+            what = numpyro.sample(f"what_{t}", dist.CategoricalLogits(logits=Vindex(log_what_kernel[t])[before, what]))
         numpyro.factor(f"probe_{t}", Vindex(probe[t])[where, what])
         with numpyro.handlers.mask(mask=used[t]):
             numpyro.factor(f"trained_{t}", Vindex(tables.log_trained)[where, what])
