@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 from scipy.stats import norm
 
 from ..inference.montecarlo import TapTable
+from ..inference.reference import ZeroEvidenceError
 from .metrics import CONFIDENCE
 
 CONTACTS = (1, 2, 5, 10, 20)
@@ -39,14 +40,16 @@ def accuracy(table: TapTable, seed: int, contacts: Sequence[int] = CONTACTS) -> 
         table: Test taps.
         seed: Of the draws.
         contacts: Numbers of contacts.
+
+    Raises:
+        ZeroEvidenceError: Taps were impossible under every class.
     """
     generator = np.random.default_rng(seed)
-    L, M = table.log_prior.shape
     rows = []
     for n in contacts:
         cells = np.argwhere(table.pool.count >= n)
         if not len(cells):
-            break
+            continue
         hits = [_hits(table, l, m, _draw(table, l, m, n, generator)) for l, m in cells]
         weight = table.pool.count[cells[:, 0], cells[:, 1]].astype(np.float64)
         rows.append(Accuracy(n, len(cells), np.array(hits), weight))
@@ -87,6 +90,11 @@ def _draw(table: TapTable, l: int, m: int, n: int, generator: np.random.Generato
 
 def _hits(table: TapTable, l: int, m: int, taps: NDArray[np.intp]) -> tuple[float, float, float]:
     log_belief = table.log_prior + table.log_likelihood[taps].sum(axis=1)
+    if np.isneginf(log_belief).all(axis=(1, 2)).any():
+        raise ZeroEvidenceError(
+            f"A test tap of where class {l} and what class {m} is impossible under every class; a pseudocount above 0 "
+            "makes every tap possible."
+        )
     belief = np.exp(log_belief - log_belief.max(axis=(1, 2), keepdims=True))
     joint = belief.reshape(len(belief), -1).argmax(axis=1) == l * belief.shape[2] + m
     where = belief.sum(axis=2).argmax(axis=1) == l

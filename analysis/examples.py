@@ -1,6 +1,5 @@
 """Single episodes for the figures: evolving beliefs (Fig. 4) and trajectories (Fig. 6)."""
 
-from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
@@ -9,7 +8,7 @@ from numpy.typing import NDArray
 from ..hardware.replay import ReplayRig
 from ..inference.control import MovePolicy, fixation, passive
 from ..inference.engine import Engine
-from ..inference.episode import Episode, perceive
+from ..inference.episode import perceive
 from ..inference.montecarlo import plan_trials, trial_uniforms
 from .figure_episodes import BeliefCase
 from .study import Settings, Study

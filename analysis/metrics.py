@@ -122,8 +122,9 @@ def _with_intervals(data_sets: xr.Dataset, trials: xr.DataArray) -> xr.Dataset:
     result = data_sets[[*QUANTITIES, *FRACTIONS]].mean("data_set", keep_attrs=True)
     for name in QUANTITIES:
         if n > 1:
-            spread = data_sets[name].std("data_set", ddof=1) / np.sqrt(n)
-            half = t.ppf(0.5 + CONFIDENCE / 2, n - 1) * spread
+            seen = data_sets[name].count("data_set")  # a place may lack trials in some of the data sets
+            spread = data_sets[name].std("data_set", ddof=1) / np.sqrt(seen)
+            half = t.ppf(0.5 + CONFIDENCE / 2, seen - 1) * spread
         else:
             half = norm.ppf(0.5 + CONFIDENCE / 2) * np.sqrt((data_sets[f"{name}_variance"] / trials).mean("data_set"))
         result[f"{name}_low"] = np.maximum(result[name] - half, 0.0)

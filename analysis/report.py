@@ -87,13 +87,13 @@ def interval(row: Mapping[str, Any], name: str) -> str:
     """A quantity with its bounds, to the digit that the width of the interval supports.
 
     >>> interval({"taps": 26.314, "taps_low": 25.2, "taps_high": 27.41}, "taps")
-    '26.3 [25.2, 27.4]'
+    '26.31 [25.20, 27.41]'
     """
     value, low, high = (row.get(name + suffix) for suffix in ("", "_low", "_high"))
     if not (_is_number(value) and _is_number(low) and _is_number(high)):
         return number(value)
     half = (high - low) / 2
-    digits = min(max(-math.floor(math.log10(half / 3)), 0), 4) if half > 0 else 3
+    digits = min(max(-math.floor(math.log10(half / 30)), 0), 4) if half > 0 else 3
     return f"{value:.{digits}f} [{low:.{digits}f}, {high:.{digits}f}]"
 
 

@@ -66,7 +66,9 @@ def reproduce(
     files = [*(data or []), *(test_data or [])]
     if test_data and not data:
         raise InputError(f"{test_data[0]} is not expected here; recorded taps are named with --data.")
-    from ..analysis.reproduce import Request, reproduce as run, simulated_split
+    from ..analysis.reproduce import reproduce as run
+    from ..analysis.reproduce import simulated_split
+    from ..analysis.results import Request
     from ..analysis.study import Settings
     from ..models.experiment import load_experiment
     from ..models.histogram import parse_power

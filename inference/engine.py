@@ -40,6 +40,7 @@ class Engine(Protocol):
             tap: Prepared samples, shape (J, K).
 
         Raises:
+            InputError: The tap has not the size of the training taps, or a sample is NaN.
             ZeroEvidenceError: The tap is impossible under every class.
         """
         ...
@@ -80,7 +81,9 @@ class NumpyEngine:
 
     def update(self, log_belief: NDArray[np.float64], tap: ArrayLike) -> tuple[NDArray[np.float64], float]:
         """Eq. 1, 3 and 4."""
-        log_likelihood = reference.tap_log_likelihood(self._bins(np.asarray(tap)), self.log_prob, self.model.exponent)
+        tap = np.asarray(tap)
+        self.model.check_samples(tap)
+        log_likelihood = reference.tap_log_likelihood(self._bins(tap), self.log_prob, self.model.exponent)
         return reference.update_log(log_belief, log_likelihood)
 
     def shift(self, log_belief: NDArray[np.float64], delta: int) -> NDArray[np.float64]:

@@ -27,6 +27,7 @@ MAX_SEQUENCE = 20
 # Stands for log 0 in the linear-domain contraction, whose gradient is NaN at -inf: below any probability that can
 # matter in float64, above its underflow at -745.
 _IMPOSSIBLE = -600.0
+_PRECISION = 1e-16
 
 
 class SequenceUnderflowError(ArithmeticError):
@@ -177,16 +178,19 @@ def enumerate_sequence(
             f"Whole sequences of 1 to {MAX_SEQUENCE} taps with one move between two taps can be enumerated, "
             f"got {T} taps and {len(deltas)} moves."
         )
-    _check_spread(model.log_likelihood(taps))
+    log_likelihood = model.log_likelihood(taps)
+    _check_spread(log_likelihood)
+    likeliest = log_likelihood.max(axis=(1, 2))
     kernels = [move_kernel(L, 0, border), *(move_kernel(L, int(delta), border) for delta in deltas)]
     bins = model.bins(taps)
     counts = (bins[..., None] == np.arange(model.counts.shape[-1])).sum(axis=1)
+    impossible_bin = _IMPOSSIBLE + likeliest.min()  # so low that one sample there outweighs all others of its tap
     with jax.enable_x64(True):
         log_where, log_what = split_prior(jnp.asarray(model.log_prior))
         tables = touch_tables(model)
         arguments = (
             tables._replace(
-                log_prob=jnp.maximum(tables.log_prob, _IMPOSSIBLE / tables.exponent),
+                log_prob=jnp.where(jnp.isneginf(tables.log_prob), impossible_bin / tables.exponent, tables.log_prob),
                 log_trained=_floored(tables.log_trained),
             ),
             _floored(log_where),
@@ -197,7 +201,10 @@ def enumerate_sequence(
         )
         log_evidence, posterior = _sequence(arguments, jnp.tril(jnp.ones((T, T), dtype=bool)))
         log_evidence, posterior = np.asarray(log_evidence), np.asarray(posterior)
-    if not (np.isfinite(log_evidence).all() and np.isfinite(posterior).all()):
+    # Paths that are impossible weigh at most this much; what they stand beside must be far heavier.
+    ignored = _IMPOSSIBLE + likeliest.cumsum() + np.log(T * L * M)
+    finite = np.isfinite(log_evidence).all() and np.isfinite(posterior).all()
+    if not finite or (log_evidence < ignored - np.log(_PRECISION)).any():
         raise SequenceUnderflowError(
             f"Enumerating {T} taps at once left the range of float64: funsor contracts in the linear domain."
         )

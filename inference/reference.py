@@ -105,7 +105,7 @@ def histogram_probabilities(counts: ArrayLike, pseudocount: float = 0.01) -> NDA
         ValueError: A count or the pseudocount is negative, or a histogram is empty while the pseudocount is 0.
     """
     occupation = np.asarray(counts, dtype=np.float64) + pseudocount
-    if pseudocount < 0 or np.any(occupation < pseudocount):
+    if not (pseudocount >= 0 and np.all(occupation >= pseudocount)):
         raise ValueError("Counts and pseudocount must not be negative.")
     total = occupation.sum(axis=-1, keepdims=True)
     if np.any(total == 0):
@@ -135,8 +135,6 @@ def update(prior: ArrayLike, log_likelihood: ArrayLike) -> tuple[NDArray[np.floa
     joint = np.zeros(prior.shape)
     joint[possible] = prior[possible] * np.exp(log_likelihood[possible] - largest)
     evidence = joint.sum()
-    if evidence == 0:
-        raise ZeroEvidenceError("The evidence of the tap underflows; carry log beliefs with update_log instead.")
     return joint / evidence, float(np.log(evidence) + largest)
 
 

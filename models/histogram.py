@@ -108,8 +108,29 @@ class HistogramModel:
         return likelihood_exponent(self.power, self.preprocessing.samples, self.counts.shape[2])
 
     def bins(self, taps: ArrayLike) -> NDArray[np.intp]:
-        """The histogram bin of every sample, the shape of `taps` (..., K); values outside go to the end bins."""
-        return find_bins(np.asarray(taps), self.edges)
+        """The histogram bin of every sample, the shape of `taps` (..., J, K); values outside go to the end bins.
+
+        Raises:
+            InputError: As `check_samples`.
+        """
+        taps = np.asarray(taps)
+        self.check_samples(taps)
+        return find_bins(taps, self.edges)
+
+    def check_samples(self, taps: NDArray[np.floating]) -> None:
+        """Refuses samples that the model cannot speak about.
+
+        Args:
+            taps: Prepared samples, shape (..., J, K).
+
+        Raises:
+            InputError: Numbers of samples or taxels are not those of the training data, or a sample is NaN.
+        """
+        J, K = self.preprocessing.samples, self.counts.shape[2]
+        if taps.shape[-2:] != (J, K):
+            raise InputError(f"The model knows taps of {J} samples and {K} taxels, got shape {taps.shape}.")
+        if np.isnan(taps).any():
+            raise InputError("A sample is NaN and belongs to no bin.")
 
     def log_likelihood(self, taps: ArrayLike) -> NDArray[np.float64]:
         """Log P(z | class) of taps, -inf under untrained classes; Eq. 1.
@@ -121,23 +142,22 @@ class HistogramModel:
             Shape (N, L, M).
 
         Raises:
-            InputError: The taps have another number of samples or taxels than the training data.
+            InputError: As `check_samples`, or there are not three axes.
         """
-        taps = np.asarray(taps)
-        J, K = self.preprocessing.samples, self.counts.shape[2]
-        if taps.ndim != 3 or taps.shape[1:] != (J, K):
-            raise InputError(f"The model knows taps of {J} samples and {K} taxels, got shape {taps.shape}.")
-        L, M, _, B = self.counts.shape
+        bins = self.bins(taps)
+        if bins.ndim != 3:
+            raise InputError(f"Taps must have three axes (tap, sample, taxel), got shape {bins.shape}.")
+        L, M, K, B = self.counts.shape
         table = self.log_prob.reshape(L * M, K * B).T
         impossible = np.isneginf(table)
         table = np.where(impossible, 0.0, table)
         parts = []
-        for counts in _tap_counts(self.bins(taps), B):
+        for counts in _tap_counts(bins, B):
             part = counts @ table
             if impossible.any():
                 part[counts @ impossible > 0] = -np.inf
             parts.append(part)
-        log_likelihood = self.exponent * np.concatenate(parts).reshape(len(taps), L, M)
+        log_likelihood = self.exponent * np.concatenate(parts).reshape(len(bins), L, M)
         log_likelihood[:, ~self.trained] = -np.inf
         return log_likelihood
 
@@ -208,7 +228,7 @@ def load_model(path: str | Path) -> HistogramModel:
         raise InputError(f"{path} is netCDF but no fitted histogram model of format {FORMAT}.")
     attributes = dataset.attrs
     try:
-        return HistogramModel(
+        model = HistogramModel(
             grid=ClassGrid.from_dict(json.loads(attributes["grid"])),
             edges=dataset["edges"].values,
             counts=dataset["counts"].values,
@@ -220,6 +240,16 @@ def load_model(path: str | Path) -> HistogramModel:
         )
     except KeyError as error:
         raise InputError(f"{path} is damaged: {error} is missing.") from error
+    except (TypeError, ValueError) as error:
+        raise InputError(f"{path} is damaged: {error}") from error
+    shape = model.counts.shape
+    if (
+        len(shape) != 4
+        or shape[:2] != model.grid.shape
+        or model.edges.shape not in ((shape[3] + 1,), (shape[2], shape[3] + 1))
+    ):
+        raise InputError(f"{path} is damaged: its counts have shape {shape}, its edges {model.edges.shape}.")
+    return model
 
 
 def fit(

@@ -97,7 +97,7 @@ def _name(data: memoryview) -> str:
 
 
 def _numbers(kind: int, data: memoryview, endian: str) -> NDArray[Any]:
-    return np.frombuffer(data, dtype=np.dtype(_NUMBERS[kind]).newbyteorder(endian))
+    return np.frombuffer(data, dtype=f"{endian}{_NUMBERS[kind]}")
 
 
 def _texts(kind: int, data: memoryview, shape: tuple[int, ...], endian: str) -> Content:

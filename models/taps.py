@@ -27,6 +27,7 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any, Self
 
+import h5py
 import numpy as np
 import xarray as xr
 from numpy.typing import ArrayLike, NDArray
@@ -314,8 +315,10 @@ def load_dataset(path: str | Path) -> xr.Dataset:
     if not path.exists():
         raise InputError(f"{path} does not exist.")
     try:
+        with h5py.File(path, "r") as file:
+            file.visititems(lambda *_: None)  # where this fails, xarray would leave a half-open file behind
         return xr.load_dataset(path, engine="h5netcdf", decode_times=False)
-    except (OSError, ValueError, KeyError, RuntimeError) as error:
+    except Exception as error:  # on damaged bytes these libraries raise almost any exception
         raise InputError(f"{path} cannot be read as netCDF; it may be truncated or of another kind.") from error
 
 

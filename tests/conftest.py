@@ -1,10 +1,14 @@
 """What several folders of tests share: one random generator, recorded data, and small tap sets."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from pathlib import Path
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
+from solidtouch.hardware.model_rig import bin_tables
+from solidtouch.models.classes import ClassGrid
+from solidtouch.models.histogram import HistogramModel
 from solidtouch.models.preprocessing import Preprocessing
 from solidtouch.models.taps import TapSet
 
@@ -45,3 +49,49 @@ def make_taps() -> Callable[..., TapSet]:
         return TapSet.from_arrays(taps, what, [f"rod {2 + 2 * m} mm" for m in range(M)], **arguments)
 
     return make
+
+
+@pytest.fixture(scope="session")
+def make_model() -> Callable[..., HistogramModel]:
+    """A function that makes small models of random histograms with pairwise different sizes."""
+
+    def make(
+        L: int = 3,
+        M: int = 4,
+        K: int = 2,
+        J: int = 5,
+        B: int = 7,
+        *,
+        seed: int = 0,
+        taps: int = 3,
+        power: str | float = "J",
+        pseudocount: float = 0.01,
+        value_range: str = "global",
+        untrained: Iterable[tuple[int, int]] = (),
+    ) -> HistogramModel:
+        rng = np.random.default_rng(seed)
+        counts = rng.multinomial(taps * J, rng.dirichlet(np.full(B, 0.7), size=(L, M, K)))
+        for l, m in untrained:
+            counts[l, m] = 0
+        edges = np.linspace(-1.5, 2.0, B + 1)
+        if value_range == "taxel":
+            edges = rng.normal(size=(K, 1)) + np.arange(1.0, K + 1)[:, np.newaxis] * edges
+        grid = ClassGrid(1.5 * np.arange(L), "mm", None, tuple((f"object {m}",) for m in range(M)))
+        return HistogramModel(grid, edges, counts, pseudocount, power, Preprocessing(samples=J))
+
+    return make
+
+
+@pytest.fixture(scope="session")
+def draw_samples() -> Callable[..., NDArray[np.float64]]:
+    """A function that draws taps of random trained classes, or of one, from a model's own histograms."""
+
+    def draw(model: HistogramModel, T: int, seed: int = 0, where: int | None = None, what: int = 0) -> NDArray:
+        rng = np.random.default_rng(seed)
+        tables = bin_tables(model.probabilities, model.edges, model.grid.shape)
+        classes = np.argwhere(model.trained)
+        chosen = classes[rng.integers(len(classes), size=T)] if where is None else [(where, what)] * T
+        shape = model.preprocessing.samples, model.counts.shape[2]
+        return np.array([tables.values(l, m, rng.random(shape)) for l, m in chosen])
+
+    return draw

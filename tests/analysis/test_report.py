@@ -122,11 +122,11 @@ def test_the_page_is_complete_and_well_formed(tmp_path, pictures):
         "16 where classes (0.5 … 15.5 mm) times 1 what class (rods); 12 taxels, 50 samples per tap.",
         "where class 7 (counted from 0), 7.5 mm.",
         "Left out, without a training tap: “none”.",
-        "rod, passive mm 2 1.40 [1.29, 1.52] section 3.3",
+        "rod, passive mm 2 1.400 [1.290, 1.520] section 3.3",
         "Brackets hold 95 % of the resampled means.",
-        "0.1 1.00 [0.89, 1.12] 0.456 1.00 [0.89, 1.12] 1.00 [0.89, 1.12] 98.7 % 1.2 % 0 %",
-        "0.9995 1.00 [0.89, 1.12]",
-        "5 0.710 [0.690, 0.740] 0.8 0.9",
+        "0.1 1.000 [0.889, 1.122] 0.456 1.000 [0.889, 1.122] 1.000 [0.889, 1.122] 98.7 % 1.2 % 0 %",
+        "0.9995 1.000 [0.889, 1.122]",
+        "5 – 0.7100 [0.6900, 0.7400] 0.8 0.9",
         "differences exceed the limits (20 episodes, 400 taps). Differing decisions: 0, differing moves: 3",
         "posterior numpy, numpyro 3.6e-15 1e-10 FAILED",
         "Seed 123456789.",
@@ -220,7 +220,7 @@ def test_numbers_have_sensible_digits(value, printed):
 
 @pytest.mark.parametrize(
     ("value", "low", "high", "printed"),
-    [(0.43217, 0.401, 0.463, "0.43 [0.40, 0.46]"), (0.0012, 0.0, 0.0043, "0.0012 [0.0000, 0.0043]"),
+    [(0.43217, 0.401, 0.463, "0.432 [0.401, 0.463]"), (0.0012, 0.0, 0.0043, "0.0012 [0.0000, 0.0043]"),
      (1.0, 1.0, 1.0, "1.000 [1.000, 1.000]"), (1240.2, 1010.7, 1500.1, "1240 [1011, 1500]"), (2.345, None, 3.0, "2.35"),
      (2.345, float("nan"), 3.0, "2.35")],
 )  # fmt: skip

@@ -1,0 +1,191 @@
+"""A run in words and numbers: `summary.json` and `results.nc`."""
+
+import platform
+from collections.abc import Sequence
+from dataclasses import asdict
+from importlib.metadata import version
+from typing import Any
+
+import numpy as np
+import xarray as xr
+
+from ..models.classes import ClassGrid
+from ..models.taps import TapSet
+from . import metrics
+from .crosscheck import CrossCheck
+from .paper import compare
+from .results import Request, Results
+from .study import can_act
+
+_PACKAGES = ("solidtouch", "numpy", "jax", "numpyro", "funsor", "arviz", "xarray", "scipy", "matplotlib")
+
+
+def summarise(request: Request, results: Results) -> dict[str, Any]:
+    """What `summary.json` holds and the report is written from."""
+    settings, grid = request.settings, results.grid
+    curves = results.curves
+    kind = "simulated data sets" if request.simulated else "folds"
+    sizes = results.studies[0].test.dataset.sizes
+    return {
+        "title": f"Active Bayesian perception: {_subject(request)}",
+        "what_was_run": _what_was_run(request, results),
+        "command": request.command,
+        "simulated": request.simulated is not None,
+        "versions": {"python": platform.python_version()} | {name: version(name) for name in _PACKAGES},
+        "seed": settings.seed,
+        "options": asdict(settings) | {"data_sets": len(results.studies)},
+        "data": _sources(request),
+        "split": {
+            "method": request.split.method,
+            "description": request.split.description,
+            "warning": request.split.warning,
+        },
+        "grid": {
+            "L": grid.L,
+            "M": grid.M,
+            "K": sizes["taxel"],
+            "J": sizes["sample"],
+            "where": _span([grid.where_label(l) for l in range(grid.L)]) if grid.L > 1 else "",
+            "what": _span(grid.what_name),
+            "where_value": grid.where_value.tolist(),
+            "what_name": list(grid.what_name),
+            "left_out": list(results.left_out),
+        },
+        "units": {"what": grid.what_error_unit, "where": grid.where_unit},
+        "fixation": _fixation(results),
+        "results": [row for policy, curve in curves.items() for row in _rows(policy, curve)],
+        "interval": metrics.interval_sentence(len(results.studies), kind),
+        "accuracy": results.accuracy,
+        "paper": compare(curves, metrics.at_place(results.passive, results.fixation)) if request.simulated else None,
+        "crosscheck": _check_summary(results.check),
+        "warnings": _warnings(request, results),
+        "skipped": _skipped(grid),
+        "elapsed_s": results.elapsed_s,
+    }
+
+
+def _rows(policy: str, curve: xr.Dataset) -> list[dict[str, Any]]:
+    names = [name for name in metrics.QUANTITIES for name in (name, f"{name}_low", f"{name}_high")]
+    return [
+        {"policy": policy, "theta": float(curve["theta"][h])}
+        | {name: float(curve[name][h]) for name in (*names, *metrics.FRACTIONS)}
+        for h in range(curve.sizes["theta"])
+    ]
+
+
+def _check_summary(check: CrossCheck) -> dict[str, Any]:
+    return check._asdict() | {
+        "passed": check.passed,
+        "rows": [row._asdict() | {"passed": row.passed} for row in check.rows],
+        "notes": list(check.notes),
+    }
+
+
+def _subject(request: Request) -> str:
+    if request.simulated:
+        return f"simulated rig, preset {request.simulated}"
+    return ", ".join(request.files)
+
+
+def _sources(request: Request) -> list[dict[str, Any]]:
+    """What was simulated or read, one row per preset or file."""
+    folds = request.split.folds
+    if request.simulated:
+        taps = sum(len(fold.train) + len(fold.test) for fold in folds)
+        return [_source(f"preset {request.simulated}, {len(folds)} data sets", taps, folds[0].train, folds[0].test)]
+    first = folds[0]
+    if len(request.files) == 1:
+        return [_source(request.files[0], len(first.train) + len(first.test), first.train, first.test)]
+    sides = zip(request.files, (first.train, first.test), strict=True)
+    return [_source(name, len(taps), taps) for name, taps in sides]
+
+
+def _source(name: str, taps: int, *parts: TapSet) -> dict[str, Any]:
+    attributes = parts[0].dataset.attrs
+    told = (attributes.get(key, "") for key in ("sensor", "source", "licence"))
+    sessions = sorted({int(session) for part in parts for session in part.session})
+    return {
+        "name": name,
+        "taps": taps,
+        "sessions": ", ".join(str(session) for session in sessions),
+        "description": "; ".join(text for text in told if text),
+    }
+
+
+def _fixation(results: Results) -> dict[str, Any] | None:
+    if results.active is None:
+        return None
+    return {"index": results.fixation, "value": float(results.grid.where_value[results.fixation])}
+
+
+def _span(names: Sequence[str]) -> str:
+    """Names in print, many of them by the first and the last."""
+    return ", ".join(names) if len(names) <= 8 else f"{names[0]} to {names[-1]}"
+
+
+def _what_was_run(request: Request, results: Results) -> list[str]:
+    settings, grid = request.settings, results.grid
+    sets = len(results.studies)
+    return [
+        f"A histogram model of {settings.bins} bins was fitted to training taps of {grid.L} x {grid.M} "
+        f"(where, what) classes and tested on other taps, {sets} data set{'s' * (sets > 1)} in all. In every trial "
+        "test taps of one class are drawn with replacement and Bayes' rule accumulates the joint belief until the "
+        "belief in one object exceeds the threshold.",
+        f"Passive: {settings.trials} trials at each sensing position. "
+        + (
+            f"Active: {settings.trials} trials with random starts at each fixation point; the curves take the point "
+            f"{grid.where_label(results.fixation)}. "
+            if can_act(grid)
+            else ""
+        )
+        + f"All thresholds are read off the same trials. After {settings.deadline} taps the most probable classes "
+        "are taken. Errors are distances between classes.",
+    ]
+
+
+def _warnings(request: Request, results: Results) -> list[str]:
+    sentences = [request.split.warning] if request.split.warning else []
+    dropped = sum(part.dropped for part in results.studies)
+    if dropped:
+        sentences.append(f"Test taps of classes without a training tap were left out: {dropped}.")
+    substituted = [part for part in (results.passive, results.active) if part is not None]
+    if any(float(part["substituted_fraction"].max()) > 0 for part in substituted):
+        sentences.append(
+            "Some moves led to a class without a test tap; the nearest class with one was used, as the table counts."
+        )
+    if not results.check.passed:
+        sentences.append("The engines disagree: see the cross-check below before using any number.")
+    return [*sentences, *results.check.notes]
+
+
+def _skipped(grid: ClassGrid) -> list[str]:
+    if can_act(grid):
+        return []
+    reason = (
+        "one where class, so there is nowhere to move" if grid.L == 1 else "one object, so nothing is to be told apart"
+    )
+    return [f"These data have {reason}: active perception and figures 5 and 6 are left out."]
+
+
+def results_tree(results: Results) -> xr.DataTree:
+    """Every curve, labelled, with intervals; groups without an interval hold the single data sets."""
+    grid = results.grid
+    groups = {
+        "passive/data_sets": results.passive,
+        "passive/by_position": metrics.by_place(results.passive),
+        "contacts": results.accuracy_dataset,
+    }
+    if results.active is not None:
+        groups["active/data_sets"] = results.active
+        groups["active/by_fixation"] = metrics.by_place(results.active)
+    groups |= {f"{policy}/curve": curve for policy, curve in results.curves.items()}
+    passive, active = results.confusions
+    confusion = {"passive": (("what_true", "what_decided"), passive)}
+    if active is not None:
+        confusion["active"] = (("what_true", "what_decided"), active)
+    names = np.asarray(grid.what_name, dtype=np.str_)
+    groups["confusion"] = xr.Dataset(confusion, {"what_true": names, "what_decided": names})
+    if results.paths is not None:
+        for policy, paths in results.paths._asdict().items():
+            groups[f"{policy}/trajectories"] = xr.Dataset({"where_index": (("trial", "tap"), paths)})
+    return xr.DataTree.from_dict(groups)
