@@ -25,6 +25,9 @@ format: $(VENV)/.ready-dev
 	@$(PY) -m ruff check --fix .
 	@$(PY) -m ruff format .
 
+bench: $(VENV)/.ready-run
+	@$(PY) benchmarks/montecarlo.py
+
 # Pins every dependency for Python 3.12 to 3.14, on every platform, without addresses.
 lock: $(VENV)/.ready-dev
 	@$(PY) -m uv pip compile pyproject.toml --group dev --universal --python-version 3.12 --upgrade --quiet \
@@ -39,6 +42,7 @@ help:
 	@echo "make quick   tests without the slow ones"
 	@echo "make check   lint, format, types and import layers"
 	@echo "make format  mend lint and format"
+	@echo "make bench   time the Monte Carlo beside a plain loop"
 	@echo "make lock    choose the newest dependencies and pin them in constraints.txt"
 	@echo "make clean   remove what the others made"
 
@@ -47,10 +51,10 @@ $(VENV)/bin/python:
 
 $(VENV)/.ready-run: $(VENV)/bin/python pyproject.toml constraints.txt
 	@echo "Installing solidtouch into $(VENV) ..."
-	@$(PY) -m pip install --quiet --disable-pip-version-check -c constraints.txt -e .
+	@./.ci/quietly $(PY) -m pip install --disable-pip-version-check -c constraints.txt -e .
 	@touch $@
 
 $(VENV)/.ready-dev: $(VENV)/.ready-run
 	@echo "Installing what the tests need into $(VENV) ..."
-	@$(PY) -m pip install --quiet --disable-pip-version-check -c constraints.txt --group dev
+	@./.ci/quietly $(PY) -m pip install --disable-pip-version-check -c constraints.txt --group dev
 	@touch $@

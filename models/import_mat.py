@@ -52,7 +52,7 @@ def _read_v73(path: Path) -> dict[str, Content]:
 
     try:
         with h5py.File(path, "r") as file:
-            return {name: _read_node(file, file[name]) for name in file if not name.startswith("#")}
+            return {name: _read_node(file, file[name]) for name in map(str, file) if not name.startswith("#")}
     except (OSError, KeyError, RuntimeError, ValueError, TypeError) as error:
         raise InputError(f"this MATLAB 7.3 file is damaged ({error}).") from error
 
