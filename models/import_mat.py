@@ -12,7 +12,8 @@ from numpy.typing import NDArray
 
 from .errors import InputError
 from .import_arrays import KNOWN, ROW_VECTORS, TABLE_VECTORS, TEXTS
-from .mat_v5 import Content, read_v5
+
+type Content = NDArray[Any] | str
 
 
 def read_mat(path: Path) -> dict[str, NDArray[Any]]:
@@ -24,7 +25,7 @@ def read_mat(path: Path) -> dict[str, NDArray[Any]]:
     """
     import h5py  # noqa: PLC0415
 
-    content = _read_v73(path) if h5py.is_hdf5(path) else read_v5(path.read_bytes())
+    content = _read_v73(path) if h5py.is_hdf5(path) else _read_v5(path)
     arrays = {}
     for name, value in content.items():
         if isinstance(value, str) and name in KNOWN:
@@ -45,6 +46,34 @@ def _arranged(arrays: dict[str, NDArray[Any]]) -> dict[str, NDArray[Any]]:
         if name not in KNOWN and values.shape in ((rows, 1), (1, rows)):
             arrays[name] = values.reshape(-1)
     return arrays
+
+
+def _read_v5(path: Path) -> dict[str, Content]:
+    from scipy.io import loadmat  # noqa: PLC0415
+    from scipy.io.matlab import matfile_version  # noqa: PLC0415
+
+    try:
+        version = matfile_version(str(path))[0]
+        content = loadmat(path) if version == 1 else None
+    except Exception as error:  # SciPy lets many kinds out of a damaged file
+        raise InputError("this is no MATLAB file of version 5 to 7.3, or it is damaged or truncated.") from error
+    if content is None:
+        raise InputError("this is no MATLAB file of version 5 to 7.3.")
+    return {name: _plain(value) for name, value in content.items() if not name.startswith("__")}
+
+
+def _plain(value: Any) -> Content:
+    """What SciPy made of a variable as an array, or for what cannot be read the name of its kind."""
+    if type(value) is not np.ndarray or value.dtype.names is not None:
+        return "struct, sparse matrix, function, string or object"
+    if value.dtype.kind == "U":
+        return np.array([row.rstrip() for row in value.reshape(-1).tolist()], dtype=np.str_)
+    if value.dtype != object:
+        return value
+    cells = [np.asarray(cell) for cell in value.reshape(-1, order="F")]
+    if not all(cell.dtype.kind == "U" and cell.size <= 1 for cell in cells):
+        return "cell with something else than one text in each place"
+    return np.array(["".join(cell.reshape(-1).tolist()) for cell in cells], dtype=np.str_)
 
 
 def _read_v73(path: Path) -> dict[str, Content]:

@@ -31,7 +31,7 @@ THETAS = (0.9, 0.35, 1.0, 0.6, 0.0, 0.97)
 
 @pytest.fixture(scope="module")
 def model(make_model):
-    return make_model(5, 3, 2, 4, 6, seed=1, taps=20, pseudocount=0.5, power=0.4)
+    return make_model(5, 3, 2, 4, 6, seed=1, taps=20, pseudocount=0.5, power=0.15)
 
 
 @pytest.fixture(scope="module")
@@ -120,7 +120,7 @@ def test_the_cases_above_are_not_trivial(play):
     trials = play()
     passive = play(1.0)
 
-    assert 0 < trials.stopped[:, 5].mean() < 1 or 0 < passive.stopped[:, 5].mean() < 1
+    assert 0 < passive.stopped[:, 5].mean() < 1
     assert trials.clamped.max() > 0
     assert trials.substituted.max() > passive.substituted.max() == 1
     assert len(set(trials.taps[:, 0])) > 5

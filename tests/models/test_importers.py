@@ -94,7 +94,7 @@ def test_damaged_files_are_refused_or_read(kind, make_taps, writers, tmp_path, r
     write(make_taps(2, 2, 3, 2, 1, 1), path)
     whole = path.read_bytes()
     damaged = [whole[: len(whole) * i // 12] for i in range(12)]
-    for _ in range(0 if kind in ("nc", "mat73") else 50):  # garbled HDF5 can keep its library busy for ever
+    for _ in range(50 if kind in ("npz", "csv") else 0):  # garbled HDF5 and MATLAB files can crash their libraries
         garbled = bytearray(whole)
         start = int(rng.integers(len(whole)))
         garbled[start : start + 8] = rng.bytes(8)

@@ -1,0 +1,136 @@
+"""Files and folders that are whole or not there."""
+
+import stat
+
+import pytest
+from solidtouch.models.errors import InputError
+from solidtouch.models.storage import check_folder, check_writable, complete_file, complete_folder
+
+
+def names(folder):
+    return sorted(path.name for path in folder.iterdir())
+
+
+def test_a_file_appears_when_it_is_complete(tmp_path):
+    """Until then its folder holds a hidden name with the same ending."""
+    target = tmp_path / "model.nc"
+    with complete_file(target) as temporary:
+        temporary.write_text("whole")
+        assert not target.exists()
+        assert (temporary.parent, temporary.suffix) == (tmp_path, ".nc")
+
+    assert target.read_text() == "whole"
+    assert names(tmp_path) == ["model.nc"]
+
+
+def test_files_get_ordinary_permissions(tmp_path):
+    """Not the private ones of temporary files."""
+    plain = tmp_path / "plain"
+    plain.touch()
+    with complete_file(tmp_path / "ours") as temporary:
+        temporary.write_text("x")
+
+    assert stat.S_IMODE((tmp_path / "ours").stat().st_mode) == stat.S_IMODE(plain.stat().st_mode)
+
+
+@pytest.mark.parametrize("error", [KeyboardInterrupt, ValueError])
+def test_an_interrupted_file_leaves_the_old_one(tmp_path, error):
+    """And nothing beside it."""
+    target = tmp_path / "model.nc"
+    target.write_text("old")
+    with pytest.raises(error), complete_file(target, force=True) as temporary:
+        temporary.write_text("half")
+        raise error
+
+    assert target.read_text() == "old"
+    assert names(tmp_path) == ["model.nc"]
+
+
+def test_a_full_disk_is_an_input_error(tmp_path):
+    """What the operating system says is in the message, and no half file is left."""
+    with (
+        pytest.raises(InputError, match=r"model\.nc cannot be written: No space left on device"),
+        complete_file(tmp_path / "model.nc"),
+    ):
+        raise OSError(28, "No space left on device")
+    assert names(tmp_path) == []
+
+
+def test_existing_files_are_kept_without_force(tmp_path):
+    """The message names the option that overwrites."""
+    (tmp_path / "a").write_text("old")
+    with pytest.raises(InputError, match="a exists already; --force overwrites it"), complete_file(tmp_path / "a"):
+        pytest.fail("the block is entered")
+    assert check_writable(tmp_path / "a", force=True) == tmp_path / "a"
+
+
+def test_places_that_cannot_be_written_are_refused(tmp_path, monkeypatch):
+    """Directories, missing folders and folders without permission, each by name."""
+    with pytest.raises(InputError, match="is a directory, a file name is needed"):
+        check_writable(tmp_path)
+    with pytest.raises(InputError, match="there is no folder .*nowhere"):
+        check_writable(tmp_path / "nowhere" / "a")
+    monkeypatch.setattr("os.access", lambda *_: False)
+    with pytest.raises(InputError, match="the folder .* is not writable"):
+        check_writable(tmp_path / "a")
+
+
+def test_a_temporary_name_that_cannot_be_made_is_refused(tmp_path):
+    """For example where the name is too long."""
+    with (
+        pytest.raises(InputError, match="cannot be written: File name too long"),
+        complete_file(tmp_path / ("a" * 254)),
+    ):
+        pytest.fail("the block is entered")
+
+
+def test_a_folder_appears_when_it_is_complete(tmp_path):
+    """With the folders above it."""
+    target = tmp_path / "runs" / "first"
+    with complete_folder(target) as temporary:
+        (temporary / "a").write_text("1")
+        (temporary / "b").write_text("2")
+        assert not target.exists()
+
+    assert names(target) == ["a", "b"]
+    assert names(tmp_path / "runs") == ["first"]
+
+
+def test_an_interrupted_folder_leaves_nothing(tmp_path):
+    """Neither the folder nor its temporary files."""
+    with pytest.raises(KeyboardInterrupt), complete_folder(tmp_path / "first") as temporary:
+        (temporary / "a").write_text("half")
+        raise KeyboardInterrupt
+
+    assert names(tmp_path) == []
+
+
+def test_forced_folders_keep_what_is_not_replaced(tmp_path):
+    """Files of the same name are replaced."""
+    for name in ("a", "b"):
+        (tmp_path / name).write_text("old")
+    with complete_folder(tmp_path, force=True) as temporary:
+        (temporary / "a").write_text("new")
+
+    assert {path.name: path.read_text() for path in tmp_path.iterdir()} == {"a": "new", "b": "old"}
+
+
+def test_an_empty_folder_is_taken(tmp_path):
+    """It holds nothing that could be lost."""
+    assert check_folder(tmp_path) == tmp_path
+
+
+def test_folders_that_hold_something_are_refused(tmp_path):
+    """So are files."""
+    (tmp_path / "a").touch()
+    with pytest.raises(InputError, match="exists already; --force overwrites the files in it"):
+        check_folder(tmp_path)
+    with pytest.raises(InputError, match="a is a file, a folder is needed"):
+        check_folder(tmp_path / "a", force=True)
+
+
+def test_folders_that_cannot_be_made_are_refused(tmp_path):
+    """A file stands where the folder above should be."""
+    (tmp_path / "a").touch()
+    with pytest.raises(InputError, match="cannot be written"), complete_folder(tmp_path / "a" / "b"):
+        pytest.fail("the block is entered")
