@@ -91,10 +91,7 @@ def _draw(table: TapTable, l: int, m: int, n: int, generator: np.random.Generato
 def _hits(table: TapTable, l: int, m: int, taps: NDArray[np.intp]) -> tuple[float, float, float]:
     log_belief = table.log_prior + table.log_likelihood[taps].sum(axis=1)
     if np.isneginf(log_belief).all(axis=(1, 2)).any():
-        raise ZeroEvidenceError(
-            f"A test tap of where class {l} and what class {m} is impossible under every class; a pseudocount above 0 "
-            "makes every tap possible."
-        )
+        raise ZeroEvidenceError(f"A test tap of where class {l} and what class {m} is impossible under every class.")
     belief = np.exp(log_belief - log_belief.max(axis=(1, 2), keepdims=True))
     joint = belief.reshape(len(belief), -1).argmax(axis=1) == l * belief.shape[2] + m
     where = belief.sum(axis=2).argmax(axis=1) == l

@@ -24,6 +24,7 @@ def show(inspection: Inspection, console: Console, title: str = "") -> None:
     for name, value in overview_lines(inspection):
         overview.add_row(name, escape(value))
     console.print(overview)
+    console.print("Taps per cell" + (", session by session" if len(inspection.sessions) > 1 else ""))
     console.print(_counts(inspection))
     for warning in inspection.warnings:
         console.print(f"[yellow]![/yellow] {escape(warning)}", highlight=False)
@@ -64,7 +65,7 @@ def _counts(inspection: Inspection) -> Table:
         counts, rows, columns = counts.transpose(0, 2, 1), columns, rows
     if len(rows) > _ROWS or len(columns) > _COLUMNS or len(counts) > _COLUMNS:
         return _condensed_counts(inspection)
-    table = Table(title="taps per cell, session + session + ...", title_justify="left")
+    table = Table()
     for name in ("", *(columns if len(columns) > 1 else ("taps",))):
         table.add_column(escape(name))
     for r, name in enumerate(rows):
@@ -73,7 +74,7 @@ def _counts(inspection: Inspection) -> Table:
 
 
 def _condensed_counts(inspection: Inspection) -> Table:
-    table = Table(title="taps per cell", title_justify="left")
+    table = Table()
     for name in ("session", "taps", "filled cells", "fewest", "median", "most"):
         table.add_column(name, justify="right")
     for session, counts in zip(inspection.sessions, inspection.counts, strict=True):

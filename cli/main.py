@@ -13,6 +13,8 @@ from .fit import fit
 from .reproduce import reproduce
 from .simulate import simulate
 
+_INTERRUPTED = 130  # what Typer makes of Ctrl-C
+
 app = typer.Typer(
     name="solidtouch",
     help="Active Bayesian perception for robot touch: where and what, exactly enumerated.",
@@ -46,6 +48,14 @@ def run() -> None:
     except InputError as error:
         print(f"solidtouch: {error}", file=sys.stderr)
         sys.exit(2)
-    except KeyboardInterrupt:
-        print("solidtouch: interrupted, nothing was written.", file=sys.stderr)
-        sys.exit(130)
+    except ArithmeticError as error:
+        from ..inference.reference import ZeroEvidenceError
+
+        if not isinstance(error, ZeroEvidenceError):
+            raise
+        print(f"solidtouch: {error} A --pseudocount above 0 makes every tap possible.", file=sys.stderr)
+        sys.exit(2)
+    except SystemExit as stop:
+        if stop.code == _INTERRUPTED:
+            print("solidtouch: interrupted; no half-written file is left behind.", file=sys.stderr)
+        raise

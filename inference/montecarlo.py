@@ -293,7 +293,7 @@ class _Ledger:
         if impossible.any():
             raise ZeroEvidenceError(
                 f"In {int(impossible.any(axis=0).sum())} trials a tap was impossible under every class that was still "
-                "believed in; a pseudocount above 0 makes every tap possible."
+                "believed in."
             )
         return ended
 

@@ -11,6 +11,13 @@ def names(folder):
     return sorted(path.name for path in folder.iterdir())
 
 
+def write_half(opened, error):
+    """Begins to write and comes to grief."""
+    with opened as temporary:
+        (temporary / "a" if temporary.is_dir() else temporary).write_text("half")
+        raise error
+
+
 def test_a_file_appears_when_it_is_complete(tmp_path):
     """Until then its folder holds a hidden name with the same ending."""
     target = tmp_path / "model.nc"
@@ -38,9 +45,8 @@ def test_an_interrupted_file_leaves_the_old_one(tmp_path, error):
     """And nothing beside it."""
     target = tmp_path / "model.nc"
     target.write_text("old")
-    with pytest.raises(error), complete_file(target, force=True) as temporary:
-        temporary.write_text("half")
-        raise error
+    with pytest.raises(error):
+        write_half(complete_file(target, force=True), error)
 
     assert target.read_text() == "old"
     assert names(tmp_path) == ["model.nc"]
@@ -68,10 +74,10 @@ def test_places_that_cannot_be_written_are_refused(tmp_path, monkeypatch):
     """Directories, missing folders and folders without permission, each by name."""
     with pytest.raises(InputError, match="is a directory, a file name is needed"):
         check_writable(tmp_path)
-    with pytest.raises(InputError, match="there is no folder .*nowhere"):
+    with pytest.raises(InputError, match=r"there is no folder .*nowhere"):
         check_writable(tmp_path / "nowhere" / "a")
     monkeypatch.setattr("os.access", lambda *_: False)
-    with pytest.raises(InputError, match="the folder .* is not writable"):
+    with pytest.raises(InputError, match=r"the folder .* is not writable"):
         check_writable(tmp_path / "a")
 
 
@@ -98,9 +104,8 @@ def test_a_folder_appears_when_it_is_complete(tmp_path):
 
 def test_an_interrupted_folder_leaves_nothing(tmp_path):
     """Neither the folder nor its temporary files."""
-    with pytest.raises(KeyboardInterrupt), complete_folder(tmp_path / "first") as temporary:
-        (temporary / "a").write_text("half")
-        raise KeyboardInterrupt
+    with pytest.raises(KeyboardInterrupt):
+        write_half(complete_folder(tmp_path / "first"), KeyboardInterrupt)
 
     assert names(tmp_path) == []
 

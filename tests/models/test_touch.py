@@ -4,10 +4,9 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from numpyro.infer.util import log_density
 from solidtouch.inference import reference
-from solidtouch.inference.enumeration import touch_tables
-from solidtouch.models.touch import KERNEL_BORDERS, TapCounts, move_kernel, one_tap, split_prior
+from solidtouch.inference.enumeration import log_joint, touch_tables
+from solidtouch.models.touch import KERNEL_BORDERS, TapCounts, move_kernel, split_prior
 
 
 @pytest.mark.parametrize("border", KERNEL_BORDERS)
@@ -51,8 +50,10 @@ def test_counts_that_are_zero_do_not_see_impossible_bins():
     """0 times log 0 is 0, one time log 0 is impossible."""
     table = jnp.array([[-jnp.inf, -1.0], [-2.0, -jnp.inf]])
 
-    assert TapCounts(table).log_prob(jnp.array([[0, 3], [2, 0]])) == -7.0
-    assert TapCounts(table).log_prob(jnp.array([[1, 2], [2, 0]])) == -jnp.inf
+    counts = TapCounts(table, validate_args=False)
+
+    assert counts.log_prob(jnp.array([[0, 3], [2, 0]])) == -7.0
+    assert counts.log_prob(jnp.array([[1, 2], [2, 0]])) == -jnp.inf
 
 
 @pytest.mark.parametrize("power", ["J", "JK", "none", 0.7])
@@ -63,8 +64,6 @@ def test_the_log_joint_of_a_tap_is_prior_times_likelihood(make_model, draw_sampl
     tap = draw_samples(model, 1)
     expected = model.log_prior + model.log_likelihood(tap)[0]
     with jax.enable_x64(True):
-        arguments = touch_tables(model), jnp.asarray(model.log_prior), model.bins(tap)[0]
-        for l in range(3):
-            for m in range(4):
-                actual = log_density(one_tap, arguments, {}, {"where": l, "what": m})[0]
-                assert float(actual) == pytest.approx(expected[l, m], abs=1e-12)
+        actual = log_joint(touch_tables(model), jnp.asarray(model.log_prior), jnp.asarray(model.bins(tap)[0]))
+
+    np.testing.assert_allclose(actual, expected, rtol=1e-12)

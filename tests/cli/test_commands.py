@@ -1,0 +1,132 @@
+"""What every command says to good and bad input."""
+
+import numpy as np
+import pytest
+from solidtouch.models.histogram import load_model
+
+
+@pytest.fixture
+def taps_file(tmp_path, make_taps):
+    """A recording of two sessions."""
+    make_taps().save(tmp_path / "taps.nc")
+    return tmp_path / "taps.nc"
+
+
+def test_the_version_is_printed(command):
+    done = command("--version")
+
+    assert done.code == 0
+    assert done.out.startswith("solidtouch ")
+
+
+def test_fit_writes_a_model_and_names_what_was_left_out(command, tmp_path, make_taps):
+    """Objects without a training tap are left out of the grid, single cells are named."""
+    taps = make_taps(L=3, M=4)
+    kept = (taps.what != 2) & ~((taps.what == 1) & (taps.where == taps.where.max()))
+    taps.select(kept).save(tmp_path / "taps.nc")
+
+    done = command("fit", tmp_path / "taps.nc", "--out", tmp_path / "model.nc", "--bins", 9, "--power", "0.5")
+
+    assert done.code == 0
+    assert "Session 0 trains, session 1 tests." in done.out
+    assert "3 x 3 (where, what) classes" in done.out
+    assert "rod 6 mm, rod 4 mm at 3 mm" in done.out
+    model = load_model(tmp_path / "model.nc")
+    assert model.counts.shape == (3, 3, 5, 9)
+    assert model.power == 0.5
+
+
+def test_a_split_of_one_session_carries_a_warning(command, tmp_path, make_taps):
+    make_taps(sessions=1).save(tmp_path / "taps.nc")
+
+    done = command("fit", tmp_path / "taps.nc", "--out", tmp_path / "model.nc")
+
+    assert "Warning: Training and test taps come from the same session" in done.out
+
+
+def test_crosscheck_prints_agreement(command, taps_file):
+    done = command("crosscheck", taps_file, "--episodes", 2, "--length", 5, "--sequence-taps", 3, "--bins", 6)
+
+    assert done.code == 0
+    assert "All routes agree." in done.out
+    assert "numpyro sequence" in done.out
+
+
+def test_crosscheck_leaves_numpyro_out_where_the_border_is_no_kernel(command, taps_file):
+    done = command("crosscheck", taps_file, "--episodes", 1, "--length", 4, "--border", "prior", "--bins", 6)
+
+    assert done.code == 0
+    assert "no Markov kernel" in done.out
+    assert "numpyro" not in done.out.replace("NumPyro", "")
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (["fit", "MISSING", "--out", "OUT"], "missing.nc does not exist"),
+        (["fit", "FOLDER", "--out", "OUT"], "without .csv"),
+        (["fit", "TAPS", "--out", "TAPS"], "exists already; --force"),
+        (["fit", "TAPS", "--out", "NOWHERE"], "there is no folder"),
+        (["fit", "TAPS", "--out", "OUT", "--power", "K"], "power must be J, JK, none or a positive number, got 'K'"),
+        (["fit", "TAPS", "--out", "OUT", "--where-cell", "3kg"], "--where-cell '3kg' cannot be converted"),
+        (["fit", "TAPS", "--out", "OUT", "--split", "thirds"], "thirds"),
+        (["fit", "TAPS", "--out", "OUT", "--train", "0", "--test", "7"], "session 7|7"),
+        (["fit", "TAPS", "--out", "OUT", "--split", "leave-one-session-out"], "makes 2 models"),
+        (["fit", "TAPS", "TAPS", "TAPS", "--out", "OUT"], "One data file or two"),
+        (["crosscheck", "FOREIGN"], "foreign.npz"),
+        (["crosscheck", "TAPS", "--pseudocount", "0", "--bins", "40"], "impossible"),
+        (["reproduce", "--data", "MISSING", "--out", "OUT"], "missing.nc does not exist"),
+        (["reproduce", "TAPS"], "named with --data"),
+        (["reproduce", "--data", "TAPS", "--out", "TAPS"], "is a file, a folder is needed"),
+        (["reproduce", "--data", "TAPS", "--out", "FULL"], "exists already; --force"),
+        (["reproduce", "--data", "TAPS", "--out", "OUT", "--fixation", "3"], "--fixation must be a class index from 0"),
+        (["reproduce", "--data", "TAPS", "--out", "OUT", "--thresholds", "a"], "--thresholds needs numbers"),
+        (["reproduce", "--data", "TAPS", "--out", "OUT", "--thresholds", "1.5"], "--thresholds must be numbers from 0"),
+        (["reproduce", "--data", "TAPS", "--out", "OUT", "--theta-x", "2"], "--theta-x must lie between 0 and 1"),
+        (["reproduce", "--data", "TAPS", "--out", "OUT", "--border", "clamp", "--power", "-1"], "power"),
+        (["reproduce", "--preset", "papre", "--out", "OUT"], "no preset 'papre'"),
+    ],
+    ids=lambda value: " ".join(value) if isinstance(value, list) else "",
+)  # fmt: skip
+def test_bad_input_is_one_sentence_and_exit_code_2(words, said, command, tmp_path, taps_file):
+    """The sentence names the culprit, nothing is written and nothing overwritten."""
+    (tmp_path / "folder").mkdir()
+    (tmp_path / "full").mkdir()
+    (tmp_path / "full" / "mine.txt").write_text("mine")
+    (tmp_path / "foreign.npz").write_bytes(b"\x89PNG nothing")
+    names = {
+        "TAPS": taps_file, "OUT": tmp_path / "out", "MISSING": tmp_path / "missing.nc", "FOLDER": tmp_path / "folder",
+        "NOWHERE": tmp_path / "no" / "model.nc", "FULL": tmp_path / "full", "FOREIGN": tmp_path / "foreign.npz",
+    }  # fmt: skip
+    before = {path: path.read_bytes() for path in tmp_path.rglob("*") if path.is_file()}
+
+    done = command(*(names.get(word, word) for word in words))
+
+    sentence = done.err.strip().splitlines()[-1]
+    assert done.code == 2
+    assert sentence.startswith("solidtouch: ")
+    assert any(part in sentence for part in said.split("|"))
+    assert "Traceback" not in done.err
+    assert {path: path.read_bytes() for path in tmp_path.rglob("*") if path.is_file()} == before
+    assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize(
+    "words", [["fit"], ["crosscheck", "x", "--bins", "0"], ["reproduce", "--engine", "fast"], ["tap"]]
+)
+def test_wrong_options_exit_with_code_2(words, command):
+    assert command(*words).code == 2
+
+
+def test_a_model_refuses_taps_prepared_otherwise(command, tmp_path, make_taps):
+    """Two files with different records cannot train and test each other."""
+    taps = make_taps()
+    taps.save(tmp_path / "train.nc")
+    other = taps.preprocessing.to_json().replace("50.0", "40.0")
+    type(taps)(taps.dataset.assign_attrs(preprocessing=other)).save(tmp_path / "test.nc")
+
+    done = command("fit", tmp_path / "train.nc", tmp_path / "test.nc", "--out", tmp_path / "model.nc")
+
+    assert done.code == 2
+    assert "rate_hz is 50.0" in done.err
+    assert np.array_equal([False], [(tmp_path / "model.nc").exists()])
