@@ -14,6 +14,7 @@ from .study import can_act
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
+
 class Picture(NamedTuple):
     """A figure and what is said of it."""
 

@@ -87,7 +87,7 @@ def reproduce(request: Request, folder: Path, force: bool = False, progress: Pro
         with clock.stage("Drawing figures", count(results.grid)) as advance:
             pictures = draw(request, results, temporary, advance)
         summary = summarise(request, results)
-        results_tree(results).to_netcdf(temporary / "results.nc", engine="h5netcdf")
+        results_tree(request, results).to_netcdf(temporary / "results.nc", engine="h5netcdf")
         (temporary / "summary.json").write_text(json.dumps(summary, indent=1, allow_nan=False) + "\n", encoding="utf-8")
         write_report(temporary, summary, pictures)
     return summary

@@ -33,6 +33,7 @@ def summarise(request: Request, results: Results) -> dict[str, Any]:
         "simulated": request.simulated is not None,
         "versions": {"python": platform.python_version()} | {name: version(name) for name in _PACKAGES},
         "seed": settings.seed,
+        "data_sets": [part.name for part in results.studies],
         "options": asdict(settings) | {"data_sets": len(results.studies)},
         "data": _sources(request),
         "split": {
@@ -167,7 +168,7 @@ def _skipped(grid: ClassGrid) -> list[str]:
     return [f"These data have {reason}: active perception and figures 5 and 6 are left out."]
 
 
-def results_tree(results: Results) -> xr.DataTree:
+def results_tree(request: Request, results: Results) -> xr.DataTree:
     """Every curve, labelled, with intervals; groups without an interval hold the single data sets."""
     grid = results.grid
     groups = {
@@ -188,4 +189,11 @@ def results_tree(results: Results) -> xr.DataTree:
     if results.paths is not None:
         for policy, paths in results.paths._asdict().items():
             groups[f"{policy}/trajectories"] = xr.Dataset({"where_index": (("trial", "tap"), paths)})
-    return xr.DataTree.from_dict(groups)
+    tree = xr.DataTree.from_dict(groups)
+    tree.attrs = {
+        "command": request.command,
+        "split": f"{request.split.method}: {request.split.description}",
+        "seed": request.settings.seed,
+        "solidtouch": version("solidtouch"),
+    }
+    return tree

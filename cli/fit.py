@@ -49,7 +49,13 @@ def fit(
     fold = parts.folds[0]
     grid, dropped = trim(grid, [fold.train])
     model = fit_histogram(
-        fold.train, grid, bins=bins, pseudocount=pseudocount, power=parse_power(power), value_range=value_range
+        fold.train,
+        grid,
+        bins=bins,
+        pseudocount=pseudocount,
+        power=parse_power(power),
+        value_range=value_range,
+        trained_on=f"{', '.join(path.name for path in data)}: {parts.description}",
     )
     model.save(out, force)
     left_out = [*dropped, *model.left_out]

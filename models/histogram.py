@@ -67,6 +67,7 @@ class HistogramModel:
         power: Root of the likelihood in Eq. 1: `"J"`, `"JK"`, `"none"` or an exponent.
         preprocessing: How the taps were prepared.
         left_out: Names of the classes without a training tap.
+        trained_on: Which taps trained it, in words.
         version: Version of this software that fitted it.
     """
 
@@ -77,6 +78,7 @@ class HistogramModel:
     power: str | float
     preprocessing: Preprocessing
     left_out: tuple[str, ...] = ()
+    trained_on: str = ""
     version: str = ""
 
     @cached_property
@@ -210,6 +212,7 @@ class HistogramModel:
                 "preprocessing": self.preprocessing.to_json(),
                 "grid": json.dumps(self.grid.to_dict()),
                 "left_out": json.dumps(self.left_out),
+                "trained_on": self.trained_on,
                 "version": self.version,
             },
         )
@@ -236,6 +239,7 @@ def load_model(path: str | Path) -> HistogramModel:
             power=parse_power(attributes["power"]),
             preprocessing=Preprocessing.from_json(attributes["preprocessing"]),
             left_out=tuple(json.loads(attributes["left_out"])),
+            trained_on=str(attributes["trained_on"]),
             version=attributes["version"],
         )
     except KeyError as error:
@@ -260,6 +264,7 @@ def fit(
     pseudocount: float = 0.01,
     power: str | float = "J",
     value_range: Literal["global", "taxel"] = "global",
+    trained_on: str = "",
 ) -> HistogramModel:
     """The histograms of training taps; Eq. 2.
 
@@ -272,6 +277,7 @@ def fit(
             impossible under their own class; later work adds a small constant.
         power: Root of Eq. 1, see `inference.reference.exponent`.
         value_range: Whether bins span the range of all taxels together or of each.
+        trained_on: Which taps these are, in words, for the model's file.
 
     Returns:
         The fitted model, with the untrained classes by name.
@@ -300,6 +306,7 @@ def fit(
         power=power,
         preprocessing=taps.preprocessing,
         left_out=_untouched(grid, counts.sum(axis=(2, 3)) > 0),
+        trained_on=trained_on,
         version=version("solidtouch"),
     )
 
