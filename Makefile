@@ -31,7 +31,7 @@ bench: $(VENV)/.ready-run
 # Pins every dependency for Python 3.12 to 3.14, on every platform, without addresses.
 lock: $(VENV)/.ready-dev
 	@$(PY) -m uv pip compile pyproject.toml --group dev --universal --python-version 3.12 --upgrade --quiet \
-		--no-header --no-annotate --no-emit-index-url --no-emit-find-links --output-file constraints.txt
+		--no-header --no-annotate --output-file constraints.txt
 
 clean:
 	rm -rf $(VENV) build dist *.egg-info
@@ -46,10 +46,8 @@ help:
 	@echo "make lock    choose the newest dependencies and pin them in constraints.txt"
 	@echo "make clean   remove what the others made"
 
-$(VENV)/bin/python:
+$(VENV)/.ready-run: pyproject.toml constraints.txt
 	@./.ci/make-venv $(VENV)
-
-$(VENV)/.ready-run: $(VENV)/bin/python pyproject.toml constraints.txt
 	@echo "Installing solidtouch into $(VENV) ..."
 	@./.ci/quietly $(PY) -m pip install --disable-pip-version-check -c constraints.txt -e .
 	@touch $@

@@ -2,11 +2,14 @@
 
 from functools import cache
 
+import jax
+import jax.numpy as jnp
 import numpy as np
 import pytest
 from solidtouch.hardware.model_rig import draw_taps
 from solidtouch.hardware.pool import tap_pool
 from solidtouch.hardware.replay import ReplayRig
+from solidtouch.inference import filter as bayes
 from solidtouch.inference.control import fixation
 from solidtouch.inference.engine import make_engine
 from solidtouch.inference.episode import perceive
@@ -249,6 +252,52 @@ def test_taps_after_the_decision_do_not_matter():
     )
 
     assert (trials.taps == 1).all()
+
+
+def flat_table(L, M):
+    """Two taps of every class that say nothing."""
+    where, what = np.indices((L, M)).reshape(2, -1).repeat(2, axis=1)
+    prior = np.full((L, M), -np.log(L * M))
+    return TapTable(np.zeros((2 * L * M, L, M)), tap_pool(where, what, (L, M)), prior)
+
+
+def first_class(trials):
+    """A plan of trials that start in the first class and aim for the second position."""
+    return TrialPlan(*np.array([[0] * trials, [0] * trials, [1] * trials, range(trials)]))
+
+
+def test_a_threshold_that_is_met_exactly_goes_on():
+    """The comparison is strict."""
+    table = flat_table(2, 3)
+    belief = run_trials(table, first_class(1), (1.0,), theta_x=1.0, deadline=1).belief[0, 0]
+    trials = run_trials(table, first_class(1), (belief, np.nextafter(belief, 0.0)), theta_x=1.0, deadline=1)
+
+    assert trials.stopped.tolist() == [[False, True]]
+
+
+def test_a_move_needs_more_belief_than_its_threshold():
+    """The sensor stays while the where belief is exactly theta_X."""
+    table = flat_table(2, 3)
+    with jax.enable_x64(True):
+        log_belief, _ = bayes.update(jnp.asarray(table.log_prior), jnp.zeros((2, 3)))
+        theta_x = float(bayes.marginals(log_belief)[0].max())
+    stays, moves = (
+        run_trials(table, first_class(1), (1.0,), theta_x=theta, deadline=2).true_where[0, 0]
+        for theta in (theta_x, theta_x - 1e-9)
+    )
+
+    assert (stays, moves) == (0, 1)
+
+
+def test_beliefs_that_rounding_lifts_above_one_do_not_cross_a_threshold_of_one():
+    """With a single object every belief in it is one, up to the last digit."""
+    rng = np.random.default_rng(0)
+    log_likelihood = rng.normal(size=(400, 7, 1))
+    table = TapTable(log_likelihood, tap_pool(np.arange(400) % 7, [0] * 400, (7, 1)), np.full((7, 1), -np.log(7)))
+    trials = run_trials(table, plan_trials(table.pool, 300, 0), (1.0,), theta_x=1.0, deadline=2)
+
+    assert trials.belief.max() > 1.0
+    assert not trials.stopped.any()
 
 
 def test_plans_start_uniformly_in_the_classes_with_a_tap(table):

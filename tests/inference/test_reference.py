@@ -339,6 +339,7 @@ BY_HAND = {
 def test_shift_by_two_of_three_by_hand(border):
     """Belief about class 0 becomes belief about class 2; 5/8 of the mass is pushed out."""
     np.testing.assert_allclose(reference.shift(BELIEF, 2, border), BY_HAND[border], atol=1e-15)
+    np.testing.assert_allclose(np.exp(reference.shift_log(logs(BELIEF), 2, border)), BY_HAND[border], atol=1e-15)
 
 
 @pytest.mark.parametrize("border", BORDERS)
