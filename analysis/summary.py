@@ -55,6 +55,7 @@ def summarise(request: Request, results: Results) -> dict[str, Any]:
         "units": {"what": grid.what_error_unit, "where": grid.where_unit},
         "fixation": _fixation(results),
         "results": [row for policy, curve in curves.items() for row in _rows(policy, curve)],
+        "shown_theta": settings.thresholds[settings.shown],
         "interval": metrics.interval_sentence(len(results.studies), kind),
         "accuracy": results.accuracy,
         "paper": compare(curves, metrics.at_place(results.passive, results.fixation)) if request.simulated else None,

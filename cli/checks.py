@@ -45,7 +45,8 @@ def crosscheck(
     from ..analysis.crosscheck import render
     from ..analysis.study import Settings
     from ..models.experiment import load_experiment
-    from ..models.histogram import parse_power, trim
+    from ..models.histogram import trim
+    from ..models.power import parse_power
     from .progress import bars
 
     parts, grid = load_experiment(data, where_cell, what_cell, split, train, test)

@@ -65,7 +65,7 @@ def convert(
     where_unit: Annotated[str | None, typer.Option(help="Unit of the positions.", rich_help_panel=_LABELS)] = None,
     what_unit: Annotated[str | None, typer.Option(help="Unit of the object sizes.", rich_help_panel=_LABELS)] = None,
 ) -> None:
-    """Import recorded taps, or cut recorded streams into taps, as one .nc file."""
+    """Imports recorded taps, or cuts recorded streams into taps, as one .nc file."""
     from ..models.errors import InputError
     from ..models.importers import read_recording
     from ..models.recording import naming
@@ -153,7 +153,7 @@ def inspect(
     where_cell: WhereCell = None,
     what_cell: WhatCell = None,
 ) -> None:
-    """Print what a tap set holds and name what in it may mislead."""
+    """Prints what a tap set holds and names what in it may mislead."""
     from rich.console import Console
 
     from ..analysis.inspect import inspect as inspect_taps

@@ -41,7 +41,8 @@ def fit(
     from ..models.errors import InputError
     from ..models.experiment import load_experiment
     from ..models.histogram import fit as fit_histogram
-    from ..models.histogram import parse_power, trim
+    from ..models.histogram import trim
+    from ..models.power import parse_power
 
     parts, grid = load_experiment(data, where_cell, what_cell, split, train, test)
     if len(parts.folds) != 1:

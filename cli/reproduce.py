@@ -4,7 +4,7 @@ import shlex
 import sys
 from datetime import datetime
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 from typer import Option
@@ -31,16 +31,17 @@ _QUICK_TRIALS, _TRIALS = 250, 1000
 
 def reproduce(
     data: Annotated[
-        list[str] | None, Option(help="Recorded taps instead of simulated ones: one file to split.")
+        list[str] | None,
+        Option(metavar="FILE | TRAIN TEST", help="Recorded taps instead of simulated ones: one file to split, or two."),
     ] = None,
-    test_data: Annotated[
-        list[str] | None, typer.Argument(metavar="[TEST]", help="With --data TRAIN: the test taps.")
-    ] = None,
+    test_data: Annotated[list[str] | None, typer.Argument(metavar="TEST", hidden=True)] = None,
     out: Annotated[Path | None, Option(help="Folder for the results; default runs/<date-time>.")] = None,
     quick: Annotated[
         bool, Option("--quick", help=f"{_QUICK_DATA_SETS} simulated data sets, {_QUICK_TRIALS} trials each.")
     ] = False,
-    preset: Annotated[str, Option(help="Which simulated rig: paper, ideal, broken, hold2 or nodrift.")] = "paper",
+    preset: Annotated[
+        str | None, Option(help="Which simulated rig: paper, ideal, broken, hold2 or nodrift; default paper.")
+    ] = None,
     data_sets: Annotated[int | None, Option(min=1, help=f"Simulated data sets; default {_DATA_SETS}.")] = None,
     trials: Annotated[
         int | None, Option(min=1, help=f"Trials per position and per fixation point; default {_TRIALS}.")
@@ -66,12 +67,18 @@ def reproduce(
     files = [*(data or []), *(test_data or [])]
     if test_data and not data:
         raise InputError(f"{test_data[0]} is not expected here; recorded taps are named with --data.")
+    simulated_only = {"--preset": preset, "--data-sets": data_sets}
+    recorded_only = {"--split": split, "--train": train, "--test": test}
+    for option, value in (simulated_only if files else recorded_only).items():
+        if value is not None:
+            raise InputError(f"{option} goes with {'simulated' if files else 'recorded'} taps only.")
+    preset = preset or "paper"
     from ..analysis.reproduce import reproduce as run
     from ..analysis.reproduce import simulated_split
     from ..analysis.results import Request
     from ..analysis.study import Settings
     from ..models.experiment import load_experiment
-    from ..models.histogram import parse_power
+    from ..models.power import parse_power
     from ..models.storage import check_folder
     from .progress import bars
 
@@ -109,9 +116,21 @@ def reproduce(
         summary = run(request, folder, force, progress)
     for sentence in (*summary["warnings"], *summary["skipped"]):
         print(f"Note: {sentence}")
+    _print_results(summary)
     print(f"The report is {folder / 'report.html'}")
     if not summary["crosscheck"]["passed"]:
         raise typer.Exit(1)
+
+
+def _print_results(summary: dict[str, Any]) -> None:
+    """One line per policy, at the threshold that the figures show."""
+    from ..analysis.figure_style import axis_label
+
+    names = {f"{kind}_error": axis_label(f"{kind} error", summary["units"][kind]) for kind in ("what", "where")}
+    for row in summary["results"]:
+        if row["theta"] == summary["shown_theta"]:
+            errors = ", ".join(f"{label} {row[name]:.3g}" for name, label in names.items())
+            print(f"{row['policy']:7} at threshold {row['theta']:g}: {errors}, taps {row['taps']:.3g}")
 
 
 def _thresholds(text: str) -> tuple[float, ...]:

@@ -28,6 +28,11 @@ class Engine(Protocol):
         ...
 
     @property
+    def model(self) -> HistogramModel:
+        """The measurement model behind it."""
+        ...
+
+    @property
     def log_prior(self) -> NDArray[np.float64]:
         """Log belief before the first tap, shape (L, M)."""
         ...

@@ -59,11 +59,12 @@ def perceive(
         deadline: Taps after which the most probable classes are taken.
 
     Raises:
-        InputError: The deadline is below one tap.
+        InputError: The deadline is below one tap, or the sensor prepares its taps otherwise than the model's.
         ZeroEvidenceError: A tap is impossible under every class.
     """
     if deadline < 1:
         raise InputError(f"The deadline must be at least one tap, got {deadline}.")
+    engine.model.check_taps(sensor.preprocessing)
     log_belief = engine.log_prior
     log_beliefs, log_evidence, moves, realised = [], [], [], []
     while True:

@@ -190,17 +190,12 @@ def shift(belief: ArrayLike, delta: int, border: Border = "uniform") -> NDArray[
     """
     belief = np.asarray(belief, dtype=np.float64)
     L, M = belief.shape
-    if border not in BORDERS:
-        raise ValueError(f"border must be one of {', '.join(BORDERS)}, got {border!r}.")
+    _check_border(border)
     shifted = np.zeros((L, M))
     vacated = np.ones(L, dtype=bool)
     pushed_out = np.zeros(M)
     for l in range(L):
-        target = l + int(delta)
-        if border == "circular":
-            target %= L
-        if border == "clamp":
-            target = min(max(target, 0), L - 1)
+        target = _target(l, delta, L, border)
         if 0 <= target < L:
             shifted[target] += belief[l]
             vacated[target] = False
@@ -258,17 +253,12 @@ def shift_log(log_belief: ArrayLike, delta: int, border: Border = "uniform") -> 
     """
     log_belief = np.asarray(log_belief, dtype=np.float64)
     L, M = log_belief.shape
-    if border not in BORDERS:
-        raise ValueError(f"border must be one of {', '.join(BORDERS)}, got {border!r}.")
+    _check_border(border)
     shifted = np.full((L, M), -np.inf)
     vacated = np.ones(L, dtype=bool)
     pushed_out = np.full(M, -np.inf)
     for l in range(L):
-        target = l + int(delta)
-        if border == "circular":
-            target %= L
-        if border == "clamp":
-            target = min(max(target, 0), L - 1)
+        target = _target(l, delta, L, border)
         if 0 <= target < L:
             shifted[target] = np.logaddexp(shifted[target], log_belief[l])
             vacated[target] = False
@@ -281,6 +271,20 @@ def shift_log(log_belief: ArrayLike, delta: int, border: Border = "uniform") -> 
     if border == "prior":
         shifted[vacated] = -np.log(L * M)
     return shifted - _log_sum(shifted)
+
+
+def _check_border(border: str) -> None:
+    if border not in BORDERS:
+        raise ValueError(f"border must be one of {', '.join(BORDERS)}, got {border!r}.")
+
+
+def _target(l: int, delta: int, L: int, border: str) -> int:
+    """Where class l comes to lie; outside 0 .. L - 1 if it leaves the range."""
+    if border == "circular":
+        return (l + int(delta)) % L
+    if border == "clamp":
+        return min(max(l + int(delta), 0), L - 1)
+    return l + int(delta)
 
 
 def _decision(marginal: NDArray[np.float64], threshold: float) -> int | None:

@@ -9,7 +9,7 @@ Reference: Lepora, Martinez-Hernandez and Prescott, "A SOLID case for active Bay
 """
 
 import json
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from importlib.metadata import version
@@ -22,14 +22,15 @@ import numpyro.distributions as dist
 import xarray as xr
 from numpy.typing import ArrayLike, NDArray
 
+from .bins import bin_edges, find_bins, tap_counts
 from .classes import ClassGrid
 from .errors import InputError
+from .power import likelihood_exponent, parse_power
 from .preprocessing import Preprocessing
 from .storage import complete_file
 from .taps import TapSet, load_dataset
 
 FORMAT = 1
-_CHUNK = 1 << 24  # counts held at a time, 128 MiB
 
 
 def histogram_model(
@@ -154,7 +155,7 @@ class HistogramModel:
         impossible = np.isneginf(table)
         table = np.where(impossible, 0.0, table)
         parts = []
-        for counts in _tap_counts(bins, B):
+        for counts in tap_counts(bins, B):
             part = counts @ table
             if impossible.any():
                 part[counts @ impossible > 0] = -np.inf
@@ -339,93 +340,17 @@ def trim(grid: ClassGrid, taps: Sequence[TapSet]) -> tuple[ClassGrid, tuple[str,
     return grid.select(kept, objects), tuple(dropped)
 
 
-def likelihood_exponent(power: str | float, J: int, K: int) -> float:
-    """The exponent of the product in Eq. 1: 1/J as printed, 1/(J K), 1, or a number.
-
-    Raises:
-        InputError: The power is none of these.
-    """
-    named = {"J": 1.0 / J, "JK": 1.0 / (J * K), "none": 1.0}
-    value = named.get(power) if isinstance(power, str) else float(power)
-    if value is None or not (np.isfinite(value) and value > 0):
-        raise InputError(f"The power must be J, JK, none or a positive number, got {power!r}.")
-    return value
-
-
-def parse_power(text: str) -> str | float:
-    """A power as written on a command line.
-
-    Raises:
-        InputError: It is neither J, JK, none nor a positive number.
-    """
-    if text in ("J", "JK", "none"):
-        return text
-    try:
-        number = float(text)
-    except ValueError:
-        number = -1.0
-    if not (np.isfinite(number) and number > 0):
-        raise InputError(f"The power must be J, JK, none or a positive number, got {text!r}.")
-    return number
-
-
-def bin_edges(samples: NDArray[np.floating], bins: int, value_range: str) -> NDArray[np.float64]:
-    """Edges of equal-width bins across the full range of the samples.
-
-    Args:
-        samples: Shape (N, J, K).
-        bins: Number of bins.
-        value_range: `"global"` for one range over all taxels, `"taxel"` for one each.
-
-    Returns:
-        Shape (bins + 1,) or (K, bins + 1). A constant range is widened by half a unit to both sides.
-
-    Raises:
-        InputError: The range is named otherwise.
-    """
-    if value_range not in ("global", "taxel"):
-        raise InputError(f"The range must be global or taxel, got {value_range!r}.")
-    axes = None if value_range == "global" else (0, 1)
-    low = np.asarray(samples.min(axis=axes), dtype=np.float64)
-    high = np.asarray(samples.max(axis=axes), dtype=np.float64)
-    # A range of a few rounding steps cannot hold distinct edges and counts as constant too.
-    constant = high - low <= 4 * bins * np.spacing(np.maximum(np.abs(low), np.abs(high)))
-    margin = np.maximum(0.5, 8 * bins * np.spacing(np.maximum(np.abs(low), np.abs(high))))
-    low, high = np.where(constant, low - margin, low), np.where(constant, high + margin, high)
-    return np.linspace(low, high, bins + 1, axis=-1)
-
-
-def find_bins(samples: NDArray[np.floating], edges: NDArray[np.float64]) -> NDArray[np.intp]:
-    """The bin of every sample (..., K): half-open, the last closed, outside clipped to the end bins."""
-    last = edges.shape[-1] - 2
-    samples = samples.astype(np.float64, copy=False)
-    if edges.ndim == 1:
-        return np.clip(np.searchsorted(edges, samples, side="right") - 1, 0, last)
-    columns = [np.searchsorted(edges[k], samples[..., k], side="right") - 1 for k in range(len(edges))]
-    return np.clip(np.stack(columns, axis=-1), 0, last)
-
-
 def _class_counts(
     bins: NDArray[np.intp], where: NDArray[np.intp], what: NDArray[np.intp], shape: tuple[int, int, int, int]
 ) -> NDArray[np.int64]:
     L, M, K, B = shape
     counts = np.zeros((L * M, K * B), dtype=np.int64)
     start = 0
-    for part in _tap_counts(bins, B):
+    for part in tap_counts(bins, B):
         cells = (where * M + what)[start : start + len(part)]
         np.add.at(counts, cells, part.astype(np.int64))
         start += len(part)
     return counts.reshape(shape)
-
-
-def _tap_counts(bins: NDArray[np.intp], B: int) -> Iterator[NDArray[np.float64]]:
-    """Occupation counts of each tap, shape (n, K B), in chunks of taps."""
-    N, _, K = bins.shape
-    step = max(1, _CHUNK // (K * B))
-    for start in range(0, N, step):
-        part = bins[start : start + step]
-        cells = (np.arange(len(part))[:, None, None] * K + np.arange(K)) * B + part
-        yield (np.bincount(cells.ravel(), minlength=len(part) * K * B).reshape(len(part), K * B).astype(np.float64))
 
 
 def _untouched(grid: ClassGrid, touched: NDArray[np.bool_]) -> tuple[str, ...]:

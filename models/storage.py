@@ -95,6 +95,8 @@ def complete_folder(path: str | Path, force: bool = False) -> Iterator[Path]:
         path.mkdir(exist_ok=True)
         for file in sorted(temporary.iterdir()):
             file.replace(path / file.name)
+    except OSError as error:
+        raise InputError(f"{path} cannot be written: {error.strerror or error}.") from error
     finally:
         shutil.rmtree(temporary, ignore_errors=True)
 

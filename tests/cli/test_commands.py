@@ -84,6 +84,8 @@ def test_crosscheck_leaves_numpyro_out_where_the_border_is_no_kernel(command, ta
         (["reproduce", "--data", "TAPS", "--out", "OUT", "--thresholds", "1.5"], "--thresholds must be numbers from 0"),
         (["reproduce", "--data", "TAPS", "--out", "OUT", "--theta-x", "2"], "--theta-x must lie between 0 and 1"),
         (["reproduce", "--data", "TAPS", "--out", "OUT", "--border", "clamp", "--power", "-1"], "power"),
+        (["reproduce", "--split", "parity", "--out", "OUT"], "--split goes with recorded taps only"),
+        (["reproduce", "--data", "TAPS", "--data-sets", "3", "--out", "OUT"], "--data-sets goes with simulated taps"),
         (["reproduce", "--preset", "papre", "--out", "OUT"], "no preset 'papre'"),
     ],
     ids=lambda value: " ".join(value) if isinstance(value, list) else "",

@@ -13,7 +13,8 @@ import xarray as xr
 
 FIGURES = ("fig3", "fig4", "fig5_passive", "fig5_active", "fig6", "fig7", "confusion", "contacts")
 ACTIVE = ("fig5_passive", "fig5_active", "fig6")
-SMALL = ("--quick", "--data-sets", 2, "--trials", 20, "--deadline", 30)
+FAST = ("--quick", "--trials", 20, "--deadline", 30)
+SMALL = (*FAST, "--data-sets", 2)
 
 
 def summary_of(folder):
@@ -72,7 +73,7 @@ def test_options_reach_the_numbers(command, tmp_path):
 def test_one_where_class_leaves_the_active_part_out(command, tmp_path, make_taps):
     """A sentence says so, and the error in the object has no position beside it."""
     make_taps(L=1).save(tmp_path / "taps.nc")
-    done = command("reproduce", "--data", tmp_path / "taps.nc", *SMALL, "--out", tmp_path / "run")
+    done = command("reproduce", "--data", tmp_path / "taps.nc", *FAST, "--out", tmp_path / "run")
 
     assert done.code == 0
     assert "one where class" in done.out
@@ -82,7 +83,7 @@ def test_one_where_class_leaves_the_active_part_out(command, tmp_path, make_taps
 
 def test_one_object_leaves_the_active_part_out(command, tmp_path, make_taps):
     make_taps(M=1).save(tmp_path / "taps.nc")
-    done = command("reproduce", "--data", tmp_path / "taps.nc", *SMALL, "--out", tmp_path / "run")
+    done = command("reproduce", "--data", tmp_path / "taps.nc", *FAST, "--out", tmp_path / "run")
 
     assert done.code == 0
     assert "one object" in done.out
@@ -94,9 +95,7 @@ def test_two_files_train_and_test_and_empty_cells_are_named(command, tmp_path, m
     train, test = make_taps(seed=1), make_taps(seed=2)
     train.select((train.what != 1) | (train.where > 0)).save(tmp_path / "train.nc")
     test.select((test.what != 2) | (test.where != 1.5)).save(tmp_path / "test.nc")
-    done = command(
-        "reproduce", "--data", tmp_path / "train.nc", tmp_path / "test.nc", *SMALL, "--out", tmp_path / "run"
-    )
+    done = command("reproduce", "--data", tmp_path / "train.nc", tmp_path / "test.nc", *FAST, "--out", tmp_path / "run")
 
     assert done.code == 0
     summary = summary_of(tmp_path / "run")
@@ -169,7 +168,7 @@ RECORDED = {
 def test_recorded_data_run_and_come_near_their_baselines(name, command, tmp_path, shared_data):
     """A plain histogram classifier with 1e-3 on each normalised bin gives these accuracies; ours lie within .04."""
     words, baseline, grows = RECORDED[name]
-    done = command("reproduce", "--data", shared_data / f"{name}.npz", *words, *SMALL, "--out", tmp_path / "run")
+    done = command("reproduce", "--data", shared_data / f"{name}.npz", *words, *FAST, "--out", tmp_path / "run")
 
     assert done.code == 0
     summary = summary_of(tmp_path / "run")

@@ -9,6 +9,7 @@ from solidtouch.inference.engine import make_engine
 from solidtouch.inference.episode import DEADLINE, perceive
 from solidtouch.inference.reference import ZeroEvidenceError
 from solidtouch.models.errors import InputError
+from solidtouch.models.preprocessing import Preprocessing
 
 
 class ScriptedSensor:
@@ -163,3 +164,13 @@ def test_an_impossible_tap_ends_the_episode_with_a_typed_error(make_model):
 
     with pytest.raises(ZeroEvidenceError, match="impossible under every class"):
         perceive(sensor, make_engine("numpy", model), 1.0, passive)
+
+
+def test_a_sensor_that_prepares_its_taps_otherwise_is_refused(model, engine, taps):
+    """Before the first tap, with the difference in words."""
+    sensor = ScriptedSensor(model, taps)
+    sensor.preprocessing = Preprocessing(samples=model.preprocessing.samples, rate_hz=40.0)
+    with pytest.raises(InputError, match=r"prepared otherwise than the model's: rate_hz is None here and 40\.0 there"):
+        perceive(sensor, engine, 0.9, passive)
+
+    assert sensor.done == []

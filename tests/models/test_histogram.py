@@ -10,18 +10,11 @@ from numpyro.infer import MCMC, NUTS
 from numpyro.infer.util import log_density
 from scipy.special import gammaln
 from solidtouch.inference import reference
+from solidtouch.models.bins import bin_edges, find_bins
 from solidtouch.models.classes import ClassGrid
 from solidtouch.models.errors import InputError
-from solidtouch.models.histogram import (
-    bin_edges,
-    find_bins,
-    fit,
-    histogram_model,
-    likelihood_exponent,
-    load_model,
-    parse_power,
-    trim,
-)
+from solidtouch.models.histogram import fit, histogram_model, load_model, trim
+from solidtouch.models.power import likelihood_exponent, parse_power
 from solidtouch.models.preprocessing import Preprocessing
 from solidtouch.models.taps import TapSet
 
@@ -159,7 +152,7 @@ def test_chunks_change_nothing(make_model, draw_samples, taps, grid, monkeypatch
     model = make_model(pseudocount=0.0)
     samples = draw_samples(model, 10)
     expected, counts = model.log_likelihood(samples), fit(taps, grid).counts
-    monkeypatch.setattr("solidtouch.models.histogram._CHUNK", chunk)
+    monkeypatch.setattr("solidtouch.models.bins._CHUNK", chunk)
 
     np.testing.assert_allclose(model.log_likelihood(samples), expected, rtol=1e-14)
     np.testing.assert_array_equal(fit(taps, grid).counts, counts)
