@@ -169,8 +169,7 @@ def join_plans(plans: Sequence[TrialPlan]) -> TrialPlan:
 def trial_uniforms(seed: int, stream: int, taps: int) -> NDArray[np.float64]:
     """The random numbers of a trial, one per tap; number u picks tap floor(u * count) of the class."""
     with jax.enable_x64(True):
-        key = jax.random.key(seed)
-        return np.asarray(jax.vmap(partial(_uniform, key, jnp.asarray(stream)))(jnp.arange(taps)))
+        return np.asarray(_uniforms(jax.random.key(seed), jnp.asarray(stream), taps))
 
 
 def run_trials(
@@ -384,3 +383,8 @@ def _move(tables: _Tables, slot: _Slots, where_belief: jax.Array, theta_x: float
 
 def _uniform(key: jax.Array, stream: jax.Array, tap: jax.Array) -> jax.Array:
     return jax.random.uniform(jax.random.fold_in(jax.random.fold_in(key, stream), tap), dtype=jnp.float64)
+
+
+@partial(jax.jit, static_argnames="taps")
+def _uniforms(key: jax.Array, stream: jax.Array, taps: int) -> jax.Array:
+    return jax.vmap(partial(_uniform, key, stream))(jnp.arange(taps))
