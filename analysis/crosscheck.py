@@ -121,7 +121,7 @@ def crosscheck(
     names = ("numpy", "numpyro", "filter") if border in KERNEL_BORDERS else ("numpy", "filter")
     engines = [make_engine(name, model, border) for name in names]
     notes = [] if len(names) == 3 else [f"Border {border} is no Markov kernel, so the NumPyro routes were left out."]
-    comparison = _Comparison(length)
+    comparison = _Comparison()
     sequence = _SequenceRoute(model, border, min(sequence_taps, length) if "numpyro" in names else 0, notes)
     for _ in range(episodes):
         script = _script(engines[0], model, taps, length, generator)
@@ -185,39 +185,45 @@ class _SequenceRoute:
                 )
             except SequenceUnderflowError as error:
                 self.taps //= 2
-                self.notes.append(f"{str(error).rstrip('.')}; continued with {self.taps} taps.")
+                rest = f"continued with {self.taps} taps" if self.taps else "left this route out"
+                self.notes.append(f"{str(error).rstrip('.')}; {rest}.")
                 continue
-            comparison.add_sequence(_Trace(expected.log_beliefs[:T], expected.log_evidence[:T]), posterior)
+            shorter = _Trace(expected.log_beliefs[:T], expected.log_evidence[:T])
+            comparison.add_sequence(shorter, posterior, script.targets[:T])
             return
 
 
 class _Comparison:
     """Largest differences so far, by routes and quantity."""
 
-    def __init__(self, length: int) -> None:
-        self.length = length
+    def __init__(self) -> None:
+        self.taps: dict[str, int] = {}
         self.largest: dict[tuple[str, str], float] = {}
         self.differing_decisions = self.differing_moves = self.near_ties = 0
 
     def add(self, routes: str, expected: _Trace, actual: _Trace, targets: NDArray[np.intp]) -> None:
         """Compares two recursions over one episode."""
+        self.taps[routes] = len(targets)
         self._note_beliefs(routes, np.exp(expected.log_beliefs), np.exp(actual.log_beliefs))
         compared = expected.log_beliefs > _COMPARED_ABOVE
         self._note(routes, "log posterior", expected.log_beliefs[compared], actual.log_beliefs[compared])
         self._note(routes, "log evidence", expected.log_evidence.cumsum(), actual.log_evidence.cumsum())
-        for t in range(len(targets)):
-            self._compare_choices(np.exp(expected.log_beliefs[t]), np.exp(actual.log_beliefs[t]), int(targets[t]))
+        for t, target in enumerate(targets.tolist()):
+            self._compare_choices(np.exp(expected.log_beliefs[t]), np.exp(actual.log_beliefs[t]), target)
 
-    def add_sequence(self, expected: _Trace, posterior: "SequencePosterior") -> None:
+    def add_sequence(self, expected: _Trace, posterior: "SequencePosterior", targets: NDArray[np.intp]) -> None:
         """Compares the recursion with the enumerated sequence."""
         routes = "numpy, numpyro sequence"
+        self.taps[routes] = max(self.taps.get(routes, 0), len(targets))
         self._note_beliefs(routes, np.exp(expected.log_beliefs), posterior.filtered)
         self._note(routes, "log evidence", expected.log_evidence.cumsum(), posterior.log_evidence)
+        for t, target in enumerate(targets.tolist()):
+            self._compare_choices(np.exp(expected.log_beliefs[t]), posterior.filtered[t], target)
 
     def rows(self) -> tuple[Row, ...]:
         """The findings; log quantities may differ by the tolerance times the number of taps."""
         return tuple(
-            Row(quantity, routes, value, TOLERANCE * (self.length if quantity.startswith("log") else 1))
+            Row(quantity, routes, value, TOLERANCE * (self.taps[routes] if quantity.startswith("log") else 1))
             for (routes, quantity), value in self.largest.items()
         )
 
