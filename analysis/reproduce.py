@@ -4,7 +4,7 @@ import json
 import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -99,7 +99,10 @@ def _run(request: Request, clock: _Clock) -> Results:
     check_settings(settings, grid)
     fixation = check_fixation(settings.fixation, grid.L)
     with clock.stage("Playing trials", planned(grid, settings) * len(folds)) as advance:
-        studies = [study(fold, grid, settings, advance) for fold in folds]
+        # Data sets must not share random numbers, or their spread would miss the sampling of trials.
+        studies = [
+            study(fold, grid, replace(settings, seed=settings.seed + d), advance) for d, fold in enumerate(folds)
+        ]
     first = studies[0]
     with clock.stage("Cross-checking engines", request.episodes) as advance:
         check = crosscheck(
