@@ -73,8 +73,10 @@ def row_normalised(table: ArrayLike) -> NDArray[np.float64]:
 
 
 def _write_numbers(axes: Axes, share: NDArray[np.float64]) -> None:
-    size = 8 if len(share) <= 6 else 6
+    roomy = len(share) <= 6
+    size = 8 if roomy else 6
     for (row, column), value in np.ndenumerate(share):
         if np.isfinite(value) and value >= 0.005:
             colour = "white" if value > 0.55 else "black"
-            axes.text(column, row, f"{value:.2f}", ha="center", va="center", fontsize=size, color=colour)
+            number = f"{value:.2f}" if roomy else f"{value:.2f}".removeprefix("0")
+            axes.text(column, row, number, ha="center", va="center", fontsize=size, color=colour)
