@@ -2,6 +2,7 @@
 
 import json
 
+import arviz as az
 import jax
 import numpy as np
 import pytest
@@ -255,14 +256,17 @@ def test_nuts_recovers_the_conjugate_posterior(rng):
     mean = reference.histogram_probabilities(counts, pseudocount)
     deviation = np.sqrt(mean * (1 - mean) / (total + 1))
 
-    sampler = MCMC(NUTS(histogram_model), num_warmup=300, num_samples=draws, progress_bar=False)
+    sampler = MCMC(
+        NUTS(histogram_model), num_warmup=300, num_samples=draws, num_chains=2, chain_method="vectorized",
+        progress_bar=False,
+    )  # fmt: skip
     sampler.run(jax.random.key(1), bins, where, np.zeros(4, int), shape, pseudocount)
-    p = np.asarray(sampler.get_samples()["p"])
+    p = az.from_numpyro(sampler)["posterior"]["p"]
 
-    assert p.shape == (draws, *shape)
-    # Draws are correlated: a fifth of them is a careful guess of their effective number.
-    assert (np.abs(p.mean(axis=0) - mean) < 4 * deviation / np.sqrt(draws / 5)).all()
-    np.testing.assert_allclose(p.std(axis=0), deviation, rtol=0.25)
+    assert p.shape == (2, draws, *shape)
+    assert float(az.rhat(p).max()) < 1.05
+    assert (np.abs(p.mean(("chain", "draw")) - mean) < 4 * az.mcse(p)).all()
+    np.testing.assert_allclose(p.std(("chain", "draw")), deviation, rtol=0.25)
 
 
 # Classes without a tap
