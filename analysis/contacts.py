@@ -5,7 +5,7 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import norm
+from scipy.stats import norm, t
 
 from ..inference.montecarlo import TapTable
 from ..inference.reference import ZeroEvidenceError
@@ -60,9 +60,7 @@ def accuracy(table: TapTable, seed: int, contacts: Sequence[int] = CONTACTS) -> 
 
 
 def summarise(rows: Sequence[Accuracy]) -> dict[str, float | int]:
-    """Accuracies of one number of contacts pooled over data sets, with intervals.
-
-    The interval takes classes as the units that vary, since taps of one class err together.
+    """Accuracies of one number of contacts pooled over data sets, with intervals, see `accuracy_interval_sentence`.
 
     Args:
         rows: The same number of contacts in every data set.
@@ -71,15 +69,28 @@ def summarise(rows: Sequence[Accuracy]) -> dict[str, float | int]:
     weight = np.concatenate([row.weight for row in rows])
     weight = weight / weight.sum()
     mean = weight @ hits
-    # Sampling variance of a weighted mean over independent classes.
-    error = np.sqrt((weight**2) @ (hits - mean) ** 2 * len(hits) / max(len(hits) - 1, 1))
-    half = norm.ppf(0.5 + CONFIDENCE / 2) * error
-    summary: dict[str, float | int] = {"contacts": rows[0].contacts, "classes": sum(row.classes for row in rows)}
+    if len(rows) > 1:
+        means = np.array([row.weight @ row.hits / row.weight.sum() for row in rows])
+        half = t.ppf(0.5 + CONFIDENCE / 2, len(rows) - 1) * means.std(axis=0, ddof=1) / np.sqrt(len(rows))
+    else:
+        # Sampling variance of a weighted mean over independent classes.
+        variance = (weight**2) @ (hits - mean) ** 2 * len(hits) / max(len(hits) - 1, 1)
+        half = norm.ppf(0.5 + CONFIDENCE / 2) * np.sqrt(variance)
+    summary: dict[str, float | int] = {"contacts": rows[0].contacts, "classes": max(row.classes for row in rows)}
     for i, name in enumerate(("joint", "where", "what")):
         summary[name] = float(mean[i])
         summary[f"{name}_low"] = float(max(0.0, mean[i] - half[i]))
         summary[f"{name}_high"] = float(min(1.0, mean[i] + half[i]))
     return summary
+
+
+def accuracy_interval_sentence(data_sets: int) -> str:
+    """What the intervals of `summarise` mean, in a sentence."""
+    if data_sets > 1:
+        return f"Intervals are {CONFIDENCE:.0%} t-intervals of the mean over {data_sets} data sets."
+    return (
+        f"Intervals are {CONFIDENCE:.0%} normal intervals that take classes as the units, as taps of one err together."
+    )
 
 
 def _draw(table: TapTable, l: int, m: int, n: int, generator: np.random.Generator) -> NDArray[np.intp]:

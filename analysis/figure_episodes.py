@@ -70,7 +70,9 @@ def plot_beliefs(axes: Axes, case: BeliefCase, grid: ClassGrid) -> Axes:
         axes.plot(taps, curves[:, decided], color=DECIDED, linewidth=1.6, linestyle=(0, (4, 1.5)), label=label)
     axes.set(xlabel="taps", ylim=(-0.02, 1.02))
     axes.locator_params(axis="x", integer=True)
-    axes.legend(loc="lower left", bbox_to_anchor=(0.04, 0.99), borderaxespad=0, borderpad=0.2, labelspacing=0.2)
+    axes.legend(
+        loc="lower left", bbox_to_anchor=(0.04, 0.99), borderaxespad=0, borderpad=0.2, labelspacing=0.2, fontsize=6.5
+    )
     return axes
 
 

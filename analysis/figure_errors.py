@@ -115,7 +115,7 @@ def acuity(passive: xr.Dataset | None, active: xr.Dataset | None) -> Figure:
         label_panel(panel, letter)
         panel.set_xlim(left=0)
         panel.set_ylim(bottom=0)
-    axes[0, 0].legend(loc="lower left" if len(names) == 1 else "upper right")
+    axes[0, 0].legend(loc="best")
     return figure
 
 

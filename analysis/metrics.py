@@ -127,8 +127,10 @@ def _with_intervals(data_sets: xr.Dataset, trials: xr.DataArray) -> xr.Dataset:
             half = t.ppf(0.5 + CONFIDENCE / 2, seen - 1) * spread
         else:
             half = norm.ppf(0.5 + CONFIDENCE / 2) * np.sqrt((data_sets[f"{name}_variance"] / trials).mean("data_set"))
-        result[f"{name}_low"] = np.maximum(result[name] - half, 0.0)
-        result[f"{name}_high"] = result[name] + half
+        least = 1.0 if name == "taps" else 0.0
+        most = 1.0 if name == "what_error" and data_sets.attrs.get("what_unit") == "P(wrong)" else np.inf
+        result[f"{name}_low"] = np.maximum(result[name] - half, least)
+        result[f"{name}_high"] = np.minimum(result[name] + half, most)
     return result
 
 

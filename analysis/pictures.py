@@ -15,6 +15,9 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 
+_BAND = "The band is the 95 % interval at the highest threshold."
+
+
 class Picture(NamedTuple):
     """A figure and what is said of it."""
 
@@ -54,7 +57,8 @@ def _pictures(request: Request, results: Results) -> Iterator[Picture]:
     yield Picture(
         "fig4",
         "Beliefs during single sequences",
-        "Belief in every class against the number of taps, a clear (A) and an ambiguous (B) passive sequence.",
+        "Belief in every class against the number of taps, a clear (A) and an ambiguous (B) passive sequence; "
+        "grey lines are all other classes.",
         figures.beliefs(*results.cases, results.grid),
     )
     yield from _active_pictures(request, results)
@@ -64,14 +68,14 @@ def _pictures(request: Request, results: Results) -> Iterator[Picture]:
         yield Picture(
             "confusion",
             "Which object is taken for which",
-            f"Share of decisions at threshold {theta:g}; rows are the true objects.",
+            f"Share of decisions at threshold {theta:g}; rows are the true objects, cells below 0.005 are blank.",
             figures.confusion(*results.confusions, list(results.grid.what_name), theta),
         )
     if max(results.grid.shape) > 1:
         yield Picture(
             "contacts",
             "Accuracy after a fixed number of contacts",
-            "Share of right answers after n taps of the same class, without moves or stopping.",
+            "Share of right answers after n taps of the same class, without moves or stopping, with 95 % intervals.",
             figures.contacts(results.accuracy_dataset, results.grid),
         )
 
@@ -97,13 +101,13 @@ def _active_pictures(request: Request, results: Results) -> Iterator[Picture]:
     yield Picture(
         "fig5_passive",
         "Passive perception by sensing position",
-        "Errors and reaction time against the position where the sensor stays, one curve per threshold.",
+        "Errors and reaction time against the position where the sensor stays, one curve per threshold. " + _BAND,
         figures.errors_by_position(metrics.by_place(results.passive)),
     )
     yield Picture(
         "fig5_active",
         "Active perception by fixation point",
-        "Errors and reaction time against the fixation point, averaged over starts, one curve per threshold.",
+        "Errors and reaction time against the fixation point, averaged over starts, one curve per threshold. " + _BAND,
         figures.errors_by_fixation(metrics.by_place(results.active)),
     )
     yield Picture(
@@ -128,6 +132,6 @@ def _acuity(results: Results) -> Picture:
     return Picture(
         "fig7",
         title,
-        f"Errors against the belief threshold and against the mean reaction time{note}",
+        f"Errors against the belief threshold and the mean reaction time, bands and bars are 95 % intervals{note}",
         figures.acuity(curves["passive"], curves.get("active")),
     )

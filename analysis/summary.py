@@ -10,12 +10,15 @@ import numpy as np
 import xarray as xr
 
 from ..models.classes import ClassGrid
-from ..models.taps import TapSet
+from ..models.taps import TapSet, concatenate
 from . import metrics
+from .contacts import accuracy_interval_sentence
 from .crosscheck import CrossCheck
+from .figure_style import short_unit
 from .paper import compare
 from .results import Request, Results
 from .study import can_act
+from .suspicions import FEW, suspicions
 
 _PACKAGES = ("solidtouch", "numpy", "jax", "numpyro", "funsor", "arviz", "xarray", "scipy", "matplotlib")
 
@@ -34,7 +37,7 @@ def summarise(request: Request, results: Results) -> dict[str, Any]:
         "versions": {"python": platform.python_version()} | {name: version(name) for name in _PACKAGES},
         "seed": settings.seed,
         "data_sets": [part.name for part in results.studies],
-        "options": asdict(settings) | {"data_sets": len(results.studies)},
+        "options": asdict(settings) | {"fixation": results.fixation, "data_sets": len(results.studies)},
         "data": _sources(request),
         "split": {
             "method": request.split.method,
@@ -52,12 +55,13 @@ def summarise(request: Request, results: Results) -> dict[str, Any]:
             "what_name": list(grid.what_name),
             "left_out": list(results.left_out),
         },
-        "units": {"what": grid.what_error_unit, "where": grid.where_unit},
+        "units": {"what": grid.what_error_unit, "where": short_unit(grid.where_unit)},
         "fixation": _fixation(results),
         "results": [row for policy, curve in curves.items() for row in _rows(policy, curve)],
         "shown_theta": settings.thresholds[settings.shown],
         "interval": metrics.interval_sentence(len(results.studies), kind),
         "accuracy": results.accuracy,
+        "accuracy_interval": accuracy_interval_sentence(len(results.studies)),
         "paper": compare(curves, metrics.at_place(results.passive, results.fixation)) if request.simulated else None,
         "crosscheck": _check_summary(results.check),
         "warnings": _warnings(request, results),
@@ -94,7 +98,9 @@ def _sources(request: Request) -> list[dict[str, Any]]:
     folds = request.split.folds
     if request.simulated:
         taps = sum(len(fold.train) + len(fold.test) for fold in folds)
-        return [_source(f"preset {request.simulated}, {len(folds)} data sets", taps, folds[0].train, folds[0].test)]
+        row = _source(f"preset {request.simulated}", taps, folds[0].train, folds[0].test)
+        names = _span([fold.name for fold in folds])
+        return [row | {"description": f"{folds[0].train.dataset.attrs['sensor']}; {len(folds)} data sets, {names}"}]
     first = folds[0]
     if len(request.files) == 1:
         return [_source(request.files[0], len(first.train) + len(first.test), first.train, first.test)]
@@ -147,6 +153,9 @@ def _what_was_run(request: Request, results: Results) -> list[str]:
 
 def _warnings(request: Request, results: Results) -> list[str]:
     sentences = [request.split.warning] if request.split.warning else []
+    sentences += _repeated_taps(results)
+    if not request.simulated:
+        sentences += _suspicions(request, results.grid)
     dropped = sum(part.dropped for part in results.studies)
     if dropped:
         sentences.append(f"Test taps of classes without a training tap were left out: {dropped}.")
@@ -158,6 +167,27 @@ def _warnings(request: Request, results: Results) -> list[str]:
     if not results.check.passed:
         sentences.append("The engines disagree: see the cross-check below before using any number.")
     return [*sentences, *results.check.notes]
+
+
+def _repeated_taps(results: Results) -> list[str]:
+    """Whether trials see the same few taps again and again."""
+    distinct = np.concatenate([part.table.pool.count[part.table.pool.count > 0] for part in results.studies])
+    if distinct.min() >= FEW:
+        return []
+    few = "only one test tap" if distinct.max() == 1 else f"fewer than {FEW} test taps"
+    share = np.mean(distinct < FEW)
+    return [
+        f"{'All' if share == 1 else f'{share:.0%} of the'} test classes have {few}, drawn again and again in a trial: "
+        "what is reported after several taps tells of repetition, not of new contacts."
+    ]
+
+
+def _suspicions(request: Request, grid: ClassGrid) -> list[str]:
+    """What `inspect` says about the files."""
+    first = request.split.folds[0]
+    files = [concatenate([first.train, first.test])] if len(request.files) == 1 else [first.train, first.test]
+    sentences = [sentence for taps in files for sentence in suspicions(taps, grid)]
+    return list(dict.fromkeys(sentences))
 
 
 def _skipped(grid: ClassGrid) -> list[str]:

@@ -23,7 +23,17 @@ def suspicions(taps: TapSet, grid: ClassGrid) -> Iterator[str]:
     yield from _sessions(taps, cells, inside, grid)
     yield from _few(taps, cells, inside, grid)
     yield from _blocks(taps, where, what, grid)
+    yield from _uneven(grid)
     yield from _taxels(taps)
+
+
+def _uneven(grid: ClassGrid) -> Iterator[str]:
+    steps = np.diff(grid.where_value)
+    if len(steps) and steps.max() > 1.5 * steps.min():
+        yield (
+            f"Positions are unevenly spaced, by {steps.min():g} to {steps.max():g} {grid.where_unit}".rstrip()
+            + ": moves are counted in classes, so equal moves are of unequal length."
+        )
 
 
 def _empty(cells: NDArray[np.intp], grid: ClassGrid) -> Iterator[str]:
@@ -31,7 +41,7 @@ def _empty(cells: NDArray[np.intp], grid: ClassGrid) -> Iterator[str]:
     filled.flat[cells] = True
     objects, positions = filled.any(axis=0), filled.any(axis=1)
     if not objects.all():
-        yield f"Objects without any tap: {_named([grid.what_name[m] for m in np.flatnonzero(~objects)])}."
+        yield f"Objects without any tap: {_named([f'“{grid.what_name[m]}”' for m in np.flatnonzero(~objects)])}."
     if not positions.all():
         yield f"Positions without any tap: {_named([grid.where_label(int(l)) for l in np.flatnonzero(~positions)])}."
     holes = np.argwhere(~filled & objects & positions[:, np.newaxis])

@@ -5,6 +5,7 @@ from typing import Annotated
 import typer
 from typer import Option
 
+from .interrupt import loading
 from .options import (
     Bins,
     Border,
@@ -41,12 +42,13 @@ def crosscheck(
     """Compares all engines on episodes with moves over the test taps of DATA; exit code 1 if they differ."""
     from rich.console import Console
 
-    from ..analysis.crosscheck import crosscheck as compare
-    from ..analysis.crosscheck import render
-    from ..analysis.study import Settings
-    from ..models.experiment import load_experiment
-    from ..models.histogram import trim
-    from ..models.power import parse_power
+    with loading():
+        from ..analysis.crosscheck import crosscheck as compare
+        from ..analysis.crosscheck import render
+        from ..analysis.study import Settings
+        from ..models.experiment import load_experiment
+        from ..models.histogram import trim
+        from ..models.power import parse_power
     from .progress import bars
 
     parts, grid = load_experiment(data, where_cell, what_cell, split, train, test)

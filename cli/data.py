@@ -39,7 +39,7 @@ def convert(
     ] = None,
     window: Annotated[int | None, typer.Option(help="Samples of a tap.", rich_help_panel=_CUTTING)] = None,
     pre: Annotated[
-        int | None, typer.Option(help="Samples of a tap from before the contact.", rich_help_panel=_CUTTING)
+        int | None, typer.Option(min=0, help="Samples of a tap from before the contact.", rich_help_panel=_CUTTING)
     ] = None,
     tare: Annotated[
         Literal["none", "stream", "tap"] | None,
@@ -70,11 +70,10 @@ def convert(
     from ..models.importers import read_recording
     from ..models.recording import naming
     from ..models.relabel import relabel
-    from ..models.storage import check_writable
+    from ..models.storage import check_netcdf_name, check_writable
     from ..models.taps import TapSet
 
-    if target.suffix.lower() != ".nc":
-        raise InputError(f"{target} must end in .nc, the format that taps are written in.")
+    check_netcdf_name(target)
     check_writable(target, force)
     cutting = {
         "--trigger": trigger,
@@ -121,7 +120,9 @@ def _preprocessing(cutting: dict[str, Any], rate_hz: float | None) -> "Preproces
     if cutting["--trigger"] is None:
         raise InputError("--segment needs --trigger, clock or contact.")
     if cutting["--trigger"] == "contact" and not cutting["--level"]:
-        raise InputError("--trigger contact needs --level, the value that counts as contact.")
+        raise InputError("--trigger contact needs --level, the value other than 0 that counts as contact.")
+    if cutting["--tare"] in ("stream", "tap") and not cutting["--tare-samples"]:
+        raise InputError(f"--tare {cutting['--tare']} needs --tare-samples, how many samples to average over.")
     return Preprocessing(
         samples=cutting["--window"],
         rate_hz=rate_hz,

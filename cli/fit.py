@@ -5,6 +5,7 @@ from typing import Annotated
 
 from typer import Option
 
+from .interrupt import loading
 from .options import (
     Bins,
     Data,
@@ -35,14 +36,17 @@ def fit(
     force: Force = False,
 ) -> None:
     """Fits the histogram model to the training taps of DATA."""
-    from ..models.storage import check_writable
+    from ..models.storage import check_netcdf_name, check_writable
 
+    check_netcdf_name(out)
     check_writable(out, force)
     from ..models.errors import InputError
-    from ..models.experiment import load_experiment
-    from ..models.histogram import fit as fit_histogram
-    from ..models.histogram import trim
-    from ..models.power import parse_power
+
+    with loading():
+        from ..models.experiment import load_experiment
+        from ..models.histogram import fit as fit_histogram
+        from ..models.histogram import trim
+        from ..models.power import parse_power
 
     parts, grid = load_experiment(data, where_cell, what_cell, split, train, test)
     if len(parts.folds) != 1:

@@ -10,10 +10,9 @@ from ..models.errors import InputError
 from .checks import crosscheck
 from .data import convert, inspect
 from .fit import fit
+from .interrupt import INTERRUPTED, MESSAGE
 from .reproduce import reproduce
 from .simulate import simulate
-
-_INTERRUPTED = 130  # what Typer makes of Ctrl-C
 
 app = typer.Typer(
     name="solidtouch",
@@ -48,6 +47,9 @@ def run() -> None:
     except InputError as error:
         print(f"solidtouch: {error}", file=sys.stderr)
         sys.exit(2)
+    except MemoryError as error:
+        print(f"solidtouch: there is not enough memory for this ({error}).", file=sys.stderr)
+        sys.exit(2)
     except ArithmeticError as error:
         from ..inference.reference import ZeroEvidenceError
 
@@ -56,6 +58,6 @@ def run() -> None:
         print(f"solidtouch: {error} A --pseudocount above 0 makes every tap possible.", file=sys.stderr)
         sys.exit(2)
     except SystemExit as stop:
-        if stop.code == _INTERRUPTED:
-            print("solidtouch: interrupted; no half-written file is left behind.", file=sys.stderr)
+        if stop.code == INTERRUPTED:
+            print(MESSAGE, file=sys.stderr)
         raise

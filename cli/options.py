@@ -34,8 +34,8 @@ TrainSessions = Annotated[
     str | None, typer.Option("--train", metavar="LIST", help="Sessions to train with, such as 0,1.")
 ]
 TestSessions = Annotated[str | None, typer.Option("--test", metavar="LIST", help="Sessions to test, such as 2.")]
-Force = Annotated[bool, typer.Option("--force", help="Overwrite an existing file.")]
-Bins = Annotated[int, typer.Option("--bins", min=1, help="Histogram bins.")]
+Force = Annotated[bool, typer.Option("--force", help="Overwrite existing files.")]
+Bins = Annotated[int, typer.Option("--bins", min=1, max=65536, help="Histogram bins.")]
 Pseudocount = Annotated[float, typer.Option("--pseudocount", min=0.0, help="Counts added to every bin.")]
 Power = Annotated[str, typer.Option("--power", help="Root of the likelihood: J, JK, none or an exponent.")]
 ValueRange = Annotated[

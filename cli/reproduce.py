@@ -10,6 +10,7 @@ import typer
 from typer import Option
 
 from ..models.errors import InputError
+from .interrupt import loading
 from .options import (
     Bins,
     Border,
@@ -73,12 +74,13 @@ def reproduce(
         if value is not None:
             raise InputError(f"{option} goes with {'simulated' if files else 'recorded'} taps only.")
     preset = preset or "paper"
-    from ..analysis.reproduce import reproduce as run
-    from ..analysis.reproduce import simulated_split
-    from ..analysis.results import Request
-    from ..analysis.study import Settings
-    from ..models.experiment import load_experiment
-    from ..models.power import parse_power
+    with loading():
+        from ..analysis.reproduce import reproduce as run
+        from ..analysis.reproduce import simulated_split
+        from ..analysis.results import Request
+        from ..analysis.study import Settings
+        from ..models.experiment import load_experiment
+        from ..models.power import parse_power
     from ..models.storage import check_folder
     from .progress import bars
 
@@ -114,7 +116,9 @@ def reproduce(
             sequence_taps=8 if quick else 20,
         )
         summary = run(request, folder, force, progress)
-    for sentence in (*summary["warnings"], *summary["skipped"]):
+    for sentence in summary["warnings"]:
+        print(f"Warning: {sentence}")
+    for sentence in summary["skipped"]:
         print(f"Note: {sentence}")
     _print_results(summary)
     print(f"The report is {folder / 'report.html'}")

@@ -28,9 +28,13 @@ def fixation(fixation_index: int, theta_x: float = 0.0) -> MovePolicy:
     Args:
         fixation_index: The where class to be at, counted from 0.
         theta_x: Threshold on the where belief for a move: 0 always moves, 1 never does.
+
+    Raises:
+        InputError: When called with a belief that has no such class.
     """
 
     def move(belief: NDArray[np.float64]) -> int:
+        check_fixation(fixation_index, len(belief))
         where = reference.where_decision(belief, theta_x)
         return 0 if where is None else reference.fixation_move(where, fixation_index)
 
@@ -51,5 +55,5 @@ def check_fixation(fixation_index: int | None, L: int) -> int:
     if fixation_index is None:
         return default_fixation(L)
     if not 0 <= fixation_index < L:
-        raise InputError(f"--fixation must be a class index from 0 to {L - 1}, got {fixation_index}.")
+        raise InputError(f"The fixation point must be a class index from 0 to {L - 1}, got {fixation_index}.")
     return fixation_index

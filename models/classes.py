@@ -16,6 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 from .errors import InputError
 
 _LENGTHS_M = {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "um": 1e-6, "µm": 1e-6}
+_MOST_CELLS = 1e6
 _ROUNDING = 1e-6  # of a cell: a value this close below an edge belongs above it
 
 
@@ -221,6 +222,12 @@ def values_from_names(names: Sequence[str]) -> tuple[NDArray[np.float64], str] |
 
 
 def group(values: NDArray[np.float64], width: float, start: float | None = None) -> NDArray[np.intp]:
-    """The cell of each value when cells of `width` are laid from `start` (default: the lowest value) upwards."""
+    """The cell of each value when cells of `width` are laid from `start` (default: the lowest value) upwards.
+
+    Raises:
+        InputError: There would be more than a million cells.
+    """
     start = float(values.min()) if start is None else start
+    if not (values.max() - start) / width < _MOST_CELLS:
+        raise InputError(f"Cells of width {width:g} are too narrow for values up to {values.max():g}.")
     return np.floor((values - start) / width + _ROUNDING).astype(np.intp)

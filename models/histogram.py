@@ -289,7 +289,7 @@ def fit(
     if bins < 1:
         raise InputError(f"A histogram needs at least one bin, got bins={bins}.")
     if not (np.isfinite(pseudocount) and pseudocount >= 0):
-        raise InputError(f"The pseudocount must not be negative, got {pseudocount}.")
+        raise InputError(f"The pseudocount must be finite and not negative, got {pseudocount}.")
     K = taps.dataset.sizes["taxel"]
     likelihood_exponent(power, taps.preprocessing.samples, K)
     where, what = taps.indices(grid)

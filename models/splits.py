@@ -97,7 +97,10 @@ def two_files(train: TapSet, test: TapSet) -> Split:
         InputError: They differ in taxels, unit of position or preprocessing.
     """
     check_compatible(train, test)
-    return Split((Fold(train, test, "test file"),), "files", "The first file trains, the second tests.")
+    known = {tap.tobytes() for tap in train.taps}
+    copies = sum(tap.tobytes() in known for tap in test.taps)
+    warning = f"{copies} of the {len(test)} test taps stand in the training file too." if copies else ""
+    return Split((Fold(train, test, "test file"),), "files", "The first file trains, the second tests.", warning)
 
 
 def _by_sessions(taps: TapSet, sessions: list[int], train: Sequence[int] | None, test: Sequence[int] | None) -> Split:

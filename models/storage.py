@@ -27,6 +27,8 @@ def check_writable(path: str | Path, force: bool = False) -> Path:
     path = Path(path)
     if path.is_dir():
         raise InputError(f"{path} is a directory, a file name is needed.")
+    if path.exists() and not path.is_file():
+        raise InputError(f"{path} is no regular file and is not replaced.")
     if path.exists() and not force:
         raise InputError(f"{path} exists already; --force overwrites it.")
     folder = path.parent
@@ -59,6 +61,16 @@ def complete_file(path: str | Path, force: bool = False) -> Iterator[Path]:
         raise InputError(f"{path} cannot be written: {error.strerror or error}.") from error
     finally:
         temporary.unlink(missing_ok=True)
+
+
+def check_netcdf_name(path: str | Path) -> None:
+    """Refuses names that do not say what they are.
+
+    Raises:
+        InputError: The name does not end in `.nc`.
+    """
+    if Path(path).suffix.lower() != ".nc":
+        raise InputError(f"{path} must end in .nc, the format that it is written in.")
 
 
 def check_folder(path: str | Path, force: bool = False) -> Path:

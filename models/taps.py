@@ -242,6 +242,8 @@ class TapSet:
             width = parse_length(where_cell, self.where_unit, "--where-cell")
             start = float(where_value.min()) if edges is None else float(edges[0])
             cells = group(where_value, width, start)
+            if cells.max() >= len(where_value):
+                raise InputError(f"--where-cell {where_cell} leaves a cell without any position.")
             groups = [where_value[cells == cell] for cell in range(cells.max() + 1)]
             if not all(len(members) for members in groups):
                 raise InputError(f"--where-cell {where_cell} leaves a cell without any position.")

@@ -2,8 +2,8 @@
 
 import numpy as np
 import pytest
-from scipy.stats import norm
-from solidtouch.analysis.contacts import Accuracy, accuracy, summarise
+from scipy.stats import norm, t
+from solidtouch.analysis.contacts import Accuracy, accuracy, accuracy_interval_sentence, summarise
 from solidtouch.hardware.pool import tap_pool
 from solidtouch.inference.montecarlo import TapTable
 from solidtouch.inference.reference import ZeroEvidenceError
@@ -117,12 +117,9 @@ def test_the_seed_decides_the_draws():
 
 
 def test_summaries_weigh_classes_by_their_taps():
-    """Over all data sets: 3 taps at 1/3, 1 at 1 and 4 at 1/2 are 4 of 8 right."""
-    rows = [
-        Accuracy(1, 2, np.array([[1 / 3, 1.0, 0.0], [1.0, 1.0, 0.0]]), np.array([3.0, 1.0])),
-        Accuracy(1, 1, np.array([[0.5, 1.0, 1.0]]), np.array([4.0])),
-    ]
-    summary = summarise(rows)
+    """3 taps at 1/3, 1 at 1 and 4 at 1/2 are 4 of 8 right; in one data set the classes vary."""
+    hits = np.array([[1 / 3, 1.0, 0.0], [1.0, 1.0, 0.0], [0.5, 1.0, 1.0]])
+    summary = summarise([Accuracy(1, 3, hits, np.array([3.0, 1.0, 4.0]))])
     deviations = np.array([3 * (1 / 3 - 0.5), 1 * (1.0 - 0.5), 0.0]) / 8
     half = norm.ppf(0.975) * np.sqrt((deviations**2).sum() * 3 / 2)
 
@@ -131,6 +128,23 @@ def test_summaries_weigh_classes_by_their_taps():
     assert summary["joint_low"] == pytest.approx(0.5 - half)
     assert summary["joint_high"] == pytest.approx(0.5 + half)
     assert (summary["where_low"], summary["where_high"]) == (1.0, 1.0)
+
+
+def test_several_data_sets_are_the_units_that_vary():
+    """Their taps are pooled, and the interval is that of their own means."""
+    rows = [
+        Accuracy(1, 2, np.array([[0.2, 1.0, 0.0], [0.6, 1.0, 0.0]]), np.array([3.0, 1.0])),
+        Accuracy(1, 1, np.array([[0.5, 1.0, 1.0]]), np.array([4.0])),
+        Accuracy(1, 1, np.array([[0.4, 1.0, 1.0]]), np.array([4.0])),
+    ]
+    summary = summarise(rows)
+    half = t.ppf(0.975, 2) * np.std([0.3, 0.5, 0.4], ddof=1) / np.sqrt(3)
+
+    assert (summary["contacts"], summary["classes"]) == (1, 2)
+    assert summary["joint"] == pytest.approx(0.4)
+    assert summary["joint_high"] == pytest.approx(0.4 + half)
+    assert "3 data sets" in accuracy_interval_sentence(3)
+    assert "classes as the units" in accuracy_interval_sentence(1)
 
 
 def test_intervals_stay_between_zero_and_one():

@@ -38,7 +38,7 @@ def test_empty_cells_and_classes_are_named(make_taps):
     few = taps.select(~((taps.what == 3) | (taps.where == 3.0) | ((taps.what == 1) & (taps.where == 1.5))))
     warnings = warnings_of(few)
 
-    assert "Objects without any tap: rod 8 mm." in warnings
+    assert "Objects without any tap: “rod 8 mm”." in warnings
     assert "Positions without any tap: 3 mm." in warnings
     assert "1 of 12 (where, what) cells have no tap: (1.5 mm, rod 4 mm)." in warnings
 
@@ -216,7 +216,7 @@ EXPECTED = {
     "barrett_ballcyl": ("Single contact only", "Recorded in blocks"),
     "barrett_boxes": ("Single contact only", "cells have no tap", "in some sessions", "Recorded in blocks"),
     "eflesh_grid": (),
-    "icub_grasp": ("Objects without any tap: none.", "Recorded in blocks"),
+    "icub_grasp": ("Objects without any tap: “none”.", "Recorded in blocks"),
     "braille_icub": ("Recorded in blocks",),
 }
 
@@ -234,3 +234,12 @@ def test_recorded_data_are_warned_of_as_they_were_recorded(name, shared_data):
         assert warnings_of(taps, where_cell="3mm", what_cell="3mm") == ""
     assert "saturated" not in warnings
     assert "Single contact" not in warnings or name.startswith("barrett")
+
+
+def test_uneven_positions_are_named(make_taps):
+    """Moves are counted in classes, so steps of unequal length are worth knowing; even ones are not mentioned."""
+    even = make_taps(L=3)
+    uneven = make_taps(L=3, where_value=None, where=even.where**2)
+
+    assert "unevenly spaced, by 2.25 to 6.75 mm" in " ".join(inspect(uneven, uneven.grid()).warnings)
+    assert "unevenly" not in " ".join(inspect(even, even.grid()).warnings)

@@ -133,7 +133,7 @@ def test_the_page_is_complete_and_well_formed(tmp_path, pictures):
         "thresholds [0.1, 0.9995] theta_x – cells True",
         "numpy 2.3.1",
         "simulate 3.21",
-        'Title fig3. Caption "fig3"',
+        'Title fig3 (fig3). Caption "fig3"',
     ):
         assert expected in report.text
     assert report.text.count("98.7 % 1.2 % 0 % 0.9995") == 2

@@ -1,5 +1,8 @@
 """What every command says to good and bad input."""
 
+import subprocess
+import sys
+
 import numpy as np
 import pytest
 from solidtouch.models.histogram import load_model
@@ -63,23 +66,26 @@ def test_crosscheck_leaves_numpyro_out_where_the_border_is_no_kernel(command, ta
 @pytest.mark.parametrize(
     ("words", "said"),
     [
-        (["fit", "MISSING", "--out", "OUT"], "missing.nc does not exist"),
-        (["fit", "FOLDER", "--out", "OUT"], "without .csv"),
+        (["fit", "MISSING", "--out", "MODEL"], "missing.nc does not exist"),
+        (["fit", "FOLDER", "--out", "MODEL"], "without .csv"),
         (["fit", "TAPS", "--out", "TAPS"], "exists already; --force"),
+        (["fit", "TAPS", "--out", "OUT"], "must end in .nc"),
         (["fit", "TAPS", "--out", "NOWHERE"], "there is no folder"),
-        (["fit", "TAPS", "--out", "OUT", "--power", "K"], "power must be J, JK, none or a positive number, got 'K'"),
-        (["fit", "TAPS", "--out", "OUT", "--where-cell", "3kg"], "--where-cell '3kg' cannot be converted"),
-        (["fit", "TAPS", "--out", "OUT", "--split", "thirds"], "thirds"),
-        (["fit", "TAPS", "--out", "OUT", "--train", "0", "--test", "7"], "session 7|7"),
-        (["fit", "TAPS", "--out", "OUT", "--split", "leave-one-session-out"], "makes 2 models"),
-        (["fit", "TAPS", "TAPS", "TAPS", "--out", "OUT"], "One data file or two"),
+        (["fit", "TAPS", "--out", "MODEL", "--power", "K"], "power must be J, JK, none or a positive number, got 'K'"),
+        (["fit", "TAPS", "--out", "MODEL", "--where-cell", "3kg"], "--where-cell '3kg' cannot be converted"),
+        (["fit", "TAPS", "--out", "MODEL", "--split", "thirds"], "thirds"),
+        (["fit", "TAPS", "--out", "MODEL", "--train", "0", "--test", "7"], "session 7|7"),
+        (["fit", "TAPS", "--out", "MODEL", "--split", "leave-one-session-out"], "makes 2 models"),
+        (["fit", "TAPS", "TAPS", "TAPS", "--out", "MODEL"], "One data file or two"),
+        (["fit", "TAPS", "--out", "MODEL", "--where-cell", "1e-9"], "too narrow"),
+        (["fit", "TAPS", "--out", "/dev/null", "--force"], "must end in .nc"),
         (["crosscheck", "FOREIGN"], "foreign.npz"),
         (["crosscheck", "TAPS", "--pseudocount", "0", "--bins", "40"], "impossible"),
         (["reproduce", "--data", "MISSING", "--out", "OUT"], "missing.nc does not exist"),
         (["reproduce", "TAPS"], "named with --data"),
         (["reproduce", "--data", "TAPS", "--out", "TAPS"], "is a file, a folder is needed"),
         (["reproduce", "--data", "TAPS", "--out", "FULL"], "exists already; --force"),
-        (["reproduce", "--data", "TAPS", "--out", "OUT", "--fixation", "3"], "--fixation must be a class index from 0"),
+        (["reproduce", "--data", "TAPS", "--out", "OUT", "--fixation", "3"], "must be a class index from 0"),
         (["reproduce", "--data", "TAPS", "--out", "OUT", "--thresholds", "a"], "--thresholds needs numbers"),
         (["reproduce", "--data", "TAPS", "--out", "OUT", "--thresholds", "1.5"], "--thresholds must be numbers from 0"),
         (["reproduce", "--data", "TAPS", "--out", "OUT", "--theta-x", "2"], "--theta-x must lie between 0 and 1"),
@@ -97,7 +103,8 @@ def test_bad_input_is_one_sentence_and_exit_code_2(words, said, command, tmp_pat
     (tmp_path / "full" / "mine.txt").write_text("mine")
     (tmp_path / "foreign.npz").write_bytes(b"\x89PNG nothing")
     names = {
-        "TAPS": taps_file, "OUT": tmp_path / "out", "MISSING": tmp_path / "missing.nc", "FOLDER": tmp_path / "folder",
+        "TAPS": taps_file, "OUT": tmp_path / "out", "MODEL": tmp_path / "out.nc",
+        "MISSING": tmp_path / "missing.nc", "FOLDER": tmp_path / "folder",
         "NOWHERE": tmp_path / "no" / "model.nc", "FULL": tmp_path / "full", "FOREIGN": tmp_path / "foreign.npz",
     }  # fmt: skip
     before = {path: path.read_bytes() for path in tmp_path.rglob("*") if path.is_file()}
@@ -110,7 +117,7 @@ def test_bad_input_is_one_sentence_and_exit_code_2(words, said, command, tmp_pat
     assert any(part in sentence for part in said.split("|"))
     assert "Traceback" not in done.err
     assert {path: path.read_bytes() for path in tmp_path.rglob("*") if path.is_file()} == before
-    assert not (tmp_path / "out").exists()
+    assert not list(tmp_path.glob("out*"))
 
 
 @pytest.mark.parametrize(
@@ -118,6 +125,43 @@ def test_bad_input_is_one_sentence_and_exit_code_2(words, said, command, tmp_pat
 )
 def test_wrong_options_exit_with_code_2(words, command):
     assert command(*words).code == 2
+
+
+def test_too_little_memory_is_one_sentence(command, taps_file, tmp_path, monkeypatch):
+    """An allocation that fails is no traceback."""
+
+    def refuse(*args, **more):
+        raise MemoryError("Unable to allocate 17 TiB")
+
+    monkeypatch.setattr("solidtouch.models.histogram.bin_edges", refuse)
+    done = command("fit", taps_file, "--out", tmp_path / "model.nc")
+
+    assert done.code == 2
+    assert done.err == "solidtouch: there is not enough memory for this (Unable to allocate 17 TiB).\n"
+
+
+def test_a_file_tested_on_itself_is_named(command, taps_file, tmp_path):
+    done = command("fit", taps_file, taps_file, "--out", tmp_path / "model.nc")
+
+    assert "Warning: 168 of the 168 test taps stand in the training file too." in done.out
+
+
+@pytest.mark.parametrize("module", ["solidtouch.analysis.reproduce", "jax"])
+def test_an_interrupt_while_libraries_load_ends_the_program(module, tmp_path):
+    """At once, with the sentence and exit code of every interrupt."""
+    code = (
+        "import os, signal\n"
+        "from solidtouch.cli.interrupt import loading\n"
+        "with loading():\n"
+        f"    import {module}\n"
+        "    os.kill(os.getpid(), signal.SIGINT)\n"
+        "    print('still here')\n"
+    )
+    done = subprocess.run([sys.executable, "-c", code], cwd=tmp_path, capture_output=True, text=True, check=False)
+
+    assert done.returncode == 130
+    assert done.stdout == ""
+    assert done.stderr == "solidtouch: interrupted; no half-written file is left behind.\n"
 
 
 def test_a_model_refuses_taps_prepared_otherwise(command, tmp_path, make_taps):

@@ -180,3 +180,5 @@ def test_recorded_data_run_and_come_near_their_baselines(name, command, tmp_path
         assert accuracy[3] > accuracy[0] + 0.15
     if name.startswith("barrett"):
         assert [row["contacts"] for row in summary["accuracy"]] == [1]
+        assert "All test classes have only one test tap, drawn again and again" in done.out
+    assert ("Recorded in blocks" in done.out) == (name != "eflesh_grid")

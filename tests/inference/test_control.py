@@ -52,3 +52,8 @@ def test_fixation_points_outside_the_range_are_refused(index):
     """The message names the range."""
     with pytest.raises(InputError, match=f"class index from 0 to 2, got {index}"):
         check_fixation(index, 3)
+
+
+def test_a_fixation_point_outside_the_range_is_refused_at_the_first_move():
+    with pytest.raises(InputError, match="must be a class index from 0 to 2, got 3"):
+        fixation(3)(np.full((3, 2), 1 / 6))

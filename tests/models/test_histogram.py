@@ -329,9 +329,9 @@ def test_taps_prepared_otherwise_are_refused(make_taps, taps, grid):
     ("more", "message"),
     [
         ({"bins": 0}, "at least one bin, got bins=0"),
-        ({"pseudocount": -0.1}, "pseudocount must not be negative, got -0.1"),
-        ({"pseudocount": np.nan}, "pseudocount must not be negative, got nan"),
-        ({"pseudocount": np.inf}, "pseudocount must not be negative, got inf"),
+        ({"pseudocount": -0.1}, "pseudocount must be finite and not negative, got -0.1"),
+        ({"pseudocount": np.nan}, "pseudocount must be finite and not negative, got nan"),
+        ({"pseudocount": np.inf}, "pseudocount must be finite and not negative, got inf"),
         ({"power": "K"}, "got 'K'"),
         ({"power": 0.0}, "got 0.0"),
         ({"value_range": "session"}, "range must be global or taxel, got 'session'"),

@@ -1,5 +1,7 @@
 """Files and folders that are whole or not there."""
 
+import errno
+import os
 import stat
 
 import pytest
@@ -139,3 +141,18 @@ def test_folders_that_cannot_be_made_are_refused(tmp_path):
     (tmp_path / "a").touch()
     with pytest.raises(InputError, match="cannot be written"), complete_folder(tmp_path / "a" / "b"):
         pytest.fail("the block is entered")
+
+
+def test_devices_and_pipes_are_never_replaced(tmp_path):
+    """Even with force."""
+    os.mkfifo(tmp_path / "pipe.nc")
+    with pytest.raises(InputError, match=r"pipe\.nc is no regular file and is not replaced"):
+        check_writable(tmp_path / "pipe.nc", force=True)
+
+
+def test_a_disk_that_fills_while_a_folder_is_written_is_an_input_error(tmp_path):
+    """The folder is named and nothing of it stays."""
+    with pytest.raises(InputError, match="run cannot be written: No space left on device"):
+        write_half(complete_folder(tmp_path / "run"), OSError(errno.ENOSPC, "No space left on device"))
+
+    assert names(tmp_path) == []

@@ -1,0 +1,29 @@
+"""Ctrl-C while libraries load."""
+
+import os
+import signal
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from types import FrameType
+
+INTERRUPTED = 130  # exit code, as shells and Typer have it
+MESSAGE = "solidtouch: interrupted; no half-written file is left behind."
+
+
+@contextmanager
+def loading() -> Iterator[None]:
+    """Ends the program at once on Ctrl-C, for the seconds in which imports run and nothing is written.
+
+    An exception would be raised somewhere inside the library that is being imported, which may swallow it or abort.
+    """
+    before = signal.signal(signal.SIGINT, _end)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGINT, before)
+
+
+def _end(signum: int, frame: FrameType | None) -> None:  # noqa: ARG001 - the signature of a signal handler
+    print(MESSAGE, file=sys.stderr, flush=True)
+    os._exit(INTERRUPTED)
