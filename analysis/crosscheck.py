@@ -256,7 +256,7 @@ def _script(engine: Engine, model: HistogramModel, taps: TapSet, length: int, ge
     start = int(generator.integers(len(taps)))
     rig = ReplayRig(taps, model.grid, int(where[start]), int(what[start]), uniforms(generator))
     targets = generator.integers(model.grid.L, size=length)
-    log_belief, recorded, deltas = engine.log_prior, [], []
+    log_belief, recorded, deltas = engine.model.log_prior, [], []
     for t in range(length):
         recorded.append(rig.tap())
         log_belief, _ = engine.update(log_belief, recorded[-1])
@@ -268,7 +268,7 @@ def _script(engine: Engine, model: HistogramModel, taps: TapSet, length: int, ge
 
 
 def _follow(engine: Engine, script: Script) -> _Trace:
-    log_belief, log_beliefs, log_evidence = engine.log_prior, [], []
+    log_belief, log_beliefs, log_evidence = engine.model.log_prior, [], []
     for t, tap in enumerate(script.taps):
         if t:
             log_belief = engine.shift(log_belief, int(script.deltas[t - 1]))

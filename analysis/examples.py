@@ -35,7 +35,7 @@ def belief_cases(study: Study, engine: Engine, settings: Settings) -> tuple[Beli
     for where, what, stream in _starts(study, _CANDIDATES, settings.seed):
         rig = _rig(study, where, what, stream, settings.seed, _CASE_TAPS)
         episode = perceive(rig, engine, 1.0, passive, deadline=_CASE_TAPS)
-        cases.append(BeliefCase(np.exp(episode.log_beliefs), np.exp(engine.log_prior), where, what))
+        cases.append(BeliefCase(np.exp(episode.log_beliefs), np.exp(engine.model.log_prior), where, what))
     return max(cases, key=_clarity), max(cases, key=_ambiguity)
 
 

@@ -20,11 +20,6 @@ def effective_radius_mm(settings: RigSettings, diameter_mm: float) -> float:
     return 1.0 / (2.0 / diameter_mm + 1.0 / settings.axial_radius_mm)
 
 
-def contact_half_width_mm(settings: RigSettings, diameter_mm: float, depth_mm: float) -> float:
-    """Half the length of the contact patch along the finger, `sqrt(2 R_e D)` for the depth `D`."""
-    return float(np.sqrt(2 * effective_radius_mm(settings, diameter_mm) * depth_mm))
-
-
 def peak_depth_mm(settings: RigSettings, position_mm: NDArray[np.float64]) -> NDArray[np.float64]:
     """Deepest indentation of a tap at each position: a Gaussian on a pedestal; same shape.
 

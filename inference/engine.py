@@ -6,7 +6,7 @@ normalised log belief of shape (L, M) without any floor, so sequences may be of 
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Literal, Protocol
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -15,8 +15,6 @@ from ..models.errors import InputError
 from ..models.histogram import HistogramModel
 from . import reference
 from .reference import Border
-
-EngineName = Literal["numpy", "numpyro", "filter"]
 
 
 class Engine(Protocol):
@@ -29,12 +27,7 @@ class Engine(Protocol):
 
     @property
     def model(self) -> HistogramModel:
-        """The measurement model behind it."""
-        ...
-
-    @property
-    def log_prior(self) -> NDArray[np.float64]:
-        """Log belief before the first tap, shape (L, M)."""
+        """The measurement model behind it, which holds the belief before the first tap, `log_prior`."""
         ...
 
     def update(self, log_belief: NDArray[np.float64], tap: ArrayLike) -> tuple[NDArray[np.float64], float]:
@@ -78,11 +71,6 @@ class NumpyEngine:
                 reference.histogram_probabilities(model.counts[model.trained], model.pseudocount)
             )
         return log_prob
-
-    @property
-    def log_prior(self) -> NDArray[np.float64]:
-        """Uniform over the trained classes."""
-        return self.model.log_prior
 
     def update(self, log_belief: NDArray[np.float64], tap: ArrayLike) -> tuple[NDArray[np.float64], float]:
         """Eq. 1, 3 and 4."""

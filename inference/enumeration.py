@@ -111,11 +111,6 @@ class NumpyroEngine:
         with jax.enable_x64(True):
             return touch_tables(self.model)
 
-    @property
-    def log_prior(self) -> NDArray[np.float64]:
-        """Uniform over the trained classes."""
-        return self.model.log_prior
-
     def update(self, log_belief: NDArray[np.float64], tap: ArrayLike) -> tuple[NDArray[np.float64], float]:
         """Eq. 1, 3 and 4.
 

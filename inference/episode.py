@@ -65,7 +65,7 @@ def perceive(
     if deadline < 1:
         raise InputError(f"The deadline must be at least one tap, got {deadline}.")
     engine.model.check_taps(sensor.preprocessing)
-    log_belief = engine.log_prior
+    log_belief = engine.model.log_prior
     log_beliefs, log_evidence, moves, realised = [], [], [], []
     while True:
         log_belief, evidence = engine.update(log_belief, sensor.tap())

@@ -79,11 +79,6 @@ class FilterEngine:
     border: Border = "uniform"
     name: str = "filter"
 
-    @property
-    def log_prior(self) -> NDArray[np.float64]:
-        """Uniform over the trained classes."""
-        return self.model.log_prior
-
     def update(self, log_belief: NDArray[np.float64], tap: ArrayLike) -> tuple[NDArray[np.float64], float]:
         """Eq. 1 as a product of counts with log tables, then Eq. 3 and 4 compiled.
 

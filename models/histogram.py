@@ -274,8 +274,8 @@ def fit(
         grid: The classes to tell apart. A class without a training tap stays in the grid as an untrained class,
             which is impossible; `trim` takes whole empty objects and ends of the range out of a grid.
         bins: `B`, equal-width bins across the range.
-        pseudocount: Added to every bin, in counts. The paper has none, and then 37 % of simulated test taps are
-            impossible under their own class; later work adds a small constant.
+        pseudocount: Added to every bin, in counts. The paper has none, and then a quarter to a half of
+            simulated test taps are impossible under their own class; later work adds a small constant.
         power: Root of Eq. 1, see `inference.reference.exponent`.
         value_range: Whether bins span the range of all taxels together or of each.
         trained_on: Which taps these are, in words, for the model's file.

@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 from solidtouch.hardware.fingertip_layout import ICUB_FINGERTIP, Taxel
 from solidtouch.hardware.physics import (
-    contact_half_width_mm,
     effective_radius_mm,
     peak_depth_mm,
     press_profile,
@@ -15,6 +14,11 @@ from solidtouch.hardware.physics import (
 from solidtouch.hardware.simulation_settings import RigSettings
 
 PAPER = RigSettings()
+
+
+def contact_half_width_mm(settings, diameter_mm, depth_mm):
+    """Half the length of the contact patch along the finger, `sqrt(2 R_e D)` for the depth `D`."""
+    return float(np.sqrt(2 * effective_radius_mm(settings, diameter_mm) * depth_mm))
 
 
 def point_taxels(along_mm):

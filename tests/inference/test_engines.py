@@ -37,7 +37,7 @@ def engines(model, border):
 
 def follow(engine, taps, deltas, log_belief=None):
     """Log beliefs after every tap and summed log evidence, up to the first impossible tap."""
-    log_belief = engine.log_prior if log_belief is None else log_belief
+    log_belief = engine.model.log_prior if log_belief is None else log_belief
     log_beliefs, log_evidence = [], []
     for t, tap in enumerate(taps):
         log_belief = engine.shift(log_belief, deltas[t - 1]) if t else log_belief
@@ -128,7 +128,7 @@ def test_engines_speak_float64(make_model, draw_samples, name):
     """Without JAX being set to it."""
     model = make_model()
     engine = make_engine(name, model)
-    log_belief, log_evidence = engine.update(engine.log_prior, draw_samples(model, 1)[0].astype(np.float32))
+    log_belief, log_evidence = engine.update(engine.model.log_prior, draw_samples(model, 1)[0].astype(np.float32))
 
     assert not jax.config.jax_enable_x64
     assert engine.name == name
@@ -140,10 +140,10 @@ def test_untrained_classes_never_come_back_by_a_tap(make_model, name):
     """Moves may lead there; the next tap says that no one is there."""
     model = make_model(untrained=[(1, 2)])
     engine = make_engine(name, model, "circular")
-    moved = engine.shift(engine.log_prior, 1)
+    moved = engine.shift(engine.model.log_prior, 1)
     log_belief, _ = engine.update(moved, np.full((5, 2), 9.0))
 
-    assert np.isneginf(engine.log_prior[1, 2])
+    assert np.isneginf(engine.model.log_prior[1, 2])
     assert np.isfinite(moved[1, 2])
     assert np.isneginf(log_belief[1, 2])
 
@@ -278,7 +278,7 @@ A_TAP, B_TAP = np.array([[-1.0]]), np.array([[1.0]])
 def test_engines_recover_from_any_belief(make_model, name):
     """After 400 taps of A and 800 of B they believe B, though A stood against it by e^-2000."""
     engine = make_engine(name, two_objects(make_model, 1, 0.01))
-    log_belief = engine.log_prior
+    log_belief = engine.model.log_prior
     for _ in range(400):
         log_belief, _ = engine.update(log_belief, A_TAP)
     lowest = log_belief[0, 1]
@@ -323,7 +323,7 @@ def test_ten_thousand_taps_with_moves(border):
 def test_an_impossible_tap_is_a_typed_error(make_model, name):
     """Without pseudocount a tap may contradict all that was believed."""
     engine = make_engine(name, two_objects(make_model, 5, 0.0))
-    log_belief, _ = engine.update(engine.log_prior, A_TAP)
+    log_belief, _ = engine.update(engine.model.log_prior, A_TAP)
 
     with pytest.raises(ZeroEvidenceError, match=IMPOSSIBLE):
         engine.update(log_belief, B_TAP)
@@ -355,7 +355,7 @@ def test_taps_that_do_not_fit_the_model_are_refused(make_model, name, tap, messa
     engine = make_engine(name, make_model())
 
     with pytest.raises(InputError, match=message):
-        engine.update(engine.log_prior, tap)
+        engine.update(engine.model.log_prior, tap)
 
 
 def test_prior_is_no_kernel(make_model, draw_samples):

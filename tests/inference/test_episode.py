@@ -66,7 +66,7 @@ def test_the_belief_follows_the_commanded_move(model, engine, taps):
     moves = iter([2, 3])
     episode = perceive(sensor, engine, 1.0, lambda _: next(moves), deadline=3)
 
-    log_belief = engine.log_prior
+    log_belief = engine.model.log_prior
     for t, delta in enumerate([2, 3, 0]):
         log_belief, log_evidence = engine.update(log_belief, taps[t])
         np.testing.assert_array_equal(episode.log_beliefs[t], log_belief)
@@ -112,7 +112,7 @@ def test_the_first_belief_above_the_threshold_stops(model, engine, taps, theta):
 
 def test_a_threshold_that_is_met_exactly_goes_on(model, engine, taps):
     """The comparison is strict."""
-    first, _ = engine.update(engine.log_prior, taps[0])
+    first, _ = engine.update(engine.model.log_prior, taps[0])
     theta = float(reference.what_marginal(np.exp(first)).max())
     episode = perceive(ScriptedSensor(model, taps), engine, theta, passive)
 

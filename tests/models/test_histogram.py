@@ -10,6 +10,8 @@ import xarray as xr
 from numpyro.infer import MCMC, NUTS
 from numpyro.infer.util import log_density
 from scipy.special import gammaln
+from solidtouch.hardware.data_collection import simulate_session
+from solidtouch.hardware.presets import PRESETS
 from solidtouch.inference import reference
 from solidtouch.models.bins import bin_edges, find_bins
 from solidtouch.models.classes import ClassGrid
@@ -267,6 +269,17 @@ def test_nuts_recovers_the_conjugate_posterior(rng):
     assert float(az.rhat(p).max()) < 1.05
     assert (np.abs(p.mean(("chain", "draw")) - mean) < 4 * az.mcse(p)).all()
     np.testing.assert_allclose(p.std(("chain", "draw")), deviation, rtol=0.25)
+
+
+@pytest.mark.parametrize("seed", [2, 6])
+def test_without_a_pseudocount_many_taps_are_impossible_under_their_own_class(seed):
+    """A quarter to a half of simulated test taps, which is why there is one."""
+    train, test = (simulate_session(PRESETS["paper"], seed, session) for session in (0, 1))
+    model = fit(train, train.grid(), pseudocount=0)
+    where, what = test.indices(model.grid)
+    own = model.log_likelihood(test.taps)[np.arange(len(test)), where, what]
+
+    assert 0.25 < np.isneginf(own).mean() < 0.5
 
 
 # Classes without a tap
