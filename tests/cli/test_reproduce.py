@@ -10,6 +10,8 @@ import time
 import numpy as np
 import pytest
 import xarray as xr
+from solidtouch.analysis.study import study
+from solidtouch.models.errors import InputError
 
 FIGURES = ("fig3", "fig4", "fig5_passive", "fig5_active", "fig6", "fig7", "confusion", "contacts")
 ACTIVE = ("fig5_passive", "fig5_active", "fig6")
@@ -182,3 +184,20 @@ def test_recorded_data_run_and_come_near_their_baselines(name, command, tmp_path
         assert [row["contacts"] for row in summary["accuracy"]] == [1]
         assert "All test classes have only one test tap, drawn again and again" in done.out
     assert ("Recorded in blocks" in done.out) == (name != "eflesh_grid")
+
+
+def test_data_sets_draw_their_own_random_numbers(command, tmp_path, monkeypatch):
+    """Otherwise their spread would miss the sampling of trials."""
+    seeds = []
+
+    def watched(fold, grid, settings, progress):
+        seeds.append(settings.seed)
+        if len(seeds) == 2:
+            raise InputError("seen enough")
+        return study(fold, grid, settings, progress)
+
+    monkeypatch.setattr("solidtouch.analysis.reproduce.study", watched)
+    done = command("reproduce", *SMALL, "--seed", 5, "--out", tmp_path / "run")
+
+    assert "seen enough" in done.err
+    assert seeds == [5, 6]

@@ -198,3 +198,12 @@ def test_differences_name_the_field_and_both_values():
     here, there = Preprocessing(samples=4), Preprocessing(samples=4, rate_hz=50.0)
 
     assert here.differences(there) == ["rate_hz is None here and 50.0 there"]
+
+
+@pytest.mark.parametrize(("between", "starts"), [(1.99, [1, 4]), (2.0, [1]), (2.01, [1])])
+def test_the_next_contact_needs_a_fall_below_half_the_level(between, starts):
+    """At half the level the trigger is not armed yet."""
+    cutter = TapCutter(Preprocessing(samples=2, trigger="contact", trigger_level=4.0))
+    taps = cutter.push(np.array([[0.0], [4.0], [4.0], [between], [4.0], [4.0]]))
+
+    assert [tap.start for tap in taps] == starts
