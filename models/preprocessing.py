@@ -30,11 +30,12 @@ class Preprocessing:
         tare_samples: How many samples the tare is averaged over.
         highpass_hz: Cut-off of a causal first-order Butterworth high-pass over the whole stream, started in its
             steady state; 0 for none.
-        trigger: What starts a tap: `"none"` (taps arrived already cut), `"clock"` (every `samples` frames) or
-            `"contact"` (a taxel reaches `trigger_level`; armed again when all are below half of it).
+        trigger: What starts a tap: `"none"` (taps arrived already cut), `"clock"` (every `samples` frames),
+            `"contact"` (a taxel reaches `trigger_level`; armed again when all are below half of it) or `"press"` (the
+            rig says when it presses).
         trigger_level: The prepared value that counts as contact, in the units of the samples; negative for sensors
             whose values fall under load.
-        pre_samples: Samples kept from before the contact.
+        pre_samples: Samples kept from before the contact or the press.
     """
 
     samples: int
@@ -42,7 +43,7 @@ class Preprocessing:
     tare: Literal["none", "stream", "tap"] = "none"
     tare_samples: int = 0
     highpass_hz: float = 0.0
-    trigger: Literal["none", "clock", "contact"] = "none"
+    trigger: Literal["none", "clock", "contact", "press"] = "none"
     trigger_level: float = 0.0
     pre_samples: int = 0
 
@@ -72,13 +73,13 @@ class Preprocessing:
                 f"A high-pass at {self.highpass_hz} Hz needs a sampling rate above {2 * self.highpass_hz} Hz, "
                 f"got rate_hz={self.rate_hz}."
             )
-        if self.trigger not in ("none", "clock", "contact"):
-            raise InputError(f"trigger must be none, clock or contact, got {self.trigger!r}.")
+        if self.trigger not in ("none", "clock", "contact", "press"):
+            raise InputError(f"trigger must be none, clock, contact or press, got {self.trigger!r}.")
         if (self.trigger == "contact") != (self.trigger_level != 0):
             raise InputError(f"trigger={self.trigger!r} does not go with trigger_level={self.trigger_level}.")
-        if self.pre_samples and (self.trigger != "contact" or not 0 < self.pre_samples < self.samples):
+        if self.pre_samples and (self.trigger not in ("contact", "press") or not 0 < self.pre_samples < self.samples):
             raise InputError(
-                f"pre_samples={self.pre_samples} needs a contact trigger and must be smaller than "
+                f"pre_samples={self.pre_samples} needs a contact or press trigger and must be smaller than "
                 f"samples={self.samples}."
             )
 
@@ -126,7 +127,7 @@ class TapCutter:
     are not returned; `incomplete` counts them.
 
     Args:
-        preprocessing: What to do; its trigger must be `"clock"` or `"contact"`.
+        preprocessing: What to do; its trigger must not be `"none"`.
 
     Raises:
         InputError: The record has no trigger.
@@ -134,7 +135,7 @@ class TapCutter:
 
     def __init__(self, preprocessing: Preprocessing) -> None:
         if preprocessing.trigger == "none":
-            raise InputError("A stream can only be cut into taps with a clock or a contact trigger.")
+            raise InputError("A stream can only be cut into taps with a clock, contact or press trigger.")
         self.preprocessing = preprocessing
         self.incomplete = 0
         self._filter_state: NDArray[np.float64] | None = None
@@ -165,6 +166,24 @@ class TapCutter:
         prepared = self._highpass(self._tared(frames))
         self._kept = np.concatenate([self._kept.reshape(-1, frames.shape[1]), prepared])
         return self._cut()
+
+    def press(self) -> None:
+        """Starts a tap: the next frame is the first after the press, the `pre_samples` frames before it belong to it.
+
+        A tap that is not complete yet is given up and counts as incomplete, as does one that begins before the stream
+        or, with a tare over the stream, before its end.
+
+        Raises:
+            InputError: The record has another trigger.
+        """
+        if self.preprocessing.trigger != "press":
+            raise InputError(f"A press starts no tap with trigger={self.preprocessing.trigger!r}.")
+        self.finish()
+        begin = self._kept_from + len(self._kept) - self.preprocessing.pre_samples
+        if begin < self._kept_from or self._untared:
+            self.incomplete += 1
+        else:
+            self._begin = begin
 
     def finish(self) -> None:
         """Ends the stream; a tap in progress counts as incomplete."""
@@ -229,6 +248,9 @@ class TapCutter:
         end = self._kept_from + len(self._kept)
         if record.trigger == "clock":
             return self._scanned if self._scanned < end else None
+        if record.trigger == "press":
+            self._scanned = end
+            return None
         for load in self._load(self._kept[self._scanned - self._kept_from :]):
             frame = self._scanned
             self._scanned += 1

@@ -1,0 +1,1 @@
+"""Emulated devices on pseudo-terminals, with a switch for every fault a bench produces."""

@@ -1,0 +1,27 @@
+"""What stands behind a pseudo-terminal: a state machine in rig time, which never sees a file or a clock."""
+
+from typing import Protocol
+
+
+class Device(Protocol):
+    """An emulated device. Times are rig time in seconds and never go backwards between calls."""
+
+    def opened(self, time_s: float) -> None:
+        """A program opened the port."""
+        ...
+
+    def closed(self, time_s: float) -> None:
+        """The program closed the port or ended."""
+        ...
+
+    def receive(self, data: bytes, time_s: float) -> None:
+        """Bytes came from the program."""
+        ...
+
+    def next_event_s(self) -> float:
+        """When the device does something next by itself; infinity if nothing is to come."""
+        ...
+
+    def step(self, time_s: float) -> bytes:
+        """Does all that is due by this time; returns the bytes it sends then."""
+        ...

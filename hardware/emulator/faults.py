@@ -1,0 +1,151 @@
+"""The faults that a bench produces, as switches that emulated devices ask.
+
+Numbers are those of the table in docs/faults.md, which says what the driver does about each.
+"""
+
+from collections import Counter
+from collections.abc import Iterator
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from ...models.errors import InputError
+
+
+class Fault(NamedTuple):
+    """One thing that goes wrong.
+
+    Attributes:
+        number: Its row in docs/faults.md.
+        where: `"port"` for either port, `"stage"` or `"sensor"`.
+        meaning: What happens, in words, with its parameters.
+    """
+
+    number: int
+    where: str
+    meaning: str
+
+
+FAULTS: dict[str, Fault] = {
+    "split": Fault(1, "port", "output comes in small pieces, `delay_s` apart"),
+    "drop_bytes": Fault(2, "port", "`count` bytes of an output are missing"),
+    "merge": Fault(3, "port", "a line end is missing"),
+    "flip_bits": Fault(4, "port", "`count` bits of an output are flipped"),
+    "garbage": Fault(4, "port", "all output is noise, as at a wrong baud rate"),
+    "torn_status": Fault(5, "stage", "a message stands in the middle of a status report"),
+    "unplug": Fault(6, "port", "the port vanishes for `seconds`"),
+    "renumber": Fault(7, "port", "the port vanishes and comes back as another device behind the same link"),
+    "stale_input": Fault(8, "port", "old output arrives after the port was opened"),
+    "reset_on_open": Fault(9, "stage", "opening the port resets the controller"),
+    "brown_out": Fault(10, "stage", "the controller restarts by itself"),
+    "second_reader": Fault(11, "port", "another program takes some of the output"),
+    "busy_port": Fault(12, "port", "another program has the port for `seconds` and leaves text in it"),
+    "lost_ok": Fault(13, "stage", "an `ok` is missing"),
+    "extra_ok": Fault(14, "stage", "an `ok` comes twice"),
+    "refuse_move": Fault(15, "stage", "a move is answered with `error:code`"),
+    "limit_alarm": Fault(16, "stage", "a limit switch is hit in a move"),
+    "silent_status": Fault(17, "stage", "status requests are not answered"),
+    "false_idle": Fault(18, "stage", "status says Idle at the old place after a move was accepted"),
+    "deaf": Fault(21, "port", "the device reads nothing"),
+    "no_acks": Fault(22, "sensor", "the adapter answers no command, like stock CANable firmware"),
+    "bell": Fault(22, "sensor", "the adapter answers a command with a bell"),
+    "left_open": Fault(23, "sensor", "the adapter was left open and streaming"),
+    "lost_frames": Fault(24, "sensor", "the adapter loses both halves of `count` readings"),
+    "lost_half": Fault(25, "sensor", "the adapter loses one half of a reading"),
+    "swapped_halves": Fault(25, "sensor", "the tail comes before the head"),
+    "silent_sensor": Fault(26, "sensor", "no readings come"),
+    "stuck": Fault(27, "sensor", "readings repeat the same values"),
+    "taxel_error": Fault(28, "sensor", "the board reports an error and the taxels in `mask` read 0"),
+    "recalibrate": Fault(29, "sensor", "the board calibrates by itself, whatever presses"),
+    "drift": Fault(30, "sensor", "all taxels drift by `counts_per_s`"),
+    "old_class": Fault(31, "sensor", "the board sends class 3"),
+    "foreign": Fault(31, "sensor", "another board and another triangle send too"),
+    "late": Fault(32, "port", "output comes up to `delay_s` late"),
+    "overload": Fault(28, "sensor", "the taxels in `mask` go to the end of their range"),
+}
+"""Rows 19 (receive buffer of 128 bytes) and 20 (writing a setting loses bytes) are how the controller always is."""
+
+
+class Struck(NamedTuple):
+    """A fault that happened.
+
+    Attributes:
+        time_s: Rig time in seconds.
+        name: Which.
+    """
+
+    time_s: float
+    name: str
+
+
+class _Switch(NamedTuple):
+    left: int | None
+    rate: float
+    parameters: dict[str, Any]
+
+
+class Switches:
+    """Which faults are on; devices ask `strikes` whenever a fault could happen.
+
+    Args:
+        seed: Of all that is random about faults.
+
+    Attributes:
+        generator: Random numbers for faults: where to drop, which bit to flip.
+        struck: Every fault that happened, in order.
+    """
+
+    def __init__(self, seed: int = 0) -> None:
+        self.generator = np.random.default_rng(seed)
+        self.struck: list[Struck] = []
+        self._on: dict[str, _Switch] = {}
+
+    def on(self, name: str, times: int | None = None, rate: float = 1.0, **parameters: Any) -> None:
+        """Switches a fault on.
+
+        Args:
+            name: A key of `FAULTS`.
+            times: How often it strikes before it is off again; `None` for ever.
+            rate: Probability that it strikes when it could.
+            parameters: What its meaning names.
+
+        Raises:
+            InputError: There is no such fault or the numbers make no sense.
+        """
+        if name not in FAULTS:
+            raise InputError(f"There is no fault {name!r}; the faults are {', '.join(FAULTS)}.")
+        if not 0 <= rate <= 1 or (times is not None and times < 1):
+            raise InputError(f"Fault {name}: rate={rate} must lie between 0 and 1 and times={times} be at least 1.")
+        self._on[name] = _Switch(times, rate, parameters)
+
+    def off(self, name: str) -> None:
+        """Switches a fault off; nothing happens if it is off."""
+        self._on.pop(name, None)
+
+    def clear(self) -> None:
+        """Switches all off."""
+        self._on.clear()
+
+    def is_on(self, name: str) -> bool:
+        """Whether it is on; asking changes nothing."""
+        return name in self._on
+
+    def strikes(self, name: str, time_s: float) -> dict[str, Any] | None:
+        """The parameters of a fault if it strikes now, else None; it is noted and counted."""
+        switch = self._on.get(name)
+        if switch is None or (switch.rate < 1 and self.generator.random() >= switch.rate):
+            return None
+        self.struck.append(Struck(time_s, name))
+        if switch.left == 1:
+            del self._on[name]
+        elif switch.left is not None:
+            self._on[name] = switch._replace(left=switch.left - 1)
+        return switch.parameters
+
+    def tally(self) -> Counter[str]:
+        """How often each fault struck."""
+        return Counter(struck.name for struck in self.struck)
+
+    def __iter__(self) -> Iterator[str]:
+        """Names of those that are on."""
+        return iter(tuple(self._on))

@@ -1,0 +1,48 @@
+"""What happens on a rig, told as it happens to whoever keeps it."""
+
+from typing import Any, Protocol
+
+from .skin import SkinFrame
+
+
+class Journal(Protocol):
+    """Keeps what happens; times are rig time in seconds."""
+
+    def frame(self, frame: SkinFrame) -> None:
+        """One reading of all taxels, as sent."""
+        ...
+
+    def status(self, time_s: float, state: str, position_mm: tuple[float, float] | None) -> None:
+        """A status report of the stage, with its position in the rig frame where that is known."""
+        ...
+
+    def command(self, time_s: float, port: str, data: bytes) -> None:
+        """Bytes sent to a device."""
+        ...
+
+    def event(self, time_s: float, kind: str, text: str, **details: Any) -> None:
+        """Anything else worth knowing: losses, faults, the start of a tap and its end.
+
+        Args:
+            time_s: When.
+            kind: A word to look for, such as `"lost"`.
+            text: The sentence for a person.
+            details: Values that go with it, as JSON has them.
+        """
+        ...
+
+
+class NoJournal:
+    """Keeps nothing."""
+
+    def frame(self, frame: SkinFrame) -> None:
+        """Forgets it."""
+
+    def status(self, time_s: float, state: str, position_mm: tuple[float, float] | None) -> None:
+        """Forgets it."""
+
+    def command(self, time_s: float, port: str, data: bytes) -> None:
+        """Forgets it."""
+
+    def event(self, time_s: float, kind: str, text: str, **details: Any) -> None:
+        """Forgets it."""
