@@ -4,7 +4,7 @@
 VENV := .venv
 PY := $(VENV)/bin/python
 
-.PHONY: run test quick check format bench lock clean help
+.PHONY: run test quick check format bench fuzz faults kills rig-demo lock clean help
 
 run: $(VENV)/.ready-run
 	@$(VENV)/bin/solidtouch reproduce
@@ -28,6 +28,18 @@ format: $(VENV)/.ready-dev
 bench: $(VENV)/.ready-run
 	@$(PY) benchmarks/montecarlo.py
 
+fuzz: $(VENV)/.ready-run
+	@$(PY) benchmarks/fuzz.py
+
+faults: $(VENV)/.ready-run
+	@$(PY) benchmarks/faults.py
+
+kills: $(VENV)/.ready-run
+	@$(PY) benchmarks/kills.py
+
+rig-demo: $(VENV)/.ready-run
+	@PATH="$(CURDIR)/$(VENV)/bin:$$PATH" docs/examples/rig-demo.sh
+
 # Pins every dependency for Python 3.12 to 3.14, on every platform, without addresses.
 lock: $(VENV)/.ready-dev
 	@$(PY) -m uv pip compile pyproject.toml --group dev --universal --python-version 3.12 --upgrade --quiet \
@@ -43,6 +55,10 @@ help:
 	@echo "make check   lint, format, types and import layers"
 	@echo "make format  mend lint and format"
 	@echo "make bench   time the Monte Carlo beside a plain loop"
+	@echo "make rig-demo  emulated devices: collect, fit and perceive over serial ports"
+	@echo "make faults  random faults of the emulated rig, and what came of them"
+	@echo "make kills   kill a data collection at random moments, and what was lost"
+	@echo "make fuzz    a million random and mutated inputs for the decoders"
 	@echo "make lock    choose the newest dependencies and pin them in constraints.txt"
 	@echo "make clean   remove what the others made"
 

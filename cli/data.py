@@ -18,7 +18,10 @@ _LABELS = "Labels"
 
 def convert(
     source_file: Annotated[
-        Path, typer.Argument(metavar="IN", help=".npz, .csv, .mat, .nc, or a folder of .csv files.", show_default=False)
+        Path,
+        typer.Argument(
+            metavar="IN", help=".npz, .csv, .mat, .nc, .mcap, or a folder of .csv files.", show_default=False
+        ),
     ],
     target: Annotated[Path, typer.Argument(metavar="OUT", help="The .nc file to write.", show_default=False)],
     force: Force = False,
@@ -89,6 +92,8 @@ def convert(
         raise InputError(f"{given[0]} prepares continuous streams and needs --segment.")
     if source_file.suffix.lower() == ".nc" and not segment:
         taps = TapSet.load(source_file)
+    elif source_file.suffix.lower() == ".mcap" and not segment:
+        taps = _recorded(source_file)
     else:
         recording = read_recording(source_file)
         with naming(source_file):
@@ -108,6 +113,16 @@ def convert(
     labelled.save(target, force)
     n, j, k = labelled.taps.shape
     typer.echo(f"{target}: {n} taps of {j} samples from {k} taxels.")
+
+
+def _recorded(path: Path) -> "TapSet":
+    """The taps of a recording of the rig; says what was lost."""
+    from ..models.import_rig import read_rig, tapset
+
+    recorded = read_rig(path)
+    if recorded.lost:
+        typer.echo(f"Damaged: {recorded.lost}.")
+    return tapset(recorded, path)
 
 
 def _preprocessing(cutting: dict[str, Any], rate_hz: float | None) -> "Preprocessing":
@@ -149,7 +164,7 @@ def _segmented(recording: "Recording", cutting: dict[str, Any], rate_hz: float |
 def inspect(
     data: Annotated[
         Path,
-        typer.Argument(metavar="DATA", help=".nc, .npz, .csv, .mat or a folder of .csv files."),
+        typer.Argument(metavar="DATA", help=".nc, .mcap, .npz, .csv, .mat or a folder of .csv files."),
     ],
     where_cell: WhereCell = None,
     what_cell: WhatCell = None,

@@ -43,9 +43,12 @@ def fit(
     from ..models.errors import InputError
 
     with loading():
+        from dataclasses import replace
+
         from ..models.experiment import load_experiment
         from ..models.histogram import fit as fit_histogram
         from ..models.histogram import trim
+        from ..models.novelty import novelty_scores
         from ..models.power import parse_power
 
     parts, grid = load_experiment(data, where_cell, what_cell, split, train, test)
@@ -62,7 +65,7 @@ def fit(
         value_range=value_range,
         trained_on=f"{', '.join(path.name for path in data)}: {parts.description}",
     )
-    model.save(out, force)
+    replace(model, novelty=novelty_scores(model, fold.train)).save(out, force)
     left_out = [*dropped, *model.left_out]
     print(parts.description)
     if parts.warning:

@@ -8,6 +8,7 @@ from contextlib import contextmanager
 from types import FrameType
 
 INTERRUPTED = 130  # exit code, as shells and Typer have it
+TERMINATED = 143
 MESSAGE = "solidtouch: interrupted; no half-written file is left behind."
 
 
@@ -27,3 +28,17 @@ def loading() -> Iterator[None]:
 def _end(signum: int, frame: FrameType | None) -> None:  # noqa: ARG001 - the signature of a signal handler
     print(MESSAGE, file=sys.stderr, flush=True)
     os._exit(INTERRUPTED)
+
+
+@contextmanager
+def terminable() -> Iterator[None]:
+    """Has SIGTERM unwind the program as Ctrl-C does, so that a rig comes to rest and files are ended; exit code 143."""
+    before = signal.signal(signal.SIGTERM, _terminate)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGTERM, before)
+
+
+def _terminate(signum: int, frame: FrameType | None) -> None:  # noqa: ARG001 - the signature of a signal handler
+    raise SystemExit(TERMINATED)

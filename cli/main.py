@@ -8,9 +8,12 @@ import typer
 
 from ..models.errors import InputError
 from .checks import crosscheck
+from .collect import collect
 from .data import convert, inspect
+from .emulate import emulate
 from .fit import fit
-from .interrupt import INTERRUPTED, MESSAGE
+from .interrupt import INTERRUPTED, MESSAGE, TERMINATED
+from .perceive import perceive
 from .reproduce import reproduce
 from .simulate import simulate
 
@@ -21,7 +24,7 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
     add_completion=False,
 )
-for command in (reproduce, simulate, convert, inspect, fit, crosscheck):
+for command in (reproduce, simulate, collect, convert, inspect, fit, crosscheck, perceive, emulate):
     app.command()(command)
 
 
@@ -41,9 +44,22 @@ def main(
 
 
 def run() -> None:
-    """Runs a command; what a user can mend is one sentence on standard error and exit code 2."""
+    """Runs a command; what went wrong is one sentence on standard error and an exit code.
+
+    1: engines or routes disagree; 2: what a user can mend in files and arguments; 3: a device of the rig;
+    130: Ctrl-C; 143: SIGTERM.
+    """
+    from ..hardware.errors import RigError
+    from ..inference.shadow import EnginesDisagree
+
     try:
         app()
+    except EnginesDisagree as error:
+        print(f"solidtouch: {error}", file=sys.stderr)
+        sys.exit(1)
+    except RigError as error:
+        print(f"solidtouch: {error}", file=sys.stderr)
+        sys.exit(3)
     except InputError as error:
         print(f"solidtouch: {error}", file=sys.stderr)
         sys.exit(2)
@@ -58,6 +74,6 @@ def run() -> None:
         print(f"solidtouch: {error} A --pseudocount above 0 makes every tap possible.", file=sys.stderr)
         sys.exit(2)
     except SystemExit as stop:
-        if stop.code == INTERRUPTED:
+        if stop.code in (INTERRUPTED, TERMINATED):
             print(MESSAGE, file=sys.stderr)
         raise

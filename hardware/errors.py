@@ -9,6 +9,7 @@
     ├── WriteTimeout            a write did not end in time; the device may have got all of it
     ├── NoAnswer                a device stayed silent past its deadline
     ├── WrongDevice             what answers is not the device, or not set up as needed
+    ├── NotAtRest               after one of these the finger could not be taken off the object
     ├── SensorFault             the frames cannot be trusted
     │   ├── StaleSensor         none came for three periods
     │   ├── SensorOverload      a taxel is at the end of its range
@@ -50,6 +51,10 @@ class NoAnswer(RigError, TimeoutError):
 
 class WrongDevice(RigError):
     """What answers on the port is not the device expected, speaks at another speed, or is not set up as needed."""
+
+
+class NotAtRest(RigError):
+    """Something failed, and then the finger could not be taken off the object either; someone must do it by hand."""
 
 
 class SensorFault(RigError):

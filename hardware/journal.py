@@ -1,5 +1,6 @@
 """What happens on a rig, told as it happens to whoever keeps it."""
 
+from collections.abc import Mapping
 from typing import Any, Protocol
 
 from .skin import SkinFrame
@@ -18,6 +19,25 @@ class Journal(Protocol):
 
     def command(self, time_s: float, port: str, data: bytes) -> None:
         """Bytes sent to a device."""
+        ...
+
+    def press(self, time_s: float, label: Mapping[str, Any]) -> None:
+        """A tap starts: the next frame is the first after the press.
+
+        Args:
+            time_s: When.
+            label: What the tap is called, as JSON has it; empty for a tap that no one will look for.
+        """
+        ...
+
+    def tap(self, time_s: float, accepted: bool, reason: str) -> None:
+        """The tap pressed last is complete.
+
+        Args:
+            time_s: When.
+            accepted: Whether its readings can be believed.
+            reason: Why not, one phrase, else empty.
+        """
         ...
 
     def event(self, time_s: float, kind: str, text: str, **details: Any) -> None:
@@ -42,6 +62,12 @@ class NoJournal:
         """Forgets it."""
 
     def command(self, time_s: float, port: str, data: bytes) -> None:
+        """Forgets it."""
+
+    def press(self, time_s: float, label: Mapping[str, Any]) -> None:
+        """Forgets it."""
+
+    def tap(self, time_s: float, accepted: bool, reason: str) -> None:
         """Forgets it."""
 
     def event(self, time_s: float, kind: str, text: str, **details: Any) -> None:

@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
 from .clock import Clock
-from .errors import NoAnswer
+from .errors import NoAnswer, PortLost
 from .port import Port
 
 Receiver = Callable[[bytes, float], None]
@@ -63,12 +63,21 @@ class Loop:
     def turn(self, until: float) -> None:
         """Waits for bytes until a time at the latest, hands out all there are, and runs the guards.
 
+        A lost port is told once and no longer read, so that the other devices can still be brought to rest.
+
         Raises:
             RigError: A port was lost, a device failed, or a guard objects.
         """
         self.clock.wait(list(self._receivers), until)
         for port, receive in list(self._receivers.items()):
-            if data := port.read():
+            if port not in self._receivers:  # a receiver before it detached it
+                continue
+            try:
+                data = port.read()
+            except PortLost:
+                self.detach(port)
+                raise
+            if data:
                 receive(data, self.clock.now())
         for guard in tuple(self._guards):
             guard(self.clock.now())

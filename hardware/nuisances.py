@@ -23,6 +23,7 @@ class Purpose(IntEnum):
     COLLECTION = 3
     LIVE = 4
     MODEL = 5
+    EMULATED = 6
 
 
 def seed_sequence(seed: int, purpose: Purpose, *key: int) -> np.random.SeedSequence:

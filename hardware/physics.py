@@ -63,7 +63,7 @@ def taxel_indentation_mm(
     Returns:
         Millimetres, shape (n, J, K).
     """
-    along, across, weight = _receptive_field(settings.receptive_field_mm)
+    along, across, weight = receptive_field(settings.receptive_field_mm)
     radius = effective_radius_mm(settings, diameter_mm)
     mirror_images: dict[tuple[float, float], NDArray[np.float64]] = {}
     indentation = np.zeros((*depth_mm.shape, len(settings.taxels)))
@@ -91,7 +91,7 @@ def _mean_overlap(
 
 
 @lru_cache
-def _receptive_field(sd_mm: float) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+def receptive_field(sd_mm: float) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
     """Offsets along and across and weights of the nodes of a Gaussian receptive field, each of shape (49,)."""
     node, weight = np.polynomial.hermite.hermgauss(_NODES)
     along, across = np.meshgrid(np.sqrt(2) * sd_mm * node, np.sqrt(2) * sd_mm * node)

@@ -16,6 +16,7 @@ from msgspec import Meta, Struct
 
 from ..models.errors import InputError
 from ..models.preprocessing import Preprocessing
+from ..models.recording import naming
 
 Positive = Annotated[float, Meta(gt=0)]
 NotNegative = Annotated[float, Meta(ge=0)]
@@ -89,6 +90,7 @@ class IcubSettings(_Table, frozen=True, tag_field="kind", tag="icub"):
         no_load_band: How far from it the mean of an untouched taxel may lie, in counts.
         noise_limit: Largest standard deviation of an untouched taxel, in counts.
         overload: Raw reading at or below which a taxel is overloaded and the finger retracts.
+        stuck_readings: Identical readings in a row that a live sensor never sends; 0 if it may.
         order: Byte of the frames that each taxel of the taps is taken from; default as sent.
         positions_mm: Position of each taxel of the taps, two or three numbers each; default none.
     """
@@ -103,6 +105,7 @@ class IcubSettings(_Table, frozen=True, tag_field="kind", tag="icub"):
     no_load_band: Positive = 15.0
     noise_limit: Positive = 4.0
     overload: Annotated[int, Meta(ge=0, le=255)] = 2
+    stuck_readings: Annotated[int, Meta(ge=0)] = 25
     order: list[Annotated[int, Meta(ge=0, le=11)]] = msgspec.field(default_factory=lambda: list(range(12)))
     positions_mm: list[list[float]] = []
 
@@ -129,7 +132,8 @@ class LineSettings(_Table, frozen=True, tag_field="kind", tag="lines"):
         idle_low: Lowest mean that an untouched taxel may have.
         idle_high: Highest mean that an untouched taxel may have.
         noise_limit: Largest standard deviation of an untouched taxel.
-        overload: Raw value beyond which a taxel is overloaded; default never.
+        overload: Raw value at or beyond which a taxel is overloaded; default never.
+        stuck_readings: Identical readings in a row that a live sensor never sends; default 0, as a clean one may.
         order: Value of the line that each taxel of the taps is taken from; default as sent.
         positions_mm: Position of each taxel of the taps, two or three numbers each; default none.
     """
@@ -143,6 +147,7 @@ class LineSettings(_Table, frozen=True, tag_field="kind", tag="lines"):
     idle_high: float = math.inf
     noise_limit: Positive = math.inf
     overload: float | None = None
+    stuck_readings: Annotated[int, Meta(ge=0)] = 0
     order: list[Annotated[int, Meta(ge=0)]] = []
     positions_mm: list[list[float]] = []
 
@@ -245,15 +250,9 @@ def load_rig(path: str | Path) -> RigFile:
         InputError: The file is missing or no TOML, a key is unknown, missing or of the wrong kind, or values
             contradict each other; the sentence names file and key.
     """
-    path = Path(path)
-    try:
-        text = path.read_text(encoding="utf-8")
-    except (OSError, UnicodeDecodeError) as error:
-        raise InputError(f"{path} cannot be read: {getattr(error, 'strerror', None) or 'it is not UTF-8'}.") from error
-    try:
+    text = read_settings(path)
+    with naming(path):
         return parse_rig(text)
-    except InputError as error:
-        raise InputError(f"{path}: {error}") from error
 
 
 def parse_rig(text: str) -> RigFile:
@@ -262,16 +261,35 @@ def parse_rig(text: str) -> RigFile:
     Raises:
         InputError: As `load_rig`.
     """
-    try:
-        content: dict[str, Any] = tomllib.loads(text)
-    except tomllib.TOMLDecodeError as error:
-        raise InputError(f"this is no TOML: {error}.") from error
-    try:
-        rig = msgspec.convert(content, RigFile)
-    except msgspec.ValidationError as error:
-        raise InputError(_in_words(str(error))) from error
+    rig = parse_settings(text, RigFile)
     _check(rig)
     return rig
+
+
+def read_settings(path: str | Path) -> str:
+    """The text of a settings file.
+
+    Raises:
+        InputError: The file is missing or no text.
+    """
+    try:
+        return Path(path).read_text(encoding="utf-8")
+    except (OSError, UnicodeDecodeError) as error:
+        raise InputError(f"{path} cannot be read: {getattr(error, 'strerror', None) or 'it is not UTF-8'}.") from error
+
+
+def parse_settings[T: Struct](text: str, kind: type[T]) -> T:
+    """The settings in a TOML text, every key known and of the right kind.
+
+    Raises:
+        InputError: The text is no TOML, or a key is unknown, missing or of the wrong kind.
+    """
+    try:
+        return msgspec.convert(tomllib.loads(text), kind)
+    except tomllib.TOMLDecodeError as error:
+        raise InputError(f"this is no TOML: {error}.") from error
+    except msgspec.ValidationError as error:
+        raise InputError(_in_words(str(error))) from error
 
 
 def _in_words(message: str) -> str:

@@ -39,6 +39,31 @@ class FirstOrderNoise:
         return noise
 
 
+class SensorNoise:
+    """White, autocorrelated, common and drifting noise of all taxels together, in counts.
+
+    Args:
+        settings: The rig.
+        seeds: Entropy of this noise.
+    """
+
+    def __init__(self, settings: RigSettings, seeds: np.random.SeedSequence) -> None:
+        generators = [np.random.default_rng(child) for child in seeds.spawn(4)]
+        rho, step = settings.noise_correlation, np.sqrt(1 - settings.noise_correlation**2)
+        taxel, common = settings.taxel_noise_counts, settings.common_noise_counts
+        self._K = K = len(settings.taxels)
+        self._parts = (
+            FirstOrderNoise(generators[0], K, 0.0, settings.white_counts, 0.0),
+            FirstOrderNoise(generators[1], K, rho, step * taxel, taxel),
+            FirstOrderNoise(generators[2], 1, rho, step * common, common),
+            FirstOrderNoise(generators[3], K, 1.0, settings.walk_counts, 0.0),
+        )
+
+    def draw(self, n: int) -> NDArray[np.float64]:
+        """The next `n` samples, shape (n, K)."""
+        return sum((part.draw(n) for part in self._parts), start=np.zeros((n, self._K)))
+
+
 class SignalChain:
     """Foam lag, compressive gain, noise, converter and sample-and-hold of all taxels.
 
@@ -52,7 +77,7 @@ class SignalChain:
         K = len(settings.taxels)
         self._settings = settings
         self._nuisances = nuisances
-        self._noises = _noises(settings, K, seeds)
+        self._noise = SensorNoise(settings, seeds)
         self._decay = float(np.exp(-1 / (settings.lag_s * settings.rate_hz))) if settings.lag_s else 0.0
         self._lag = np.zeros((1, K))
         self._held = np.zeros(K)
@@ -67,10 +92,7 @@ class SignalChain:
         if len(indentation_mm) == 0:
             return np.empty_like(indentation_mm)  # lfilter would return no usable state
         lagged, self._lag = lfilter([1 - self._decay], [1.0, -self._decay], indentation_mm, axis=0, zi=self._lag)
-        signal = self._nuisances.gain_counts_per_mm * lagged / (1 + lagged / self._settings.compression_mm)
-        noise = sum(noise.draw(len(lagged)) for noise in self._noises)
-        raw = np.clip(np.rint(self._nuisances.rail_counts - signal + noise), 0, FULL_SCALE)
-        return self._hold(FULL_SCALE - raw)
+        return self._hold(converted(self._settings, self._nuisances, lagged, self._noise.draw(len(lagged))))
 
     def _hold(self, counts: NDArray[np.float64]) -> NDArray[np.float64]:
         n, hold = len(counts), self._settings.hold_samples
@@ -81,13 +103,16 @@ class SignalChain:
         return held
 
 
-def _noises(settings: RigSettings, K: int, seeds: np.random.SeedSequence) -> list[FirstOrderNoise]:
-    generators = [np.random.default_rng(child) for child in seeds.spawn(4)]
-    rho, step = settings.noise_correlation, np.sqrt(1 - settings.noise_correlation**2)
-    taxel, common = settings.taxel_noise_counts, settings.common_noise_counts
-    return [
-        FirstOrderNoise(generators[0], K, 0.0, settings.white_counts, 0.0),
-        FirstOrderNoise(generators[1], K, rho, step * taxel, taxel),
-        FirstOrderNoise(generators[2], 1, rho, step * common, common),
-        FirstOrderNoise(generators[3], K, 1.0, settings.walk_counts, 0.0),
-    ]
+def converted(
+    settings: RigSettings, nuisances: Nuisances, lagged_mm: NDArray[np.float64], noise: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Compressive gain, noise and converter: whole numbers in [0, 255] that rise under load.
+
+    Args:
+        settings: The rig.
+        nuisances: Gains and idle readings of the session.
+        lagged_mm: What each taxel sees after the foam's lag, shape (..., K).
+        noise: Counts to add before the converter; same shape.
+    """
+    signal = nuisances.gain_counts_per_mm * lagged_mm / (1 + lagged_mm / settings.compression_mm)
+    return FULL_SCALE - np.clip(np.rint(nuisances.rail_counts - signal + noise), 0, FULL_SCALE)

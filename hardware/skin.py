@@ -3,7 +3,7 @@
 Readings keep the sensor's own sign and units; `load` of a monitored frame is what rises under touch.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Protocol
 
@@ -61,6 +61,10 @@ class SkinCounts:
     refused: int = 0
 
 
+def ignore_frame(frame: SkinFrame) -> None:
+    """What `on_frame` is as long as nobody wants the readings."""
+
+
 class Skin(Protocol):
     """A tactile sensor on a port that sends readings at a steady rate.
 
@@ -68,13 +72,16 @@ class Skin(Protocol):
 
     Attributes:
         port: Where it is.
-        counts: What went wrong so far.
         on_frame: Called with every reading; replaced by whoever wants them.
     """
 
     port: Port
-    counts: SkinCounts
     on_frame: Callable[[SkinFrame], None]
+
+    @property
+    def counts(self) -> SkinCounts:
+        """What went wrong so far."""
+        ...
 
     @property
     def taxels(self) -> int:
@@ -114,6 +121,29 @@ class Skin(Protocol):
         Raises:
             StaleSensor: No reading came for three periods.
             SensorFault: All taxels are invalid, or the values are stuck.
+        """
+        ...
+
+    def check_rest(self, frames: Sequence[SkinFrame]) -> None:
+        """Whether readings just before a press are those of an untouched sensor.
+
+        Raises:
+            BaselineRefused: They are not.
+        """
+        ...
+
+    def overloaded(self, frame: SkinFrame) -> bool:
+        """Whether a taxel is at the end of its range under load."""
+        ...
+
+    def verdict(self, frames: Sequence[SkinFrame]) -> str | None:
+        """Why readings that followed each other cannot be believed, one phrase, or None if they can.
+
+        Args:
+            frames: As `on_frame` had them, in order, up to the last one.
+
+        Raises:
+            RigError: As `Loop.turn`, which it calls where it must see further readings.
         """
         ...
 

@@ -1,5 +1,6 @@
 """One perception episode with any sensor and any engine: tap, update, decide or move."""
 
+from collections.abc import Iterator
 from typing import NamedTuple
 
 import numpy as np
@@ -12,6 +13,50 @@ from .control import MovePolicy
 from .engine import Engine
 
 DEADLINE = 100
+
+
+class Step(NamedTuple):
+    """One tap, what is believed after it and what comes next.
+
+    Attributes:
+        number: Of the tap, counted from 1.
+        tap: Its samples, shape (J, K).
+        arrived: The move really made before it, 0 before the first.
+        log_predicted: Log belief before the tap, shape (L, M).
+        log_belief: Log belief after it, before the move that follows, shape (L, M).
+        log_evidence: Log evidence of the tap given those before.
+        decision: The what class whose belief exceeds the threshold, or `None`.
+        move: The move that will follow in where classes, or `None` where the episode ends.
+    """
+
+    number: int
+    tap: NDArray[np.float64]
+    arrived: int
+    log_predicted: NDArray[np.float64]
+    log_belief: NDArray[np.float64]
+    log_evidence: float
+    decision: int | None
+    move: int | None
+
+    @property
+    def where_marginal(self) -> NDArray[np.float64]:
+        """P(x_l | taps so far), shape (L,); Eq. 5."""
+        return reference.where_marginal(np.exp(self.log_belief))
+
+    @property
+    def what_marginal(self) -> NDArray[np.float64]:
+        """P(w_m | taps so far), shape (M,); Eq. 6."""
+        return reference.what_marginal(np.exp(self.log_belief))
+
+    @property
+    def where(self) -> int:
+        """The most probable where class, at the place of this tap."""
+        return int(np.argmax(self.where_marginal))
+
+    @property
+    def what(self) -> int:
+        """The most probable what class."""
+        return int(np.argmax(self.what_marginal))
 
 
 class Episode(NamedTuple):
@@ -45,11 +90,7 @@ class Episode(NamedTuple):
 def perceive(
     sensor: TouchSensor, engine: Engine, theta_w: float, move: MovePolicy, deadline: int = DEADLINE
 ) -> Episode:
-    """Taps until the belief in one object exceeds the threshold; Fig. 2 of the paper.
-
-    After each tap come the update (Eq. 3, 4), the stop test (Eq. 7) and, if it goes on, the move (Eq. 8, 10) with the
-    shift of the belief (Eq. 9). The stop test comes first because the shift may change the what marginal. The belief
-    is shifted by the commanded move: the realised one would tell where the sensor stood.
+    """Taps until the belief in one object exceeds the threshold; `steps` to the end.
 
     Args:
         sensor: Where taps come from.
@@ -62,29 +103,58 @@ def perceive(
         InputError: The deadline is below one tap, or the sensor prepares its taps otherwise than the model's.
         ZeroEvidenceError: A tap is impossible under every class.
     """
+    return collect(steps(sensor, engine, theta_w, move, deadline))
+
+
+def steps(
+    sensor: TouchSensor, engine: Engine, theta_w: float, move: MovePolicy, deadline: int = DEADLINE
+) -> Iterator[Step]:
+    """An episode tap by tap; Fig. 2 of the paper.
+
+    After each tap come the update (Eq. 3, 4), the stop test (Eq. 7) and, if it goes on, the move (Eq. 8, 10) with the
+    shift of the belief (Eq. 9). The stop test comes first because the shift may change the what marginal. The belief
+    is shifted by the commanded move: the realised one would tell where the sensor stood.
+
+    The move is made when the next step is asked for, so who stops asking ends the episode where the sensor stands.
+
+    Args:
+        sensor: Where taps come from.
+        engine: How beliefs are computed.
+        theta_w: Threshold on the what belief; 1 or more never stops.
+        move: Control strategy.
+        deadline: Taps after which the episode ends.
+
+    Raises:
+        InputError: The deadline is below one tap, or the sensor prepares its taps otherwise than the model's.
+        ZeroEvidenceError: A tap is impossible under every class.
+    """
     if deadline < 1:
         raise InputError(f"The deadline must be at least one tap, got {deadline}.")
     engine.model.check_taps(sensor.preprocessing)
-    log_belief = engine.model.log_prior
-    log_beliefs, log_evidence, moves, realised = [], [], [], []
-    while True:
-        log_belief, evidence = engine.update(log_belief, sensor.tap())
-        log_beliefs.append(log_belief)
-        log_evidence.append(evidence)
+    predicted, arrived = engine.model.log_prior, 0
+    for number in range(1, deadline + 1):
+        tap = sensor.tap()
+        log_belief, log_evidence = engine.update(predicted, tap)
         belief = np.exp(log_belief)
         decision = reference.what_decision(belief, theta_w)
-        if decision is not None or len(log_beliefs) == deadline:
-            break
-        delta = move(belief)
-        moves.append(delta)
-        realised.append(sensor.move(delta))
-        log_belief = engine.shift(log_belief, delta)
+        delta = None if decision is not None or number == deadline else move(belief)
+        yield Step(number, tap, arrived, predicted, log_belief, log_evidence, decision, delta)
+        if delta is None:
+            return
+        arrived = sensor.move(delta)
+        predicted = engine.shift(log_belief, delta)
+
+
+def collect(made: Iterator[Step]) -> Episode:
+    """The episode that these steps were; there must be at least one."""
+    whole = list(made)
+    last = whole[-1]
     return Episode(
-        log_beliefs=np.array(log_beliefs),
-        log_evidence=np.array(log_evidence),
-        moves=np.array(moves, dtype=np.int64),
-        realised=np.array(realised, dtype=np.int64),
-        what=int(np.argmax(reference.what_marginal(belief))),
-        where=int(np.argmax(reference.where_marginal(belief))),
-        stopped=decision is not None,
+        log_beliefs=np.array([step.log_belief for step in whole]),
+        log_evidence=np.array([step.log_evidence for step in whole]),
+        moves=np.array([step.move for step in whole[:-1]], dtype=np.int64),
+        realised=np.array([step.arrived for step in whole[1:]], dtype=np.int64),
+        what=last.what,
+        where=last.where,
+        stopped=last.decision is not None,
     )

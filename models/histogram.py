@@ -25,6 +25,7 @@ from numpy.typing import ArrayLike, NDArray
 from .bins import bin_edges, find_bins, tap_counts
 from .classes import ClassGrid
 from .errors import InputError
+from .novelty import NoveltyScores
 from .power import likelihood_exponent, parse_power
 from .preprocessing import Preprocessing
 from .storage import complete_file
@@ -70,6 +71,7 @@ class HistogramModel:
         left_out: Names of the classes without a training tap.
         trained_on: Which taps trained it, in words.
         version: Version of this software that fitted it.
+        novelty: How badly the training taps fit their classes; without it no tap can be called new.
     """
 
     grid: ClassGrid
@@ -81,6 +83,7 @@ class HistogramModel:
     left_out: tuple[str, ...] = ()
     trained_on: str = ""
     version: str = ""
+    novelty: NoveltyScores | None = None
 
     @cached_property
     def trained(self) -> NDArray[np.bool_]:
@@ -217,6 +220,10 @@ class HistogramModel:
                 "version": self.version,
             },
         )
+        if self.novelty is not None:
+            dataset["novelty_misfit"] = ("training_tap", self.novelty.misfit, {"units": "nat"})
+            dataset["novelty_cell"] = ("training_tap", self.novelty.cell)
+            dataset["novelty_best"] = ("training_tap", self.novelty.best)
         with complete_file(path, force) as temporary:
             dataset.to_netcdf(temporary, engine="h5netcdf")
 
@@ -242,6 +249,7 @@ def load_model(path: str | Path) -> HistogramModel:
             left_out=tuple(json.loads(attributes["left_out"])),
             trained_on=str(attributes["trained_on"]),
             version=attributes["version"],
+            novelty=_novelty(dataset),
         )
     except KeyError as error:
         raise InputError(f"{path} is damaged: {error} is missing.") from error
@@ -255,6 +263,22 @@ def load_model(path: str | Path) -> HistogramModel:
     ):
         raise InputError(f"{path} is damaged: its counts have shape {shape}, its edges {model.edges.shape}.")
     return model
+
+
+def _novelty(dataset: xr.Dataset) -> NoveltyScores | None:
+    """The scores in a model's file; older files have none."""
+    if "novelty_misfit" not in dataset:
+        return None
+    scores = NoveltyScores(
+        dataset["novelty_misfit"].values,
+        dataset["novelty_cell"].values.astype(np.intp),
+        dataset["novelty_best"].values,
+    )
+    cells = dataset.sizes["where"] * dataset.sizes["what"]
+    finite = np.isfinite(scores.misfit).all() and np.isfinite(scores.best).all() and (scores.misfit >= 0).all()
+    if not finite or ((scores.cell < 0) | (scores.cell >= cells)).any():
+        raise ValueError("its novelty scores are not finite or belong to no class.")
+    return scores
 
 
 def fit(

@@ -1,4 +1,4 @@
-"""Files of any accepted kind to a `TapSet`: `.nc`, `.npz`, `.csv`, `.mat` and folders of `.csv` files."""
+"""Files of any accepted kind to a `TapSet`: `.nc`, `.mcap`, `.npz`, `.csv`, `.mat` and folders of `.csv` files."""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -8,6 +8,7 @@ from .import_arrays import recording_from_arrays
 from .import_csv import read_csv, read_csv_folder
 from .import_mat import read_mat
 from .import_npz import read_npz
+from .import_rig import taps_from_recording
 from .recording import Recording, naming
 from .taps import TapSet
 
@@ -21,8 +22,8 @@ def load_taps(path: str | Path) -> TapSet:
     """The tap set in a file or a folder of CSV files.
 
     Args:
-        path: `.nc` as this software writes it; `.npz` or `.mat` with the arrays of `import_arrays`; `.csv` with the
-            columns of `csv_rows`; or a folder of such `.csv` files.
+        path: `.nc` as this software writes it; `.mcap` as the rig is recorded; `.npz` or `.mat` with the arrays of
+            `import_arrays`; `.csv` with the columns of `csv_rows`; or a folder of such `.csv` files.
 
     Raises:
         InputError: The file is missing, damaged, of another kind, or its content contradicts itself; the sentence
@@ -31,6 +32,8 @@ def load_taps(path: str | Path) -> TapSet:
     path = Path(path)
     if path.suffix.lower() == ".nc":
         return TapSet.load(path)
+    if path.suffix.lower() == ".mcap":
+        return taps_from_recording(path)
     recording = read_recording(path)
     with naming(path):
         return recording.tapset()
@@ -40,22 +43,27 @@ def read_recording(path: str | Path) -> Recording:
     """The taps or streams in a file or folder, not yet a tap set.
 
     Raises:
-        InputError: As `load_taps`; also for `.nc`, which holds nothing but taps.
+        InputError: As `load_taps`; also for `.nc`, which holds nothing but taps, and for `.mcap`, which holds when
+            each tap began.
     """
     path = Path(path)
     if path.suffix.lower() == ".nc" and path.is_file():
         raise InputError(f"{path} is a .nc file, which holds taps that are cut already.")
+    if path.suffix.lower() == ".mcap" and path.is_file():
+        raise InputError(f"{path} is a recording of the rig, whose taps are cut as they were pressed.")
     if not path.exists():
         raise InputError(f"{path} does not exist.")
     kind = path.suffix.lower()
     if path.is_dir():
-        if kind in (".nc", ".npz", ".mat", ".csv"):
+        if kind in (".nc", ".mcap", ".npz", ".mat", ".csv"):
             raise InputError(f"{path} is a directory, a {kind} file is needed.")
         return read_csv_folder(path)
     if kind == ".csv":
         return read_csv(path)
     if kind not in _READERS:
-        raise InputError(f"{path} is of an unknown kind; .nc, .npz, .csv, .mat and folders of .csv files are read.")
+        raise InputError(
+            f"{path} is of an unknown kind; .nc, .mcap, .npz, .csv, .mat and folders of .csv files are read."
+        )
     with naming(path):
         if path.stat().st_size == 0:
             raise InputError("the file is empty.")

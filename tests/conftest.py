@@ -1,7 +1,9 @@
 """What several folders of tests share: one random generator, recorded data, and small tap sets."""
 
+import importlib.util
 from collections.abc import Callable, Iterable
 from pathlib import Path
+from types import ModuleType
 
 import numpy as np
 import pytest
@@ -16,6 +18,15 @@ from solidtouch.models.taps import TapSet
 @pytest.fixture
 def rng() -> np.random.Generator:
     return np.random.default_rng(2013)
+
+
+@pytest.fixture(scope="session")
+def fake_rig() -> ModuleType:
+    """The module `tests/fake_rig.py`."""
+    spec = importlib.util.spec_from_file_location("fake_rig", Path(__file__).with_name("fake_rig.py"))
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
 
 
 @pytest.fixture(scope="session")

@@ -3,6 +3,7 @@
 Numbers are those of the table in docs/faults.md, which says what the driver does about each.
 """
 
+import math
 from collections import Counter
 from collections.abc import Iterator
 from typing import Any, NamedTuple
@@ -19,51 +20,61 @@ class Fault(NamedTuple):
         number: Its row in docs/faults.md.
         where: `"port"` for either port, `"stage"` or `"sensor"`.
         meaning: What happens, in words, with its parameters.
+        parameters: Names of its parameters; each is a number.
     """
 
     number: int
     where: str
     meaning: str
+    parameters: tuple[str, ...] = ()
 
 
 FAULTS: dict[str, Fault] = {
-    "split": Fault(1, "port", "output comes in small pieces, `delay_s` apart"),
-    "drop_bytes": Fault(2, "port", "`count` bytes of an output are missing"),
+    "split": Fault(1, "port", "output comes in pieces of `size` bytes, `delay_s` apart", ("size", "delay_s")),
+    "drop_bytes": Fault(2, "port", "`count` bytes of an output are missing", ("count",)),
     "merge": Fault(3, "port", "a line end is missing"),
-    "flip_bits": Fault(4, "port", "`count` bits of an output are flipped"),
+    "flip_bits": Fault(4, "port", "`count` bits of an output are flipped", ("count",)),
     "garbage": Fault(4, "port", "all output is noise, as at a wrong baud rate"),
     "torn_status": Fault(5, "stage", "a message stands in the middle of a status report"),
-    "unplug": Fault(6, "port", "the port vanishes for `seconds`"),
-    "renumber": Fault(7, "port", "the port vanishes and comes back as another device behind the same link"),
+    "unplug": Fault(6, "port", "the port vanishes for `seconds`", ("seconds",)),
+    "renumber": Fault(
+        7, "port", "the port vanishes for `seconds` and comes back as another device behind the same link", ("seconds",)
+    ),
     "stale_input": Fault(8, "port", "old output arrives after the port was opened"),
     "reset_on_open": Fault(9, "stage", "opening the port resets the controller"),
     "brown_out": Fault(10, "stage", "the controller restarts by itself"),
-    "second_reader": Fault(11, "port", "another program takes some of the output"),
-    "busy_port": Fault(12, "port", "another program has the port for `seconds` and leaves text in it"),
+    "second_reader": Fault(11, "port", "another program takes half of an output, or `count` bytes of it", ("count",)),
+    "busy_port": Fault(12, "port", "another program has the port for `seconds` and leaves text in it", ("seconds",)),
     "lost_ok": Fault(13, "stage", "an `ok` is missing"),
     "extra_ok": Fault(14, "stage", "an `ok` comes twice"),
-    "refuse_move": Fault(15, "stage", "a move is answered with `error:code`"),
+    "refuse_move": Fault(15, "stage", "a move is answered with the error `code`", ("code",)),
     "limit_alarm": Fault(16, "stage", "a limit switch is hit in a move"),
     "silent_status": Fault(17, "stage", "status requests are not answered"),
-    "false_idle": Fault(18, "stage", "status says Idle at the old place after a move was accepted"),
-    "deaf": Fault(21, "port", "the device reads nothing"),
+    "false_idle": Fault(
+        18, "stage", "status says Idle at the old place for `seconds` after a move was accepted", ("seconds",)
+    ),
+    "deaf": Fault(21, "port", "the device reads nothing for `seconds`", ("seconds",)),
     "no_acks": Fault(22, "sensor", "the adapter answers no command, like stock CANable firmware"),
     "bell": Fault(22, "sensor", "the adapter answers a command with a bell"),
     "left_open": Fault(23, "sensor", "the adapter was left open and streaming"),
-    "lost_frames": Fault(24, "sensor", "the adapter loses both halves of `count` readings"),
+    "lost_frames": Fault(24, "sensor", "the adapter loses both halves of `count` readings", ("count",)),
     "lost_half": Fault(25, "sensor", "the adapter loses one half of a reading"),
     "swapped_halves": Fault(25, "sensor", "the tail comes before the head"),
     "silent_sensor": Fault(26, "sensor", "no readings come"),
     "stuck": Fault(27, "sensor", "readings repeat the same values"),
-    "taxel_error": Fault(28, "sensor", "the board reports an error and the taxels in `mask` read 0"),
+    "taxel_error": Fault(28, "sensor", "the board reports an error and the taxels in `mask` read 0", ("mask",)),
     "recalibrate": Fault(29, "sensor", "the board calibrates by itself, whatever presses"),
-    "drift": Fault(30, "sensor", "all taxels drift by `counts_per_s`"),
+    "drift": Fault(30, "sensor", "all taxels drift by `counts_per_s`", ("counts_per_s",)),
     "old_class": Fault(31, "sensor", "the board sends class 3"),
     "foreign": Fault(31, "sensor", "another board and another triangle send too"),
-    "late": Fault(32, "port", "output comes up to `delay_s` late"),
-    "overload": Fault(28, "sensor", "the taxels in `mask` go to the end of their range"),
+    "late": Fault(32, "port", "output comes up to `delay_s` late", ("delay_s",)),
+    "overload": Fault(28, "sensor", "the taxels in `mask` go to the end of their range", ("mask",)),
 }
 """Rows 19 (receive buffer of 128 bytes) and 20 (writing a setting loses bytes) are how the controller always is."""
+
+
+_WHOLE = {"count", "size", "code", "mask"}
+_LEAST = {"count": 1, "size": 1, "code": 1, "mask": 1, "counts_per_s": -1e6}
 
 
 class Struck(NamedTuple):
@@ -78,9 +89,14 @@ class Struck(NamedTuple):
     name: str
 
 
+PORTS = ("stage", "sensor")
+"""Where faults of a port can happen."""
+
+
 class _Switch(NamedTuple):
     left: int | None
     rate: float
+    port: str | None
     parameters: dict[str, Any]
 
 
@@ -100,23 +116,30 @@ class Switches:
         self.struck: list[Struck] = []
         self._on: dict[str, _Switch] = {}
 
-    def on(self, name: str, times: int | None = None, rate: float = 1.0, **parameters: Any) -> None:
+    def on(
+        self, name: str, times: int | None = None, rate: float = 1.0, port: str | None = None, **parameters: Any
+    ) -> None:
         """Switches a fault on.
 
         Args:
             name: A key of `FAULTS`.
             times: How often it strikes before it is off again; `None` for ever.
             rate: Probability that it strikes when it could.
+            port: The only port on which it strikes, one of `PORTS`; default either. For faults of a port.
             parameters: What its meaning names.
 
         Raises:
-            InputError: There is no such fault or the numbers make no sense.
+            InputError: There is no such fault or parameter, or the numbers make no sense.
         """
         if name not in FAULTS:
             raise InputError(f"There is no fault {name!r}; the faults are {', '.join(FAULTS)}.")
         if not 0 <= rate <= 1 or (times is not None and times < 1):
             raise InputError(f"Fault {name}: rate={rate} must lie between 0 and 1 and times={times} be at least 1.")
-        self._on[name] = _Switch(times, rate, parameters)
+        if port is not None and (port not in PORTS or FAULTS[name].where != "port"):
+            raise InputError(f"Fault {name}: port={port} must be stage or sensor, and only faults of a port take it.")
+        for key, value in parameters.items():
+            _check_parameter(name, key, value)
+        self._on[name] = _Switch(times, rate, port, parameters)
 
     def off(self, name: str) -> None:
         """Switches a fault off; nothing happens if it is off."""
@@ -130,10 +153,18 @@ class Switches:
         """Whether it is on; asking changes nothing."""
         return name in self._on
 
-    def strikes(self, name: str, time_s: float) -> dict[str, Any] | None:
-        """The parameters of a fault if it strikes now, else None; it is noted and counted."""
+    def strikes(self, name: str, time_s: float, port: str | None = None) -> dict[str, Any] | None:
+        """The parameters of a fault if it strikes now, else None; it is noted and counted.
+
+        Args:
+            name: A key of `FAULTS`.
+            time_s: Now, in rig time.
+            port: Where it could happen, for faults of a port; on another port than that switched on nothing changes.
+        """
         switch = self._on.get(name)
-        if switch is None or (switch.rate < 1 and self.generator.random() >= switch.rate):
+        if switch is None or switch.port not in (None, port):
+            return None
+        if switch.rate < 1 and self.generator.random() >= switch.rate:
             return None
         self.struck.append(Struck(time_s, name))
         if switch.left == 1:
@@ -149,3 +180,14 @@ class Switches:
     def __iter__(self) -> Iterator[str]:
         """Names of those that are on."""
         return iter(tuple(self._on))
+
+
+def _check_parameter(name: str, key: str, value: Any) -> None:
+    known = FAULTS[name].parameters
+    if key not in known:
+        raise InputError(f"Fault {name}: it has no parameter {key!r}, only {', '.join(known) or 'none'}.")
+    least = _LEAST.get(key, 0)
+    if isinstance(value, bool) or not isinstance(value, int | float) or not least <= value < math.inf:
+        raise InputError(f"Fault {name}: {key} must be a number from {least:g} on, got {value!r}.")
+    if key in _WHOLE and value != int(value):
+        raise InputError(f"Fault {name}: {key} must be a whole number, got {value!r}.")

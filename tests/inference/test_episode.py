@@ -1,12 +1,14 @@
 """One perception episode, step by step, with a scripted sensor."""
 
+from itertools import pairwise
+
 import numpy as np
 import pytest
 from solidtouch.hardware.model_rig import ModelRig
 from solidtouch.inference import reference
 from solidtouch.inference.control import fixation, passive
 from solidtouch.inference.engine import make_engine
-from solidtouch.inference.episode import DEADLINE, perceive
+from solidtouch.inference.episode import DEADLINE, perceive, steps
 from solidtouch.inference.reference import ZeroEvidenceError
 from solidtouch.models.errors import InputError
 from solidtouch.models.preprocessing import Preprocessing
@@ -174,3 +176,34 @@ def test_a_sensor_that_prepares_its_taps_otherwise_is_refused(model, engine, tap
         perceive(sensor, engine, 0.9, passive)
 
     assert sensor.done == []
+
+
+def test_a_step_moves_only_when_the_next_is_asked_for(model, engine, taps):
+    """Who stops asking leaves the sensor where it stands."""
+    sensor = ScriptedSensor(model, taps, realised=-1)
+    going = steps(sensor, engine, 1.0, lambda _: 3, deadline=3)
+    first = next(going)
+
+    assert (first.number, first.move, first.arrived, first.decision) == (1, 3, 0, None)
+    assert sensor.done == ["tap"]
+    assert next(going).arrived == -1
+    assert sensor.done == ["tap", 3, "tap"]
+    going.close()
+    assert sensor.done == ["tap", 3, "tap"]
+
+
+def test_steps_tell_what_was_believed_before_the_tap(model, engine, taps):
+    """The prior first, the shifted belief later; the tap itself is in the step."""
+    whole = list(steps(ScriptedSensor(model, taps), engine, 1.0, lambda _: 2, deadline=3))
+
+    np.testing.assert_array_equal(whole[0].log_predicted, engine.model.log_prior)
+    for before, after in pairwise(whole):
+        np.testing.assert_array_equal(after.log_predicted, engine.shift(before.log_belief, 2))
+    for t, step in enumerate(whole):
+        np.testing.assert_array_equal(step.tap, taps[t])
+        posterior, evidence = engine.update(step.log_predicted, step.tap)
+        np.testing.assert_array_equal(step.log_belief, posterior)
+        assert step.log_evidence == evidence
+        assert step.what == step.what_marginal.argmax()
+        assert step.where == step.where_marginal.argmax()
+    assert [step.move for step in whole] == [2, 2, None]

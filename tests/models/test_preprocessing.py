@@ -1,5 +1,7 @@
 """One preparation of samples, off line and live."""
 
+from itertools import pairwise
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -22,14 +24,16 @@ BAD = {
     "highpass nan": ({"samples": 4, "highpass_hz": np.nan}, "highpass_hz must be finite"),
     "highpass without rate": ({"samples": 4, "highpass_hz": 1.0}, "needs a sampling rate above 2.0 Hz"),
     "highpass too high": ({"samples": 4, "highpass_hz": 5.0, "rate_hz": 10.0}, "needs a sampling rate above 10.0 Hz"),
-    "trigger kind": ({"samples": 4, "trigger": "touch"}, "trigger must be none, clock or contact"),
+    "trigger kind": ({"samples": 4, "trigger": "touch"}, "trigger must be none, clock, contact or press"),
     "contact without level": ({"samples": 4, "trigger": "contact"}, "does not go with trigger_level=0.0"),
     "level without contact": (
         {"samples": 4, "trigger": "clock", "trigger_level": 1.0},
         "does not go with trigger_level",
     ),
     "level nan": ({"samples": 4, "trigger": "contact", "trigger_level": np.nan}, "trigger_level must be finite"),
-    "pre without contact": ({"samples": 4, "trigger": "clock", "pre_samples": 1}, "needs a contact trigger"),
+    "pre without contact": ({"samples": 4, "trigger": "clock", "pre_samples": 1}, "needs a contact or press trigger"),
+    "level with press": ({"samples": 4, "trigger": "press", "trigger_level": 1.0}, "does not go with trigger_level"),
+    "pre of a press too long": ({"samples": 4, "trigger": "press", "pre_samples": 4}, "smaller than samples=4"),
     "pre too long": (
         {"samples": 4, "trigger": "contact", "trigger_level": 1.0, "pre_samples": 4},
         "must be smaller than samples=4",
@@ -157,7 +161,7 @@ def test_a_highpass_starts_in_its_steady_state():
 
 
 def test_a_record_without_trigger_cuts_nothing():
-    with pytest.raises(InputError, match="clock or a contact trigger"):
+    with pytest.raises(InputError, match="clock, contact or press trigger"):
         TapCutter(Preprocessing(samples=4))
 
 
@@ -207,3 +211,118 @@ def test_the_next_contact_needs_a_fall_below_half_the_level(between, starts):
     taps = cutter.push(np.array([[0.0], [4.0], [4.0], [between], [4.0], [4.0]]))
 
     assert [tap.start for tap in taps] == starts
+
+
+PRESSES = st.builds(
+    lambda samples, tare, highpass, pre: Preprocessing(
+        samples=samples,
+        rate_hz=40.0,
+        tare=tare,
+        tare_samples=0 if tare == "none" else min(samples, 3),
+        highpass_hz=highpass,
+        trigger="press",
+        pre_samples=min(pre, samples - 1),
+    ),
+    st.integers(1, 6),
+    st.sampled_from(["none", "stream", "tap"]),
+    st.sampled_from([0.0, 0.5, 12.0]),
+    st.integers(0, 4),
+)
+
+
+def pressed(record, stream, presses, cuts=()):
+    """The taps of a stream, pressed before some frames and pushed in pieces."""
+    cutter, taps, at = TapCutter(record), [], 0
+    for stop in sorted({*presses, *cuts, len(stream)}):
+        taps += cutter.push(stream[at:stop])
+        at = stop
+        if stop in presses:
+            cutter.press()
+    cutter.finish()
+    return taps, cutter.incomplete
+
+
+@given(record=PRESSES, stream=STREAMS, data=st.data())
+@settings(max_examples=300, deadline=None)
+def test_any_split_of_a_pressed_stream_gives_the_same_taps(record, stream, data):
+    """Frames may arrive one by one, in any pieces, or all at once between two presses."""
+    places = st.sets(st.integers(0, len(stream)), max_size=6)
+    presses = data.draw(places)
+    at_once, lost = pressed(record, stream, presses)
+    pieces, lost_in_pieces = pressed(record, stream, presses, data.draw(places))
+
+    assert [tap.start for tap in pieces] == [tap.start for tap in at_once]
+    assert lost == lost_in_pieces
+    for one, other in zip(at_once, pieces, strict=True):
+        np.testing.assert_array_equal(one.samples, other.samples)
+
+
+def naive_presses(record, frames, presses):
+    """Start frames and the number of taps lost, press by press as the docstring of `press` reads."""
+    first = record.tare_samples if record.tare == "stream" else 0
+    starts, lost = [], 0
+    for press, following in pairwise([*presses, frames]):
+        begin = press - record.pre_samples
+        if begin < 0 or press < first or begin + record.samples > following:
+            lost += 1
+        else:
+            starts.append(begin)
+    return starts, lost
+
+
+@given(record=PRESSES, stream=STREAMS, data=st.data())
+@settings(max_examples=300, deadline=None)
+def test_a_press_starts_the_tap_that_holds_the_frames_before_it(record, stream, data):
+    """Presses before there are enough frames, or less than a tap before the next press or the end, give no tap."""
+    presses = sorted(data.draw(st.sets(st.integers(0, len(stream)), max_size=6)))
+    taps, lost = pressed(record, stream, presses)
+
+    assert ([tap.start for tap in taps], lost) == naive_presses(record, len(stream), presses)
+    if record.tare == "none" and not record.highpass_hz:
+        for tap in taps:
+            np.testing.assert_array_equal(tap.samples, stream[tap.start : tap.start + record.samples])
+
+
+def test_without_a_press_there_is_no_tap():
+    taps, lost = pressed(Preprocessing(samples=2, trigger="press"), np.ones((9, 2)), [])
+
+    assert (taps, lost) == ([], 0)
+
+
+def test_a_second_press_gives_up_the_tap_in_progress():
+    stream = np.arange(12.0)[:, np.newaxis]
+    taps, lost = pressed(Preprocessing(samples=4, trigger="press", pre_samples=1), stream, [3, 5])
+
+    assert [tap.samples[:, 0].tolist() for tap in taps] == [[4.0, 5.0, 6.0, 7.0]]
+    assert lost == 1
+
+
+@pytest.mark.parametrize("highpass_hz", [0.5, 12.0])
+def test_the_highpass_runs_on_between_presses(highpass_hz):
+    """A pressed tap is the window of the same stream filtered as a whole."""
+    stream = np.random.default_rng(1).normal(size=(60, 3)).cumsum(axis=0)
+    record = Preprocessing(samples=5, rate_hz=40.0, highpass_hz=highpass_hz, trigger="press", pre_samples=2)
+    whole = Preprocessing(samples=60, rate_hz=40.0, highpass_hz=highpass_hz, trigger="clock")
+    (filtered,) = TapCutter(whole).push(stream)
+    taps, _ = pressed(record, stream, [10, 31, 50])
+
+    assert [tap.start for tap in taps] == [8, 29, 48]
+    for tap in taps:
+        np.testing.assert_allclose(tap.samples, filtered.samples[tap.start : tap.start + 5], atol=1e-9)
+
+
+@pytest.mark.parametrize("trigger", ["clock", "contact"])
+def test_a_press_means_nothing_to_another_trigger(trigger):
+    cutter = TapCutter(Preprocessing(samples=2, trigger=trigger, trigger_level=float(trigger == "contact")))
+
+    with pytest.raises(InputError, match=f"starts no tap with trigger='{trigger}'"):
+        cutter.press()
+
+
+def test_a_stream_that_is_pressed_is_kept_no_longer_than_needed():
+    """However long nothing is pressed, only the frames that a press would take back are kept."""
+    cutter = TapCutter(Preprocessing(samples=6, trigger="press", pre_samples=2))
+    for _ in range(50):
+        cutter.push(np.zeros((100, 3)))
+
+        assert len(cutter._kept) <= 2

@@ -91,7 +91,7 @@ def test_a_table_of_positions_survives_where_given():
             "no tap was found in 1 streams; the level is 2 and the values as stored span 0 to 0",
         ),
         ([(0, 0, pulses([28]))], CONTACT, "1 began but were cut short"),
-        ([(0, 0, pulses([3]))], Preprocessing(samples=4), "needs? a trigger|clock or a contact trigger"),
+        ([(0, 0, pulses([3]))], Preprocessing(samples=4), "needs? a trigger|clock, contact or press trigger"),
     ],
 )
 def test_nothing_to_cut_is_an_error_that_says_why(streams, record, message):

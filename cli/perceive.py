@@ -1,0 +1,209 @@
+"""`solidtouch perceive`: an episode of perception on any rig, shown as it goes on."""
+
+from io import StringIO
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Literal
+
+from typer import Argument, Option
+
+from ..models.errors import InputError
+from .interrupt import loading, terminable
+from .options import Border, Force, Seed
+
+if TYPE_CHECKING:
+    from ..analysis.live_view import Seen
+    from ..inference import reference
+    from ..inference.control import MovePolicy
+    from ..inference.engine import Engine
+    from ..inference.novelty import Novelty
+    from ..models.histogram import HistogramModel
+    from .rigs import Placed
+    from .showing import Ending, Show
+
+
+def perceive(
+    model: Annotated[Path, Argument(metavar="MODEL", help="A fitted model, from `fit`.", show_default=False)],
+    rig: Annotated[
+        str, Option(metavar="RIG", help="simulated, simulated:PRESET, replay:FILE with recorded taps, or a rig.toml.")
+    ] = "simulated",
+    engine: Annotated[Literal["numpy", "numpyro", "filter"], Option(help="How beliefs are computed.")] = "numpyro",
+    theta: Annotated[float, Option(help="Belief in an object needed to decide; 1 never decides.")] = 0.95,
+    passive: Annotated[bool, Option("--passive", help="Never move.")] = False,
+    fixation: Annotated[
+        int | None, Option(help="Fixation point as 0-based class index; default the middle.", show_default=False)
+    ] = None,
+    theta_x: Annotated[float, Option(help="Belief in a position needed for a move; 0 always moves.")] = 0.0,
+    deadline: Annotated[int, Option(min=1, help="Taps after which the most probable object is taken.")] = 100,
+    start: Annotated[
+        str | None, Option(help="Where to begin: class index, or a place such as 2.3mm; default drawn.")
+    ] = None,
+    what: Annotated[
+        str | None,
+        Option("--object", help="Name or 0-based number of the object; on a real rig for the record only."),
+    ] = None,
+    episodes: Annotated[int, Option(min=1, help="How many episodes.")] = 1,
+    unknown: Annotated[
+        float | None,
+        Option(metavar="ALPHA", help="Answer `unknown` where no known object fits, wrongly at most this often."),
+    ] = None,
+    as_json: Annotated[
+        bool, Option("--json", help="One JSON object per tap and decision instead of pictures.")
+    ] = False,
+    shadow: Annotated[bool, Option("--shadow", help="A second engine follows; exit code 1 if they differ.")] = False,
+    image: Annotated[
+        Path | None, Option("--picture", metavar="FILE.svg", help="Keep the last picture in this file.")
+    ] = None,
+    home: Annotated[
+        bool, Option("--home", help="Home the stage of a real rig first; it moves to its switches.")
+    ] = False,
+    border: Border = "uniform",
+    seed: Seed = 0,
+    force: Force = False,
+) -> None:
+    """Perceives an object by tapping: which it is and where it is touched, live."""
+    if passive and (fixation is not None or theta_x > 0):
+        raise InputError("--passive never moves and does not go with --fixation or --theta-x.")
+    for name, value in (("--theta", theta), ("--theta-x", theta_x)):
+        if not 0 <= value <= 1:
+            raise InputError(f"{name} must lie between 0 and 1, got {value}.")
+    if image is not None:
+        check_picture(image, force)
+    with loading():
+        # Also what is needed only later: nothing may be imported while a finger is on its way.
+        from ..analysis import live_view  # noqa: F401
+        from ..inference.control import check_fixation
+        from ..inference.latency import TimedEngine, warm_up
+        from ..models.histogram import load_model
+        from .rigs import Wish, open_source
+        from .showing import latency_sentence, show
+
+        fitted = load_model(model)
+        point = None if passive else check_fixation(fixation, fitted.grid.L)
+        novelty = _novelty(fitted, unknown)
+        engines = _engines(engine, fitted, border, shadow)
+        warm_up_s = warm_up(engines)
+    timed = TimedEngine(engines)
+    endings: list[Ending] = []
+    with (
+        terminable(),
+        open_source(rig, fitted.grid, Wish(start, what, seed), home) as source,
+        show(as_json) as shown,
+    ):
+        shown.note(f"{source.name}, engine {timed.name}, warmed up in {warm_up_s:.1f} s")
+        for number in range(episodes):
+            run = _Run(timed, theta, point, theta_x, deadline, novelty, unknown)
+            heading = f"{source.name}, engine {timed.name}" + f", episode {number + 1}" * (episodes > 1)
+            endings.append(run.episode(source.place(number), shown, heading))
+            shown.end(number + 1, endings[-1])
+        if episodes > 1:
+            shown.note(_summary(endings))
+        shown.note(latency_sentence(timed.latency(), warm_up_s))
+    if image is not None:
+        save_picture(endings[-1].seen, image, force)
+
+
+class _Run:
+    """One episode with what surrounds it."""
+
+    def __init__(
+        self,
+        engine: "Engine",
+        theta: float,
+        fixation: int | None,
+        theta_x: float,
+        deadline: int,
+        novelty: "Novelty | None",
+        alpha: float | None,
+    ) -> None:
+        self._engine, self._theta, self._fixation, self._theta_x = engine, theta, fixation, theta_x
+        self._deadline, self._novelty, self._alpha = deadline, novelty, alpha
+
+    def episode(self, placed: "Placed", shown: "Show", heading: str) -> "Ending":
+        """Taps until the threshold, the deadline or the answer that nothing known fits."""
+        from ..analysis.live_view import Seen
+        from ..inference.episode import steps
+        from ..inference.novelty import UnknownTest
+        from .showing import Ending
+
+        test = None if self._alpha is None else UnknownTest(self._alpha)
+        seen = None
+        for step in steps(placed.sensor, self._engine, self._theta, self._policy(), self._deadline):
+            p = None if self._novelty is None else self._novelty.p_value(step.log_predicted, step.tap)
+            alarm = test is not None and p is not None and test.add(p)
+            seen = Seen(step, self._engine.model.grid, self._theta, self._fixation, p, alarm, heading)
+            shown.tap(seen)
+            if alarm:
+                break
+        if seen is None:
+            raise InputError("An episode needs at least one tap.")
+        reason = "unknown" if seen.unknown else "deadline" if seen.step.decision is None else "threshold"
+        return Ending(seen, reason, placed.truth())
+
+    def _policy(self) -> "MovePolicy":
+        from ..inference.control import fixation, passive
+
+        return passive if self._fixation is None else fixation(self._fixation, self._theta_x)
+
+
+def check_picture(path: Path, force: bool) -> None:
+    """Refuses a picture that could not be written at the end.
+
+    Raises:
+        InputError: The name does not end in `.svg`, or the file cannot be written.
+    """
+    from ..models.storage import check_writable
+
+    if path.suffix.lower() != ".svg":
+        raise InputError(f"--picture must end in .svg, the format that it is written in, got {path}.")
+    check_writable(path, force)
+
+
+def save_picture(seen: "Seen", path: Path, force: bool) -> None:
+    """Writes the picture of one step, complete or not at all.
+
+    Raises:
+        InputError: The file cannot be written.
+    """
+    from rich.console import Console
+    from rich.terminal_theme import DEFAULT_TERMINAL_THEME
+
+    from ..analysis.live_view import fitting_width, picture
+    from ..models.storage import complete_file
+
+    console = Console(
+        record=True,
+        width=min(fitting_width(seen.grid), 160),
+        file=StringIO(),
+        force_terminal=True,
+        color_system="truecolor",
+    )
+    console.print(picture(seen, console.width))
+    text = console.export_svg(title="solidtouch perceive", theme=DEFAULT_TERMINAL_THEME, unique_id="solidtouch")
+    with complete_file(path, force) as temporary:
+        temporary.write_text(text, encoding="utf-8")
+
+
+def _novelty(model: "HistogramModel", alpha: float | None) -> "Novelty | None":
+    """P-values where the model can give them; it must where the answer may be `unknown`."""
+    from ..inference.novelty import Novelty, can_tell
+
+    if alpha is not None and not 0 < alpha < 1:
+        raise InputError(f"--unknown must lie between 0 and 1, got {alpha}.")
+    return Novelty(model) if can_tell(model) or alpha is not None else None
+
+
+def _engines(name: str, model: "HistogramModel", border: "reference.Border", shadow: bool) -> "Engine":
+    from ..inference.engine import make_engine
+    from ..inference.shadow import ShadowEngine
+
+    chosen = make_engine(name, model, border)
+    if not shadow:
+        return chosen
+    return ShadowEngine(chosen, make_engine("numpyro" if name == "numpy" else "numpy", model, border))
+
+
+def _summary(endings: "list[Ending]") -> str:
+    taps = sum(ending.seen.step.number for ending in endings) / len(endings)
+    judged = [ending.right for ending in endings if ending.right is not None]
+    right = f", {sum(judged)} of {len(judged)} objects right" if judged else ""
+    return f"{len(endings)} episodes of {taps:.1f} taps on average{right}."

@@ -1,0 +1,47 @@
+"""`solidtouch rig check`: what stands on the bench, and what is wrong with it."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from .interrupt import loading, terminable
+
+app = typer.Typer(help="The devices on the bench.", no_args_is_help=True)
+
+
+@app.callback()
+def rig() -> None:
+    """The devices on the bench."""
+
+
+@app.command()
+def check(
+    rig_file: Annotated[Path, typer.Argument(metavar="RIG", help="The rig.toml of the bench.", show_default=False)],
+    seconds: Annotated[float, typer.Option(min=0.5, help="How long to listen to the sensor.")] = 10.0,
+    home: Annotated[bool, typer.Option("--home", help="Home the stage: it moves to its limit switches.")] = False,
+) -> None:
+    """Reports ports, identities, frame rate, loss, noise, drift and travel; exit code 1 if something is wrong.
+
+    The finger must touch nothing. Without --home nothing moves.
+    """
+    with loading():
+        from rich.console import Console
+
+        from ..hardware.journal import NoJournal
+        from ..hardware.open_rig import unconnected
+        from ..hardware.rig_check import check_rig
+        from ..hardware.rig_settings import load_rig
+        from .showing_rig import show_report
+
+    settings = load_rig(rig_file)
+    console = Console()
+    with (
+        terminable(),
+        unconnected(settings, NoJournal()) as rig,
+        Console(stderr=True).status(f"Listening for {seconds:g} s ..."),
+    ):
+        report = check_rig(rig, seconds, home)
+    show_report(report, console)
+    if report.wrong:
+        raise typer.Exit(1)

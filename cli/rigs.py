@@ -1,0 +1,223 @@
+"""`--rig`: where the taps of a live command come from, simulated, recorded or real, behind one interface."""
+
+import re
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+
+from ..hardware.sensor import TouchSensor
+from ..models.classes import ClassGrid
+from ..models.errors import InputError
+
+if TYPE_CHECKING:
+    from ..hardware.journal import Journal
+    from ..hardware.rig import Rig
+
+_SIMULATED, _REPLAY, _PRESET, _SESSION = "simulated", "replay:", "paper", 1000  # a session that no data set has
+
+
+class Truth(NamedTuple):
+    """What lies before the sensor and where it stands, as far as anyone knows.
+
+    Attributes:
+        what: Name of the object.
+        where: Place in the unit of the grid.
+    """
+
+    what: str | None
+    where: float | None
+
+
+class Placed(NamedTuple):
+    """A sensor before an object.
+
+    Attributes:
+        sensor: Where taps come from.
+        truth: Tells what is known at the time it is called.
+    """
+
+    sensor: TouchSensor
+    truth: Callable[[], Truth]
+
+
+class Source(NamedTuple):
+    """A rig that can be placed.
+
+    Attributes:
+        name: What it is called in print.
+        place: Stands before a new object; takes the number of the episode, counted from 0.
+    """
+
+    name: str
+    place: Callable[[int], Placed]
+
+
+class Wish(NamedTuple):
+    """Where the episodes begin; what is not named is drawn for each.
+
+    Attributes:
+        start: Where class, or place in the unit of the grid with its unit behind it, such as `"2.3mm"`.
+        what: Name of the object, or its number counted from 0.
+        seed: Of all that is drawn.
+    """
+
+    start: str | None
+    what: str | None
+    seed: int
+
+    def place(self, grid: ClassGrid, episode: int) -> float:
+        """The place of an episode, the centre of its class where a class is meant.
+
+        Raises:
+            InputError: The start is neither a class of the grid nor a place.
+        """
+        if self.start is None:
+            return float(grid.where_value[np.random.default_rng([self.seed, episode, 0]).integers(grid.L)])
+        if re.fullmatch(r"\d+", self.start) and int(self.start) < grid.L:
+            return float(grid.where_value[int(self.start)])
+        number = re.fullmatch(r"(-?\d+(?:\.\d+)?)\s*([^\d\s.].*)", self.start)
+        if number is None or number[2] != grid.where_unit.split(maxsplit=1)[0].rstrip(",;"):
+            raise InputError(
+                f"--start needs a class index from 0 to {grid.L - 1} or a place in {grid.where_unit or 'no unit'}, "
+                f"such as {grid.where_label(0).replace(' ', '')}, got {self.start!r}."
+            )
+        return float(number[1])
+
+    def object(self, names: Sequence[str], episode: int, there: Sequence[int] | None = None) -> int:
+        """The object of an episode, by its number.
+
+        Args:
+            names: Of all objects.
+            episode: Counted from 0.
+            there: Those that one is drawn from; default all.
+
+        Raises:
+            InputError: There is no such object.
+        """
+        if self.what is None:
+            drawn = np.random.default_rng([self.seed, episode, 1])
+            return int(drawn.choice(range(len(names)) if there is None else there))
+        if self.what in names:
+            return list(names).index(self.what)
+        if re.fullmatch(r"\d+", self.what) and int(self.what) < len(names):
+            return int(self.what)
+        raise InputError(
+            f"--object must be one of {', '.join(names)} or a number from 0 to {len(names) - 1}, got {self.what!r}."
+        )
+
+
+@contextmanager
+def open_source(
+    rig: str, grid: ClassGrid, wish: Wish, home: bool = False, journal: "Journal | None" = None
+) -> Iterator[Source]:
+    """The rig that `--rig` names, brought to rest when the block ends.
+
+    Args:
+        rig: `simulated`, `simulated:PRESET`, `replay:FILE` or a rig.toml.
+        grid: The classes of the model.
+        wish: Where episodes begin.
+        home: Whether to home a real stage first.
+        journal: Hears what happens on a real rig.
+
+    Raises:
+        InputError: There is no such rig, or it cannot stand where it is wanted.
+        RigError: A device failed.
+    """
+    if rig == _SIMULATED or rig.startswith(f"{_SIMULATED}:"):
+        yield _simulated(rig, grid, wish)
+    elif rig.startswith(_REPLAY):
+        yield _replayed(rig.removeprefix(_REPLAY), grid, wish)
+    elif rig.endswith(".toml"):
+        with _real(rig, grid, wish, home, journal) as source:
+            yield source
+    else:
+        raise InputError(
+            f"--rig must be simulated, simulated:PRESET, replay:FILE or a file that ends in .toml, got {rig!r}."
+        )
+
+
+def _simulated(rig: str, grid: ClassGrid, wish: Wish) -> Source:
+    from ..hardware.presets import preset
+    from ..hardware.simulated import SimulatedRig
+
+    name = rig.partition(":")[2] or _PRESET
+    settings = preset(name)
+    _check_cells(grid, settings.cell_mm, f"The simulated rig {name}")
+    names = [rod.name for rod in settings.rods]
+
+    def place(episode: int) -> Placed:
+        what = wish.object(names, episode)
+        sensor = SimulatedRig(settings, wish.seed, _SESSION, wish.place(grid, episode), what, episode)
+        return Placed(sensor, lambda: Truth(names[what], sensor.position_mm))
+
+    return Source(f"simulated rig, preset {name}", place)
+
+
+def _replayed(path: str, grid: ClassGrid, wish: Wish) -> Source:
+    from ..hardware.replay import ReplayRig, uniforms
+    from ..models.importers import load_taps
+
+    taps = load_taps(path)
+    known = {name for members in grid.what_members for name in members}
+    new = [name for name in taps.what_name if name not in known]
+    # Objects that the model does not know stand behind those that it does: perception should call them unknown.
+    whole = replace(grid, what_members=(*grid.what_members, *((name,) for name in new)), what_value=None)
+    names = whole.what_name
+    where, what = taps.indices(whole)
+    there = np.unique(what[(where >= 0) & (what >= 0)]).tolist()
+    if not there:
+        raise InputError(f"{path}: no tap lies in a class of the model.")
+
+    def place(episode: int) -> Placed:
+        start = int(whole.where_index(wish.place(grid, episode)))
+        if start < 0:
+            raise InputError(f"--start {wish.start} lies in no class of the model.")
+        what = wish.object(names, episode, there)
+        generator = np.random.default_rng([wish.seed, episode, 2])
+        sensor = ReplayRig(taps, whole, start, what, uniforms(generator))
+        return Placed(sensor, lambda: Truth(names[what], float(grid.where_value[sensor.where_index])))
+
+    return Source(f"taps of {Path(path).name}", place)
+
+
+@contextmanager
+def _real(rig: str, grid: ClassGrid, wish: Wish, home: bool, journal: "Journal | None") -> Iterator[Source]:
+    from ..hardware.rig_settings import load_rig
+
+    settings = load_rig(rig)
+    _check_cells(grid, settings.range.cell_mm, settings.name)
+    if grid.where_unit.split(maxsplit=1)[:1] != ["mm"]:
+        raise InputError(f"{settings.name} is driven in mm, and the model's places are in {grid.where_unit!r}.")
+    from ..hardware.journal import NoJournal
+    from ..hardware.open_rig import open_rig
+
+    with open_rig(settings, journal or NoJournal(), home=home) as sensor:
+
+        def place(episode: int) -> Placed:
+            sensor.go(wish.place(grid, episode))
+            what = _put(sensor, grid, wish, episode)
+            return Placed(sensor, lambda: Truth(what, sensor.place_mm))
+
+        yield Source(settings.name, place)
+
+
+def _put(sensor: "Rig", grid: ClassGrid, wish: Wish, episode: int) -> str | None:
+    """The object before the finger: one that the emulator is told to put there, or what a person says it is."""
+    if sensor.emulator is None and wish.what is None:
+        return None
+    what = wish.object(grid.what_name, episode)
+    if sensor.emulator is None:
+        return grid.what_name[what]
+    sensor.emulator.control({"object": grid.what_members[what][0]})
+    return grid.what_members[what][0]
+
+
+def _check_cells(grid: ClassGrid, cell: float, name: str) -> None:
+    """Whether a step of the rig is a step of the model."""
+    steps = np.diff(grid.where_value)
+    if len(steps) and np.abs(steps - cell).max() > 1e-6 * cell:
+        raise InputError(f"{name} moves in steps of {cell:g}, and the model's classes lie {steps[0]:g} apart.")

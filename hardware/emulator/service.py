@@ -1,0 +1,147 @@
+"""Serves an emulated bench to other processes over a Unix socket, with a shared clock or in real time.
+
+Questions and answers are JSON objects, one a line. `{"number": 7, "advance": 1.25, "sent": {"/bench/stage": 40}}` lets
+time go on and `{"number": 8, "order": {"object": 2}}` changes the bench; the answer has the number of its question, and
+`error`, a sentence, if it could not be done. Time stands still while nobody asks for it to go on.
+"""
+
+import select
+import socket
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, Self
+
+import msgspec
+
+from ...models.errors import InputError
+from ..shared_clock import socket_path
+from .emulation import Emulation
+
+_LONGEST_WAIT_S = 0.05
+_SEND_S = 1.0
+_MOST_LINE_BYTES = 1 << 20
+
+
+class Service:
+    """Answers whoever connects to a socket.
+
+    Args:
+        emulation: The bench.
+        path: Where to make the socket.
+        real_time: Whether rig time follows this computer's; nobody else may let it go on then.
+
+    Raises:
+        InputError: The path is too long, another emulator serves there, or something else has that name.
+    """
+
+    def __init__(self, emulation: Emulation, path: Path, real_time: bool = False) -> None:
+        self._emulation = emulation
+        self._path = path
+        self._real_time = real_time
+        self._listener = _listen(path)
+        self._unread: dict[socket.socket, bytes] = {}
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    def run(self, stop: Callable[[], bool] = lambda: False) -> None:
+        """Serves until `stop` says so or an exception ends it.
+
+        Args:
+            stop: Asked about 20 times a second, in real time.
+        """
+        start_s = time.monotonic() - self._emulation.bench.now_s
+        while not stop():
+            for ready in select.select(self._files(), [], [], self._patience_s(start_s))[0]:
+                if ready is self._listener:
+                    connection = self._listener.accept()[0]
+                    connection.settimeout(_SEND_S)
+                    self._unread[connection] = b""
+                elif isinstance(ready, socket.socket):
+                    self._hear(ready)
+            if self._real_time:
+                self._emulation.bench.catch_up(time.monotonic() - start_s)
+
+    def close(self) -> None:
+        """Ends all connections and takes the socket away."""
+        for connection in (*self._unread, self._listener):
+            connection.close()
+        self._unread.clear()
+        self._path.unlink(missing_ok=True)
+
+    def _files(self) -> list[socket.socket | int]:
+        files: list[socket.socket | int] = [self._listener, *self._unread]
+        if self._real_time:  # a terminal that nobody has open always looks readable
+            links = (link for link in self._emulation.bench.links if link.is_open)
+            files += [file for link in links if (file := link.terminal.fileno()) is not None]
+        return files
+
+    def _patience_s(self, start_s: float) -> float:
+        if not self._real_time:
+            return _LONGEST_WAIT_S
+        next_s = min(link.next_event_s() for link in self._emulation.bench.links)
+        return min(_LONGEST_WAIT_S, max(0.0, start_s + next_s - time.monotonic()))
+
+    def _hear(self, connection: socket.socket) -> None:
+        try:
+            data = connection.recv(65536)
+            *lines, rest = (self._unread[connection] + data).split(b"\n")
+            for line in lines:
+                connection.sendall(self.answer(line) + b"\n")
+        except OSError:  # it went away meanwhile, or does not read
+            data, rest = b"", b""
+        self._unread[connection] = rest
+        if not data or len(rest) > _MOST_LINE_BYTES:
+            del self._unread[connection]
+            connection.close()
+
+    def answer(self, line: bytes) -> bytes:
+        """The answer to a question, each as one line without its end."""
+        question: dict[str, Any] = {}
+        try:
+            question = msgspec.json.decode(line, type=dict[str, Any])
+            answer = self._carry_out(question)
+        except msgspec.MsgspecError as error:
+            answer = {"error": f"The emulator takes JSON objects, one a line: {error}."}
+        except InputError as error:
+            answer = {"error": str(error)}
+        return msgspec.json.encode({"number": question.get("number"), **answer})
+
+    def _carry_out(self, question: dict[str, Any]) -> dict[str, Any]:
+        match question:
+            case {"advance": int() | float()} if self._real_time:
+                raise InputError("The emulator runs in real time, so nobody else may let time go on.")
+            case {"advance": int() | float() as until_s, "sent": dict(sent)}:
+                return self._emulation.advance(until_s, msgspec.convert(sent, dict[str, int]))._asdict()
+            case {"order": dict(order)}:
+                return self._emulation.control(order)
+        raise InputError("The emulator takes questions with advance and sent, or with order.")
+
+
+def check_free(path: Path) -> None:
+    """Whether an emulator may serve at a path.
+
+    Raises:
+        InputError: Another one does, or the path is too long.
+    """
+    with socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as probe:
+        if probe.connect_ex(socket_path(path)) == 0:
+            raise InputError(f"{path}: another emulator serves there; stop it first or choose another folder.")
+
+
+def _listen(path: Path) -> socket.socket:
+    check_free(path)
+    if path.is_socket():
+        path.unlink()
+    listener = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
+    try:
+        listener.bind(str(path))
+        listener.listen()
+    except OSError as error:
+        listener.close()
+        raise InputError(f"{path}: the socket cannot be made: {error.strerror}.") from error
+    return listener

@@ -1,0 +1,137 @@
+"""Finds readings that were sent and never came, where nothing numbers them.
+
+Readings leave at a steady period and may arrive late, but never early. With `n` readings sent before it, a reading that
+arrives at `t` has the residual `t - n * period`; its lower envelope is flat, whatever is late, and steps up by a
+period for each reading lost. So late readings are no loss once one of those that follow is on time again, and a loss is
+certain when none is.
+"""
+
+from collections import deque
+from typing import NamedTuple
+
+_REMEMBERED = 1024
+_SAME_STEP = 0.25
+_DOUBT = 3  # readings after the first at the new envelope that may have come, late, before the gap
+
+
+class Loss(NamedTuple):
+    """Readings that did not come.
+
+    Attributes:
+        earliest_s: Time of the first reading that may have come after the gap.
+        latest_s: Time of the last reading that may have come before the gap.
+        readings: How many are missing.
+    """
+
+    earliest_s: float
+    latest_s: float
+    readings: int
+
+
+class LossTracker:
+    """Counts readings lost and remembers where.
+
+    Args:
+        period_s: Time in seconds between two readings, in the clock of `push`.
+        patience: Periods after which readings that stay late mean a loss; 0 where the clock of `push` is the sensor's
+            own, in which nothing is late.
+        slack: Share of a period by which each may be longer than `period_s`.
+
+    Attributes:
+        period_s: As given.
+        patience_s: Time in seconds after which readings that stay late mean a loss.
+        lost: Readings lost so far.
+    """
+
+    def __init__(self, period_s: float, patience: float = 25.0, slack: float = 0.002) -> None:
+        self.period_s = period_s
+        self.lost = 0
+        self.patience_s = patience * period_s
+        self._slack_s = slack * period_s
+        self._losses: deque[Loss] = deque(maxlen=_REMEMBERED)
+        self._sent = 0
+        self._anchor: tuple[int, float] | None = None
+        self._step: tuple[int, float] | None = None
+        self._late: list[tuple[float, float]] = []
+        self._lowest_s = self._since_s = float("inf")
+        self._last_s = float("-inf")
+
+    @property
+    def undecided(self) -> bool:
+        """Whether the last readings are late, or come after a loss."""
+        return bool(self._late)
+
+    def push(self, clock_s: float, time_s: float) -> int:
+        """Takes the next reading.
+
+        Args:
+            clock_s: When it came in the clock in which readings are equally spaced.
+            time_s: What `between` calls it.
+
+        Returns:
+            By how much `lost` changed; it falls where readings thought lost turn out to have been late.
+        """
+        before = self.lost
+        queue = deque([(clock_s, time_s)])
+        while queue:
+            if self._take(*queue.popleft()):
+                queue.extendleft(reversed(self._confirm()))
+        return self.lost - before
+
+    def restart(self, time_s: float) -> None:
+        """Notes that the clock of the sensor jumped between the last reading and the one at `time_s`."""
+        self._losses.append(Loss(time_s, self._last_s, 1))
+        self.lost += 1
+        self._anchor = self._step = None
+        self._late.clear()
+
+    def between(self, first_s: float, last_s: float) -> int:
+        """Readings lost between two that came, counted rather twice than not at all."""
+        return sum(loss.readings for loss in self._losses if first_s <= loss.latest_s and last_s >= loss.earliest_s)
+
+    def _take(self, clock_s: float, time_s: float) -> bool:
+        """Whether the readings that are late now mean a loss."""
+        self._sent += 1
+        residual_s = clock_s - self._sent * self.period_s
+        if self._anchor is None:
+            self._anchor = self._sent, residual_s
+        envelope_s = self._anchor[1] + (self._sent - self._anchor[0]) * self._slack_s
+        late_s = residual_s - envelope_s
+        if late_s <= self.period_s / 2:
+            residual_s += self._take_back(residual_s) * self.period_s
+            self._anchor = self._sent, min(envelope_s, residual_s)
+            self._late.clear()
+            self._last_s = time_s
+            return False
+        return self._wait(late_s, clock_s, time_s)
+
+    def _wait(self, late_s: float, clock_s: float, time_s: float) -> bool:
+        if not self._late:
+            self._lowest_s = float("inf")
+        if late_s < self._lowest_s - _SAME_STEP * self.period_s:
+            self._since_s = clock_s
+        self._lowest_s = min(self._lowest_s, late_s)
+        self._late.append((clock_s, time_s))
+        return clock_s - self._since_s >= self.patience_s
+
+    def _take_back(self, residual_s: float) -> int:
+        """Takes back losses if a reading comes earlier than it could have after them; returns how many."""
+        if self._step is None or (self._sent - self._step[0]) * self._slack_s > _SAME_STEP * self.period_s:
+            return 0
+        found = min(max(0, round((self._step[1] - residual_s) / self.period_s)), self.lost)
+        self._sent -= found
+        self.lost -= found
+        return found
+
+    def _confirm(self) -> list[tuple[float, float]]:
+        """Notes a loss before the late readings, and returns them to be looked at again."""
+        late, self._late = self._late, []
+        readings = max(1, round(self._lowest_s / self.period_s))
+        lowest = next(i for i, (clock_s, _) in enumerate(late) if clock_s >= self._since_s)
+        before = lowest + (_DOUBT if self.patience_s else 0)
+        last_s = late[min(before, len(late)) - 1][1] if before else self._last_s
+        self._losses.append(Loss(late[0][1], last_s, readings))
+        self._sent += readings - len(late)
+        self._step = self._anchor and (self._sent, self._anchor[1])
+        self.lost += readings
+        return late

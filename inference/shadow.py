@@ -1,0 +1,93 @@
+"""Two engines at once, each carrying its own belief, that must agree after every tap."""
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from .reference import ZeroEvidenceError
+
+if TYPE_CHECKING:
+    from ..models.histogram import HistogramModel
+    from .engine import Engine
+
+TOLERANCE = 1e-9
+
+
+class EnginesDisagree(Exception):
+    """Two engines came to different posteriors; the message says after which tap, for which class, and both values."""
+
+
+class ShadowEngine:
+    """An engine that answers what the first one says, while the second follows and is compared.
+
+    The second goes on from its own beliefs, so that small differences add up as they would without the first.
+
+    Args:
+        first: Whose beliefs count.
+        second: Of the same model.
+    """
+
+    def __init__(self, first: "Engine", second: "Engine") -> None:
+        self._first = first
+        self._second = second
+        self._answered: NDArray[np.float64] | None = None
+        self._followed: NDArray[np.float64] | None = None
+        self._taps = 0
+
+    @property
+    def name(self) -> str:
+        """Both names."""
+        return f"{self._first.name} shadowed by {self._second.name}"
+
+    @property
+    def model(self) -> "HistogramModel":
+        """That of the first."""
+        return self._first.model
+
+    def update(self, log_belief: NDArray[np.float64], tap: ArrayLike) -> tuple[NDArray[np.float64], float]:
+        """Eq. 3 and 4 twice.
+
+        Raises:
+            EnginesDisagree: A posterior differs by more than 1e-9, or one engine holds the tap for impossible.
+        """
+        followed = self._follow(log_belief)
+        self._taps += 1
+        log_posterior, log_evidence = self._first.update(log_belief, tap)
+        try:
+            other, _ = self._second.update(followed, tap)
+        except ZeroEvidenceError as error:
+            raise EnginesDisagree(
+                f"Engine {self._second.name} holds tap {self._taps} for impossible, {self._first.name} does not."
+            ) from error
+        return self._agreed(log_posterior, other, "after"), log_evidence
+
+    def shift(self, log_belief: NDArray[np.float64], delta: int) -> NDArray[np.float64]:
+        """Eq. 9 twice.
+
+        Raises:
+            EnginesDisagree: A belief differs by more than 1e-9.
+        """
+        other = self._second.shift(self._follow(log_belief), delta)
+        return self._agreed(self._first.shift(log_belief, delta), other, "after the move that follows")
+
+    def _follow(self, log_belief: NDArray[np.float64]) -> NDArray[np.float64]:
+        """The second engine's version of a belief; a belief that did not come from here starts an episode."""
+        if log_belief is self._answered and self._followed is not None:
+            return self._followed
+        self._taps = 0
+        return log_belief
+
+    def _agreed(self, answer: NDArray[np.float64], other: NDArray[np.float64], when: str) -> NDArray[np.float64]:
+        first, second = np.exp(answer), np.exp(other)
+        difference = np.abs(first - second)
+        if not (difference <= TOLERANCE).all():
+            l, m = np.unravel_index(np.argmax(np.nan_to_num(difference, nan=np.inf)), difference.shape)
+            grid = self.model.grid
+            raise EnginesDisagree(
+                f"The engines disagree {when} tap {self._taps}: belief in {grid.what_name[m]} at "
+                f"{grid.where_label(int(l))} is {float(first[l, m])!r} by {self._first.name} and "
+                f"{float(second[l, m])!r} by {self._second.name}."
+            )
+        self._answered, self._followed = answer, other
+        return answer

@@ -1,0 +1,142 @@
+"""`solidtouch emulate`: a bench for other programs, which leaves only its rig.toml behind."""
+
+import signal
+import subprocess
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+import pytest
+from solidtouch.cli.emulate import switch_on
+from solidtouch.hardware.emulator.faults import Switches
+from solidtouch.hardware.port import Port
+from solidtouch.hardware.rig_settings import load_rig
+from solidtouch.hardware.shared_clock import SharedClock, SocketConnection
+from solidtouch.models.errors import InputError
+
+
+@contextmanager
+def emulating(folder, *options) -> Iterator[subprocess.Popen]:
+    """The command in a process of its own, ready."""
+    words = [sys.executable, "-m", "solidtouch.cli", "emulate", "--out", str(folder), *options]
+    process = subprocess.Popen(words, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    try:
+        process.said = [process.stdout.readline() for _ in range(2)]
+        yield process
+    finally:
+        process.kill()
+        process.communicate()
+
+
+@pytest.mark.parametrize(("number", "code"), [(signal.SIGINT, 0), (signal.SIGTERM, 143)])
+def test_it_serves_until_a_signal_and_leaves_only_its_settings(tmp_path, number, code):
+    folder = tmp_path / "bench"
+    with emulating(folder, "--preset", "ideal") as process:
+        assert f"solidtouch rig check {folder / 'rig.toml'}" in process.said[1]
+        rig = load_rig(folder / "rig.toml")
+        with SocketConnection(rig.emulator.control) as connection:
+            clock = SharedClock(connection)
+            port = Port(rig.stage.port)
+            port.open()
+            port.write(b"$I\n")
+            clock.wait([port], 1.0)
+
+            assert port.read().startswith(b"[VER:")
+            assert clock.control({"object": 4})["object_name"] == "12 mm rod"
+
+            port.close()
+        process.send_signal(number)
+
+        assert process.wait(10) == code
+        assert "Traceback" not in process.stderr.read()
+
+    assert list(folder.iterdir()) == [folder / "rig.toml"]
+
+
+def test_a_second_one_leaves_the_first_alone(tmp_path, command):
+    with emulating(tmp_path):
+        second = command("emulate", "--out", tmp_path)
+
+        assert second.code == 2
+        assert "control: another emulator serves there" in second.err
+
+        rig = load_rig(tmp_path / "rig.toml")
+        with SocketConnection(rig.emulator.control) as connection:
+            port = Port(rig.stage.port)
+            port.open()
+
+            assert connection.control({})["open"]["stage"]
+
+            port.close()
+
+
+def test_in_real_time_the_rig_is_driven_by_the_clock_of_the_host(tmp_path, host_clock):
+    with emulating(tmp_path, "--real-time", "--sensor", "lines", "--fault", "reset_on_open:times=1"):
+        rig = load_rig(tmp_path / "rig.toml")
+        port = Port(rig.sensor.port)
+        port.open()
+        host_clock.wait([port], host_clock.now() + 5.0)
+
+        assert port.read()
+        assert not rig.emulator.shared_clock
+
+        port.close()
+        with SocketConnection(rig.emulator.control) as connection:
+            assert connection.control({})["faults"] == ["reset_on_open"]
+
+
+@pytest.fixture
+def host_clock():
+    from solidtouch.hardware.clock import HostClock
+
+    return HostClock()
+
+
+def test_the_faults_are_listed_without_a_folder(command):
+    done = command("emulate", "--fault", "list")
+
+    assert done.code == 0
+    assert "second_reader" in done.out
+    assert "32" in done.out
+
+
+@pytest.mark.parametrize(
+    ("options", "sentence"),
+    [
+        (["--preset", "none"], "There is no preset 'none'"),
+        (["--fault", "jump"], "There is no fault 'jump'"),
+        (["--fault", "late:delay_s"], "--fault late:delay_s: 'delay_s' is no key=value"),
+        (["--fault", "late:times=many"], "Fault late|--fault late"),
+        (["--sensor", "eye"], "Invalid value for '--sensor'"),
+    ],
+)
+def test_what_cannot_be_emulated_is_said(command, tmp_path, options, sentence):
+    done = command("emulate", "--out", tmp_path / "bench", *options)
+
+    assert done.code == 2
+    assert any(part in done.err for part in sentence.split("|"))
+    assert not (tmp_path / "bench").exists()
+
+
+def test_a_path_too_long_for_a_socket_is_refused_before_anything_is_made(command, tmp_path):
+    folder = tmp_path / ("x" * 100)
+    done = command("emulate", "--out", folder)
+
+    assert done.code == 2
+    assert "the path of a socket may have 107 bytes" in done.err
+    assert not folder.exists()
+
+
+def test_a_fault_is_told_in_one_word():
+    switches = Switches()
+    switch_on(switches, "late:delay_s=0.2,times=3,port=sensor")
+    switch_on(switches, "lost_ok")
+
+    assert list(switches) == ["late", "lost_ok"]
+    assert switches.strikes("late", 0.0, "sensor") == {"delay_s": 0.2}
+
+
+@pytest.mark.parametrize("words", ["late:=", "late:name=2", "late:times=x", "late:rate=2", ":", "late:port=door"])
+def test_words_that_tell_no_fault_are_refused(words):
+    with pytest.raises(InputError, match=r"[Ff]ault"):
+        switch_on(Switches(), words)

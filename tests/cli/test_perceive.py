@@ -1,0 +1,287 @@
+"""`solidtouch perceive` on simulated and replayed rigs."""
+
+import json
+import os
+import pty
+import re
+import signal
+import subprocess
+import sys
+import time
+from contextlib import contextmanager
+
+import numpy as np
+import pytest
+from solidtouch.hardware.data_collection import simulate_session
+from solidtouch.hardware.errors import NoAnswer
+from solidtouch.hardware.presets import preset
+from solidtouch.inference.engine import NumpyEngine
+from solidtouch.models.histogram import fit, load_model
+
+
+@pytest.fixture(scope="module")
+def session():
+    return simulate_session(preset("paper"), 4, 0)
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory, session):
+    """A folder with a recording and the model fitted to half of it."""
+    from solidtouch.cli.fit import fit as fit_command
+
+    folder = tmp_path_factory.mktemp("perceive")
+    session.save(folder / "taps.nc")
+    fit_command([folder / "taps.nc"], folder / "model.nc", split="parity")
+    fit(session, session.grid()).save(folder / "old.nc")
+    return folder
+
+
+RIGS = {"simulated": [], "replayed": ["--rig", "replay:TAPS"]}
+
+
+def words(folder, rig):
+    return [word.replace("TAPS", str(folder / "taps.nc")) for word in RIGS[rig]]
+
+
+def records(out):
+    return [json.loads(line) for line in out.splitlines()]
+
+
+@pytest.mark.parametrize("rig", RIGS)
+def test_taps_become_lines_and_a_decision(command, folder, rig):
+    """One line per tap, then the answer with the truth, then how long the updates took."""
+    done = command("perceive", folder / "model.nc", *words(folder, rig), "--seed", 4, "--engine", "filter")
+    lines = done.out.splitlines()
+
+    assert done.code == 0
+    assert "engine filter, warmed up in" in lines[0]
+    assert [re.match(r"tap (\d+): \d+ mm rod 0\.\d+, ", line)[1] for line in lines[1:-2]] == [
+        str(n + 1) for n in range(len(lines) - 3)
+    ]
+    assert re.fullmatch(r"Episode 1: .* rod at .* mm after \d+ taps? \(threshold\)\. Truth: .*", lines[-2])
+    assert re.match(r"Update latency: median \d+\.\d\d ms, 99th percentile", lines[-1])
+
+
+@pytest.mark.parametrize("rig", RIGS)
+def test_json_is_all_there_is_on_standard_output(command, folder, rig):
+    """One object per tap, the last one the decision; the same for all engines and with a shadow."""
+    outs = []
+    for options in (["--engine", "numpy"], ["--engine", "numpyro", "--shadow"], ["--engine", "filter"]):
+        done = command("perceive", folder / "model.nc", *words(folder, rig), "--seed", 4, "--json", *options)
+        assert done.code == 0
+        assert "Update latency" in done.err
+        outs.append(records(done.out))
+    *taps, decision = outs[0]
+
+    assert [tap["tap"] for tap in taps] == list(range(1, len(taps) + 1))
+    assert set(decision) >= {"decision", "reason", "taps", "true_what", "true_where", "right"}
+    assert decision["taps"] == len(taps)
+    assert decision["right"] == (decision["decision"] == decision["true_what"])
+    for other in outs[1:]:
+        assert [row.get("move") for row in other] == [row.get("move") for row in outs[0]]
+        assert other[-1] == decision
+
+
+def test_start_object_and_policy_are_obeyed(command, folder):
+    """Passive perception stays at its class; active perception comes to the fixation point."""
+    base = ["perceive", folder / "model.nc", "--json", "--engine", "numpy", "--object", "8 mm rod", "--theta", "1"]
+    still = records(command(*base, "--start", "3", "--passive", "--deadline", "3").out)
+    active = records(command(*base, "--start", "3.2mm", "--fixation", "10", "--deadline", "6").out)
+
+    assert [tap["move"] for tap in still[:-1]] == [0, 0, None]
+    assert still[-1]["true_where"] == 3.5
+    assert still[-1]["true_what"] == "8 mm rod"
+    assert still[-1]["reason"] == "deadline"
+    assert active[-1]["true_where"] == pytest.approx(10.2)
+    assert active[-1]["where"] == 10.5
+
+
+def test_several_episodes_differ_and_are_summed_up(command, folder):
+    """The same seed gives the same episodes."""
+    base = ["perceive", folder / "model.nc", "--engine", "numpy", "--episodes", 4, "--deadline", 5, "--json"]
+    first, again = command(*base, "--seed", 1), command(*base, "--seed", 1)
+    decisions = [row for row in records(first.out) if "decision" in row]
+
+    assert first.out == again.out
+    assert [row["episode"] for row in decisions] == [1, 2, 3, 4]
+    assert len({(row["true_what"], row["true_where"]) for row in decisions}) > 1
+    assert re.search(r"4 episodes of \d\.\d taps on average, \d of 4 objects right\.", first.err)
+
+
+def test_an_object_that_the_model_does_not_know_is_unknown(command, tmp_path, session):
+    """Contact that was never trained: p-values are small and the episode ends with `unknown`, which is right."""
+    from dataclasses import replace
+
+    from solidtouch.models.novelty import novelty_scores
+
+    known = session.select(session.what != 4)
+    grid = session.grid().select(range(16), range(4))
+    model = fit(known, grid)
+    replace(model, novelty=novelty_scores(model, known)).save(tmp_path / "model.nc")
+    dataset = session.dataset.copy(deep=True)
+    dataset["taps"] = dataset["taps"].where(dataset["what"] < 4, -dataset["taps"])
+    type(session)(dataset).save(tmp_path / "taps.nc")
+
+    base = ["perceive", tmp_path / "model.nc", "--rig", f"replay:{tmp_path / 'taps.nc'}", "--engine", "numpy"]
+    base += ["--start", 7, "--json", "--unknown", 0.05]
+    strange, usual = (records(command(*base, "--object", what).out) for what in ("12 mm rod", "6 mm rod"))
+
+    assert strange[0]["unusual"]
+    assert (strange[-1]["decision"], strange[-1]["reason"], strange[-1]["right"]) == ("unknown", "unknown", True)
+    assert strange[-1]["taps"] < 10
+    assert usual[-1]["reason"] == "threshold"
+
+
+def test_a_model_without_scores_perceives_without_p_values(command, folder):
+    done = command("perceive", folder / "old.nc", "--engine", "numpy", "--deadline", 1)
+
+    assert done.code == 0
+    assert "novelty unknown to this model" in done.out
+
+
+def test_fit_stores_scores(folder, session):
+    """One for each training tap."""
+    assert len(load_model(folder / "model.nc").novelty.misfit) == len(session) // 2
+
+
+def test_the_picture_is_kept(command, folder, tmp_path):
+    """Complete, and never over an existing file."""
+    base = ["perceive", folder / "model.nc", "--engine", "numpy", "--deadline", 1, "--picture", tmp_path / "p.svg"]
+
+    assert command(*base).code == 0
+    text = (tmp_path / "p.svg").read_text()
+    assert text.startswith("<svg")
+    assert "12&#160;mm&#160;rod" in text
+    assert "exists already" in command(*base).err
+    assert command(*base, "--force").code == 0
+
+
+@pytest.mark.parametrize(
+    ("options", "said"),
+    [
+        (["--rig", "simulate"], "--rig must be simulated, simulated:PRESET, replay:FILE or a file that ends in .toml"),
+        (["--rig", "simulated:papre"], "no preset 'papre'"),
+        (["--rig", "replay:none.nc"], "none.nc does not exist"),
+        (["--rig", "none.toml"], "none.toml"),
+        (["--start", "16"], "--start needs a class index from 0 to 15 or a place in mm, such as 0.5mm, got '16'"),
+        (["--start", "2cm"], "--start needs"),
+        (["--start", "17mm"], "17.0 mm lies outside the range"),
+        (["--object", "9 mm rod"], "--object must be one of 4 mm rod, "),
+        (["--object", "5"], "or a number from 0 to 4, got '5'"),
+        (["--fixation", "16"], "fixation point must be a class index from 0 to 15"),
+        (["--passive", "--fixation", "3"], "--passive never moves"),
+        (["--theta", "1.5"], "--theta must lie between 0 and 1, got 1.5"),
+        (["--theta-x", "nan"], "--theta-x must lie between 0 and 1"),
+        (["--unknown", "2"], "--unknown must lie between 0 and 1, got 2.0"),
+        (["--picture", "p.png"], "--picture must end in .svg"),
+        (["--engine", "numpyro", "--border", "prior"], "no Markov kernel"),
+    ],
+)
+def test_bad_options_are_one_sentence_and_exit_code_2(command, folder, options, said, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    done = command("perceive", folder / "model.nc", "--engine", "numpy", *options)
+
+    assert done.code == 2
+    assert said in " ".join(done.err.split())
+    assert "Traceback" not in done.err
+    assert not list(tmp_path.iterdir())
+
+
+def test_unknown_needs_a_model_that_can_tell(command, folder):
+    done = command("perceive", folder / "old.nc", "--unknown", 0.1)
+
+    assert done.code == 2
+    assert "no novelty scores" in done.err
+
+
+def test_a_rig_with_other_steps_is_refused(command, tmp_path, session):
+    """A move of the belief must be a move of the sensor."""
+    fit(session, session.grid("2mm")).save(tmp_path / "model.nc")
+    done = command("perceive", tmp_path / "model.nc", "--engine", "numpy")
+
+    assert done.code == 2
+    assert "moves in steps of 1, and the model's classes lie 2 apart" in done.err
+
+
+def test_a_replayed_file_with_one_object_replays_that_one(command, folder, session, tmp_path):
+    """Drawn objects are those that the file holds."""
+    session.select(session.what == 1).save(tmp_path / "one.nc")
+    base = ["perceive", folder / "model.nc", "--rig", f"replay:{tmp_path / 'one.nc'}", "--engine", "numpy", "--json"]
+    done = command(*base, "--episodes", 3, "--deadline", 1)
+
+    assert {row["true_what"] for row in records(done.out) if "decision" in row} == {"6 mm rod"}
+
+
+def test_engines_that_disagree_end_with_exit_code_1(command, folder, monkeypatch):
+    """One sentence with tap, class and both values; what the shadow follows is compared on every tap."""
+    update = NumpyEngine.update
+    monkeypatch.setattr(
+        NumpyEngine, "update", lambda self, log_belief, tap: (update(self, log_belief, tap)[0] * 1.001, 0.0)
+    )
+    done = command("perceive", folder / "model.nc", "--engine", "filter", "--shadow")
+
+    assert done.code == 1
+    assert done.err.startswith("solidtouch: The engines disagree after tap 1: belief in ")
+    assert done.err.count("\n") == 1
+
+
+def test_a_device_that_fails_ends_with_exit_code_3(command, folder, monkeypatch, tmp_path):
+    """And the rig's own context manager is left before."""
+    left = []
+
+    @contextmanager
+    def broken(*_, **__):
+        try:
+            raise NoAnswer("/dev/ttyACM0: no frame in 5 s.")
+            yield
+        finally:
+            left.append(True)
+
+    monkeypatch.setattr("solidtouch.cli.rigs.open_source", broken)
+    done = command("perceive", folder / "model.nc", "--rig", "simulated", "--engine", "numpy")
+
+    assert (done.code, done.err) == (3, "solidtouch: /dev/ttyACM0: no frame in 5 s.\n")
+    assert left == [True]
+
+
+@pytest.mark.parametrize(("number", "code"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
+def test_signals_end_an_episode(folder, number, code):
+    """With a sentence and the usual exit code, and lines already printed are whole."""
+    base = [sys.executable, "-m", "solidtouch.cli", "perceive", str(folder / "model.nc"), "--engine", "numpy", "--json"]
+    child = subprocess.Popen(
+        [*base, "--theta", "1", "--deadline", "1000000"], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+    )
+    first = child.stdout.readline()
+    child.send_signal(number)
+    out, err = child.communicate(timeout=30)
+
+    assert json.loads(first)["tap"] == 1
+    assert child.returncode == code
+    assert "Traceback" not in err
+    assert err.splitlines()[-1] == "solidtouch: interrupted; no half-written file is left behind."
+    assert all(json.loads(line) for line in out.splitlines())
+
+
+def test_a_terminal_gets_pictures(folder):
+    """Drawn anew with each tap; the cursor is given back."""
+    controller, terminal = pty.openpty()
+    base = [sys.executable, "-m", "solidtouch.cli", "perceive", str(folder / "model.nc"), "--engine", "numpy"]
+    environment = os.environ | {"TERM": "xterm-256color", "COLUMNS": "100", "LINES": "30"}
+    child = subprocess.Popen(
+        [*base, "--theta", "1", "--deadline", "3"], stdout=terminal, stderr=subprocess.STDOUT, env=environment
+    )
+    os.close(terminal)
+    out, deadline = b"", time.monotonic() + 30
+    while time.monotonic() < deadline:
+        try:
+            out += os.read(controller, 65536)
+        except OSError:  # the other end is closed
+            break
+    os.close(controller)
+
+    assert child.wait(timeout=30) == 0
+    text = out.decode()
+    assert [n in text for n in ("Tap 1:", "Tap 2:", "Tap 3:")] == [True] * 3
+    assert text.count("▲ fixation point") >= 3
+    assert text.rindex("\x1b[?25h") > text.rindex("Tap 3:")
+    assert np.any([color in text for color in ("48;2;", "48;5;")])
