@@ -30,6 +30,7 @@ from solidtouch.hardware.open_rig import build_rig, connected
 from solidtouch.hardware.rig import Rig
 
 _OPERATOR_S = 1.0
+_SETTLED_S = 1.0
 _IN_FLIGHT = 1
 
 Draw = Callable[[np.random.Generator], dict[str, Any]]
@@ -65,7 +66,7 @@ MENU: dict[str, Draw] = {
     "lost_half": _for_taps(rate=0.02),
     "swapped_halves": _for_taps(rate=0.3),
     "silent_sensor": _for_taps(),
-    "stuck": _for_taps(),
+    "stuck": _for_taps(rate=1.0),  # one reading twice is no fault: the chip scans more slowly than the board sends
     "taxel_error": lambda g: {"mask": int(g.integers(1, 1 << 12))},
     "recalibrate": _once(),
     "drift": lambda g: {"counts_per_s": float(g.uniform(-3, 3))},
@@ -148,10 +149,14 @@ class Truth:
         self.outside = 0
         self._bench = bench
         finger = bench.emulation.finger
-        read = finger.read
+        read, last_s = finger.read, -np.inf
 
         def listened(time_s: float) -> NDArray[np.float64]:
+            nonlocal last_s
             counts = read(time_s)
+            if time_s == last_s:  # the board calibrated in between
+                self.counts.pop()
+            last_s = time_s
             self.counts.append(np.array(counts))
             self._watch()
             return counts
@@ -243,6 +248,9 @@ def _tap_until_trouble(
             outcome.accepted += 1
             next(numbers, None)
             _judge(samples, rig, truth, outcome, fault)
+            if fault is not None:
+                switches.clear()
+                rig.loop.sleep(_SETTLED_S)
             counts = rig.skin.counts
             lost, uncounted = counts.lost, len(truth.counts) - made - counts.frames - counts.lost
             failed = False
@@ -251,9 +259,9 @@ def _tap_until_trouble(
         truth.homing = failed
         outcome.rejected += rig.tally.rejected - rejected
         outcome.longest_s = max(outcome.longest_s, bench.clock.now() - before_s)
+        switches.clear()
         if fault is not None and switches.tally()[fault] > struck[fault]:
             (outcome.reported if failed or reports.heard(rig) > heard else outcome.silent)[fault] += 1
-        switches.clear()
         if failed:
             break
     outcome.lost += lost

@@ -28,7 +28,6 @@ from .undisturbed import undisturbed
 _ROUNDING = 1e-6
 _DEPTH_MARGIN_MM = 0.05
 _LATE_S = 0.5
-_NOISE_LIMITS = 3.0  # a value this many times the limit of the noise away needs a reason
 
 
 @dataclass
@@ -210,8 +209,8 @@ class Rig:
             self._rest_from = self._arrived
         if self.stage.counts.unanswered > unanswered:
             return samples, "the stage lost an answer, so the press lasted too long"
-        limit = _NOISE_LIMITS * sensor.noise_limit
-        return samples, self.skin.verdict(frames) or implausible(samples, settings.tap.lead_samples, limit)
+        trace = implausible(samples, settings.tap.lead_samples, sensor.noise_limit)
+        return samples, self.skin.verdict(frames) or trace
 
     def _press(self) -> None:
         tap = self.settings.tap

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from solidtouch.hardware.tap_quality import implausible
 
-J, K, LEAD, LIMIT = 30, 4, 7, 12.0
+J, K, LEAD, LIMIT = 30, 4, 7, 5.0
 
 
 @pytest.fixture
