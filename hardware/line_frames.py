@@ -54,7 +54,7 @@ class LineDecoder:
     def __init__(self, taxels: int) -> None:
         self.other_size: int | None = None
         self._taxels = taxels
-        self._lines = LineSplitter(b"\n", max(_LONGEST_COMMENT, 16 + (_LONGEST_NUMBER + 1) * taxels))
+        self._lines = LineSplitter(b"\n", longest_line(taxels))
         self._begun = False
 
     @property
@@ -90,3 +90,8 @@ class LineDecoder:
             return None
         values = tuple(map(float, numbers))
         return LineReading(int(time), values) if all(map(math.isfinite, values)) else None
+
+
+def longest_line(taxels: int) -> int:
+    """Bytes kept of a line of a sensor with so many taxels."""
+    return max(_LONGEST_COMMENT, 16 + (_LONGEST_NUMBER + 1) * taxels)
