@@ -115,7 +115,7 @@ def picture(seen: Seen, width: int = 100, rows: int = 20) -> Group:
     starts = np.arange(0, grid.L, per_column)
     bar = min(_BAR, width - side - _TOTAL - _CELL * len(starts))
     shown = np.add.reduceat(belief, starts, axis=1)
-    lines = [_header([f"{value:.4g}" for value in grid.where_value[starts]], side)]
+    lines = [_header([f"{value:.4g}" for value in grid.where_value[starts]], side).append("  what", style="bold")]
     lines += [_row(name, side, values, seen.theta, bar) for name, values in zip(names, shown, strict=True)]
     lines += _where_rows(shown.sum(axis=0), side)
     if seen.fixation is not None:
@@ -196,7 +196,8 @@ def _next(seen: Seen) -> str:
         return f"decided: {seen.what_name}"
     if step.move is None:
         return f"deadline: {seen.what_name} is the most probable"
-    return f"move {step.move:+d}" if step.move else "stay"
+    doubted = "doubtful whether it is anything known, " if step.what_marginal.max() > seen.theta else ""
+    return doubted + (f"move {step.move:+d}" if step.move else "stay")
 
 
 def _bar(value: float, theta: float, length: int) -> str:

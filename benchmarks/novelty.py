@@ -1,19 +1,23 @@
-"""Measures novelty p-values: how often known taps are flagged, and how often new things are.
+"""Measures novelty: how often known taps are flagged and known objects called unknown, and how often new things are.
 
-`python benchmarks/novelty.py` simulates; recordings named behind it are split and measured too.
+`python benchmarks/novelty.py` simulates; with recordings named behind it, these are split and measured instead. Counts
+stand with 95 % Wilson intervals, as if all taps and episodes were independent; those of one session are not quite.
 """
 
 import argparse
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.stats import binomtest
 from solidtouch.hardware.data_collection import simulate_session
 from solidtouch.hardware.presets import preset
+from solidtouch.hardware.replay import ReplayRig, uniforms
 from solidtouch.hardware.sensor import TouchSensor
 from solidtouch.hardware.simulated import SimulatedRig
-from solidtouch.inference.control import MovePolicy, fixation, passive
+from solidtouch.inference.control import MovePolicy, default_fixation, fixation, passive
 from solidtouch.inference.engine import make_engine
 from solidtouch.inference.episode import steps
 from solidtouch.inference.novelty import Novelty, UnknownTest, can_tell
@@ -38,7 +42,7 @@ def calibrated(train: TapSet, grid: ClassGrid | None = None) -> HistogramModel:
 def p_values(model: HistogramModel, taps: TapSet) -> NDArray[np.float64]:
     """Of taps that nothing is known about, shape (N,)."""
     novelty = Novelty(model)
-    return np.array([novelty.p_value(model.log_prior, tap) for tap in taps.taps])
+    return np.array([novelty.of_any(novelty.excess(tap)) for tap in taps.taps])
 
 
 def single_taps(seed: int) -> Iterator[tuple[str, NDArray[np.float64]]]:
@@ -89,74 +93,148 @@ class Vanishing:
         return self._rig.tap()
 
 
-def alarm(model: HistogramModel, sensor: TouchSensor, policy: MovePolicy) -> int | None:
-    """The tap after which an episode is called unknown, or `None`."""
-    novelty, test = Novelty(model), UnknownTest(ALPHA)
-    for step in steps(sensor, make_engine("numpy", model), THETA, policy, DEADLINE):
-        if test.add(novelty.p_value(step.log_predicted, step.tap)):
-            return step.number
-    return None
+class Ending(NamedTuple):
+    """How an episode ended: after how many taps, and whether with `unknown`."""
+
+    taps: int
+    unknown: bool
 
 
-def episodes(n: int) -> Iterator[tuple[str, list[int | None]]]:
-    """Alarms of episodes by name."""
-    sessions = [[simulate_session(PAPER, seed, s) for s in range(3)] for seed in range(max(1, n // 25))]
-    models = [calibrated(concatenate(parts)) for parts in sessions]
-    kept = models[0].grid.select(range(models[0].grid.L), [0, 1, 2, 3])
-    fewer = [calibrated(concatenate([p.select(p.what != 4) for p in parts]), kept) for parts in sessions]
-    ones = [calibrated(parts[0]) for parts in sessions]
-    generator = np.random.default_rng(0)
-    starts = [(i % len(models), float(generator.uniform(0, 16)), int(generator.integers(5)), i) for i in range(n)]
-
-    def run(name: str, chosen: list[HistogramModel], policy: MovePolicy, make: Callable[..., TouchSensor]):
-        return name, [alarm(chosen[seed], make(seed, at, what, i), policy) for seed, at, what, i in starts]
-
-    def live(seed: int, at: float, what: int, run: int) -> SimulatedRig:
-        return SimulatedRig(PAPER, seed, 3, at, what, run)
-
-    yield run("known, active, 3 sessions trained", models, fixation(7), live)
-    yield run("known, passive, 3 sessions trained", models, passive, live)
-    yield run("known, active, 1 session trained", ones, fixation(7), live)
-    yield run("12 mm rod left out, active", fewer, fixation(7), lambda s, at, _, i: live(s, at, 4, i))
-    yield run("object taken away after tap 3, active", models, fixation(7), lambda *a: Vanishing(live(*a), 3))
-    yield run(
-        "no object at all, active", models, fixation(7), lambda s, at, w, i: SimulatedRig(UNTOUCHED, s, 3, at, w, i)
-    )
+def ending(model: HistogramModel, sensor: TouchSensor, policy: MovePolicy, deadline: int = DEADLINE) -> Ending:
+    """Runs an episode as `solidtouch perceive --unknown` does."""
+    test, number = UnknownTest(Novelty(model), ALPHA), 0
+    for step in steps(sensor, make_engine("numpy", model), THETA, policy, deadline, test.add):
+        number = step.number
+        if test.unknown:
+            break
+    return Ending(number, test.unknown)
 
 
-def recorded(path: str, where_cell: str | None) -> Iterator[tuple[str, NDArray[np.float64]]]:
-    """P-values of the test taps of a recording, all and with each object left out of training in turn."""
+class Trained(NamedTuple):
+    """The models of one data set: of three sessions, of the first, and without some rods by number."""
+
+    three: HistogramModel
+    one: HistogramModel
+    less: dict[int, HistogramModel]
+
+
+def trained(seed: int) -> Trained:
+    """Fits the models of a data set."""
+    parts = [simulate_session(PAPER, seed, session) for session in range(3)]
+    three = calibrated(concatenate(parts))
+    M = three.grid.M
+    less = {}
+    for m in (0, 2, 4):
+        kept = three.grid.select(range(three.grid.L), [i for i in range(M) if i != m])
+        less[m] = calibrated(concatenate([part.select(part.what != m) for part in parts]), kept)
+    return Trained(three, calibrated(parts[0]), less)
+
+
+def episodes(seed: int, n: int) -> Iterator[tuple[str, list[Ending]]]:
+    """Episodes of one data set, by name."""
+    models = trained(seed)
+    generator = np.random.default_rng(seed)
+    starts = [(float(generator.uniform(0, 16)), int(generator.integers(5)), run) for run in range(n)]
+
+    def run(name: str, model: HistogramModel, policy: MovePolicy, make: Callable[[float, int, int], TouchSensor]):
+        return name, [ending(model, make(*start), policy) for start in starts]
+
+    def live(at: float, what: int, run: int, session: int = 3) -> SimulatedRig:
+        return SimulatedRig(PAPER, seed, session, at, what, run)
+
+    def untouched(at: float, what: int, run: int) -> SimulatedRig:
+        return SimulatedRig(UNTOUCHED, seed, 3, at, what, run)
+
+    active = fixation(7)
+    yield run("known, active", models.three, active, live)
+    yield run("known, passive", models.three, passive, live)
+    yield run("known, active, one session trained and tested", models.one, active, lambda *s: live(*s, 0))
+    yield run("known, active, one session trained, another tested", models.one, active, live)
+    for m, model in models.less.items():
+        name = models.three.grid.what_name[m]
+        yield run(f"new: {name}, left out, active", model, active, lambda at, _, i, m=m: live(at, m, i))
+    yield run("new: object taken away after tap 3, active", models.three, active, lambda *s: Vanishing(live(*s), 3))
+    yield run("new: no object at all, active", models.three, active, untouched)
+    yield run("new: no object at all, passive", models.three, passive, untouched)
+
+
+class Case(NamedTuple):
+    """An object of a recording before a model that knows it or not.
+
+    Attributes:
+        what: The object by its number in the whole grid.
+        model: Fitted to the training taps, with the object or without.
+    """
+
+    what: int
+    model: HistogramModel
+
+
+def recorded(path: str, where_cell: str | None, most: int, runs: int) -> None:
+    """Rows for a recording: taps and episodes of known objects, and of objects left out of training one at a time."""
     for method in ("parity", "sessions"):
         parts, grid = load_experiment([path], where_cell, where_cell, method)
         fold = parts.folds[0]
         grid, _ = trim(grid, [fold.train])
+        what = fold.train.indices(grid)[1]
+        objects = np.unique(np.linspace(0, grid.M - 1, min(most, grid.M)).round().astype(int)).tolist()
+        known = calibrated(fold.train, grid)
+        fewer = [grid.select(range(grid.L), [i for i in range(grid.M) if i != m]) for m in objects]
+        others = [calibrated(fold.train.select(what != m), g) for m, g in zip(objects, fewer, strict=True)]
         name = f"{path.rsplit('/', 1)[-1]}, {method}"
-        yield f"{name}: known", known(fold.train, fold.test, grid)
-        strange = [left_out(fold.train, fold.test, grid, m) for m in range(0, grid.M, max(1, grid.M // 10))]
-        yield f"{name}: object left out", np.concatenate(strange)
+        cases = [Case(m, known) for m in objects]
+        row(f"{name}: known", fold.test, grid, cases, runs)
+        row(f"{name}: left out", fold.test, grid, [Case(*pair) for pair in zip(objects, others, strict=True)], runs)
 
 
-def known(train: TapSet, test: TapSet, grid: ClassGrid) -> NDArray[np.float64]:
-    """P-values of taps of trained classes."""
-    model = calibrated(train, grid)
-    return p_values(model, model.usable(test)) if can_tell(model) else np.empty(0)
-
-
-def left_out(train: TapSet, test: TapSet, grid: ClassGrid, m: int) -> NDArray[np.float64]:
-    """P-values of the taps of an object under the model of the others."""
-    rest = train.select(train.indices(grid)[1] != m)
-    model = calibrated(rest, grid.select(range(grid.L), [i for i in range(grid.M) if i != m]))
+def row(name: str, test: TapSet, grid: ClassGrid, cases: Sequence[Case], runs: int) -> None:
+    """One line of the table of a recording; episodes draw recorded taps of the place where the sensor stands."""
     where, what = test.indices(grid)
-    chosen = (where >= 0) & (what == m)
-    return p_values(model, test.select(chosen)) if can_tell(model) and chosen.any() else np.empty(0)
-
-
-def show(name: str, p: NDArray[np.float64]) -> None:
-    """One line of a table."""
-    if not len(p):
-        print(f"| {name} | 0 | - | - | - |")
+    p, ended = [np.empty(0)], []
+    for case in cases:
+        chosen = test.select((where >= 0) & (what == case.what))
+        if not len(chosen) or not can_tell(case.model):
+            continue
+        p.append(p_values(case.model, chosen))
+        policy = passive if grid.L == 1 else fixation(default_fixation(grid.L))
+        for run in range(runs):
+            generator = np.random.default_rng([case.what, run])
+            start = int(generator.integers(grid.L))
+            sensor = ReplayRig(test, grid, start, case.what, uniforms(generator))
+            ended.append(ending(case.model, sensor, policy, deadline=10))
+    value = np.concatenate(p)
+    if not ended:
+        print(f"| {name} | 0 | - | - | - | - |")
         return
-    print(f"| {name} | {len(p)} | {np.mean(p < 0.01):.3f} | {np.mean(p < 0.1):.3f} | {np.median(p):.2f} |", flush=True)
+    unknown = share([end.unknown for end in ended])
+    print(
+        f"| {name} | {len(value)} | {share(value < 0.1)} | {np.median(value):.2f} | {len(ended)} | {unknown} |",
+        flush=True,
+    )
+
+
+def share(hits: Sequence[bool] | NDArray[np.bool_]) -> str:
+    """A proportion with its interval."""
+    interval = binomtest(int(np.sum(hits)), len(hits)).proportion_ci(method="wilson")
+    return f"{np.mean(hits):.3f} [{interval.low:.3f}, {interval.high:.3f}]"
+
+
+def simulated(data_sets: int, runs: int) -> None:
+    """The tables of simulated taps and episodes."""
+    print("| single taps | taps | p < .01 | p < .1 | median p |\n|---|---|---|---|---|")
+    for rows in zip(*(single_taps(seed) for seed in range(data_sets)), strict=True):
+        p = np.concatenate([p for _, p in rows])
+        print(f"| {rows[0][0]} | {len(p)} | {np.mean(p < 0.01):.3f} | {np.mean(p < 0.1):.3f} | {np.median(p):.2f} |")
+    head = f"| episodes, alpha {ALPHA} | episodes | called unknown | least, most data set | taps |"
+    print(f"\n{head}\n|---|---|---|---|---|")
+    for rows in zip(*(episodes(seed, runs) for seed in range(data_sets)), strict=True):
+        ends = [end for _, part in rows for end in part]
+        rates = [np.mean([end.unknown for end in part]) for _, part in rows]
+        extremes = f"{min(rates):.2f}, {max(rates):.2f}"
+        taps = np.mean([end.taps for end in ends])
+        print(
+            f"| {rows[0][0]} | {len(ends)} | {share([e.unknown for e in ends])} | {extremes} | {taps:.1f} |", flush=True
+        )
 
 
 def main() -> None:
@@ -164,21 +242,16 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("recordings", nargs="*")
     parser.add_argument("--where-cell", help="Width of the cells of a recording.")
+    parser.add_argument("--objects", type=int, default=12, help="Objects of a recording left out, at most.")
     parser.add_argument("--data-sets", type=int, default=6)
-    parser.add_argument("--episodes", type=int, default=200)
+    parser.add_argument("--episodes", type=int, default=50, help="Of each data set, or of each object of a recording.")
     options = parser.parse_args()
-    print("| single taps | taps | p < .01 | p < .1 | median p |\n|---|---|---|---|---|")
-    for path in options.recordings:
-        for name, p in recorded(path, options.where_cell):
-            show(name, p)
-    if options.recordings:
+    if not options.recordings:
+        simulated(options.data_sets, options.episodes)
         return
-    for rows in zip(*(single_taps(seed) for seed in range(options.data_sets)), strict=True):
-        show(rows[0][0], np.concatenate([p for _, p in rows]))
-    print(f"\n| episodes, alpha {ALPHA} | episodes | called unknown | median tap |\n|---|---|---|---|")
-    for name, alarms in episodes(options.episodes):
-        taps = [tap for tap in alarms if tap is not None]
-        print(f"| {name} | {len(alarms)} | {len(taps) / len(alarms):.3f} | {np.median(taps) if taps else '-'} |")
+    print("| recording | taps | p < .1 | median p | episodes | called unknown |\n|---|---|---|---|---|---|", flush=True)
+    for path in options.recordings:
+        recorded(path, options.where_cell, options.objects, options.episodes)
 
 
 if __name__ == "__main__":

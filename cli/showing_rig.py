@@ -19,11 +19,11 @@ def show_report(report: RigReport, console: Console) -> None:
             highlight=False,
         )
         taxels = Table(box=None, padding=(0, 2))
-        for column in ("  taxel", "at rest", "noise", "drift per minute"):
+        for column in ("  taxel", "at rest", "noise", "drift per minute", "± 95 %"):
             taxels.add_column(column, justify="right")
-        for k, values in enumerate(zip(sensor.idle, sensor.noise, sensor.drift_per_min, strict=True)):
-            idle, noise, drift = values
-            taxels.add_row(str(k), f"{idle:.1f}", f"{noise:.2f}", f"{drift:+.2f}")
+        columns = zip(sensor.idle, sensor.noise, sensor.drift_per_min, sensor.drift_error, strict=True)
+        for k, (idle, noise, drift, error) in enumerate(columns):
+            taxels.add_row(str(k), f"{idle:.1f}", f"{noise:.2f}", f"{drift:+.1f}", f"{error:.1f}")
         console.print(taxels)
     for sentence in report.wrong:
         console.print(Text(f"! {sentence}", style="bold"))

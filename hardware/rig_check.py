@@ -5,6 +5,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.special import stdtrit
 
 from .errors import RigError
 from .rig import Rig
@@ -12,6 +13,8 @@ from .skin import SkinFrame
 
 _RATE_TOLERANCE = 0.02
 _DRIFT_PER_MIN = 20.0
+_BLOCKS = 8
+_LEAST_READINGS = 2 * _BLOCKS
 
 
 @dataclass(frozen=True, eq=False)
@@ -25,6 +28,7 @@ class SensorReport:
         idle: Mean of each taxel as sent, shape (K,).
         noise: Standard deviation of each taxel about its drift, shape (K,).
         drift_per_min: Slope of each taxel in units per minute, shape (K,).
+        drift_error: Half width of its 95 % interval, shape (K,).
     """
 
     readings: int
@@ -33,6 +37,7 @@ class SensorReport:
     idle: NDArray[np.float64]
     noise: NDArray[np.float64]
     drift_per_min: NDArray[np.float64]
+    drift_error: NDArray[np.float64]
 
 
 @dataclass
@@ -54,21 +59,44 @@ def sensor_report(frames: Sequence[SkinFrame], lost: int) -> SensorReport:
     """Rate, loss, noise and drift of readings without contact.
 
     Args:
-        frames: At least three readings in the order of time.
+        frames: Readings in the order of time, at least 16.
         lost: Readings that did not come meanwhile.
     """
     time_s = np.array([frame.time_s for frame in frames])
     raw = np.array([frame.raw for frame in frames])
-    slope, level = np.polyfit(time_s - time_s.mean(), raw, 1)
-    residual = raw - level - np.outer(time_s - time_s.mean(), slope)
+    _, level, residual = _line(time_s, raw)
+    drift, drift_error = _drift(time_s, raw)
     return SensorReport(
         readings=len(frames),
         rate_hz=float((len(frames) - 1) / (time_s[-1] - time_s[0])) if time_s[-1] > time_s[0] else np.inf,
         loss=lost / (len(frames) + lost),
         idle=level,
         noise=np.sqrt((residual**2).sum(axis=0) / (len(frames) - 2)),
-        drift_per_min=60.0 * slope,
+        drift_per_min=60.0 * drift,
+        drift_error=60.0 * drift_error,
     )
+
+
+def _line(
+    time_s: NDArray[np.float64], values: NDArray[np.float64]
+) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+    """Slope, level in the middle and residuals of a straight line through each column."""
+    centred = time_s - time_s.mean()
+    slope, level = np.polyfit(centred, values, 1)
+    return slope, level, values - level - np.outer(centred, slope)
+
+
+def _drift(time_s: NDArray[np.float64], values: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Slope per second and half width of its 95 % interval.
+
+    Successive readings share their noise, so the line goes through means of blocks, which hardly do.
+    """
+    blocks = np.array_split(np.arange(len(time_s)), _BLOCKS)
+    at_s = np.array([time_s[block].mean() for block in blocks])
+    slope, _, residual = _line(at_s, np.array([values[block].mean(axis=0) for block in blocks]))
+    freedom = _BLOCKS - 2
+    error = np.sqrt((residual**2).sum(axis=0) / freedom / ((at_s - at_s.mean()) ** 2).sum())
+    return slope, stdtrit(freedom, 0.975) * error
 
 
 def check_rig(rig: Rig, seconds: float = 10.0, home: bool = False) -> RigReport:
@@ -135,15 +163,22 @@ def _look_at_sensor(rig: Rig, report: RigReport, seconds: float) -> None:
     except RigError as error:
         report.wrong.append(str(error))
         return
+    if len(frames) < _LEAST_READINGS:
+        report.wrong.append(
+            f"{sensor.port}: {len(frames)} readings in {seconds:g} s are too few to judge; listen longer."
+        )
+        return
     report.sensor = found = sensor_report(frames, lost)
     if abs(found.rate_hz / sensor.rate_hz - 1) > _RATE_TOLERANCE:
         report.wrong.append(f"{sensor.port}: {found.rate_hz:.2f} readings per second, {sensor.rate_hz:g} are set.")
     if found.loss > 0:
         total = len(frames) + lost
         report.wrong.append(f"{sensor.port}: {lost} of {total} readings were lost; such taps are made again.")
-    for k in np.flatnonzero(np.abs(found.drift_per_min) > _DRIFT_PER_MIN):
-        drift = found.drift_per_min[k]
-        report.wrong.append(f"{sensor.port}: taxel {k} drifts by {drift:+.1f} per minute; let it warm up.")
+    for k in np.flatnonzero(np.abs(found.drift_per_min) - found.drift_error > _DRIFT_PER_MIN):
+        drift, error = found.drift_per_min[k], found.drift_error[k]
+        report.wrong.append(
+            f"{sensor.port}: taxel {k} drifts by {drift:+.1f} ± {error:.1f} per minute; let it warm up."
+        )
     for k in np.flatnonzero(found.noise == 0):
         report.wrong.append(f"{sensor.port}: taxel {k} never changed; it may be dead.")
     others = {name: n for name, n in vars(skin.counts).items() if n and name not in ("frames", "lost")}

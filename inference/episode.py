@@ -1,6 +1,6 @@
 """One perception episode with any sensor and any engine: tap, update, decide or move."""
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from typing import NamedTuple
 
 import numpy as np
@@ -107,7 +107,12 @@ def perceive(
 
 
 def steps(
-    sensor: TouchSensor, engine: Engine, theta_w: float, move: MovePolicy, deadline: int = DEADLINE
+    sensor: TouchSensor,
+    engine: Engine,
+    theta_w: float,
+    move: MovePolicy,
+    deadline: int = DEADLINE,
+    doubt: Callable[[NDArray[np.float64], int], bool] | None = None,
 ) -> Iterator[Step]:
     """An episode tap by tap; Fig. 2 of the paper.
 
@@ -123,6 +128,7 @@ def steps(
         theta_w: Threshold on the what belief; 1 or more never stops.
         move: Control strategy.
         deadline: Taps after which the episode ends.
+        doubt: Told each tap and the move really made before it; while it answers yes nothing is decided.
 
     Raises:
         InputError: The deadline is below one tap, or the sensor prepares its taps otherwise than the model's.
@@ -136,7 +142,8 @@ def steps(
         tap = sensor.tap()
         log_belief, log_evidence = engine.update(predicted, tap)
         belief = np.exp(log_belief)
-        decision = reference.what_decision(belief, theta_w)
+        doubted = doubt is not None and doubt(tap, arrived)
+        decision = None if doubted else reference.what_decision(belief, theta_w)
         delta = None if decision is not None or number == deadline else move(belief)
         yield Step(number, tap, arrived, predicted, log_belief, log_evidence, decision, delta)
         if delta is None:

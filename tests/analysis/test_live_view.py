@@ -2,12 +2,14 @@
 
 import json
 from io import StringIO
+from xml.etree import ElementTree as ET
 
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from rich.console import Console
+from solidtouch.analysis.live_picture import live_picture
 from solidtouch.analysis.live_view import Seen, fitting_width, picture, record, sentence
 from solidtouch.inference.episode import Step
 from solidtouch.models.classes import ClassGrid
@@ -50,7 +52,7 @@ def test_cells_hold_percentages():
     """Objects are rows, places columns; what is below half a percent is a dot; marginals stand beside and below."""
     lines = printed(seen(PEAK, fixation=1), color_system=None).splitlines()
 
-    assert lines[0].split() == ["0.5", "1.5", "2.5"]
+    assert lines[0].split() == ["0.5", "1.5", "2.5", "what"]
     assert lines[1].split()[:7] == ["0", "mm", "rod", "·", "1", "9", "0.100"]
     assert lines[2].split()[:7] == ["1", "mm", "rod", "·", "70", "20", "0.900"]
     assert lines[3].split()[:7] == ["2", "mm", "rod", "·", "·", "·", "0.000"]
@@ -151,3 +153,17 @@ def test_a_record_is_json():
         "what_marginal": [0.1, 0.9, 0.0],
         "where_marginal": [0.0, 0.71, 0.29],
     }
+
+
+def test_the_picture_needs_nothing_from_elsewhere():
+    """The SVG holds the text and names no address but that of its own format."""
+    svg = live_picture(seen(PEAK, fixation=1))
+
+    assert "1&#160;mm&#160;rod" in svg
+    assert svg.count("http") == 1
+    ET.fromstring(svg)  # noqa: S314 - our own
+
+
+def test_a_decision_that_is_put_off_is_explained():
+    """The belief is above the threshold, and there is a move instead of a decision."""
+    assert sentence(seen(PEAK, theta=0.8, decision=None)).endswith("doubtful whether it is anything known, move +2")

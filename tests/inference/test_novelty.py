@@ -8,7 +8,11 @@ import xarray as xr
 from hypothesis import given
 from hypothesis import strategies as st
 from solidtouch.hardware.model_rig import draw_taps
-from solidtouch.inference.novelty import Novelty, UnknownTest, can_tell, possible
+from solidtouch.hardware.replay import ReplayRig, uniforms
+from solidtouch.inference.control import fixation
+from solidtouch.inference.engine import make_engine
+from solidtouch.inference.episode import steps
+from solidtouch.inference.novelty import Novelty, UnknownTest, can_tell, log_wealth
 from solidtouch.inference.reference import bin_index
 from solidtouch.models.errors import InputError
 from solidtouch.models.histogram import fit, load_model
@@ -165,7 +169,7 @@ def test_p_values_before_anything_is_known_are_honest(calibrated):
     source, model = calibrated
     novelty = Novelty(model)
     new = draw_taps(source.grid, source.probabilities, source.edges, source.preprocessing, 60, 7)
-    p = np.array([novelty.p_value(model.log_prior, tap) for tap in new.taps])
+    p = np.array([novelty.of_any(novelty.excess(tap)) for tap in new.taps])
 
     for level in (0.05, 0.2, 0.5, 0.8):
         assert np.mean(p <= level) == pytest.approx(level, abs=0.08)
@@ -182,28 +186,39 @@ def test_p_values_of_known_taps_are_honest(make_model, repeats):
     novelty = Novelty(model)
     new = draw_taps(source.grid, source.probabilities, source.edges, source.preprocessing, 60, 7)
     where, what = new.indices(source.grid)
-    p = []
-    for n, tap in enumerate(new.taps):
-        certain = np.full(source.grid.shape, -np.inf)
-        certain[where[n], what[n]] = 0.0
-        p.append(novelty.p_value(certain, tap))
+    p = np.array([novelty.of_class(novelty.excess(tap))[l, m] for tap, l, m in zip(new.taps, where, what, strict=True)])
 
     for level in (0.05, 0.2, 0.5, 0.8):
-        share = np.mean(np.array(p) <= level)
+        share = np.mean(p <= level)
         assert share <= level + 0.05
         assert repeats == 2 or share == pytest.approx(level, abs=0.08)
 
 
-def test_a_class_that_is_not_believed_in_explains_nothing(calibrated, draw_samples):
-    """The same tap is usual before anything is known and unusual where another class is certain."""
+def test_a_class_explains_its_own_taps_only(calibrated, draw_samples):
+    """The same tap is usual before anything is known and unusual for another class."""
     source, model = calibrated
-    certain = np.full(model.grid.shape, -np.inf)
-    certain[3, 2] = 0.0
     taps = draw_samples(source, 20, where=0, what=0)
     novelty = Novelty(model)
+    excesses = [novelty.excess(tap) for tap in taps]
 
-    assert np.median([novelty.p_value(model.log_prior, tap) for tap in taps]) > 0.3
-    assert np.median([novelty.p_value(certain, tap) for tap in taps]) < 0.02
+    assert np.median([novelty.of_any(excess) for excess in excesses]) > 0.3
+    assert np.median([novelty.of_class(excess)[0, 0] for excess in excesses]) > 0.3
+    assert np.median([novelty.of_class(excess)[3, 2] for excess in excesses]) < 0.02
+
+
+def test_an_untrained_class_explains_nothing(calibrated):
+    """Its p-values are the smallest that there are."""
+    source, _ = calibrated
+    train = draw_taps(source.grid, source.probabilities, source.edges, source.preprocessing, 25, 1)
+    where, what = train.indices(source.grid)
+    train = train.select((where != 1) | (what != 2))
+    model = fit(train, source.grid, bins=12)
+    novelty = Novelty(replace(model, novelty=novelty_scores(model, train)))
+    p = np.array([novelty.of_class(novelty.excess(tap)) for tap in train.taps])
+
+    assert (p[:, 1, 2] == novelty.smallest).all()
+    assert novelty.smallest == 1 / (len(train) + 1)
+    assert p[:, 1, 1].max() > 0.5
 
 
 def test_a_tap_without_contact_is_unusual_though_likely(make_model):
@@ -217,7 +232,7 @@ def test_a_tap_without_contact_is_unusual_though_likely(make_model):
     usual = draw_taps(source.grid, source.probabilities, source.edges, source.preprocessing, 5, 9).taps
 
     assert model.log_likelihood(still[None]).max() > model.log_likelihood(usual).max()
-    assert novelty.p_value(model.log_prior, still) < 0.02
+    assert novelty.of_any(novelty.excess(still)) < 0.02
 
 
 def test_a_constant_sensor_has_p_values(make_taps):
@@ -229,50 +244,143 @@ def test_a_constant_sensor_has_p_values(make_taps):
     model = fit(flat, flat.grid())
     novelty = Novelty(replace(model, novelty=novelty_scores(model, flat)))
 
-    assert novelty.p_value(model.log_prior, flat.taps[0]) > 0.1
+    assert novelty.of_any(novelty.excess(flat.taps[0])) > 0.1
 
 
 def test_taps_of_another_size_are_refused(calibrated):
     _, model = calibrated
     with pytest.raises(InputError, match="taps of 20 samples and 3 taxels"):
-        Novelty(model).p_value(model.log_prior, np.zeros((4, 3)))
+        Novelty(model).excess(np.zeros((4, 3)))
 
 
-@given(st.lists(st.floats(0, 1), min_size=1, max_size=30).filter(lambda weights: sum(weights) > 0.1))
-def test_the_possible_classes_hold_nearly_all_belief(weights):
-    """No class outside is more probable than one inside, and fewer would not do."""
-    belief = np.array(weights)[:, None] / np.sum(weights)
-    with np.errstate(divide="ignore"):
-        kept = possible(np.log(belief))
-    inside, outside = belief.ravel()[kept], np.delete(belief.ravel(), kept)
+@given(st.integers(1, 60), st.integers(1, 2))
+def test_bets_start_at_1_and_win_nothing_on_average(n, taps):
+    """Over all p-values i / (n + 1) of taps that are as usual as n others, in every combination."""
+    surprise = -np.log(np.arange(1, n + 2) / (n + 1))
+    if taps == 2:
+        surprise = np.add.outer(surprise, surprise)
 
-    assert inside.sum() >= 0.999 - 1e-9
-    assert inside.min() > 0
-    assert not len(outside) or outside.max() <= inside.min()
-    assert inside.sum() - inside.min() <= 0.999 + 1e-9
+    assert log_wealth(np.zeros(()), 0) == pytest.approx(0, abs=1e-12)
+    assert np.exp(log_wealth(surprise, taps)).mean() <= 1 + 1e-9
+
+
+@given(st.lists(st.floats(1e-6, 1), min_size=1, max_size=20), st.floats(0.01, 1))
+def test_a_smaller_p_value_never_wins_less(p, factor):
+    """Usual taps lose, however usual: the wealth falls but stays positive."""
+    surprise = -np.log(p).sum()
+
+    assert log_wealth(surprise - np.log(factor), len(p)) >= log_wealth(surprise, len(p))
+    assert -np.inf < log_wealth(np.zeros(()), len(p)) < 0
 
 
 def test_usual_taps_never_sum_up_to_a_new_thing():
-    """Uniform p-values: over 2000 episodes of 50 taps, at most alpha of them end with an alarm."""
-    p = np.random.default_rng(0).uniform(size=(2000, 50))
-    alarms = 0
-    for episode in p:
-        test = UnknownTest(0.1)
-        alarms += any(test.add(float(value)) for value in episode)
+    """Uniform p-values: over 2000 episodes of 50 taps, at most alpha of them ever end with an alarm."""
+    surprise = -np.log(np.random.default_rng(0).uniform(size=(2000, 50))).cumsum(axis=1)
+    highest = np.max([log_wealth(surprise[:, t], t + 1) for t in range(50)], axis=0)
+    alarms = np.mean(highest >= -np.log(0.1))
 
-    assert alarms / 2000 <= 0.1 + 3 * np.sqrt(0.1 * 0.9 / 2000)
-    assert alarms > 0
+    assert 0 < alarms <= 0.1 + 3 * np.sqrt(0.1 * 0.9 / 2000)
 
 
-def test_small_p_values_sum_up():
-    """1 / (2 sqrt(p)) for each: 2.5 at p = .04, so four of them exceed 1 / .05."""
-    test = UnknownTest(0.05)
+def test_rather_small_p_values_that_persist_sum_up():
+    """One in ten is nothing unusual; nine in a row are."""
+    persistent = [log_wealth(-t * np.log(np.float64(0.1)), t) for t in range(1, 10)]
 
-    assert [test.add(0.04) for _ in range(4)] == [False, False, False, True]
-    assert test.log_wealth == pytest.approx(4 * np.log(2.5))
+    assert persistent[0] < np.log(2)
+    assert persistent[-1] > -np.log(0.05)
+    assert (np.diff(persistent) > 0).all()
+
+
+@pytest.mark.parametrize("moves", [[0, 0, 0, 0], [2, -1, -1, 3], [3, -3, 2, 0], [4, 0, -4, 0]])
+def test_each_beginning_is_a_hypothesis_of_its_own(calibrated, moves):
+    """The wealth against it is that of the classes that the real moves lead it through; outside, of the smallest p."""
+    source, model = calibrated
+    novelty = Novelty(model)
+    test = UnknownTest(novelty, 0.05)
+    taps = draw_taps(source.grid, source.probabilities, source.edges, source.preprocessing, 1, 4).taps[:5]
+    arrivals = [0, *moves]
+    for tap, arrived in zip(taps, arrivals, strict=True):
+        test.add(tap, arrived)
+    p = [novelty.of_class(novelty.excess(tap)) for tap in taps]
+    expected = np.zeros(model.grid.shape)
+    for l, m in np.ndindex(model.grid.shape):
+        places = l + np.cumsum(arrivals)
+        seen = [p[t][at, m] if 0 <= at < model.grid.L else novelty.smallest for t, at in enumerate(places)]
+        expected[l, m] = np.log(np.mean([np.prod(a * np.array(seen) ** (a - 1)) for a in np.arange(0.05, 1, 0.1)]))
+
+    np.testing.assert_allclose(test.log_wealth, expected, rtol=1e-10)
+
+
+def test_taps_of_a_known_object_are_seldom_unknown(calibrated):
+    """At most alpha of the episodes, and p-values below their level at most so often."""
+    source, model = calibrated
+    novelty = Novelty(model)
+    new = draw_taps(source.grid, source.probabilities, source.edges, source.preprocessing, 60, 7)
+    unknown, p = [], []
+    for run in range(200):
+        generator = np.random.default_rng(run)
+        rig = ReplayRig(new, source.grid, run % source.grid.L, run % source.grid.M, uniforms(generator))
+        test, arrived = UnknownTest(novelty, 0.1), 0
+        for _ in range(8):
+            test.add(rig.tap(), arrived)
+            p.append(test.p)
+            arrived = rig.move(int(generator.integers(-3, 4)))
+            unknown.append(test.unknown)
+
+    assert np.reshape(unknown, (200, 8)).any(axis=1).mean() <= 0.15
+    for level in (0.01, 0.1, 0.5):
+        assert np.mean(np.array(p) <= level) <= level + 0.02
+
+
+def test_a_move_that_changes_nothing_is_new_where_places_differ(calibrated, draw_samples):
+    """The same taps before and after a move: each fits a trained class, the sequence none."""
+    source, model = calibrated
+    taps = draw_samples(source, 8, where=1, what=0)
+    staying, moving = UnknownTest(Novelty(model), 0.05), UnknownTest(Novelty(model), 0.05)
+    for number, tap in enumerate(taps):
+        staying.add(tap, 0)
+        moving.add(tap, 0 if number == 0 else (-1) ** number)
+
+    assert not staying.unknown
+    assert moving.unknown
+    assert moving.p < 0.02
+
+
+def test_without_alpha_nothing_is_doubted(calibrated):
+    """P-values are given all the same."""
+    source, model = calibrated
+    test = UnknownTest(Novelty(model))
+    strange = np.zeros((20, 3)) + source.edges.max()
+
+    assert not any(test.add(strange, 0) for _ in range(20))
+    assert not test.unknown
+    assert test.p < 0.05
+
+
+def test_a_decision_waits_while_the_bets_win(calibrated):
+    """A doubted tap never decides; without doubt the first certain one does."""
+    source, model = calibrated
+    taps = draw_taps(source.grid, source.probabilities, source.edges, source.preprocessing, 10, 7)
+    heard = []
+
+    def doubt(tap, arrived):
+        heard.append((tap, arrived))
+        return len(heard) < 6
+
+    def run(asked):
+        rig = ReplayRig(taps, source.grid, 0, 1, uniforms(np.random.default_rng(3)))
+        return list(steps(rig, make_engine("numpy", model), 0.2, fixation(1), 20, asked))
+
+    plain, waiting = run(None), run(doubt)
+
+    assert len(plain) < 6
+    assert [step.decision for step in waiting[:5]] == [None] * 5
+    assert len(waiting) >= 6
+    assert waiting[-1].decision is not None
+    assert [arrived for _, arrived in heard] == [step.arrived for step in waiting]
 
 
 @pytest.mark.parametrize("alpha", [0.0, 1.0, -1.0, float("nan")])
-def test_a_rate_outside_0_to_1_is_refused(alpha):
+def test_a_rate_outside_0_to_1_is_refused(calibrated, alpha):
     with pytest.raises(InputError, match="rate of false alarms must lie between 0 and 1"):
-        UnknownTest(alpha)
+        UnknownTest(Novelty(calibrated[1]), alpha)
