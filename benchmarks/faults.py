@@ -12,7 +12,7 @@ import argparse
 import tempfile
 import time
 from collections import Counter
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from contextlib import ExitStack
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -21,7 +21,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 from rich.console import Console
-from rich.progress import track
+from rich.progress import Progress
 from rich.table import Table
 from solidtouch.hardware.emulator.emulated_bench import EmulatedBench, emulated_bench
 from solidtouch.hardware.errors import RigError
@@ -192,15 +192,19 @@ def run(seed: int, taps: int, folder: Path) -> Outcome:
     generator = np.random.default_rng([seed, 17])
     outcome, reports = Outcome(), Reports()
     started_s = time.monotonic()
-    with emulated_bench(folder, seed=seed) as bench:
+    with (
+        emulated_bench(folder, seed=seed) as bench,
+        Progress(*Progress.get_default_columns(), console=Console(stderr=True)) as progress,
+    ):
+        task = progress.add_task(f"seed {seed}", total=taps)
         truth = Truth(bench)
         bench.emulation.control({"object": 2})
-        numbers = iter(track(range(taps), description=f"seed {seed}", console=Console(stderr=True)))
         while outcome.accepted < taps:
             with ExitStack() as stack:
                 rig = _opened(stack, bench, truth, reports, outcome)
                 if rig is not None:
-                    _tap_until_trouble(rig, bench, truth, reports, outcome, generator, taps, numbers)
+                    _tap_until_trouble(rig, bench, truth, reports, outcome, generator, taps)
+                    progress.update(task, completed=outcome.accepted)
             bench.emulation.switches.clear()
         outcome.outside = truth.outside
         outcome.rig_s = bench.emulation.bench.now_s
@@ -230,7 +234,6 @@ def _tap_until_trouble(
     outcome: Outcome,
     generator: np.random.Generator,
     taps: int,
-    numbers: Iterator[int],
 ) -> None:
     """Taps at random places, with a fault before every other, until a device fails or there are taps enough."""
     switches = bench.emulation.switches
@@ -246,7 +249,6 @@ def _tap_until_trouble(
             rig.go(float(generator.uniform(bench.rig.range.start_mm, bench.rig.range.end_mm)))
             samples = rig.tap()
             outcome.accepted += 1
-            next(numbers, None)
             _judge(samples, rig, truth, outcome, fault)
             if fault is not None:
                 switches.clear()

@@ -15,6 +15,7 @@ from .fit import fit
 from .interrupt import INTERRUPTED, MESSAGE, TERMINATED
 from .perceive import perceive
 from .reproduce import reproduce
+from .rig import app as rig
 from .simulate import simulate
 
 app = typer.Typer(
@@ -26,6 +27,7 @@ app = typer.Typer(
 )
 for command in (reproduce, simulate, collect, convert, inspect, fit, crosscheck, perceive, emulate):
     app.command()(command)
+app.add_typer(rig, name="rig")
 
 
 def _print_version(wanted: bool) -> None:

@@ -1,6 +1,5 @@
 """`solidtouch perceive`: an episode of perception on any rig, shown as it goes on."""
 
-from io import StringIO
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
@@ -9,6 +8,7 @@ from typer import Argument, Option
 from ..models.errors import InputError
 from .interrupt import loading, terminable
 from .options import Border, Force, Seed
+from .recording import check_record, kept, recording
 
 if TYPE_CHECKING:
     from ..analysis.live_view import Seen
@@ -39,12 +39,12 @@ def perceive(
     ] = None,
     what: Annotated[
         str | None,
-        Option("--object", help="Name or 0-based number of the object; on a real rig for the record only."),
+        Option("--object", help="Name or 0-based number of the object; on a real rig what the answer is judged by."),
     ] = None,
     episodes: Annotated[int, Option(min=1, help="How many episodes.")] = 1,
     unknown: Annotated[
         float | None,
-        Option(metavar="ALPHA", help="Answer `unknown` where no known object fits, wrongly at most this often."),
+        Option(metavar="ALPHA", help="Answer `unknown` where nothing known fits, wrongly at most this often."),
     ] = None,
     as_json: Annotated[
         bool, Option("--json", help="One JSON object per tap and decision instead of pictures.")
@@ -53,9 +53,10 @@ def perceive(
     image: Annotated[
         Path | None, Option("--picture", metavar="FILE.svg", help="Keep the last picture in this file.")
     ] = None,
-    home: Annotated[
-        bool, Option("--home", help="Home the stage of a real rig first; it moves to its switches.")
-    ] = False,
+    record: Annotated[
+        Path | None, Option("--record", metavar="FILE.mcap", help="Record everything that a rig.toml rig does.")
+    ] = None,
+    home: Annotated[bool, Option("--home", help="Home the stage first: it moves to its limit switches.")] = False,
     border: Border = "uniform",
     seed: Seed = 0,
     force: Force = False,
@@ -68,6 +69,8 @@ def perceive(
             raise InputError(f"{name} must lie between 0 and 1, got {value}.")
     if image is not None:
         check_picture(image, force)
+    if record is not None:
+        check_record(record, rig, force)
     with loading():
         # Also what is needed only later: nothing may be imported while a finger is on its way.
         from ..analysis import live_view  # noqa: F401
@@ -86,7 +89,8 @@ def perceive(
     endings: list[Ending] = []
     with (
         terminable(),
-        open_source(rig, fitted.grid, Wish(start, what, seed), home) as source,
+        recording(record, rig, fitted.grid, what, episodes * deadline, force) as recorder,
+        open_source(rig, fitted.grid, Wish(start, what, seed), home, recorder) as source,
         show(as_json) as shown,
     ):
         shown.note(f"{source.name}, engine {timed.name}, warmed up in {warm_up_s:.1f} s")
@@ -98,6 +102,8 @@ def perceive(
         if episodes > 1:
             shown.note(_summary(endings))
         shown.note(latency_sentence(timed.latency(), warm_up_s))
+        if recorder is not None:
+            shown.note(kept(recorder))
     if image is not None:
         save_picture(endings[-1].seen, image, force)
 
@@ -125,11 +131,11 @@ class _Run:
         from ..inference.novelty import UnknownTest
         from .showing import Ending
 
-        test = None if self._alpha is None else UnknownTest(self._alpha)
+        test = None if self._novelty is None else UnknownTest(self._novelty, self._alpha)
+        doubt = None if test is None else test.add
         seen = None
-        for step in steps(placed.sensor, self._engine, self._theta, self._policy(), self._deadline):
-            p = None if self._novelty is None else self._novelty.p_value(step.log_predicted, step.tap)
-            alarm = test is not None and p is not None and test.add(p)
+        for step in steps(placed.sensor, self._engine, self._theta, self._policy(), self._deadline, doubt):
+            p, alarm = (None, False) if test is None else (test.p, test.unknown)
             seen = Seen(step, self._engine.model.grid, self._theta, self._fixation, p, alarm, heading)
             shown.tap(seen)
             if alarm:
@@ -164,23 +170,11 @@ def save_picture(seen: "Seen", path: Path, force: bool) -> None:
     Raises:
         InputError: The file cannot be written.
     """
-    from rich.console import Console
-    from rich.terminal_theme import DEFAULT_TERMINAL_THEME
-
-    from ..analysis.live_view import fitting_width, picture
+    from ..analysis.live_picture import live_picture
     from ..models.storage import complete_file
 
-    console = Console(
-        record=True,
-        width=min(fitting_width(seen.grid), 160),
-        file=StringIO(),
-        force_terminal=True,
-        color_system="truecolor",
-    )
-    console.print(picture(seen, console.width))
-    text = console.export_svg(title="solidtouch perceive", theme=DEFAULT_TERMINAL_THEME, unique_id="solidtouch")
     with complete_file(path, force) as temporary:
-        temporary.write_text(text, encoding="utf-8")
+        temporary.write_text(live_picture(seen), encoding="utf-8")
 
 
 def _novelty(model: "HistogramModel", alpha: float | None) -> "Novelty | None":

@@ -12,6 +12,7 @@ import numpy as np
 from ..hardware.sensor import TouchSensor
 from ..models.classes import ClassGrid
 from ..models.errors import InputError
+from .recording import objects
 
 if TYPE_CHECKING:
     from ..hardware.journal import Journal
@@ -186,34 +187,52 @@ def _replayed(path: str, grid: ClassGrid, wish: Wish) -> Source:
 
 @contextmanager
 def _real(rig: str, grid: ClassGrid, wish: Wish, home: bool, journal: "Journal | None") -> Iterator[Source]:
+    from ..hardware.journal import NoJournal
+    from ..hardware.labelled import LabelledRig
+    from ..hardware.open_rig import connected, unconnected
     from ..hardware.rig_settings import load_rig
 
     settings = load_rig(rig)
     _check_cells(grid, settings.range.cell_mm, settings.name)
     if grid.where_unit.split(maxsplit=1)[:1] != ["mm"]:
         raise InputError(f"{settings.name} is driven in mm, and the model's places are in {grid.where_unit!r}.")
-    from ..hardware.journal import NoJournal
-    from ..hardware.open_rig import open_rig
+    start_mm, limits = wish.place(grid, 0), settings.range
+    if not limits.start_mm <= start_mm <= limits.end_mm:
+        raise InputError(
+            f"{start_mm:g} mm lies outside the range of {settings.name}, {limits.start_mm:g} to {limits.end_mm:g} mm."
+        )
+    table = objects(grid, wish.what)
+    journal = journal or NoJournal()
+    with unconnected(settings, journal) as sensor:
+        _object(sensor, grid, wish, 0)  # before anything moves
+        with connected(sensor, home):
+            labelled = LabelledRig(sensor)
 
-    with open_rig(settings, journal or NoJournal(), home=home) as sensor:
+            def place(episode: int) -> Placed:
+                sensor.go(wish.place(grid, episode))
+                what = _object(sensor, grid, wish, episode)
+                if what is not None:
+                    if sensor.emulator is not None:
+                        sensor.emulator.control({"object": what})
+                    journal.event(sensor.loop.now, "object", f"the finger is above {what}", name=what)
+                labelled.what = None if what is None else table.index(what)
+                return Placed(labelled, lambda: Truth(what, sensor.place_mm))
 
-        def place(episode: int) -> Placed:
-            sensor.go(wish.place(grid, episode))
-            what = _put(sensor, grid, wish, episode)
-            return Placed(sensor, lambda: Truth(what, sensor.place_mm))
-
-        yield Source(settings.name, place)
+            yield Source(settings.name, place)
 
 
-def _put(sensor: "Rig", grid: ClassGrid, wish: Wish, episode: int) -> str | None:
-    """The object before the finger: one that the emulator is told to put there, or what a person says it is."""
-    if sensor.emulator is None and wish.what is None:
-        return None
-    what = wish.object(grid.what_name, episode)
+def _object(sensor: "Rig", grid: ClassGrid, wish: Wish, episode: int) -> str | None:
+    """The object of an episode: one that the emulator has, or what a person says it is.
+
+    Raises:
+        InputError: There is no such object.
+    """
     if sensor.emulator is None:
-        return grid.what_name[what]
-    sensor.emulator.control({"object": grid.what_members[what][0]})
-    return grid.what_members[what][0]
+        return None if wish.what is None else grid.what_members[wish.object(grid.what_name, episode)][0]
+    there = sensor.emulator.control({})["objects"]
+    new = [name for name in there if grid.what_index([name])[0] < 0]  # perception should call them unknown
+    what = wish.object([*grid.what_name, *new], episode, range(grid.M))
+    return grid.what_members[what][0] if what < grid.M else new[what - grid.M]
 
 
 def _check_cells(grid: ClassGrid, cell: float, name: str) -> None:

@@ -8,7 +8,6 @@ must first be able to take it off. The error comes with the next `press` or `tap
 import fcntl
 import os
 import shutil
-import tempfile
 import time
 import zlib
 from collections.abc import Callable, Iterable, Mapping
@@ -87,24 +86,29 @@ class Recorder:
         }
 
     @classmethod
-    def create(cls, path: str | Path, about: About, wall_ns: Callable[[], int] = time.time_ns) -> Self:
+    def create(
+        cls, path: str | Path, about: About, wall_ns: Callable[[], int] = time.time_ns, force: bool = False
+    ) -> Self:
         """Starts a new file and syncs its beginning, so that a disk that takes nothing is found out now.
 
         Args:
-            path: The file; it must not exist.
+            path: The file.
             about: What is recorded.
             wall_ns: Nanoseconds since 1970, asked once.
+            force: Whether an existing file may be replaced.
 
         Raises:
-            InputError: The file exists or cannot be written.
+            InputError: The file exists, another program records to it, or it cannot be written.
         """
         path = Path(path)
         if path.suffix.lower() != ".mcap":
             raise InputError(f"{path} must end in .mcap, the format that it is written in.")
-        if path.exists() and path.is_file():
+        if path.is_file() and not force:
             raise InputError(f"{path} exists already; --resume continues it.")
-        check_writable(path)
+        check_writable(path, force)
         try:
+            if path.exists():
+                _remove(path)
             file = path.open("xb")
             return _begun(lambda: cls._started(path, file, about, wall_ns()), path, file)
         except OSError as error:
@@ -125,8 +129,11 @@ class Recorder:
         try:
             with path.open("rb") as old:
                 _lock(old, path)
-                handle, name = tempfile.mkstemp(prefix=f".{path.name}.", suffix=".mcap", dir=path.parent)
-                file, temporary = os.fdopen(handle, "wb"), Path(name)
+                if not os.path.samestat(os.fstat(old.fileno()), path.stat()):
+                    raise InputError(f"{path} is being recorded by another program.")  # which has just resumed it
+                temporary = path.with_name(f".{path.name}.resumed")
+                temporary.unlink(missing_ok=True)  # of one that was killed here
+                file = temporary.open("xb")
                 return _begun(lambda: cls._continued(path, file, temporary, entries, wall_ns()), temporary, file)
         except OSError as error:
             raise InputError(f"{path} cannot be continued: {error.strerror or error}.") from error
@@ -283,6 +290,13 @@ def _begun[T](start: Callable[[], T], path: Path, file: IO[bytes]) -> T:
             file.close()
         path.unlink(missing_ok=True)
         raise
+
+
+def _remove(path: Path) -> None:
+    """Removes a file that no program records to."""
+    with path.open("rb") as file:
+        _lock(file, path)
+        path.unlink()
 
 
 def _lock(file: IO[bytes], path: Path) -> None:

@@ -14,7 +14,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..models.preprocessing import Preprocessing, TapCutter
-from .errors import NotAtRest, OutOfLimits, PositionUnknown, RigError, SensorFault, SensorOverload, StageFault
+from .errors import (
+    NotAtRest,
+    OutOfLimits,
+    PortLost,
+    PositionUnknown,
+    RigError,
+    SensorFault,
+    SensorOverload,
+    StageFault,
+)
 from .journal import Journal
 from .loop import Loop
 from .rig_settings import RigFile
@@ -27,6 +36,7 @@ from .undisturbed import undisturbed
 
 _ROUNDING = 1e-6
 _DEPTH_MARGIN_MM = 0.05
+_AWAY_MM = 0.05
 _LATE_S = 0.5
 
 
@@ -144,7 +154,9 @@ class Rig:
                 f"x = {x_mm:g} mm lies outside the range of {self.settings.name}, "
                 f"{limits.start_mm:g} to {limits.end_mm:g} mm."
             )
+        self._check_connected()
         with self._resting_on_trouble():
+            self._lift()
             self.stage.move(x_mm=float(x_mm))
         self._place_mm = float(x_mm)
 
@@ -162,6 +174,7 @@ class Rig:
             SensorFault: The readings of several taps could not be believed, or the sensor failed.
             RigError: A device failed; in any case the rig has been brought to rest.
         """
+        self._check_connected()
         reasons: list[str] = []
         while len(reasons) <= self.settings.tap.retries:
             with self._resting_on_trouble():
@@ -194,11 +207,12 @@ class Rig:
         """One press and release: its samples, and why they cannot be believed if so."""
         settings, sensor = self.settings, self.settings.sensor
         with self.loop.guarded(self.skin.check), self.loop.guarded(self.stage.check):
-            self._wait_for_frames(self._rest_from + settings.tap.lead_samples - self._arrived)
+            self._stand()
+            self._wait_for_frames(self._rest_from + settings.tap.lead_samples - 1 - self._arrived)
             if (early_s := self._pressed_s + settings.tap.period_s - self.loop.now) > 0:
                 self.loop.sleep(early_s - 0.5 / sensor.rate_hz)
-            self.skin.check_rest(tuple(self._frames)[-settings.tap.lead_samples :])
             self._wait_for_frames(1)
+            self.skin.check_rest(tuple(self._frames)[-settings.tap.lead_samples :])
             self._tap = None
             self._pressed_s = self.loop.now
             self._journal.press(self._pressed_s, {**self.label, "x_mm": self._place_mm})
@@ -211,6 +225,23 @@ class Rig:
             return samples, "the stage lost an answer, so the press lasted too long"
         trace = implausible(samples, settings.tap.lead_samples, sensor.noise_limit)
         return samples, self.skin.verdict(frames) or trace
+
+    def _check_connected(self) -> None:
+        if self.stage.report is None or not (self.stage.port.is_open or self.skin.port.is_open):
+            raise PositionUnknown(f"{self.settings.name}: the rig is not connected.")
+
+    def _lift(self) -> None:
+        """Takes the finger off if trouble has left it on the object."""
+        position = self.stage.position_mm
+        if position is None or position[1] > self.settings.tap.clear_mm + _AWAY_MM:
+            self.clear()
+
+    def _stand(self) -> None:
+        """Goes where the tap is to be made if trouble has left the finger elsewhere."""
+        self._lift()
+        position = self.stage.position_mm
+        if position is None or abs(position[0] - self._place_mm) > _AWAY_MM:
+            self.stage.move(x_mm=self._place_mm)
 
     def _press(self) -> None:
         tap = self.settings.tap
@@ -286,12 +317,21 @@ class Rig:
             RigError: The stage does not obey.
         """
         with self.loop.unguarded():
-            self.stage.stop()
-            self.clear()
+            try:
+                self._retract()
+            except PortLost:
+                if not self.stage.port.is_open:
+                    raise
+                self._retract()  # it was the sensor's, which is no longer read
         self._journal.event(self.loop.now, "rest", "the finger is off the object")
+
+    def _retract(self) -> None:
+        self.stage.stop()
+        self.clear()
 
 
 def still_pressing(trouble: BaseException, worse: RigError) -> NotAtRest:
     """The error for a finger that could not be taken off after some trouble."""
+    first = str(trouble).rstrip(".") if isinstance(trouble, Exception) else "Interrupted"
     again = "" if str(worse) == str(trouble) else f" {worse}"
-    return NotAtRest(f"{str(trouble) or 'Interrupted.'} The finger may still press, take it off by hand.{again}")
+    return NotAtRest(f"{first or type(trouble).__name__}. The finger may still press, take it off by hand.{again}")

@@ -320,3 +320,26 @@ def test_a_killed_process_loses_nothing_but_the_tap_in_progress(about, fake_rig,
         recovered = resume_recording(path, about)
         with recovered.recorder:
             assert recovered.trials == frozenset(range(len(read.taps)))
+
+
+def test_a_copy_that_was_killed_is_overwritten(about, fake_rig, tmp_path):
+    """So that none pile up."""
+    path = tmp_path / "a.mcap"
+    with Recorder.create(path, about) as recorder:
+        run(fake_rig, recorder, range(2))
+    (tmp_path / ".a.mcap.resumed").write_bytes(b"half a copy")
+    Recorder.resume(path).finish()
+
+    assert [entry.name for entry in tmp_path.iterdir()] == ["a.mcap"]
+    assert len(read_rig(path).taps) == 2
+
+
+def test_a_file_is_replaced_only_with_force_and_while_nobody_records_to_it(about, tmp_path):
+    path = tmp_path / "a.mcap"
+    with Recorder.create(path, about) as recorder:
+        with pytest.raises(InputError, match="is being recorded by another program"):
+            Recorder.create(path, about, force=True)
+        recorder.event(1.0, "old", "")
+    Recorder.create(path, about, force=True).finish()
+
+    assert not contents(path, Event)
