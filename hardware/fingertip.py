@@ -4,8 +4,6 @@ The start follows the stock driver (`CanBusSkin.cpp`): set up the board, wait, e
 calibrates, wait, start. The board answers none of that, so readings that come are the only proof.
 """
 
-from collections.abc import Sequence
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -33,8 +31,8 @@ from .line_sensor import LineSensor
 from .loop import Loop
 from .port import Port
 from .rig_settings import IcubSettings, LineSettings
-from .skin import Skin, SkinCounts, SkinFrame, ignore_frame
-from .skin_monitor import SkinMonitor
+from .skin import SkinCounts, SkinFrame, ignore_frame
+from .skin_monitor import Skin, SkinMonitor
 from .slcan import Frame, RemoteFrame
 
 SETTLE_S = 0.5
@@ -60,6 +58,7 @@ class Fingertip:
     Attributes:
         port: Where it is.
         on_frame: Called with every reading once the stream was started.
+        monitor: Whether the readings can be trusted.
         version: What the board says of itself, None where it says nothing.
     """
 
@@ -71,7 +70,7 @@ class Fingertip:
         self._loop = loop
         self._journal = journal
         self._adapter = CanAdapter(self.port, settings.acks, loop, journal, self._receive)
-        self._monitor = SkinMonitor(_limits(settings, self.port.address), loop, journal)
+        self.monitor = SkinMonitor(_limits(settings, self.port.address), loop, journal)
         self._sensor = Sensor(settings.board, settings.triangle)
         self._order = np.array(settings.order)
         self._others: set[Sensor] = set()
@@ -89,14 +88,9 @@ class Fingertip:
         return self._settings.rate_hz
 
     @property
-    def baseline(self) -> NDArray[np.float64]:
-        """`values` without contact, shape (K,)."""
-        return self._monitor.rest.values.copy()
-
-    @property
     def counts(self) -> SkinCounts:
         """What went wrong so far."""
-        counts = self._monitor.counts
+        counts = self.monitor.counts
         counts.unpaired = self._pairing.lost_heads + self._pairing.lost_tails
         counts.dropped = self._adapter.dropped
         counts.refused = self._adapter.refused
@@ -113,49 +107,15 @@ class Fingertip:
             self._ask_version()
             self._set_up()
             self._wait_for_readings()
-            self.measure_baseline()
+            self.monitor.measure_baseline()
         except BaseException:
             self.stop()
             raise
 
-    def measure_baseline(self) -> None:
-        """Takes the mean of some readings without contact as `baseline`.
-
-        Raises:
-            BaselineRefused: They are not those of an untouched sensor.
-            SensorFault: The readings cannot be trusted.
-        """
-        self._monitor.measure_baseline()
-
-    def check(self, now_s: float) -> None:
-        """A guard for the loop.
-
-        Raises:
-            StaleSensor: No reading came for three periods.
-            SensorFault: All taxels are invalid, or the values are stuck.
-        """
-        if self._streaming:
-            self._monitor.check(now_s)
-
-    def check_rest(self, frames: Sequence[SkinFrame]) -> None:
-        """Whether readings just before a press are those of an untouched finger.
-
-        Raises:
-            BaselineRefused: They are not.
-        """
-        self._monitor.rest.check(frames)
-
-    def overloaded(self, frame: SkinFrame) -> bool:
-        """Whether a taxel is at the end of its range under load."""
-        return self._monitor.overloaded(frame)
-
-    def verdict(self, frames: Sequence[SkinFrame]) -> str | None:
-        """Why readings that followed each other cannot be believed, one phrase, or None."""
-        return self._monitor.verdict(frames)
-
     def stop(self) -> None:
         """Stops the readings and closes the port; never raises a `RigError`."""
         self._streaming = False
+        self.monitor.begin()
         self._adapter.close(stop_command(self._settings.board))
 
     def _ask_version(self) -> None:
@@ -177,15 +137,15 @@ class Fingertip:
         self._loop.sleep(SETTLE_S)
         self._pairing = self._new_pairing()
         self._others.clear()
-        self._monitor.begin()
+        self.monitor.begin()
         self._streaming = True
         self._adapter.transmit(start_command(board), "start (07 00)")
 
     def _wait_for_readings(self) -> None:
-        before = self._monitor.counts.frames
+        before = self.monitor.counts.frames
         wait_s = FIRST_READING_S + 3.0 / self.rate_hz
         try:
-            self._loop.wait_for(lambda: self._monitor.counts.frames > before, wait_s, "no reading")
+            self._loop.wait_for(lambda: self.monitor.counts.frames > before, wait_s, "no reading")
         except NoAnswer:
             raise self._no_readings(wait_s) from None
 
@@ -216,7 +176,7 @@ class Fingertip:
             if reading := self._pairing.push(unit, time_s):
                 self._take(reading)
         elif address(frame.identifier).message_class != MessageClass.COMMAND:
-            self._monitor.counts.foreign += 1
+            self.monitor.counts.foreign += 1
             if isinstance(unit, Head | Tail):
                 self._others.add(unit.sensor)
 
@@ -224,7 +184,7 @@ class Fingertip:
         raw = np.frombuffer(reading.taxels, np.uint8)[self._order].astype(np.float64)
         frame = SkinFrame(reading.time_s, raw, _LAST - raw, self._valid(reading, raw))
         self._journal.frame(frame)
-        self._monitor.take(frame, frame.time_s)
+        self.monitor.take(frame, frame.time_s)
         self.on_frame(frame)
 
     def _valid(self, reading: Reading, raw: NDArray[np.float64]) -> NDArray[np.bool_]:

@@ -4,10 +4,7 @@ Each line carries the sensor's own time, so readings that are lost are known exa
 opening the port resets most boards.
 """
 
-from collections.abc import Sequence
-
 import numpy as np
-from numpy.typing import NDArray
 
 from .baseline import SkinLimits
 from .errors import NoAnswer, RigError, WrongDevice
@@ -41,6 +38,7 @@ class LineSensor:
     Attributes:
         port: Where it is.
         on_frame: Called with every reading.
+        monitor: Whether the readings can be trusted.
         remarks: Comments that the sensor sent since `start`, at most ten.
     """
 
@@ -54,7 +52,7 @@ class LineSensor:
         self._order = np.array(settings.order or range(settings.taxels))
         self._sign = 1.0 if settings.rising else -1.0
         self._decoder = LineDecoder(settings.taxels)
-        self._monitor = SkinMonitor(_limits(settings, len(self._order), self.port.address), loop, journal)
+        self.monitor = SkinMonitor(_limits(settings, len(self._order), self.port.address), loop, journal)
         self._device_ms: float | None = None
         self._read_s = 0.0
 
@@ -69,14 +67,9 @@ class LineSensor:
         return self._settings.rate_hz
 
     @property
-    def baseline(self) -> NDArray[np.float64]:
-        """`values` without contact, shape (K,)."""
-        return self._monitor.rest.values.copy()
-
-    @property
     def counts(self) -> SkinCounts:
         """What went wrong so far."""
-        counts = self._monitor.counts
+        counts = self.monitor.counts
         counts.dropped = self._decoder.dropped.malformed + self._decoder.dropped.overlong
         return counts
 
@@ -93,51 +86,17 @@ class LineSensor:
             self._decoder = LineDecoder(self._settings.taxels)
             self._device_ms = None
             self.remarks.clear()
-            self._monitor.begin()
+            self.monitor.begin()
             self._loop.attach(self.port, self.receive)
             self._wait_for_readings()
-            self.measure_baseline()
+            self.monitor.measure_baseline()
         except BaseException:
             self.stop()
             raise
 
-    def measure_baseline(self) -> None:
-        """Takes the mean of some readings without contact as `baseline`.
-
-        Raises:
-            BaselineRefused: They are not those of an untouched sensor.
-            SensorFault: The readings cannot be trusted.
-        """
-        self._monitor.measure_baseline()
-
-    def check(self, now_s: float) -> None:
-        """A guard for the loop.
-
-        Raises:
-            StaleSensor: No reading came for three periods.
-            SensorFault: The values are stuck.
-        """
-        if self.port.is_open:
-            self._monitor.check(now_s)
-
-    def check_rest(self, frames: Sequence[SkinFrame]) -> None:
-        """Whether readings just before a press are those of an untouched sensor.
-
-        Raises:
-            BaselineRefused: They are not.
-        """
-        self._monitor.rest.check(frames)
-
-    def overloaded(self, frame: SkinFrame) -> bool:
-        """Whether a taxel is at the end of its range under load."""
-        return self._monitor.overloaded(frame)
-
-    def verdict(self, frames: Sequence[SkinFrame]) -> str | None:
-        """Why readings that followed each other cannot be believed, one phrase, or None."""
-        return self._monitor.verdict(frames)
-
     def stop(self) -> None:
         """Closes the port; never raises a `RigError`."""
+        self.monitor.begin()
         self._loop.detach(self.port)
         self.port.close()
 
@@ -150,10 +109,10 @@ class LineSensor:
                 self._remark(unit, time_s)
 
     def _wait_for_readings(self) -> None:
-        before = self._monitor.counts.frames
+        before = self.monitor.counts.frames
         wait_s = BOOT_S + 3.0 / self.rate_hz
         try:
-            self._loop.wait_for(lambda: self._monitor.counts.frames > before, wait_s, "no reading")
+            self._loop.wait_for(lambda: self.monitor.counts.frames > before, wait_s, "no reading")
         except NoAnswer:
             raise self._no_readings(wait_s) from None
 
@@ -178,7 +137,7 @@ class LineSensor:
         raw = np.array(reading.values)[self._order]
         frame = SkinFrame(time_s, raw, self._sign * raw, np.ones(len(raw), bool), device_ms)
         self._journal.frame(frame)
-        self._monitor.take(frame, device_ms / 1000.0)
+        self.monitor.take(frame, device_ms / 1000.0)
         self.on_frame(frame)
 
     def _unwrapped(self, t_ms: int, time_s: float) -> float:
@@ -188,7 +147,7 @@ class LineSensor:
         else:
             step_ms = (t_ms - self._device_ms) % CLOCK_MS
             if not 0 < step_ms < 1000.0 * (time_s - self._read_s + JUMP_S):
-                self._monitor.clock_jumped(time_s)
+                self.monitor.clock_jumped(time_s)
                 device_ms = float(t_ms)
             else:
                 device_ms = self._device_ms + step_ms

@@ -29,7 +29,8 @@ from .loop import Loop
 from .rig_settings import RigFile
 from .sensor import clipped_move
 from .shared_clock import Connection
-from .skin import Skin, SkinFrame
+from .skin import SkinFrame
+from .skin_monitor import Skin
 from .stage import Stage
 from .tap_quality import implausible
 from .undisturbed import undisturbed
@@ -206,13 +207,13 @@ class Rig:
     def _attempt(self) -> tuple[NDArray[np.float64], str | None]:
         """One press and release: its samples, and why they cannot be believed if so."""
         settings, sensor = self.settings, self.settings.sensor
-        with self.loop.guarded(self.skin.check), self.loop.guarded(self.stage.check):
+        with self.loop.guarded(self.skin.monitor.check), self.loop.guarded(self.stage.check):
             self._stand()
             self._wait_for_frames(self._rest_from + settings.tap.lead_samples - 1 - self._arrived)
             if (early_s := self._pressed_s + settings.tap.period_s - self.loop.now) > 0:
                 self.loop.sleep(early_s - 0.5 / sensor.rate_hz)
             self._wait_for_frames(1)
-            self.skin.check_rest(tuple(self._frames)[-settings.tap.lead_samples :])
+            self.skin.monitor.check_rest(tuple(self._frames)[-settings.tap.lead_samples :])
             self._tap = None
             self._pressed_s = self.loop.now
             self._journal.press(self._pressed_s, {**self.label, "x_mm": self._place_mm})
@@ -224,7 +225,7 @@ class Rig:
         if self.stage.counts.unanswered > unanswered:
             return samples, "the stage lost an answer, so the press lasted too long"
         trace = implausible(samples, settings.tap.lead_samples, sensor.noise_limit)
-        return samples, self.skin.verdict(frames) or trace
+        return samples, self.skin.monitor.verdict(frames) or trace
 
     def _check_connected(self) -> None:
         if self.stage.report is None or not (self.stage.port.is_open or self.skin.port.is_open):
@@ -257,7 +258,7 @@ class Rig:
             StageFault: The finger is deeper than it was sent.
         """
         frame = self._frames[-1]
-        if self.skin.overloaded(frame):
+        if self.skin.monitor.overloaded(frame):
             k, port = int(np.argmax(frame.values)), self.settings.sensor.port
             if not frame.valid[k]:
                 raise SensorFault(f"{port}: taxel {k} reads the end of its range and is reported as broken.")

@@ -13,6 +13,7 @@ from .skin import SkinFrame
 
 _RATE_TOLERANCE = 0.02
 _DRIFT_PER_MIN = 20.0
+_DRIFT_S = 10.0  # in a shorter time slow noise passes for drift
 _BLOCKS = 8
 _LEAST_READINGS = 2 * _BLOCKS
 
@@ -71,7 +72,7 @@ def sensor_report(frames: Sequence[SkinFrame], lost: int) -> SensorReport:
         rate_hz=float((len(frames) - 1) / (time_s[-1] - time_s[0])) if time_s[-1] > time_s[0] else np.inf,
         loss=lost / (len(frames) + lost),
         idle=level,
-        noise=np.sqrt((residual**2).sum(axis=0) / (len(frames) - 2)),
+        noise=np.where((raw == raw[0]).all(axis=0), 0.0, np.sqrt((residual**2).sum(axis=0) / (len(frames) - 2))),
         drift_per_min=60.0 * drift,
         drift_error=60.0 * drift_error,
     )
@@ -157,7 +158,7 @@ def _look_at_sensor(rig: Rig, report: RigReport, seconds: float) -> None:
         skin.start()
         skin.on_frame = frames.append
         lost = skin.counts.lost
-        with rig.loop.guarded(skin.check):
+        with rig.loop.guarded(skin.monitor.check):
             rig.loop.sleep(seconds)
         lost = skin.counts.lost - lost
     except RigError as error:
@@ -174,7 +175,8 @@ def _look_at_sensor(rig: Rig, report: RigReport, seconds: float) -> None:
     if found.loss > 0:
         total = len(frames) + lost
         report.wrong.append(f"{sensor.port}: {lost} of {total} readings were lost; such taps are made again.")
-    for k in np.flatnonzero(np.abs(found.drift_per_min) - found.drift_error > _DRIFT_PER_MIN):
+    drifts = np.abs(found.drift_per_min) - found.drift_error > _DRIFT_PER_MIN
+    for k in np.flatnonzero(drifts) if seconds >= _DRIFT_S else ():
         drift, error = found.drift_per_min[k], found.drift_error[k]
         report.wrong.append(
             f"{sensor.port}: taxel {k} drifts by {drift:+.1f} ± {error:.1f} per minute; let it warm up."

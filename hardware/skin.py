@@ -1,16 +1,9 @@
-"""One reading of all taxels, and what perception needs of whatever sends them.
+"""One reading of all taxels, and what can be wrong with many."""
 
-Readings keep the sensor's own sign and units; `load` of a monitored frame is what rises under touch.
-"""
-
-from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
-
-from .port import Port
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -63,90 +56,3 @@ class SkinCounts:
 
 def ignore_frame(frame: SkinFrame) -> None:
     """What `on_frame` is as long as nobody wants the readings."""
-
-
-class Skin(Protocol):
-    """A tactile sensor on a port that sends readings at a steady rate.
-
-    `start` comes first; from then on `on_frame` is called for every reading while the loop turns.
-
-    Attributes:
-        port: Where it is.
-        on_frame: Called with every reading; replaced by whoever wants them.
-    """
-
-    port: Port
-    on_frame: Callable[[SkinFrame], None]
-
-    @property
-    def counts(self) -> SkinCounts:
-        """What went wrong so far."""
-        ...
-
-    @property
-    def taxels(self) -> int:
-        """`K`."""
-        ...
-
-    @property
-    def rate_hz(self) -> float:
-        """Readings per second that it is set to."""
-        ...
-
-    @property
-    def baseline(self) -> NDArray[np.float64]:
-        """`values` without contact, shape (K,)."""
-        ...
-
-    def start(self) -> None:
-        """Opens the port, makes sure who answers, starts the readings and measures the baseline.
-
-        Raises:
-            RigError: The device is missing, another one, or touched.
-        """
-        ...
-
-    def measure_baseline(self) -> None:
-        """Takes the mean of some readings without contact as `baseline`, if they are those of an untouched sensor.
-
-        Raises:
-            BaselineRefused: They are not.
-            SensorFault: The readings cannot be trusted.
-        """
-        ...
-
-    def check(self, now_s: float) -> None:
-        """A guard for the loop.
-
-        Raises:
-            StaleSensor: No reading came for three periods.
-            SensorFault: All taxels are invalid, or the values are stuck.
-        """
-        ...
-
-    def check_rest(self, frames: Sequence[SkinFrame]) -> None:
-        """Whether readings just before a press are those of an untouched sensor.
-
-        Raises:
-            BaselineRefused: They are not.
-        """
-        ...
-
-    def overloaded(self, frame: SkinFrame) -> bool:
-        """Whether a taxel is at the end of its range under load."""
-        ...
-
-    def verdict(self, frames: Sequence[SkinFrame]) -> str | None:
-        """Why readings that followed each other cannot be believed, one phrase, or None if they can.
-
-        Args:
-            frames: As `on_frame` had them, in order, up to the last one.
-
-        Raises:
-            RigError: As `Loop.turn`, which it calls where it must see further readings.
-        """
-        ...
-
-    def stop(self) -> None:
-        """Stops the readings and closes the port; never raises a `RigError`."""
-        ...

@@ -4,8 +4,9 @@ Nothing is repaired here. What is lost, invalid or stuck is counted and told; no
 """
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from itertools import groupby
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,6 +15,7 @@ from .baseline import Baseline, SkinLimits, taxel_names
 from .errors import SensorFault, StaleSensor
 from .journal import Journal
 from .loop import Loop
+from .port import Port
 from .reading_loss import LossTracker
 from .skin import SkinCounts, SkinFrame
 
@@ -26,6 +28,49 @@ RATE_TOLERANCE = 0.05
 _STEADY = 0.1  # residuals of arrival times, in periods, below which the measured period is better than the nominal one
 _SAME_PERIOD = 0.001
 _CLOCK_SLACK = 0.25
+
+
+class Skin(Protocol):
+    """A tactile sensor on a port that sends readings at a steady rate.
+
+    `start` comes first; from then on `on_frame` is called for every reading while the loop turns.
+
+    Attributes:
+        port: Where it is.
+        on_frame: Called with every reading; replaced by whoever wants them.
+        monitor: Whether its readings can be trusted.
+    """
+
+    port: Port
+    on_frame: Callable[[SkinFrame], None]
+    monitor: "SkinMonitor"
+
+    @property
+    def counts(self) -> SkinCounts:
+        """What went wrong so far."""
+        ...
+
+    @property
+    def taxels(self) -> int:
+        """`K`."""
+        ...
+
+    @property
+    def rate_hz(self) -> float:
+        """Readings per second that it is set to."""
+        ...
+
+    def start(self) -> None:
+        """Opens the port, makes sure who answers, starts the readings and measures the baseline.
+
+        Raises:
+            RigError: The device is missing, another one, or touched.
+        """
+        ...
+
+    def stop(self) -> None:
+        """Stops the readings and closes the port; never raises a `RigError`."""
+        ...
 
 
 class SkinMonitor:
@@ -55,8 +100,13 @@ class SkinMonitor:
         self._same = self._blind = 0
         self._is_stale = False
 
+    @property
+    def baseline(self) -> NDArray[np.float64]:
+        """`values` without contact, shape (K,), not a number before it was measured."""
+        return self.rest.values.copy()
+
     def begin(self) -> None:
-        """Forgets readings from before a stream that starts now."""
+        """Forgets readings from before a stream that starts or ends now."""
         self._losses = self._tracker(self._period_s)
         self._last, self._last_s = None, math.inf
         self._same = self._blind = 0
@@ -138,6 +188,14 @@ class SkinMonitor:
         if 0 < self._limits.stuck_readings < longest:
             return f"stuck for {longest} readings"
         return None
+
+    def check_rest(self, frames: Sequence[SkinFrame]) -> None:
+        """Whether readings just before a press are those of an untouched sensor.
+
+        Raises:
+            BaselineRefused: They are not.
+        """
+        self.rest.check(frames)
 
     def measure_baseline(self) -> None:
         """Takes the mean of about one second of readings without contact as `baseline`.

@@ -51,7 +51,7 @@ def test_the_start_is_that_of_the_stock_driver(make):
 
     assert skin.version is not None
     assert skin.version.firmware == (1, 5, 0)
-    assert skin.baseline == pytest.approx([15.0] * 12, abs=0.5)
+    assert skin.monitor.baseline == pytest.approx([15.0] * 12, abs=0.5)
     assert skin.counts.frames == 51
 
 
@@ -190,7 +190,7 @@ def test_no_bytes_raise(make, pieces):
     skin, _ = listening(make)
     for i, data in enumerate(pieces):
         skin._adapter.receive(data, 0.02 * i)
-    skin.check(0.02 * len(pieces))
+    skin.monitor.check(0.02 * len(pieces))
 
 
 def test_settings_choose_the_driver():
@@ -198,6 +198,6 @@ def test_settings_choose_the_driver():
 
     assert isinstance(skin, Fingertip)
     assert (skin.port.address, skin.taxels, skin.rate_hz) == ("/dev/finger", 2, 50.0)
-    assert np.isnan(skin.baseline).all()
-    skin.check(0.0)
+    assert np.isnan(skin.monitor.baseline).all()
+    skin.monitor.check(0.0)
     skin.stop()

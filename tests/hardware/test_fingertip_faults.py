@@ -89,7 +89,7 @@ class Bench:
 
     def readings(self, n=50):
         del self.frames[:]
-        with self.loop.guarded(self.skin.check):
+        with self.loop.guarded(self.skin.monitor.check):
             self.loop.wait_for(lambda: len(self.frames) >= n, 10.0, "too few readings")
         return self.frames[:n]
 
@@ -105,10 +105,10 @@ def test_without_faults_nothing_is_wrong(bench, acks):
     before = skin.counts.frames
     frames = bench.readings()
 
-    assert skin.verdict(frames) is None
+    assert skin.monitor.verdict(frames) is None
     assert before == 51
     assert np.diff([frame.time_s for frame in frames]) == pytest.approx(0.02)
-    assert skin.baseline == pytest.approx([15.0] * 12, abs=6.0)
+    assert skin.monitor.baseline == pytest.approx([15.0] * 12, abs=6.0)
     counts = skin.counts
     assert (counts.lost, counts.unpaired, counts.foreign, counts.dropped, counts.refused) == (0, 0, 0, 0, 0)
     assert (counts.stale, counts.stuck, counts.saturated, counts.invalid) == (0, 0, 0, 0)
@@ -119,7 +119,7 @@ def test_a_touch_raises_values_and_lowers_what_is_sent(bench):
     bench.y_mm = PRESSED_MM
     frame = bench.readings()[-1]
 
-    assert (frame.values - skin.baseline).max() > 30.0
+    assert (frame.values - skin.monitor.baseline).max() > 30.0
     assert np.array_equal(frame.raw, 255 - frame.values)
 
 
@@ -146,7 +146,7 @@ def test_stopped_it_is_silent_and_can_start_again(bench, loop):
     assert not skin.port.is_open
 
     skin.start()
-    assert skin.verdict(bench.readings()) is None
+    assert skin.monitor.verdict(bench.readings()) is None
 
 
 # Faults that change nothing that is believed
@@ -169,7 +169,7 @@ def test_harmless_faults_lose_nothing(bench, fault, options):
     bench.faults.on(fault, **options)
     skin = bench.started()
 
-    assert [skin.verdict(bench.readings()) for _ in range(4)] == [None] * 4
+    assert [skin.monitor.verdict(bench.readings()) for _ in range(4)] == [None] * 4
     assert (skin.counts.lost, skin.counts.unpaired, skin.counts.dropped) == (0, 0, 0)
     assert (skin.counts.foreign > 0) == (fault == "foreign")
 
@@ -177,7 +177,7 @@ def test_harmless_faults_lose_nothing(bench, fault, options):
 def test_a_period_of_209_ms_works(bench):
     skin = bench.started(period_ms=209)
 
-    assert skin.verdict(bench.readings(12)) is None
+    assert skin.monitor.verdict(bench.readings(12)) is None
 
 
 def test_an_adapter_without_acks_is_no_strict_one(bench):
@@ -204,8 +204,8 @@ def test_a_loss_spoils_its_tap_and_no_other(bench, fault, options, reason):
     bench.readings(10)
     bench.faults.on(fault, times=1, **options)
 
-    assert re.fullmatch(reason, str(skin.verdict(bench.readings())))
-    assert skin.verdict(bench.readings()) is None
+    assert re.fullmatch(reason, str(skin.monitor.verdict(bench.readings())))
+    assert skin.monitor.verdict(bench.readings()) is None
     assert options.get("count", 1) <= skin.counts.lost <= options.get("count", 2)
     assert any(kind == "lost" for kind, _ in bench.journal.events)
 
@@ -218,7 +218,7 @@ def test_a_loss_at_the_very_end_of_a_tap_is_found(bench):
     bench.faults.on("lost_frames", times=1)
     frames += bench.readings(2)
 
-    assert skin.verdict(frames) == "1 reading lost"
+    assert skin.monitor.verdict(frames) == "1 reading lost"
 
 
 @pytest.mark.parametrize("fault", ["lost_frames", "lost_half", "merge", "drop_bytes"])
@@ -231,7 +231,7 @@ def test_no_tap_with_a_loss_is_believed(bench, fault):
         frames = bench.readings()
         bench.faults.off(fault)
         gap_s = frames[-1].time_s - frames[0].time_s
-        if skin.verdict(frames) is None and gap_s > 0.99:
+        if skin.monitor.verdict(frames) is None and gap_s > 0.99:
             wrong.append(gap_s)
 
     assert wrong == []
@@ -243,7 +243,7 @@ def test_an_error_of_the_board_makes_taxels_invalid(bench):
     skin = bench.started()
     bench.faults.on("taxel_error", times=2, mask=1 << 3)
 
-    assert skin.verdict(bench.readings()).endswith("invalid in 2 of 50 readings")
+    assert skin.monitor.verdict(bench.readings()).endswith("invalid in 2 of 50 readings")
     assert skin.counts.invalid == 2
 
 
@@ -251,7 +251,7 @@ def test_a_flipped_bit_never_raises(bench):
     skin = bench.started()
     bench.faults.on("flip_bits", rate=0.3, count=3)
     for _ in range(5):
-        skin.verdict(bench.readings(20))
+        skin.monitor.verdict(bench.readings(20))
 
     assert skin.counts.dropped > 0
 
@@ -261,7 +261,7 @@ def test_an_overload_is_seen_on_its_first_reading(bench):
     bench.faults.on("overload", mask=1 << 5)
     frame = bench.readings(1)[0]
 
-    assert skin.overloaded(frame)
+    assert skin.monitor.overloaded(frame)
     assert int(np.argmax(frame.values)) == 5
     assert skin.counts.saturated == 1
 
@@ -269,20 +269,20 @@ def test_an_overload_is_seen_on_its_first_reading(bench):
 def test_slow_drift_is_followed(bench):
     """Two minutes at 12 counts a minute: more than the rest may differ from the baseline."""
     skin = bench.started()
-    before = skin.baseline
+    before = skin.monitor.baseline
     bench.faults.on("drift", counts_per_s=0.2)
     for _ in range(60):
-        skin.check_rest(bench.readings(10))
+        skin.monitor.check_rest(bench.readings(10))
         bench.readings(90)
 
-    assert skin.baseline - before == pytest.approx([24.0] * 12, abs=3.0)
+    assert skin.monitor.baseline - before == pytest.approx([24.0] * 12, abs=3.0)
 
 
 def test_noise_between_two_programs_on_the_port_is_counted(bench):
     skin = bench.started()
     bench.skin._adapter.receive(b"AT\r\nATE1 E0\r\n\xff\xfe\r", bench.loop.now)
 
-    assert skin.verdict(bench.readings()) is None
+    assert skin.monitor.verdict(bench.readings()) is None
 
 
 # Faults that stop the rig
@@ -322,9 +322,9 @@ def test_a_calibration_under_load_is_refused_before_the_next_tap(bench):
     bench.readings()
 
     with pytest.raises(BaselineRefused, match=r"skin: taxels? .* without contact"):
-        skin.check_rest(bench.readings(10))
+        skin.monitor.check_rest(bench.readings(10))
     with pytest.raises(BaselineRefused, match=r"skin: taxels? .* without contact"):
-        skin.measure_baseline()
+        skin.monitor.measure_baseline()
 
 
 def test_a_baseline_is_not_measured_while_a_finger_is_pressed(bench):
@@ -333,7 +333,7 @@ def test_a_baseline_is_not_measured_while_a_finger_is_pressed(bench):
     bench.readings()
 
     with pytest.raises(BaselineRefused, match="free the finger and start again"):
-        skin.measure_baseline()
+        skin.monitor.measure_baseline()
 
 
 def test_a_finger_that_lifts_off_during_the_baseline_is_refused(bench, loop):

@@ -79,18 +79,18 @@ def test_it_starts_and_reads(make, loop):
     sensor = make(device)
     sensor.start()
     frames = readings(sensor, loop, 50)
-    sensor.check(loop.now)
+    sensor.monitor.check(loop.now)
 
-    assert sensor.baseline == pytest.approx([100.0] * 3, abs=0.6)
+    assert sensor.monitor.baseline == pytest.approx([100.0] * 3, abs=0.6)
     assert np.diff([frame.device_ms for frame in frames]) == pytest.approx(PERIOD_MS)
     assert np.array_equal(frames[-1].raw, device.values[device.n - 1])
-    assert sensor.verdict(frames) is None
+    assert sensor.monitor.verdict(frames) is None
     assert (sensor.counts.lost, sensor.counts.dropped, sensor.counts.stuck) == (0, 0, 0)
     assert (sensor.taxels, sensor.rate_hz) == (3, 50.0)
 
     sensor.stop()
     assert not sensor.port.is_open
-    sensor.check(loop.now + 10.0)
+    sensor.monitor.check(loop.now + 10.0)
 
 
 def test_values_can_fall_under_load_and_be_taken_in_another_order(make, loop):
@@ -101,9 +101,9 @@ def test_values_can_fall_under_load_and_be_taken_in_another_order(make, loop):
 
     assert np.array_equal(frame.raw, device.values[device.n - 1][[2, 0]])
     assert np.array_equal(frame.values, -frame.raw)
-    assert not sensor.overloaded(frame)
+    assert not sensor.monitor.overloaded(frame)
     device.line = lambda n: b"%d,100,100,50\n" % (PERIOD_MS * n)
-    assert sensor.overloaded(readings(sensor, loop, 1)[0])
+    assert sensor.monitor.overloaded(readings(sensor, loop, 1)[0])
 
 
 def test_a_lost_reading_is_known_at_once(make, loop):
@@ -114,8 +114,8 @@ def test_a_lost_reading_is_known_at_once(make, loop):
     frames = readings(sensor, loop, 50)
 
     assert sensor.counts.lost == 2
-    assert sensor.verdict(frames) == "2 readings lost"
-    assert sensor.verdict(frames[25:]) is None
+    assert sensor.monitor.verdict(frames) == "2 readings lost"
+    assert sensor.monitor.verdict(frames[25:]) is None
 
 
 def test_the_counter_of_the_sensor_may_start_again(make, loop):
@@ -137,8 +137,8 @@ def test_a_time_that_makes_no_sense_spoils_its_tap_only(make, loop, wrong_ms):
     device.line = lambda n: b"%d,100,101,99\n" % wrong_ms if n == at else device.usual(n)
     bad, good = readings(sensor, loop, 50), readings(sensor, loop, 50)
 
-    assert sensor.verdict(bad[:50]) == "2 readings lost"
-    assert sensor.verdict(good) is None
+    assert sensor.monitor.verdict(bad[:50]) == "2 readings lost"
+    assert sensor.monitor.verdict(good) is None
 
 
 def test_lines_read_late_are_no_loss(make, loop, clock):
@@ -148,7 +148,7 @@ def test_lines_read_late_are_no_loss(make, loop, clock):
     clock.time_s += 2.0
     sensor.port.step()
 
-    assert sensor.verdict(readings(sensor, loop, 100)) is None
+    assert sensor.monitor.verdict(readings(sensor, loop, 100)) is None
     assert sensor.counts.lost == 0
 
 
@@ -158,7 +158,7 @@ def test_silence_is_stale(make, loop):
     sensor.start()
     device.line = lambda _: b""
 
-    with loop.guarded(sensor.check), pytest.raises(StaleSensor, match="skin: no reading came for"):
+    with loop.guarded(sensor.monitor.check), pytest.raises(StaleSensor, match="skin: no reading came for"):
         loop.sleep(1.0)
 
 
@@ -169,7 +169,7 @@ def test_a_sensor_that_stands_still_is_stuck_only_if_it_may_not(make, loop):
         sensor.start()
         device.line = lambda n: b"%d,100,100,100\n" % (PERIOD_MS * n)
 
-        assert sensor.verdict(readings(sensor, loop, 50)) == expected
+        assert sensor.monitor.verdict(readings(sensor, loop, 50)) == expected
         sensor.stop()
 
 
@@ -241,12 +241,12 @@ def test_an_emulated_array_with_faults(loop, wired, fault, options, verdict):
     settings = LineSettings(port="skin", taxels=12, rate_hz=50.0, noise_limit=4.0, stuck_readings=25)
     sensor = LineSensor(settings, loop, NoJournal(), wired(LineArray(faults, finger, 50.0), address="skin"))
     sensor.start()
-    assert sensor.verdict(readings(sensor, loop, 50)) is None
+    assert sensor.monitor.verdict(readings(sensor, loop, 50)) is None
     assert sensor.remarks == ["solidtouch-lines K=12 rate_hz=50"]
 
     frames = readings(sensor, loop, 10)
     faults.on(fault, **options)
     loop.wait_for(lambda: len(frames) >= 60, 10.0, "too few")
 
-    assert (sensor.verdict(frames) or "None").startswith(str(verdict))
+    assert (sensor.monitor.verdict(frames) or "None").startswith(str(verdict))
     assert sensor.counts.dropped == 0
