@@ -39,6 +39,7 @@ _ROUNDING = 1e-6
 _DEPTH_MARGIN_MM = 0.05
 _AWAY_MM = 0.05
 _LATE_S = 0.5
+_SEEN_S = 0.3  # the end of a motion is seen in two reports, a tenth of a second apart
 
 
 @dataclass
@@ -132,6 +133,7 @@ class Rig:
         self.skin.start()
         self._journal.event(self.loop.now, "stream", "the readings start")
         self._cutter = TapCutter(self.preprocessing)
+        self._rest_from = self._arrived
         self.go(self._place_mm)
 
     def clear(self) -> None:
@@ -220,10 +222,13 @@ class Rig:
             self._cutter.press()
             unanswered = self.stage.counts.unanswered
             self._press()
+            ended_s = self.loop.now
             samples, frames = self._wait_for_tap()
             self._rest_from = self._arrived
         if self.stage.counts.unanswered > unanswered:
             return samples, "the stage lost an answer, so the press lasted too long"
+        if ended_s - frames[-1].time_s > _SEEN_S:
+            return samples, "the finger was still on its way when the readings of the tap ended"
         trace = implausible(samples, settings.tap.lead_samples, sensor.noise_limit)
         return samples, self.skin.monitor.verdict(frames) or trace
 
@@ -324,6 +329,7 @@ class Rig:
                 if not self.stage.port.is_open:
                     raise
                 self._retract()  # it was the sensor's, which is no longer read
+        self._rest_from = self._arrived
         self._journal.event(self.loop.now, "rest", "the finger is off the object")
 
     def _retract(self) -> None:

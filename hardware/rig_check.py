@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import stdtrit
 
+from .baseline import taxel_names
 from .errors import RigError
 from .rig import Rig
 from .skin import SkinFrame
@@ -181,8 +182,8 @@ def _look_at_sensor(rig: Rig, report: RigReport, seconds: float) -> None:
         report.wrong.append(
             f"{sensor.port}: taxel {k} drifts by {drift:+.1f} ± {error:.1f} per minute; let it warm up."
         )
-    for k in np.flatnonzero(found.noise == 0):
-        report.wrong.append(f"{sensor.port}: taxel {k} never changed; it may be dead.")
+    if (still := found.noise == 0).any():  # a quiet one may read the same number all the time
+        report.lines.append(("  at rest", f"{taxel_names(still)} never changed; a touch shows whether it is alive"))
     others = {name: n for name, n in vars(skin.counts).items() if n and name not in ("frames", "lost")}
     if others:
         report.wrong.append(
