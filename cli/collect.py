@@ -7,13 +7,16 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from ..models.errors import InputError
 from .interrupt import loading, terminable
 
 if TYPE_CHECKING:
     from rich.console import Console
 
     from ..hardware.collection import Operator
+    from ..hardware.plan import Plan
     from ..hardware.rig import Rig
+    from ..hardware.rig_settings import RigFile
 
 
 def collect(
@@ -39,10 +42,13 @@ def collect(
         from ..hardware.recorded_settings import about_rig
         from ..hardware.recording import Recorder
         from ..hardware.rig_settings import load_rig, read_settings
+        from ..models.recording import naming
 
     settings, plan = load_rig(rig_file), load_plan(plan_file)
     plan = plan if session is None else replace(plan, session=session)
-    plan.check_range(settings.range)
+    with naming(plan_file):
+        plan.check_range(settings.range)
+        _check_objects(plan, settings)
     about = about_rig(settings, read_settings(rig_file), plan)
     taps = list(plan.taps())
     console = Console(stderr=True)
@@ -59,6 +65,7 @@ def collect(
             with recorder:
                 check_space(out, space_needed(len(left), settings))
                 if left:
+                    console.print(f"Connecting to {settings.name}; the finger must touch nothing.", highlight=False)
                     with (
                         open_rig(settings, recorder, home=home) as rig,
                         _progress(console, len(trials), len(taps)) as advance,
@@ -88,6 +95,23 @@ def _progress(console: "Console", done: int, total: int) -> Iterator[Callable[[]
     with Progress(*columns, console=console) as progress:
         task = progress.add_task("Taps", total=total, completed=done)
         yield lambda: progress.advance(task)
+
+
+def _check_objects(plan: "Plan", settings: "RigFile") -> None:
+    """Whether the emulator has the objects of the plan; a person can be asked for any.
+
+    Raises:
+        InputError: It lacks one.
+    """
+    from ..hardware.shared_clock import SocketConnection
+
+    if settings.emulator is None:
+        return
+    with SocketConnection(settings.emulator.control) as connection:
+        there = connection.control({})["objects"]
+    for thing in plan.objects:
+        if thing.name not in there:
+            raise InputError(f"objects: the emulator has no {thing.name!r}, only {', '.join(there)}.")
 
 
 def _operator(rig: "Rig", console: "Console") -> "Operator":

@@ -9,7 +9,7 @@ from types import FrameType
 
 INTERRUPTED = 130  # exit code, as shells and Typer have it
 TERMINATED = 143
-MESSAGE = "solidtouch: interrupted; no half-written file is left behind."
+MESSAGE = "solidtouch: interrupted; every file that is there is whole."
 
 
 @contextmanager

@@ -9,7 +9,7 @@ Data = Annotated[
     list[Path],
     typer.Argument(
         metavar="DATA...",
-        help="Taps: .nc, .npz, .csv, .mat or a folder of .csv files. One is split; two are TRAIN and TEST.",
+        help="Taps: .nc, .mcap, .npz, .csv, .mat or a folder of .csv files. One is split; two are TRAIN and TEST.",
         show_default=False,
     ),
 ]

@@ -90,15 +90,20 @@ def perceive(
     with (
         terminable(),
         recording(record, rig, fitted.grid, what, episodes * deadline, force) as recorder,
-        open_source(rig, fitted.grid, Wish(start, what, seed), home, recorder) as source,
         show(as_json) as shown,
     ):
-        shown.note(f"{source.name}, engine {timed.name}, warmed up in {warm_up_s:.1f} s")
-        for number in range(episodes):
-            run = _Run(timed, theta, point, theta_x, deadline, novelty, unknown)
-            heading = f"{source.name}, engine {timed.name}" + f", episode {number + 1}" * (episodes > 1)
-            endings.append(run.episode(source.place(number), shown, heading))
-            shown.end(number + 1, endings[-1])
+        if rig.endswith(".toml"):
+            shown.note(f"Connecting to the rig of {rig}; the finger must touch nothing.")
+        with open_source(rig, fitted.grid, Wish(start, what, seed), home, recorder) as source:
+            shown.note(
+                f"{source.name}, engine {timed.name}, warmed up in {warm_up_s:.1f} s; behind object and place stands the "
+                f"belief in each, and moves are in where classes"
+            )
+            for number in range(episodes):
+                run = _Run(timed, theta, point, theta_x, deadline, novelty, unknown)
+                heading = f"{source.name}, engine {timed.name}" + f", episode {number + 1}" * (episodes > 1)
+                endings.append(run.episode(source.place(number), shown, heading))
+                shown.end(number + 1, endings[-1])
         if episodes > 1:
             shown.note(_summary(endings))
         shown.note(latency_sentence(timed.latency(), warm_up_s))

@@ -15,7 +15,8 @@ def show_report(report: RigReport, console: Console) -> None:
     console.print(found)
     if (sensor := report.sensor) is not None:
         console.print(
-            f"  {sensor.readings} readings, {sensor.rate_hz:.2f} per second, {100 * sensor.loss:.2g} % lost",
+            f"  {sensor.readings} readings, {sensor.rate_hz:.2f} per second, {100 * sensor.loss:.2g} % lost; as the "
+            "sensor sends them, noise as standard deviation:",
             highlight=False,
         )
         taxels = Table(box=None, padding=(0, 2))

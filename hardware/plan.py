@@ -31,7 +31,7 @@ class ObjectSettings(_Table, frozen=True):
     """
 
     name: Annotated[str, Meta(min_length=1)]
-    size_mm: float | None = None
+    size_mm: Positive | None = None
 
 
 class SpacedPositions(_Table, frozen=True):

@@ -10,6 +10,7 @@ from scipy.special import stdtrit
 from .baseline import taxel_names
 from .errors import RigError
 from .rig import Rig
+from .rig_settings import StageSettings
 from .skin import SkinFrame
 
 _RATE_TOLERANCE = 0.02
@@ -132,7 +133,7 @@ def _look_at_stage(rig: Rig, report: RigReport, home: bool) -> None:
         report.wrong.append(str(error))
     if (found := stage.report) is None:
         return
-    report.lines.append(("  controller", f"{found.firmware}, {found.state}"))
+    report.lines.append(("  controller", f"{found.firmware}, {found.state} when it was opened"))
     for name, axis in (("x", settings.x), ("y", settings.y)):
         number = "XYZ".index(axis.letter)
         machine = sorted((axis.machine_mm(axis.low_mm), axis.machine_mm(axis.high_mm)))
@@ -145,10 +146,17 @@ def _look_at_stage(rig: Rig, report: RigReport, home: bool) -> None:
             )
         )
     place = stage.position_mm
-    report.lines.append(("  place", f"x = {place[0]:.3f}, y = {place[1]:.3f} mm" if place else "not known"))
+    report.lines.append(("  place", _placed(place, settings) if place else "not known"))
     report.wrong.extend(found.notes)
     if place is None:
         report.wrong.append(f"{settings.port}: the stage does not know where it is; collect and perceive need --home.")
+
+
+def _placed(place_mm: tuple[float, float], settings: StageSettings) -> str:
+    axes = (settings.x, settings.y)
+    inside = all(axis.low_mm <= mm <= axis.high_mm for mm, axis in zip(place_mm, axes, strict=True))
+    beyond = "" if inside else ", outside the limits, as after homing; the first move leads back"
+    return f"x = {place_mm[0]:.3f}, y = {place_mm[1]:.3f} mm{beyond}"
 
 
 def _look_at_sensor(rig: Rig, report: RigReport, seconds: float) -> None:

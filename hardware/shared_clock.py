@@ -16,7 +16,7 @@ import msgspec
 
 from ..models.errors import InputError
 from .clock import HostClock
-from .errors import NoAnswer, PortError, PortLost
+from .errors import NoAnswer, PortBusy, PortError, PortLost
 from .port import Port
 
 MOST_PATH_BYTES = 107
@@ -169,6 +169,8 @@ class SocketConnection:
             raise NoAnswer(f"{self._path}: the emulator did not answer for {_ANSWER_S:g} s.") from error
         except (OSError, msgspec.MsgspecError) as error:
             raise PortLost(f"{self._path}: the emulator ended.") from error
+        if "busy" in answer:
+            raise PortBusy(f"{self._path}: {answer['busy']}.")
         if "error" in answer:
             raise InputError(answer["error"])
         return answer

@@ -173,7 +173,7 @@ class HistogramModel:
         Raises:
             InputError: The records differ; the message says how.
         """
-        differences = self.preprocessing.differences(preprocessing)
+        differences = self.preprocessing.differences(preprocessing, "in the model", "in the taps")
         if differences:
             raise InputError(f"The taps were prepared otherwise than the model's: {'; '.join(differences)}.")
 

@@ -83,10 +83,16 @@ class Preprocessing:
                 f"samples={self.samples}."
             )
 
-    def differences(self, other: Self) -> list[str]:
-        """How `other` differs, one phrase per field; empty where both prepare taps alike."""
+    def differences(self, other: Self, here: str = "here", there: str = "there") -> list[str]:
+        """How `other` differs, one phrase per field; empty where both prepare taps alike.
+
+        Args:
+            other: Another record.
+            here: What this one belongs to, in words.
+            there: What the other one belongs to.
+        """
         return [
-            f"{field.name} is {getattr(self, field.name)} here and {getattr(other, field.name)} there"
+            f"{field.name} is {getattr(self, field.name)} {here} and {getattr(other, field.name)} {there}"
             for field in fields(self)
             if getattr(self, field.name) != getattr(other, field.name)
         ]

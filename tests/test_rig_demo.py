@@ -27,7 +27,7 @@ def test_the_demonstration_goes_from_training_data_to_decisions(tmp_path):
 
     assert done.returncode == 0, done.stdout + done.stderr
     assert "Nothing is wrong." in printed
-    assert printed.count(".mcap: 320 taps;") == 2
+    assert printed.count(".mcap: 640 taps;") == 2
     assert "All routes agree." in printed
     assert len(re.findall(r"decided: \d+ mm rod", printed)) == 2
     latencies = [float(ms) for ms in re.findall(r"99th percentile (\S+) ms", printed)]

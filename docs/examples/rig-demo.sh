@@ -21,7 +21,9 @@ trap 'finish; [ -n "$keep" ] || rm -rf "$folder"' EXIT
 cd "$folder"
 
 say() {
-    printf '\n$ %s\n' "$*"
+    printf '\n$'
+    printf ' %q' "$@"
+    echo
     "$@"
 }
 

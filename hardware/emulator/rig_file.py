@@ -96,8 +96,7 @@ def write_rig(path: Path, rig: RigFile, objects: list[str]) -> None:
     """
     if path.exists() and not path.read_bytes().startswith(_MARK.encode()):
         raise InputError(f"{path} was not written by the emulator, so it is not replaced; choose another folder.")
-    numbered = "\n".join(f"#   {i}: {name}" for i, name in enumerate(objects))
-    head = f"{_MARK}\n# Its objects, by the number that the control socket takes:\n{numbered}\n\n"
+    head = f"{_MARK}\n# Its objects: {', '.join(objects)}.\n\n"
     try:
         path.write_text(head + toml(rig), encoding="utf-8")
     except OSError as error:
@@ -111,9 +110,9 @@ def toml(rig: RigFile) -> str:
 
 def _sensor(port: str, settings: RigSettings, kind: SensorKind) -> IcubSettings | LineSettings:
     K = len(settings.taxels)
-    positions = taxel_positions_mm(settings.taxels).tolist()
+    positions = taxel_positions_mm(settings.taxels).round(3).tolist()
     noise = math.hypot(settings.white_counts, settings.taxel_noise_counts, settings.common_noise_counts)
-    limit = max(_LEAST_NOISE_LIMIT, _NOISE_LIMITS * noise)
+    limit = round(max(_LEAST_NOISE_LIMIT, _NOISE_LIMITS * noise), 3)
     if kind == "lines":
         return LineSettings(
             port=port, taxels=K, rate_hz=settings.rate_hz, noise_limit=limit, overload=254.0, positions_mm=positions

@@ -41,6 +41,7 @@ class Service:
         self._real_time = real_time
         self._listener = _listen(path)
         self._unread: dict[socket.socket, bytes] = {}
+        self._driver: socket.socket | None = None
 
     def __enter__(self) -> Self:
         return self
@@ -91,20 +92,29 @@ class Service:
             data = connection.recv(65536)
             *lines, rest = (self._unread[connection] + data).split(b"\n")
             for line in lines:
-                connection.sendall(self.answer(line) + b"\n")
+                connection.sendall(self.answer(line, connection) + b"\n")
         except OSError:  # it went away meanwhile, or does not read
             data, rest = b"", b""
         self._unread[connection] = rest
         if not data or len(rest) > _MOST_LINE_BYTES:
             del self._unread[connection]
+            self._driver = None if self._driver is connection else self._driver
             connection.close()
 
-    def answer(self, line: bytes) -> bytes:
-        """The answer to a question, each as one line without its end."""
+    def answer(self, line: bytes, asker: socket.socket | None = None) -> bytes:
+        """The answer to a question, each as one line without its end.
+
+        The first to let time go on is the only one who may, until it goes away: time that passes while a driver
+        computes looks to it as if its devices had fallen silent.
+        """
         question: dict[str, Any] = {}
         try:
             question = msgspec.json.decode(line, type=dict[str, Any])
-            answer = self._carry_out(question)
+            if "advance" in question and self._driver not in (None, asker):
+                answer = {"busy": "another program drives the emulated rig"}
+            else:
+                answer = self._carry_out(question)
+                self._driver = asker if "advance" in question else self._driver
         except msgspec.MsgspecError as error:
             answer = {"error": f"The emulator takes JSON objects, one a line: {error}."}
         except InputError as error:

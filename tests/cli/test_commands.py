@@ -161,7 +161,7 @@ def test_an_interrupt_while_libraries_load_ends_the_program(module, tmp_path):
 
     assert done.returncode == 130
     assert done.stdout == ""
-    assert done.stderr == "solidtouch: interrupted; no half-written file is left behind.\n"
+    assert done.stderr == "solidtouch: interrupted; every file that is there is whole.\n"
 
 
 def test_a_model_refuses_taps_prepared_otherwise(command, tmp_path, make_taps):

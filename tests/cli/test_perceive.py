@@ -258,7 +258,7 @@ def test_signals_end_an_episode(folder, number, code):
     assert json.loads(first)["tap"] == 1
     assert child.returncode == code
     assert "Traceback" not in err
-    assert err.splitlines()[-1] == "solidtouch: interrupted; no half-written file is left behind."
+    assert err.splitlines()[-1] == "solidtouch: interrupted; every file that is there is whole."
     assert all(json.loads(line) for line in out.splitlines())
 
 

@@ -60,7 +60,12 @@ BAD = {
     "unknown key": ("positions = [1]\nspeed = 3" + OBJECTS, "there is an unknown key `speed`"),
     "twice": ("positions = [1]\nobjects = [{ name = 'a' }, { name = 'a' }]", "two of them have the same name"),
     "size of one": ("positions = [1]\nobjects = [{ name = 'a', size_mm = 1 }, { name = 'b' }]", "all or none need it"),
-    "size nan": ("positions = [1]\nobjects = [{ name = 'a', size_mm = nan }]", "size_mm must be finite"),
+    "size nan": (
+        "positions = [1]\nobjects = [{ name = 'a', size_mm = nan }]",
+        r"objects\[0\].size_mm: expected `float` > 0",
+    ),
+    "size infinite": ("positions = [1]\nobjects = [{ name = 'a', size_mm = inf }]", "size_mm must be finite"),
+    "size negative": ("positions = [1]\nobjects = [{ name = 'a', size_mm = -8 }]", r"size_mm: expected `float` > 0"),
     "no positions": ("positions = []" + OBJECTS, "^positions: the list must hold at least one number"),
     "position inf": ("positions = [inf]" + OBJECTS, "^positions: the list .* only finite ones"),
     "half a spacing": (SPACED.format(0, 1, 0.4) + OBJECTS, "a whole number of spacings, 1 to 1000000, not 2.5"),

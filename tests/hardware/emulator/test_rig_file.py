@@ -18,7 +18,7 @@ def test_it_reads_back_as_it_was_made(tmp_path, name, kind):
     write_rig(tmp_path / "rig.toml", rig, ["4 mm rod"])
 
     assert load_rig(tmp_path / "rig.toml") == rig
-    assert "#   0: 4 mm rod\n" in (tmp_path / "rig.toml").read_text(encoding="utf-8")
+    assert "# Its objects: 4 mm rod.\n" in (tmp_path / "rig.toml").read_text(encoding="utf-8")
 
 
 def test_taps_are_those_of_the_simulator(tmp_path):
@@ -78,7 +78,7 @@ def test_its_own_file_is_replaced_and_a_file_of_others_is_not(tmp_path):
     write_rig(path, rig, ["a"])
     write_rig(path, rig, ["b"])
 
-    assert "0: b" in path.read_text()
+    assert "objects: b." in path.read_text()
 
     path.write_text('name = "mine"\n')
     with pytest.raises(InputError, match=r"rig.toml was not written by the emulator, so it is not replaced"):
