@@ -96,8 +96,8 @@ def perceive(
             shown.note(f"Connecting to the rig of {rig}; the finger must touch nothing.")
         with open_source(rig, fitted.grid, Wish(start, what, seed), home, recorder) as source:
             shown.note(
-                f"{source.name}, engine {timed.name}, warmed up in {warm_up_s:.1f} s; behind object and place stands the "
-                f"belief in each, and moves are in where classes"
+                f"{source.name}, engine {timed.name}, warmed up in {warm_up_s:.1f} s; behind object and place stands "
+                f"the belief in each, and moves are in where classes"
             )
             for number in range(episodes):
                 run = _Run(timed, theta, point, theta_x, deadline, novelty, unknown)

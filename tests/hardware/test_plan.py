@@ -62,7 +62,7 @@ BAD = {
     "size of one": ("positions = [1]\nobjects = [{ name = 'a', size_mm = 1 }, { name = 'b' }]", "all or none need it"),
     "size nan": (
         "positions = [1]\nobjects = [{ name = 'a', size_mm = nan }]",
-        r"objects\[0\].size_mm: expected `float` > 0",
+        r"size_mm: expected `float` > 0",
     ),
     "size infinite": ("positions = [1]\nobjects = [{ name = 'a', size_mm = inf }]", "size_mm must be finite"),
     "size negative": ("positions = [1]\nobjects = [{ name = 'a', size_mm = -8 }]", r"size_mm: expected `float` > 0"),
