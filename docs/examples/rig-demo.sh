@@ -50,3 +50,4 @@ say solidtouch crosscheck session-0.mcap session-1.mcap --episodes 3
 emulate 1
 say solidtouch perceive model.nc --rig bench-1/rig.toml --shadow --home --object "10 mm rod" --start 2.3mm
 say solidtouch perceive model.nc --rig replay:session-1.mcap --shadow --object "10 mm rod" --start 2.3mm
+say solidtouch perceive model.nc --rig bench-1/rig.toml --object "6 mm rod" --start 4.3mm --deadline 4 --picture live-perception.svg

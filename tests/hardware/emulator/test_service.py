@@ -6,7 +6,7 @@ import threading
 
 import pytest
 from solidtouch.hardware.emulator.service import Service
-from solidtouch.hardware.errors import PortError, PortLost
+from solidtouch.hardware.errors import PortBusy, PortError, PortLost
 from solidtouch.hardware.shared_clock import SharedClock, SocketConnection
 from solidtouch.models.errors import InputError
 
@@ -70,6 +70,21 @@ def test_time_goes_on_where_the_last_client_left_it(small_bench, path, connectio
     connection.close()
     with SocketConnection(path) as next_one:
         assert SharedClock(next_one).now() == 2.5
+
+
+def test_one_program_lets_time_go_on_until_it_goes_away(path, connection):
+    """A second one would make the devices of the first look silent; it is told so and nothing happens."""
+    SharedClock(connection).wait([], 1.0)
+    with SocketConnection(path) as second:
+        with pytest.raises(PortBusy, match="control: another program drives the emulated rig"):
+            second.advance(30.0, {})
+
+        assert second.control({})["now_s"] == 1.0
+
+        connection.close()
+        second.control({})
+
+        assert second.advance(2.0, {}).now_s == 2.0
 
 
 def test_a_second_connection_takes_orders_while_the_first_has_the_clock(small_bench, path, connection):
