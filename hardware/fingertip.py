@@ -142,12 +142,9 @@ class Fingertip:
         self._adapter.transmit(start_command(board), "start (07 00)")
 
     def _wait_for_readings(self) -> None:
-        before = self.monitor.counts.frames
         wait_s = FIRST_READING_S + 3.0 / self.rate_hz
-        try:
-            self._loop.wait_for(lambda: self.monitor.counts.frames > before, wait_s, "no reading")
-        except NoAnswer:
-            raise self._no_readings(wait_s) from None
+        if not self.monitor.comes(wait_s):
+            raise self._no_readings(wait_s)
 
     def _no_readings(self, wait_s: float) -> RigError:
         name, sensor = self.port.address, f"board {self._sensor.board}, triangle {self._sensor.triangle}"

@@ -109,12 +109,9 @@ class LineSensor:
                 self._remark(unit, time_s)
 
     def _wait_for_readings(self) -> None:
-        before = self.monitor.counts.frames
         wait_s = BOOT_S + 3.0 / self.rate_hz
-        try:
-            self._loop.wait_for(lambda: self.monitor.counts.frames > before, wait_s, "no reading")
-        except NoAnswer:
-            raise self._no_readings(wait_s) from None
+        if not self.monitor.comes(wait_s):
+            raise self._no_readings(wait_s)
 
     def _no_readings(self, wait_s: float) -> RigError:
         name, K, other = self.port.address, self._settings.taxels, self._decoder.other_size

@@ -142,6 +142,17 @@ class SkinMonitor:
         self._losses.restart(time_s)
         self._count_lost(1, time_s)
 
+    def comes(self, wait_s: float) -> bool:
+        """Whether a reading comes within some seconds, for which the loop is turned at most.
+
+        Raises:
+            RigError: As `Loop.turn`.
+        """
+        before, until = self.counts.frames, self._loop.now + wait_s
+        while self.counts.frames == before and self._loop.now < until:
+            self._loop.turn(until)
+        return self.counts.frames > before
+
     def overloaded(self, frame: SkinFrame) -> bool:
         """Whether a taxel is at the end of its range under load, whatever the sensor says of its validity."""
         return bool(frame.values.max() >= self._limits.overload)

@@ -70,6 +70,10 @@ def test_without_acks_nothing_is_asked(make):
     exchanges = [(sent, b"") for sent, _ in [OPENING[0], *OPENING[2:], VERSION, *SET_UP]]
     skin = make(*exchanges, *stream(52), *LAST, acks="none")
     skin.start()
+
+    assert skin.counts.frames >= 50
+    assert skin.counts.refused == 0
+
     skin.stop()
 
 

@@ -85,6 +85,8 @@ def test_a_receiver_may_detach_a_port(clock, loop, sources):
     b.lost = True
     loop.sleep(1.0)
 
+    assert loop.now >= 1.25
+
 
 def test_a_port_detached_by_a_receiver_is_not_read_in_the_same_turn(clock, loop, sources):
     (a, b), _ = sources
@@ -92,6 +94,8 @@ def test_a_port_detached_by_a_receiver_is_not_read_in_the_same_turn(clock, loop,
     loop.attach(a, lambda *_: loop.detach(b))
     clock.script = [(0.25, a, b"x")]
     loop.turn(1.0)
+
+    assert loop.now == 0.25
 
 
 def test_a_lost_port_ends_the_turn(loop, sources):
@@ -136,6 +140,8 @@ def test_what_comes_just_in_time_counts(clock, loop, sources):
     (a, _), got = sources
     clock.script = [(1.0, a, b"x")]
     loop.wait_for(lambda: bool(got), 1.0, "never said")
+
+    assert loop.now == 1.0
 
 
 def objects_at(limit_s):
