@@ -334,7 +334,8 @@ def test_taps_prepared_otherwise_are_refused(make_taps, taps, grid):
     other = make_taps(L, M, J, K, preprocessing=Preprocessing(samples=J, rate_hz=40.0, highpass_hz=0.5))
 
     model.check_taps(taps.preprocessing)
-    with pytest.raises(InputError, match=r"rate_hz is 50.0 here and 40.0 there; highpass_hz is 0.0 here and 0.5 there"):
+    sentence = "rate_hz is 50.0 in the model and 40.0 in the taps; highpass_hz is 0.0 in the model and 0.5 in the taps"
+    with pytest.raises(InputError, match=sentence):
         model.usable(other)
 
 
