@@ -22,8 +22,8 @@ LONGEST_LINE = 256
 LONGEST_COMMAND = 79
 """Bytes of a command that fit GRBL's line buffer (protocol.h)."""
 
-STATUS, HOLD, RESUME = b"?", b"!", b"~"
-"""Real-time bytes: they need no line end, are never answered by `ok`, and work in the middle of a line."""
+STATUS = b"?"
+"""A real-time byte: it needs no line end, is never answered by `ok`, and works in the middle of a line."""
 RESET = b"\x18"
 """Real-time; while moving it costs the position (ALARM:3). Everything up to the banner is to be ignored."""
 JOG_CANCEL = b"\x85"
@@ -31,7 +31,6 @@ JOG_CANCEL = b"\x85"
 
 HOME = b"$H\n"
 """Answered when homing is over, which may take minutes; no status meanwhile."""
-UNLOCK = b"$X\n"
 SETTINGS = b"$$\n"
 """Refused (error 8) while moving."""
 BUILD_INFO = b"$I\n"

@@ -24,17 +24,12 @@ LAST_STAMP_MS = 60000
 """Time stamps count milliseconds and start again at this number (canable2-fw, command Z)."""
 
 OPEN = b"O\r"
-LISTEN_ONLY = b"L\r"
 CLOSE = b"C\r"
 """Comes first of all, whatever the answer: another program may have left the adapter open (Linux does the same)."""
 END_LINE = b"\r"
 """Ends whatever half a command the adapter may still hold."""
 VERSION = b"V\r"
-SERIAL_NUMBER = b"N\r"
-FLAGS = b"F\r"
-"""Reading the flags clears them (canable2-fw)."""
 STAMPS_OFF = b"Z0\r"
-STAMPS_ON = b"Z1\r"
 
 BIT_RATES_KBIT = {10: 0, 20: 1, 50: 2, 100: 3, 125: 4, 250: 5, 500: 6, 1000: 8}
 """Bit rate to digit of the command S. S7 is missing: 800 kbit/s in Linux and canable2-fw, 750 in canable-fw."""

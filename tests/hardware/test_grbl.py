@@ -52,10 +52,9 @@ COMMANDS = [
     (grbl.jog(500, x_mm=-10.0, y_mm=-0.00004), b"$J=G53G90G21X-10.0000Y0.0000F500.000\n"),
     (grbl.jog(60.5, z_mm=0.1234, relative=True), b"$J=G91G21Z0.1234F60.500\n"),
     (grbl.HOME, b"$H\n"),
-    (grbl.UNLOCK, b"$X\n"),
     (grbl.SETTINGS, b"$$\n"),
     (grbl.BUILD_INFO, b"$I\n"),
-    (grbl.STATUS + grbl.HOLD + grbl.RESUME + grbl.RESET + grbl.JOG_CANCEL, b"?!~\x18\x85"),
+    (grbl.STATUS + grbl.RESET + grbl.JOG_CANCEL, b"?\x18\x85"),
 ]
 SIMPLE = {
     Ok: "ok",
