@@ -66,8 +66,8 @@ def fuzz(target: Target, inputs: int, generator: random.Random) -> int:
         for unit in decoder.push(data):
             target.use(unit)
             units += 1
-        if decoder.pending > target.most_kept:
-            raise AssertionError(f"{decoder.pending} bytes are kept, {target.most_kept} are allowed.")
+        if decoder.lines.pending > target.most_kept:
+            raise AssertionError(f"{decoder.lines.pending} bytes are kept, {target.most_kept} are allowed.")
     return units
 
 

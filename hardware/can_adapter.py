@@ -77,12 +77,12 @@ class CanAdapter:
     @property
     def dropped(self) -> int:
         """Units of bytes that were no unit of the protocol."""
-        return self._decoder.dropped.malformed + self._decoder.dropped.overlong
+        return self._decoder.lines.dropped.line_count
 
     @property
     def is_noise(self) -> bool:
         """Whether bytes come, but nothing that an SLCAN adapter sends."""
-        return not self.frames and self._decoder.dropped.byte_count + self._decoder.pending >= _NOISE_BYTES
+        return not self.frames and self._decoder.lines.dropped.byte_count + self._decoder.lines.pending >= _NOISE_BYTES
 
     def open(self) -> None:
         """Opens the port and the bus.
@@ -193,8 +193,8 @@ class CanAdapter:
     def noise(self) -> WrongDevice:
         """What to raise where only noise comes."""
         return WrongDevice(
-            f"{self.port.address}: {self._decoder.dropped.byte_count} bytes came and none of them is SLCAN; this is "
-            f"another device, or sensor.baud is wrong."
+            f"{self.port.address}: {self._decoder.lines.dropped.byte_count} bytes came and none of them is SLCAN; this "
+            f"is another device, or sensor.baud is wrong."
         )
 
     def _write(self, data: bytes) -> None:

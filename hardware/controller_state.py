@@ -90,15 +90,15 @@ class ControllerState:
     @property
     def noise(self) -> bool:
         """Whether bytes came that no GRBL controller sends."""
-        dropped = self._decoder.dropped
-        return self.heard is not None or bool(dropped.malformed or dropped.overlong or self._decoder.pending)
+        dropped = self._decoder.lines.dropped
+        return self.heard is not None or bool(dropped.line_count or self._decoder.lines.pending)
 
     def receive(self, data: bytes, _: float) -> None:
         """Takes bytes."""
-        noise = self._decoder.dropped.malformed + self._decoder.dropped.overlong
+        noise = self._decoder.lines.dropped.line_count
         for unit in self._decoder.push(data):
             self._take(unit)
-        self.counts.dropped += self._decoder.dropped.malformed + self._decoder.dropped.overlong - noise
+        self.counts.dropped += self._decoder.lines.dropped.line_count - noise
 
     def _take(self, unit: Unit) -> None:
         match unit:

@@ -14,7 +14,7 @@ import re
 from dataclasses import dataclass
 from enum import StrEnum
 
-from .lines import Dropped, LineSplitter
+from .lines import LineSplitter
 
 LONGEST_LINE = 256
 """Bytes kept of a line; a status report with every field takes about half."""
@@ -194,29 +194,22 @@ class GrblDecoder:
     """Turns bytes of a controller into units, and keeps the rest for the next push.
 
     No bytes raise an exception, and at most `LONGEST_LINE` of them are kept.
+
+    Attributes:
+        lines: What waits for its line end, and what was thrown away as noise.
     """
 
     def __init__(self) -> None:
-        self._lines = LineSplitter(b"\r\n", LONGEST_LINE)
-
-    @property
-    def dropped(self) -> Dropped:
-        """Lines that were noise, so far."""
-        return self._lines.dropped
-
-    @property
-    def pending(self) -> int:
-        """Bytes of a line that is not complete yet."""
-        return self._lines.pending
+        self.lines = LineSplitter(b"\r\n", LONGEST_LINE)
 
     def push(self, data: bytes) -> list[Unit]:
         """Units that these bytes complete."""
         units: list[Unit] = []
-        for text, _ in self._lines.push(data):
+        for text, _ in self.lines.push(data):
             if text and _PRINTABLE.fullmatch(text):
                 units.append(_unit(text.decode("ascii")))
             elif text:
-                self.dropped.malform(text)
+                self.lines.dropped.malform(text)
         return units
 
 

@@ -8,7 +8,7 @@ import math
 import re
 from dataclasses import dataclass
 
-from .lines import Dropped, LineSplitter
+from .lines import LineSplitter
 
 CLOCK_MS = 1 << 32
 """The sensor's time counts milliseconds and starts again at this number, as Arduino's `millis` does."""
@@ -48,35 +48,26 @@ class LineDecoder:
         taxels: `K`.
 
     Attributes:
+        lines: What waits for its line end, and what was thrown away as neither reading nor comment.
         other_size: Values in the last line that had too many or too few, None if there was none.
     """
 
     def __init__(self, taxels: int) -> None:
         self.other_size: int | None = None
         self._taxels = taxels
-        self._lines = LineSplitter(b"\n", longest_line(taxels))
+        self.lines = LineSplitter(b"\n", longest_line(taxels))
         self._begun = False
-
-    @property
-    def dropped(self) -> Dropped:
-        """Lines that were neither readings nor comments, so far."""
-        return self._lines.dropped
-
-    @property
-    def pending(self) -> int:
-        """Bytes of a line that is not complete yet."""
-        return self._lines.pending
 
     def push(self, data: bytes) -> list[LineReading | Comment]:
         """Readings and comments that these bytes complete."""
         units: list[LineReading | Comment] = []
-        for text, _ in self._lines.push(data):
+        for text, _ in self.lines.push(data):
             begun, self._begun = self._begun, True
             line = (text or b"").removesuffix(b"\r")
             if not line or not (begun or line.startswith(b"#")):
                 continue
             unit = self._unit(line)
-            self.dropped.malform(line) if unit is None else units.append(unit)
+            self.lines.dropped.malform(line) if unit is None else units.append(unit)
         return units
 
     def _unit(self, line: bytes) -> LineReading | Comment | None:

@@ -70,7 +70,7 @@ class LineSensor:
     def counts(self) -> SkinCounts:
         """What went wrong so far."""
         counts = self.monitor.counts
-        counts.dropped = self._decoder.dropped.malformed + self._decoder.dropped.overlong
+        counts.dropped = self._decoder.lines.dropped.line_count
         return counts
 
     def start(self) -> None:
@@ -117,7 +117,7 @@ class LineSensor:
         name, K, other = self.port.address, self._settings.taxels, self._decoder.other_size
         if other is not None:
             return WrongDevice(f"{name}: lines of {other} values come, where sensor.taxels = {K} are expected.")
-        if self._decoder.dropped.byte_count + self._decoder.pending >= _NOISE_BYTES:
+        if self._decoder.lines.dropped.byte_count + self._decoder.lines.pending >= _NOISE_BYTES:
             return WrongDevice(
                 f"{name}: what comes are no lines of a time and {K} values; this is another device, or sensor.baud is "
                 f"wrong."

@@ -34,6 +34,11 @@ class Dropped:
     malformed: int = 0
     byte_count: int = 0
 
+    @property
+    def line_count(self) -> int:
+        """Lines of both."""
+        return self.overlong + self.malformed
+
     def malform(self, text: bytes) -> None:
         """Counts a line that is no unit."""
         self.malformed += 1

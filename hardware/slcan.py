@@ -15,7 +15,7 @@ from dataclasses import dataclass
 from enum import IntFlag
 from typing import Literal
 
-from .lines import Dropped, LineSplitter
+from .lines import LineSplitter
 
 LONGEST_LINE = 96
 """Bytes: a frame takes 30, the rest is room for the free text with which stock CANable firmware answers `V`."""
@@ -149,26 +149,19 @@ class SlcanDecoder:
     Args:
         stamps: Whether frames end in a time stamp. "either" accepts both and so cannot tell a stamp from two data
             bytes too many; a driver that has set `Z0` or `Z1` should say so here.
+
+    Attributes:
+        lines: What waits for its end, and what was thrown away as no unit.
     """
 
     def __init__(self, stamps: Stamps = "either") -> None:
-        self._lines = LineSplitter(b"\r\a", LONGEST_LINE)
+        self.lines = LineSplitter(b"\r\a", LONGEST_LINE)
         self._stamp_digits = {"either": (0, 4), "never": (0,), "always": (4,)}[stamps]
-
-    @property
-    def dropped(self) -> Dropped:
-        """Lines that were no unit, so far."""
-        return self._lines.dropped
-
-    @property
-    def pending(self) -> int:
-        """Bytes of a unit that is not complete yet."""
-        return self._lines.pending
 
     def push(self, data: bytes) -> list[Unit]:
         """Units that these bytes complete."""
         units: list[Unit] = []
-        for text, end in self._lines.push(data):
+        for text, end in self.lines.push(data):
             if end == b"\a":
                 self._drop(text)
                 units.append(Refused())
@@ -179,7 +172,7 @@ class SlcanDecoder:
 
     def _drop(self, text: bytes | None) -> None:
         if text and text != b"\n":
-            self.dropped.malform(text)
+            self.lines.dropped.malform(text)
 
     def _unit(self, text: bytes) -> Unit | None:
         if text in {b"", b"z", b"Z"}:

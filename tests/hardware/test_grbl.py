@@ -88,7 +88,7 @@ def test_a_unit_is_written_and_read_whole_byte_by_byte_and_with_bytes_behind_it(
     assert [unit] == decoder.push(wire)
     assert [unit] == [found for byte in wire for found in decoder.push(bytes([byte]))]
     assert [unit] == decoder.push(wire + b"<Id")
-    assert (decoder.pending, decoder.dropped.malformed) == (3, 0)
+    assert (decoder.lines.pending, decoder.lines.dropped.malformed) == (3, 0)
 
 
 @pytest.mark.parametrize(("command", "wire"), COMMANDS)
@@ -141,7 +141,7 @@ def test_a_flipped_bit_reaches_no_further_than_its_line(unit, wire, bit):
         decoder = GrblDecoder()
         units = decoder.push(b"ok\r\n" + broken + b"ok\r\n")
         assert units[0] == units[-1] == Ok()
-        assert bit < 7 or (len(units), decoder.dropped.malformed) == (2, 1)
+        assert bit < 7 or (len(units), decoder.lines.dropped.malformed) == (2, 1)
 
 
 def test_fields_come_in_any_order_and_are_asked_by_name():
@@ -163,10 +163,14 @@ def test_lines_of_any_length_cost_no_memory():
     decoder = GrblDecoder()
     for _ in range(50):
         decoder.push(b"x" * 200)
-        assert decoder.pending <= grbl.LONGEST_LINE
+        assert decoder.lines.pending <= grbl.LONGEST_LINE
 
     assert decoder.push(b"\r\nok\r\n") == [Ok()]
-    assert (decoder.dropped.overlong, decoder.dropped.malformed, decoder.dropped.byte_count) == (1, 0, 10000)
+    assert (decoder.lines.dropped.overlong, decoder.lines.dropped.malformed, decoder.lines.dropped.byte_count) == (
+        1,
+        0,
+        10000,
+    )
 
 
 @pytest.mark.parametrize(
@@ -192,7 +196,7 @@ def test_any_split_gives_the_same_units(stream, noise, cuts):
     cuts = [0, *sorted(cuts), len(wire)]
 
     assert whole.push(wire) == [unit for start, stop in pairwise(cuts) for unit in split.push(wire[start:stop])]
-    assert (whole.dropped, whole.pending) == (split.dropped, split.pending)
+    assert (whole.lines.dropped, whole.lines.pending) == (split.lines.dropped, split.lines.pending)
 
 
 @settings(deadline=None)
@@ -213,4 +217,4 @@ def test_no_bytes_raise_or_fill_the_memory(chunks):
     decoder = GrblDecoder()
     for chunk in chunks:
         decoder.push(chunk)
-        assert decoder.pending <= grbl.LONGEST_LINE
+        assert decoder.lines.pending <= grbl.LONGEST_LINE

@@ -60,7 +60,7 @@ def test_what_is_no_reading_is_dropped_and_counted(line):
     decoder = LineDecoder(3)
 
     assert decoder.push(b"\n" + line + b"\n9,1,2,3\n") == [LineReading(9, (1.0, 2.0, 3.0))]
-    assert decoder.dropped.malformed + decoder.dropped.overlong == 1
+    assert decoder.lines.dropped.malformed + decoder.lines.dropped.overlong == 1
 
 
 def test_the_first_line_may_be_half_a_line_and_is_not_believed():
@@ -81,7 +81,7 @@ def test_no_bytes_raise_and_few_are_kept(pieces):
     for piece in pieces:
         decoder.push(piece)
 
-        assert decoder.pending <= 200
+        assert decoder.lines.pending <= 200
 
 
 @given(

@@ -47,7 +47,7 @@ STREAMS = st.lists(st.sampled_from(RECEIVED), max_size=8)
 
 
 def tally(decoder):
-    return decoder.dropped.overlong, decoder.dropped.malformed, decoder.dropped.byte_count
+    return decoder.lines.dropped.overlong, decoder.lines.dropped.malformed, decoder.lines.dropped.byte_count
 
 
 @pytest.mark.parametrize(("unit", "wire"), SENT, ids=[repr(wire) for _, wire in SENT])
@@ -66,7 +66,7 @@ def test_a_unit_is_read_whole_byte_by_byte_and_with_bytes_behind_it(unit, wire):
     assert [unit] == decoder.push(wire)
     assert [unit] == [found for byte in wire for found in decoder.push(bytes([byte]))]
     assert [unit] == decoder.push(wire + b"t4E0")
-    assert (decoder.pending, tally(decoder)) == (4, (0, 0, 0))
+    assert (decoder.lines.pending, tally(decoder)) == (4, (0, 0, 0))
 
 
 @pytest.mark.parametrize(("unit", "wire"), SENT)
@@ -85,7 +85,7 @@ def test_merged_frames_are_both_lost(first, first_wire, second, second_wire):
     decoder = SlcanDecoder()
 
     assert [Frame(1, b"")] == decoder.push(first_wire[:-1] + second_wire + b"t0010\r")
-    assert decoder.dropped.malformed == 1
+    assert decoder.lines.dropped.malformed == 1
 
 
 @pytest.mark.parametrize("bit", range(8))
@@ -137,7 +137,7 @@ def test_lines_of_any_length_cost_no_memory():
     decoder = SlcanDecoder()
     for _ in range(50):
         decoder.push(b"t" * 70)
-        assert decoder.pending <= slcan.LONGEST_LINE
+        assert decoder.lines.pending <= slcan.LONGEST_LINE
 
     assert decoder.push(b"\r" + b"t0010\r" + b"x" * 97 + b"\a") == [Frame(1, b""), Refused()]
     assert tally(decoder) == (2, 0, 3597)
@@ -180,7 +180,7 @@ def test_any_split_gives_the_same_units(stream, noise, cuts):
     units = [unit for start, stop in pairwise(cuts) for unit in split.push(wire[start:stop])]
 
     assert whole.push(wire) == units
-    assert (whole.dropped, whole.pending) == (split.dropped, split.pending)
+    assert (whole.lines.dropped, whole.lines.pending) == (split.lines.dropped, split.lines.pending)
 
 
 @settings(deadline=None)
@@ -201,4 +201,4 @@ def test_no_bytes_raise_or_fill_the_memory(chunks):
     decoder = SlcanDecoder()
     for chunk in chunks:
         decoder.push(chunk)
-        assert decoder.pending <= slcan.LONGEST_LINE
+        assert decoder.lines.pending <= slcan.LONGEST_LINE
