@@ -1,0 +1,21 @@
+"""Loops compiled to machine code by numba, kept on disk between runs where a folder for that can be written."""
+
+from collections.abc import Callable
+from typing import Any
+
+from numba import njit
+
+# Sums may be taken in another order and products fused, which vector instructions need; NaN and infinity stay exact.
+_FAST = {"reassoc", "contract", "nsz"}
+
+
+def compiled[F: Callable[..., Any]](function: F) -> F:
+    """The function compiled on its first call, without the interpreter's lock.
+
+    Functions that call each other belong in one file: the copy on disk is not renewed when a callee elsewhere changes.
+    """
+    options: dict[str, Any] = {"nogil": True, "fastmath": _FAST, "error_model": "numpy"}
+    try:
+        return njit(cache=True, **options)(function)
+    except RuntimeError:  # neither beside the file nor in the user's cache folder can anything be written
+        return njit(**options)(function)
