@@ -1,74 +1,83 @@
-"""The belief update compiled for speed: Eq. 3 to 9 on log beliefs in JAX.
-
-Functions speak about one episode; the Monte Carlo maps them over many. They carry log beliefs without a floor, so a
-class that underflows as a probability can still come back.
-"""
+"""Beliefs and likelihoods in the form the compiled kernel takes, and the kernel as an engine."""
 
 from dataclasses import dataclass
-from functools import partial
+from typing import NamedTuple
 
-import jax
-import jax.numpy as jnp
 import numpy as np
-from jax.scipy.special import logsumexp
 from numpy.typing import ArrayLike, NDArray
 
 from ..models.histogram import HistogramModel
-from .reference import Border, ZeroEvidenceError
+from . import kernel
+from .reference import BORDERS, Border, ZeroEvidenceError
+
+_UNIT = kernel.UNIT * np.log(2.0)
 
 
-def update(log_belief: jax.Array, log_likelihood: jax.Array) -> tuple[jax.Array, jax.Array]:
-    """Log posterior (L, M) and log evidence of one tap; Eq. 3 and 4.
+class Likelihoods(NamedTuple):
+    """Likelihoods of N taps over the largest of each, as scaled numbers z 2^(-256 k).
 
-    Zero evidence shows as a log evidence of -inf, and the log posterior then is -inf throughout.
+    Attributes:
+        rows: z, 0 where the tap is impossible, shape (N, M, L).
+        least: The smallest z above 0 of each tap, shape (N,).
+        wide: Whether some k is not 0, shape (N,).
+        units: k, shape (N, M, L), or (0, M, L) where no tap is wide.
     """
-    log_joint = log_belief + log_likelihood
-    log_evidence = logsumexp(log_joint)
-    return log_joint - jnp.where(jnp.isneginf(log_evidence), 0.0, log_evidence), log_evidence
+
+    rows: NDArray[np.float64]
+    least: NDArray[np.float64]
+    wide: NDArray[np.bool_]
+    units: NDArray[np.int64]
 
 
-def marginals(log_belief: jax.Array) -> tuple[jax.Array, jax.Array]:
-    """The where (L,) and what (M,) marginals as probabilities; Eq. 5 and 6."""
-    belief = jnp.exp(log_belief)
-    return belief.sum(1), belief.sum(0)
+class ScaledBelief(NamedTuple):
+    """A belief over its largest class, as scaled numbers.
+
+    Attributes:
+        z: Shape (M, L).
+        k: Shape (M, L).
+        least: The smallest z above 0.
+    """
+
+    z: NDArray[np.float64]
+    k: NDArray[np.int64]
+    least: float
 
 
-def shift(log_belief: jax.Array, delta: jax.Array, border: Border) -> jax.Array:
-    """Log belief (L, M) after a move by `delta` where classes; Eq. 9, borders as in `reference.shift`."""
-    L, M = log_belief.shape
-    source = jnp.arange(L) - delta
-    if border == "circular":
-        return log_belief[source % L]
-    kept = ((source >= 0) & (source < L))[:, None]
-    moved = jnp.where(kept, log_belief[jnp.clip(source, 0, L - 1)], -jnp.inf)
-    if border == "prior":
-        shifted = jnp.where(kept, moved, -jnp.log(L * M))
-        return shifted - logsumexp(shifted)
-    target = jnp.arange(L) + delta
-    lost = jnp.where(((target < 0) | (target >= L))[:, None], log_belief, -jnp.inf)
-    if border == "clamp":
-        end = jnp.where(delta > 0, L - 1, 0)
-        piled = jnp.logaddexp(moved, logsumexp(lost, axis=0))
-        return _normalised(jnp.where(jnp.arange(L)[:, None] == end, piled, moved))
-    vacated = jnp.maximum(jnp.minimum(jnp.abs(delta), L), 1)
-    if border == "uniform":
-        spread = logsumexp(lost) - jnp.log(vacated * M)
-    else:
-        spread = logsumexp(lost, axis=0) - jnp.log(vacated)
-    return _normalised(jnp.where(kept, moved, spread))
+def likelihoods(log_likelihood: ArrayLike) -> Likelihoods:
+    """The kernel's table from log-likelihoods of shape (N, L, M)."""
+    z, k = _scaled(np.asarray(log_likelihood, dtype=np.float64))
+    wide = k.any(axis=(1, 2))
+    least = np.where(z > 0, z, np.inf).min(axis=(1, 2), initial=1.0)
+    return Likelihoods(z, least, wide, k if wide.any() else k[:0])
 
 
-def _normalised(log_belief: jax.Array) -> jax.Array:
-    return log_belief - logsumexp(log_belief)
+def scaled_belief(log_belief: ArrayLike) -> ScaledBelief:
+    """The kernel's belief from a log belief of shape (L, M)."""
+    z, k = _scaled(np.asarray(log_belief, dtype=np.float64)[np.newaxis])
+    return ScaledBelief(z[0], k[0], float(np.where(z > 0, z, np.inf).min(initial=1.0)))
 
 
-_update = jax.jit(update)
-_shift = partial(jax.jit, static_argnames="border")(shift)
+def border_number(border: Border) -> int:
+    """The kernel's number of a border."""
+    return BORDERS.index(border)
+
+
+def _scaled(log_values: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
+    """Numbers z in (2^-256, 1] and k, both (N, M, L), of values (N, L, M) over the largest of each."""
+    depth = np.ascontiguousarray(log_values.swapaxes(-1, -2))
+    top = depth.max(axis=(-1, -2), keepdims=True)
+    depth = depth - np.where(np.isneginf(top), 0.0, top)
+    k = np.zeros(depth.shape, dtype=np.int64)
+    deep = (depth < -_UNIT) & (depth > -np.inf)
+    if deep.any():
+        k[deep] = np.floor(-depth[deep] / _UNIT)
+        depth += k * _UNIT
+    return np.exp(depth), k
 
 
 @dataclass(frozen=True)
 class FilterEngine:
-    """The compiled filter of the Monte Carlo as an engine, in float64.
+    """The kernel of the Monte Carlo as an engine.
 
     Attributes:
         model: The fitted measurement model.
@@ -85,14 +94,50 @@ class FilterEngine:
         Raises:
             ZeroEvidenceError: The tap is impossible under every class.
         """
-        log_likelihood = self.model.log_likelihood(np.asarray(tap)[None])[0]
-        with jax.enable_x64(True):
-            posterior, log_evidence = _update(jnp.asarray(log_belief), jnp.asarray(log_likelihood))
-            if np.isneginf(log_evidence):
-                raise ZeroEvidenceError("The tap is impossible under every class that is still believed in.")
-            return np.asarray(posterior), float(log_evidence)
+        log_likelihood = self.model.log_likelihood(np.asarray(tap)[np.newaxis])[0]
+        belief, row = _Working(log_belief), scaled_belief(log_likelihood)
+        belief.multiply(row.z)
+        belief.k += row.k
+        if not belief.settle():
+            raise ZeroEvidenceError("The tap is impossible under every class that is still believed in.")
+        posterior = belief.log()
+        # Bayes' rule read backwards at the most probable class.
+        best = np.unravel_index(posterior.argmax(), posterior.shape)
+        return posterior, float(log_belief[best] + log_likelihood[best] - posterior[best])
 
     def shift(self, log_belief: NDArray[np.float64], delta: int) -> NDArray[np.float64]:
         """Eq. 9 compiled."""
-        with jax.enable_x64(True):
-            return np.asarray(_shift(jnp.asarray(log_belief), jnp.asarray(delta), self.border))
+        if delta == 0:
+            return log_belief
+        belief = _Working(log_belief)
+        belief.shift(delta, border_number(self.border))
+        belief.settle()
+        return belief.log()
+
+
+class _Working:
+    """A belief in the kernel's arrays."""
+
+    def __init__(self, log_belief: NDArray[np.float64]) -> None:
+        self.z, self.k, _ = scaled_belief(log_belief)
+        M, L = self.z.shape
+        self.on = (self.k == 0).astype(np.float64)
+        self.where, self.what = np.empty(L), np.empty(M)
+
+    def multiply(self, row: NDArray[np.float64]) -> float:
+        return kernel.multiply(self.z, self.on, row, self.where, self.what)
+
+    def settle(self) -> bool:
+        """Whether a class is left."""
+        return kernel.settle(self.z, self.k, self.on) > 0
+
+    def shift(self, delta: int, border: int) -> None:
+        total = self.multiply(np.ones_like(self.z))
+        room = np.empty(len(self.where)), np.empty(len(self.where), dtype=np.int64)
+        kernel.shift(self.z, self.k, self.on, delta, border, total, *room)
+
+    def log(self) -> NDArray[np.float64]:
+        """The normalised log belief, shape (L, M)."""
+        total = self.multiply(np.ones_like(self.z))
+        with np.errstate(divide="ignore"):
+            return np.ascontiguousarray((np.log(self.z) - self.k * _UNIT - np.log(total)).T)

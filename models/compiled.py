@@ -6,7 +6,7 @@ from typing import Any
 from numba import njit
 
 # Sums may be taken in another order and products fused, which vector instructions need; NaN and infinity stay exact.
-_FAST = {"reassoc", "contract", "nsz"}
+_OPTIONS: dict[str, Any] = {"nogil": True, "fastmath": {"reassoc", "contract", "nsz"}, "error_model": "numpy"}
 
 
 def compiled[F: Callable[..., Any]](function: F) -> F:
@@ -14,8 +14,7 @@ def compiled[F: Callable[..., Any]](function: F) -> F:
 
     Functions that call each other belong in one file: the copy on disk is not renewed when a callee elsewhere changes.
     """
-    options: dict[str, Any] = {"nogil": True, "fastmath": _FAST, "error_model": "numpy"}
     try:
-        return njit(cache=True, **options)(function)
+        return njit(cache=True, **_OPTIONS)(function)
     except RuntimeError:  # neither beside the file nor in the user's cache folder can anything be written
-        return njit(**options)(function)
+        return njit(**_OPTIONS)(function)

@@ -10,8 +10,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from solidtouch.inference import filter as bayes
-from solidtouch.inference import reference
+from solidtouch.inference import device, reference
 from solidtouch.inference.engine import make_engine
 from solidtouch.inference.enumeration import (
     MAX_SEQUENCE,
@@ -291,7 +290,7 @@ def test_engines_recover_from_any_belief(make_model, name):
 
 @pytest.mark.parametrize("border", BORDERS)
 def test_ten_thousand_taps_with_moves(border):
-    """Log beliefs of filter and reference stay finite and agree."""
+    """Log beliefs on arrays and of the reference stay finite and agree."""
     rng = np.random.default_rng(5)
     T, shape = 10_000, (3, 2)
     log_likelihood = 3 * rng.normal(size=(T, *shape))
@@ -303,8 +302,8 @@ def test_ten_thousand_taps_with_moves(border):
         log_evidence += evidence
 
     def step(log_belief, tap):
-        log_belief, evidence = bayes.update(log_belief, tap[0])
-        return bayes.shift(log_belief, tap[1], border), evidence
+        log_belief, evidence = device.update(log_belief, tap[0])
+        return device.shift(log_belief, tap[1], BORDERS.index(border)), evidence
 
     with jax.enable_x64(True):
         prior = jnp.log(jnp.full(shape, 1 / 6))

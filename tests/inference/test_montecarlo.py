@@ -2,14 +2,12 @@
 
 from functools import cache
 
-import jax
-import jax.numpy as jnp
 import numpy as np
 import pytest
 from solidtouch.hardware.model_rig import draw_taps
 from solidtouch.hardware.pool import tap_pool
 from solidtouch.hardware.replay import ReplayRig
-from solidtouch.inference import filter as bayes
+from solidtouch.inference import device, montecarlo
 from solidtouch.inference.control import fixation
 from solidtouch.inference.engine import make_engine
 from solidtouch.inference.episode import perceive
@@ -28,7 +26,7 @@ from solidtouch.models.taps import TapSet
 
 COUNT = np.array([[2, 0, 5], [1, 4, 3], [0, 6, 2], [3, 1, 0], [2, 2, 7]])
 """Test taps of each of 5 x 3 classes: unequal, and some without any."""
-TRIALS, SLOTS, DEADLINE, SEED = 30, 16, 23, 6
+TRIALS, DEADLINE, SEED = 30, 23, 6
 THETAS = (0.9, 0.35, 1.0, 0.6, 0.0, 0.97)
 
 
@@ -76,9 +74,9 @@ def play(table, plan):
     """Runs the planned trials, each variant once."""
 
     @cache
-    def run(theta_x=0.0, border="uniform", slots=SLOTS, thetas=THETAS, deadline=DEADLINE):
+    def run(theta_x=0.0, border="uniform", thetas=THETAS, deadline=DEADLINE, device="cpu"):
         return run_trials(
-            table, plan, thetas, theta_x=theta_x, border=border, deadline=deadline, seed=SEED, slots=slots
+            table, plan, thetas, theta_x=theta_x, border=border, deadline=deadline, seed=SEED, device=device
         )
 
     return run
@@ -130,10 +128,24 @@ def test_the_cases_above_are_not_trivial(play):
     assert passive.clamped.max() == 0
 
 
-@pytest.mark.parametrize("slots", [1, 7, 1000])
-def test_trials_do_not_depend_on_the_slots(play, slots):
-    """How trials are cut into pieces changes the speed only."""
-    assert_same(play(), play(slots=slots))
+@pytest.mark.parametrize("workers", [1, 2, 5])
+@pytest.mark.parametrize("piece", [1, 7])
+def test_trials_do_not_depend_on_pieces_and_threads(monkeypatch, table, plan, play, piece, workers):
+    """How trials are cut into pieces and who plays them changes the speed only."""
+    monkeypatch.setattr(montecarlo, "_AT_ONCE", piece)
+
+    assert_same(play(), run_trials(table, plan, THETAS, theta_x=0.0, deadline=DEADLINE, seed=SEED, workers=workers))
+
+
+@pytest.mark.parametrize(
+    ("theta_x", "border", "slots"), [(*variant, 7) for variant in VARIANTS] + [(0.0, "uniform", 64)]
+)
+def test_arrays_decide_as_loops_do(monkeypatch, play, theta_x, border, slots):
+    """The code for graphics processors, on the processor: in slots that are refilled and in more slots than trials."""
+    pytest.importorskip("jax")
+    monkeypatch.setitem(device._SLOTS, "cpu", slots)
+
+    assert_same(play(theta_x, border), play.__wrapped__(theta_x, border, device="xla-cpu"))
 
 
 def test_trials_do_not_depend_on_their_company(table, plan, play):
@@ -146,7 +158,6 @@ def test_trials_do_not_depend_on_their_company(table, plan, play):
         theta_x=0.0,
         deadline=DEADLINE,
         seed=SEED,
-        slots=len(chosen),
     )
 
     assert_same(type(part)(*(field[chosen] for field in play())), part)
@@ -193,15 +204,16 @@ def test_a_deadline_of_one_tap(play):
 
 def test_the_seed_decides(table, plan, play):
     """Another seed draws other taps."""
-    other = run_trials(table, plan, THETAS, theta_x=0.0, deadline=DEADLINE, seed=SEED + 1, slots=SLOTS)
+    other = run_trials(table, plan, THETAS, theta_x=0.0, deadline=DEADLINE, seed=SEED + 1)
 
     assert not np.array_equal(other.taps, play().taps)
 
 
-def test_progress_counts_every_trial(table, plan):
+def test_progress_counts_every_trial(monkeypatch, table, plan):
     """The calls sum to the number of trials."""
+    monkeypatch.setattr(montecarlo, "_AT_ONCE", 4)
     finished = []
-    run_trials(table, plan, THETAS, theta_x=0.0, deadline=DEADLINE, seed=SEED, slots=SLOTS, progress=finished.append)
+    run_trials(table, plan, THETAS, theta_x=0.0, deadline=DEADLINE, seed=SEED, progress=finished.append)
 
     assert sum(finished) == TRIALS
     assert len(finished) > 1
@@ -278,9 +290,7 @@ def test_a_threshold_that_is_met_exactly_goes_on():
 def test_a_move_needs_more_belief_than_its_threshold():
     """The sensor stays while the where belief is exactly theta_X."""
     table = flat_table(2, 3)
-    with jax.enable_x64(True):
-        log_belief, _ = bayes.update(jnp.asarray(table.log_prior), jnp.zeros((2, 3)))
-        theta_x = float(bayes.marginals(log_belief)[0].max())
+    theta_x = 0.5
     stays, moves = (
         run_trials(table, first_class(1), (1.0,), theta_x=theta, deadline=2).true_where[0, 0]
         for theta in (theta_x, theta_x - 1e-9)
@@ -289,14 +299,15 @@ def test_a_move_needs_more_belief_than_its_threshold():
     assert (stays, moves) == (0, 1)
 
 
-def test_beliefs_that_rounding_lifts_above_one_do_not_cross_a_threshold_of_one():
-    """With a single object every belief in it is one, up to the last digit."""
+@pytest.mark.parametrize("where_to", ["cpu", "xla-cpu"])
+def test_a_single_object_does_not_cross_a_threshold_of_one(where_to):
+    """Every belief in it is one, up to the last digit, which may lie above."""
     rng = np.random.default_rng(0)
     log_likelihood = rng.normal(size=(400, 7, 1))
     table = TapTable(log_likelihood, tap_pool(np.arange(400) % 7, [0] * 400, (7, 1)), np.full((7, 1), -np.log(7)))
-    trials = run_trials(table, plan_trials(table.pool, 300, 0), (1.0,), theta_x=1.0, deadline=2)
+    trials = run_trials(table, plan_trials(table.pool, 300, 0), (1.0,), theta_x=1.0, deadline=2, device=where_to)
 
-    assert trials.belief.max() > 1.0
+    np.testing.assert_allclose(trials.belief, 1.0, rtol=1e-12)
     assert not trials.stopped.any()
 
 
@@ -342,14 +353,16 @@ def test_plans_without_trials_or_taps_are_refused(table):
     ("more", "message"),
     [
         ({"border": "wall"}, "border must be one of uniform, .* got 'wall'"),
-        ({"deadline": 0}, "need a threshold, a deadline and slots, got 6, 0, 16"),
-        ({"slots": 0}, "got 6, 23, 0"),
-        ({"thresholds": ()}, "got 0, 23, 16"),
+        ({"deadline": 0}, "need a threshold and a deadline, got 6 and 0"),
+        ({"thresholds": ()}, "got 0 and 23"),
+        ({"thresholds": (0.5, np.nan)}, "A threshold is NaN"),
+        ({"device": "tpu"}, "device must be cpu, gpu or xla-cpu, got 'tpu'"),
+        ({"workers": 0}, "at least one worker, got 0"),
     ],
 )
 def test_arguments_out_of_range_are_refused(table, plan, more, message):
     """The message shows what was given."""
-    arguments = {"thresholds": THETAS, "theta_x": 0.0, "deadline": DEADLINE, "slots": SLOTS} | more
+    arguments = {"thresholds": THETAS, "theta_x": 0.0, "deadline": DEADLINE} | more
     with pytest.raises(InputError, match=message):
         run_trials(table, plan, **arguments)
 

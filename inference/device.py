@@ -1,0 +1,274 @@
+"""Trials as arrays on whatever JAX finds, above all a GPU: the same decisions as the compiled loops.
+
+Trials occupy a fixed number of slots. A slot whose trial has decided at every threshold takes the next one at the end
+of a round, so nobody waits for the slowest, and nothing comes back to the host before all have ended. Beliefs are log
+beliefs in float64.
+"""
+
+from functools import partial
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax.scipy.special import logsumexp
+
+from ..models.errors import InputError
+from . import draws
+from .montecarlo import Rule, TapTable, TrialPlan, Trials
+from .reference import BORDERS
+
+_SLOTS = {"cpu": 1024, "gpu": 1 << 16}
+_AT_ONCE = {"cpu": 1 << 14, "gpu": 1 << 20}
+_ROUND = 8  # taps between two looks at which trials have ended
+
+
+def update(log_belief: jax.Array, log_likelihood: jax.Array) -> tuple[jax.Array, jax.Array]:
+    """Log posterior (L, M) and log evidence of one tap; Eq. 3 and 4.
+
+    Zero evidence shows as a log evidence of -inf, and the log posterior then is -inf throughout.
+    """
+    log_joint = log_belief + log_likelihood
+    log_evidence = logsumexp(log_joint)
+    return log_joint - jnp.where(jnp.isneginf(log_evidence), 0.0, log_evidence), log_evidence
+
+
+def shift(log_belief: jax.Array, delta: jax.Array, border: int) -> jax.Array:
+    """Log belief (L, M) after a move by `delta` where classes; Eq. 9, borders as in `reference.shift`."""
+    L, M = log_belief.shape
+    name = BORDERS[border]
+    source = jnp.arange(L) - delta
+    if name == "circular":
+        return log_belief[source % L]
+    kept = ((source >= 0) & (source < L))[:, None]
+    moved = jnp.where(kept, log_belief[jnp.clip(source, 0, L - 1)], -jnp.inf)
+    if name == "prior":
+        return _normalised(jnp.where(kept, moved, -jnp.log(L * M)))
+    target = jnp.arange(L) + delta
+    lost = jnp.where(((target < 0) | (target >= L))[:, None], log_belief, -jnp.inf)
+    if name == "clamp":
+        end = jnp.where(delta > 0, L - 1, 0)
+        piled = jnp.logaddexp(moved, logsumexp(lost, axis=0))
+        return _normalised(jnp.where(jnp.arange(L)[:, None] == end, piled, moved))
+    vacated = jnp.maximum(jnp.minimum(jnp.abs(delta), L), 1)
+    cells, alike = (M * vacated, None) if name == "uniform" else (vacated, 0)
+    spread = logsumexp(lost, axis=alike) - jnp.log(cells)
+    return _normalised(jnp.where(kept, moved, spread))
+
+
+def _normalised(log_belief: jax.Array) -> jax.Array:
+    return log_belief - logsumexp(log_belief)
+
+
+class _Tables(NamedTuple):
+    """Constant arrays of a run."""
+
+    log_likelihood: jax.Array
+    log_prior: jax.Array
+    order: jax.Array
+    first: jax.Array
+    size: jax.Array
+    nearest: jax.Array
+    thresholds: jax.Array
+    theta_x: jax.Array
+    key: tuple[jax.Array, jax.Array]
+
+
+class _Plan(NamedTuple):
+    """The trials to play."""
+
+    where: jax.Array
+    what: jax.Array
+    fixation: jax.Array
+    stream: jax.Array
+
+
+class _Record(NamedTuple):
+    """Decisions at every threshold, in their increasing order; shape (..., H)."""
+
+    taps: jax.Array
+    what: jax.Array
+    where: jax.Array
+    true_where: jax.Array
+    stopped: jax.Array
+    clamped: jax.Array
+    substituted: jax.Array
+    belief: jax.Array
+
+
+class _Slot(NamedTuple):
+    """A trial in progress; with a slot axis in front, all of them."""
+
+    trial: jax.Array
+    log_belief: jax.Array
+    at: jax.Array
+    tap: jax.Array
+    clamped: jax.Array
+    substituted: jax.Array
+    decided: jax.Array
+    impossible: jax.Array
+    record: _Record
+
+
+class ArrayPlayer:
+    """Plays trials on a JAX device.
+
+    Args:
+        table: Test taps.
+        rule: How trials move and stop.
+        platform: `"gpu"` or `"cpu"`.
+
+    Attributes:
+        at_once: How many trials it is best given at a time.
+
+    Raises:
+        InputError: JAX finds no such device.
+    """
+
+    def __init__(self, table: TapTable, rule: Rule, platform: str) -> None:
+        try:
+            self._device = jax.devices(platform)[0]
+        except RuntimeError as error:
+            raise InputError(
+                "There is no GPU that JAX can use here (--device gpu needs one, and the jax package built for it)."
+            ) from error
+        self.at_once, self._slots, self._rule = _AT_ONCE[platform], _SLOTS[platform], rule
+        pool, put = table.pool, partial(jax.device_put, device=self._device)
+        with jax.enable_x64(True):
+            self._tables = _Tables(
+                log_likelihood=put(table.log_likelihood),
+                log_prior=put(table.log_prior),
+                order=put(pool.order),
+                first=put(pool.first),
+                size=put(pool.count),
+                nearest=put(pool.nearest),
+                thresholds=put(rule.thresholds),
+                theta_x=put(np.float64(rule.theta_x)),
+                key=(put(rule.key0), put(rule.key1)),
+            )
+
+    def __call__(self, plan: TrialPlan, first: int, last: int, trials: Trials) -> int:
+        """See `montecarlo.Player`."""
+        rule, n = self._rule, last - first
+        with jax.enable_x64(True):
+            rows = TrialPlan(*(column[first:last] for column in plan))
+            part = _Plan(**jax.device_put(rows._asdict(), self._device))
+            record, impossible = _play(
+                self._tables, part, min(self._slots, n), rule.border, rule.deadline, rule.theta_x < 1
+            )
+            for name, values in zip(_Record._fields, jax.device_get(record), strict=True):
+                getattr(trials, name)[first:last][:, rule.column] = values
+        return int(impossible)
+
+
+@partial(jax.jit, static_argnums=(2, 3, 4, 5))
+def _play(
+    tables: _Tables, plan: _Plan, slots: int, border: int, deadline: int, moving: bool
+) -> tuple[_Record, jax.Array]:
+    """All trials of a plan; their decisions and the number that met an impossible tap."""
+    n, H = len(plan.where), len(tables.thresholds)
+    step = jax.vmap(partial(_tap, tables, plan, border=border, deadline=deadline, moving=moving))
+    fresh = jax.vmap(partial(_fresh, tables, plan))
+
+    def busy(carry: tuple[_Slot, _Record, jax.Array, jax.Array]) -> jax.Array:
+        return (carry[0].trial < n).any()
+
+    def turn(carry: tuple[_Slot, _Record, jax.Array, jax.Array]) -> tuple[_Slot, _Record, jax.Array, jax.Array]:
+        state, records, following, impossible = carry
+        state, _ = jax.lax.scan(lambda now, _: (step(now), None), state, length=_ROUND)
+        ended = (state.trial < n) & ((state.decided == H) | state.impossible)
+        rows = jnp.where(ended, state.trial, n)
+        records = jax.tree.map(lambda all_, new: all_.at[rows].set(new, mode="drop"), records, state.record)
+        trial = jnp.minimum(following + jnp.cumsum(ended) - 1, n)
+        state = jax.tree.map(partial(_choose, ended), fresh(trial), state)
+        return state, records, following + ended.sum(), impossible + (ended & state.impossible).sum()
+
+    start = fresh(jnp.arange(slots))
+    records = jax.tree.map(lambda field: jnp.zeros((n, *field.shape[1:]), field.dtype), start.record)
+    _, records, _, impossible = jax.lax.while_loop(busy, turn, (start, records, jnp.asarray(slots), jnp.asarray(0)))
+    return records, impossible
+
+
+def _choose(condition: jax.Array, new: jax.Array, old: jax.Array) -> jax.Array:
+    return jnp.where(condition.reshape(-1, *([1] * (old.ndim - 1))), new, old)
+
+
+def _fresh(tables: _Tables, plan: _Plan, trial: jax.Array) -> _Slot:
+    """A trial before its first tap; a number past the plan's end gives an idle slot."""
+    row = jnp.minimum(trial, len(plan.where) - 1)
+    at = tables.nearest[plan.where[row], plan.what[row]]
+    zero = jnp.zeros((), dtype=jnp.int64)
+    none = jnp.zeros(len(tables.thresholds), dtype=jnp.int64)
+    return _Slot(
+        trial=trial,
+        log_belief=tables.log_prior,
+        at=at,
+        tap=zero,
+        clamped=zero,
+        substituted=(at != plan.where[row]).astype(jnp.int64),
+        decided=zero,
+        impossible=jnp.asarray(False),
+        record=_Record(
+            taps=none,
+            what=none,
+            where=none,
+            true_where=none,
+            stopped=none.astype(bool),
+            clamped=none,
+            substituted=none,
+            belief=none.astype(jnp.float64),
+        ),
+    )
+
+
+def _tap(tables: _Tables, plan: _Plan, slot: _Slot, *, border: int, deadline: int, moving: bool) -> _Slot:
+    """One tap of one trial and the move after it; the order of `episode.perceive`."""
+    row = jnp.minimum(slot.trial, len(plan.where) - 1)
+    held = plan.what[row]
+    word = _word(tables.key, plan.stream[row], slot.tap)
+    number = draws.below(word, tables.size[slot.at, held].astype(jnp.uint64)).astype(jnp.int64)
+    index = tables.order[tables.first[slot.at, held] + number]
+    log_belief, log_evidence = update(slot.log_belief, tables.log_likelihood[index])
+    belief = jnp.exp(log_belief)
+    where, what = belief.sum(1), belief.sum(0)
+    slot = _decide(tables, slot._replace(log_belief=log_belief), where, what, deadline)
+    slot = slot._replace(
+        tap=slot.tap + 1,
+        impossible=slot.impossible | (jnp.isneginf(log_evidence) & (slot.decided < len(tables.thresholds))),
+    )
+    return _move(tables, slot, where, plan.fixation[row], held, border) if moving else slot
+
+
+def _decide(tables: _Tables, slot: _Slot, where: jax.Array, what: jax.Array, deadline: int) -> _Slot:
+    """Notes the thresholds that are crossed for the first time, or all that are left at the deadline."""
+    order = jnp.arange(len(tables.thresholds))
+    above = what.max() > tables.thresholds
+    reached = jnp.where(slot.tap == deadline - 1, len(order), above.sum())
+    new = (order >= slot.decided) & (order < reached)
+    now = _Record(
+        slot.tap + 1, what.argmax(), where.argmax(), slot.at, above, slot.clamped, slot.substituted, what.max()
+    )
+    record = jax.tree.map(lambda old, value: jnp.where(new, value, old), slot.record, now)
+    return slot._replace(decided=jnp.maximum(slot.decided, reached), record=record)
+
+
+def _move(tables: _Tables, slot: _Slot, where: jax.Array, fixation: jax.Array, held: jax.Array, border: int) -> _Slot:
+    """Eq. 8 to 10; the true class is clipped to the range, the belief shifts by what was commanded."""
+    delta = jnp.where(where.max() > tables.theta_x, fixation - where.argmax(), 0)
+    commanded = slot.at + delta
+    reached = jnp.clip(commanded, 0, len(where) - 1)
+    landed = tables.nearest[reached, held]
+    return slot._replace(
+        log_belief=shift(slot.log_belief, delta, border),
+        at=landed,
+        clamped=slot.clamped + (reached != commanded),
+        substituted=slot.substituted + (landed != reached),
+    )
+
+
+def _word(key: tuple[jax.Array, jax.Array], stream: jax.Array, tap: jax.Array) -> jax.Array:
+    """The random word of a tap, as `draws.words` has it."""
+    stream, tap = stream.astype(jnp.uint64), tap.astype(jnp.uint64)
+    low, half = np.uint64(0xFFFFFFFF), np.uint64(32)
+    block = draws.philox(tap // np.uint64(draws.PER_BLOCK), jnp.uint64(draws.TAPS), stream & low, stream >> half, *key)
+    return jnp.stack(block)[tap % np.uint64(draws.PER_BLOCK)]

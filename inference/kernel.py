@@ -1,0 +1,309 @@
+"""The belief update and whole trials compiled for speed.
+
+A belief is carried unnormalised and without a floor, as scaled numbers z 2^(-256 k): a class whose z gets small goes
+one unit down in k and no longer counts in the marginals, but is carried on, so that it can come back after any
+number of taps. Nothing is lost as it would be with plain probabilities, and no logarithm is taken as with log beliefs.
+
+Arrays have the axes (M, L), objects first, so that vector instructions run along the positions.
+"""
+
+import math
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..models.compiled import compiled
+from . import draws
+
+if TYPE_CHECKING:
+    from ..hardware.pool import TapPool
+    from .filter import Likelihoods, ScaledBelief
+    from .montecarlo import Rule, TrialPlan, Trials
+
+type Floats = NDArray[np.float64]
+type Integers = NDArray[np.int64]
+
+UNIT = 256
+_DOWN, _UP = 2.0**-UNIT, 2.0**UNIT
+_LEAST = 2.0**-1000  # products of belief and likelihood stay above it, well clear of subnormal numbers
+_LEAST_TOTAL = 2.0**-128  # classes of the next k are smaller than this in proportion
+
+UNIFORM, UNIFORM_WHAT, PRIOR, CLAMP, CIRCULAR = range(5)
+"""Borders, in the order of `reference.BORDERS`."""
+
+_philox = compiled(draws.philox)
+_TAPS = np.uint64(draws.TAPS)
+_HALF = np.uint64(32)
+_LOW = np.uint64(0xFFFFFFFF)
+
+
+@compiled
+def multiply(z: Floats, on: Floats, row: Floats, where: Floats, what: Floats) -> float:
+    """Multiplies a belief with a tap's likelihoods and sums up its marginals; Eq. 3 to 6, not normalised.
+
+    Args:
+        z: Belief, changed in place.
+        on: 1 where k = 0, else 0.
+        row: Likelihoods of the tap over their maximum.
+        where: Receives the marginal over what, shape (L,).
+        what: Receives the marginal over where, shape (M,).
+
+    Returns:
+        The total.
+    """
+    M, L = z.shape
+    for l in range(L):
+        where[l] = 0.0
+    total = 0.0
+    for m in range(M):
+        partial = 0.0
+        for l in range(L):
+            value = z[m, l] * row[m, l]
+            z[m, l] = value
+            counted = value * on[m, l]
+            where[l] += counted
+            partial += counted
+        what[m] = partial
+        total += partial
+    return total
+
+
+@compiled
+def settle(z: Floats, k: Integers, on: Floats) -> float:
+    """Brings the largest classes to k = 0 and a total near 1, and every other one to a z above 2^-256.
+
+    Returns:
+        The smallest z above 0; 0 if every class is impossible.
+    """
+    M, L = z.shape
+    top = np.iinfo(np.int64).max
+    for m in range(M):
+        for l in range(L):
+            if z[m, l] > 0 and k[m, l] < top:
+                top = k[m, l]
+    total = 0.0
+    for m in range(M):
+        for l in range(L):
+            if z[m, l] > 0 and k[m, l] == top:
+                total += z[m, l]
+    if total == 0:
+        return 0.0
+    scale = math.ldexp(1.0, -math.frexp(total)[1])
+    least = np.inf
+    for m in range(M):
+        for l in range(L):
+            value = z[m, l] * scale
+            unit = k[m, l] - top
+            if value > 0:
+                while value < _DOWN:
+                    value *= _UP
+                    unit += 1
+                while unit > 0 and value >= 1:
+                    value *= _DOWN
+                    unit -= 1
+                least = min(least, value)
+            z[m, l] = value
+            k[m, l] = unit
+            on[m, l] = 1.0 if unit == 0 else 0.0
+    return least
+
+
+@compiled
+def add(z1: float, k1: int, z2: float, k2: int) -> tuple[float, int]:
+    """The sum of two scaled numbers."""
+    if z1 == 0 or (z2 > 0 and k2 < k1):
+        z1, k1, z2, k2 = z2, k2, z1, k1
+    if z2 == 0:
+        return z1, k1
+    return z1 + math.ldexp(z2, -UNIT * (k2 - k1)), k1
+
+
+@compiled
+def total_of(z: Floats, k: Integers, on: Floats, m0: int, m1: int, l0: int, l1: int) -> tuple[float, int]:
+    """The sum of a block of classes, as a scaled number."""
+    value, unit = 0.0, 0
+    for m in range(m0, m1):
+        for l in range(l0, l1):
+            value += z[m, l] * on[m, l]
+    if value >= _LEAST_TOTAL:
+        return value, unit
+    value = 0.0
+    for m in range(m0, m1):
+        for l in range(l0, l1):
+            value, unit = add(value, unit, z[m, l], k[m, l])
+    return value, unit
+
+
+@compiled
+def largest(values: Floats) -> int:
+    """The index of the largest value, the first of equal ones."""
+    best = values[0]
+    for i in range(1, len(values)):
+        best = max(best, values[i])
+    index = 0
+    while values[index] < best:
+        index += 1
+    return index
+
+
+@compiled
+def shift(
+    z: Floats, k: Integers, on: Floats, delta: int, border: int, total: float, old_z: Floats, old_k: Integers
+) -> float:
+    """Moves a belief by `delta` where classes; Eq. 9, borders as in `reference.shift`.
+
+    Args:
+        z: Belief, changed in place, with `k` and `on`.
+        k: Its units.
+        on: 1 where k = 0, else 0.
+        delta: Where classes moved, not 0.
+        border: One of the numbers above.
+        total: Of the belief.
+        old_z: Room for L numbers.
+        old_k: Room for L integers.
+
+    Returns:
+        The smallest z above 0 that the vacated classes got; infinity where there is none.
+    """
+    M, L = z.shape
+    out = min(abs(delta), L)
+    lost = L - out if delta > 0 else 0  # first class that leaves the range
+    new_z, new_k = 0.0, 0
+    if border == UNIFORM:
+        new_z, new_k = total_of(z, k, on, 0, M, lost, lost + out)
+        new_z /= out * M
+    elif border == PRIOR:
+        new_z = total / (L * M)
+    least = np.inf
+    for m in range(M):
+        for l in range(L):
+            old_z[l], old_k[l] = z[m, l], k[m, l]
+        piled_z, piled_k = 0.0, 0
+        if border == UNIFORM_WHAT:
+            new_z, new_k = total_of(z, k, on, m, m + 1, lost, lost + out)
+            new_z /= out
+        elif border == CLAMP:
+            piled_z, piled_k = total_of(z, k, on, m, m + 1, lost, lost + out)
+        for l in range(L):
+            source = (l - delta) % L if border == CIRCULAR else l - delta
+            if 0 <= source < L:
+                z[m, l], k[m, l] = old_z[source], old_k[source]
+            else:
+                z[m, l], k[m, l] = new_z, new_k
+        if border == CLAMP:
+            end = L - 1 if delta > 0 else 0
+            z[m, end], k[m, end] = add(z[m, end], k[m, end], piled_z, piled_k)
+        if new_z > 0:
+            least = min(least, new_z)
+        for l in range(L):
+            on[m, l] = 1.0 if k[m, l] == 0 else 0.0
+    return least
+
+
+@compiled
+def play(
+    table: "Likelihoods",
+    pool: "TapPool",
+    prior: "ScaledBelief",
+    plan: "TrialPlan",
+    rule: "Rule",
+    first: int,
+    last: int,
+    trials: "Trials",
+) -> int:
+    """Plays trials `first` to `last` - 1 of a plan and decides them at every threshold.
+
+    Args:
+        table: The test taps.
+        pool: Which of them belong to which class.
+        prior: Belief before the first tap.
+        plan: The trials.
+        rule: How they move and stop.
+        first: First row of the plan.
+        last: Behind the last one.
+        trials: Its rows are filled in.
+
+    Returns:
+        How many trials met a tap that was impossible under every class still believed in.
+    """
+    M, L = prior.z.shape
+    H = len(rule.thresholds)
+    z, k, on = np.empty((M, L)), np.empty((M, L), np.int64), np.empty((M, L))
+    where, what, ones = np.empty(L), np.empty(M), np.ones((M, L))
+    old_z, old_k = np.empty(L), np.empty(L, np.int64)
+    moving = rule.theta_x < 1
+    impossible = best_where = 0
+    word = word1 = word2 = word3 = np.uint64(0)
+    for i in range(first, last):
+        for m in range(M):
+            for l in range(L):
+                z[m, l], k[m, l] = prior.z[m, l], prior.k[m, l]
+                on[m, l] = 1.0 if k[m, l] == 0 else 0.0
+        least = prior.least
+        held = plan.what[i]
+        at = pool.nearest[plan.where[i], held]
+        clamped, substituted = 0, np.int64(at != plan.where[i])
+        stream = np.uint64(plan.stream[i])
+        decided = 0
+        for tap in range(rule.deadline):
+            lane = tap & 3
+            if lane == 0:
+                word, word1, word2, word3 = _philox(
+                    np.uint64(tap >> 2), _TAPS, stream & _LOW, stream >> _HALF, rule.key0, rule.key1
+                )
+            elif lane == 1:
+                word = word1
+            elif lane == 2:
+                word = word2
+            else:
+                word = word3
+            number = np.int64((word * np.uint64(pool.count[at, held])) >> _HALF)
+            index = pool.order[pool.first[at, held] + number]
+
+            # Written out here: handed to a function, the arrays' reference counts would cost as much as the work.
+            least *= table.least[index]
+            if least < _LEAST:
+                least = settle(z, k, on) * table.least[index]
+            total = multiply(z, on, table.rows[index], where, what)
+            wide = table.wide[index]
+            if wide:
+                for m in range(M):
+                    for l in range(L):
+                        k[m, l] += table.units[index, m, l]
+            if wide or total < _LEAST_TOTAL:
+                least = settle(z, k, on)
+                if least == 0:
+                    impossible += 1
+                    break
+                total = multiply(z, on, ones, where, what)
+
+            best_what = largest(what)
+            belief = what[best_what] / total
+            last_tap = tap == rule.deadline - 1
+            if moving or last_tap or belief > rule.thresholds[decided]:
+                best_where = largest(where)
+            while decided < H and (belief > rule.thresholds[decided] or last_tap):
+                h = rule.column[decided]
+                trials.taps[i, h] = tap + 1
+                trials.what[i, h] = best_what
+                trials.where[i, h] = best_where
+                trials.true_where[i, h] = at
+                trials.stopped[i, h] = belief > rule.thresholds[decided]
+                trials.clamped[i, h] = clamped
+                trials.substituted[i, h] = substituted
+                trials.belief[i, h] = belief
+                decided += 1
+            if decided == H:
+                break
+
+            if moving and where[best_where] > rule.theta_x * total:
+                delta = plan.fixation[i] - best_where
+                if delta != 0:
+                    least = min(least, shift(z, k, on, delta, rule.border, total, old_z, old_k))
+                    commanded = at + delta
+                    reached = min(max(commanded, 0), L - 1)
+                    at = pool.nearest[reached, held]
+                    clamped += reached != commanded
+                    substituted += at != reached
+    return impossible

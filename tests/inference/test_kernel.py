@@ -1,0 +1,222 @@
+"""The compiled trials against the reference equations on log beliefs: any sizes, any depth, any length."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from solidtouch.hardware.pool import tap_pool
+from solidtouch.inference import kernel, reference
+from solidtouch.inference.filter import likelihoods, scaled_belief
+from solidtouch.inference.montecarlo import TapTable, TrialPlan, run_trials, trial_uniforms
+from solidtouch.inference.reference import BORDERS, ZeroEvidenceError
+
+NEAR_TIE = 1e-6
+
+
+def random_table(rng, L, M, depth, impossible, N):
+    """Taps of most classes whose log-likelihoods span about `depth`; some are impossible."""
+    log_likelihood = -depth * rng.exponential(size=(N, L, M)) - rng.choice([0.0, 700.0, 1e5])
+    log_likelihood[rng.random(log_likelihood.shape) < impossible] = -np.inf
+    prior = rng.normal(size=(L, M)) * rng.choice([0.0, 1.0, 300.0])
+    return TapTable(
+        log_likelihood,
+        tap_pool(rng.integers(L, size=N), rng.integers(M, size=N), (L, M)),
+        prior - np.logaddexp.reduce(prior.ravel()),
+    )
+
+
+def random_plan(rng, table, trials):
+    held = np.flatnonzero(table.pool.count.sum(axis=0))
+    L = len(table.log_prior)
+    return TrialPlan(
+        rng.integers(L, size=trials),
+        rng.choice(held, size=trials),
+        rng.integers(L, size=trials),
+        rng.integers(2**40, size=trials),
+    )
+
+
+def margin(values, threshold):
+    """How far a decision on these values is from another one."""
+    ordered = np.sort(values)[::-1]
+    gap = ordered[0] - ordered[1] if len(ordered) > 1 else np.inf
+    return min(gap, abs(ordered[0] - threshold))
+
+
+class Trial:
+    """One trial with the reference equations, until all thresholds have decided."""
+
+    def __init__(self, table, where, what, fixation, stream, thresholds, theta_x, border, deadline, seed):
+        self.rows, self.margins = {}, []
+        uniforms = trial_uniforms(seed, stream, deadline)
+        log_belief, at, open_ = table.log_prior, int(table.pool.nearest[where, what]), list(thresholds)
+        for tap, uniform in enumerate(uniforms):
+            log_belief, _ = reference.update_log(log_belief, table.log_likelihood[table.pool.pick(at, what, uniform)])
+            belief = np.exp(log_belief)
+            where_marginal, what_marginal = reference.where_marginal(belief), reference.what_marginal(belief)
+            self.margins.append(
+                min([margin(what_marginal, theta) for theta in open_] + [margin(where_marginal, theta_x)])
+            )
+            for theta in list(open_):
+                decision = reference.what_decision(belief, theta)
+                if decision is not None or tap == deadline - 1:
+                    open_.remove(theta)
+                    self.rows[theta] = (
+                        tap + 1,
+                        int(what_marginal.argmax()),
+                        int(where_marginal.argmax()),
+                        at,
+                        decision is not None,
+                        what_marginal.max(),
+                    )
+            if not open_:
+                return
+            believed = reference.where_decision(belief, theta_x)
+            if believed is not None:
+                delta = reference.fixation_move(believed, fixation)
+                log_belief = reference.shift_log(log_belief, delta, border)
+                at = int(table.pool.nearest[min(max(at + delta, 0), len(belief) - 1), what])
+
+
+def assert_same(table, plan, thresholds, theta_x, border, deadline, seed, tolerance=1e-10):
+    """Every trial decides as the reference does; those with a near-tie on their way are counted and returned."""
+    trials = run_trials(table, plan, thresholds, theta_x=theta_x, border=border, deadline=deadline, seed=seed)
+    near = 0
+    for i, row in enumerate(zip(*plan, strict=True)):
+        expected = Trial(table, *(int(v) for v in row), thresholds, theta_x, border, deadline, seed)
+        for h, theta in enumerate(thresholds):
+            taps, what, where, true_where, stopped, belief = expected.rows[theta]
+            decided = tuple(
+                int(field[i, h])
+                for field in (trials.taps, trials.what, trials.where, trials.true_where, trials.stopped)
+            )
+            same = decided == (taps, what, where, true_where, stopped)
+            if not same or trials.belief[i, h] != pytest.approx(belief, abs=tolerance):
+                assert min(expected.margins[: max(taps, decided[0])]) < NEAR_TIE
+                near += 1
+    return near
+
+
+@settings(max_examples=60, deadline=None)
+@given(
+    L=st.integers(1, 9),
+    M=st.integers(1, 7),
+    depth=st.sampled_from([0.1, 1.0, 30.0, 400.0, 1e4]),
+    impossible=st.sampled_from([0.0, 0.0, 0.05]),
+    border=st.sampled_from(BORDERS),
+    theta_x=st.sampled_from([0.0, 0.0, 0.4, 0.9, 1.0]),
+    deadline=st.integers(1, 60),
+    seed=st.integers(0, 2**32 - 1),
+)
+def test_trials_of_any_size_and_depth_are_those_of_the_reference(
+    L, M, depth, impossible, border, theta_x, deadline, seed
+):
+    """Depths reach ten thousand nats between neighbouring classes, far below what a floating-point number holds."""
+    rng = np.random.default_rng(seed)
+    table = random_table(rng, L, M, depth, impossible, int(rng.integers(1, 30)))
+    plan = random_plan(rng, table, 5)
+    thresholds = (0.3, 0.9, 1.0, 0.999)
+    try:
+        for row in zip(*plan, strict=True):
+            Trial(table, *(int(v) for v in row), thresholds, theta_x, border, deadline, seed)
+    except ZeroEvidenceError:
+        with pytest.raises(ZeroEvidenceError, match="impossible under every class"):
+            run_trials(table, plan, thresholds, theta_x=theta_x, border=border, deadline=deadline, seed=seed)
+    else:
+        assert_same(table, plan, thresholds, theta_x, border, deadline, seed)
+
+
+@pytest.mark.parametrize("border", BORDERS)
+@pytest.mark.parametrize("theta_x", [0.0, 0.7, 1.0])
+def test_ten_thousand_taps(border, theta_x):
+    """Beliefs stay within 1e-10 of the log domain to the end."""
+    rng = np.random.default_rng(1)
+    table = random_table(rng, 5, 3, 6.0, 0.0, 90)
+    plan = random_plan(rng, table, 2)
+
+    assert assert_same(table, plan, (1.0,), theta_x, border, 10_000, 3) == 0
+
+
+@pytest.mark.parametrize("step", [3.0, 40.0, 900.0])
+def test_classes_come_back_from_any_depth(step):
+    """Two objects whose log odds walk at random over thousands of steps: whoever leads at the end is believed.
+
+    A floor under beliefs, or numbers that underflow, would let the last few taps decide.
+    """
+    table = TapTable(
+        np.array([[[0.0, -step]], [[-step, 0.0]]]), tap_pool([0, 0], [0, 0], (1, 2)), np.log(np.full((1, 2), 0.5))
+    )
+    trials, deadline, seed = 300, 999, 4
+    plan = TrialPlan(*np.zeros((3, trials), dtype=int), np.arange(trials))
+    decided = run_trials(table, plan, (1.0,), theta_x=1.0, deadline=deadline, seed=seed)
+    odds = np.array(
+        [step * (deadline - 2 * (trial_uniforms(seed, stream, deadline) >= 0.5).sum()) for stream in range(trials)]
+    )
+    lowest = -step * np.sqrt(deadline)
+
+    assert odds.min() < lowest
+    np.testing.assert_array_equal(decided.what[:, 0], odds < 0)
+    np.testing.assert_allclose(decided.belief[:, 0], 1 / (1 + np.exp(-np.abs(odds))), atol=1e-10)
+
+
+def test_likelihoods_are_held_exactly_however_deep():
+    """z 2^(-256 k) is the likelihood over the largest of its tap, z lies above 2^-256, zero is zero."""
+    rng = np.random.default_rng(0)
+    log_likelihood = -rng.exponential(size=(50, 4, 3)) * 10.0 ** rng.integers(-2, 6, size=(50, 1, 1))
+    log_likelihood[0, 1, 1] = -np.inf
+    table = likelihoods(log_likelihood)
+    depth = (log_likelihood - log_likelihood.max(axis=(1, 2), keepdims=True)).swapaxes(1, 2)
+
+    assert table.units.any(axis=(1, 2)).tolist() == table.wide.tolist()
+    possible = np.isfinite(depth)
+    np.testing.assert_allclose(
+        (np.log(np.where(possible, table.rows, 1.0)) - table.units * 256 * np.log(2))[possible],
+        depth[possible],
+        rtol=1e-12,
+        atol=1e-12,
+    )
+    assert (table.rows[possible] > 2.0**-257).all()
+    assert (table.rows <= 1).all()
+    assert (table.rows[~possible] == 0).all()
+    assert likelihoods(np.zeros((3, 2, 2))).units.shape == (0, 2, 2)
+
+
+@given(
+    a=st.floats(2.0**-256, 1.0),
+    ka=st.integers(0, 3),
+    b=st.one_of(st.just(0.0), st.floats(2.0**-256, 1.0)),
+    kb=st.integers(0, 3),
+)
+def test_scaled_numbers_add(a, ka, b, kb):
+    """In either order, as their logarithms do."""
+    exact = np.logaddexp(*(np.log(v) - 256 * np.log(2) * k if v else -np.inf for v, k in ((a, ka), (b, kb))))
+    for z, k in (kernel.add(a, ka, b, kb), kernel.add(b, kb, a, ka)):
+        assert np.log(z) - 256 * np.log(2) * k == pytest.approx(exact, abs=1e-9)
+
+
+def test_settling_keeps_the_belief():
+    """Proportions stay, the largest classes come to k = 0, all others above 2^-256."""
+    rng = np.random.default_rng(3)
+    for _ in range(200):
+        log_belief = -rng.exponential(size=(4, 3)) * 10.0 ** rng.integers(0, 4)
+        z, k, _ = scaled_belief(log_belief)
+        drift = rng.integers(0, 600, size=z.shape)
+        z, k = z * 2.0**-drift, k + rng.integers(0, 3, size=z.shape)
+        before = np.log(z) - 256 * np.log(2) * k
+        on = np.empty_like(z)
+        least = kernel.settle(z, k, on)
+        after = np.log(z) - 256 * np.log(2) * k
+
+        np.testing.assert_allclose(after - after.max(), before - before.max(), rtol=1e-12, atol=1e-9)
+        assert least == z.min() >= 2.0**-256
+        assert (z[k > 0] < 1).all()
+        assert z[k == 0].sum() >= 0.5
+        np.testing.assert_array_equal(on, k == 0)
+
+
+def test_nothing_is_left_of_an_impossible_belief():
+    """Nor of a tap that no class can give."""
+    assert not likelihoods(np.full((1, 2, 2), -np.inf)).rows.any()
+    z, k, on = np.zeros((2, 3)), np.zeros((2, 3), dtype=np.int64), np.ones((2, 3))
+
+    assert kernel.settle(z, k, on) == 0
