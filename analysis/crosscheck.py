@@ -1,7 +1,8 @@
 """Every way of computing the posterior, run over the same episodes and compared.
 
-Routes: the plain NumPy reference, the enumerated one-tap NumPyro model, the compiled filter of the Monte Carlo, and
-the whole-sequence NumPyro model summed by funsor for the first taps of each episode.
+Routes: the plain NumPy reference, the enumerated one-tap NumPyro model, the compiled filter of the Monte Carlo, the
+whole-sequence NumPyro model summed by funsor for the first taps of each episode, and whole trials of the Monte Carlo
+in compiled loops and in arrays.
 """
 
 from collections.abc import Callable
@@ -13,10 +14,11 @@ from numpy.typing import NDArray
 from ..hardware.replay import ReplayRig, uniforms
 from ..inference import reference
 from ..inference.engine import Engine, make_engine
-from ..inference.montecarlo import THRESHOLDS
+from ..inference.montecarlo import THRESHOLDS, plan_trials, tap_table
 from ..inference.reference import Border
 from ..models.histogram import HistogramModel
 from ..models.taps import TapSet
+from .trial_check import TrialDifferences, belief_gap, compare_trials
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -24,7 +26,7 @@ if TYPE_CHECKING:
     from ..inference.enumeration import SequencePosterior
 
 TOLERANCE = 1e-10
-NEAR_TIE = 1e-12
+NEAR_TIE = 1e-6
 _COMPARED_ABOVE = -600.0  # log posteriors below it are no longer compared with each other
 
 
@@ -66,7 +68,7 @@ class CrossCheck(NamedTuple):
         sequence_taps: How many of them the whole-sequence route held; 0 where it was not run.
         differing_decisions: Decisions that differ between routes, over all taps and thresholds.
         differing_moves: Moves that differ.
-        near_ties: Differences where the deciding beliefs lie within 1e-12, not counted above.
+        near_ties: Differences where the deciding beliefs lie within `NEAR_TIE`, not counted above.
         notes: Sentences about routes that could not be run as asked.
     """
 
@@ -131,6 +133,11 @@ def crosscheck(
         sequence.add(comparison, traces[0], script)
         if progress is not None:
             progress()
+    table = tap_table(model, taps)
+    plan = plan_trials(table.pool, episodes, seed)
+    plan = plan._replace(fixation=generator.integers(model.grid.L, size=episodes))
+    for device, differences in compare_trials(engines[0], table, taps, plan, border, length, NEAR_TIE).items():
+        comparison.add_trials(f"numpy, trials on {device}", differences)
     return CrossCheck(
         comparison.rows(),
         episodes,
@@ -220,10 +227,16 @@ class _Comparison:
         for t, target in enumerate(targets.tolist()):
             self._compare_choices(np.exp(expected.log_beliefs[t]), posterior.filtered[t], target)
 
+    def add_trials(self, routes: str, differences: TrialDifferences) -> None:
+        """Counts what differed between trials."""
+        self._note(routes, "belief at the decision", *differences.belief)
+        self.differing_decisions += differences.decisions
+        self.near_ties += differences.near_ties
+
     def rows(self) -> tuple[Row, ...]:
         """The findings; log quantities may differ by the tolerance times the number of taps."""
         return tuple(
-            Row(quantity, routes, value, TOLERANCE * (self.taps[routes] if quantity.startswith("log") else 1))
+            Row(quantity, routes, value, TOLERANCE * (self.taps[routes] if quantity.startswith("log ") else 1))
             for (routes, quantity), value in self.largest.items()
         )
 
@@ -241,11 +254,11 @@ class _Comparison:
         what = reference.what_marginal(expected)
         for theta in THRESHOLDS:
             if reference.what_decision(expected, theta) != reference.what_decision(actual, theta):
-                near = min(_gap(what), abs(what.max() - theta)) < NEAR_TIE
+                near = min(belief_gap(what), abs(what.max() - theta)) < NEAR_TIE
                 self.near_ties += near
                 self.differing_decisions += not near
         if _move(expected, target) != _move(actual, target):
-            near = _gap(reference.where_marginal(expected)) < NEAR_TIE
+            near = belief_gap(reference.where_marginal(expected)) < NEAR_TIE
             self.near_ties += near
             self.differing_moves += not near
 
@@ -280,9 +293,3 @@ def _follow(engine: Engine, script: Script) -> _Trace:
 
 def _move(belief: NDArray[np.float64], target: int) -> int:
     return reference.fixation_move(int(reference.where_marginal(belief).argmax()), target)
-
-
-def _gap(marginal: NDArray[np.float64]) -> float:
-    """Distance between the two largest values; infinite where there is one."""
-    largest = np.sort(marginal)[::-1]
-    return float(largest[0] - largest[1]) if len(largest) > 1 else np.inf

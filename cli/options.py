@@ -5,6 +5,8 @@ from typing import Annotated, Literal
 
 import typer
 
+from ..models.errors import InputError
+
 Data = Annotated[
     list[Path],
     typer.Argument(
@@ -46,3 +48,18 @@ Border = Annotated[
     typer.Option("--border", help="What a move does to belief that leaves the range."),
 ]
 Seed = Annotated[int, typer.Option("--seed", min=0, help="Of every random draw.")]
+Workers = Annotated[
+    int | None, typer.Option("--workers", min=1, help="How many at a time; default as many as there are cores.")
+]
+
+
+def parse_thresholds(text: str) -> tuple[float, ...]:
+    """Belief thresholds separated by commas, in increasing order.
+
+    Raises:
+        InputError: The text is something else.
+    """
+    try:
+        return tuple(sorted(float(part) for part in text.split(",")))
+    except ValueError:
+        raise InputError(f"--thresholds needs numbers such as 0.5,0.9,0.99, got {text!r}.") from None

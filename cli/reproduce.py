@@ -24,6 +24,7 @@ from .options import (
     ValueRange,
     WhatCell,
     WhereCell,
+    parse_thresholds,
 )
 
 _QUICK_DATA_SETS, _DATA_SETS = 4, 12
@@ -95,7 +96,7 @@ def reproduce(
         power=parse_power(power),
         value_range=value_range,
         seed=seed,
-        **({} if thresholds is None else {"thresholds": _thresholds(thresholds)}),
+        **({} if thresholds is None else {"thresholds": parse_thresholds(thresholds)}),
     )
     folder = out or Path("runs") / datetime.now().astimezone().strftime("%Y-%m-%d-%H%M%S")
     check_folder(folder, force)
@@ -135,10 +136,3 @@ def _print_results(summary: dict[str, Any]) -> None:
         if row["theta"] == summary["shown_theta"]:
             errors = ", ".join(f"{label} {row[name]:.3g}" for name, label in names.items())
             print(f"{row['policy']:7} at threshold {row['theta']:g}: {errors}, taps {row['taps']:.3g}")
-
-
-def _thresholds(text: str) -> tuple[float, ...]:
-    try:
-        return tuple(sorted(float(part) for part in text.split(",")))
-    except ValueError:
-        raise InputError(f"--thresholds needs numbers such as 0.5,0.9,0.99, got {text!r}.") from None

@@ -103,11 +103,32 @@ def two_files(train: TapSet, test: TapSet) -> Split:
     return Split((Fold(train, test, "test file"),), "files", "The first file trains, the second tests.", warning)
 
 
+def select_sessions(taps: TapSet, chosen: Sequence[int] | None, option: str) -> TapSet:
+    """The taps of these sessions, all where none are named.
+
+    Args:
+        taps: The taps.
+        chosen: Numbers of sessions.
+        option: Where they were named, for the message.
+
+    Raises:
+        InputError: There is no such session.
+    """
+    if chosen is None:
+        return taps
+    _check_sessions(np.unique(taps.session).tolist(), chosen, option)
+    return _of(taps, chosen)
+
+
+def _check_sessions(sessions: list[int], chosen: Sequence[int] | None, option: str) -> None:
+    missing = sorted(set(chosen or ()) - set(sessions))
+    if missing:
+        raise InputError(f"{option} names session {missing[0]}; there are {_listed(sessions)}.")
+
+
 def _by_sessions(taps: TapSet, sessions: list[int], train: Sequence[int] | None, test: Sequence[int] | None) -> Split:
-    for option, given in (("--train", train), ("--test", test)):
-        missing = sorted(set(given or ()) - set(sessions))
-        if missing:
-            raise InputError(f"{option} names session {missing[0]}; there are {_listed(sessions)}.")
+    _check_sessions(sessions, train, "--train")
+    _check_sessions(sessions, test, "--test")
     if test is None:
         test = sessions[-1:] if train is None else [s for s in sessions if s not in train]
     if train is None:

@@ -5,6 +5,7 @@ import io
 import numpy as np
 import pytest
 from rich.console import Console
+from solidtouch.analysis import trial_check
 from solidtouch.analysis.crosscheck import crosscheck, render
 from solidtouch.hardware.model_rig import draw_taps
 from solidtouch.inference import engine as numpy_engine
@@ -16,6 +17,7 @@ from solidtouch.models.errors import InputError
 
 LENGTH, SEQUENCE = 6, 4
 SEQUENCE_ROUTE = "numpy, numpyro sequence"
+TRIALS = {"numpy, trials on cpu", "numpy, trials on xla-cpu"}
 
 
 @pytest.fixture
@@ -48,11 +50,11 @@ def test_right_routes_agree(case, border):
     assert check.passed
     assert (check.episodes, check.taps) == (2, LENGTH)
     if border == "prior":
-        assert routes == {"numpy, filter"}
+        assert routes == {"numpy, filter"} | TRIALS
         assert check.sequence_taps == 0
         assert check.notes == ("Border prior is no Markov kernel, so the NumPyro routes were left out.",)
     else:
-        assert routes == {"numpy, numpyro", "numpy, filter", SEQUENCE_ROUTE}
+        assert routes == {"numpy, numpyro", "numpy, filter", SEQUENCE_ROUTE} | TRIALS
         assert (check.sequence_taps, check.notes) == (SEQUENCE, ())
 
 
@@ -135,6 +137,60 @@ ERRORS = {
     "filter evidence": (bayes.FilterEngine, "update", lambda r: (r[0], r[1] + 1e-6), "numpy, filter"),
     "NaN": (bayes.FilterEngine, "update", lambda r: (r[0], np.nan), "numpy, filter"),
 }
+
+
+def trials_with(monkeypatch, change):
+    """Has the Monte Carlo on the processor answer a little wrongly."""
+    play = trial_check.run_trials
+
+    def wrong(*arguments, device, **more):
+        trials = play(*arguments, device=device, **more)
+        if device == "cpu":
+            change(trials)
+        return trials
+
+    monkeypatch.setattr(trial_check, "run_trials", wrong)
+
+
+def test_a_wrong_belief_of_a_trial_is_found(monkeypatch, case):
+    """By a millionth."""
+
+    def change(trials):
+        trials.belief[0, 5] += 1e-6
+
+    trials_with(monkeypatch, change)
+
+    assert failed(run(case, sequence_taps=0)) == {("numpy, trials on cpu", "belief at the decision")}
+
+
+@pytest.mark.parametrize("name", ["taps", "what", "where", "true_where", "stopped"])
+def test_a_wrong_decision_of_a_trial_is_found(monkeypatch, case, name):
+    """At one threshold."""
+
+    def change(trials):
+        values = getattr(trials, name)
+        values[1, 3] = ~values[1, 3] if name == "stopped" else values[1, 3] + 1
+
+    trials_with(monkeypatch, change)
+    check = run(case, sequence_taps=0)
+
+    assert (check.differing_decisions, check.near_ties) == (1, 0)
+    assert not check.passed
+
+
+def test_a_decision_between_equals_is_a_near_tie(monkeypatch, make_model):
+    """On histograms that say nothing all beliefs are equal, and any decision is as good."""
+    model = make_model(2, 2, 1, 3, 4)
+    model.counts[:] = 5
+
+    def change(trials):
+        trials.what[0] += 1
+
+    trials_with(monkeypatch, change)
+    check = run(with_taps(model), sequence_taps=0, episodes=1)
+
+    assert check.differing_decisions == 0
+    assert check.near_ties >= 13
 
 
 @pytest.mark.parametrize(("owner", "name", "change", "routes"), ERRORS.values(), ids=ERRORS.keys())

@@ -1,0 +1,47 @@
+"""Counted trials as a table in the terminal."""
+
+from collections.abc import Sequence
+
+import numpy as np
+from rich import box
+from rich.table import Table
+from scipy.special import ndtri
+
+from ..inference.tally import Tally
+from ..models.classes import ClassGrid
+from .figure_style import axis_label, short_unit
+from .metrics import CONFIDENCE, interval_sentence
+from .tallied import UNCERTAIN, tally_means
+
+_DECIMALS = 4
+
+
+def tally_table(tally: Tally, grid: ClassGrid, thresholds: Sequence[float]) -> Table:
+    """One row per threshold, with half the width of the normal interval over trials behind what has one."""
+    means = tally_means(tally, grid)
+    table = Table(
+        title=f"{tally.trials:,} trial{'s' * (tally.trials > 1)}",
+        caption=interval_sentence(1, ""),
+        title_justify="left",
+        caption_justify="left",
+        box=box.SIMPLE,
+        padding=(0, 1, 0, 0),
+    )
+    units = {"what_error": grid.what_error_unit, "where_error": short_unit(grid.where_unit)}
+    names = {name: axis_label(name.replace("_", " "), unit).replace(" (", "\n(") for name, unit in units.items()}
+    for heading in ("theta", *names.values(), "taps", "wrong", "belief", "stopped"):
+        table.add_column(heading, justify="right", no_wrap=True)
+    for h, theta in enumerate(thresholds):
+        uncertain = [_with_half(means[name][h], means[f"{name}_se"][h]) for name in UNCERTAIN]
+        rest = [f"{means[name][h]:.4f}" for name in ("what_wrong", "belief", "stopped_fraction")]
+        table.add_row(f"{theta:g}", *uncertain, *rest)
+    return table
+
+
+def _with_half(mean: float, se: float) -> str:
+    """A mean with as many digits as its interval allows."""
+    half = float(ndtri(0.5 + CONFIDENCE / 2)) * se
+    if not half > 0:
+        return f"{mean:.4g}"
+    decimals = int(np.clip(np.ceil(-np.log10(half)), 0, _DECIMALS))
+    return f"{mean:.{decimals}f}±{half:.{decimals}f}"

@@ -1,0 +1,137 @@
+"""`solidtouch trials`: any number of perception trials on recorded taps, with results on the way."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Literal, Self
+
+from typer import Argument, Option
+
+from ..models.errors import InputError
+from .interrupt import loading, terminable
+from .options import Border, Force, Seed, TestSessions, Workers, parse_thresholds
+
+if TYPE_CHECKING:
+    from rich.console import RenderableType
+    from rich.table import Table
+
+    from ..inference.tally import Tally
+    from ..models.classes import ClassGrid
+
+
+def trials(
+    model: Annotated[Path, Argument(metavar="MODEL", help="A fitted model, from `fit`.", show_default=False)],
+    taps: Annotated[
+        Path, Argument(metavar="TAPS", help="Test taps, which must not have trained it.", show_default=False)
+    ],
+    number: Annotated[int, Option("--trials", metavar="N", min=1, help="How many.")] = 100_000,
+    passive: Annotated[bool, Option("--passive", help="Never move.")] = False,
+    fixation: Annotated[
+        int | None, Option(help="Fixation point as 0-based class index; default the middle.", show_default=False)
+    ] = None,
+    theta_x: Annotated[float, Option(help="Belief in a position needed for a move; 0 always moves.")] = 0.0,
+    start: Annotated[
+        int | None, Option(help="Where class to begin in, from 0; default any.", show_default=False)
+    ] = None,
+    thresholds: Annotated[str | None, Option(help="Belief thresholds, such as 0.5,0.9,0.99.")] = None,
+    deadline: Annotated[int, Option(min=1, help="Taps after which the most probable classes are taken.")] = 100,
+    test: TestSessions = None,
+    border: Border = "uniform",
+    seed: Seed = 0,
+    device: Annotated[
+        Literal["cpu", "gpu", "xla-cpu"],
+        Option(help="Compiled loops on the processor, or arrays on a GPU; xla-cpu runs the code of the latter."),
+    ] = "cpu",
+    workers: Workers = None,
+    out: Annotated[Path | None, Option(metavar="FILE.nc", help="Keep counts and means in this file.")] = None,
+    force: Force = False,
+) -> None:
+    """Plays trials on TAPS and counts errors and reaction times; memory does not grow with their number."""
+    if passive and (fixation is not None or theta_x > 0):
+        raise InputError("--passive never moves and does not go with --fixation or --theta-x.")
+    if not 0 <= theta_x <= 1:
+        raise InputError(f"--theta-x must lie between 0 and 1, got {theta_x}.")
+    if out is not None:
+        from ..models.storage import check_netcdf_name, check_writable
+
+        check_netcdf_name(out)
+        check_writable(out, force)
+    with loading():
+        from ..analysis.tallied import tally_dataset
+        from ..inference.control import check_fixation
+        from ..inference.montecarlo import THRESHOLDS, tap_table
+        from ..inference.tally import tally_trials
+        from ..models.experiment import parse_sessions
+        from ..models.histogram import load_model
+        from ..models.importers import load_taps
+        from ..models.splits import select_sessions
+        from ..models.storage import complete_file
+
+    fitted = load_model(model)
+    grid = fitted.grid
+    recorded = select_sessions(load_taps(taps), parse_sessions(test, "--test"), "--test")
+    table = tap_table(fitted, fitted.usable(recorded))
+    chosen = THRESHOLDS if thresholds is None else parse_thresholds(thresholds)
+    if start is not None and not 0 <= start < grid.L:
+        raise InputError(f"--start must be a class index from 0 to {grid.L - 1}, got {start}.")
+    point = check_fixation(fixation, grid.L)
+    with terminable(), _Shown(grid, chosen, number) as shown:
+        try:
+            tally_trials(
+                table,
+                chosen,
+                number,
+                theta_x=1.0 if passive else theta_x,
+                fixation=point,
+                where=start,
+                border=border,
+                deadline=deadline,
+                seed=seed,
+                device=device,
+                workers=workers,
+                progress=shown.update,
+            )
+        finally:
+            if out is not None and shown.tally is not None:
+                with complete_file(out, force) as temporary:
+                    tally_dataset(shown.tally, grid, chosen).to_netcdf(temporary, engine="h5netcdf")
+
+
+class _Shown:
+    """The results so far: while they grow on standard error, in the end, also an early one, on standard output."""
+
+    def __init__(self, grid: "ClassGrid", thresholds: tuple[float, ...], number: int) -> None:
+        from rich.console import Console
+        from rich.live import Live
+
+        from .progress import progress_bars
+
+        self.tally: Tally | None = None
+        self._grid, self._thresholds = grid, thresholds
+        self._bars = progress_bars()
+        self._task = self._bars.add_task("Playing trials", total=number)
+        self._live = Live(console=Console(stderr=True), get_renderable=self._render, transient=True)
+
+    def __enter__(self) -> Self:
+        self._live.start()
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        from rich.console import Console
+
+        self._live.stop()
+        if self.tally is not None:
+            Console().print(self._table(self.tally))
+
+    def update(self, tally: "Tally") -> None:
+        """Shows these counts from now on."""
+        self.tally = tally
+        self._bars.update(self._task, completed=tally.trials)
+
+    def _render(self) -> "RenderableType":
+        from rich.console import Group
+
+        return self._bars if self.tally is None else Group(self._table(self.tally), self._bars)
+
+    def _table(self, tally: "Tally") -> "Table":
+        from ..analysis.tally_view import tally_table
+
+        return tally_table(tally, self._grid, self._thresholds)

@@ -1,0 +1,161 @@
+"""`solidtouch trials`: counts of any number of trials."""
+
+import signal
+import subprocess
+import sys
+import time
+
+import numpy as np
+import pytest
+import xarray as xr
+from solidtouch.hardware.data_collection import simulate_session
+from solidtouch.hardware.presets import preset
+from solidtouch.inference.montecarlo import plan_trials, run_trials, tap_table
+from solidtouch.models.histogram import fit
+
+
+@pytest.fixture(scope="module")
+def files(tmp_path_factory):
+    """A model of one session and the taps of another."""
+    folder = tmp_path_factory.mktemp("trials")
+    train, test = (simulate_session(preset("paper"), 2, session) for session in (0, 1))
+    model = fit(train, train.grid())
+    model.save(folder / "model.nc")
+    test.save(folder / "taps.nc")
+    return folder, model, test
+
+
+def test_the_file_holds_the_trials_of_the_plan(files, command, tmp_path):
+    """Means and counts are those of the same trials kept one by one."""
+    folder, model, test = files
+    done = command(
+        *("trials", folder / "model.nc", folder / "taps.nc", "--trials", 500, "--thresholds", "0.9,0.5"),
+        *("--fixation", 6, "--theta-x", 0.3, "--seed", 3, "--deadline", 20, "--out", tmp_path / "out.nc"),
+    )
+    table = tap_table(model, test)
+    plan = plan_trials(table.pool, 500, 3, fixation=6)
+    trials = run_trials(table, plan, (0.5, 0.9), theta_x=0.3, deadline=20, seed=3)
+    wrong = trials.what != plan.what[:, None]
+    error = model.grid.what_error(trials.what, plan.what[:, None])
+    kept = xr.load_dataset(tmp_path / "out.nc")
+
+    assert done.code == 0
+    assert "500 trials" in done.out
+    assert kept.attrs["trials"] == 500
+    np.testing.assert_allclose(kept["what_error"], error.mean(axis=0))
+    np.testing.assert_allclose(kept["what_error_se"], error.std(axis=0, ddof=1) / np.sqrt(500))
+    np.testing.assert_allclose(
+        kept["where_error"], model.grid.where_error(trials.where, trials.true_where).mean(axis=0)
+    )
+    np.testing.assert_allclose(kept["taps"], trials.taps.mean(axis=0))
+    np.testing.assert_allclose(kept["taps_se"], trials.taps.std(axis=0, ddof=1) / np.sqrt(500))
+    np.testing.assert_allclose(kept["what_wrong"], wrong.mean(axis=0), atol=1e-12)
+    np.testing.assert_allclose(kept["stopped_fraction"], trials.stopped.mean(axis=0))
+    np.testing.assert_allclose(kept["belief"], trials.belief.mean(axis=0))
+    assert int(kept["confusion"].sel(theta=0.9).sum()) == 500
+
+
+def test_the_code_for_graphics_processors_counts_the_same(files, command):
+    folder, _, _ = files
+    words = "trials", folder / "model.nc", folder / "taps.nc", "--trials", 300, "--deadline", 30
+
+    assert command(*words).out == command(*words, "--device", "xla-cpu").out
+
+
+def test_passive_trials_stay_where_they_start(files, command, tmp_path):
+    folder, _, _ = files
+    words = "trials", folder / "model.nc", folder / "taps.nc", "--trials", 40, "--passive", "--start", 5
+    assert command(*words, "--out", tmp_path / "out.nc").code == 0
+
+    place = xr.load_dataset(tmp_path / "out.nc")["place"].sum(("theta", "decided_where"))
+    assert np.flatnonzero(place).tolist() == [5]
+
+
+def test_a_single_trial_has_no_interval(files, command):
+    folder, _, _ = files
+    printed = command("trials", folder / "model.nc", folder / "taps.nc", "--trials", 1).out
+
+    assert "1 trial\n" in " ".join(printed.splitlines()[:1]).rstrip() + "\n"
+    assert "±" not in printed
+    assert "nan" not in printed
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        (("--passive", "--fixation", 3), "--passive never moves"),
+        (("--theta-x", 1.5), "--theta-x must lie between 0 and 1, got 1.5"),
+        (("--start", 16), "--start must be a class index from 0 to 15, got 16"),
+        (("--fixation", 99), "fixation point must be a class index from 0 to 15, got 99"),
+        (("--thresholds", "high"), "--thresholds needs numbers such as 0.5,0.9,0.99, got 'high'"),
+        (("--test", "7"), "--test names session 7"),
+        (("--out", "here.txt"), "here.txt"),
+    ],
+)
+def test_what_cannot_be_done_is_said_in_a_sentence(files, command, words, message):
+    folder, _, _ = files
+    done = command("trials", folder / "model.nc", folder / "taps.nc", "--trials", 5, *words)
+
+    assert done.code == 2
+    assert message in done.err
+
+
+def test_without_a_gpu_the_sentence_says_what_is_needed(files, command):
+    import jax
+
+    if any(device.platform == "gpu" for device in jax.devices()):
+        pytest.skip("there is a GPU here")
+    folder, _, _ = files
+    done = command("trials", folder / "model.nc", folder / "taps.nc", "--device", "gpu")
+
+    assert done.code == 2
+    assert "--device gpu needs one" in done.err
+
+
+@pytest.mark.slow
+def test_interrupted_trials_are_shown_and_kept(files, tmp_path):
+    """Ctrl-C ends with the results so far, a whole file and exit code 130."""
+    folder, _, _ = files
+    out = tmp_path / "out.nc"
+    words = ["trials", folder / "model.nc", folder / "taps.nc", "--passive", "--trials", "1000000000", "--out", out]
+    child = subprocess.Popen(
+        [sys.executable, "-m", "solidtouch.cli", *map(str, words)],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+    time.sleep(8)
+    child.send_signal(signal.SIGINT)
+    printed, errors = child.communicate(timeout=60)
+
+    assert child.returncode == 130
+    assert "interrupted" in errors
+    assert " trials" in printed
+    assert 0 < xr.load_dataset(out).attrs["trials"] < 1e9
+
+
+MEASURE = """
+import resource, sys
+from solidtouch.cli.main import run
+sys.argv = ["solidtouch", "trials", *sys.argv[1:]]
+try:
+    run()
+except SystemExit:
+    pass
+print(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss)
+"""
+
+
+@pytest.mark.slow
+def test_memory_does_not_grow_with_the_number_of_trials(files):
+    """Fifty times the trials need the same memory within 16 MiB."""
+    folder, _, _ = files
+    peaks = []
+    for trials in (60_000, 3_000_000):
+        words = [folder / "model.nc", folder / "taps.nc", "--trials", trials]
+        done = subprocess.run(
+            [sys.executable, "-c", MEASURE, *map(str, words)], capture_output=True, text=True, check=True
+        )
+        peaks.append(int(done.stdout.split()[-1]) * 1024)
+
+    assert abs(peaks[1] - peaks[0]) < 16 * 2**20
