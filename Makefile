@@ -4,7 +4,7 @@
 VENV := .venv
 PY := $(VENV)/bin/python
 
-.PHONY: run test quick check format bench fuzz faults kills rig-demo lock clean help
+.PHONY: run test quick check format bench bench-quick fuzz faults kills rig-demo lock clean help
 
 run: $(VENV)/.ready-run
 	@$(VENV)/bin/solidtouch reproduce
@@ -25,8 +25,11 @@ format: $(VENV)/.ready-dev
 	@$(PY) -m ruff check --fix .
 	@$(PY) -m ruff format .
 
-bench: $(VENV)/.ready-run
-	@$(PY) benchmarks/montecarlo.py
+bench: $(VENV)/.ready-dev
+	@$(PY) benchmarks/run.py --document docs/performance.md
+
+bench-quick: $(VENV)/.ready-dev
+	@$(PY) benchmarks/run.py --quick
 
 fuzz: $(VENV)/.ready-run
 	@$(PY) benchmarks/fuzz.py
@@ -54,7 +57,7 @@ help:
 	@echo "make quick   tests without the slow ones"
 	@echo "make check   lint, format, types and import layers"
 	@echo "make format  mend lint and format"
-	@echo "make bench   time the Monte Carlo beside a plain loop"
+	@echo "make bench   time everything beside baselines, peers and limits; bench-quick only tries it"
 	@echo "make rig-demo  emulated devices: collect, fit and perceive over serial ports"
 	@echo "make faults  random faults of the emulated rig, and what came of them"
 	@echo "make kills   kill a data collection at random moments, and what was lost"

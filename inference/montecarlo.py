@@ -210,6 +210,7 @@ def run_trials(
     """
     rule = make_rule(thresholds, theta_x, border, deadline, seed)
     play = make_player(table, rule, device)
+    plan = TrialPlan(*(np.ascontiguousarray(column, dtype=np.int64) for column in plan))
     n = len(plan.where)
     trials = empty_trials(n, len(rule.thresholds))
     pieces = [(first, min(first + play.at_once, n)) for first in range(0, n, play.at_once)]

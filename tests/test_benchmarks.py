@@ -1,22 +1,28 @@
-"""The benchmarks run; what they measure is not tested."""
+"""The benchmarks run, and the ways of playing trials that they compare agree; times are not tested."""
 
+import importlib
+import json
+import shutil
 import subprocess
 import sys
 from pathlib import Path
+from types import SimpleNamespace
 
+import numpy as np
 import pytest
 
 FOLDER = Path(__file__).parents[1] / "benchmarks"
+PAGE = FOLDER.parent / "docs" / "performance.md"
 
 
-def test_the_monte_carlo_benchmark_prints_both_policies():
-    words = ["--trials", "40", "--loop-trials", "3", "--rounds", "1"]
-    done = subprocess.run(
-        [sys.executable, FOLDER / "montecarlo.py", *words], capture_output=True, text=True, check=True
-    )
-
-    assert [line.split()[0] for line in done.stdout.splitlines()] == ["passive", "active"]
-    assert done.stdout.count("ns per useful tap") == 2
+@pytest.fixture(scope="module")
+def parts():
+    """The modules of the benchmarks that are tested by themselves."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.syspath_prepend(FOLDER)
+        names = ("agreement", "decisions", "job", "likelihood_peers", "limit", "loops", "report")
+        names += ("rows", "scaling", "vectorised")
+        yield SimpleNamespace(**{name: importlib.import_module(name) for name in names})
 
 
 def run(name, *words):
@@ -26,6 +32,120 @@ def run(name, *words):
     )
     assert done.returncode == 0, done.stdout + done.stderr
     return done.stdout
+
+
+@pytest.mark.slow
+def test_all_benchmarks_run_and_fill_their_page(tmp_path):
+    """Nobody decides otherwise than the reference; the page keeps its text and shows the picture."""
+    page = tmp_path / "performance.md"
+    shutil.copyfile(PAGE, page)
+
+    printed = run("run.py", "--quick", "--out", tmp_path / "out", "--document", page)
+
+    measured = json.loads((tmp_path / "out" / "benchmarks.json").read_text(encoding="utf-8"))
+    notes = [row["note"] for row in measured["rows"] if "decided otherwise" in row["note"]]
+    assert len(notes) >= 8
+    assert all(note.partition("; ")[2].startswith("0 of ") for note in notes)
+    assert all(row["seconds"] or row["note"] for row in measured["rows"])
+    assert {curve["axis"] for curve in measured["curves"]} >= {"classes", "T", "trials", "trials in a call"}
+    assert set(measured["machine"]["packages"]) >= {"numpy", "jax", "dynamax"}
+    assert "| solidtouch |" in printed
+    assert page.read_text(encoding="utf-8").startswith(PAGE.read_text(encoding="utf-8").partition("<!--")[0])
+    assert "| solidtouch |" in page.read_text(encoding="utf-8")
+    assert (tmp_path / "images" / "performance.svg").is_file()
+
+
+@pytest.mark.parametrize("policy", ["passive", "active"])
+@pytest.mark.parametrize("shape", [(1, 1), (1, 4), (5, 1), (3, 7), (16, 5), (16, 8), (16, 9)])
+def test_all_ways_of_playing_trials_decide_as_the_reference_does(parts, shape, policy):
+    """At several thresholds, some never reached, for sizes with and without vector instructions."""
+    job = parts.job.make_job(parts.job.random_table(*shape), 25, policy, (0.3, 0.6, 0.9), deadline=12)
+    ways = [parts.loops.loop(job), parts.loops.tuned_loop(job), parts.vectorised.vectorised(job, 7)]
+    ways += [parts.job.ours(job), parts.job.decisions(parts.job.prepared(job)())]
+    ways += [yardstick.play(threads) for _, yardstick in parts.decisions.limits(job) if yardstick for threads in (1, 2)]
+
+    expected, near = parts.agreement.by_reference(job)
+
+    for way in ways:
+        assert not (parts.agreement.differing(way, expected) & ~near).any()
+
+
+@pytest.mark.parametrize("way", ["multinomial", "categorical", "in_registers"])
+def test_peers_give_our_log_likelihoods_up_to_a_constant_of_each_tap(parts, make_model, draw_samples, way):
+    model = make_model(L=3, M=7, K=4, J=6, B=9, seed=1)
+    taps = draw_samples(model, T=5)
+    if way != "in_registers":
+        pytest.importorskip("sklearn")
+    score = getattr(parts.likelihood_peers, way)(model, taps)
+    if score is None:
+        pytest.skip("there is no C compiler")
+
+    difference = score() / (1 if way == "in_registers" else 6) - model.log_likelihood(taps).reshape(5, -1)
+
+    assert np.ptp(difference, axis=1).max() < (1e-5 if way == "in_registers" else 1e-12)
+
+
+def test_differences_are_counted_by_trial(parts):
+    found = parts.job.Decisions(*(np.zeros((3, 2), dtype=int) for _ in range(3)))
+    other = parts.job.Decisions(found.taps.copy(), found.what, found.where)
+    other.taps[1] = 5
+
+    assert parts.agreement.differing(found, other).tolist() == [False, True, False]
+
+
+def test_without_a_c_compiler_the_limit_says_so(parts, monkeypatch):
+    monkeypatch.setenv("CC", "no-such-compiler")
+    job = parts.job.make_job(parts.job.random_table(2, 11), 3, "passive")
+
+    ((method, yardstick),) = parts.decisions.limits(job)
+
+    assert method.startswith(parts.rows.LIMIT)
+    assert yardstick is None
+
+
+def test_every_round_runs_all_methods_beginning_with_another_one(parts):
+    ran = []
+
+    seconds = parts.rows.interleaved({name: lambda name=name: ran.append(name) for name in "abc"}, 3)
+
+    assert "".join(ran) == "abcbcacab"
+    assert all(len(times) == 3 for times in seconds.values())
+
+
+def test_the_exponent_of_a_power_law_is_found(parts):
+    slope, error = parts.scaling.exponent([1, 10, 100, 1000], [2.0, 24.0, 160.0, 2200.0])
+    exact, none = parts.scaling.exponent([1, 10, 100, 1000], [3.0, 30.0, 300.0, 3000.0])
+
+    assert (exact, none) == pytest.approx((1, 0), abs=1e-12)
+    assert abs(slope - 1) < 2 * error
+    assert error > 0.01
+
+
+def test_ratios_are_taken_within_rounds(parts):
+    """A machine that is slow in one round is slow for all of it."""
+    assert parts.report.ratio([1.0, 10.0, 3.0], [0.5, 5.0, 1.0]) == "2 (2–3)"
+    assert parts.report.ratio([1.0, 2.0, 6.0], [2.0]) == "1"
+    assert parts.report.ratio([], [1.0]) == ""
+
+
+def test_a_method_that_could_not_run_says_why(parts):
+    rows = [
+        parts.rows.Row("work", "plain", [2.0, 2.0], "tap"),
+        parts.rows.Row("work", "peer", [], "tap", "not installed"),
+    ]
+
+    assert parts.report.work_table(rows).splitlines()[-1] == "| peer | – |  | not installed |"
+
+
+def test_a_page_without_a_place_is_refused(parts, tmp_path):
+    page = tmp_path / "page.md"
+    page.write_text("<!-- begin one -->\nold\n<!-- end one -->\n", encoding="utf-8")
+
+    parts.report.insert(page, {"one": r"new \1"})
+
+    assert page.read_text(encoding="utf-8") == "<!-- begin one -->\nnew \\1\n<!-- end one -->\n"
+    with pytest.raises(ValueError, match="has no lines <!-- begin two -->"):
+        parts.report.check_places(page, ["one", "two"])
 
 
 def test_random_bytes_raise_nothing():

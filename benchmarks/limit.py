@@ -1,0 +1,114 @@
+"""The yardsticks in C: compiled for the sizes at hand when a benchmark asks for them; that of trials takes a job."""
+
+import ctypes
+import subprocess
+import tempfile
+from concurrent.futures import ThreadPoolExecutor
+from functools import cache
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from job import Decisions, Job
+from rows import c_compiler
+from vectorised import FLOOR_LIKELIHOOD
+
+# Sums in any order, as -ffast-math has it, but without what that changes for the whole process when linking.
+_FLAGS = (
+    *("-O3", "-march=native", "-shared", "-fPIC", "-std=c11", "-fassociative-math", "-fno-signed-zeros"),
+    *("-fno-trapping-math", "-fno-math-errno"),
+)
+
+
+class _Job(ctypes.Structure):
+    _fields_ = [
+        *((name, ctypes.c_void_p) for name in ("likelihood", "prior", "tap", "number", "start", "held", "fixation")),
+        ("thresholds", ctypes.c_void_p),
+        *((name, ctypes.c_int32) for name in ("per_class", "deadline", "H", "active")),
+    ]
+
+
+class _Found(ctypes.Structure):
+    _fields_ = [(name, ctypes.c_void_p) for name in ("taps", "what", "where")]
+
+
+class Limit(NamedTuple):
+    """A job laid out for C.
+
+    Attributes:
+        library: The compiled code.
+        vectors: Whether it holds a belief in AVX-512 registers; otherwise it has plain loops.
+        arguments: The job as C sees it.
+        arrays: What that points to.
+        shape: (n, H).
+    """
+
+    library: ctypes.CDLL
+    vectors: bool
+    arguments: _Job
+    arrays: dict[str, Any]
+    shape: tuple[int, int]
+
+    def play(self, threads: int = 1) -> Decisions:
+        """Plays the trials in so many threads."""
+        found = Decisions(*(np.empty(self.shape, dtype=np.int32) for _ in Decisions._fields))
+        pointers = _Found(*(array.ctypes.data for array in found))
+        cuts = np.linspace(0, self.shape[0], threads + 1).astype(int).tolist()
+
+        def part(first: int, last: int) -> None:
+            self.library.limit_trials(ctypes.byref(self.arguments), ctypes.byref(pointers), first, last)
+
+        if threads == 1:
+            part(*cuts)
+        else:
+            with ThreadPoolExecutor(threads) as pool:
+                list(pool.map(part, cuts[:-1], cuts[1:]))
+        return found
+
+
+def limit(job: Job, plain: bool = False) -> Limit | None:
+    """The job for C, or `None` without a compiler that takes it; what the compiler complains of is shown.
+
+    Args:
+        job: With at most 256 taps per class.
+        plain: Plain loops even where the belief would fit into registers.
+    """
+    L, M = job.prior.shape
+    library = compiled_c("limit.c", f"L={L}", f"M={M}", *(["PLAIN"] if plain else []))
+    if library is None:
+        return None
+    library.limit_trials.argtypes = [ctypes.POINTER(_Job), ctypes.POINTER(_Found), ctypes.c_int64, ctypes.c_int64]
+    library.limit_trials.restype = None
+    arrays = {
+        "likelihood": _laid_out(np.maximum(job.likelihood, FLOOR_LIKELIHOOD).transpose(0, 2, 1), np.float32),
+        "prior": _laid_out(job.prior.T, np.float32),
+        "tap": _laid_out(job.tap, np.int32),
+        "number": _laid_out(job.number, np.uint8),
+        "start": _laid_out(job.plan.where, np.int32),
+        "held": _laid_out(job.plan.what, np.int32),
+        "fixation": _laid_out(job.plan.fixation, np.int32),
+        "thresholds": _laid_out(job.thresholds, np.float32),
+    }
+    pointers = [array.ctypes.data for array in arrays.values()]
+    arguments = _Job(*pointers, job.tap.shape[2], job.deadline, len(job.thresholds), job.active)
+    shape = len(job.number), len(job.thresholds)
+    return Limit(library, bool(library.limit_vectors()), arguments, arrays, shape)
+
+
+def _laid_out(array: Any, dtype: Any) -> Any:
+    return np.ascontiguousarray(array, dtype=dtype)
+
+
+@cache
+def compiled_c(source: str, *definitions: str) -> ctypes.CDLL | None:
+    """A C file of this folder compiled for this processor with definitions such as "L=16"; `None` if that fails."""
+    program = c_compiler()
+    if program is None:
+        return None
+    with tempfile.TemporaryDirectory() as folder:
+        target = Path(folder) / "limit.so"
+        words = [f"-D{definition}" for definition in definitions]
+        command = [program, *_FLAGS, *words, str(Path(__file__).with_name(source)), "-o", str(target)]
+        if subprocess.run(command, check=False).returncode != 0:  # noqa: S603
+            return None
+        return ctypes.CDLL(str(target))

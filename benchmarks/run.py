@@ -1,0 +1,76 @@
+"""Every benchmark of this project beside its baselines, peers and limits, in one run; `make bench`.
+
+Prints tables, and writes them, the times of every round and a picture into a folder. Ratios are taken within a round,
+in which all ways of doing the same run one after another; they count, absolute times belong to the machine. Everything
+runs on one core unless its row says otherwise.
+"""
+
+import argparse
+import json
+import os
+import shutil
+import sys
+from importlib import import_module
+from pathlib import Path
+
+WORKS = ("decisions", "gpu", "peers", "whole", "likelihood", "likelihood_peers", "information", "startup")
+PARTS = ("machine", "works", "exponents", "memory")
+ONE_THREAD = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS")
+
+
+def main() -> None:
+    """Runs the benchmarks as the command line says."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--quick", action="store_true", help="tiny sizes: whether everything runs, not how fast")
+    parser.add_argument("--out", type=Path, default=Path("runs/benchmarks"), help="folder for what is measured")
+    parser.add_argument("--document", type=Path, help="a page whose tables and picture are replaced")
+    options = parser.parse_args()
+    os.environ.update(dict.fromkeys(ONE_THREAD, "1"))  # read when NumPy and its libraries are loaded, below
+    from rows import on_cores  # noqa: PLC0415
+
+    with on_cores(1):
+        run(options.quick, options.out, options.document)
+
+
+def run(quick: bool, out: Path, document: Path | None) -> None:
+    """Measures, prints and writes."""
+    from memory import peaks  # noqa: PLC0415
+    from picture import draw  # noqa: PLC0415
+    from report import all_works, check_places, exponents, insert, machine_list, memory_table  # noqa: PLC0415
+    from rows import machine  # noqa: PLC0415
+    from scaling import curves  # noqa: PLC0415
+
+    if document is not None:
+        check_places(document, PARTS)
+    rows = [row for work in WORKS for row in _say(work, import_module(work).rows)(quick)]
+    grown = _say("scaling", curves)(quick)
+    memory = _say("memory", peaks)(quick)
+    texts = machine_list(machine()), all_works(rows), exponents(grown), memory_table(memory)
+    parts = dict(zip(PARTS, texts, strict=True))
+    out.mkdir(parents=True, exist_ok=True)
+    measured = {
+        "quick": quick,
+        "machine": machine()._asdict(),
+        "rows": [row._asdict() for row in rows],
+        "curves": [curve._asdict() for curve in grown],
+        "memory": memory,
+    }
+    (out / "benchmarks.json").write_text(json.dumps(measured, indent=1), encoding="utf-8")
+    page = "\n\n".join(["# Benchmarks", *texts])
+    (out / "benchmarks.md").write_text(page + "\n", encoding="utf-8")
+    _, picture = draw(grown, out)
+    if document is not None:
+        insert(document, parts)
+        images = document.parent / "images"
+        images.mkdir(exist_ok=True)
+        shutil.copyfile(picture, images / picture.name)
+    print(page)
+
+
+def _say(name, measure):
+    print(f"Measuring {name} ...", file=sys.stderr)
+    return measure
+
+
+if __name__ == "__main__":
+    main()
