@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from ..models.classes import ClassGrid
 from ..models.preprocessing import Preprocessing
 from ..models.taps import TapSet
-from .suspicions import constant_taxels, saturated_taxels, suspicions
+from .suspicions import constant_taxels, saturated_taxels, suspicions, taxel_ranges
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,6 +52,7 @@ class Inspection:
 def inspect(taps: TapSet, grid: ClassGrid) -> Inspection:
     """The facts about a tap set, its taps counted in the classes of `grid`."""
     sessions = np.unique(taps.session)
+    low, high = taxel_ranges(taps.taps)
     extra = [str(name) for name in taps.dataset.data_vars if name != "taps"]
     attributes = {name: str(taps.dataset.attrs.get(name, "")) for name in ("sensor", "source", "licence")}
     return Inspection(
@@ -61,8 +62,8 @@ def inspect(taps: TapSet, grid: ClassGrid) -> Inspection:
         what_label=grid.what_name,
         where_unit=grid.where_unit,
         counts=count_taps(taps, grid),
-        low=taps.taps.min(axis=(0, 1)),
-        high=taps.taps.max(axis=(0, 1)),
+        low=low,
+        high=high,
         units=taps.dataset["taps"].attrs.get("units", ""),
         constant=constant_taxels(taps.taps),
         saturated=saturated_taxels(taps.taps),

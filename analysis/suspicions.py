@@ -146,9 +146,15 @@ def _taxels(taps: TapSet) -> Iterator[str]:
         )
 
 
+def taxel_ranges(taps: NDArray[np.floating]) -> tuple[NDArray[np.floating], NDArray[np.floating]]:
+    """Lowest and highest value of each taxel, shape (K,), `taps` of shape (N, J, K)."""
+    return taps.min(axis=0).min(axis=0), taps.max(axis=0).max(axis=0)  # faster than over both axes at once
+
+
 def constant_taxels(taps: NDArray[np.floating]) -> tuple[int, ...]:
     """The taxels that have one value in all taps, `taps` of shape (N, J, K)."""
-    return tuple(np.flatnonzero(np.ptp(taps, axis=(0, 1)) == 0).tolist())
+    low, high = taxel_ranges(taps)
+    return tuple(np.flatnonzero(low == high).tolist())
 
 
 def saturated_taxels(taps: NDArray[np.floating]) -> tuple[int, ...]:
@@ -169,21 +175,23 @@ def saturated_taxels(taps: NDArray[np.floating]) -> tuple[int, ...]:
     Args:
         taps: Samples, shape (N, J, K).
     """
-    span = np.ptp(taps, axis=(0, 1))
+    low, high = taxel_ranges(taps)
+    span = high - low
     moving = np.flatnonzero((span > 0) & (span >= span.max() / 10))
-    return tuple(k for k in moving.tolist() if _is_saturated(taps[:, :, k]))
+    return tuple(k for k in moving.tolist() if _is_saturated(taps[:, :, k].copy()))
 
 
 def _is_saturated(samples: NDArray[np.floating]) -> bool:
     """Whether one taxel's samples, shape (N, J), are cut off."""
-    values, counts = np.unique(samples, return_counts=True)
-    idle, span = np.median(samples[:, 0]), values[-1] - values[0]
+    low, high = samples.min(), samples.max()
+    idle, span = np.median(samples[:, 0]), high - low
     stay = min(samples.shape[1], max(3, -(-samples.shape[1] // 10)))
-    for towards_idle in (slice(None), slice(None, None, -1)):
-        extreme, next_counts = values[towards_idle][0], counts[towards_idle][:4]
-        if abs(extreme - idle) < span / 2 or next_counts[0] <= next_counts[1:].sum():
+    for extreme, inwards in ((low, slice(None)), (high, slice(None, None, -1))):
+        at_extreme = samples == extreme
+        if abs(extreme - idle) < span / 2 or np.count_nonzero(_longest_run(at_extreme) >= stay) < 3:
             continue
-        if np.count_nonzero(_longest_run(samples == extreme) >= stay) >= 3:
+        next_counts = np.unique(samples, return_counts=True)[1][inwards][:4]
+        if next_counts[0] > next_counts[1:].sum():
             return True
     return False
 

@@ -3,7 +3,7 @@
 from collections.abc import Callable
 from typing import Any
 
-from numba import njit
+import numba
 
 # Sums may be taken in another order and products fused, which vector instructions need; NaN and infinity stay exact.
 _OPTIONS: dict[str, Any] = {"nogil": True, "fastmath": {"reassoc", "contract", "nsz"}, "error_model": "numpy"}
@@ -14,6 +14,7 @@ def compiled[F: Callable[..., Any]](function: F) -> F:
 
     Functions that call each other belong in one file: the copy on disk is not renewed when a callee elsewhere changes.
     """
+    njit: Any = numba.njit
     try:
         return njit(cache=True, **_OPTIONS)(function)
     except RuntimeError:  # neither beside the file nor in the user's cache folder can anything be written

@@ -17,12 +17,10 @@ from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
-import numpyro
-import numpyro.distributions as dist
 import xarray as xr
 from numpy.typing import ArrayLike, NDArray
 
-from .bins import bin_edges, find_bins, tap_counts
+from .bins import bin_edges, count_taps, find_bins
 from .classes import ClassGrid
 from .errors import InputError
 from .novelty import NoveltyScores
@@ -48,6 +46,9 @@ def histogram_model(
         shape: (L, M, K, B).
         pseudocount: Dirichlet concentration of every bin.
     """
+    import numpyro  # noqa: PLC0415
+    import numpyro.distributions as dist  # noqa: PLC0415
+
     L, M, K, B = shape
     bins, where, what = np.asarray(bins), np.asarray(where), np.asarray(what)
     N, J, _ = bins.shape
@@ -103,6 +104,14 @@ class HistogramModel:
         with np.errstate(divide="ignore"):
             return np.log(self.probabilities)
 
+    @cached_property
+    def log_table(self) -> NDArray[np.float64]:
+        """`log_prob` as a matrix from cells to classes, -inf under untrained ones, shape (K B, L M)."""
+        L, M, K, B = self.counts.shape
+        table = self.log_prob.reshape(L * M, K * B).T.copy()
+        table[:, ~self.trained.ravel()] = -np.inf
+        return table
+
     @property
     def log_prior(self) -> NDArray[np.float64]:
         """Log of the uniform prior over the trained classes, shape (L, M)."""
@@ -132,40 +141,46 @@ class HistogramModel:
         Raises:
             InputError: Numbers of samples or taxels are not those of the training data, or a sample is NaN.
         """
-        J, K = self.preprocessing.samples, self.counts.shape[2]
-        if taps.shape[-2:] != (J, K):
-            raise InputError(f"The model knows taps of {J} samples and {K} taxels, got shape {taps.shape}.")
+        self._check_shape(taps)
         if np.isnan(taps).any():
             raise InputError("A sample is NaN and belongs to no bin.")
 
-    def log_likelihood(self, taps: ArrayLike) -> NDArray[np.float64]:
+    def _check_shape(self, taps: NDArray[np.floating]) -> None:
+        J, K = self.preprocessing.samples, self.counts.shape[2]
+        if taps.shape[-2:] != (J, K):
+            raise InputError(f"The model knows taps of {J} samples and {K} taxels, got shape {taps.shape}.")
+
+    def log_likelihood(self, taps: ArrayLike, out: Any = None) -> NDArray[np.float64]:
         """Log P(z | class) of taps, -inf under untrained classes; Eq. 1.
 
+        Taps are counted and multiplied in chunks, so that nothing but the result has to fit into memory, and with
+        `out` on disk not even that.
+
         Args:
-            taps: Prepared samples, shape (N, J, K).
+            taps: Prepared samples, shape (N, J, K); also a memory-mapped array.
+            out: Array of shape (N, L, M) to write to, such as a memory-mapped or a Zarr one; default a new one.
 
         Returns:
-            Shape (N, L, M).
+            `out`.
 
         Raises:
-            InputError: As `check_samples`, or there are not three axes.
+            InputError: `taps` has not three axes, or is refused as by `check_samples`; or `out` has another shape.
         """
-        bins = self.bins(taps)
-        if bins.ndim != 3:
-            raise InputError(f"Taps must have three axes (tap, sample, taxel), got shape {bins.shape}.")
-        L, M, K, B = self.counts.shape
-        table = self.log_prob.reshape(L * M, K * B).T
-        impossible = np.isneginf(table)
-        table = np.where(impossible, 0.0, table)
-        parts = []
-        for counts in tap_counts(bins, B):
-            part = counts @ table
-            if impossible.any():
-                part[counts @ impossible > 0] = -np.inf
-            parts.append(part)
-        log_likelihood = self.exponent * np.concatenate(parts).reshape(len(bins), L, M)
-        log_likelihood[:, ~self.trained] = -np.inf
-        return log_likelihood
+        from .counting import multiply  # noqa: PLC0415
+
+        taps = np.asarray(taps)
+        self._check_shape(taps)
+        if taps.ndim != 3:
+            raise InputError(f"Taps must have three axes (tap, sample, taxel), got shape {taps.shape}.")
+        shape = (len(taps), *self.counts.shape[:2])
+        out = np.empty(shape) if out is None else out
+        if out.shape != shape:
+            raise InputError(f"The log-likelihoods have shape {shape}, those to be written to have {out.shape}.")
+        for which, counts in count_taps(taps, self.edges):
+            part = np.empty((len(counts.first) - 1, self.log_table.shape[1]))
+            multiply(*counts, self.log_table, self.exponent, part)
+            out[which] = part.reshape(-1, *shape[1:])
+        return out
 
     def check_taps(self, preprocessing: Preprocessing) -> None:
         """Refuses taps that were prepared otherwise.
@@ -320,9 +335,9 @@ def fit(
     inside = (where >= 0) & (what >= 0)
     if not inside.any():
         raise InputError("No training tap belongs to a class of the grid.")
-    samples = taps.taps[inside]
+    samples = taps.taps if inside.all() else taps.taps[inside]
     edges = bin_edges(samples, bins, value_range)
-    counts = _class_counts(find_bins(samples, edges), where[inside], what[inside], (*grid.shape, K, bins))
+    counts = _class_counts(samples, edges, where[inside], what[inside], (*grid.shape, K, bins))
     return HistogramModel(
         grid=grid,
         edges=edges,
@@ -365,15 +380,18 @@ def trim(grid: ClassGrid, taps: Sequence[TapSet]) -> tuple[ClassGrid, tuple[str,
 
 
 def _class_counts(
-    bins: NDArray[np.intp], where: NDArray[np.intp], what: NDArray[np.intp], shape: tuple[int, int, int, int]
+    samples: NDArray[np.floating],
+    edges: NDArray[np.float64],
+    where: NDArray[np.intp],
+    what: NDArray[np.intp],
+    shape: tuple[int, int, int, int],
 ) -> NDArray[np.int64]:
+    from .counting import add  # noqa: PLC0415
+
     L, M, K, B = shape
-    counts = np.zeros((L * M, K * B), dtype=np.int64)
-    start = 0
-    for part in tap_counts(bins, B):
-        cells = (where * M + what)[start : start + len(part)]
-        np.add.at(counts, cells, part.astype(np.int64))
-        start += len(part)
+    counts, group = np.zeros((L * M, K * B), dtype=np.int64), where * M + what
+    for which, part in count_taps(samples, edges):
+        add(*part, group[which], counts)
     return counts.reshape(shape)
 
 

@@ -8,7 +8,6 @@ from .import_arrays import recording_from_arrays
 from .import_csv import read_csv, read_csv_folder
 from .import_mat import read_mat
 from .import_npz import read_npz
-from .import_rig import taps_from_recording
 from .recording import Recording, naming
 from .taps import TapSet
 
@@ -33,6 +32,8 @@ def load_taps(path: str | Path) -> TapSet:
     if path.suffix.lower() == ".nc":
         return TapSet.load(path)
     if path.suffix.lower() == ".mcap":
+        from .import_rig import taps_from_recording  # noqa: PLC0415
+
         return taps_from_recording(path)
     recording = read_recording(path)
     with naming(path):

@@ -11,7 +11,6 @@ from typing import Literal, NamedTuple, Self, cast
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.signal import butter, lfilter, lfilter_zi
 
 from .errors import InputError
 
@@ -144,6 +143,7 @@ class TapCutter:
             raise InputError("A stream can only be cut into taps with a clock, contact or press trigger.")
         self.preprocessing = preprocessing
         self.incomplete = 0
+        self._coefficients = _highpass_coefficients(preprocessing)
         self._filter_state: NDArray[np.float64] | None = None
         self._tare: NDArray[np.float64] | None = None
         self._untared: list[NDArray[np.float64]] = []
@@ -212,10 +212,11 @@ class TapCutter:
         return frames - self._tare
 
     def _highpass(self, frames: NDArray[np.float64]) -> NDArray[np.float64]:
-        record = self.preprocessing
-        if record.highpass_hz == 0 or len(frames) == 0:
+        if self._coefficients is None or len(frames) == 0:
             return frames
-        b, a = cast("_Pair", butter(1, record.highpass_hz, "highpass", fs=record.rate_hz))
+        from scipy.signal import lfilter, lfilter_zi  # noqa: PLC0415
+
+        b, a = self._coefficients
         if self._filter_state is None:
             self._filter_state = lfilter_zi(b, a)[:, np.newaxis] * frames[0]
         result = lfilter(b, a, frames, axis=0, zi=self._filter_state)
@@ -268,3 +269,12 @@ class TapCutter:
             elif load < 0.5:
                 self._armed = True
         return None
+
+
+def _highpass_coefficients(record: Preprocessing) -> _Pair | None:
+    """Numerator and denominator of the high-pass, `None` without one."""
+    if record.highpass_hz == 0:
+        return None
+    from scipy.signal import butter  # noqa: PLC0415
+
+    return cast("_Pair", butter(1, record.highpass_hz, "highpass", fs=record.rate_hz))

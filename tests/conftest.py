@@ -106,3 +106,20 @@ def draw_samples() -> Callable[..., NDArray[np.float64]]:
         return np.array([tables.values(l, m, rng.random(shape)) for l, m in chosen])
 
     return draw
+
+
+@pytest.fixture
+def make_study(tmp_path, make_taps) -> Callable[..., Path]:
+    """A function that writes a small study of recorded taps, 3 x 4 classes, and returns the file."""
+
+    def make(grid: str = "", trials: int = 30, data: str = "", name: str = "study.toml") -> Path:
+        make_taps().save(tmp_path / "taps.nc", force=True)
+        path = tmp_path / name
+        path.write_text(
+            f"""name = "small"\ntrials = {trials}\nthresholds = [0.5, 0.95]\ndeadline = 20
+[[data]]\nname = "rods"\nfiles = ["taps.nc"]\n{data}\n[grid]\n{grid}\n""",
+            encoding="utf-8",
+        )
+        return path
+
+    return make
