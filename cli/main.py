@@ -1,8 +1,10 @@
 """The command `solidtouch`."""
 
 import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
 from importlib.metadata import version as installed_version
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
@@ -17,6 +19,8 @@ from .perceive import perceive
 from .reproduce import reproduce
 from .rig import app as rig
 from .simulate import simulate
+from .sweep import sweep
+from .trials import trials
 
 app = typer.Typer(
     name="solidtouch",
@@ -25,7 +29,7 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
     add_completion=False,
 )
-for command in (reproduce, simulate, collect, convert, inspect, fit, crosscheck, perceive, emulate):
+for command in (reproduce, simulate, collect, convert, inspect, fit, crosscheck, perceive, trials, emulate, sweep):
     app.command()(command)
 app.add_typer(rig, name="rig")
 
@@ -55,7 +59,8 @@ def run() -> None:
     from ..inference.shadow import EnginesDisagree
 
     try:
-        app()
+        with _without_dask():
+            app()
     except EnginesDisagree as error:
         print(f"solidtouch: {error}", file=sys.stderr)
         sys.exit(1)
@@ -79,3 +84,20 @@ def run() -> None:
         if stop.code in (INTERRUPTED, TERMINATED):
             print(MESSAGE, file=sys.stderr)
         raise
+
+
+@contextmanager
+def _without_dask() -> Iterator[None]:
+    """Makes dask look as if it was not installed, unless it is loaded already or a sweep needs it.
+
+    xarray imports it wherever it finds it, even for plain arrays, and that takes as long as a short command does.
+    """
+    modules: dict[str, Any] = sys.modules
+    hidden = "sweep" not in sys.argv and "dask" not in modules
+    if hidden:
+        modules["dask"] = None  # which makes imports of it fail
+    try:
+        yield
+    finally:
+        if hidden:
+            del modules["dask"]

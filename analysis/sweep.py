@@ -1,0 +1,117 @@
+"""A study over a grid of settings: what is not done yet is run, and every finished cell is written at once."""
+
+import json
+from collections.abc import Callable
+from contextlib import closing
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import msgspec
+import numpy as np
+
+from ..models.errors import InputError
+from ..models.recording import naming
+from .sweep_cell import Outcome, Runner
+from .sweep_cells import CellGrid, Effort
+from .sweep_code import code, differences
+from .sweep_data import Sources
+from .sweep_store import DONE, FAILED, PENDING, SweepStore, create_store, locked, read_about
+from .sweep_study import StudyFile, load_study
+
+
+class Tally(NamedTuple):
+    """How far a sweep is, in cells that differ."""
+
+    cells: int
+    done: int
+    failed: int
+
+
+def sweep(
+    path: Path,
+    out: Path,
+    run: Runner,
+    *,
+    retry_failed: bool = False,
+    progress: Callable[[Tally], None] = lambda tally: None,  # noqa: ARG005
+) -> Tally:
+    """Begins a study, or continues it.
+
+    Args:
+        path: The study file.
+        out: The store; made if nothing is there.
+        run: Where to compute.
+        retry_failed: Whether cells that failed before are tried again.
+        progress: Told how far it is, at the start and after every cell.
+
+    Returns:
+        How far it came.
+
+    Raises:
+        InputError: The study or its data cannot be used, the store belongs to another study, other data or other
+            software, or it cannot be written.
+    """
+    study = load_study(path)
+    with naming(path):
+        sources = Sources(study, path.parent)
+        grid = CellGrid.of(study, tuple(sources.keys))
+        store = _store(path, out, study, sources, grid)
+    with locked(out):
+        status = store.status()[grid.distinct]
+        wanted = (status == PENDING) | (retry_failed & (status == FAILED))
+        done, failed = np.count_nonzero(status == DONE), np.count_nonzero((status == FAILED) & ~wanted)
+        tally = Tally(len(status), int(done), int(failed))
+        progress(tally)
+        effort = Effort(study.trials, tuple(study.thresholds), study.deadline)
+        cells = (grid.cell(int(number)) for number in grid.distinct[wanted])
+        with closing(run(cells, effort, sources.load)) as outcomes:
+            for outcome in outcomes:
+                store.write(outcome)
+                tally = _counted(tally, outcome)
+                progress(tally)
+    return tally
+
+
+def _counted(tally: Tally, outcome: Outcome) -> Tally:
+    failed = bool(outcome.traceback)
+    return tally._replace(done=tally.done + (not failed), failed=tally.failed + failed)
+
+
+def _store(path: Path, out: Path, study: StudyFile, sources: Sources, grid: CellGrid) -> SweepStore:
+    settings = json.loads(msgspec.json.encode(study))
+    if out.is_dir() and any(out.iterdir()):
+        about = read_about(out)
+        _check_study(path, out, settings, json.loads(about["settings"]))
+        _check_data(out, sources.keys, json.loads(about["data_keys"]))
+        if different := differences(json.loads(about["code"]), code()):
+            raise InputError(f"{out} was begun with other software; now there is {', '.join(different)}.")
+        return SweepStore(out, grid)
+    about = {
+        "title": study.name,
+        "study": path.read_text(encoding="utf-8"),
+        "settings": json.dumps(settings),
+        "data_keys": json.dumps(sources.keys),
+        "code": json.dumps(code()),
+    }
+    return create_store(out, grid, study.thresholds, sources.units, about)
+
+
+def _check_study(path: Path, out: Path, mine: dict[str, Any], theirs: dict[str, Any]) -> None:
+    mine, theirs = ({**part, **part["grid"]} for part in (mine, theirs))
+    for key in mine:
+        if key != "grid" and mine[key] != theirs.get(key):
+            raise InputError(
+                f"{out} holds another study: {key} is {_short(theirs.get(key))} there and {_short(mine[key])} in "
+                f"{path.name}; another --out begins anew."
+            )
+
+
+def _check_data(out: Path, mine: dict[str, str], theirs: dict[str, str]) -> None:
+    for name, key in mine.items():
+        if theirs.get(name) != key:
+            raise InputError(f"{out} was begun with other taps in the data set {name}; another --out begins anew.")
+
+
+def _short(value: Any) -> str:
+    text = json.dumps(value, ensure_ascii=False)
+    return text if len(text) < 80 else f"{text[:77]}..."

@@ -1,0 +1,18 @@
+"""What a sweep tells about each cell at each threshold."""
+
+QUANTITIES = {
+    "what_error": "mean error of the object, in what_unit",
+    "what_error_se": "its standard error over trials",
+    "where_error": "mean error of the position at the decision, in where_unit",
+    "where_error_se": "its standard error over trials",
+    "taps": "mean reaction time in taps",
+    "taps_se": "its standard error over trials",
+    "what_wrong": "fraction of trials that decide for a wrong object",
+    "stopped_fraction": "fraction of trials that cross the threshold before the deadline",
+    "clamped_fraction": "fraction of trials in which the end of the range cut a move short before the decision",
+    "substituted_fraction": "fraction of trials in which a class without a test tap was replaced before the decision",
+    "belief": "mean belief in the decided object",
+    "trials": "number of trials, the same at every threshold",
+    "seconds": "time that the cell took, the same at every threshold",
+}
+"""Names and what they mean, in the order in which they are stored."""

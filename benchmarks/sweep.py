@@ -1,0 +1,177 @@
+"""What a sweep costs beside its cells: overhead per cell, writing, listing, and efficiency at two workers.
+
+Times are those between the first and the last finished cell, so that starting processes does not count. The overhead
+of a cell is the time of all workers that no cell takes for itself.
+"""
+
+import argparse
+import os
+import socket
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Generator, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import numpy as np
+from rich.console import Console
+from rich.table import Table
+from solidtouch.analysis.sweep import sweep
+from solidtouch.analysis.sweep_cell import Load, Outcome, Runner, run_cell
+from solidtouch.analysis.sweep_cells import Cell, CellGrid, Effort
+from solidtouch.analysis.sweep_dask import on_cluster
+from solidtouch.analysis.sweep_data import Sources
+from solidtouch.analysis.sweep_local import in_processes
+from solidtouch.analysis.sweep_quantities import QUANTITIES
+from solidtouch.analysis.sweep_result import open_sweep
+from solidtouch.analysis.sweep_store import create_store
+from solidtouch.analysis.sweep_study import parse_study
+from solidtouch.analysis.sweep_threads import one_thread
+from solidtouch.inference.montecarlo import THRESHOLDS
+
+STUDY = """
+name = "benchmark"
+trials = {trials}
+thresholds = {thresholds}
+[[data]]
+name = "paper"
+preset = "paper"
+[grid]
+policy = ["active"]
+seed = {seeds}
+"""
+
+
+def study(trials: int, cells: int) -> str:
+    """A study of equal cells."""
+    return STUDY.format(trials=trials, thresholds=list(THRESHOLDS), seeds=list(range(cells)))
+
+
+def trials_for(seconds: float) -> int:
+    """How many trials make a cell of about this long, compiled and with likelihoods at hand."""
+    trials = 2000
+    parsed = parse_study(study(trials, 1))
+    sources = Sources(parsed, Path())
+    cell, data = CellGrid.of(parsed, tuple(sources.keys)).cell(0), sources.load("paper")
+    effort = Effort(trials, parsed.thresholds, parsed.deadline)
+    run_cell(cell, effort, data)
+    began = time.perf_counter()
+    run_cell(cell, effort, data)
+    return max(1, round(trials * seconds / (time.perf_counter() - began)))
+
+
+def timed(run: Runner, workers: int, trials: int, cells: int) -> tuple[float, float]:
+    """Seconds of all workers per cell, and those that the cell took itself, after the first quarter of the cells."""
+    came: list[tuple[float, float]] = []
+
+    def watched(cells: Iterator[Cell], effort: Effort, load: Load) -> Generator[Outcome]:
+        for outcome in run(cells, effort, load):
+            yield outcome
+            came.append((time.perf_counter(), outcome.seconds))
+
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "study.toml"
+        path.write_text(study(trials, cells), encoding="utf-8")
+        tally = sweep(path, path.with_suffix(".zarr"), watched)
+    if tally.done < cells:
+        raise RuntimeError(f"{tally.failed} cells failed")
+    skipped = min(max(workers, cells // 4), cells - 1)  # they wait for compilation and the first likelihoods
+    when, own = np.transpose(came)
+    return workers * (when[-1] - when[skipped - 1]) / (cells - skipped), float(np.mean(own[skipped:]))
+
+
+@contextmanager
+def cluster(workers: int) -> Iterator[str]:
+    """The address of a scheduler with workers of one thread."""
+    with socket.socket() as free:
+        free.bind(("127.0.0.1", 0))
+        port = free.getsockname()[1]
+    address = f"tcp://127.0.0.1:{port}"
+    calls = [["scheduler", "--host", "127.0.0.1", "--port", str(port), "--no-dashboard"]]
+    calls += [["worker", address, "--nthreads", "1", "--no-nanny", "--no-dashboard"]] * workers
+    with tempfile.TemporaryDirectory() as folder, one_thread():
+        processes = [
+            subprocess.Popen(  # noqa: S603
+                [sys.executable, "-m", "dask", *call], cwd=folder, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL
+            )
+            for call in calls
+        ]
+        try:
+            yield address
+        finally:
+            for process in processes:
+                process.kill()
+                process.wait()
+
+
+def on_two_workers(trials: int, cells: int, workers: int = 2) -> tuple[float, float]:
+    """`timed` on a Dask cluster of this machine."""
+    with cluster(workers) as address:
+        return timed(on_cluster(address, 60.0, print), workers, trials, cells)
+
+
+def store_costs(cells: int) -> dict[str, float]:
+    """Time to write a cell and to list it at resume, and what it takes on disk."""
+    axes = (("paper",), ("histogram",), (100,), ("global",), (0.01,), ("J",), ("uniform",), ("active",), (7,))
+    grid = CellGrid((*axes, tuple(range(cells))))
+    values = {name: np.random.default_rng(0).random(len(THRESHOLDS)) for name in QUANTITIES}
+    with tempfile.TemporaryDirectory() as folder:
+        store = create_store(Path(folder) / "s.zarr", grid, THRESHOLDS, {"paper": ("mm", "mm")}, {})
+        before = sum(1 for _ in store.path.rglob("*"))
+        began = time.perf_counter()
+        for number in range(cells):
+            store.write(Outcome(number, values, 1.0))
+        wrote = time.perf_counter()
+        store.status()
+        listed = time.perf_counter()
+        open_sweep(store.path)["what_error"].load()
+        read = time.perf_counter()
+        files = list(store.path.rglob("c.*"))
+        sizes = np.array([file.stat().st_size for file in files])
+        blocks = np.array([file.stat().st_blocks * 512 for file in files])
+        count = (sum(1 for _ in store.path.rglob("*")) - before) / cells
+    return {
+        "write, µs per cell": 1e6 * (wrote - began) / cells,
+        "list at resume, µs per cell": 1e6 * (listed - wrote) / cells,
+        "read one quantity with xarray, µs per cell": 1e6 * (read - listed) / cells,
+        "files per cell": count,
+        "bytes per cell": sizes.sum() / cells,
+        "bytes on disk per cell": blocks.sum() / cells,
+    }
+
+
+def main() -> None:
+    """Prints the table."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--cells", type=int, default=12000, help="small cells for the overhead")
+    parser.add_argument("--stored", type=int, default=20000, help="cells for the store")
+    parser.add_argument("--long", type=int, default=24, help="cells of a second for the efficiency")
+    parser.add_argument("--seconds", type=float, default=1.0, help="length of those")
+    options = parser.parse_args()
+    table = Table("what", "figure")
+    for name, figure in store_costs(options.stored).items():
+        table.add_row(name, f"{figure:.0f}")
+    small = {
+        "1 local process": timed(in_processes(1), 1, 10, options.cells),
+        "2 local processes": timed(in_processes(2), 2, 10, options.cells),
+        "2 Dask workers": on_two_workers(10, options.cells),
+    }
+    for name, (spent, own) in small.items():
+        table.add_row(f"cell of {1e3 * own:.1f} ms, {name}: overhead, ms per cell", f"{1e3 * (spent - own):.2f}")
+    trials = trials_for(options.seconds)
+    one, _ = timed(in_processes(1), 1, trials, options.long)
+    long = {
+        "2 local processes": timed(in_processes(2), 2, trials, options.long),
+        "2 Dask workers": on_two_workers(trials, options.long),
+    }
+    for name, (spent, own) in long.items():
+        table.add_row(f"cell of {own:.2f} s, {name}: time of 1 / (2 x time of 2)", f"{one / spent:.2f}")
+        table.add_row(f"cell of {own:.2f} s, {name}: share of the time in cells", f"{own / spent:.3f}")
+    Console(width=100).print(table)
+    print(f"{os.cpu_count()} cores, load {os.getloadavg()[0]:.1f}")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,104 @@
+"""`solidtouch sweep`: a study over a grid of settings, on this machine or on a cluster."""
+
+import os
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from .interrupt import loading, terminable
+
+if TYPE_CHECKING:
+    from rich.console import Console
+
+    from ..analysis.sweep import Tally
+    from ..analysis.sweep_cell import Runner
+
+
+def sweep(
+    study: Annotated[Path, typer.Argument(metavar="STUDY", help="The study.toml of the grid.", show_default=False)],
+    out: Annotated[
+        Path | None,
+        typer.Option(help="The Zarr store to write or to continue; default STUDY.zarr.", show_default=False),
+    ] = None,
+    workers: Annotated[
+        int | None, typer.Option(min=1, help="Processes on this machine; default one per core.", show_default=False)
+    ] = None,
+    scheduler: Annotated[
+        str | None, typer.Option(metavar="ADDRESS", help="Run on the Dask cluster with this scheduler instead.")
+    ] = None,
+    patience: Annotated[
+        float, typer.Option(metavar="S", min=0.0, help="Seconds to wait for a scheduler and workers that are gone.")
+    ] = 300.0,
+    retry_failed: Annotated[bool, typer.Option("--retry-failed", help="Try cells again that failed before.")] = False,
+) -> None:
+    """Runs all cells of STUDY that are not done yet and writes each as it finishes; exit code 1 if some failed."""
+    from ..analysis.sweep_threads import one_thread
+    from ..models.errors import InputError
+
+    if scheduler is not None and workers is not None:
+        raise InputError("--workers goes without --scheduler, whose cluster has workers of its own.")
+    with loading(), one_thread():
+        from rich.console import Console
+
+        from ..analysis.sweep import sweep as run_sweep
+
+    out = study.with_suffix(".zarr") if out is None else out
+    console = Console(stderr=True)
+    with terminable(), _progress(console) as (tallied, seen):
+        runner = _runner(scheduler, workers, patience, lambda line: console.print(line, highlight=False, markup=False))
+        try:
+            tally = run_sweep(study, out, runner, retry_failed=retry_failed, progress=tallied)
+        except BaseException:
+            if seen:
+                console.print(
+                    f"{out} holds {_counts(seen[-1])}; the same command goes on with the rest.",
+                    highlight=False,
+                    markup=False,
+                )
+            raise
+    print(f"{out}: {_counts(tally)}.")
+    if tally.failed:
+        print("The tracebacks stand in the store; --retry-failed tries these cells again.")
+        raise typer.Exit(1)
+
+
+def _runner(scheduler: str | None, workers: int | None, patience: float, note: Callable[[str], None]) -> "Runner":
+    from ..analysis.sweep_local import in_processes, in_this_process
+
+    if scheduler is not None:
+        from ..analysis.sweep_dask import on_cluster
+
+        return on_cluster(scheduler, patience, note)
+    workers = workers or _cores()
+    return in_this_process if workers == 1 else in_processes(workers)
+
+
+def _cores() -> int:
+    """Cores that this process may use."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+def _counts(tally: "Tally") -> str:
+    failed = f", {tally.failed} failed" if tally.failed else ""
+    return f"{tally.done} of {tally.cells} cells{failed}"
+
+
+@contextmanager
+def _progress(console: "Console") -> Iterator[tuple[Callable[["Tally"], None], list["Tally"]]]:
+    """A function that shows a tally, and a list that holds the last one."""
+    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+
+    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
+    seen: list[Tally] = []
+    with Progress(*columns, console=console) as progress:
+        task = progress.add_task("Cells", total=None)
+
+        def show(tally: "Tally") -> None:
+            seen[:] = [tally]
+            failed = f", {tally.failed} failed" if tally.failed else ""
+            progress.update(task, description=f"Cells{failed}", total=tally.cells, completed=tally.done + tally.failed)
+
+        yield show, seen

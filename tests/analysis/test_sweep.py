@@ -1,0 +1,327 @@
+"""Sweeps on this machine: the numbers do not depend on where and when cells are computed, and nothing is done twice."""
+
+import multiprocessing
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+import xarray as xr
+from solidtouch.analysis import sweep_cell, sweep_code
+from solidtouch.analysis.sweep import Tally, sweep
+from solidtouch.analysis.sweep_batches import DEATHS, Batch, CellQueue
+from solidtouch.analysis.sweep_cell import Outcome, run_cell
+from solidtouch.analysis.sweep_cells import CellGrid, Effort
+from solidtouch.analysis.sweep_data import Sources
+from solidtouch.analysis.sweep_local import in_processes, in_this_process
+from solidtouch.analysis.sweep_result import open_sweep
+from solidtouch.analysis.sweep_study import load_study
+from solidtouch.inference.montecarlo import plan_trials, run_trials, tap_table
+from solidtouch.models.errors import InputError
+from solidtouch.models.histogram import fit
+
+GRID = """
+pseudocount = [0.01, 1]
+policy = ["passive", "active", 0.5]
+fixation = [0, 2]
+border = ["uniform", "clamp"]
+"""
+DISTINCT = 2 * (1 + 2 * 2 * 2)
+
+
+def results(path: Path) -> xr.Dataset:
+    """Everything but how long it took."""
+    return open_sweep(path).load().drop_vars("seconds").drop_attrs()
+
+
+def first_cell(path: Path):
+    """The first cell of a study, its effort and its data."""
+    study = load_study(path)
+    sources = Sources(study, path.parent)
+    cell = CellGrid.of(study, tuple(sources.keys)).cell(0)
+    return cell, Effort(study.trials, study.thresholds, study.deadline), sources.load(cell.data)
+
+
+def test_a_cell_holds_the_means_of_its_trials(make_study):
+    path = make_study('policy = ["active"]\nfixation = [2]\npower = [0.3]', trials=50)
+    cell, effort, data = first_cell(path)
+
+    values = run_cell(cell, effort, data)
+
+    model = fit(data.fold.train, data.grid, power=0.3)
+    table = tap_table(model, model.usable(data.fold.test))
+    seed = sweep_cell._trial_seed(cell)
+    plan = plan_trials(table.pool, 50, seed, 2)
+    trials = run_trials(table, plan, effort.thresholds, theta_x=0.0, deadline=20, seed=seed)
+    error = data.grid.where_error(trials.where, trials.true_where)
+    np.testing.assert_allclose(values["taps"], trials.taps.mean(axis=0))
+    np.testing.assert_allclose(values["where_error"], error.mean(axis=0))
+    np.testing.assert_allclose(values["where_error_se"], error.std(axis=0, ddof=1) / np.sqrt(50), atol=1e-12)
+    np.testing.assert_allclose(values["what_wrong"], (trials.what != plan.what[:, None]).mean(axis=0), atol=1e-12)
+    np.testing.assert_allclose(values["belief"], trials.belief.mean(axis=0))
+    assert values["trials"].tolist() == [50, 50]
+
+
+def test_one_trial_has_no_standard_error(make_study):
+    values = run_cell(*first_cell(make_study(trials=1)))
+
+    assert np.isnan(values["taps_se"]).all()
+    assert np.isfinite(values["taps"]).all()
+
+
+def test_data_sets_do_not_share_random_numbers_and_models_do(make_study):
+    cell, _, _ = first_cell(make_study())
+
+    assert sweep_cell._trial_seed(cell) != sweep_cell._trial_seed(cell._replace(data="others"))
+    assert sweep_cell._trial_seed(cell) != sweep_cell._trial_seed(cell._replace(seed=1))
+    assert sweep_cell._trial_seed(cell) == sweep_cell._trial_seed(cell._replace(pseudocount=7.0, number=9))
+
+
+def test_likelihoods_are_shared_between_cells_of_one_fit(make_study, tmp_path, monkeypatch):
+    fits = []
+    fitted = sweep_cell.MODELS["histogram"]
+    monkeypatch.setitem(sweep_cell.MODELS, "histogram", lambda *a: fits.append(a) or fitted(*a))
+    sweep_cell._table.cache_clear()
+
+    sweep(make_study(GRID), tmp_path / "s.zarr", in_this_process)
+
+    assert len(fits) == 2
+
+
+def test_a_sweep_counts_its_cells(make_study, tmp_path):
+    tallies = []
+
+    tally = sweep(make_study(GRID), tmp_path / "s.zarr", in_this_process, progress=tallies.append)
+
+    assert tally == Tally(DISTINCT, DISTINCT, 0)
+    assert tallies == [Tally(DISTINCT, n, 0) for n in range(DISTINCT + 1)]
+
+
+def test_a_stopped_sweep_goes_on_without_repeating_a_cell(make_study, tmp_path):
+    path = make_study(GRID)
+    sweep(path, tmp_path / "whole.zarr", in_this_process)
+
+    def stop(tally):
+        if tally.done == 7:
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        sweep(path, tmp_path / "s.zarr", in_this_process, progress=stop)
+    again = []
+    sweep(path, tmp_path / "s.zarr", in_this_process, progress=again.append)
+
+    assert again[0].done == 7
+    assert len(again) == DISTINCT - 7 + 1
+    xr.testing.assert_identical(results(tmp_path / "s.zarr"), results(tmp_path / "whole.zarr"))
+
+
+def test_a_finished_sweep_starts_nothing(make_study, tmp_path):
+    path = make_study()
+    sweep(path, tmp_path / "s.zarr", in_this_process)
+
+    def nothing(cells, effort, load):
+        assert not list(cells)
+        yield from ()
+
+    assert sweep(path, tmp_path / "s.zarr", nothing) == Tally(2, 2, 0)
+
+
+def test_a_failing_cell_is_recorded_and_the_rest_goes_on(make_study, tmp_path):
+    path = make_study("fixation = [1, 99]")
+
+    tally = sweep(path, tmp_path / "s.zarr", in_this_process)
+
+    assert tally == Tally(3, 2, 1)
+    dataset = open_sweep(tmp_path / "s.zarr").squeeze()
+    text = str(dataset["traceback"].sel(policy="active", fixation=99).values)
+    assert text.startswith("Traceback")
+    assert "The fixation point must be a class index from 0 to 2, got 99." in text
+    assert np.isfinite(dataset["taps"].sel(policy="active", fixation=1)).all()
+
+
+def test_failed_cells_are_tried_again_only_when_asked(make_study, tmp_path):
+    path = make_study("fixation = [1, 99]")
+    for tried in (1, 0):
+        tallies = []
+        sweep(path, tmp_path / "s.zarr", in_this_process, progress=tallies.append)
+        assert tallies[0].failed == 1 - tried
+    tallies = []
+
+    tally = sweep(path, tmp_path / "s.zarr", in_this_process, retry_failed=True, progress=tallies.append)
+
+    assert tallies == [Tally(3, 2, 0), Tally(3, 2, 1)]
+    assert tally.failed == 1
+
+
+def test_another_study_is_refused(make_study, tmp_path):
+    sweep(make_study(), tmp_path / "s.zarr", in_this_process)
+
+    with pytest.raises(InputError, match=r"another study: trials is 30 there and 31 in study\.toml"):
+        sweep(make_study(trials=31), tmp_path / "s.zarr", in_this_process)
+    with pytest.raises(InputError, match=r"another study: bins is \[100\] there and \[5, 100\] in study\.toml"):
+        sweep(make_study("bins = [5, 100]"), tmp_path / "s.zarr", in_this_process)
+
+
+def test_a_comment_does_not_make_another_study(make_study, tmp_path):
+    path = make_study()
+    sweep(path, tmp_path / "s.zarr", in_this_process)
+    path.write_text(f"# said later\n{path.read_text(encoding='utf-8')}", encoding="utf-8")
+
+    assert sweep(path, tmp_path / "s.zarr", in_this_process).done == 2
+
+
+def test_other_taps_are_refused(make_study, make_taps, tmp_path):
+    path = make_study()
+    sweep(path, tmp_path / "s.zarr", in_this_process)
+    make_taps(seed=1).save(tmp_path / "taps.nc", force=True)
+
+    with pytest.raises(InputError, match="other taps in the data set rods"):
+        sweep(path, tmp_path / "s.zarr", in_this_process)
+
+
+def test_other_software_is_refused(make_study, tmp_path, monkeypatch):
+    path = make_study()
+    sweep(path, tmp_path / "s.zarr", in_this_process)
+    other = sweep_code.code() | {"numba": "0.1"}
+    monkeypatch.setattr("solidtouch.analysis.sweep.code", lambda: other)
+
+    with pytest.raises(InputError, match=r"begun with other software; now there is numba 0\.1 instead of"):
+        sweep(path, tmp_path / "s.zarr", in_this_process)
+
+
+def test_a_folder_with_other_things_is_not_written_to(make_study, tmp_path):
+    with pytest.raises(InputError, match="exists and is no sweep"):
+        sweep(make_study(), tmp_path, in_this_process)
+
+
+def test_several_processes_give_the_same_bits_as_one(make_study, tmp_path):
+    """The second time, one of the workers is killed while it works."""
+    path = make_study(GRID, trials=200)
+    sweep(path, tmp_path / "one.zarr", in_this_process)
+    killed = []
+
+    def kill(tally):
+        children = multiprocessing.active_children()
+        if tally.done == 3 and children and not killed:
+            os.kill(children[0].pid, signal.SIGKILL)
+            killed.append(children[0].pid)
+
+    tally = sweep(path, tmp_path / "two.zarr", in_processes(2), progress=kill)
+
+    assert killed
+    assert tally == Tally(DISTINCT, DISTINCT, 0)
+    assert not multiprocessing.active_children()
+    xr.testing.assert_identical(results(tmp_path / "two.zarr"), results(tmp_path / "one.zarr"))
+
+
+def cells(make_study, grid="seed = [0, 1, 2, 3, 4, 5]\npolicy = [0.5]"):
+    path = make_study(grid)
+    whole = CellGrid.of(load_study(path), ("rods",))
+    return [whole.cell(number) for number in range(len(whole))]
+
+
+def test_batches_grow_until_they_take_as_long_as_wanted(make_study):
+    queue = CellQueue(cells(make_study), 0.75)
+    first = queue.take()
+    assert len(first.cells) == 1
+    queue.finished([Outcome(0, {}, 0.25)])
+
+    assert [len(queue.take().cells) for _ in range(2)] == [3, 2]
+    assert not queue
+
+
+def test_a_batch_has_one_data_set(make_study):
+    one = cells(make_study)
+    queue = CellQueue([*one, *(cell._replace(data="others") for cell in one)], 100.0)
+    queue.finished([Outcome(0, {}, 0.25)])
+
+    assert [(batch.data, len(batch.cells)) for batch in (queue.take(), queue.take())] == [("rods", 6), ("others", 6)]
+
+
+def test_only_the_cell_that_kills_its_workers_is_given_up(make_study):
+    queue = CellQueue((), 1.0)
+    one, other, *_ = cells(make_study)
+    assert not queue.died(Batch((one, other)), "It died.")
+    assert queue.take().cells == (one,)
+    batch, outcomes = queue.take(), []
+    assert batch.cells == (other,)
+
+    for death in range(1, DEATHS + 1):
+        outcomes = queue.died(batch, "It died.")
+        assert bool(outcomes) == (death == DEATHS)
+        if not outcomes:
+            batch = queue.take()
+
+    assert not queue
+    assert [outcome.number for outcome in outcomes] == [other.number]
+    assert outcomes[0].traceback == f"It died. It was tried {DEATHS} times."
+
+
+def command(path: Path, out: Path, *words: str) -> list[str]:
+    return [sys.executable, "-m", "solidtouch.cli", "sweep", str(path), "--out", str(out), *words]
+
+
+def stamps(out: Path) -> dict[str, tuple[int, int]]:
+    """The files that say which cells are done, and which writing they come from."""
+    files = (out / "status").glob("c.*") if out.exists() else ()
+    return {file.name: (file.stat().st_ino, file.stat().st_mtime_ns) for file in files}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("workers", [1, 2])
+def test_a_sweep_killed_again_and_again_loses_and_repeats_nothing(make_study, tmp_path, workers):
+    path = make_study(GRID, trials=20000)
+    out, before, kills = tmp_path / "s.zarr", {}, 0
+    while True:
+        process = subprocess.Popen(
+            command(path, out, f"--workers={workers}"), stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL
+        )
+        began = time.monotonic()
+        while process.poll() is None and len(stamps(out)) < len(before) + 3 + 3 * kills:
+            time.sleep(0.001)
+            assert time.monotonic() - began < 30
+        process.kill()
+        code, after = process.wait(), stamps(out)
+        assert code in (0, -signal.SIGKILL)
+        assert before.items() <= after.items()
+        if code == 0:
+            break
+        before, kills = after, kills + 1
+    sweep(path, tmp_path / "whole.zarr", in_this_process)
+
+    assert kills > 1
+    xr.testing.assert_identical(results(out), results(tmp_path / "whole.zarr"))
+
+
+def alive(pid: str) -> bool:
+    """Whether a process runs; one that only waits to be buried does not."""
+    stat = Path(f"/proc/{pid}/stat")
+    return stat.exists() and stat.read_text().rpartition(")")[2].split()[0] != "Z"
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("number", "code"), [(signal.SIGINT, 130), (signal.SIGTERM, 143), (signal.SIGKILL, -9)])
+def test_workers_do_not_outlive_a_stopped_sweep(make_study, tmp_path, number, code):
+    """However it ends: told by the terminal or by another program, or killed, while cells of a minute run."""
+    path = make_study("seed = [0, 1]", trials=10_000_000)
+    process = subprocess.Popen(
+        command(path, tmp_path / "s.zarr", "--workers=2"), stderr=subprocess.PIPE, text=True, stdout=subprocess.DEVNULL
+    )
+    children = Path(f"/proc/{process.pid}/task/{process.pid}/children")
+    while len(workers := children.read_text().split()) < 3:  # two workers and what tracks their resources
+        time.sleep(0.05)
+    time.sleep(4)
+
+    process.send_signal(number)
+    errors = process.communicate(timeout=10)[1]
+
+    assert process.returncode == code
+    time.sleep(0.5)
+    assert not [pid for pid in workers if alive(pid)]
+    if number != signal.SIGKILL:
+        assert "holds 0 of 4 cells; the same command goes on with the rest." in " ".join(errors.split())
+        assert "Traceback" not in errors

@@ -1,0 +1,41 @@
+"""The page about sweeps does what it says."""
+
+import re
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+from solidtouch.analysis.sweep import sweep
+from solidtouch.analysis.sweep_local import in_this_process
+from solidtouch.analysis.sweep_quantities import QUANTITIES
+from solidtouch.analysis.sweep_study import load_study, parse_study
+
+DOCS = Path(__file__).parents[2] / "docs"
+PAGE = (DOCS / "sweep.md").read_text(encoding="utf-8")
+
+
+def block(language: str) -> str:
+    return re.search(rf"^```{language}\n(.*?)^```$", PAGE, flags=re.MULTILINE | re.DOTALL)[1]
+
+
+def test_the_study_on_the_page_is_the_example():
+    assert parse_study(block("toml")) == load_study(DOCS / "examples" / "study.toml")
+
+
+def test_the_example_runs_and_is_read_as_the_page_says(tmp_path):
+    path = tmp_path / "study.toml"
+    shutil.copy(DOCS / "examples" / "study.toml", path)
+    path.write_text(path.read_text(encoding="utf-8").replace("trials = 1000", "trials = 40"), encoding="utf-8")
+    sweep(path, tmp_path / "study.zarr", in_this_process)
+
+    done = subprocess.run(
+        [sys.executable, "-c", block("python")], cwd=tmp_path, capture_output=True, text=True, check=True
+    )
+
+    assert re.search(r"^policy +passive +active$|^policy +active +passive$", done.stdout, flags=re.MULTILINE)
+    assert "pending or failed: 0" in done.stdout
+
+
+def test_the_page_names_every_quantity():
+    assert not [name for name in QUANTITIES if not name.endswith("_se") and f"`{name}`" not in PAGE]
