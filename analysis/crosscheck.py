@@ -137,7 +137,7 @@ def crosscheck(
     plan = plan_trials(table.pool, episodes, seed)
     plan = plan._replace(fixation=generator.integers(model.grid.L, size=episodes))
     for device, differences in compare_trials(engines[0], table, taps, plan, border, length, NEAR_TIE).items():
-        comparison.add_trials(f"numpy, trials on {device}", differences)
+        comparison.add_trials(f"numpy, {device} trials", differences)
     return CrossCheck(
         comparison.rows(),
         episodes,
@@ -154,7 +154,7 @@ def render(check: CrossCheck, console: "Console") -> None:
     """Prints the comparison as a table and a verdict."""
     from rich.table import Table  # noqa: PLC0415
 
-    table = Table("routes", "quantity", "largest difference", "allowed", "")
+    table = Table("routes", "quantity", "difference", "allowed", "")
     for row in check.rows:
         table.add_row(
             row.routes, row.quantity, f"{row.largest:.2e}", f"{row.allowed:.0e}", "ok" if row.passed else "DIFFERS"
@@ -229,7 +229,7 @@ class _Comparison:
 
     def add_trials(self, routes: str, differences: TrialDifferences) -> None:
         """Counts what differed between trials."""
-        self._note(routes, "belief at the decision", *differences.belief)
+        self._note(routes, "decided belief", *differences.belief)
         self.differing_decisions += differences.decisions
         self.near_ties += differences.near_ties
 

@@ -7,12 +7,17 @@ from types import ModuleType
 
 import numpy as np
 import pytest
+from hypothesis import settings
 from numpy.typing import NDArray
 from solidtouch.hardware.model_rig import bin_tables
 from solidtouch.models.classes import ClassGrid
 from solidtouch.models.histogram import HistogramModel
 from solidtouch.models.preprocessing import Preprocessing
 from solidtouch.models.taps import TapSet
+
+# How long an example takes depends on the machine, and on whether it is the first that compiles.
+settings.register_profile("solidtouch", deadline=None)
+settings.load_profile("solidtouch")
 
 
 @pytest.fixture

@@ -17,7 +17,7 @@ from solidtouch.models.errors import InputError
 
 LENGTH, SEQUENCE = 6, 4
 SEQUENCE_ROUTE = "numpy, numpyro sequence"
-TRIALS = {"numpy, trials on cpu", "numpy, trials on xla-cpu"}
+TRIALS = {"numpy, cpu trials", "numpy, xla-cpu trials"}
 
 
 @pytest.fixture
@@ -160,7 +160,7 @@ def test_a_wrong_belief_of_a_trial_is_found(monkeypatch, case):
 
     trials_with(monkeypatch, change)
 
-    assert failed(run(case, sequence_taps=0)) == {("numpy, trials on cpu", "belief at the decision")}
+    assert failed(run(case, sequence_taps=0)) == {("numpy, cpu trials", "decided belief")}
 
 
 @pytest.mark.parametrize("name", ["taps", "what", "where", "true_where", "stopped"])
