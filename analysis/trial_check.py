@@ -78,9 +78,8 @@ def _play(engine: Engine, taps: TapSet, plan: TrialPlan, deadline: int) -> tuple
     margins: list[float] = []
     for step in steps(rig, engine, 1.0, fixation(target), deadline):
         belief = float(step.what_marginal.max())
-        margins.append(
-            min(belief_gap(step.where_marginal), belief_gap(step.what_marginal), *np.abs(belief - np.array(THRESHOLDS)))
-        )
+        undecided = np.abs(belief - np.array(THRESHOLDS[len(decisions) :]))
+        margins.append(min(belief_gap(step.where_marginal), belief_gap(step.what_marginal), *undecided))
         for theta in THRESHOLDS[len(decisions) :]:
             if not belief > theta and step.number < deadline:
                 break

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from solidtouch.hardware.data_collection import simulate_session
 from solidtouch.hardware.pool import TapPool
 from solidtouch.hardware.presets import preset
-from solidtouch.inference import draws
+from solidtouch.inference import draws, kernel
 from solidtouch.inference.montecarlo import (
     TapTable,
     TrialPlan,
@@ -91,7 +91,7 @@ def make_job(
     L, M = table.log_prior.shape
     count = int(table.pool.count[0, 0])
     plan = plan_trials(table.pool, trials, SEED, fixation=(L - 1) // 2)
-    words = draws.words(SEED, plan.stream, draws.TAPS, 0, deadline)
+    words = draws.words(SEED, plan.stream, kernel.TAPS, 0, deadline)
     largest = table.log_likelihood.max(axis=(1, 2), keepdims=True)
     return Job(
         table=table,

@@ -47,7 +47,10 @@ Border = Annotated[
     Literal["uniform", "uniform_what", "prior", "clamp", "circular"],
     typer.Option("--border", help="What a move does to belief that leaves the range."),
 ]
-Seed = Annotated[int, typer.Option("--seed", min=0, help="Of every random draw.")]
+Seed = Annotated[int, typer.Option("--seed", min=0, max=2**63 - 1, help="Of every random draw.")]
+Deadline = Annotated[
+    int, typer.Option("--deadline", min=1, max=10**6, help="Taps after which the most probable classes are taken.")
+]
 Workers = Annotated[
     int | None, typer.Option("--workers", min=1, help="How many at a time; default as many as there are cores.")
 ]

@@ -14,6 +14,7 @@ from .interrupt import loading
 from .options import (
     Bins,
     Border,
+    Deadline,
     Force,
     Power,
     Pseudocount,
@@ -51,7 +52,7 @@ def reproduce(
     thresholds: Annotated[str | None, Option(help="Belief thresholds, such as 0.5,0.9,0.99.")] = None,
     theta_x: Annotated[float, Option(help="Belief in a position needed for a move; 0 always moves.")] = 0.0,
     fixation: Annotated[int | None, Option(help="Fixation point as 0-based class index; default the middle.")] = None,
-    deadline: Annotated[int, Option(min=1, help="Taps after which the most probable classes are taken.")] = 100,
+    deadline: Deadline = 100,
     where_cell: WhereCell = None,
     what_cell: WhatCell = None,
     split: SplitMethod = None,

@@ -1,5 +1,6 @@
 """`solidtouch trials`: any number of perception trials on recorded taps, with results on the way."""
 
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal, Self
 
@@ -7,14 +8,18 @@ from typer import Argument, Option
 
 from ..models.errors import InputError
 from .interrupt import loading, terminable
-from .options import Border, Force, Seed, TestSessions, Workers, parse_thresholds
+from .options import Border, Deadline, Force, Seed, TestSessions, Workers, parse_thresholds
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     from rich.console import RenderableType
     from rich.table import Table
 
     from ..inference.tally import Tally
-    from ..models.classes import ClassGrid
+
+
+_WIDEST = 500  # characters
 
 
 def trials(
@@ -32,7 +37,7 @@ def trials(
         int | None, Option(help="Where class to begin in, from 0; default any.", show_default=False)
     ] = None,
     thresholds: Annotated[str | None, Option(help="Belief thresholds, such as 0.5,0.9,0.99.")] = None,
-    deadline: Annotated[int, Option(min=1, help="Taps after which the most probable classes are taken.")] = 100,
+    deadline: Deadline = 100,
     test: TestSessions = None,
     border: Border = "uniform",
     seed: Seed = 0,
@@ -56,8 +61,10 @@ def trials(
         check_writable(out, force)
     with loading():
         from ..analysis.tallied import tally_dataset
+        from ..analysis.tally_view import tally_table
         from ..inference.control import check_fixation
         from ..inference.montecarlo import THRESHOLDS, tap_table
+        from ..inference.reference import ZeroEvidenceError
         from ..inference.tally import tally_trials
         from ..models.experiment import parse_sessions
         from ..models.histogram import load_model
@@ -73,7 +80,7 @@ def trials(
     if start is not None and not 0 <= start < grid.L:
         raise InputError(f"--start must be a class index from 0 to {grid.L - 1}, got {start}.")
     point = check_fixation(fixation, grid.L)
-    with terminable(), _Shown(grid, chosen, number) as shown:
+    with terminable(), _Shown(partial(tally_table, grid=grid, thresholds=chosen), number) as shown:
         try:
             tally_trials(
                 table,
@@ -89,6 +96,9 @@ def trials(
                 workers=workers,
                 progress=shown.update,
             )
+        except ZeroEvidenceError:
+            shown.tally = None
+            raise
         finally:
             if out is not None and shown.tally is not None:
                 with complete_file(out, force) as temporary:
@@ -98,14 +108,14 @@ def trials(
 class _Shown:
     """The results so far: while they grow on standard error, in the end, also an early one, on standard output."""
 
-    def __init__(self, grid: "ClassGrid", thresholds: tuple[float, ...], number: int) -> None:
+    def __init__(self, table: "Callable[[Tally], Table]", number: int) -> None:
         from rich.console import Console
         from rich.live import Live
 
         from .progress import progress_bars
 
         self.tally: Tally | None = None
-        self._grid, self._thresholds = grid, thresholds
+        self._table = table
         self._bars = progress_bars()
         self._task = self._bars.add_task("Playing trials", total=number)
         self._live = Live(console=Console(stderr=True), get_renderable=self._render, transient=True)
@@ -119,7 +129,9 @@ class _Shown:
 
         self._live.stop()
         if self.tally is not None:
-            Console().print(self._table(self.tally))
+            table = self._table(self.tally)
+            needed = Console(width=_WIDEST).measure(table).maximum
+            Console(width=max(Console().width, needed)).print(table)
 
     def update(self, tally: "Tally") -> None:
         """Shows these counts from now on."""
@@ -130,8 +142,3 @@ class _Shown:
         from rich.console import Group
 
         return self._bars if self.tally is None else Group(self._table(self.tally), self._bars)
-
-    def _table(self, tally: "Tally") -> "Table":
-        from ..analysis.tally_view import tally_table
-
-        return tally_table(tally, self._grid, self._thresholds)

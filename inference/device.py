@@ -14,7 +14,7 @@ import numpy as np
 from jax.scipy.special import logsumexp
 
 from ..models.errors import InputError
-from . import draws
+from . import draws, kernel
 from .montecarlo import Rule, TapTable, TrialPlan, Trials
 from .reference import BORDERS
 
@@ -180,8 +180,9 @@ def _play(
         rows = jnp.where(ended, state.trial, n)
         records = jax.tree.map(lambda all_, new: all_.at[rows].set(new, mode="drop"), records, state.record)
         trial = jnp.minimum(following + jnp.cumsum(ended) - 1, n)
+        impossible += (ended & state.impossible).sum()
         state = jax.tree.map(partial(_choose, ended), fresh(trial), state)
-        return state, records, following + ended.sum(), impossible + (ended & state.impossible).sum()
+        return state, records, following + ended.sum(), impossible
 
     start = fresh(jnp.arange(slots))
     records = jax.tree.map(lambda field: jnp.zeros((n, *field.shape[1:]), field.dtype), start.record)
@@ -231,11 +232,9 @@ def _tap(tables: _Tables, plan: _Plan, slot: _Slot, *, border: int, deadline: in
     log_belief, log_evidence = update(slot.log_belief, tables.log_likelihood[index])
     belief = jnp.exp(log_belief)
     where, what = belief.sum(1), belief.sum(0)
+    impossible = slot.impossible | (jnp.isneginf(log_evidence) & (slot.decided < len(tables.thresholds)))
     slot = _decide(tables, slot._replace(log_belief=log_belief), where, what, deadline)
-    slot = slot._replace(
-        tap=slot.tap + 1,
-        impossible=slot.impossible | (jnp.isneginf(log_evidence) & (slot.decided < len(tables.thresholds))),
-    )
+    slot = slot._replace(tap=slot.tap + 1, impossible=impossible)
     return _move(tables, slot, where, plan.fixation[row], held, border) if moving else slot
 
 
@@ -269,6 +268,7 @@ def _move(tables: _Tables, slot: _Slot, where: jax.Array, fixation: jax.Array, h
 def _word(key: tuple[jax.Array, jax.Array], stream: jax.Array, tap: jax.Array) -> jax.Array:
     """The random word of a tap, as `draws.words` has it."""
     stream, tap = stream.astype(jnp.uint64), tap.astype(jnp.uint64)
-    low, half = np.uint64(0xFFFFFFFF), np.uint64(32)
-    block = draws.philox(tap // np.uint64(draws.PER_BLOCK), jnp.uint64(draws.TAPS), stream & low, stream >> half, *key)
+    block = kernel.philox(
+        tap // np.uint64(draws.PER_BLOCK), kernel.TAPS, stream & kernel.LOW, stream >> kernel.HALF, *key
+    )
     return jnp.stack(block)[tap % np.uint64(draws.PER_BLOCK)]

@@ -8,13 +8,12 @@ Arrays have the axes (M, L), objects first, so that vector instructions run alon
 """
 
 import math
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..models.compiled import compiled
-from . import draws
 
 if TYPE_CHECKING:
     from ..hardware.pool import TapPool
@@ -26,16 +25,36 @@ type Integers = NDArray[np.int64]
 
 UNIT = 256
 _DOWN, _UP = 2.0**-UNIT, 2.0**UNIT
+_NOTHING = 8  # units between two numbers of which the smaller one adds nothing
 _LEAST = 2.0**-1000  # products of belief and likelihood stay above it, well clear of subnormal numbers
 _LEAST_TOTAL = 2.0**-128  # classes of the next k are smaller than this in proportion
 
 UNIFORM, UNIFORM_WHAT, PRIOR, CLAMP, CIRCULAR = range(5)
 """Borders, in the order of `reference.BORDERS`."""
 
-_philox = compiled(draws.philox)
-_TAPS = np.uint64(draws.TAPS)
-_HALF = np.uint64(32)
-_LOW = np.uint64(0xFFFFFFFF)
+TAPS, STARTS = np.uint64(0), np.uint64(1)
+"""What random numbers are for; each purpose has numbers of its own."""
+
+LOW, HALF = np.uint64(0xFFFFFFFF), np.uint64(32)
+_ROUNDS = 10
+_MULTIPLIER0, _MULTIPLIER1 = np.uint64(0xD2511F53), np.uint64(0xCD9E8D57)
+_INCREMENT0, _INCREMENT1 = np.uint64(0x9E3779B9), np.uint64(0xBB67AE85)
+
+
+def philox(c0: Any, c1: Any, c2: Any, c3: Any, k0: Any, k1: Any) -> tuple[Any, Any, Any, Any]:
+    """Four random 32-bit words from four counter words and two key words, all held in unsigned 64-bit numbers.
+
+    Philox4x32-10 of Salmon, Moraes, Dror and Shaw, "Parallel random numbers: as easy as 1, 2, 3", SC 2011. It runs as
+    it stands on NumPy and JAX arrays and, compiled, on single numbers.
+    """
+    for _ in range(_ROUNDS):
+        p0, p1 = _MULTIPLIER0 * c0, _MULTIPLIER1 * c2
+        c0, c1, c2, c3 = (p1 >> HALF) ^ c1 ^ k0, p1 & LOW, (p0 >> HALF) ^ c3 ^ k1, p0 & LOW
+        k0, k1 = (k0 + _INCREMENT0) & LOW, (k1 + _INCREMENT1) & LOW
+    return c0, c1, c2, c3
+
+
+_philox = compiled(philox)  # here and not beside the other uses of it: see `compiled`
 
 
 @compiled
@@ -80,12 +99,18 @@ def settle(z: Floats, k: Integers, on: Floats) -> float:
     top = np.iinfo(np.int64).max
     for m in range(M):
         for l in range(L):
-            if z[m, l] > 0 and k[m, l] < top:
-                top = k[m, l]
+            if z[m, l] > 0:
+                while z[m, l] < _DOWN:
+                    z[m, l] *= _UP
+                    k[m, l] += 1
+                while z[m, l] >= 1:
+                    z[m, l] *= _DOWN
+                    k[m, l] -= 1
+                top = min(top, k[m, l])
     total = 0.0
     for m in range(M):
         for l in range(L):
-            if z[m, l] > 0 and k[m, l] == top:
+            if k[m, l] == top:
                 total += z[m, l]
     if total == 0:
         return 0.0
@@ -96,10 +121,10 @@ def settle(z: Floats, k: Integers, on: Floats) -> float:
             value = z[m, l] * scale
             unit = k[m, l] - top
             if value > 0:
-                while value < _DOWN:
+                if value < _DOWN:
                     value *= _UP
                     unit += 1
-                while unit > 0 and value >= 1:
+                elif value >= 1 and unit > 0:
                     value *= _DOWN
                     unit -= 1
                 least = min(least, value)
@@ -114,7 +139,7 @@ def add(z1: float, k1: int, z2: float, k2: int) -> tuple[float, int]:
     """The sum of two scaled numbers."""
     if z1 == 0 or (z2 > 0 and k2 < k1):
         z1, k1, z2, k2 = z2, k2, z1, k1
-    if z2 == 0:
+    if z2 == 0 or k2 - k1 > _NOTHING:
         return z1, k1
     return z1 + math.ldexp(z2, -UNIT * (k2 - k1)), k1
 
@@ -250,7 +275,7 @@ def play(
             lane = tap & 3
             if lane == 0:
                 word, word1, word2, word3 = _philox(
-                    np.uint64(tap >> 2), _TAPS, stream & _LOW, stream >> _HALF, rule.key0, rule.key1
+                    np.uint64(tap >> 2), TAPS, stream & LOW, stream >> HALF, rule.key0, rule.key1
                 )
             elif lane == 1:
                 word = word1
@@ -258,7 +283,7 @@ def play(
                 word = word2
             else:
                 word = word3
-            number = np.int64((word * np.uint64(pool.count[at, held])) >> _HALF)
+            number = np.int64((word * np.uint64(pool.count[at, held])) >> HALF)
             index = pool.order[pool.first[at, held] + number]
 
             # Written out here: handed to a function, the arrays' reference counts would cost as much as the work.

@@ -149,17 +149,19 @@ def plan_trials(
         first_stream: Random stream of the first trial; the others follow.
 
     Raises:
-        InputError: No class with a test tap is left, or there are no trials.
+        InputError: No class with a test tap is left, there are no trials, or the seed or a stream is out of range.
     """
     if trials < 1:
         raise InputError(f"There must be at least one trial, got {trials}.")
+    if not 0 <= first_stream <= draws.MOST_STREAM - trials:
+        raise InputError(f"Streams must lie between 0 and {draws.MOST_STREAM}, got {first_stream} and following.")
     cells = np.argwhere(pool.count > 0)
     if where is not None:
         cells = cells[cells[:, 0] == where]
     if not len(cells):
         raise InputError(f"There is no test tap in where class {where} to start from.")
     stream = first_stream + np.arange(trials)
-    word = draws.words(seed, stream, draws.STARTS, 0, 1)[:, 0]
+    word = draws.words(seed, stream, kernel.STARTS, 0, 1)[:, 0]
     start = cells[draws.below(word, np.uint64(len(cells))).astype(np.intp)]
     where_class, what_class = (np.ascontiguousarray(column) for column in start.T)
     return TrialPlan(where_class, what_class, np.full(trials, fixation, dtype=np.intp), stream)
@@ -172,7 +174,7 @@ def join_plans(plans: Sequence[TrialPlan]) -> TrialPlan:
 
 def trial_uniforms(seed: int, stream: int, taps: int) -> NDArray[np.float64]:
     """The random numbers of a trial, one per tap; number u picks tap floor(u * count) of the class."""
-    return draws.uniform(draws.words(seed, stream, draws.TAPS, 0, taps)[0])
+    return draws.uniform(draws.words(seed, stream, kernel.TAPS, 0, taps)[0])
 
 
 def run_trials(
@@ -210,7 +212,7 @@ def run_trials(
     """
     rule = make_rule(thresholds, theta_x, border, deadline, seed)
     play = make_player(table, rule, device)
-    plan = TrialPlan(*(np.ascontiguousarray(column, dtype=np.int64) for column in plan))
+    plan = _checked(plan, table.pool)
     n = len(plan.where)
     trials = empty_trials(n, len(rule.thresholds))
     pieces = [(first, min(first + play.at_once, n)) for first in range(0, n, play.at_once)]
@@ -220,8 +222,30 @@ def run_trials(
         impossible += count
         if progress is not None:
             progress(last - first)
-    refuse_impossible(impossible)
+    refuse_impossible(impossible, n)
     return trials
+
+
+def _checked(plan: TrialPlan, pool: TapPool) -> TrialPlan:
+    """The plan in the form that compiled loops take.
+
+    Raises:
+        InputError: Its columns differ in length, or it names a class that is not there or an object without a tap.
+    """
+    plan = TrialPlan(*(np.ascontiguousarray(column, dtype=np.int64) for column in plan))
+    if len({column.shape for column in plan}) != 1 or plan.where.ndim != 1:
+        raise InputError(f"The columns of a plan differ in shape: {', '.join(str(column.shape) for column in plan)}.")
+    L, M = pool.nearest.shape
+    inside = (plan.where >= 0) & (plan.where < L) & (plan.what >= 0) & (plan.what < M)
+    if not inside.all():
+        i = int(inside.argmin())
+        raise InputError(
+            f"Trial {i} starts in class ({plan.where[i]}, {plan.what[i]}), and there are {L} x {M} (where, what)."
+        )
+    empty = pool.nearest[plan.where, plan.what] < 0
+    if empty.any():
+        raise InputError(f"Trial {int(empty.argmax())} holds object {plan.what[empty][0]}, of which there is no tap.")
+    return plan
 
 
 def make_rule(thresholds: ArrayLike, theta_x: float, border: Border, deadline: int, seed: int) -> Rule:
@@ -235,19 +259,21 @@ def make_rule(thresholds: ArrayLike, theta_x: float, border: Border, deadline: i
         raise InputError(f"The border must be one of {', '.join(BORDERS)}, got {border!r}.")
     if deadline < 1 or not len(thresholds):
         raise InputError(f"Trials need a threshold and a deadline, got {len(thresholds)} and {deadline}.")
-    if np.isnan(thresholds).any():
+    if np.isnan(thresholds).any() or np.isnan(theta_x):
         raise InputError("A threshold is NaN.")
     never = np.where(thresholds >= 1, np.inf, thresholds)
     column = np.argsort(never, kind="stable")
-    return Rule(never[column], column, float(theta_x), border_number(border), deadline, *draws.key(seed))
+    return Rule(never[column], column, float(theta_x), border_number(border), int(deadline), *draws.key(seed))
 
 
 def make_player(table: TapTable, rule: Rule, device: str = "cpu") -> Player:
     """What plays trials on a device.
 
     Raises:
-        InputError: There is no such device.
+        InputError: There is no such device, or the table holds a value that is no log-likelihood.
     """
+    if not ((table.log_likelihood < np.inf).all() and (table.log_prior < np.inf).all()):
+        raise InputError("The table of log-likelihoods or the prior holds NaN or +inf.")
     if device == "cpu":
         return _LoopPlayer(table, rule)
     if device in ("gpu", "xla-cpu"):
@@ -287,10 +313,17 @@ def empty_trials(n: int, H: int) -> Trials:
     )
 
 
-def refuse_impossible(count: int) -> None:
-    """Raises ZeroEvidenceError if trials met an impossible tap."""
+def refuse_impossible(count: int, played: int) -> None:
+    """Raises ZeroEvidenceError if trials met an impossible tap.
+
+    Args:
+        count: How many did.
+        played: Of how many.
+    """
     if count:
-        raise ZeroEvidenceError(f"In {count} trials a tap was impossible under every class that was still believed in.")
+        raise ZeroEvidenceError(
+            f"In {count} of {played} trials a tap was impossible under every class that was still believed in."
+        )
 
 
 def play_workers(device: str, workers: int | None) -> int:

@@ -36,7 +36,7 @@ class Tally(NamedTuple):
     Attributes:
         what: How often each object (axis 1) was taken for each (axis 2), shape (H, M, M).
         where: How often the sensor stood in each class (axis 1) and believed to be in each (axis 2), shape (H, L, L).
-        taps: How many trials took each number of taps, from 0, shape (H, deadline + 1).
+        taps: How many trials took each number of taps, from 0 to the longest, shape (H, longest + 1).
         stopped: How many crossed the threshold before the deadline, shape (H,).
         clamped: How many had a move cut short by the end of the range, shape (H,).
         substituted: How many had a class without a tap replaced, shape (H,).
@@ -57,7 +57,7 @@ class Tally(NamedTuple):
         return int(self.taps[0].sum())
 
     @classmethod
-    def empty(cls, H: int, L: int, M: int, deadline: int) -> Self:
+    def empty(cls, H: int, L: int, M: int, longest: int = 0) -> Self:
         """No trials."""
 
         def counts(*shape: int) -> NDArray[np.int64]:
@@ -66,7 +66,7 @@ class Tally(NamedTuple):
         return cls(
             what=counts(M, M),
             where=counts(L, L),
-            taps=counts(deadline + 1),
+            taps=counts(longest + 1),
             stopped=counts(),
             clamped=counts(),
             substituted=counts(),
@@ -75,6 +75,9 @@ class Tally(NamedTuple):
 
     def plus(self, other: Self) -> Self:
         """Both together."""
+        if self.taps.shape[1] < other.taps.shape[1]:
+            return other.plus(self)
+        other = other._replace(taps=_padded(other.taps, self.taps.shape[1]))
         return self._replace(**{name: value + getattr(other, name) for name, value in self._asdict().items()})
 
 
@@ -127,7 +130,7 @@ def tally_trials(
         partial(piece, stream, min(play.at_once, end - stream)) for stream in range(first_stream, end, play.at_once)
     )
     L, M = table.log_prior.shape
-    total = Tally.empty(len(rule.thresholds), L, M, deadline)
+    total = Tally.empty(len(rule.thresholds), L, M)
     for part in in_order(tasks, play_workers(device, workers)):
         total = total.plus(part)
         if progress is not None:
@@ -140,22 +143,21 @@ def _piece(
 ) -> Tally:
     plan = plan_trials(table.pool, n, seed, fixation, where, stream)
     trials = empty_trials(n, len(rule.thresholds))
-    refuse_impossible(play(plan, 0, n, trials))
+    refuse_impossible(play(plan, 0, n, trials), n)
     L, M = table.log_prior.shape
-    return tally(trials, plan, (L, M), rule.deadline)
+    return tally(trials, plan, (L, M))
 
 
-def tally(trials: Trials, plan: TrialPlan, shape: tuple[int, int], deadline: int) -> Tally:
+def tally(trials: Trials, plan: TrialPlan, shape: tuple[int, int]) -> Tally:
     """The counts of decided trials.
 
     Args:
         trials: n trials at H thresholds.
         plan: The same trials as planned.
         shape: (L, M).
-        deadline: Theirs.
     """
     L, M = shape
-    counts = Tally.empty(trials.taps.shape[1], L, M, deadline)
+    counts = Tally.empty(trials.taps.shape[1], L, M, int(trials.taps.max(initial=0)))
     _count(trials, plan.what, counts)
     return counts
 
@@ -172,3 +174,7 @@ def _count(trials: Trials, held: NDArray[np.intp], counts: Tally) -> None:
             counts.clamped[h] += trials.clamped[i, h] > 0
             counts.substituted[h] += trials.substituted[i, h] > 0
             counts.belief[h] += trials.belief[i, h]
+
+
+def _padded(taps: NDArray[np.int64], columns: int) -> NDArray[np.int64]:
+    return np.pad(taps, ((0, 0), (0, columns - taps.shape[1])))

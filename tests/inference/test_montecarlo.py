@@ -246,11 +246,28 @@ def impossible_table():
     return TapTable(log_likelihood, tap_pool([0, 0, 0], [1, 1, 0], (1, 2)), np.log([[0.5, 0.5]]))
 
 
-def test_an_impossible_tap_is_a_typed_error():
-    """The number of trials that saw one is named."""
+@pytest.mark.parametrize("where_to", ["cpu", "xla-cpu"])
+@pytest.mark.parametrize("deadline", [2, 60])
+def test_an_impossible_tap_is_a_typed_error(where_to, deadline):
+    """The number of trials that saw one is named; it may be the last tap before the deadline."""
     table = impossible_table()
-    with pytest.raises(ZeroEvidenceError, match="In 4 trials a tap was impossible under every class"):
-        run_trials(table, TrialPlan(*np.array([[0] * 4, [1] * 4, [0] * 4, range(4)])), (1.0,), theta_x=1.0, deadline=60)
+    plan = TrialPlan(*np.array([[0] * 64, [1] * 64, [0] * 64, range(64)]))
+    with pytest.raises(ZeroEvidenceError, match="of 64 trials a tap was impossible under every class") as found:
+        run_trials(table, plan, (1.0,), theta_x=1.0, deadline=deadline, device=where_to)
+    differ = [len({int(2 * u) for u in trial_uniforms(0, stream, deadline)}) > 1 for stream in range(64)]
+
+    assert str(found.value).startswith(f"In {sum(differ)} of")
+
+
+@pytest.mark.parametrize("where_to", ["cpu", "xla-cpu"])
+def test_a_first_tap_may_be_impossible(where_to):
+    """Also where it would have decided at once."""
+    table = impossible_table()._replace(log_prior=np.array([[-np.inf, 0.0]]))
+    table = table._replace(pool=tap_pool([0], [0], (1, 2)))
+    table.log_likelihood[0] = [[0.0, -np.inf]]
+    plan = TrialPlan(*np.zeros((4, 3), dtype=int))
+    with pytest.raises(ZeroEvidenceError, match="In 3 of 3 trials"):
+        run_trials(table, plan, (-1.0, 0.5), theta_x=1.0, deadline=1, device=where_to)
 
 
 def test_taps_after_the_decision_do_not_matter():
@@ -350,12 +367,54 @@ def test_plans_without_trials_or_taps_are_refused(table):
 
 
 @pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"where": [0, 5]}, r"Trial 1 starts in class \(5, 1\), and there are 5 x 3"),
+        ({"what": [-1, 1]}, r"Trial 0 starts in class \(0, -1\)"),
+        ({"where": [0]}, "columns of a plan differ in shape"),
+    ],
+)
+def test_plans_that_cannot_be_played_are_refused(table, change, message):
+    plan = TrialPlan(*np.array([[0, 4], [1, 1], [0, 0], [0, 1]]))._replace(**change)
+    with pytest.raises(InputError, match=message):
+        run_trials(table, plan, THETAS, theta_x=0.0)
+
+
+def test_objects_without_a_tap_are_refused():
+    table = TapTable(np.zeros((1, 1, 2)), tap_pool([0], [0], (1, 2)), np.log([[0.5, 0.5]]))
+    with pytest.raises(InputError, match="Trial 2 holds object 1, of which there is no tap"):
+        run_trials(table, TrialPlan(*np.array([[0] * 3, [0, 0, 1], [0] * 3, [0] * 3])), (0.5,), theta_x=0.0)
+
+
+@pytest.mark.parametrize("value", [np.nan, np.inf])
+@pytest.mark.parametrize("part", ["log_likelihood", "log_prior"])
+def test_tables_of_what_is_no_likelihood_are_refused(table, plan, part, value):
+    wrong = getattr(table, part).copy()
+    wrong.flat[3] = value
+    with pytest.raises(InputError, match="holds NaN or"):
+        run_trials(table._replace(**{part: wrong}), plan, THETAS, theta_x=0.0)
+
+
+@pytest.mark.parametrize("seed", [-1, 2**64, 0.5])
+def test_seeds_out_of_range_are_refused(table, plan, seed):
+    with pytest.raises(InputError, match="seed must be a whole number from 0 to 18446744073709551615"):
+        run_trials(table, plan, THETAS, theta_x=0.0, seed=seed)
+
+
+def test_streams_out_of_range_are_refused(table):
+    with pytest.raises(InputError, match="Streams must lie between 0 and"):
+        plan_trials(table.pool, 2, 0, first_stream=2**63 - 2)
+    assert plan_trials(table.pool, 2, 2**64 - 1, first_stream=2**63 - 3).stream[1] == 2**63 - 2
+
+
+@pytest.mark.parametrize(
     ("more", "message"),
     [
         ({"border": "wall"}, "border must be one of uniform, .* got 'wall'"),
         ({"deadline": 0}, "need a threshold and a deadline, got 6 and 0"),
         ({"thresholds": ()}, "got 0 and 23"),
         ({"thresholds": (0.5, np.nan)}, "A threshold is NaN"),
+        ({"theta_x": np.nan}, "A threshold is NaN"),
         ({"device": "tpu"}, "device must be cpu, gpu or xla-cpu, got 'tpu'"),
         ({"workers": 0}, "at least one worker, got 0"),
     ],

@@ -80,10 +80,10 @@ def test_arrays_count_as_loops_do(table):
 def test_parts_add_up(table, kept):
     plan, trials = kept
     parts = [
-        tally(type(trials)(*(field[rows] for field in trials)), type(plan)(*(c[rows] for c in plan)), (L, M), DEADLINE)
+        tally(type(trials)(*(field[rows] for field in trials)), type(plan)(*(c[rows] for c in plan)), (L, M))
         for rows in (slice(0, 70), slice(70, 71), slice(71, None))
     ]
-    none = Tally.empty(len(THETAS), L, M, DEADLINE)
+    none = Tally.empty(len(THETAS), L, M)
 
     assert none.trials == 0
     assert_equal(tally_trials(table, THETAS, TRIALS, **RULE), none.plus(parts[0]).plus(parts[1]).plus(parts[2]))
@@ -111,9 +111,19 @@ def test_bad_arguments_are_refused(table):
         tally_trials(table, THETAS, 5, theta_x=0.0, where=9)
 
 
-def test_an_impossible_tap_is_a_typed_error():
+def test_memory_does_not_grow_with_the_deadline(table):
+    """Reaction times are counted up to the longest that was seen."""
+    counts = tally_trials(table, (0.5,), 20, theta_x=0.0, deadline=10**9)
+
+    assert counts.trials == 20
+    assert counts.taps.shape[1] < 1000
+    assert counts.taps[0, -1] > 0
+
+
+@pytest.mark.parametrize("device", ["cpu", "xla-cpu"])
+def test_an_impossible_tap_is_a_typed_error(device):
     """Two objects at one place; each tap of the second excludes one of them."""
     log_likelihood = np.array([[[0.0, -np.inf]], [[-np.inf, 0.0]]])
     table = TapTable(log_likelihood, tap_pool([0, 0], [1, 1], (1, 2)), np.log([[0.5, 0.5]]))
-    with pytest.raises(ZeroEvidenceError, match="In 5 trials a tap was impossible"):
-        tally_trials(table, (1.0,), 5, theta_x=1.0, deadline=60)
+    with pytest.raises(ZeroEvidenceError, match="In 5 of 5 trials a tap was impossible"):
+        tally_trials(table, (1.0,), 5, theta_x=1.0, deadline=60, device=device)
