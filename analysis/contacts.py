@@ -7,8 +7,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import norm, t
 
-from ..inference.montecarlo import TapTable
 from ..inference.reference import ZeroEvidenceError
+from ..inference.trial_plan import TapTable
 from .metrics import CONFIDENCE
 
 CONTACTS = (1, 2, 5, 10, 20)

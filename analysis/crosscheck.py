@@ -14,8 +14,9 @@ from numpy.typing import NDArray
 from ..hardware.replay import ReplayRig, uniforms
 from ..inference import reference
 from ..inference.engine import Engine, make_engine
-from ..inference.montecarlo import THRESHOLDS, plan_trials, tap_table
+from ..inference.montecarlo import THRESHOLDS
 from ..inference.reference import Border
+from ..inference.trial_plan import plan_trials, tap_table
 from ..models.histogram import HistogramModel
 from ..models.taps import TapSet
 from .trial_check import TrialDifferences, belief_gap, compare_trials

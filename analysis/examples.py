@@ -9,7 +9,7 @@ from ..hardware.replay import ReplayRig
 from ..inference.control import MovePolicy, fixation, passive
 from ..inference.engine import Engine
 from ..inference.episode import perceive
-from ..inference.montecarlo import plan_trials, trial_uniforms
+from ..inference.trial_plan import plan_trials, trial_uniforms
 from .figure_episodes import BeliefCase
 from .study import Settings, Study
 

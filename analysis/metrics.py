@@ -12,7 +12,8 @@ import xarray as xr
 from numpy.typing import ArrayLike, NDArray
 from scipy.stats import norm, t
 
-from ..inference.montecarlo import TrialPlan, Trials
+from ..inference.montecarlo import Trials
+from ..inference.trial_plan import TrialPlan
 from ..models.classes import ClassGrid
 
 QUANTITIES = ("what_error", "where_error", "taps")

@@ -10,17 +10,9 @@ from numpy.typing import NDArray
 
 from ..inference.control import check_fixation
 from ..inference.episode import DEADLINE
-from ..inference.montecarlo import (
-    THRESHOLDS,
-    TapTable,
-    TrialPlan,
-    Trials,
-    join_plans,
-    plan_trials,
-    run_trials,
-    tap_table,
-)
+from ..inference.montecarlo import THRESHOLDS, Trials, run_trials
 from ..inference.reference import Border
+from ..inference.trial_plan import TapTable, TrialPlan, join_plans, plan_trials, tap_table
 from ..models.classes import ClassGrid
 from ..models.errors import InputError
 from ..models.histogram import HistogramModel, fit

@@ -11,8 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..inference.control import check_fixation
-from ..inference.montecarlo import TapTable, tap_table
 from ..inference.tally import tally_trials
+from ..inference.trial_plan import TapTable, tap_table
 from .sweep_cells import Cell, Effort
 from .sweep_data import DataSet
 from .sweep_models import MODELS, FitSettings

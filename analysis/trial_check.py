@@ -9,8 +9,9 @@ from ..hardware.replay import ReplayRig
 from ..inference.control import fixation
 from ..inference.engine import Engine
 from ..inference.episode import steps
-from ..inference.montecarlo import THRESHOLDS, TapTable, TrialPlan, Trials, run_trials, trial_uniforms
+from ..inference.montecarlo import THRESHOLDS, Trials, run_trials
 from ..inference.reference import Border
+from ..inference.trial_plan import TapTable, TrialPlan, trial_uniforms
 from ..models.taps import TapSet
 
 DEVICES = ("cpu", "xla-cpu")

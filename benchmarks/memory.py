@@ -23,7 +23,7 @@ def stream(trials: int, policy: str) -> int:
     table = paper_table()
     options = {"fixation": (len(table.log_prior) - 1) // 2, "deadline": DEADLINE, "seed": SEED, "workers": 1}
     tally = tally_trials(table, THRESHOLD, trials, theta_x=POLICIES[policy], **options)
-    return int(tally.taps[0] @ range(DEADLINE + 1))
+    return int(tally.taps[0] @ range(tally.taps.shape[1]))
 
 
 def _peak(trials: int) -> float:

@@ -63,9 +63,10 @@ def trials(
         from ..analysis.tallied import tally_dataset
         from ..analysis.tally_view import tally_table
         from ..inference.control import check_fixation
-        from ..inference.montecarlo import THRESHOLDS, tap_table
+        from ..inference.montecarlo import THRESHOLDS
         from ..inference.reference import ZeroEvidenceError
         from ..inference.tally import tally_trials
+        from ..inference.trial_plan import tap_table
         from ..models.experiment import parse_sessions
         from ..models.histogram import load_model
         from ..models.importers import load_taps

@@ -15,8 +15,9 @@ from jax.scipy.special import logsumexp
 
 from ..models.errors import InputError
 from . import draws, kernel
-from .montecarlo import Rule, TapTable, TrialPlan, Trials
+from .montecarlo import Rule, Trials
 from .reference import BORDERS
+from .trial_plan import TapTable, TrialPlan
 
 _SLOTS = {"cpu": 1024, "gpu": 1 << 16}
 _AT_ONCE = {"cpu": 1 << 14, "gpu": 1 << 20}

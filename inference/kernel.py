@@ -18,7 +18,8 @@ from ..models.compiled import compiled
 if TYPE_CHECKING:
     from ..hardware.pool import TapPool
     from .filter import Likelihoods, ScaledBelief
-    from .montecarlo import Rule, TrialPlan, Trials
+    from .montecarlo import Rule, Trials
+    from .trial_plan import TrialPlan
 
 type Floats = NDArray[np.float64]
 type Integers = NDArray[np.int64]

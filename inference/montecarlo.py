@@ -7,58 +7,25 @@ Every random number comes from (seed, stream of the trial, tap), so the same see
 are cut into pieces and wherever these are played.
 """
 
-import os
-from collections import deque
-from collections.abc import Callable, Iterable, Iterator, Sequence
-from concurrent.futures import Future, ThreadPoolExecutor
+from collections.abc import Callable
 from functools import partial
 from typing import NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..hardware.pool import TapPool, tap_pool
 from ..models.errors import InputError
-from ..models.histogram import HistogramModel
-from ..models.taps import TapSet
 from . import draws, kernel
 from .episode import DEADLINE
 from .filter import border_number, likelihoods, scaled_belief
 from .reference import BORDERS, Border, ZeroEvidenceError
+from .threads import cores, in_order
+from .trial_plan import TapTable, TrialPlan, checked_plan
 
 # The paper's range of belief thresholds; its spacing is not given.
 THRESHOLDS = (0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 0.95, 0.975, 0.99, 0.995)
-_AT_ONCE, _TAPS_AT_ONCE = 2048, 1 << 20  # trials and taps between two looks at what else there is to do
-
-
-class TapTable(NamedTuple):
-    """Test taps as perception sees them.
-
-    Attributes:
-        log_likelihood: log P(z | class) of every tap, shape (N, L, M).
-        pool: Which taps belong to which class.
-        log_prior: Log belief before the first tap, shape (L, M).
-    """
-
-    log_likelihood: NDArray[np.float64]
-    pool: TapPool
-    log_prior: NDArray[np.float64]
-
-
-class TrialPlan(NamedTuple):
-    """What distinguishes the trials, n of them.
-
-    Attributes:
-        where: Class in which the sensor starts, shape (n,).
-        what: Class of the object, shape (n,).
-        fixation: Class that the sensor aims for, shape (n,).
-        stream: Random stream, shape (n,); trials of one stream see the same random numbers.
-    """
-
-    where: NDArray[np.intp]
-    what: NDArray[np.intp]
-    fixation: NDArray[np.intp]
-    stream: NDArray[np.intp]
+_AT_ONCE, _TAPS_AT_ONCE = 8192, 1 << 20  # trials and taps between two looks at what else there is to do
+_PIECES = 8  # of each thread at least, so that all end together
 
 
 class Trials(NamedTuple):
@@ -122,61 +89,6 @@ class Player(Protocol):
         ...
 
 
-def tap_table(model: HistogramModel, taps: TapSet) -> TapTable:
-    """The log-likelihoods of test taps and their pool.
-
-    Args:
-        model: The fitted measurement model.
-        taps: Test taps, all of trained classes (see `HistogramModel.usable`).
-    """
-    where, what = taps.indices(model.grid)
-    return TapTable(model.log_likelihood(taps.taps), tap_pool(where, what, model.grid.shape), model.log_prior)
-
-
-def plan_trials(
-    pool: TapPool, trials: int, seed: int, fixation: int = 0, where: int | None = None, first_stream: int = 0
-) -> TrialPlan:
-    """Trials that start in classes with a test tap, drawn uniformly over those.
-
-    The start of a trial depends on the seed and its stream only, so a plan can be made in pieces.
-
-    Args:
-        pool: The test taps.
-        trials: Number of trials.
-        seed: Of the starting classes.
-        fixation: Class that the sensor aims for.
-        where: Start in this where class only; `None` for any.
-        first_stream: Random stream of the first trial; the others follow.
-
-    Raises:
-        InputError: No class with a test tap is left, there are no trials, or the seed or a stream is out of range.
-    """
-    if trials < 1:
-        raise InputError(f"There must be at least one trial, got {trials}.")
-    if not 0 <= first_stream <= draws.MOST_STREAM - trials:
-        raise InputError(f"Streams must lie between 0 and {draws.MOST_STREAM}, got {first_stream} and following.")
-    cells = np.argwhere(pool.count > 0)
-    if where is not None:
-        cells = cells[cells[:, 0] == where]
-    if not len(cells):
-        raise InputError(f"There is no test tap in where class {where} to start from.")
-    stream = first_stream + np.arange(trials)
-    word = draws.words(seed, stream, kernel.STARTS, 0, 1)[:, 0]
-    start = cells[draws.below(word, np.uint64(len(cells))).astype(np.intp)]
-    where_class, what_class = (np.ascontiguousarray(column) for column in start.T)
-    return TrialPlan(where_class, what_class, np.full(trials, fixation, dtype=np.intp), stream)
-
-
-def join_plans(plans: Sequence[TrialPlan]) -> TrialPlan:
-    """Several plans behind one another."""
-    return TrialPlan(*(np.concatenate(parts) for parts in zip(*plans, strict=True)))
-
-
-def trial_uniforms(seed: int, stream: int, taps: int) -> NDArray[np.float64]:
-    """The random numbers of a trial, one per tap; number u picks tap floor(u * count) of the class."""
-    return draws.uniform(draws.words(seed, stream, kernel.TAPS, 0, taps)[0])
-
-
 def run_trials(
     table: TapTable,
     plan: TrialPlan,
@@ -212,40 +124,20 @@ def run_trials(
     """
     rule = make_rule(thresholds, theta_x, border, deadline, seed)
     play = make_player(table, rule, device)
-    plan = _checked(plan, table.pool)
+    plan = checked_plan(plan, table.pool)
     n = len(plan.where)
     trials = empty_trials(n, len(rule.thresholds))
-    pieces = [(first, min(first + play.at_once, n)) for first in range(0, n, play.at_once)]
+    threads = cores(workers) if device == "cpu" else 1
+    step = play.at_once if threads == 1 else max(1, min(play.at_once, -(-n // (_PIECES * threads))))
+    pieces = [(first, min(first + step, n)) for first in range(0, n, step)]
     tasks = (partial(play, plan, first, last, trials) for first, last in pieces)
     impossible = 0
-    for (first, last), count in zip(pieces, in_order(tasks, play_workers(device, workers)), strict=True):
+    for (first, last), count in zip(pieces, in_order(tasks, threads), strict=True):
         impossible += count
         if progress is not None:
             progress(last - first)
     refuse_impossible(impossible, n)
     return trials
-
-
-def _checked(plan: TrialPlan, pool: TapPool) -> TrialPlan:
-    """The plan in the form that compiled loops take.
-
-    Raises:
-        InputError: Its columns differ in length, or it names a class that is not there or an object without a tap.
-    """
-    plan = TrialPlan(*(np.ascontiguousarray(column, dtype=np.int64) for column in plan))
-    if len({column.shape for column in plan}) != 1 or plan.where.ndim != 1:
-        raise InputError(f"The columns of a plan differ in shape: {', '.join(str(column.shape) for column in plan)}.")
-    L, M = pool.nearest.shape
-    inside = (plan.where >= 0) & (plan.where < L) & (plan.what >= 0) & (plan.what < M)
-    if not inside.all():
-        i = int(inside.argmin())
-        raise InputError(
-            f"Trial {i} starts in class ({plan.where[i]}, {plan.what[i]}), and there are {L} x {M} (where, what)."
-        )
-    empty = pool.nearest[plan.where, plan.what] < 0
-    if empty.any():
-        raise InputError(f"Trial {int(empty.argmax())} holds object {plan.what[empty][0]}, of which there is no tap.")
-    return plan
 
 
 def make_rule(thresholds: ArrayLike, theta_x: float, border: Border, deadline: int, seed: int) -> Rule:
@@ -324,35 +216,3 @@ def refuse_impossible(count: int, played: int) -> None:
         raise ZeroEvidenceError(
             f"In {count} of {played} trials a tap was impossible under every class that was still believed in."
         )
-
-
-def play_workers(device: str, workers: int | None) -> int:
-    """How many threads to use: as many as there are cores unless said, but one with a device of its own.
-
-    Raises:
-        InputError: Less than one.
-    """
-    if workers is None:
-        workers = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
-    if workers < 1:
-        raise InputError(f"There must be at least one worker, got {workers}.")
-    return workers if device == "cpu" else 1
-
-
-def in_order[T](tasks: Iterable[Callable[[], T]], workers: int) -> Iterator[T]:
-    """The results of tasks in their order, a few of them in progress at a time."""
-    if workers == 1:
-        yield from (task() for task in tasks)
-        return
-    waiting: deque[Future[T]] = deque()
-    with ThreadPoolExecutor(workers) as executor:
-        try:
-            for task in tasks:
-                waiting.append(executor.submit(task))
-                if len(waiting) > 2 * workers:
-                    yield waiting.popleft().result()
-            while waiting:
-                yield waiting.popleft().result()
-        finally:
-            for future in waiting:
-                future.cancel()

@@ -13,21 +13,10 @@ from numpy.typing import ArrayLike, NDArray
 from ..models.compiled import compiled
 from ..models.errors import InputError
 from .episode import DEADLINE
-from .montecarlo import (
-    Player,
-    Rule,
-    TapTable,
-    TrialPlan,
-    Trials,
-    empty_trials,
-    in_order,
-    make_player,
-    make_rule,
-    plan_trials,
-    play_workers,
-    refuse_impossible,
-)
+from .montecarlo import Player, Rule, Trials, empty_trials, make_player, make_rule, refuse_impossible
 from .reference import Border
+from .threads import cores, in_order
+from .trial_plan import TapTable, TrialPlan, plan_trials
 
 
 class Tally(NamedTuple):
@@ -131,7 +120,7 @@ def tally_trials(
     )
     L, M = table.log_prior.shape
     total = Tally.empty(len(rule.thresholds), L, M)
-    for part in in_order(tasks, play_workers(device, workers)):
+    for part in in_order(tasks, cores(workers) if device == "cpu" else 1):
         total = total.plus(part)
         if progress is not None:
             progress(total)

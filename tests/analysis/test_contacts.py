@@ -5,8 +5,8 @@ import pytest
 from scipy.stats import norm, t
 from solidtouch.analysis.contacts import Accuracy, accuracy, accuracy_interval_sentence, summarise
 from solidtouch.hardware.pool import tap_pool
-from solidtouch.inference.montecarlo import TapTable
 from solidtouch.inference.reference import ZeroEvidenceError
+from solidtouch.inference.trial_plan import TapTable
 
 L, M = 2, 3
 

@@ -14,7 +14,8 @@ from solidtouch.analysis.metrics import (
     outcomes,
     over_places,
 )
-from solidtouch.inference.montecarlo import TrialPlan, Trials
+from solidtouch.inference.montecarlo import Trials
+from solidtouch.inference.trial_plan import TrialPlan
 from solidtouch.models.classes import ClassGrid
 
 THETAS = (0.5, 0.9)

@@ -20,7 +20,8 @@ from solidtouch.analysis.sweep_data import Sources
 from solidtouch.analysis.sweep_local import in_processes, in_this_process
 from solidtouch.analysis.sweep_result import open_sweep
 from solidtouch.analysis.sweep_study import load_study
-from solidtouch.inference.montecarlo import plan_trials, run_trials, tap_table
+from solidtouch.inference.montecarlo import run_trials
+from solidtouch.inference.trial_plan import plan_trials, tap_table
 from solidtouch.models.errors import InputError
 from solidtouch.models.histogram import fit
 

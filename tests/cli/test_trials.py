@@ -10,7 +10,8 @@ import pytest
 import xarray as xr
 from solidtouch.hardware.data_collection import simulate_session
 from solidtouch.hardware.presets import preset
-from solidtouch.inference.montecarlo import plan_trials, run_trials, tap_table
+from solidtouch.inference.montecarlo import run_trials
+from solidtouch.inference.trial_plan import plan_trials, tap_table
 from solidtouch.models.histogram import fit
 
 

@@ -7,8 +7,9 @@ from hypothesis import strategies as st
 from solidtouch.hardware.pool import tap_pool
 from solidtouch.inference import draws, kernel, reference
 from solidtouch.inference.filter import likelihoods, scaled_belief
-from solidtouch.inference.montecarlo import TapTable, TrialPlan, run_trials, trial_uniforms
+from solidtouch.inference.montecarlo import run_trials
 from solidtouch.inference.reference import BORDERS, ZeroEvidenceError
+from solidtouch.inference.trial_plan import TapTable, TrialPlan, trial_uniforms
 
 NEAR_TIE = 1e-6
 

@@ -11,16 +11,9 @@ from solidtouch.inference import device, montecarlo
 from solidtouch.inference.control import fixation
 from solidtouch.inference.engine import make_engine
 from solidtouch.inference.episode import perceive
-from solidtouch.inference.montecarlo import (
-    TapTable,
-    TrialPlan,
-    join_plans,
-    plan_trials,
-    run_trials,
-    tap_table,
-    trial_uniforms,
-)
+from solidtouch.inference.montecarlo import run_trials
 from solidtouch.inference.reference import BORDERS, ZeroEvidenceError
+from solidtouch.inference.trial_plan import TapTable, TrialPlan, join_plans, plan_trials, tap_table, trial_uniforms
 from solidtouch.models.errors import InputError
 from solidtouch.models.taps import TapSet
 

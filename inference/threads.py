@@ -1,0 +1,40 @@
+"""Work in pieces on the threads of this process; compiled loops run on all of them at once."""
+
+import os
+from collections import deque
+from collections.abc import Callable, Iterable, Iterator
+from concurrent.futures import Future, ThreadPoolExecutor
+
+from ..models.errors import InputError
+
+
+def cores(workers: int | None) -> int:
+    """How many threads to use: as many as there are cores unless said.
+
+    Raises:
+        InputError: Less than one.
+    """
+    if workers is None:
+        workers = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+    if workers < 1:
+        raise InputError(f"There must be at least one worker, got {workers}.")
+    return workers
+
+
+def in_order[T](tasks: Iterable[Callable[[], T]], workers: int) -> Iterator[T]:
+    """The results of tasks in their order, a few of them in progress at a time."""
+    if workers == 1:
+        yield from (task() for task in tasks)
+        return
+    waiting: deque[Future[T]] = deque()
+    with ThreadPoolExecutor(workers) as executor:
+        try:
+            for task in tasks:
+                waiting.append(executor.submit(task))
+                if len(waiting) > 2 * workers:
+                    yield waiting.popleft().result()
+            while waiting:
+                yield waiting.popleft().result()
+        finally:
+            for future in waiting:
+                future.cancel()
