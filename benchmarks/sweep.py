@@ -18,6 +18,7 @@ from pathlib import Path
 import numpy as np
 from rich.console import Console
 from rich.table import Table
+from solidtouch.analysis import sweep_batches
 from solidtouch.analysis.sweep import sweep
 from solidtouch.analysis.sweep_cell import Load, Outcome, Runner, run_cell
 from solidtouch.analysis.sweep_cells import Cell, CellGrid, Effort
@@ -112,6 +113,16 @@ def on_two_workers(trials: int, cells: int, workers: int = 2) -> tuple[float, fl
         return timed(on_cluster(address, 60.0, print), workers, trials, cells)
 
 
+@contextmanager
+def batches_of_one() -> Iterator[None]:
+    """Has every cell travel alone."""
+    most, sweep_batches._MOST = sweep_batches._MOST, 1
+    try:
+        yield
+    finally:
+        sweep_batches._MOST = most
+
+
 def store_costs(cells: int) -> dict[str, float]:
     """Time to write a cell and to list it at resume, and what it takes on disk."""
     axes = (("paper",), ("histogram",), (100,), ("global",), (0.01,), ("J",), ("uniform",), ("active",), (7,))
@@ -148,7 +159,7 @@ def main() -> None:
     parser.add_argument("--cells", type=int, default=12000, help="small cells for the overhead")
     parser.add_argument("--stored", type=int, default=20000, help="cells for the store")
     parser.add_argument("--long", type=int, default=24, help="cells of a second for the efficiency")
-    parser.add_argument("--seconds", type=float, default=1.0, help="length of those")
+    parser.add_argument("--seconds", type=float, default=2.0, help="length of those")
     options = parser.parse_args()
     table = Table("what", "figure")
     for name, figure in store_costs(options.stored).items():
@@ -158,6 +169,8 @@ def main() -> None:
         "2 local processes": timed(in_processes(2), 2, 10, options.cells),
         "2 Dask workers": on_two_workers(10, options.cells),
     }
+    with batches_of_one():
+        small["2 Dask workers, batches of one cell"] = on_two_workers(10, max(8, options.cells // 6))
     for name, (spent, own) in small.items():
         table.add_row(f"cell of {1e3 * own:.1f} ms, {name}: overhead, ms per cell", f"{1e3 * (spent - own):.2f}")
     trials = trials_for(options.seconds)
