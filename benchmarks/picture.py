@@ -15,6 +15,7 @@ COLOURS = {
     "solidtouch": "#000000",
     "C": "#0072b2",
 }
+NAMES = {"C": "limit, in C"}
 DASHES = {"passive": "-", "active": (0, (4, 2))}
 PANELS = {"classes": "classes, L x M", "trials in a call": "trials in a call", "trials": "trials"}
 
@@ -65,6 +66,6 @@ def _label(axes: Any, curves: Sequence[Curve]) -> None:
             "va": "center",
             "path_effects": [withStroke(linewidth=2.5, foreground="white")],
         }
-        axes.annotate(method, (curve.size[-1], height), (5, 0), textcoords="offset points", **style)
+        axes.annotate(NAMES.get(method, method), (curve.size[-1], height), (5, 0), textcoords="offset points", **style)
     low, high = axes.get_xlim()
     axes.set_xlim(low, high * (high / low) ** 0.45)
