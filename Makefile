@@ -57,7 +57,7 @@ help:
 	@echo "make quick   tests without the slow ones"
 	@echo "make check   lint, format, types and import layers"
 	@echo "make format  mend lint and format"
-	@echo "make bench   time everything beside baselines, peers and limits; bench-quick only tries it"
+	@echo "make bench   time everything beside baselines and limits, into docs/performance.md; bench-quick only tries it"
 	@echo "make rig-demo  emulated devices: collect, fit and perceive over serial ports"
 	@echo "make faults  random faults of the emulated rig, and what came of them"
 	@echo "make kills   kill a data collection at random moments, and what was lost"

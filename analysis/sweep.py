@@ -18,13 +18,23 @@ from .sweep_data import Sources
 from .sweep_store import DONE, FAILED, PENDING, SweepStore, create_store, locked, read_about
 from .sweep_study import StudyFile, load_study
 
+_CAUSES = 3
+
 
 class Tally(NamedTuple):
-    """How far a sweep is, in cells that differ."""
+    """How far a sweep is, in cells that differ.
+
+    Attributes:
+        cells: How many there are.
+        done: How many are done.
+        failed: How many failed.
+        causes: The last lines of the first few different tracebacks that came since the start.
+    """
 
     cells: int
     done: int
     failed: int
+    causes: tuple[str, ...] = ()
 
 
 def sweep(
@@ -73,8 +83,11 @@ def sweep(
 
 
 def _counted(tally: Tally, outcome: Outcome) -> Tally:
-    failed = bool(outcome.traceback)
-    return tally._replace(done=tally.done + (not failed), failed=tally.failed + failed)
+    if not outcome.traceback:
+        return tally._replace(done=tally.done + 1)
+    cause = outcome.traceback.strip().rpartition("\n")[2]
+    causes = tally.causes if cause in tally.causes else (*tally.causes, cause)[:_CAUSES]
+    return tally._replace(failed=tally.failed + 1, causes=causes)
 
 
 def _store(path: Path, out: Path, study: StudyFile, sources: Sources, grid: CellGrid) -> SweepStore:
@@ -93,7 +106,16 @@ def _store(path: Path, out: Path, study: StudyFile, sources: Sources, grid: Cell
         "data_keys": json.dumps(sources.keys),
         "code": json.dumps(code()),
     }
-    return create_store(out, grid, study.thresholds, sources.units, about)
+    for name, classes in sources.grids.items():
+        _check_fixation(name, study.grid.fixation, classes.L)
+    units = {name: (classes.what_error_unit, classes.where_unit) for name, classes in sources.grids.items()}
+    return create_store(out, grid, study.thresholds, units, about)
+
+
+def _check_fixation(name: str, fixation: Any, L: int) -> None:
+    outside = [point for point in fixation if point >= L] if isinstance(fixation, tuple) else []
+    if outside:
+        raise InputError(f"grid.fixation: {outside[0]} lies outside the positions 0 to {L - 1} of the data set {name}.")
 
 
 def _check_study(path: Path, out: Path, mine: dict[str, Any], theirs: dict[str, Any]) -> None:

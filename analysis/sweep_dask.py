@@ -5,6 +5,7 @@ itself, its successor at the same address is given what was not finished. A data
 from there to the workers that need it.
 """
 
+import logging
 import time
 from collections.abc import Callable, Generator, Iterator
 from concurrent.futures import CancelledError
@@ -48,6 +49,9 @@ def on_cluster(address: str, patience_s: float, note: Callable[[str], None]) -> 
     Raises:
         InputError: There is no scheduler or no worker in that time, or a worker runs other software.
     """
+    # What these libraries log about a lost connection is pages long; `note` says it in a sentence.
+    for library in ("distributed", "tornado", "asyncio"):
+        logging.getLogger(library).setLevel(logging.CRITICAL)
 
     def run(cells: Iterator[Cell], effort: Effort, load: Load) -> Generator[Outcome]:
         queue = CellQueue(cells, _LEAST_S)

@@ -94,13 +94,12 @@ class Sources:
         return {source.name: source.key for source in self._sources.values()}
 
     @cached_property
-    def units(self) -> dict[str, tuple[str, str]]:
-        """Units of the what and the where error of each data set; simulated ones of one entry have the same."""
-        known: dict[str, tuple[str, str]] = {}
+    def grids(self) -> dict[str, ClassGrid]:
+        """The classes of each data set; simulated ones of one entry have the same."""
+        known: dict[str, ClassGrid] = {}
         for source in self._sources.values():
             if source.entry.name not in known:
-                grid = self.load(source.name).grid
-                known[source.entry.name] = grid.what_error_unit, grid.where_unit
+                known[source.entry.name] = self.load(source.name).grid
         return {source.name: known[source.entry.name] for source in self._sources.values()}
 
     def load(self, name: str) -> DataSet:

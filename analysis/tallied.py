@@ -6,6 +6,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..inference.tally import Tally
 from ..models.classes import ClassGrid
+from .sweep_quantities import QUANTITIES
 
 UNCERTAIN = ("what_error", "where_error", "taps")
 
@@ -52,12 +53,18 @@ def tally_dataset(tally: Tally, grid: ClassGrid, thresholds: ArrayLike) -> xr.Da
     what_name = np.asarray(grid.what_name, dtype=np.str_)
     where = {"where": grid.where_value, "decided_where": grid.where_value}
     return xr.Dataset(
-        {name: ("theta", values) for name, values in tally_means(tally, grid).items()}
+        {name: ("theta", values, {"long_name": QUANTITIES[name]}) for name, values in tally_means(tally, grid).items()}
         | {
             "confusion": (("theta", "what", "decided_what"), tally.what),
             "place": (("theta", "where", "decided_where"), tally.where),
             "reaction_time": (("theta", "tap"), tally.taps),
         },
-        {"theta": np.asarray(thresholds, dtype=np.float64), "what": what_name, "decided_what": what_name, **where},
+        {
+            "theta": np.asarray(thresholds, dtype=np.float64),
+            "what": what_name,
+            "decided_what": what_name,
+            "tap": np.arange(tally.taps.shape[1]),
+            **where,
+        },
         {"trials": tally.trials, "what_unit": grid.what_error_unit, "where_unit": grid.where_unit},
     )

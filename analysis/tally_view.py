@@ -14,14 +14,22 @@ from .metrics import CONFIDENCE, interval_sentence
 from .tallied import UNCERTAIN, tally_means
 
 _DECIMALS = 4
+_LEGEND = "wrong: fraction that decide for a wrong object; belief: mean belief in the decided object."
 
 
-def tally_table(tally: Tally, grid: ClassGrid, thresholds: Sequence[float]) -> Table:
-    """One row per threshold, with half the width of the normal interval over trials behind what has one."""
+def tally_table(tally: Tally, grid: ClassGrid, thresholds: Sequence[float], what_for: str) -> Table:
+    """One row per threshold, with half the width of the normal interval over trials behind what has one.
+
+    Args:
+        tally: The counts.
+        grid: The classes.
+        thresholds: theta_W, shape (H,).
+        what_for: Which trials these are, behind their number in the title.
+    """
     means = tally_means(tally, grid)
     table = Table(
-        title=f"{tally.trials:,} trial{'s' * (tally.trials > 1)}",
-        caption=interval_sentence(1, ""),
+        title=f"{tally.trials:,} {what_for}",
+        caption=f"{_LEGEND} {interval_sentence(1, '')}",
         title_justify="left",
         caption_justify="left",
         box=box.SIMPLE,

@@ -60,9 +60,12 @@ def parse_thresholds(text: str) -> tuple[float, ...]:
     """Belief thresholds separated by commas, in increasing order.
 
     Raises:
-        InputError: The text is something else.
+        InputError: The text is something else, a number lies outside 0 to 1 or stands there twice.
     """
     try:
-        return tuple(sorted(float(part) for part in text.split(",")))
+        thresholds = sorted(float(part) for part in text.split(","))
     except ValueError:
         raise InputError(f"--thresholds needs numbers such as 0.5,0.9,0.99, got {text!r}.") from None
+    if not all(0 <= theta <= 1 for theta in thresholds) or len(set(thresholds)) < len(thresholds):
+        raise InputError(f"--thresholds needs different numbers from 0 to 1, got {text!r}.")
+    return tuple(thresholds)

@@ -9,11 +9,19 @@ if TYPE_CHECKING:
 
 
 def progress_bars() -> "Progress":
-    """Bars with name, count and elapsed time, on standard error."""
+    """Bars with name, count, elapsed and remaining time, on standard error."""
     from rich.console import Console
-    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
+    from rich.progress import (
+        BarColumn,
+        MofNCompleteColumn,
+        Progress,
+        TextColumn,
+        TimeElapsedColumn,
+        TimeRemainingColumn,
+    )
 
-    columns = (TextColumn("{task.description:28}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
+    times = (TimeElapsedColumn(), TextColumn("left"), TimeRemainingColumn())
+    columns = (TextColumn("{task.description:28}"), BarColumn(20), MofNCompleteColumn(), *times)
     return Progress(*columns, console=Console(stderr=True))
 
 

@@ -1,6 +1,7 @@
 """`solidtouch sweep`: a study over a grid of settings, on this machine or on a cluster."""
 
 import os
+import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -15,6 +16,8 @@ if TYPE_CHECKING:
 
     from ..analysis.sweep import Tally
     from ..analysis.sweep_cell import Runner
+
+_LINE_S = 30.0  # between two lines where there is no terminal
 
 
 def sweep(
@@ -61,6 +64,8 @@ def sweep(
             raise
     print(f"{out}: {_counts(tally)}.")
     if tally.failed:
+        for cause in tally.causes:
+            print(f"Failed with: {cause}")
         print("The tracebacks stand in the store; --retry-failed tries these cells again.")
         raise typer.Exit(1)
 
@@ -88,17 +93,27 @@ def _counts(tally: "Tally") -> str:
 
 @contextmanager
 def _progress(console: "Console") -> Iterator[tuple[Callable[["Tally"], None], list["Tally"]]]:
-    """A function that shows a tally, and a list that holds the last one."""
-    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+    """A function that shows a tally, and a list that holds the last one; a bar, or lines where there is no terminal."""
+    from .progress import progress_bars
 
-    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
+    bars = progress_bars()
     seen: list[Tally] = []
-    with Progress(*columns, console=console) as progress:
-        task = progress.add_task("Cells", total=None)
+    task = bars.add_task("Cells", total=None)
+    said = time.monotonic()
 
-        def show(tally: "Tally") -> None:
-            seen[:] = [tally]
+    def show(tally: "Tally") -> None:
+        nonlocal said
+        seen[:] = [tally]
+        ended = tally.done + tally.failed
+        if console.is_terminal:
+            bars.start()
             failed = f", {tally.failed} failed" if tally.failed else ""
-            progress.update(task, description=f"Cells{failed}", total=tally.cells, completed=tally.done + tally.failed)
+            bars.update(task, description=f"Cells{failed}", total=tally.cells, completed=ended)
+        elif time.monotonic() - said > _LINE_S or ended == tally.cells:
+            said = time.monotonic()
+            console.print(_counts(tally), highlight=False)
 
+    try:
         yield show, seen
+    finally:
+        bars.stop()

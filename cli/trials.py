@@ -1,8 +1,10 @@
 """`solidtouch trials`: any number of perception trials on recorded taps, with results on the way."""
 
+import sys
 from functools import partial
+from importlib.metadata import version
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal, Self
+from typing import TYPE_CHECKING, Annotated, Any, Literal, Self
 
 from typer import Argument, Option
 
@@ -17,6 +19,8 @@ if TYPE_CHECKING:
     from rich.table import Table
 
     from ..inference.tally import Tally
+    from ..models.histogram import HistogramModel
+    from ..models.taps import TapSet
 
 
 _WIDEST = 500  # characters
@@ -76,18 +80,35 @@ def trials(
     fitted = load_model(model)
     grid = fitted.grid
     recorded = select_sessions(load_taps(taps), parse_sessions(test, "--test"), "--test")
-    table = tap_table(fitted, fitted.usable(recorded))
+    tested = fitted.usable(recorded)
+    _warn_of_training(fitted, tested)
+    table = tap_table(fitted, tested)
     chosen = THRESHOLDS if thresholds is None else parse_thresholds(thresholds)
     if start is not None and not 0 <= start < grid.L:
         raise InputError(f"--start must be a class index from 0 to {grid.L - 1}, got {start}.")
     point = check_fixation(fixation, grid.L)
-    with terminable(), _Shown(partial(tally_table, grid=grid, thresholds=chosen), number) as shown:
+    theta_x = 1.0 if passive else theta_x
+    about = {
+        "model": model.name,
+        "taps": f"{len(tested)} of {taps.name}",
+        "policy": "passive" if passive else "active",
+        "theta_x": theta_x,
+        "fixation": "none" if passive else grid.where_label(point),
+        "start": "anywhere" if start is None else grid.where_label(start),
+        "border": border,
+        "deadline": deadline,
+        "seed": seed,
+        "requested_trials": number,
+        "solidtouch": version("solidtouch"),
+    }
+    table_of = partial(tally_table, grid=grid, thresholds=chosen, what_for=_title(about))
+    with terminable(), _Shown(table_of, number) as shown:
         try:
             tally_trials(
                 table,
                 chosen,
                 number,
-                theta_x=1.0 if passive else theta_x,
+                theta_x=theta_x,
                 fixation=point,
                 where=start,
                 border=border,
@@ -102,8 +123,28 @@ def trials(
             raise
         finally:
             if out is not None and shown.tally is not None:
+                kept = tally_dataset(shown.tally, grid, chosen).assign_attrs(about)
                 with complete_file(out, force) as temporary:
-                    tally_dataset(shown.tally, grid, chosen).to_netcdf(temporary, engine="h5netcdf")
+                    kept.to_netcdf(temporary, engine="h5netcdf")
+
+
+def _warn_of_training(model: "HistogramModel", taps: "TapSet") -> None:
+    known = model.trained_with(taps)
+    if known:
+        print(
+            f"Warning: {known} of the {len(taps)} taps trained the model, so errors on new ones will be larger; --test "
+            "names the sessions to play on.",
+            file=sys.stderr,
+        )
+
+
+def _title(about: dict[str, Any]) -> str:
+    """Which trials these are."""
+    moves = "" if about["policy"] == "passive" else f" to {about['fixation']}, theta_X {about['theta_x']:g}"
+    return (
+        f"of {about['requested_trials']:,} trials, {about['policy']}{moves}, from {about['start']}, on "
+        f"{about['taps']}; border {about['border']}, deadline {about['deadline']}, seed {about['seed']}"
+    )
 
 
 class _Shown:

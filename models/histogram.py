@@ -10,7 +10,7 @@ Reference: Lepora, Martinez-Hernandez and Prescott, "A SOLID case for active Bay
 
 import json
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 from importlib.metadata import version
 from pathlib import Path
@@ -22,6 +22,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from .bins import bin_edges, count_taps, find_bins
 from .classes import ClassGrid
+from .digest import tap_digests
 from .errors import InputError
 from .novelty import NoveltyScores
 from .power import likelihood_exponent, parse_power
@@ -73,6 +74,7 @@ class HistogramModel:
         trained_on: Which taps trained it, in words.
         version: Version of this software that fitted it.
         novelty: How badly the training taps fit their classes; without it no tap can be called new.
+        training: Digests of the training taps, see `tap_digests`; none where a file of an older version has none.
     """
 
     grid: ClassGrid
@@ -85,6 +87,7 @@ class HistogramModel:
     trained_on: str = ""
     version: str = ""
     novelty: NoveltyScores | None = None
+    training: NDArray[np.uint64] = field(default_factory=lambda: np.empty(0, np.uint64))
 
     @cached_property
     def trained(self) -> NDArray[np.bool_]:
@@ -192,6 +195,10 @@ class HistogramModel:
         if differences:
             raise InputError(f"The taps were prepared otherwise than the model's: {'; '.join(differences)}.")
 
+    def trained_with(self, taps: TapSet) -> int:
+        """How many of these taps trained it, so far as it knows."""
+        return int(np.isin(tap_digests(taps.taps), self.training).sum())
+
     def usable(self, taps: TapSet) -> TapSet:
         """The taps whose class was trained.
 
@@ -239,6 +246,7 @@ class HistogramModel:
             dataset["novelty_misfit"] = ("training_tap", self.novelty.misfit, {"units": "nat"})
             dataset["novelty_cell"] = ("training_tap", self.novelty.cell)
             dataset["novelty_best"] = ("training_tap", self.novelty.best)
+        dataset["training"] = ("digest", self.training)
         with complete_file(path, force) as temporary:
             dataset.to_netcdf(temporary, engine="h5netcdf")
 
@@ -265,6 +273,7 @@ def load_model(path: str | Path) -> HistogramModel:
             trained_on=str(attributes["trained_on"]),
             version=attributes["version"],
             novelty=_novelty(dataset),
+            training=dataset["training"].values if "training" in dataset else np.empty(0, np.uint64),
         )
     except KeyError as error:
         raise InputError(f"{path} is damaged: {error} is missing.") from error
@@ -348,6 +357,7 @@ def fit(
         left_out=_untouched(grid, counts.sum(axis=(2, 3)) > 0),
         trained_on=trained_on,
         version=version("solidtouch"),
+        training=tap_digests(samples),
     )
 
 

@@ -13,6 +13,7 @@ from solidtouch.hardware.presets import preset
 from solidtouch.inference.montecarlo import run_trials
 from solidtouch.inference.trial_plan import plan_trials, tap_table
 from solidtouch.models.histogram import fit
+from solidtouch.models.taps import concatenate
 
 
 @pytest.fixture(scope="module")
@@ -41,8 +42,11 @@ def test_the_file_holds_the_trials_of_the_plan(files, command, tmp_path):
     kept = xr.load_dataset(tmp_path / "out.nc")
 
     assert done.code == 0
-    assert "500 trials" in done.out
-    assert kept.attrs["trials"] == 500
+    assert "500 of 500 trials, active to 6.5 mm, theta_X 0.3, from anywhere, on 1600 of" in " ".join(done.out.split())
+    assert done.err == ""
+    assert kept.attrs["trials"] == kept.attrs["requested_trials"] == 500
+    assert (kept.attrs["policy"], kept.attrs["seed"], kept.attrs["deadline"]) == ("active", 3, 20)
+    assert kept["what_wrong"].attrs["long_name"]
     np.testing.assert_allclose(kept["what_error"], error.mean(axis=0))
     np.testing.assert_allclose(kept["what_error_se"], error.std(axis=0, ddof=1) / np.sqrt(500))
     np.testing.assert_allclose(
@@ -54,6 +58,17 @@ def test_the_file_holds_the_trials_of_the_plan(files, command, tmp_path):
     np.testing.assert_allclose(kept["stopped_fraction"], trials.stopped.mean(axis=0))
     np.testing.assert_allclose(kept["belief"], trials.belief.mean(axis=0))
     assert int(kept["confusion"].sel(theta=0.9).sum()) == 500
+
+
+def test_taps_that_trained_the_model_are_named(files, command, tmp_path):
+    """Also where they come in another file, among others."""
+    folder, _, test = files
+    train = simulate_session(preset("paper"), 2, 0)
+    concatenate([train.select(np.arange(7)), test]).save(tmp_path / "both.nc")
+    words = "trials", folder / "model.nc", tmp_path / "both.nc", "--trials", 5
+
+    assert "Warning: 7 of the 1607 taps trained the model" in command(*words).err
+    assert "Warning" not in command("trials", folder / "model.nc", folder / "taps.nc", "--trials", 5).err
 
 
 def test_the_code_for_graphics_processors_counts_the_same(files, command):
@@ -76,7 +91,7 @@ def test_a_single_trial_has_no_interval(files, command):
     folder, _, _ = files
     printed = command("trials", folder / "model.nc", folder / "taps.nc", "--trials", 1).out
 
-    assert "1 trial\n" in " ".join(printed.splitlines()[:1]).rstrip() + "\n"
+    assert printed.startswith("1 of 1 trials")
     assert "±" not in printed
     assert "nan" not in printed
 
@@ -89,6 +104,8 @@ def test_a_single_trial_has_no_interval(files, command):
         (("--start", 16), "--start must be a class index from 0 to 15, got 16"),
         (("--fixation", 99), "fixation point must be a class index from 0 to 15, got 99"),
         (("--thresholds", "high"), "--thresholds needs numbers such as 0.5,0.9,0.99, got 'high'"),
+        (("--thresholds", "1.5"), "--thresholds needs different numbers from 0 to 1, got '1.5'"),
+        (("--thresholds", "0.9,0.9"), "--thresholds needs different numbers from 0 to 1, got '0.9,0.9'"),
         (("--test", "7"), "--test names session 7"),
         (("--out", "here.txt"), "here.txt"),
     ],
@@ -132,7 +149,8 @@ def test_interrupted_trials_are_shown_and_kept(files, tmp_path):
     assert child.returncode == 130
     assert "interrupted" in errors
     assert " trials" in printed
-    assert 0 < xr.load_dataset(out).attrs["trials"] < 1e9
+    kept = xr.load_dataset(out).attrs
+    assert 0 < kept["trials"] < kept["requested_trials"] == 1e9
 
 
 MEASURE = """
