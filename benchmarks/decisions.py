@@ -34,7 +34,7 @@ def rows(quick: bool = False) -> list[Row]:
     """Passive and active trials, on one core and on two."""
     found = []
     for policy in POLICIES:
-        job = make_job(paper_table(), 60 if quick else 64000, policy, (THRESHOLD,))
+        job = make_job(paper_table(), 60 if quick else 256000, policy, (THRESHOLD,))
         found += _one_core(job.first(16000), policy, quick) + _two_cores(job, policy, quick)
     return found
 
