@@ -36,14 +36,14 @@ class Limit(NamedTuple):
     """A job laid out for C.
 
     Attributes:
-        library: The compiled code.
+        code: Compiled.
         vectors: Whether it holds a belief in AVX-512 registers; otherwise it has plain loops.
         arguments: The job as C sees it.
         arrays: What that points to.
         shape: (n, H).
     """
 
-    library: ctypes.CDLL
+    code: ctypes.CDLL
     vectors: bool
     arguments: _Job
     arrays: dict[str, Any]
@@ -56,7 +56,7 @@ class Limit(NamedTuple):
         cuts = np.linspace(0, self.shape[0], threads + 1).astype(int).tolist()
 
         def part(first: int, last: int) -> None:
-            self.library.limit_trials(ctypes.byref(self.arguments), ctypes.byref(pointers), first, last)
+            self.code.limit_trials(ctypes.byref(self.arguments), ctypes.byref(pointers), first, last)
 
         if threads == 1:
             part(*cuts)
@@ -74,11 +74,11 @@ def limit(job: Job, plain: bool = False) -> Limit | None:
         plain: Plain loops even where the belief would fit into registers.
     """
     L, M = job.prior.shape
-    library = compiled_c("limit.c", f"L={L}", f"M={M}", *(["PLAIN"] if plain else []))
-    if library is None:
+    code = compiled_c("limit.c", f"L={L}", f"M={M}", *(["PLAIN"] if plain else []))
+    if code is None:
         return None
-    library.limit_trials.argtypes = [ctypes.POINTER(_Job), ctypes.POINTER(_Found), ctypes.c_int64, ctypes.c_int64]
-    library.limit_trials.restype = None
+    code.limit_trials.argtypes = [ctypes.POINTER(_Job), ctypes.POINTER(_Found), ctypes.c_int64, ctypes.c_int64]
+    code.limit_trials.restype = None
     arrays = {
         "likelihood": _laid_out(np.maximum(job.likelihood, FLOOR_LIKELIHOOD).transpose(0, 2, 1), np.float32),
         "prior": _laid_out(job.prior.T, np.float32),
@@ -92,7 +92,7 @@ def limit(job: Job, plain: bool = False) -> Limit | None:
     pointers = [array.ctypes.data for array in arrays.values()]
     arguments = _Job(*pointers, job.tap.shape[2], job.deadline, len(job.thresholds), job.active)
     shape = len(job.number), len(job.thresholds)
-    return Limit(library, bool(library.limit_vectors()), arguments, arrays, shape)
+    return Limit(code, bool(code.limit_vectors()), arguments, arrays, shape)
 
 
 def _laid_out(array: Any, dtype: Any) -> Any:

@@ -87,45 +87,30 @@ def trials(
     if start is not None and not 0 <= start < grid.L:
         raise InputError(f"--start must be a class index from 0 to {grid.L - 1}, got {start}.")
     point = check_fixation(fixation, grid.L)
-    theta_x = 1.0 if passive else theta_x
+    settings = {"theta_x": 1.0 if passive else theta_x, "border": border, "deadline": deadline, "seed": seed}
     about = {
         "model": model.name,
         "taps": f"{len(tested)} of {taps.name}",
         "policy": "passive" if passive else "active",
-        "theta_x": theta_x,
         "fixation": "none" if passive else grid.where_label(point),
         "start": "anywhere" if start is None else grid.where_label(start),
-        "border": border,
-        "deadline": deadline,
-        "seed": seed,
+        **settings,
         "requested_trials": number,
         "solidtouch": version("solidtouch"),
     }
+    play = partial(tally_trials, table, chosen, number, fixation=point, where=start, **settings)
     table_of = partial(tally_table, grid=grid, thresholds=chosen, what_for=_title(about))
     with terminable(), _Shown(table_of, number) as shown:
         try:
-            tally_trials(
-                table,
-                chosen,
-                number,
-                theta_x=theta_x,
-                fixation=point,
-                where=start,
-                border=border,
-                deadline=deadline,
-                seed=seed,
-                device=device,
-                workers=workers,
-                progress=shown.update,
-            )
+            play(device=device, workers=workers, progress=shown.update)
         except ZeroEvidenceError:
             shown.tally = None
             raise
         finally:
             if out is not None and shown.tally is not None:
-                kept = tally_dataset(shown.tally, grid, chosen).assign_attrs(about)
                 with complete_file(out, force) as temporary:
-                    kept.to_netcdf(temporary, engine="h5netcdf")
+                    labelled = tally_dataset(shown.tally, grid, chosen).assign_attrs(about)
+                    labelled.to_netcdf(temporary, engine="h5netcdf")
 
 
 def _warn_of_training(model: "HistogramModel", taps: "TapSet") -> None:
