@@ -13,7 +13,7 @@ from .figure_style import axis_label, short_unit
 from .metrics import CONFIDENCE, interval_sentence
 from .tallied import UNCERTAIN, tally_means
 
-_DECIMALS = 4
+_DECIMALS = 5
 _LEGEND = "wrong: fraction that decide for a wrong object; belief: mean belief in the decided object."
 
 
