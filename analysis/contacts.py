@@ -9,6 +9,7 @@ from scipy.stats import norm, t
 
 from ..inference.reference import ZeroEvidenceError
 from ..inference.trial_plan import TapTable
+from ..models.states import fold
 from .metrics import CONFIDENCE
 
 CONTACTS = (1, 2, 5, 10, 20)
@@ -106,7 +107,7 @@ def _hits(table: TapTable, l: int, m: int, taps: NDArray[np.intp]) -> tuple[floa
     log_belief = table.log_prior + table.log_likelihood[taps].sum(axis=1)
     if np.isneginf(log_belief).all(axis=(1, 2)).any():
         raise ZeroEvidenceError(f"A test tap of where class {l} and what class {m} is impossible under every class.")
-    belief = np.exp(log_belief - log_belief.max(axis=(1, 2), keepdims=True))
+    belief = fold(np.exp(log_belief - log_belief.max(axis=(1, 2), keepdims=True)), table.pool.nearest.shape[1])
     joint = belief.reshape(len(belief), -1).argmax(axis=1) == l * belief.shape[2] + m
     where = belief.sum(axis=2).argmax(axis=1) == l
     what = belief.sum(axis=1).argmax(axis=1) == m

@@ -10,6 +10,7 @@ from ..inference.control import MovePolicy, fixation, passive
 from ..inference.engine import Engine
 from ..inference.episode import perceive
 from ..inference.trial_plan import plan_trials, trial_uniforms
+from ..models.states import fold
 from .figure_episodes import BeliefCase
 from .study import Settings, Study
 
@@ -31,11 +32,11 @@ def belief_cases(study: Study, engine: Engine, settings: Settings) -> tuple[Beli
     Clear is the one in which the right class leads for good the earliest, ties go to the surer end; ambiguous the
     one in which the runner-up is believed in most, on average over the taps.
     """
-    cases = []
+    cases, prior = [], fold(np.exp(engine.model.log_prior), engine.model.grid.M)
     for where, what, stream in _starts(study, _CANDIDATES, settings.seed):
         rig = _rig(study, where, what, stream, settings.seed, _CASE_TAPS)
         episode = perceive(rig, engine, 1.0, passive, deadline=_CASE_TAPS)
-        cases.append(BeliefCase(np.exp(episode.log_beliefs), np.exp(engine.model.log_prior), where, what))
+        cases.append(BeliefCase(np.exp(episode.log_beliefs), prior, where, what))
     return max(cases, key=_clarity), max(cases, key=_ambiguity)
 
 

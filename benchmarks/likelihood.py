@@ -39,14 +39,14 @@ def _from_samples(model: HistogramModel, taps: NDArray[np.floating], which: str,
     ways: _Ways = {
         "one tap at a time, bins given": lambda: _one_by_one(model, bins),
         "one tap at a time": lambda: _one_by_one(model, _bins(model, taps)),
-        "NumPy searchsorted, bincount and BLAS": lambda: _dense(model, taps) @ model.log_table * model.exponent,
+        "NumPy searchsorted, bincount and BLAS": lambda: _dense(model, taps) @ model.prepared.table * model.exponent,
         "solidtouch": lambda: model.log_likelihood(taps),
     }
     return _measured(f"log-likelihoods of {which} samples: {_size(model, taps)}", ways, "", rounds)
 
 
 def _from_counts(model: HistogramModel, taps: NDArray[np.floating], which: str, rounds: int) -> list[Row]:
-    table, counts, listed = model.log_table, _dense(model, taps), _listed(model, taps)
+    table, counts, listed = model.prepared.table, _dense(model, taps), _listed(model, taps)
     small_table, small_counts = table.astype(np.float32), counts.astype(np.float32)
     sparse = csr_array((listed.times, listed.cell, listed.first), counts.shape)
     out = np.empty((len(taps), table.shape[1]))
@@ -77,7 +77,7 @@ def _measured(work: str, ways: _Ways, note: str, rounds: int) -> list[Row]:
 
 def _size(model: HistogramModel, taps: NDArray[np.floating]) -> str:
     N, J, K = taps.shape
-    return f"{N} taps x {model.log_table.shape[1]} classes x {J * K} samples"
+    return f"{N} taps x {model.prepared.table.shape[1]} classes x {J * K} samples"
 
 
 def _bins(model: HistogramModel, taps: NDArray[np.floating]) -> NDArray[np.intp]:

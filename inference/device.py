@@ -25,7 +25,7 @@ _ROUND = 8  # taps between two looks at which trials have ended
 
 
 def update(log_belief: jax.Array, log_likelihood: jax.Array) -> tuple[jax.Array, jax.Array]:
-    """Log posterior (L, M) and log evidence of one tap; Eq. 3 and 4.
+    """Log posterior (L, S M) and log evidence of one tap; Eq. 3 and 4.
 
     Zero evidence shows as a log evidence of -inf, and the log posterior then is -inf throughout.
     """
@@ -34,9 +34,9 @@ def update(log_belief: jax.Array, log_likelihood: jax.Array) -> tuple[jax.Array,
     return log_joint - jnp.where(jnp.isneginf(log_evidence), 0.0, log_evidence), log_evidence
 
 
-def shift(log_belief: jax.Array, delta: jax.Array, border: int) -> jax.Array:
-    """Log belief (L, M) after a move by `delta` where classes; Eq. 9, borders as in `reference.shift`."""
-    L, M = log_belief.shape
+def shift(log_belief: jax.Array, delta: jax.Array, border: int, states: int = 1) -> jax.Array:
+    """Log belief (L, S M) after a move by `delta` where classes; Eq. 9, borders as in `kernel.shift`, S is `states`."""
+    L, M = log_belief.shape[0], log_belief.shape[1] // states
     name = BORDERS[border]
     source = jnp.arange(L) - delta
     if name == "circular":
@@ -52,8 +52,12 @@ def shift(log_belief: jax.Array, delta: jax.Array, border: int) -> jax.Array:
         piled = jnp.logaddexp(moved, logsumexp(lost, axis=0))
         return _normalised(jnp.where(jnp.arange(L)[:, None] == end, piled, moved))
     vacated = jnp.maximum(jnp.minimum(jnp.abs(delta), L), 1)
-    cells, alike = (M * vacated, None) if name == "uniform" else (vacated, 0)
-    spread = logsumexp(lost, axis=alike) - jnp.log(cells)
+    if name == "uniform_what":
+        spread = logsumexp(lost, axis=0) - jnp.log(vacated)
+    elif states == 1:
+        spread = logsumexp(lost) - jnp.log(M * vacated)
+    else:
+        spread = jnp.repeat(logsumexp(lost.reshape(L, states, M), axis=(0, 2)) - jnp.log(M * vacated), M)
     return _normalised(jnp.where(kept, moved, spread))
 
 
@@ -233,10 +237,14 @@ def _tap(tables: _Tables, plan: _Plan, slot: _Slot, *, border: int, deadline: in
     log_belief, log_evidence = update(slot.log_belief, tables.log_likelihood[index])
     belief = jnp.exp(log_belief)
     where, what = belief.sum(1), belief.sum(0)
+    M = tables.nearest.shape[1]
+    states = len(what) // M
+    if states > 1:
+        what = what.reshape(states, M).sum(0)
     impossible = slot.impossible | (jnp.isneginf(log_evidence) & (slot.decided < len(tables.thresholds)))
     slot = _decide(tables, slot._replace(log_belief=log_belief), where, what, deadline)
     slot = slot._replace(tap=slot.tap + 1, impossible=impossible)
-    return _move(tables, slot, where, plan.fixation[row], held, border) if moving else slot
+    return _move(tables, slot, where, plan.fixation[row], held, border, states) if moving else slot
 
 
 def _decide(tables: _Tables, slot: _Slot, where: jax.Array, what: jax.Array, deadline: int) -> _Slot:
@@ -252,14 +260,16 @@ def _decide(tables: _Tables, slot: _Slot, where: jax.Array, what: jax.Array, dea
     return slot._replace(decided=jnp.maximum(slot.decided, reached), record=record)
 
 
-def _move(tables: _Tables, slot: _Slot, where: jax.Array, fixation: jax.Array, held: jax.Array, border: int) -> _Slot:
+def _move(
+    tables: _Tables, slot: _Slot, where: jax.Array, fixation: jax.Array, held: jax.Array, border: int, states: int
+) -> _Slot:
     """Eq. 8 to 10; the true class is clipped to the range, the belief shifts by what was commanded."""
     delta = jnp.where(where.max() > tables.theta_x, fixation - where.argmax(), 0)
     commanded = slot.at + delta
     reached = jnp.clip(commanded, 0, len(where) - 1)
     landed = tables.nearest[reached, held]
     return slot._replace(
-        log_belief=shift(slot.log_belief, delta, border),
+        log_belief=shift(slot.log_belief, delta, border, states),
         at=landed,
         clamped=slot.clamped + (reached != commanded),
         substituted=slot.substituted + (landed != reached),

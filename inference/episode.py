@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 
 from ..hardware.sensor import TouchSensor
 from ..models.errors import InputError
+from ..models.states import log_fold
 from . import reference
 from .control import MovePolicy
 from .engine import Engine
@@ -22,11 +23,12 @@ class Step(NamedTuple):
         number: Of the tap, counted from 1.
         tap: Its samples, shape (J, K).
         arrived: The move really made before it, 0 before the first.
-        log_predicted: Log belief before the tap, shape (L, M).
-        log_belief: Log belief after it, before the move that follows, shape (L, M).
+        log_predicted: Log belief before the tap, summed over the states of the episode, shape (L, M).
+        log_belief: The same after it, before the move that follows, shape (L, M).
         log_evidence: Log evidence of the tap given those before.
         decision: The what class whose belief exceeds the threshold, or `None`.
         move: The move that will follow in where classes, or `None` where the episode ends.
+        log_state: Log belief in the states of the episode after the tap, shape (S,); one zero for a model without.
     """
 
     number: int
@@ -37,6 +39,7 @@ class Step(NamedTuple):
     log_evidence: float
     decision: int | None
     move: int | None
+    log_state: NDArray[np.float64] = np.zeros(1)
 
     @property
     def where_marginal(self) -> NDArray[np.float64]:
@@ -137,19 +140,38 @@ def steps(
     if deadline < 1:
         raise InputError(f"The deadline must be at least one tap, got {deadline}.")
     engine.model.check_taps(sensor.preprocessing)
-    predicted, arrived = engine.model.log_prior, 0
+    predicted, arrived, M = engine.model.log_prior, 0, engine.model.grid.M
     for number in range(1, deadline + 1):
         tap = sensor.tap()
-        log_belief, log_evidence = engine.update(predicted, tap)
+        carried, log_evidence = engine.update(predicted, tap)
+        log_belief = log_fold(carried, M)
         belief = np.exp(log_belief)
         doubted = doubt is not None and doubt(tap, arrived)
         decision = None if doubted else reference.what_decision(belief, theta_w)
         delta = None if decision is not None or number == deadline else move(belief)
-        yield Step(number, tap, arrived, predicted, log_belief, log_evidence, decision, delta)
+        yield Step(
+            number,
+            tap,
+            arrived,
+            log_fold(predicted, M),
+            log_belief,
+            log_evidence,
+            decision,
+            delta,
+            _log_states(carried, M),
+        )
         if delta is None:
             return
         arrived = sensor.move(delta)
-        predicted = engine.shift(log_belief, delta)
+        predicted = engine.shift(carried, delta)
+
+
+def _log_states(log_belief: NDArray[np.float64], M: int) -> NDArray[np.float64]:
+    """The log belief in the states alone, shape (S,), from one of shape (L, S M)."""
+    L, hypotheses = log_belief.shape
+    if hypotheses == M:
+        return np.zeros(1)
+    return np.logaddexp.reduce(log_belief.reshape(L, hypotheses // M, M), axis=(0, 2))
 
 
 def collect(made: Iterator[Step]) -> Episode:

@@ -1,4 +1,8 @@
-"""Beliefs and likelihoods in the form the compiled kernel takes, and the kernel as an engine."""
+"""Beliefs and likelihoods in the form the compiled kernel takes, and the kernel as an engine.
+
+Arrays have one number per place and hypothesis, (L, S M), see `models.states`; without states these are the L x M
+classes.
+"""
 
 from dataclasses import dataclass
 from typing import NamedTuple
@@ -6,6 +10,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ..models.errors import InputError
 from ..models.histogram import HistogramModel
 from . import kernel
 from .reference import BORDERS, Border, ZeroEvidenceError
@@ -17,10 +22,10 @@ class Likelihoods(NamedTuple):
     """Likelihoods of N taps over the largest of each, as scaled numbers z 2^(-256 k).
 
     Attributes:
-        rows: z, 0 where the tap is impossible, shape (N, M, L).
+        rows: z, 0 where the tap is impossible, shape (N, S M, L).
         least: The smallest z above 0 of each tap, shape (N,).
         wide: Whether some k is not 0, shape (N,).
-        units: k, shape (N, M, L), or (0, M, L) where no tap is wide.
+        units: k, shape (N, S M, L), or (0, S M, L) where no tap is wide.
     """
 
     rows: NDArray[np.float64]
@@ -33,8 +38,8 @@ class ScaledBelief(NamedTuple):
     """A belief over its largest class, as scaled numbers.
 
     Attributes:
-        z: Shape (M, L).
-        k: Shape (M, L).
+        z: Shape (S M, L).
+        k: Shape (S M, L).
         least: The smallest z above 0.
     """
 
@@ -44,7 +49,7 @@ class ScaledBelief(NamedTuple):
 
 
 def likelihoods(log_likelihood: ArrayLike) -> Likelihoods:
-    """The kernel's table from log-likelihoods of shape (N, L, M)."""
+    """The kernel's table from log-likelihoods of shape (N, L, S M)."""
     z, k = _scaled(np.asarray(log_likelihood, dtype=np.float64))
     wide = k.any(axis=(1, 2))
     least = np.where(z > 0, z, np.inf).min(axis=(1, 2), initial=1.0)
@@ -52,7 +57,7 @@ def likelihoods(log_likelihood: ArrayLike) -> Likelihoods:
 
 
 def scaled_belief(log_belief: ArrayLike) -> ScaledBelief:
-    """The kernel's belief from a log belief of shape (L, M)."""
+    """The kernel's belief from a log belief of shape (L, S M)."""
     z, k = _scaled(np.asarray(log_belief, dtype=np.float64)[np.newaxis])
     return ScaledBelief(z[0], k[0], float(np.where(z > 0, z, np.inf).min(initial=1.0)))
 
@@ -62,8 +67,23 @@ def border_number(border: Border) -> int:
     return BORDERS.index(border)
 
 
+def refuse_border(border: int, hypotheses: int, M: int) -> None:
+    """Refuses the border `prior` where a state is carried: vacated places get 1/(L M), whatever is known of the state.
+
+    Args:
+        border: Its number.
+        hypotheses: S M.
+        M: Objects.
+
+    Raises:
+        InputError: The border is `prior`, and there are more hypotheses than objects.
+    """
+    if border == kernel.PRIOR and hypotheses > M:
+        raise InputError("--border prior does not go with a model that carries a state; uniform does.")
+
+
 def _scaled(log_values: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
-    """Numbers z in (2^-256, 1] and k, both (N, M, L), of values (N, L, M) over the largest of each."""
+    """Numbers z in (2^-256, 1] and k, both (N, S M, L), of values (N, L, S M) over the largest of each."""
     depth = np.ascontiguousarray(log_values.swapaxes(-1, -2))
     top = depth.max(axis=(-1, -2), keepdims=True)
     depth = depth - np.where(np.isneginf(top), 0.0, top)
@@ -82,11 +102,18 @@ class FilterEngine:
     Attributes:
         model: The fitted measurement model.
         border: Reading of Eq. 9 at the ends of the range.
+
+    Raises:
+        InputError: The border is `prior`, and the model carries a state.
     """
 
     model: HistogramModel
     border: Border = "uniform"
     name: str = "filter"
+
+    def __post_init__(self) -> None:
+        if self.border == "prior":
+            refuse_border(kernel.PRIOR, self.model.log_prior.shape[1], self.model.grid.M)
 
     def update(self, log_belief: NDArray[np.float64], tap: ArrayLike) -> tuple[NDArray[np.float64], float]:
         """Eq. 1 as a product of counts with log tables, then Eq. 3 and 4 compiled.
@@ -110,7 +137,7 @@ class FilterEngine:
         if delta == 0:
             return log_belief
         belief = _Working(log_belief)
-        belief.shift(delta, border_number(self.border))
+        belief.shift(delta, border_number(self.border), self.model.grid.M)
         belief.settle()
         return belief.log()
 
@@ -120,24 +147,24 @@ class _Working:
 
     def __init__(self, log_belief: NDArray[np.float64]) -> None:
         self.z, self.k, _ = scaled_belief(log_belief)
-        M, L = self.z.shape
+        hypotheses, L = self.z.shape
         self.on = (self.k == 0).astype(np.float64)
-        self.where, self.what = np.empty(L), np.empty(M)
+        self.where, self.hypothesis = np.empty(L), np.empty(hypotheses)
 
     def multiply(self, row: NDArray[np.float64]) -> float:
-        return kernel.multiply(self.z, self.on, row, self.where, self.what)
+        return kernel.multiply(self.z, self.on, row, self.where, self.hypothesis)
 
     def settle(self) -> bool:
         """Whether a class is left."""
         return kernel.settle(self.z, self.k, self.on) > 0
 
-    def shift(self, delta: int, border: int) -> None:
+    def shift(self, delta: int, border: int, M: int) -> None:
         total = self.multiply(np.ones_like(self.z))
         room = np.empty(len(self.where)), np.empty(len(self.where), dtype=np.int64)
-        kernel.shift(self.z, self.k, self.on, delta, border, total, *room)
+        kernel.shift(self.z, self.k, self.on, delta, border, M, total, *room)
 
     def log(self) -> NDArray[np.float64]:
-        """The normalised log belief, shape (L, M)."""
+        """The normalised log belief, shape (L, S M)."""
         total = self.multiply(np.ones_like(self.z))
         with np.errstate(divide="ignore"):
             return np.ascontiguousarray((np.log(self.z) - self.k * _UNIT - np.log(total)).T)

@@ -4,7 +4,8 @@ A belief is carried unnormalised and without a floor, as scaled numbers z 2^(-25
 one unit down in k and no longer counts in the marginals, but is carried on, so that it can come back after any
 number of taps. Nothing is lost as it would be with plain probabilities, and no logarithm is taken as with log beliefs.
 
-Arrays have the axes (M, L), objects first, so that vector instructions run along the positions.
+Arrays have the axes (M, L), objects first, so that vector instructions run along the positions. Where the model carries
+a state of the episode, rows are hypotheses instead, S M of them, see `models.states`.
 """
 
 import math
@@ -67,7 +68,7 @@ def multiply(z: Floats, on: Floats, row: Floats, where: Floats, what: Floats) ->
         on: 1 where k = 0, else 0.
         row: Likelihoods of the tap over their maximum.
         where: Receives the marginal over what, shape (L,).
-        what: Receives the marginal over where, shape (M,).
+        what: Receives the marginal over where, one number per row.
 
     Returns:
         The total.
@@ -162,10 +163,10 @@ def total_of(z: Floats, k: Integers, on: Floats, m0: int, m1: int, l0: int, l1: 
 
 
 @compiled
-def largest(values: Floats) -> int:
-    """The index of the largest value, the first of equal ones."""
+def largest(values: Floats, n: int) -> int:
+    """The index of the largest of the first n values, the first of equal ones."""
     best = values[0]
-    for i in range(1, len(values)):
+    for i in range(1, n):
         best = max(best, values[i])
     index = 0
     while values[index] < best:
@@ -175,9 +176,11 @@ def largest(values: Floats) -> int:
 
 @compiled
 def shift(
-    z: Floats, k: Integers, on: Floats, delta: int, border: int, total: float, old_z: Floats, old_k: Integers
+    z: Floats, k: Integers, on: Floats, delta: int, border: int, M: int, total: float, old_z: Floats, old_k: Integers
 ) -> float:
     """Moves a belief by `delta` where classes; Eq. 9, borders as in `reference.shift`.
+
+    A move does not change the state of the episode: `UNIFORM` redraws the object within each. `PRIOR` knows no states.
 
     Args:
         z: Belief, changed in place, with `k` and `on`.
@@ -185,6 +188,7 @@ def shift(
         on: 1 where k = 0, else 0.
         delta: Where classes moved, not 0.
         border: One of the numbers above.
+        M: Objects, of each state.
         total: Of the belief.
         old_z: Room for L numbers.
         old_k: Room for L integers.
@@ -192,17 +196,20 @@ def shift(
     Returns:
         The smallest z above 0 that the vacated classes got; infinity where there is none.
     """
-    M, L = z.shape
+    rows, L = z.shape
     out = min(abs(delta), L)
     lost = L - out if delta > 0 else 0  # first class that leaves the range
     new_z, new_k = 0.0, 0
-    if border == UNIFORM:
-        new_z, new_k = total_of(z, k, on, 0, M, lost, lost + out)
-        new_z /= out * M
-    elif border == PRIOR:
+    if border == PRIOR:
         new_z = total / (L * M)
     least = np.inf
-    for m in range(M):
+    following = 0  # first row of the next state
+    for m in range(rows):
+        if m == following:
+            following += M
+            if border == UNIFORM:
+                new_z, new_k = total_of(z, k, on, m, following, lost, lost + out)
+                new_z /= out * M
         for l in range(L):
             old_z[l], old_k[l] = z[m, l], k[m, l]
         piled_z, piled_k = 0.0, 0
@@ -253,16 +260,18 @@ def play(
     Returns:
         How many trials met a tap that was impossible under every class still believed in.
     """
-    M, L = prior.z.shape
+    rows, L = prior.z.shape
+    M = pool.nearest.shape[1]
+    states = rows // M
     H = len(rule.thresholds)
-    z, k, on = np.empty((M, L)), np.empty((M, L), np.int64), np.empty((M, L))
-    where, what, ones = np.empty(L), np.empty(M), np.ones((M, L))
+    z, k, on = np.empty((rows, L)), np.empty((rows, L), np.int64), np.empty((rows, L))
+    where, what, ones = np.empty(L), np.empty(rows), np.ones((rows, L))
     old_z, old_k = np.empty(L), np.empty(L, np.int64)
     moving = rule.theta_x < 1
     impossible = best_where = 0
     word = word1 = word2 = word3 = np.uint64(0)
     for i in range(first, last):
-        for m in range(M):
+        for m in range(rows):
             for l in range(L):
                 z[m, l], k[m, l] = prior.z[m, l], prior.k[m, l]
                 on[m, l] = 1.0 if k[m, l] == 0 else 0.0
@@ -294,7 +303,7 @@ def play(
             total = multiply(z, on, table.rows[index], where, what)
             wide = table.wide[index]
             if wide:
-                for m in range(M):
+                for m in range(rows):
                     for l in range(L):
                         k[m, l] += table.units[index, m, l]
             if wide or total < _LEAST_TOTAL:
@@ -304,11 +313,14 @@ def play(
                     break
                 total = multiply(z, on, ones, where, what)
 
-            best_what = largest(what)
+            for s in range(1, states):
+                for m in range(M):
+                    what[m] += what[s * M + m]
+            best_what = largest(what, M)
             belief = what[best_what] / total
             last_tap = tap == rule.deadline - 1
             if moving or last_tap or belief > rule.thresholds[decided]:
-                best_where = largest(where)
+                best_where = largest(where, L)
             while decided < H and (belief > rule.thresholds[decided] or last_tap):
                 h = rule.column[decided]
                 trials.taps[i, h] = tap + 1
@@ -326,7 +338,7 @@ def play(
             if moving and where[best_where] > rule.theta_x * total:
                 delta = plan.fixation[i] - best_where
                 if delta != 0:
-                    least = min(least, shift(z, k, on, delta, rule.border, total, old_z, old_k))
+                    least = min(least, shift(z, k, on, delta, rule.border, M, total, old_z, old_k))
                     commanded = at + delta
                     reached = min(max(commanded, 0), L - 1)
                     at = pool.nearest[reached, held]

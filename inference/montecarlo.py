@@ -15,11 +15,11 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..models.errors import InputError
+from ..models.threads import cores, in_order
 from . import draws, kernel
 from .episode import DEADLINE
-from .filter import border_number, likelihoods, scaled_belief
+from .filter import border_number, likelihoods, refuse_border, scaled_belief
 from .reference import BORDERS, Border, ZeroEvidenceError
-from .threads import cores, in_order
 from .trial_plan import TapTable, TrialPlan, checked_plan
 
 # The paper's range of belief thresholds; its spacing is not given.
@@ -162,10 +162,18 @@ def make_player(table: TapTable, rule: Rule, device: str = "cpu") -> Player:
     """What plays trials on a device.
 
     Raises:
-        InputError: There is no such device, or the table holds a value that is no log-likelihood.
+        InputError: There is no such device, the table holds a value that is no log-likelihood or its parts do not fit
+            each other, or the border is `prior` and the model carries a state.
     """
     if not ((table.log_likelihood < np.inf).all() and (table.log_prior < np.inf).all()):
         raise InputError("The table of log-likelihoods or the prior holds NaN or +inf.")
+    (L, M), hypotheses = table.pool.nearest.shape, table.log_prior.shape[-1]
+    if table.log_prior.shape != table.log_likelihood.shape[1:] or len(table.log_prior) != L or hypotheses % M:
+        raise InputError(
+            f"The prior has shape {table.log_prior.shape}, log-likelihoods of a tap {table.log_likelihood.shape[1:]}, "
+            f"and the taps lie in {L} x {M} classes (where, what)."
+        )
+    refuse_border(rule.border, hypotheses, M)
     if device == "cpu":
         return _LoopPlayer(table, rule)
     if device in ("gpu", "xla-cpu"):

@@ -82,12 +82,12 @@ class ShadowEngine:
         first, second = np.exp(answer), np.exp(other)
         difference = np.abs(first - second)
         if not (difference <= TOLERANCE).all():
-            l, m = np.unravel_index(np.argmax(np.nan_to_num(difference, nan=np.inf)), difference.shape)
+            l, h = np.unravel_index(np.argmax(np.nan_to_num(difference, nan=np.inf)), difference.shape)
             grid = self.model.grid
             raise EnginesDisagree(
-                f"The engines disagree {when} tap {self._taps}: belief in {grid.what_name[m]} at "
-                f"{grid.where_label(int(l))} is {float(first[l, m])!r} by {self._first.name} and "
-                f"{float(second[l, m])!r} by {self._second.name}."
+                f"The engines disagree {when} tap {self._taps}: belief in {grid.what_name[h % grid.M]} at "
+                f"{grid.where_label(int(l))} is {float(first[l, h])!r} by {self._first.name} and "
+                f"{float(second[l, h])!r} by {self._second.name}."
             )
         self._answered, self._followed = answer, other
         return answer

@@ -12,10 +12,10 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..models.compiled import compiled
 from ..models.errors import InputError
+from ..models.threads import cores, in_order
 from .episode import DEADLINE
 from .montecarlo import Player, Rule, Trials, empty_trials, make_player, make_rule, refuse_impossible
 from .reference import Border
-from .threads import cores, in_order
 from .trial_plan import TapTable, TrialPlan, plan_trials
 
 
@@ -118,7 +118,7 @@ def tally_trials(
     tasks = (
         partial(piece, stream, min(play.at_once, end - stream)) for stream in range(first_stream, end, play.at_once)
     )
-    L, M = table.log_prior.shape
+    L, M = table.pool.nearest.shape
     total = Tally.empty(len(rule.thresholds), L, M)
     for part in in_order(tasks, cores(workers) if device == "cpu" else 1):
         total = total.plus(part)
@@ -133,7 +133,7 @@ def _piece(
     plan = plan_trials(table.pool, n, seed, fixation, where, stream)
     trials = empty_trials(n, len(rule.thresholds))
     refuse_impossible(play(plan, 0, n, trials), n)
-    L, M = table.log_prior.shape
+    L, M = table.pool.nearest.shape
     return tally(trials, plan, (L, M))
 
 

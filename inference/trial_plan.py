@@ -17,9 +17,10 @@ class TapTable(NamedTuple):
     """Test taps as perception sees them.
 
     Attributes:
-        log_likelihood: log P(z | class) of every tap, shape (N, L, M).
-        pool: Which taps belong to which class.
-        log_prior: Log belief before the first tap, shape (L, M).
+        log_likelihood: log P(z | class) of every tap, shape (N, L, S M): hypothesis s M + m is object m in state s of
+            the episode, see `models.states`; without states S is 1.
+        pool: Which taps belong to which class; its arrays have the shape (L, M).
+        log_prior: Log belief before the first tap, shape (L, S M).
     """
 
     log_likelihood: NDArray[np.float64]

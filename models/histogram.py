@@ -20,13 +20,16 @@ import numpy as np
 import xarray as xr
 from numpy.typing import ArrayLike, NDArray
 
-from .bins import bin_edges, count_taps, find_bins
+from .bins import bin_edges, count_taps
 from .classes import ClassGrid
 from .digest import tap_digests
 from .errors import InputError
+from .forms import TableForm
+from .model import TapModel
 from .novelty import NoveltyScores
 from .power import likelihood_exponent, parse_power
 from .preprocessing import Preprocessing
+from .states import ONE_STATE, States
 from .storage import complete_file
 from .taps import TapSet, load_dataset
 
@@ -60,8 +63,8 @@ def histogram_model(
 
 
 @dataclass(frozen=True, eq=False)
-class HistogramModel:
-    """A fitted measurement model: all that perception needs to know of the training data.
+class HistogramModel(TapModel):
+    """A fitted histogram for every class and taxel.
 
     Attributes:
         grid: The classes.
@@ -75,6 +78,7 @@ class HistogramModel:
         version: Version of this software that fitted it.
         novelty: How badly the training taps fit their classes; without it no tap can be called new.
         training: Digests of the training taps, see `tap_digests`; none where a file of an older version has none.
+        states: What all taps of an episode share, see `session`.
     """
 
     grid: ClassGrid
@@ -88,6 +92,7 @@ class HistogramModel:
     version: str = ""
     novelty: NoveltyScores | None = None
     training: NDArray[np.uint64] = field(default_factory=lambda: np.empty(0, np.uint64))
+    states: States = ONE_STATE
 
     @cached_property
     def trained(self) -> NDArray[np.bool_]:
@@ -108,110 +113,19 @@ class HistogramModel:
             return np.log(self.probabilities)
 
     @cached_property
-    def log_table(self) -> NDArray[np.float64]:
-        """`log_prob` as a matrix from cells to classes, -inf under untrained ones, shape (K B, L M)."""
-        L, M, K, B = self.counts.shape
-        table = self.log_prob.reshape(L * M, K * B).T.copy()
-        table[:, ~self.trained.ravel()] = -np.inf
-        return table
+    def plain_form(self) -> TableForm:
+        """The log tables."""
+        return TableForm(self.log_prob)
 
     @property
-    def log_prior(self) -> NDArray[np.float64]:
-        """Log of the uniform prior over the trained classes, shape (L, M)."""
-        return np.where(self.trained, -np.log(self.trained.sum()), -np.inf)
+    def K(self) -> int:  # noqa: N802
+        """Number of taxels."""
+        return self.counts.shape[2]
 
     @property
-    def exponent(self) -> float:
-        """The exponent that `power` stands for."""
-        return likelihood_exponent(self.power, self.preprocessing.samples, self.counts.shape[2])
-
-    def bins(self, taps: ArrayLike) -> NDArray[np.intp]:
-        """The histogram bin of every sample, the shape of `taps` (..., J, K); values outside go to the end bins.
-
-        Raises:
-            InputError: As `check_samples`.
-        """
-        taps = np.asarray(taps)
-        self.check_samples(taps)
-        return find_bins(taps, self.edges)
-
-    def check_samples(self, taps: NDArray[np.floating]) -> None:
-        """Refuses samples that the model cannot speak about.
-
-        Args:
-            taps: Prepared samples, shape (..., J, K).
-
-        Raises:
-            InputError: Numbers of samples or taxels are not those of the training data, or a sample is NaN.
-        """
-        self._check_shape(taps)
-        if np.isnan(taps).any():
-            raise InputError("A sample is NaN and belongs to no bin.")
-
-    def _check_shape(self, taps: NDArray[np.floating]) -> None:
-        J, K = self.preprocessing.samples, self.counts.shape[2]
-        if taps.shape[-2:] != (J, K):
-            raise InputError(f"The model knows taps of {J} samples and {K} taxels, got shape {taps.shape}.")
-
-    def log_likelihood(self, taps: ArrayLike, out: Any = None) -> NDArray[np.float64]:
-        """Log P(z | class) of taps, -inf under untrained classes; Eq. 1.
-
-        Taps are counted and multiplied in chunks, so that nothing but the result has to fit into memory, and with
-        `out` on disk not even that.
-
-        Args:
-            taps: Prepared samples, shape (N, J, K); also a memory-mapped array.
-            out: Array of shape (N, L, M) to write to, such as a memory-mapped or a Zarr one; default a new one.
-
-        Returns:
-            `out`.
-
-        Raises:
-            InputError: `taps` has not three axes, or is refused as by `check_samples`; or `out` has another shape.
-        """
-        from .counting import multiply  # noqa: PLC0415
-
-        taps = np.asarray(taps)
-        self._check_shape(taps)
-        if taps.ndim != 3:
-            raise InputError(f"Taps must have three axes (tap, sample, taxel), got shape {taps.shape}.")
-        shape = (len(taps), *self.counts.shape[:2])
-        out = np.empty(shape) if out is None else out
-        if out.shape != shape:
-            raise InputError(f"The log-likelihoods have shape {shape}, those to be written to have {out.shape}.")
-        for which, counts in count_taps(taps, self.edges):
-            part = np.empty((len(counts.first) - 1, self.log_table.shape[1]))
-            multiply(*counts, self.log_table, self.exponent, part)
-            out[which] = part.reshape(-1, *shape[1:])
-        return out
-
-    def check_taps(self, preprocessing: Preprocessing) -> None:
-        """Refuses taps that were prepared otherwise.
-
-        Raises:
-            InputError: The records differ; the message says how.
-        """
-        differences = self.preprocessing.differences(preprocessing, "in the model", "in the taps")
-        if differences:
-            raise InputError(f"The taps were prepared otherwise than the model's: {'; '.join(differences)}.")
-
-    def trained_with(self, taps: TapSet) -> int:
-        """How many of these taps trained it, so far as it knows."""
-        return int(np.isin(tap_digests(taps.taps), self.training).sum())
-
-    def usable(self, taps: TapSet) -> TapSet:
-        """The taps whose class was trained.
-
-        Raises:
-            InputError: There is none, or the taps were prepared otherwise.
-        """
-        self.check_taps(taps.preprocessing)
-        where, what = taps.indices(self.grid)
-        known = (where >= 0) & (what >= 0)
-        known[known] = self.trained[where[known], what[known]]
-        if not known.any():
-            raise InputError("No tap is left: none belongs to a class with a training tap.")
-        return taps.select(known)
+    def kind(self) -> str:
+        """What the catalogue calls it."""
+        return "histogram"
 
     def save(self, path: str | Path, force: bool = False) -> None:
         """Writes the model as netCDF, complete or not at all.

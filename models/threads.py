@@ -5,7 +5,7 @@ from collections import deque
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
 
-from ..models.errors import InputError
+from .errors import InputError
 
 
 def cores(workers: int | None) -> int:

@@ -1,0 +1,266 @@
+"""Models compared by what they say of the class after a fixed number of contacts, without stopping rule or moves.
+
+All models see the same sequences of test taps. Sequences of one class share taps and err together, so intervals are
+bootstrap intervals over classes; the resamples are the same for all models, so that differences pair.
+"""
+
+from collections.abc import Mapping, Sequence
+from typing import NamedTuple
+
+import numpy as np
+import xarray as xr
+from numpy.typing import ArrayLike, NDArray
+
+from ..hardware.pool import TapPool
+from ..inference.reference import ZeroEvidenceError
+from ..inference.trial_plan import TapTable
+from ..models.errors import InputError
+from ..models.states import log_fold
+from .compare_pairing import RESAMPLES, check_tables, reference_name, with_intervals
+from .contacts import CONTACTS
+from .metrics import CONFIDENCE
+
+MEANS = {
+    "log_score_joint": "mean log belief in the true class",
+    "log_score_what": "mean log belief in the true object",
+    "brier_joint": "Brier score over classes",
+    "brier_what": "Brier score over objects",
+    "accuracy_joint": "fraction of right classes",
+    "accuracy_where": "fraction of right positions",
+    "accuracy_what": "fraction of right objects",
+    "impossible": "fraction of sequences whose true class has belief 0",
+}
+CALIBRATIONS = {
+    "calibration_what": "calibration error of the belief in the most probable object",
+    "calibration_where": "calibration error of the belief in the most probable position",
+}
+CALIBRATION_BINS = 10
+_DRAWS = 50  # per class
+# Share of the classes that must have n distinct test taps: with fewer, dropping the hard ones would look like growth.
+_ENOUGH = 0.9
+_AT_ONCE = 1 << 21  # numbers
+
+
+class _Sequences(NamedTuple):
+    """Sequences of n taps of one class.
+
+    Attributes:
+        taps: Shape (sequences, n).
+        where: Their where class, shape (sequences,).
+        what: Their what class, shape (sequences,).
+        unit: Which class that is among those with sequences, from 0, shape (sequences,).
+        weight: How many test taps each stands for, shape (sequences,).
+    """
+
+    taps: NDArray[np.intp]
+    where: NDArray[np.intp]
+    what: NDArray[np.intp]
+    unit: NDArray[np.intp]
+    weight: NDArray[np.float64]
+
+
+class _Scores(NamedTuple):
+    """What a model scores on sequences.
+
+    Attributes:
+        values: `MEANS` of each sequence in that order, shape (sequences, 8).
+        top: Belief in the most probable object and position, shape (sequences, 2).
+        hit: Whether these are right, shape (sequences, 2).
+    """
+
+    values: NDArray[np.float64]
+    top: NDArray[np.float64]
+    hit: NDArray[np.float64]
+
+
+def class_scores(
+    tables: Mapping[str, TapTable],
+    seed: int,
+    contacts: Sequence[int] = CONTACTS,
+    session: ArrayLike | None = None,
+    reference: str | None = None,
+    resamples: int = RESAMPLES,
+) -> xr.Dataset:
+    """Scores of every model after each number of contacts, with intervals and paired differences to one of them.
+
+    One contact uses every test tap once; more are drawn without replacement, some 50 times per class. Classes count
+    by their test taps. A number that less than nine tenths of the classes have test taps for is left out. What is
+    drawn for one number does not depend on the others.
+
+    A log score is -inf where the belief in the true class of some sequence is 0, and stays so: nothing is dropped or
+    floored, and `impossible` tells how many these are. Its interval ends in -inf where resamples do; the difference
+    of two models that both score -inf is NaN.
+
+    The calibration error is the mean distance between belief and fraction right, over `CALIBRATION_BINS` bins of
+    about equally many sequences by belief, equal beliefs in one bin. Noise makes it larger, by chance and not by
+    miscalibration: see `compare_pairing.with_intervals` for its interval.
+
+    Args:
+        tables: The same test taps as every model sees them, by the model's name.
+        seed: Of the draws and the resamples.
+        contacts: Numbers of contacts.
+        session: Session of each test tap, shape (N,); the taps of a sequence are then of one session, and a class
+            has enough taps where one of its sessions has.
+        reference: Model that the others are compared with, by default the first.
+        resamples: Bootstrap resamples of the classes.
+
+    Returns:
+        Dims (model, contacts): `MEANS` (log scores in nats) and `CALIBRATIONS`, each with `_low`, `_high`,
+        `_difference` (model less reference), `_difference_low` and `_difference_high`; and over (contacts) the
+        numbers of `classes` and `sequences`.
+
+    Raises:
+        InputError: The tables do not hold the same taps, or no number of contacts is left.
+        ZeroEvidenceError: Taps were impossible under every class of a model.
+    """
+    check_tables(tables)
+    names = list(tables)
+    base = names.index(reference_name(names, reference))
+    pool, N = tables[names[0]].pool, len(tables[names[0]].log_likelihood)
+    session = np.zeros(N, dtype=np.intp) if session is None else np.asarray(session)
+    if session.shape != (N,) or resamples < 1:
+        raise InputError(f"{N} test taps need {N} sessions and a resample, got {session.shape} and {resamples}.")
+    answered, samples, classes, count = [], [], [], []
+    for n in dict.fromkeys(contacts):
+        generator = np.random.default_rng([seed, n])
+        sequences = _draw(pool, session, n, generator)
+        if sequences is None:
+            continue
+        C = int(sequences.unit[-1]) + 1
+        drawn = generator.multinomial(C, np.full(C, 1 / C), size=resamples)
+        weights = np.concatenate([np.ones((1, C)), drawn.astype(np.float64)])
+        samples.append([_resampled(_scores(name, tables[name], sequences), sequences, weights) for name in names])
+        answered.append(n)
+        classes.append(C)
+        count.append(len(sequences.taps))
+    if not answered:
+        raise InputError(f"Too few classes have test taps for sequences of {', '.join(map(str, contacts))} taps.")
+    joined = np.moveaxis(np.array(samples), (0, 1, 2, 3), (1, 0, 2, 3))  # (model, contacts, 1 + resamples, quantity)
+    result = xr.Dataset(
+        {"classes": ("contacts", np.array(classes)), "sequences": ("contacts", np.array(count))},
+        {"model": np.array(names, dtype=np.str_), "contacts": np.array(answered)},
+        {
+            "reference": names[base],
+            "seed": seed,
+            "resamples": resamples,
+            "calibration_bins": CALIBRATION_BINS,
+        },
+    )
+    for i, (name, meaning) in enumerate((MEANS | CALIBRATIONS).items()):
+        attributes = {"long_name": meaning, "units": "nat" if name.startswith("log_score") else ""}
+        result.update(
+            with_intervals(name, joined[..., i], ("model", "contacts"), base, attributes, biased=name in CALIBRATIONS)
+        )
+    return result
+
+
+def class_interval_sentence() -> str:
+    """What the intervals of `class_scores` mean, in a sentence."""
+    return (
+        f"Intervals are {CONFIDENCE:.0%} bootstrap intervals that take classes as the units, as sequences of one err "
+        "together; they do not hold how another recording would differ."
+    )
+
+
+def _draw(pool: TapPool, session: NDArray[np.generic], n: int, generator: np.random.Generator) -> _Sequences | None:
+    """Sequences of n taps, class by class; `None` where too few classes have so many."""
+    if n < 1:
+        raise InputError(f"A sequence has at least one contact, got {n}.")
+    parts: list[_Sequences] = []
+    unit = 0
+    for l, m in np.argwhere(pool.count > 0):
+        first = pool.first[l, m]
+        own = pool.order[first : first + pool.count[l, m]]
+        groups = [group for s in np.unique(session[own]) if len(group := own[session[own] == s]) >= n]
+        total = sum(map(len, groups))
+        for group in groups:
+            taps = group[:, np.newaxis] if n == 1 else _without_replacement(group, n, total, generator)
+            where, what, units = np.repeat([[l], [m], [unit]], len(taps), axis=1)
+            parts.append(_Sequences(taps, where, what, units, np.full(len(taps), len(group) / len(taps))))
+        unit += bool(groups)
+    if not unit or unit < _ENOUGH * np.count_nonzero(pool.count):
+        return None
+    return _Sequences(*(np.concatenate(column) for column in zip(*parts, strict=True)))
+
+
+def _without_replacement(
+    group: NDArray[np.intp], n: int, total: int, generator: np.random.Generator
+) -> NDArray[np.intp]:
+    draws = -(-_DRAWS * len(group) // total)
+    return np.stack([generator.choice(group, size=n, replace=False) for _ in range(draws)])
+
+
+def _scores(name: str, table: TapTable, sequences: _Sequences) -> _Scores:
+    step = max(1, _AT_ONCE // table.log_prior.size)
+    parts = []
+    for first in range(0, len(sequences.taps), step):
+        piece = slice(first, first + step)
+        parts.append(_score(name, table, sequences.taps[piece], sequences.where[piece], sequences.what[piece]))
+    return _Scores(*(np.concatenate(column) for column in zip(*parts, strict=True)))
+
+
+def _score(
+    name: str, table: TapTable, taps: NDArray[np.intp], where: NDArray[np.intp], what: NDArray[np.intp]
+) -> _Scores:
+    M, each = table.pool.nearest.shape[1], np.arange(len(taps))
+    log_joint = np.repeat(table.log_prior[np.newaxis], len(each), axis=0)
+    for tap in taps.T:
+        log_joint += table.log_likelihood[tap]
+    log_evidence = np.logaddexp.reduce(log_joint, axis=(1, 2))
+    impossible = np.isneginf(log_evidence)
+    if impossible.any():
+        i = int(impossible.argmax())
+        raise ZeroEvidenceError(
+            f"Test taps of where class {where[i]} and what class {what[i]} are impossible under every class of model "
+            f"{name!r}."
+        )
+    log_belief = log_fold(log_joint - log_evidence[:, np.newaxis, np.newaxis], M)
+    log_true, log_what = log_belief[each, where, what], np.logaddexp.reduce(log_belief, axis=1)
+    belief = np.exp(log_belief)
+    by_where, by_what = belief.sum(axis=2), belief.sum(axis=1)
+    hits = {
+        "joint": belief.reshape(len(each), -1).argmax(axis=1) == where * M + what,
+        "where": by_where.argmax(axis=1) == where,
+        "what": by_what.argmax(axis=1) == what,
+    }
+    values = {
+        "log_score_joint": log_true,
+        "log_score_what": log_what[each, what],
+        "brier_joint": (belief**2).sum(axis=(1, 2)) - 2 * np.exp(log_true) + 1,
+        "brier_what": (by_what**2).sum(axis=1) - 2 * by_what[each, what] + 1,
+        **{f"accuracy_{part}": hit for part, hit in hits.items()},
+        "impossible": np.isneginf(log_true),
+    }
+    return _Scores(
+        np.stack([np.asarray(values[key], dtype=np.float64) for key in MEANS], axis=1),
+        np.stack([by_what.max(axis=1), by_where.max(axis=1)], axis=1),
+        np.stack([hits["what"], hits["where"]], axis=1).astype(np.float64),
+    )
+
+
+def _resampled(scores: _Scores, sequences: _Sequences, weights: NDArray[np.float64]) -> NDArray[np.float64]:
+    """`MEANS` and `CALIBRATIONS` under each weighting of the classes (R, C), shape (R, 10)."""
+    C = weights.shape[1]
+    taps = weights @ np.bincount(sequences.unit, sequences.weight, C)
+    columns = [_mean(value, sequences, weights) / taps for value in scores.values.T]
+    for top, hit in zip(scores.top.T, scores.hit.T, strict=True):
+        cell = sequences.unit * CALIBRATION_BINS + _bins(top, sequences.weight)
+        gap = np.bincount(cell, sequences.weight * (hit - top), C * CALIBRATION_BINS).reshape(C, CALIBRATION_BINS)
+        columns.append(np.abs(weights @ gap).sum(axis=1) / taps)
+    return np.stack(columns, axis=1)
+
+
+def _mean(value: NDArray[np.float64], sequences: _Sequences, weights: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Weighted sum over classes, -inf exactly where a class that takes part holds -inf; shape (R,)."""
+    C, endless = weights.shape[1], np.isneginf(value)
+    total = weights @ np.bincount(sequences.unit, sequences.weight * np.where(endless, 0.0, value), C)
+    total[weights @ np.bincount(sequences.unit, endless, C) > 0] = -np.inf
+    return total
+
+
+def _bins(belief: NDArray[np.float64], weight: NDArray[np.float64]) -> NDArray[np.intp]:
+    """The calibration bin of each belief: bins weigh about the same, and equal beliefs share one."""
+    _, group = np.unique(belief, return_inverse=True)
+    mass = np.bincount(group, weight)
+    middle = (np.cumsum(mass) - mass / 2) / mass.sum()
+    return np.minimum((middle * CALIBRATION_BINS).astype(np.intp), CALIBRATION_BINS - 1)[group]

@@ -1,0 +1,281 @@
+"""Models compared by what they decide: the same trials, passive and active, played by every model.
+
+`play_models` plays and resamples once; `decision_curves` and `at_equal_taps` are two views of that. Trials pair across
+models and policies: they have the same starts and random numbers, and every resample takes the same trials.
+"""
+
+from collections.abc import Callable, Mapping
+
+import numpy as np
+import xarray as xr
+from numpy.typing import ArrayLike, NDArray
+
+from ..inference.control import check_fixation
+from ..inference.episode import DEADLINE
+from ..inference.montecarlo import Trials, run_trials
+from ..inference.reference import Border, ZeroEvidenceError
+from ..inference.trial_plan import TapTable, TrialPlan, plan_trials
+from ..models.classes import ClassGrid
+from ..models.errors import InputError
+from .compare_pairing import RESAMPLES, check_tables, interval, reference_name, with_intervals
+from .metrics import CONFIDENCE
+from .study import can_act
+
+MEANS = {
+    "what_error": "mean error of the object",
+    "where_error": "mean error of the position at the decision",
+    "taps": "mean reaction time",
+    "stopped_fraction": "fraction of trials that cross the threshold before the deadline",
+    "doubt": "mean of 1 - belief in the decided object",
+    "what_wrong": "fraction of trials that decide for a wrong object",
+}
+MISCALIBRATION = "fraction of wrong objects over the mean of 1 - belief"
+ERRORS = ("what_error", "where_error", "what_wrong")
+_ROUND = (1.0, 1.5, 2.0, 3.0, 5.0, 7.0)
+# Trials are resampled in at most so many batches of neighbours, which are as independent as single ones.
+_BATCHES = 4096
+
+
+def policies(grid: ClassGrid) -> tuple[str, ...]:
+    """The policies that mean anything: active needs somewhere to move and something to tell apart."""
+    return ("passive", "active") if can_act(grid) else ("passive",)
+
+
+def play_models(
+    tables: Mapping[str, TapTable],
+    grid: ClassGrid,
+    thresholds: ArrayLike,
+    trials: int,
+    seed: int,
+    *,
+    fixation: int | None = None,
+    border: Border = "uniform",
+    deadline: int = DEADLINE,
+    theta_x: float = 0.0,
+    resamples: int = RESAMPLES,
+    progress: Callable[[int], None] | None = None,
+) -> xr.Dataset:
+    """Means over the same trials, and over the same bootstrap resamples of them, for every model.
+
+    Args:
+        tables: The same test taps as every model sees them, by the model's name.
+        grid: The classes.
+        thresholds: theta_W, shape (H,), any order; sorted in the result.
+        trials: Of each model and policy, starting anywhere.
+        seed: Of the trials and the resamples.
+        fixation: Where class that active trials aim for; `None` for the middle.
+        border: Reading of Eq. 9.
+        deadline: Taps after which the most probable classes are taken.
+        theta_x: Threshold for a move of the active policy.
+        resamples: How many.
+        progress: Called with the number of trials finished since the last call; in all there are
+            `len(tables) * len(policies(grid)) * trials`.
+
+    Returns:
+        `MEANS` over (model, policy, theta, resample); resample 0 holds the trials as they were played.
+
+    Raises:
+        InputError: The tables do not hold the same taps or are not of this grid, or a setting is out of range.
+        ZeroEvidenceError: A tap was impossible under every class that a model still believed in.
+    """
+    if check_tables(tables) != grid.shape:
+        raise InputError(f"The tables hold other classes than the grid of {grid.L} x {grid.M}.")
+    if resamples < 1:
+        raise InputError(f"Intervals need at least one resample, got {resamples}.")
+    thresholds = np.sort(np.atleast_1d(np.asarray(thresholds, dtype=np.float64)))
+    plan = plan_trials(next(iter(tables.values())).pool, trials, seed, check_fixation(fixation, grid.L))
+    weights = _weights(trials, resamples, seed)
+    means = np.empty((len(tables), len(policies(grid)), len(MEANS), len(thresholds), 1 + resamples))
+    for i, (name, table) in enumerate(tables.items()):
+        for j, policy in enumerate(policies(grid)):
+            try:
+                played = run_trials(
+                    table,
+                    plan,
+                    thresholds,
+                    theta_x=theta_x if policy == "active" else 1.0,
+                    border=border,
+                    deadline=deadline,
+                    seed=seed,
+                    progress=progress,
+                )
+            except ZeroEvidenceError as error:
+                raise ZeroEvidenceError(f"Model {name!r}, {policy}: {error}") from error
+            means[i, j] = _means(_values(played, plan, grid), weights).T.reshape(means.shape[2:])
+    dims = ("model", "policy", "theta", "resample")
+    units = {"what_error": grid.what_error_unit, "where_error": grid.where_unit, "taps": "taps"}
+    return xr.Dataset(
+        {
+            name: (dims, means[:, :, i], {"long_name": meaning, "units": units.get(name, "")})
+            for i, (name, meaning) in enumerate(MEANS.items())
+        },
+        {
+            "model": np.array(list(tables), dtype=np.str_),
+            "policy": np.array(policies(grid), dtype=np.str_),
+            "theta": thresholds,
+        },
+        {
+            "what_unit": grid.what_error_unit,
+            "where_unit": grid.where_unit,
+            "trials": trials,
+            "seed": seed,
+            "resamples": resamples,
+        },
+    )
+
+
+def decision_curves(played: xr.Dataset, reference: str | None = None) -> xr.Dataset:
+    """What each model decides at each threshold, with intervals and paired differences to one of them.
+
+    The miscalibration is P(wrong object) over the mean of 1 - belief, over all trials whether stopped or out of time:
+    1 is right, more is overconfident. It is NaN where no decision is wrong, as nothing tells it from 0 then, and
+    infinite where decisions are wrong of which the belief is 1.
+
+    Args:
+        played: From `play_models`.
+        reference: Model that the others are compared with, by default the first.
+
+    Returns:
+        Dims (model, policy, theta): `MEANS` and `miscalibration`, each with `_low`, `_high`, `_difference` (model
+        less reference), `_difference_low` and `_difference_high`.
+
+    Raises:
+        InputError: There is no such model.
+    """
+    samples = {name: played[name].values for name in MEANS}
+    wrong, doubt = samples["what_wrong"], samples["doubt"]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        samples["miscalibration"] = wrong / doubt
+    samples["miscalibration"][wrong[..., 0] == 0] = np.nan
+    attributes = {name: played[name].attrs for name in MEANS}
+    attributes["miscalibration"] = {"long_name": MISCALIBRATION, "units": ""}
+    return _compared(played, samples, "theta", played["theta"].values, reference, attributes)
+
+
+def at_equal_taps(played: xr.Dataset, taps: ArrayLike | None = None, reference: str | None = None) -> xr.Dataset:
+    """Errors of each model at equal mean reaction times, with intervals and paired differences to one of them.
+
+    Errors are interpolated linearly in the mean reaction time between thresholds, in every resample by its own
+    curve: what one reaches by throwing a coin for each trial which of the two thresholds to use. Nothing is
+    extrapolated: beyond a model's slowest or fastest threshold its errors are NaN, and intervals are where one
+    resample in twenty leaves that range.
+
+    Args:
+        played: From `play_models`.
+        taps: Mean reaction times in taps, shape (n,); default round ones that the reference and another model reach
+            in nearly every resample, which may be none.
+        reference: Model that the others are compared with, by default the first.
+
+    Returns:
+        Dims (model, policy, taps): `ERRORS`, each with `_low`, `_high`, `_difference` (model less reference),
+        `_difference_low` and `_difference_high`; and over (policy, taps) whether a time is `common` to all models.
+
+    Raises:
+        InputError: There is no such model.
+    """
+    times = np.moveaxis(played["taps"].values, 2, -1)
+    names = [str(name) for name in played["model"].values]
+    fastest, slowest = _reached(played["taps"].values)
+    points = (
+        np.unique(np.asarray(taps, dtype=np.float64))
+        if taps is not None
+        else _round_times(fastest, slowest, names.index(reference_name(names, reference)))
+    )
+    samples = {name: _interpolated(points, times, np.moveaxis(played[name].values, 2, -1)) for name in ERRORS}
+    attributes = {name: played[name].attrs for name in ERRORS}
+    result = _compared(played, samples, "taps", points, reference, attributes)
+    common = (fastest.max(axis=0)[:, np.newaxis] <= points) & (points <= slowest.min(axis=0)[:, np.newaxis])
+    result["common"] = (("policy", "taps"), common)
+    result["taps"].attrs = {"long_name": MEANS["taps"], "units": "taps"}
+    return result
+
+
+def decision_interval_sentence() -> str:
+    """What the intervals of `decision_curves` and `at_equal_taps` mean, in a sentence."""
+    return (
+        f"Intervals are {CONFIDENCE:.0%} bootstrap intervals over the Monte Carlo trials on these test taps, the same "
+        "trials for all models; they hold the sampling of trials only, not how another recording would differ."
+    )
+
+
+def _values(trials: Trials, plan: TrialPlan, grid: ClassGrid) -> NDArray[np.float64]:
+    """`MEANS` of every trial and threshold, quantity by quantity, shape (n, 6 H)."""
+    what = plan.what[:, np.newaxis]
+    values = {
+        "what_error": grid.what_error(trials.what, what),
+        "where_error": grid.where_error(trials.where, trials.true_where),
+        "taps": trials.taps,
+        "stopped_fraction": trials.stopped,
+        "doubt": np.maximum(1.0 - trials.belief, 0.0),
+        "what_wrong": trials.what != what,
+    }
+    return np.concatenate([values[name].astype(np.float64) for name in MEANS], axis=1)
+
+
+def _weights(n: int, resamples: int, seed: int) -> NDArray[np.float64]:
+    """How often the original and each resample take every batch of trials, shape (1 + resamples, batches)."""
+    G, generator = min(n, _BATCHES), np.random.default_rng([seed, 1])
+    drawn = [np.bincount(generator.integers(G, size=G), minlength=G) for _ in range(resamples)]
+    return np.array([np.ones(G), *drawn], dtype=np.float64)
+
+
+def _means(values: NDArray[np.float64], weights: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Means of trials (n, V) under weights of batches (R, G), shape (R, V)."""
+    n, G = len(values), weights.shape[1]
+    first = -(-np.arange(G) * n // G)
+    return weights @ np.add.reduceat(values, first) / (weights @ np.diff(first, append=n))[:, np.newaxis]
+
+
+def _compared(
+    played: xr.Dataset,
+    samples: Mapping[str, NDArray[np.float64]],
+    dim: str,
+    points: NDArray[np.float64],
+    reference: str | None,
+    attributes: Mapping[str, dict[str, str]],
+) -> xr.Dataset:
+    names = [str(name) for name in played["model"].values]
+    reference = reference_name(names, reference)
+    coords = {name: played[name].values for name in ("model", "policy")}
+    result = xr.Dataset(coords={**coords, dim: points}, attrs={**played.attrs, "reference": reference})
+    for name, values in samples.items():
+        result.update(with_intervals(name, values, ("model", "policy", dim), names.index(reference), attributes[name]))
+    return result
+
+
+def _reached(times: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Fastest and slowest mean reaction time that nearly every resample reaches.
+
+    Args:
+        times: Means, shape (model, policy, theta, 1 + R).
+
+    Returns:
+        Each of shape (model, policy); where the fastest is the slower there is no such time.
+    """
+    return interval(times.min(axis=2))[1], interval(times.max(axis=2))[0]
+
+
+def _round_times(fastest: NDArray[np.float64], slowest: NDArray[np.float64], base: int) -> NDArray[np.float64]:
+    """Round times that the base model and another, if there is one, both reach; the middle where none is round."""
+    if len(fastest) > 1:
+        others = np.arange(len(fastest)) != base
+        fastest = np.maximum(fastest[others], fastest[base])
+        slowest = np.minimum(slowest[others], slowest[base])
+    shared = fastest <= slowest
+    if not shared.any():
+        return np.empty(0)
+    decades = 10.0 ** np.arange(np.ceil(np.log10(slowest.max() + 1)))
+    candidates = np.outer(decades, _ROUND).ravel()[:, np.newaxis]
+    points = candidates[((fastest[shared] <= candidates) & (candidates <= slowest[shared])).any(axis=1), 0]
+    return points if len(points) else np.array([(fastest[shared][0] + slowest[shared][0]) / 2])
+
+
+def _interpolated(
+    points: NDArray[np.float64], times: NDArray[np.float64], errors: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Errors at these times by curves (model, policy, resample, theta); shape (model, policy, points, resample)."""
+    result = np.full((*times.shape[:3], len(points)), np.nan)
+    for index in np.ndindex(times.shape[:3]):
+        # A trial decides later at a higher threshold, so times increase, and where they do not all decisions agree.
+        result[index] = np.interp(points, times[index], errors[index], left=np.nan, right=np.nan)
+    return np.moveaxis(result, -1, 2)

@@ -1,0 +1,70 @@
+"""Posterior of `student` by stochastic variational inference in NumPyro."""
+
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from numpy.typing import NDArray
+from numpyro.infer import SVI, Trace_ELBO
+from numpyro.infer.autoguide import AutoNormal
+from numpyro.infer.initialization import init_to_value
+from numpyro.optim import Adam
+
+from .scaling import Moments
+from .stories import Taps, student
+
+_STEPS, _RATE = 600, 0.03
+_WINDOW = 50  # steps over which losses are averaged
+_SITES = ("freedom", "level", "scale")
+
+
+class StudentPosterior(NamedTuple):
+    """A normal posterior of the unconstrained parameters, all independent.
+
+    Attributes:
+        expected: Medians by name.
+        guide: NumPyro's guide.
+        state: Its parameters.
+        rounds: Steps taken.
+        change: Change of the mean loss between the last two windows of steps, in nats per tap.
+        loss: Negative lower bound of the evidence after each step.
+    """
+
+    expected: dict[str, NDArray[np.float64]]
+    guide: AutoNormal
+    state: dict[str, jax.Array]
+    rounds: int
+    change: float
+    loss: NDArray[np.float64]
+
+    def point(self) -> dict[str, NDArray[np.float64]]:
+        """Medians."""
+        return self.expected
+
+    def draw(self, generator: np.random.Generator) -> dict[str, NDArray[np.float64]]:
+        """Parameters from the posterior."""
+        key = jax.random.key(int(generator.integers(2**31)))
+        drawn: Any = self.guide.sample_posterior(key, self.state)
+        return {name: np.asarray(drawn[name], dtype=np.float64) for name in _SITES}
+
+
+def fit_student(taps: Taps) -> StudentPosterior:
+    """Variational posterior of `stories.student`."""
+    moments = Moments.of(taps)
+    J = taps.samples.shape[1]
+    level = moments.mean.mean(axis=2, keepdims=True)
+    square = (moments.square + moments.taps[..., None, None] * (moments.mean - level) ** 2).sum(axis=2, keepdims=True)
+    used = np.maximum(J * moments.taps, 1)[..., None, None]
+    scale = np.where(moments.taps[..., None, None] > 0, np.sqrt(square / used) + 0.05, 1.0)
+    start = {"level": level, "scale": 0.7 * scale, "freedom": np.full(level.shape[-1], 4.0)}
+    guide = AutoNormal(student, init_loc_fn=init_to_value(values={k: jnp.asarray(v) for k, v in start.items()}))
+    rate = lambda step: _RATE * 0.02 ** (step / _STEPS)  # noqa: E731 - falls to a fiftieth
+    svi = SVI(student, guide, Adam(rate), Trace_ELBO())
+    data = taps._replace(samples=jnp.asarray(taps.samples, dtype=jnp.float32))  # pyright: ignore[reportArgumentType]
+    result = svi.run(jax.random.key(0), _STEPS, data, progress_bar=False)
+    loss = np.asarray(result.losses, dtype=np.float64) / len(taps.where)
+    change = float(abs(loss[-_WINDOW:].mean() - loss[-2 * _WINDOW : -_WINDOW].mean()))
+    median: Any = guide.median(result.params)
+    expected = {name: np.asarray(median[name], dtype=np.float64) for name in _SITES}
+    return StudentPosterior(expected, guide, result.params, _STEPS, change, loss)

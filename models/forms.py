@@ -1,0 +1,288 @@
+"""The two forms in which every measurement model gives the probability of a tap's bins.
+
+Whatever a model assumes, a tap is judged by the probability of the bins into which its samples fall, so that discrete
+and continuous models are on one measure. In a `TableForm` the samples are exchangeable and independent. In a
+`GaussianForm` each sample is normal given those before it, in the order of time and, within one time, of the taxels;
+its bin has the probability of that normal over the bin, and the logs add up along the tap.
+
+The axis H holds hypotheses, the objects or objects in states, see `states`.
+"""
+
+from functools import partial
+from typing import NamedTuple, Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .bins import count_taps, find_bins
+from .errors import InputError
+from .states import States
+from .threads import cores, in_order
+
+_AT_ONCE = 64  # taps of a Gaussian form that one thread takes at a time
+
+
+class TableForm(NamedTuple):
+    """Independent samples with one distribution over the bins per taxel; the product in Eq. 1 at power 1.
+
+    Attributes:
+        log_prob: log P_k(b | hypothesis), shape (L, H, K, B).
+    """
+
+    log_prob: NDArray[np.float64]
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """(L, H)."""
+        return self.log_prob.shape[0], self.log_prob.shape[1]
+
+    def in_state(self, gain: float, offset: float, edges: NDArray[np.float64]) -> Self:
+        """The distributions of `gain` times a sample plus `offset`; within a bin samples are taken for uniform."""
+        L, H, K, B = self.log_prob.shape
+        edges = np.broadcast_to(edges, (K, B + 1))
+        cumulative = np.concatenate([np.zeros((L, H, K, 1)), np.exp(self.log_prob).cumsum(axis=-1)], axis=-1)
+        below = np.empty_like(cumulative)
+        for k in range(K):
+            place = np.interp((edges[k] - offset) / gain, edges[k], np.arange(B + 1))
+            whole = np.minimum(place.astype(int), B - 1)
+            part = place - whole
+            below[:, :, k] = cumulative[:, :, k, whole] * (1 - part) + cumulative[:, :, k, whole + 1] * part
+        below[..., 0], below[..., -1] = 0.0, cumulative[..., -1]
+        with np.errstate(divide="ignore"):
+            return type(self)(np.log(np.maximum(np.diff(below, axis=-1), 0.0)))
+
+    def prepare(self, impossible: NDArray[np.bool_]) -> "PreparedTable":
+        """What stays the same from tap to tap; `impossible` hypotheses, shape (L, H), have likelihood 0."""
+        L, H, K, B = self.log_prob.shape
+        table = self.log_prob.reshape(L * H, K * B).T.copy()
+        table[:, impossible.ravel()] = -np.inf
+        return PreparedTable(table, impossible.shape)
+
+    def own(
+        self, taps: NDArray[np.floating], edges: NDArray[np.float64], where: NDArray[np.intp], what: NDArray[np.intp]
+    ) -> NDArray[np.float64]:
+        """Log probability of the bins of taps (N, J, K) under their own hypotheses, shape (N,)."""
+        bins = find_bins(taps, edges)
+        rows = self.log_prob[where, what]
+        return np.take_along_axis(rows, bins.swapaxes(1, 2), axis=2).sum(axis=(1, 2))
+
+    def sample(
+        self,
+        where: NDArray[np.intp],
+        what: NDArray[np.intp],
+        edges: NDArray[np.float64],
+        J: int,
+        generator: np.random.Generator,
+    ) -> NDArray[np.float64]:
+        """Taps of `J` samples under hypotheses (N,), each sample in the middle of its bin, shape (N, J, K)."""
+        K, B = self.log_prob.shape[2:]
+        edges = np.broadcast_to(edges, (K, B + 1))
+        centre = 0.5 * (edges[:, :-1] + edges[:, 1:])
+        cumulative = np.exp(self.log_prob).cumsum(axis=-1)
+        taps = np.empty((len(where), J, K))
+        for n, (l, h) in enumerate(zip(where, what, strict=True)):
+            for k in range(K):
+                row = cumulative[l, h, k]
+                taps[n, :, k] = centre[k, np.searchsorted(row, generator.random(J) * row[-1], side="right")]
+        return taps
+
+
+class GaussianForm(NamedTuple):
+    """A mixture of Q Gaussians over all samples of a tap, each with a Cholesky factor in time and one across taxels.
+
+    With the residuals r of a tap (J, K), time V_k and taxel W, the innovations are
+    u_jk = sum_{k' <= k} W_kk' sum_{i <= j} V_k'ji r_ik', independent and normal with standard deviation `scale`.
+
+    Attributes:
+        mean: Of the samples, shape (Q, L, H, J, K).
+        scale: Standard deviation of each sample given those before it, shape (Q, L, H, J, K).
+        time: V, unit lower triangular, shape (G, J, J) with G = 1 for all taxels or G = K for each.
+        taxel: W, unit lower triangular, shape (L, H, K, K), or (1, 1, 0, 0) for independent taxels.
+        log_weight: Log weights of the mixture, shape (Q,).
+    """
+
+    mean: NDArray[np.float64]
+    scale: NDArray[np.float64]
+    time: NDArray[np.float64]
+    taxel: NDArray[np.float64]
+    log_weight: NDArray[np.float64]
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """(L, H)."""
+        return self.mean.shape[1], self.mean.shape[2]
+
+    def in_state(self, gain: float, offset: float) -> Self:
+        """The distribution of `gain` times a tap plus `offset`."""
+        return self._replace(mean=gain * self.mean + offset, scale=gain * self.scale)
+
+    def whitened_mean(self) -> NDArray[np.float64]:
+        """The means times V, shape (Q, L, H, J, K)."""
+        if len(self.time) == 1:
+            return np.einsum("ji,...ik->...jk", self.time[0], self.mean)
+        return np.einsum("kji,...ik->...jk", self.time, self.mean)
+
+    def prepare(self, impossible: NDArray[np.bool_]) -> "PreparedGaussian":
+        """What stays the same from tap to tap; `impossible` hypotheses, shape (L, H), have likelihood 0."""
+        mean = self.whitened_mean()
+        Q, L, H, J, K = mean.shape
+        return PreparedGaussian(
+            mean=np.ascontiguousarray(mean.reshape(Q, L * H, J, K)),
+            taxel=np.ascontiguousarray(np.concatenate(self.taxel)),
+            scale=np.ascontiguousarray(self.scale.reshape(Q, L * H, J, K)),
+            time=np.ascontiguousarray(self.time),
+            log_weight=self.log_weight,
+            impossible=impossible,
+        )
+
+    def own(
+        self, taps: NDArray[np.floating], edges: NDArray[np.float64], where: NDArray[np.intp], what: NDArray[np.intp]
+    ) -> NDArray[np.float64]:
+        """Log probability of the bins of taps (N, J, K) under their own hypotheses, shape (N,)."""
+        from .innovations import own_log_masses  # noqa: PLC0415
+
+        ready = self.prepare(np.zeros(self.shape, dtype=bool))
+        out = np.empty(len(taps))
+        own_log_masses(*bin_gaps(taps, edges), where * self.shape[1] + what, *ready[:-1], out)
+        return out
+
+    def innovations(
+        self, taps: NDArray[np.floating], where: NDArray[np.intp], what: NDArray[np.intp], q: int = 0
+    ) -> NDArray[np.float64]:
+        """What each sample of taps (N, J, K) deviates by from its forecast under hypotheses (N,), shape (N, J, K)."""
+        residual = taps - self.mean[q, where, what]
+        time = np.broadcast_to(self.time, (residual.shape[2], *self.time.shape[1:]))
+        white = np.einsum("kji,nik->njk", time, residual, optimize=True)
+        if not self.taxel.shape[-1]:
+            return white
+        taxel = np.broadcast_to(self.taxel, (*self.shape, *self.taxel.shape[2:]))[where, what]
+        return white @ taxel.swapaxes(-1, -2)
+
+    def sample(
+        self,
+        where: NDArray[np.intp],
+        what: NDArray[np.intp],
+        edges: NDArray[np.float64],  # noqa: ARG002 - as TableForm
+        J: int,  # noqa: ARG002 - as TableForm
+        generator: np.random.Generator,
+    ) -> NDArray[np.float64]:
+        """Taps under hypotheses (N,), shape (N, J, K)."""
+        q = generator.choice(len(self.log_weight), size=len(where), p=np.exp(self.log_weight))
+        mean, scale = self.mean[q, where, what], self.scale[q, where, what]
+        white = scale * generator.standard_normal(mean.shape)
+        if self.taxel.shape[-1]:
+            taxel = np.broadcast_to(self.taxel, (*self.shape, *self.taxel.shape[2:]))[where, what]
+            white = np.linalg.solve(taxel[:, None], white[..., None])[..., 0]
+        time = np.broadcast_to(np.linalg.inv(self.time), (mean.shape[2], *self.time.shape[1:]))
+        return mean + np.einsum("kji,nik->njk", time, white, optimize=True)
+
+
+class PreparedTable(NamedTuple):
+    """A `TableForm` ready for taps.
+
+    Attributes:
+        table: Log probabilities from cells to hypotheses, shape (K B, L H).
+        shape: (L, H).
+    """
+
+    table: NDArray[np.float64]
+    shape: tuple[int, ...]
+
+    def log_likelihood(
+        self, taps: NDArray[np.floating], edges: NDArray[np.float64], exponent: float, out: NDArray[np.float64]
+    ) -> None:
+        """Writes `exponent` times the log probability of the bins of taps (N, J, K) to `out`, shape (N, L, H).
+
+        Taps are counted and multiplied in chunks, so that nothing but the result has to fit into memory, and with
+        `out` on disk not even that.
+        """
+        from .counting import multiply  # noqa: PLC0415
+
+        for which, counts in count_taps(taps, edges):
+            part = np.empty((len(counts.first) - 1, self.table.shape[1]))
+            multiply(*counts, self.table, exponent, part)
+            out[which] = part.reshape(-1, *self.shape)
+
+
+class PreparedGaussian(NamedTuple):
+    """A `GaussianForm` ready for taps, with C = L H.
+
+    Attributes:
+        mean: Whitened in time, shape (Q, C, J, K).
+        taxel: W, shape (C, K, K), or (1, 0, 0) for independent taxels.
+        scale: Shape (Q, C, J, K).
+        time: V, shape (G, J, J).
+        log_weight: Shape (Q,).
+        impossible: Hypotheses with likelihood 0, shape (L, H).
+    """
+
+    mean: NDArray[np.float64]
+    taxel: NDArray[np.float64]
+    scale: NDArray[np.float64]
+    time: NDArray[np.float64]
+    log_weight: NDArray[np.float64]
+    impossible: NDArray[np.bool_]
+
+    def log_likelihood(
+        self, taps: NDArray[np.floating], edges: NDArray[np.float64], exponent: float, out: NDArray[np.float64]
+    ) -> None:
+        """As `PreparedTable.log_likelihood`."""
+        tasks = (partial(self._part, taps, edges, start) for start in range(0, len(taps), _AT_ONCE))
+        for start, part in in_order(tasks, cores(None) if len(taps) > _AT_ONCE else 1):
+            log_likelihood = exponent * part.reshape(-1, *self.impossible.shape)
+            out[start : start + len(part)] = np.where(self.impossible, -np.inf, log_likelihood)
+
+    def _part(
+        self, taps: NDArray[np.floating], edges: NDArray[np.float64], start: int
+    ) -> tuple[int, NDArray[np.float64]]:
+        from .innovations import class_log_masses  # noqa: PLC0415
+
+        gaps = bin_gaps(taps[start : start + _AT_ONCE], edges)
+        part = np.empty((len(gaps[0]), self.mean.shape[1]))
+        class_log_masses(*gaps, *self[:-1], part)
+        return start, part
+
+
+type Form = TableForm | GaussianForm
+
+
+def bin_gaps(
+    taps: NDArray[np.floating], edges: NDArray[np.float64]
+) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+    """Samples in double precision, and the edges of their bins minus them; end bins reach to infinity.
+
+    Args:
+        taps: Shape (..., J, K).
+        edges: Shape (B + 1,) or (K, B + 1).
+
+    Returns:
+        Three arrays of the shape of `taps`: samples, lower and upper gaps.
+
+    Raises:
+        InputError: A sample is NaN.
+    """
+    bins = find_bins(taps, edges)
+    if bins.size and bins.min() < 0:
+        raise InputError("A sample is NaN and belongs to no bin.")
+    K = taps.shape[-1]
+    edges = np.broadcast_to(edges, (K, edges.shape[-1]))
+    lower, upper = edges[:, :-1].copy(), edges[:, 1:].copy()
+    lower[:, 0], upper[:, -1] = -np.inf, np.inf
+    samples, taxel = np.ascontiguousarray(taps, dtype=np.float64), np.arange(K)
+    return samples, lower[taxel, bins] - samples, upper[taxel, bins] - samples
+
+
+def in_states(form: Form, states: States, edges: NDArray[np.float64]) -> Form:
+    """A form over objects (L, M) in every state, over hypotheses (L, S M)."""
+    if len(states.gain) == 1 and states.gain[0] == 1 and states.offset[0] == 0:
+        return form
+    pairs = zip(states.gain.tolist(), states.offset.tolist(), strict=True)
+    if isinstance(form, TableForm):
+        return TableForm(np.concatenate([form.in_state(*pair, edges).log_prob for pair in pairs], axis=1))
+    parts = [form.in_state(*pair) for pair in pairs]
+    shared = form.taxel.shape[:2] == (1, 1)
+    return form._replace(
+        mean=np.concatenate([part.mean for part in parts], axis=2),
+        scale=np.concatenate([part.scale for part in parts], axis=2),
+        taxel=form.taxel if shared else np.concatenate([form.taxel] * len(parts), axis=1),
+    )

@@ -1,0 +1,93 @@
+"""Fitted models other than the histogram: parameters of a story and the form that follows from them."""
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from . import shapes
+from .classes import ClassGrid
+from .forms import Form
+from .model import TapModel
+from .novelty import NoveltyScores
+from .preprocessing import Preprocessing
+from .scaling import Scaling
+from .shapes import Frame, Parameters
+from .states import ONE_STATE, States
+
+FORMS: dict[str, Callable[[Parameters, Frame], Form]] = {
+    "gaussian": shapes.gaussian_form,
+    "student": shapes.student_form,
+    "profile": shapes.profile_form,
+    "profile-ar": shapes.profile_ar_form,
+    "profile-mvn": shapes.profile_mvn_form,
+    "matrix-normal": shapes.matrix_normal_form,
+    "smooth": shapes.smooth_form,
+}
+"""From parameters to probabilities of bins, by the name of the model."""
+
+
+@dataclass(frozen=True, eq=False)
+class ParametricModel(TapModel):
+    """A fitted model of the catalogue; see `TapModel` for what all have in common.
+
+    Attributes:
+        story: Name of its story in the catalogue.
+        grid: The classes.
+        edges: Bin edges, shape (B + 1,) or (K, B + 1).
+        scaling: Units of the parameters.
+        basis: Basis functions at Q places in each where class, shape (Q, L, D), or (0, 0, 0).
+        parameters: With which it decides, as `stories` names them.
+        covered: Which classes it can speak about, shape (L, M).
+        power: Root of the likelihood in Eq. 1.
+        preprocessing: How the taps were prepared.
+        left_out: Names of the classes that it cannot speak about.
+        trained_on: Which taps trained it, in words.
+        version: Version of this software that fitted it.
+        novelty: None; p-values of new taps need the histogram model.
+        training: Digests of the training taps.
+        states: What all taps of an episode share, see `session`.
+    """
+
+    story: str
+    grid: ClassGrid
+    edges: NDArray[np.float64]
+    scaling: Scaling
+    basis: NDArray[np.float64]
+    parameters: Parameters
+    covered: NDArray[np.bool_]
+    power: str | float
+    preprocessing: Preprocessing
+    left_out: tuple[str, ...] = ()
+    trained_on: str = ""
+    version: str = ""
+    novelty: NoveltyScores | None = None
+    training: NDArray[np.uint64] = field(default_factory=lambda: np.empty(0, np.uint64))
+    states: States = ONE_STATE
+
+    @property
+    def kind(self) -> str:
+        """Its story."""
+        return self.story
+
+    @property
+    def K(self) -> int:  # noqa: N802
+        """Number of taxels."""
+        return len(self.scaling.unit)
+
+    @cached_property
+    def trained(self) -> NDArray[np.bool_]:
+        """Which classes it can speak about, shape (L, M)."""
+        return self.covered
+
+    @property
+    def frame(self) -> Frame:
+        """What its form needs beside parameters."""
+        return Frame(self.scaling, self.edges, self.basis)
+
+    @cached_property
+    def plain_form(self) -> Form:
+        """What the parameters mean for bins."""
+        return FORMS[self.story](self.parameters, self.frame)

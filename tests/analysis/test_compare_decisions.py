@@ -1,0 +1,322 @@
+"""Decisions of models in the same trials, on tables whose trials can be counted or played anew."""
+
+import numpy as np
+import pytest
+import xarray as xr
+from solidtouch.analysis import compare_decisions
+from solidtouch.analysis.compare_decisions import (
+    ERRORS,
+    MEANS,
+    at_equal_taps,
+    decision_curves,
+    decision_interval_sentence,
+    play_models,
+    policies,
+)
+from solidtouch.hardware.pool import tap_pool
+from solidtouch.inference.montecarlo import run_trials
+from solidtouch.inference.reference import ZeroEvidenceError
+from solidtouch.inference.trial_plan import TapTable, plan_trials
+from solidtouch.models.classes import ClassGrid
+from solidtouch.models.errors import InputError
+
+L, M, H = 4, 3, 5
+THRESHOLDS = (0.9, 0.4, 0.7, 0.97, 0.999)
+TRIALS, RESAMPLES, DEADLINE = 250, 60, 25
+
+
+def grid_of(L, M, sized=True):
+    value = 2.0 + 3 * np.arange(M) if sized else None
+    names = tuple((f"rod {m}",) for m in range(M))
+    return ClassGrid(1.5 * np.arange(L), "mm", None, names, value, "cm" if sized else "")
+
+
+def table_of(L=L, M=M, seed=0, skill=1.0, repeats=6, states=1):
+    rng = np.random.default_rng(seed)
+    where, what, _ = (index.ravel() for index in np.indices((L, M, repeats)))
+    log_likelihood = rng.normal(size=(len(where), L, states * M))
+    for s in range(states):
+        log_likelihood[np.arange(len(where)), where, s * M + what] += skill
+    prior = np.full((L, states * M), -np.log(L * M * states))
+    return TapTable(log_likelihood, tap_pool(where, what, (L, M)), prior)
+
+
+@pytest.fixture(scope="module")
+def tables():
+    return {"weak": table_of(), "good": table_of(seed=1, skill=1.5)}
+
+
+@pytest.fixture(scope="module")
+def played(tables):
+    return play_models(tables, grid_of(L, M), THRESHOLDS, TRIALS, 7, fixation=2, deadline=DEADLINE, resamples=RESAMPLES)
+
+
+def by_hand(table, theta_x, grid, thresholds=THRESHOLDS, trials=TRIALS):
+    """Every mean of the trials as one would play them without this module, one trial at a time."""
+    thresholds, plan = np.sort(thresholds), plan_trials(table.pool, trials, 7, 2)
+    outcome = run_trials(table, plan, thresholds, theta_x=theta_x, deadline=DEADLINE, seed=7)
+    rows = {name: np.zeros((trials, len(thresholds))) for name in MEANS}
+    for i in range(trials):
+        for h in range(len(thresholds)):
+            rows["what_error"][i, h] = abs(grid.what_value[outcome.what[i, h]] - grid.what_value[plan.what[i]])
+            true_where = outcome.true_where[i, h]
+            rows["where_error"][i, h] = abs(grid.where_value[outcome.where[i, h]] - grid.where_value[true_where])
+            rows["taps"][i, h] = outcome.taps[i, h]
+            rows["stopped_fraction"][i, h] = outcome.stopped[i, h]
+            rows["doubt"][i, h] = 1 - outcome.belief[i, h]
+            rows["what_wrong"][i, h] = outcome.what[i, h] != plan.what[i]
+    return rows
+
+
+@pytest.mark.parametrize(("policy", "theta_x"), [("passive", 1.0), ("active", 0.0)])
+def test_means_are_those_of_the_trials_played_alone(played, tables, policy, theta_x):
+    """At every threshold in increasing order, whatever the order they were given in."""
+    rows = by_hand(tables["good"], theta_x, grid_of(L, M))
+
+    assert played["taps"].dims == ("model", "policy", "theta", "resample")
+    assert played.theta.values.tolist() == sorted(THRESHOLDS)
+    for name in MEANS:
+        means = played[name].sel(model="good", policy=policy).isel(resample=0)
+        np.testing.assert_allclose(means, rows[name].mean(axis=0), rtol=1e-12, err_msg=name)
+
+
+def test_resamples_draw_the_same_trials_for_all_models_policies_and_thresholds(tables):
+    """Some weighting of the trials, with whole numbers that add up to their number, gives all the means at once."""
+    few = 7
+    played = play_models(
+        {**tables, "again": tables["weak"]},
+        grid_of(L, M),
+        THRESHOLDS,
+        few,
+        7,
+        fixation=2,
+        deadline=DEADLINE,
+        resamples=30,
+    )
+    rng = np.random.default_rng([7, 1])
+    weights = np.array([np.bincount(rng.integers(few, size=few), minlength=few) for _ in range(30)])
+
+    for name, table in tables.items():
+        for policy, theta_x in (("passive", 1.0), ("active", 0.0)):
+            rows = by_hand(table, theta_x, grid_of(L, M), trials=few)
+            for key in MEANS:
+                resampled = played[key].sel(model=name, policy=policy).isel(resample=slice(1, None))
+                np.testing.assert_allclose(resampled, (weights @ rows[key] / few).T, atol=1e-12, err_msg=key)
+    curves = decision_curves(played.sel(model=["weak", "again"]))
+    for key in MEANS:
+        assert (curves[f"{key}_difference_low"].values == 0).all()
+        assert (curves[f"{key}_difference_high"].values == 0).all()
+
+
+def test_many_trials_are_resampled_in_batches_of_neighbours():
+    """Ten trials in four batches of two or three; a resample divides by the trials that it took."""
+    values, weights = np.arange(20.0).reshape(10, 2) ** 2, np.array([[1, 1, 1, 1], [2, 0, 0, 2], [0, 3, 1, 0]])
+    batches = [values[:3], values[3:5], values[5:8], values[8:]]
+    expected = [
+        np.concatenate([rows for rows, times in zip(batches, row, strict=True) for _ in range(times)]).mean(axis=0)
+        for row in weights
+    ]
+
+    np.testing.assert_allclose(compare_decisions._means(values, weights.astype(float)), expected)
+
+
+def test_batches_leave_intervals_as_they_are(tables, monkeypatch):
+    """Trials are independent, so resamples of batches vary as much as those of trials."""
+
+    def width():
+        played = play_models(tables, grid_of(L, M), (0.9,), 3000, 7, deadline=DEADLINE, resamples=1000)
+        curves = decision_curves(played)
+        return (curves.what_error_high - curves.what_error_low).sum().item()
+
+    single = width()
+    monkeypatch.setattr(compare_decisions, "_BATCHES", 700)
+
+    assert width() == pytest.approx(single, rel=0.1)
+
+
+def test_intervals_are_as_wide_as_the_standard_error_says(tables):
+    """1.96 standard errors on each side, for a mean of independent trials and for a paired difference."""
+    grid, n = grid_of(L, M), 2000
+    played = play_models(tables, grid, (0.9,), n, 7, fixation=2, deadline=DEADLINE, resamples=2000)
+    curves = decision_curves(played).sel(policy="passive").isel(theta=0)
+    weak, good = (by_hand(table, 1.0, grid, (0.9,), n)["taps"][:, 0] for table in tables.values())
+    pairs = {"taps": good, "taps_difference": good - weak}
+
+    for name, values in pairs.items():
+        at = curves.sel(model="good")
+        half = 1.96 * values.std() / np.sqrt(n)
+        assert at[name].item() == pytest.approx(values.mean())
+        assert at[f"{name}_high"] - at[name] == pytest.approx(half, rel=0.12)
+        assert at[name] - at[f"{name}_low"] == pytest.approx(half, rel=0.12)
+
+
+def test_the_miscalibration_is_the_wrong_fraction_over_the_doubt(played):
+    """In the estimate and in each resample, over all decided trials."""
+    curves = decision_curves(played, reference="good")
+    cell = {"model": "weak", "policy": "active", "theta": 0.7}
+    ratio = (played.what_wrong / played.doubt).sel(cell).values
+
+    assert curves.miscalibration.sel(cell).item() == ratio[0]
+    assert curves.miscalibration_low.sel(cell).item() in ratio[1:]
+    assert (ratio[1:] < curves.miscalibration_low.sel(cell).item()).sum() == 1
+    assert curves.attrs["reference"] == "good"
+    assert (curves.miscalibration_difference.sel(model="good") == 0).all()
+
+
+def test_a_miscalibration_without_wrong_decisions_is_undefined():
+    """And with wrong ones of belief 1 infinite, without a warning."""
+    sure = table_of(skill=12.0)
+    misled = sure._replace(log_likelihood=np.roll(sure.log_likelihood, 1, axis=2) * 50)
+    played = play_models({"sure": sure, "misled": misled}, grid_of(L, M), (0.5, 0.9), 40, 0, resamples=10)
+    curves = decision_curves(played)
+
+    assert (curves.what_wrong.sel(model="sure") == 0).all()
+    assert (curves.doubt.sel(model="sure") > 0).all()
+    for suffix in ("", "_low", "_high", "_difference"):
+        assert np.isnan(curves[f"miscalibration{suffix}"].sel(model="sure")).all()
+    assert (curves.what_wrong.sel(model="misled") == 1).all()
+    assert (curves.miscalibration.sel(model="misled") == np.inf).all()
+
+
+def test_states_are_summed_out_of_decisions(tables):
+    """A model whose states are all alike decides as the model without."""
+    table = tables["good"]
+    stateful = table._replace(
+        log_likelihood=np.tile(table.log_likelihood, (1, 1, 2)),
+        log_prior=np.concatenate([table.log_prior + np.log(0.3), table.log_prior + np.log(0.7)], axis=1),
+    )
+    played = play_models({"plain": table, "states": stateful}, grid_of(L, M), THRESHOLDS, 60, 3, resamples=5)
+
+    for name in MEANS:
+        np.testing.assert_allclose(*played[name].values, atol=1e-9, err_msg=name)
+
+
+@pytest.mark.parametrize(
+    ("shape", "expected"), [((1, 3), ("passive",)), ((4, 1), ("passive",)), ((2, 2), ("passive", "active"))]
+)
+def test_active_perception_needs_somewhere_to_move_and_something_to_tell(shape, expected):
+    """Without, there are passive trials only, with means and intervals."""
+    grid = grid_of(*shape)
+    played = play_models({"one": table_of(*shape)}, grid, (0.5, 0.99), 30, 0, resamples=8)
+    curves = decision_curves(played)
+
+    assert policies(grid) == expected == tuple(curves.policy.values)
+    assert np.isfinite(curves.what_error_high).all()
+    if shape[1] == 1:
+        assert (curves.what_error == 0).all()
+        assert np.isnan(curves.miscalibration).all()
+    assert at_equal_taps(played).what_error.dims == ("model", "policy", "taps")
+
+
+def test_a_single_threshold_has_curves_but_no_equal_times(tables):
+    """Two points at different times have none in common, unless it is asked for, and then the answer is NaN."""
+    played = play_models(tables, grid_of(L, M), 0.9, 50, 0, resamples=10)
+
+    assert decision_curves(played).taps.shape == (2, 2, 1)
+    assert at_equal_taps(played).sizes["taps"] == 0
+    assert np.isnan(at_equal_taps(played, taps=[2.5]).what_error).all()
+
+
+def fake(taps, error):
+    """Means without spread over resamples: times (model, theta) and what errors likewise, one policy."""
+    taps, error = np.asarray(taps, dtype=float), np.asarray(error, dtype=float)
+    dims = ("model", "policy", "theta", "resample")
+
+    def spread(values):
+        return np.repeat(values[:, np.newaxis, :, np.newaxis], 12, axis=-1)
+
+    data = {name: (dims, spread(error), {"units": "mm"}) for name in MEANS} | {"taps": (dims, spread(taps))}
+    names = np.array([f"model {i}" for i in range(len(taps))])
+    return xr.Dataset(data, {"model": names, "policy": ["passive"], "theta": np.linspace(0.1, 0.9, taps.shape[1])})
+
+
+def test_errors_at_equal_times_lie_on_the_line_between_thresholds():
+    """A third of the way in time is a third of the way in error, and the difference follows."""
+    equal = at_equal_taps(fake([[1, 4, 8], [2, 5, 6]], [[9, 3, 1], [8, 5, 5]]), taps=[2, 3, 6, 5])
+
+    assert equal.taps.values.tolist() == [2, 3, 5, 6]
+    np.testing.assert_allclose(equal.what_error[:, 0], [[7, 5, 2.5, 2], [8, 7, 5, 5]])
+    np.testing.assert_allclose(equal.what_error_difference[1, 0], [1, 2, 2.5, 3])
+    np.testing.assert_allclose(equal.what_error_difference_high[1, 0], [1, 2, 2.5, 3])
+
+
+def test_nothing_is_extrapolated():
+    """Beyond its fastest and slowest threshold a model has no error, and no difference to it exists."""
+    equal = at_equal_taps(fake([[2, 4], [3, 9]], [[1, 0], [1, 0]]), taps=[1.9, 2, 3, 4.1, 9])
+
+    assert np.isnan(equal.what_error.values[:, 0]).tolist() == [
+        [True, False, False, True, True],
+        [True, True, False, False, False],
+    ]
+    assert np.isnan(equal.what_error_difference.values[1, 0]).tolist() == [True, True, False, True, True]
+    assert equal.common.values.tolist() == [[False, False, True, False, False]]
+
+
+def test_default_times_are_round_and_shared_with_the_reference():
+    """The second model ends at 8 taps, the third is apart from both; a time is common where all three are."""
+    played = fake([[1, 30], [2.5, 8], [11, 12]], [[1, 0]] * 3)
+
+    assert at_equal_taps(played).taps.values.tolist() == [3, 5, 7]
+    assert at_equal_taps(played, reference="model 1").taps.values.tolist() == [3, 5, 7]
+    assert not at_equal_taps(played).common.any()
+    assert at_equal_taps(played.isel(model=[0, 1])).common.all()
+    assert at_equal_taps(played.isel(model=[0])).taps.values.tolist() == [1, 1.5, 2, 3, 5, 7, 10, 15, 20, 30]
+    assert at_equal_taps(played.isel(model=[1, 2])).sizes["taps"] == 0
+    assert at_equal_taps(fake([[3.2, 4.8], [3.6, 9]], [[1, 0]] * 2)).taps.values.tolist() == [4.2]
+
+
+def test_times_that_resamples_often_leave_have_no_interval(played):
+    """At a model's slowest mean time half of the resamples are faster; well within its range all reach."""
+    slowest = played.taps.sel(model="weak", policy="passive").isel(resample=0).max().item()
+    equal = at_equal_taps(played, taps=[5.0, slowest]).sel(model="weak", policy="passive")
+
+    for name in ERRORS:
+        assert np.isfinite(equal[name]).all()
+        assert np.isnan(equal[f"{name}_low"]).values.tolist() == [False, True]
+
+
+def test_default_times_have_intervals_where_they_are_common(played):
+    """So nothing common is shown without its uncertainty."""
+    equal = at_equal_taps(played)
+    shown = equal.where(equal.common, drop=True)
+
+    assert shown.sizes["taps"] > 2
+    assert np.isfinite(shown.what_error_difference_low.where(equal.common, 0.0)).all()
+    assert (shown.what_error_low <= shown.what_error).where(equal.common, True).all()
+
+
+def test_progress_counts_every_trial(tables):
+    """Of each model and policy."""
+    seen = []
+    play_models(tables, grid_of(L, M), (0.5,), 33, 0, resamples=3, progress=seen.append)
+
+    assert sum(seen) == 33 * len(tables) * len(policies(grid_of(L, M)))
+
+
+def test_units_and_settings_are_with_the_numbers(played):
+    """For axes and tables."""
+    curves = decision_curves(played)
+
+    assert (curves.what_error.attrs["units"], curves.where_error.attrs["units"]) == ("cm", "mm")
+    assert (curves.attrs["trials"], curves.attrs["seed"], curves.attrs["resamples"]) == (TRIALS, 7, RESAMPLES)
+    assert "not how another recording would differ" in decision_interval_sentence()
+
+
+def test_bad_arguments_are_refused(tables, played):
+    """Each in a sentence."""
+    with pytest.raises(InputError, match="other classes than the grid of 4 x 2"):
+        play_models(tables, grid_of(L, 2), (0.5,), 10, 0)
+    with pytest.raises(InputError, match="at least one resample, got 0"):
+        play_models(tables, grid_of(L, M), (0.5,), 10, 0, resamples=0)
+    with pytest.raises(InputError, match="'best' is none of the models weak, good"):
+        decision_curves(played, reference="best")
+    with pytest.raises(InputError, match="'best' is none of the models weak, good"):
+        at_equal_taps(played, reference="best")
+
+
+def test_impossible_taps_name_the_model(tables):
+    """And the policy in which they were met."""
+    nothing = tables["good"]._replace(log_likelihood=np.full_like(tables["good"].log_likelihood, -np.inf))
+
+    with pytest.raises(ZeroEvidenceError, match="Model 'nothing', passive: In 10 of 10 trials"):
+        play_models({"weak": tables["weak"], "nothing": nothing}, grid_of(L, M), (0.5,), 10, 0)
