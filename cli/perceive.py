@@ -76,7 +76,7 @@ def perceive(
         from ..analysis import live_view  # noqa: F401
         from ..inference.control import check_fixation
         from ..inference.latency import TimedEngine, warm_up
-        from ..models.histogram import load_model
+        from ..models.model_file import load_model
         from .rigs import Wish, open_source
         from .showing import latency_sentence, show
 

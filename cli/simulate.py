@@ -59,7 +59,7 @@ def _from_model(
     path: Path | None, samples: int | None, taps_per_class: int | None, seed: int
 ) -> Callable[[int], "TapSet"]:
     from ..hardware.model_rig import draw_taps
-    from ..models.histogram import load_model
+    from ..models.model_file import load_model
 
     if path is None:
         raise InputError("--preset model draws from a fitted model; name its file with --model.")

@@ -72,8 +72,8 @@ def trials(
         from ..inference.tally import tally_trials
         from ..inference.trial_plan import tap_table
         from ..models.experiment import parse_sessions
-        from ..models.histogram import load_model
         from ..models.importers import load_taps
+        from ..models.model_file import load_model
         from ..models.splits import select_sessions
         from ..models.storage import complete_file
 

@@ -14,8 +14,9 @@ from numpy.typing import NDArray
 from scipy.optimize import minimize
 from scipy.special import gammaln
 
+from .convergence import EXACT, Convergence, ascent
+from .priors import CellPrior, Taps
 from .scaling import Moments, sum_by
-from .stories import CellPrior, Taps
 
 _GRID, _REACH = 101, 8.0  # points, and standard deviations to either side of the mode
 _ROUNDS, _STILL = 200, 1e-4  # rounds at most, and the change of a slope at which they end
@@ -104,13 +105,23 @@ def _most_probable(freedom: NDArray[np.float64], half: NDArray[np.float64]) -> t
 
 
 class CellPosterior(NamedTuple):
-    """Posterior of `gaussian` and `profile`."""
+    """Posterior of `gaussian` and `profile`.
+
+    Attributes:
+        cells: Posterior of the cells.
+        prior: Theirs.
+    """
 
     cells: Cells
+    prior: CellPrior
 
     def point(self) -> dict[str, NDArray[np.float64]]:
         """Expected parameters."""
         return self.cells.point()
+
+    def convergence(self) -> Convergence:
+        """Exact."""
+        return EXACT
 
     def draw(self, generator: np.random.Generator) -> dict[str, NDArray[np.float64]]:
         """Parameters from the posterior."""
@@ -124,7 +135,8 @@ def fit_gaussian(taps: Taps, prior: CellPrior | None = None) -> CellPosterior:
     mean = moments.mean.mean(axis=2, keepdims=True)
     square = (moments.square + moments.taps[..., None, None] * (moments.mean - mean) ** 2).sum(axis=2, keepdims=True)
     count = J * moments.taps[..., None, None]
-    return CellPosterior(cell_posterior(count, mean, square, prior or estimated_prior(count - 1, square)))
+    prior = prior or estimated_prior(count - 1, square)
+    return CellPosterior(cell_posterior(count, mean, square, prior), prior)
 
 
 def fit_profile(taps: Taps, prior: CellPrior | None = None) -> CellPosterior:
@@ -132,7 +144,7 @@ def fit_profile(taps: Taps, prior: CellPrior | None = None) -> CellPosterior:
     moments = Moments.of(taps)
     count = moments.taps[..., None, None]
     prior = prior or estimated_prior(count - 1, moments.square)
-    return CellPosterior(cell_posterior(count, moments.mean, moments.square, prior))
+    return CellPosterior(cell_posterior(count, moments.mean, moments.square, prior), prior)
 
 
 class ArPosterior(NamedTuple):
@@ -154,6 +166,10 @@ class ArPosterior(NamedTuple):
         """Expected parameters, those of the cells at the expected slopes."""
         rho = (self.rho * self.weight).sum(axis=1)
         return {"rho": rho, **self.cells(rho).point()}
+
+    def convergence(self) -> Convergence:
+        """Exact."""
+        return EXACT
 
     def draw(self, generator: np.random.Generator) -> dict[str, NDArray[np.float64]]:
         """Parameters from the posterior, slopes spread evenly between grid points."""
@@ -283,6 +299,10 @@ class MvnPosterior(NamedTuple):
     def point(self) -> dict[str, NDArray[np.float64]]:
         """Expected parameters, those of the cells with the scatter expected over the slopes."""
         return {"slope": self.slope, **self.cells(self.slope, _uncertain(self.root, self.scatter)).point()}
+
+    def convergence(self) -> Convergence:
+        """Whether the last round changed anything."""
+        return ascent(self.rounds, self.change, _STILL)
 
     def draw(self, generator: np.random.Generator) -> dict[str, NDArray[np.float64]]:
         """Parameters from the posterior."""

@@ -12,9 +12,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import gammaln
 
+from .convergence import Convergence, ascent
 from .fit_cells import estimated_prior
+from .priors import CellPrior, Taps
 from .scaling import sum_by
-from .stories import CellPrior, Taps
 
 LENGTHS = tuple(np.geomspace(0.11, 1.6, 8))
 """Length scales to choose from, in units of half the range of positions."""
@@ -90,6 +91,10 @@ class CurvePosterior(NamedTuple):
     def point(self) -> dict[str, NDArray[np.float64]]:
         """Expected weights and variances."""
         return {"weight": self.weight, "variance": self.b / np.maximum(self.a - 1, 0.5 * self.a)}
+
+    def convergence(self) -> Convergence:
+        """Whether the last round changed anything."""
+        return ascent(self.rounds, self.change, _STILL)
 
     def draw(self, generator: np.random.Generator) -> dict[str, NDArray[np.float64]]:
         """Parameters from the posterior."""

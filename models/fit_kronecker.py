@@ -11,8 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import solve_triangular
 
+from .convergence import Convergence, ascent
+from .priors import KroneckerPrior, Taps
 from .scaling import Moments, sum_by
-from .stories import KroneckerPrior, Taps
 
 _ROUNDS, _STILL = 200, 1e-5  # rounds at most, and the change at which they end
 
@@ -45,7 +46,11 @@ class KroneckerPosterior(NamedTuple):
         time = self.time_scale / self.time_freedom
         unit = np.trace(time) / len(time)
         taxel = self.taxel_scale / self.taxel_freedom[..., None, None]
-        return {"level": self.level, "time": time / unit, "taxel": taxel * unit}
+        return {"level": self.level, "time_covariance": time / unit, "taxel_covariance": taxel * unit}
+
+    def convergence(self) -> Convergence:
+        """Whether the last round changed anything."""
+        return ascent(self.rounds, self.change, _STILL)
 
     def draw(self, generator: np.random.Generator) -> dict[str, NDArray[np.float64]]:
         """Parameters from the posterior, scaled likewise."""
@@ -55,7 +60,7 @@ class KroneckerPosterior(NamedTuple):
         noise = rows @ generator.standard_normal(self.level.shape) @ columns.swapaxes(-1, -2)
         level = self.level + noise / np.sqrt(np.maximum(self.strength, 1.0))[..., None, None]
         unit = np.trace(time) / len(time)
-        return {"level": level, "time": time / unit, "taxel": taxel * unit}
+        return {"level": level, "time_covariance": time / unit, "taxel_covariance": taxel * unit}
 
 
 def weak_prior(J: int, K: int) -> KroneckerPrior:

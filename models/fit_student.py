@@ -11,11 +11,14 @@ from numpyro.infer.autoguide import AutoNormal
 from numpyro.infer.initialization import init_to_value
 from numpyro.optim import Adam
 
+from .convergence import Convergence
+from .priors import Taps
 from .scaling import Moments
-from .stories import Taps, student
+from .stories import student
 
 _STEPS, _RATE = 600, 0.03
 _WINDOW = 50  # steps over which losses are averaged
+_STILL = 0.5  # nats per tap between two windows
 _SITES = ("freedom", "level", "scale")
 
 
@@ -41,6 +44,15 @@ class StudentPosterior(NamedTuple):
     def point(self) -> dict[str, NDArray[np.float64]]:
         """Medians."""
         return self.expected
+
+    def convergence(self) -> Convergence:
+        """Whether the loss stands still."""
+        sentence = (
+            f"Variational inference, {self.rounds} steps; the mean loss of the last {_WINDOW} differs by "
+            f"{self.change:.2g} nats per tap from that of the {_WINDOW} before (at most {_STILL:g})."
+        )
+        fine = bool(np.isfinite(self.loss[-1]) and self.change <= _STILL)
+        return Convergence(fine, sentence, {"loss": self.loss, "change": np.array(self.change)})
 
     def draw(self, generator: np.random.Generator) -> dict[str, NDArray[np.float64]]:
         """Parameters from the posterior."""

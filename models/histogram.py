@@ -8,16 +8,13 @@ taps is one matrix product of their bin counts with the log tables.
 Reference: Lepora, Martinez-Hernandez and Prescott, "A SOLID case for active Bayesian perception in robot touch" (2013).
 """
 
-import json
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from importlib.metadata import version
-from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
-import xarray as xr
 from numpy.typing import ArrayLike, NDArray
 
 from .bins import bin_edges, count_taps
@@ -27,13 +24,10 @@ from .errors import InputError
 from .forms import TableForm
 from .model import TapModel
 from .novelty import NoveltyScores
-from .power import likelihood_exponent, parse_power
+from .power import likelihood_exponent
 from .preprocessing import Preprocessing
 from .states import ONE_STATE, States
-from .storage import complete_file
-from .taps import TapSet, load_dataset
-
-FORMAT = 1
+from .taps import TapSet
 
 
 def histogram_model(
@@ -127,97 +121,6 @@ class HistogramModel(TapModel):
         """What the catalogue calls it."""
         return "histogram"
 
-    def save(self, path: str | Path, force: bool = False) -> None:
-        """Writes the model as netCDF, complete or not at all.
-
-        Raises:
-            InputError: The file cannot be written, or exists and `force` is not set.
-        """
-        edge_dims = ("edge",) if self.edges.ndim == 1 else ("taxel", "edge")
-        dataset = xr.Dataset(
-            {
-                "counts": (("where", "what", "taxel", "bin"), self.counts),
-                "probabilities": (("where", "what", "taxel", "bin"), self.probabilities),
-                "edges": (edge_dims, self.edges),
-            },
-            {
-                "where": ("where", self.grid.where_value, {"units": self.grid.where_unit}),
-                "what": ("what", np.asarray(self.grid.what_name, dtype=np.str_)),
-            },
-            {
-                "kind": "histogram",
-                "format": FORMAT,
-                "pseudocount": self.pseudocount,
-                "power": str(self.power),
-                "preprocessing": self.preprocessing.to_json(),
-                "grid": json.dumps(self.grid.to_dict()),
-                "left_out": json.dumps(self.left_out),
-                "trained_on": self.trained_on,
-                "version": self.version,
-            },
-        )
-        if self.novelty is not None:
-            dataset["novelty_misfit"] = ("training_tap", self.novelty.misfit, {"units": "nat"})
-            dataset["novelty_cell"] = ("training_tap", self.novelty.cell)
-            dataset["novelty_best"] = ("training_tap", self.novelty.best)
-        dataset["training"] = ("digest", self.training)
-        with complete_file(path, force) as temporary:
-            dataset.to_netcdf(temporary, engine="h5netcdf")
-
-
-def load_model(path: str | Path) -> HistogramModel:
-    """The fitted model in a file.
-
-    Raises:
-        InputError: The file is missing, damaged, or no fitted histogram model.
-    """
-    dataset = load_dataset(path)
-    if dataset.attrs.get("kind") != "histogram" or dataset.attrs.get("format") != FORMAT:
-        raise InputError(f"{path} is netCDF but no fitted histogram model of format {FORMAT}.")
-    attributes = dataset.attrs
-    try:
-        model = HistogramModel(
-            grid=ClassGrid.from_dict(json.loads(attributes["grid"])),
-            edges=dataset["edges"].values,
-            counts=dataset["counts"].values,
-            pseudocount=float(attributes["pseudocount"]),
-            power=parse_power(attributes["power"]),
-            preprocessing=Preprocessing.from_json(attributes["preprocessing"]),
-            left_out=tuple(json.loads(attributes["left_out"])),
-            trained_on=str(attributes["trained_on"]),
-            version=attributes["version"],
-            novelty=_novelty(dataset),
-            training=dataset["training"].values if "training" in dataset else np.empty(0, np.uint64),
-        )
-    except KeyError as error:
-        raise InputError(f"{path} is damaged: {error} is missing.") from error
-    except (TypeError, ValueError) as error:
-        raise InputError(f"{path} is damaged: {error}") from error
-    shape = model.counts.shape
-    if (
-        len(shape) != 4
-        or shape[:2] != model.grid.shape
-        or model.edges.shape not in ((shape[3] + 1,), (shape[2], shape[3] + 1))
-    ):
-        raise InputError(f"{path} is damaged: its counts have shape {shape}, its edges {model.edges.shape}.")
-    return model
-
-
-def _novelty(dataset: xr.Dataset) -> NoveltyScores | None:
-    """The scores in a model's file; older files have none."""
-    if "novelty_misfit" not in dataset:
-        return None
-    scores = NoveltyScores(
-        dataset["novelty_misfit"].values,
-        dataset["novelty_cell"].values.astype(np.intp),
-        dataset["novelty_best"].values,
-    )
-    cells = dataset.sizes["where"] * dataset.sizes["what"]
-    finite = np.isfinite(scores.misfit).all() and np.isfinite(scores.best).all() and (scores.misfit >= 0).all()
-    if not finite or ((scores.cell < 0) | (scores.cell >= cells)).any():
-        raise ValueError("its novelty scores are not finite or belong to no class.")
-    return scores
-
 
 def fit(
     taps: TapSet,
@@ -227,6 +130,7 @@ def fit(
     pseudocount: float = 0.01,
     power: str | float = "J",
     value_range: Literal["global", "taxel"] = "global",
+    edges: NDArray[np.float64] | None = None,
     trained_on: str = "",
 ) -> HistogramModel:
     """The histograms of training taps; Eq. 2.
@@ -240,6 +144,7 @@ def fit(
             simulated test taps are impossible under their own class; later work adds a small constant.
         power: Root of Eq. 1, see `inference.reference.exponent`.
         value_range: Whether bins span the range of all taxels together or of each.
+        edges: Bin edges to use instead, shape (bins + 1,) or (K, bins + 1).
         trained_on: Which taps these are, in words, for the model's file.
 
     Returns:
@@ -259,7 +164,7 @@ def fit(
     if not inside.any():
         raise InputError("No training tap belongs to a class of the grid.")
     samples = taps.taps if inside.all() else taps.taps[inside]
-    edges = bin_edges(samples, bins, value_range)
+    edges = bin_edges(samples, bins, value_range) if edges is None else edges
     counts = _class_counts(samples, edges, where[inside], what[inside], (*grid.shape, K, bins))
     return HistogramModel(
         grid=grid,
@@ -268,7 +173,7 @@ def fit(
         pseudocount=float(pseudocount),
         power=power,
         preprocessing=taps.preprocessing,
-        left_out=_untouched(grid, counts.sum(axis=(2, 3)) > 0),
+        left_out=untouched(grid, counts.sum(axis=(2, 3)) > 0),
         trained_on=trained_on,
         version=version("solidtouch"),
         training=tap_digests(samples),
@@ -319,7 +224,7 @@ def _class_counts(
     return counts.reshape(shape)
 
 
-def _untouched(grid: ClassGrid, touched: NDArray[np.bool_]) -> tuple[str, ...]:
+def untouched(grid: ClassGrid, touched: NDArray[np.bool_]) -> tuple[str, ...]:
     """Names of the classes without a tap: whole objects, whole positions, then single cells."""
     objects, positions = ~touched.any(axis=0), ~touched.any(axis=1)
     names = [grid.what_name[m] for m in np.flatnonzero(objects)]

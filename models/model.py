@@ -19,6 +19,8 @@ from .power import likelihood_exponent
 from .states import States
 
 if TYPE_CHECKING:
+    from pathlib import Path
+
     from .classes import ClassGrid
     from .forms import Form, PreparedGaussian, PreparedTable
     from .novelty import NoveltyScores
@@ -181,3 +183,13 @@ class TapModel(ABC):
         if not known.any():
             raise InputError("No tap is left: none belongs to a class with a training tap.")
         return taps.select(known)
+
+    def save(self, path: "str | Path", force: bool = False) -> None:
+        """Writes the model as netCDF, complete or not at all; see `model_file`.
+
+        Raises:
+            InputError: The file cannot be written, or exists and `force` is not set.
+        """
+        from .model_file import save_model  # noqa: PLC0415 - it knows all kinds of models
+
+        save_model(self, path, force)

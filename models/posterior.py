@@ -1,4 +1,4 @@
-"""What is known of a model's parameters after training, and whether the way to it converged."""
+"""What is known of a model's parameters after training; and that of the histogram model, which is exact."""
 
 from typing import NamedTuple, Protocol
 
@@ -6,13 +6,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .bins import find_bins
+from .convergence import EXACT, Convergence
 from .errors import InputError
 from .histogram import HistogramModel
 from .shapes import Parameters
-
-
-class NotConvergedError(InputError):
-    """A fit did not converge, and nobody said that this may be."""
 
 
 class Posterior(Protocol):
@@ -26,19 +23,9 @@ class Posterior(Protocol):
         """Parameters from the posterior."""
         ...
 
-
-class Convergence(NamedTuple):
-    """How a fit ended.
-
-    Attributes:
-        converged: Whether it may be used; always where the posterior is exact.
-        sentence: How it was found, and what shows that it did or did not converge.
-        stats: Numbers behind it, by name, all of shape (chain, draw) or ().
-    """
-
-    converged: bool
-    sentence: str
-    stats: dict[str, NDArray[np.float64]]
+    def convergence(self) -> Convergence:
+        """How it was found."""
+        ...
 
 
 class HistogramPosterior(NamedTuple):
@@ -71,6 +58,10 @@ class HistogramPosterior(NamedTuple):
         alpha = self.concentration
         log_gamma = np.log(generator.standard_gamma(alpha + 1)) - generator.standard_exponential(alpha.shape) / alpha
         return {"log_prob": log_gamma - np.logaddexp.reduce(log_gamma, axis=-1, keepdims=True)}
+
+    def convergence(self) -> Convergence:
+        """Exact."""
+        return EXACT
 
     def leave_out(self, taps: NDArray[np.floating], edges: NDArray[np.float64], own: NDArray[np.intp]) -> "LeftOut":
         """Log probability of each training tap given all others of its class; counts of the tap are subtracted.

@@ -5,8 +5,7 @@ from typing import NamedTuple, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from .errors import InputError
-from .stories import Taps
+from .priors import Taps
 from .taps import TapSet
 
 
@@ -79,19 +78,3 @@ def sum_by(group: NDArray[np.intp], values: NDArray[np.float64], groups: int) ->
 def training_taps(taps: TapSet, shape: tuple[int, int], where: NDArray[np.intp], what: NDArray[np.intp]) -> Taps:
     """Taps of known class as the stories take them."""
     return Taps(taps.taps.astype(np.float64), where, what, shape)
-
-
-def check_repeats(name: str, taps: Taps) -> None:
-    """Refuses training sets that cannot tell scatter within classes from differences between them.
-
-    Raises:
-        InputError: On average a class has less than two taps.
-    """
-    L, M = taps.shape
-    count = np.bincount(taps.where * M + taps.what, minlength=L * M)
-    classes = np.count_nonzero(count)
-    if len(taps.where) < 2 * classes:
-        raise InputError(
-            f"{name} needs two taps per class or more, to see how taps of one class differ, and there are "
-            f"{len(taps.where)} for {classes} classes."
-        )

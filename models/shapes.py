@@ -74,8 +74,8 @@ def profile_mvn_form(parameters: Parameters, frame: Frame) -> Form:
 
 def matrix_normal_form(parameters: Parameters, frame: Frame) -> Form:
     """`stories.matrix_normal`: V and W from the Cholesky factors of both covariances."""
-    time, time_variance = _unit_triangular(parameters["time"])
-    taxel, taxel_variance = _unit_triangular(parameters["taxel"])
+    time, time_variance = _unit_triangular(parameters["time_covariance"])
+    taxel, taxel_variance = _unit_triangular(parameters["taxel_covariance"])
     variance = time_variance[:, None] * taxel_variance[:, :, None, :]
     return _gaussian(parameters["level"][None], variance, time[None], taxel, frame)
 

@@ -5,7 +5,7 @@ import sys
 
 import numpy as np
 import pytest
-from solidtouch.models.histogram import load_model
+from solidtouch.models.model_file import load_model
 
 
 @pytest.fixture

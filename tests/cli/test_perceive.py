@@ -16,7 +16,8 @@ from solidtouch.hardware.data_collection import simulate_session
 from solidtouch.hardware.errors import NoAnswer
 from solidtouch.hardware.presets import preset
 from solidtouch.inference.engine import NumpyEngine
-from solidtouch.models.histogram import fit, load_model
+from solidtouch.models.histogram import fit
+from solidtouch.models.model_file import load_model
 
 
 @pytest.fixture(scope="module")

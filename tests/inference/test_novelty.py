@@ -15,7 +15,8 @@ from solidtouch.inference.episode import steps
 from solidtouch.inference.novelty import Novelty, UnknownTest, can_tell, log_wealth
 from solidtouch.inference.reference import bin_index
 from solidtouch.models.errors import InputError
-from solidtouch.models.histogram import fit, load_model
+from solidtouch.models.histogram import fit
+from solidtouch.models.model_file import load_model
 from solidtouch.models.novelty import NoveltyScores, misfit, novelty_scores
 
 

@@ -15,7 +15,8 @@ from solidtouch.inference import reference
 from solidtouch.models.bins import bin_edges, find_bins
 from solidtouch.models.classes import ClassGrid
 from solidtouch.models.errors import InputError
-from solidtouch.models.histogram import fit, histogram_model, load_model, trim
+from solidtouch.models.histogram import fit, histogram_model, trim
+from solidtouch.models.model_file import load_model
 from solidtouch.models.power import likelihood_exponent, parse_power
 from solidtouch.models.preprocessing import Preprocessing
 from solidtouch.models.taps import TapSet

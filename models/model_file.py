@@ -1,0 +1,278 @@
+"""Fitted models as netCDF files: trees of groups that ArviZ opens.
+
+=====================  =====================================================================================
+group                  content
+=====================  =====================================================================================
+root                   attributes: ``kind``, ``format``, settings, class grid, how the fit converged
+``constant_data``      bin edges, training data as far as the model needs it, states, digests of the taps
+``parameters``         those with which the model decides (not for the histogram, whose counts are data)
+``posterior``          draws of the parameters, dims (chain, draw, ...), if asked for
+``sample_stats``       numbers that tell how the fit converged
+``log_likelihood``     ``bins``: of each training tap under its own class at power 1, dims (chain, draw, tap)
+=====================  =====================================================================================
+
+Files of format 1, from versions with no model but the histogram, are read as well.
+"""
+
+import json
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import h5py
+import numpy as np
+import xarray as xr
+from numpy.typing import NDArray
+
+from .classes import ClassGrid
+from .convergence import Convergence
+from .errors import InputError
+from .histogram import HistogramModel
+from .model import TapModel
+from .novelty import NoveltyScores
+from .parametric import FORMS, ParametricModel
+from .power import parse_power
+from .preprocessing import Preprocessing
+from .scaling import Scaling
+from .states import ONE_STATE, States
+from .storage import complete_file
+
+FORMAT, _FIRST_FORMAT = 2, 1
+_CELL = ("where", "what", "sample", "taxel")
+DIMS: dict[str, dict[str, tuple[str, ...]]] = {
+    "histogram": {"log_prob": ("where", "what", "taxel", "bin")},
+    "gaussian": {"level": ("where", "what", "once", "taxel"), "variance": ("where", "what", "once", "taxel")},
+    "student": {
+        "level": ("where", "what", "once", "taxel"),
+        "scale": ("where", "what", "once", "taxel"),
+        "freedom": ("taxel",),
+    },
+    "profile": {"level": _CELL, "variance": _CELL},
+    "profile-ar": {"rho": ("taxel",), "level": _CELL, "variance": _CELL},
+    "profile-mvn": {"slope": ("where", "what", "taxel", "from_taxel"), "level": _CELL, "variance": _CELL},
+    "matrix-normal": {
+        "level": _CELL,
+        "time_covariance": ("sample", "other_sample"),
+        "taxel_covariance": ("where", "what", "taxel", "other_taxel"),
+    },
+    "smooth": {"weight": ("what", "sample", "taxel", "basis"), "variance": _CELL},
+}
+"""Dims of the parameters of each kind of model."""
+
+
+class Draws(NamedTuple):
+    """What a file holds beside the model, for ArviZ.
+
+    Attributes:
+        parameters: By name, shapes (chain, draw, ...).
+        log_likelihood: Of each training tap under its class at power 1, shape (chain, draw, N).
+    """
+
+    parameters: dict[str, NDArray[np.float32]]
+    log_likelihood: NDArray[np.float32]
+
+
+def save_model(
+    model: TapModel,
+    path: str | Path,
+    force: bool = False,
+    draws: Draws | None = None,
+    convergence: Convergence | None = None,
+) -> None:
+    """Writes a model as netCDF, complete or not at all.
+
+    Args:
+        model: What to write.
+        path: The file.
+        force: Whether an existing file may be replaced.
+        draws: From the posterior, to go with it.
+        convergence: How the fit ended, likewise.
+
+    Raises:
+        InputError: The file cannot be written, or exists and `force` is not set.
+    """
+    groups = {"/": xr.Dataset(attrs=_attributes(model, convergence)), "constant_data": _constant_data(model)}
+    dims = DIMS[model.kind]
+    coords = _coords(model.grid)
+    if isinstance(model, ParametricModel):
+        groups["parameters"] = xr.Dataset({name: (dims[name], model.parameters[name]) for name in dims}, coords)
+    if draws is not None:
+        posterior = {name: (("chain", "draw", *dims[name]), values) for name, values in draws.parameters.items()}
+        groups["posterior"] = xr.Dataset(posterior, coords)
+        groups["log_likelihood"] = xr.Dataset({"bins": (("chain", "draw", "tap"), draws.log_likelihood)})
+    if convergence is not None:
+        stats = {name: (("step",) * np.ndim(value), value) for name, value in convergence.stats.items()}
+        groups["sample_stats"] = xr.Dataset(stats)
+    with complete_file(path, force) as temporary:
+        xr.DataTree.from_dict(groups).to_netcdf(temporary, engine="h5netcdf")
+
+
+def load_model(path: str | Path) -> TapModel:
+    """The fitted model in a file.
+
+    Raises:
+        InputError: The file is missing, damaged, or no fitted model.
+    """
+    attributes, data, parameters = _read(Path(path))
+    try:
+        model = _model(attributes, data, parameters)
+    except KeyError as error:
+        raise InputError(f"{path} is damaged: {error} is missing.") from error
+    except (TypeError, ValueError) as error:
+        raise InputError(f"{path} is damaged: {error}") from error
+    return model
+
+
+def _attributes(model: TapModel, convergence: Convergence | None) -> dict[str, Any]:
+    attributes = {
+        "kind": model.kind,
+        "name": model.name,
+        "format": FORMAT,
+        "power": str(model.power),
+        "preprocessing": model.preprocessing.to_json(),
+        "grid": json.dumps(model.grid.to_dict()),
+        "left_out": json.dumps(model.left_out),
+        "trained_on": model.trained_on,
+        "version": model.version,
+    }
+    if isinstance(model, HistogramModel):
+        attributes["pseudocount"] = model.pseudocount
+    if convergence is not None:
+        attributes |= {"converged": str(convergence.converged), "fit": convergence.sentence}
+    return attributes
+
+
+def _coords(grid: ClassGrid) -> dict[str, Any]:
+    return {
+        "where": ("where", grid.where_value, {"units": grid.where_unit}),
+        "what": ("what", np.asarray(grid.what_name, dtype=np.str_)),
+    }
+
+
+def _constant_data(model: TapModel) -> xr.Dataset:
+    dataset = xr.Dataset(
+        {
+            "edges": (("edge",) if model.edges.ndim == 1 else ("taxel", "edge"), model.edges),
+            "training": ("digest", model.training),
+            "state_gain": ("state", model.states.gain),
+            "state_offset": ("state", model.states.offset),
+            "state_log_prior": ("state", model.states.log_prior),
+        },
+        _coords(model.grid),
+    )
+    if isinstance(model, HistogramModel):
+        dataset["counts"] = (("where", "what", "taxel", "bin"), model.counts)
+        dataset["probabilities"] = (("where", "what", "taxel", "bin"), model.probabilities)
+    elif isinstance(model, ParametricModel):
+        dataset["centre"] = ("taxel", model.scaling.centre)
+        dataset["unit"] = ("taxel", model.scaling.unit)
+        dataset["covered"] = (("where", "what"), model.covered)
+        if model.basis.size:
+            dataset["basis"] = (("place", "where", "basis_function"), model.basis)
+    if model.novelty is not None:
+        dataset["novelty_misfit"] = ("training_tap", model.novelty.misfit, {"units": "nat"})
+        dataset["novelty_cell"] = ("training_tap", model.novelty.cell)
+        dataset["novelty_best"] = ("training_tap", model.novelty.best)
+    return dataset
+
+
+def _read(path: Path) -> tuple[dict[str, Any], xr.Dataset, xr.Dataset]:
+    """Attributes, constant data and parameters; draws are left on disk."""
+    if path.is_dir():
+        raise InputError(f"{path} is a directory, a file is needed.")
+    if not path.exists():
+        raise InputError(f"{path} does not exist.")
+    try:
+        with h5py.File(path, "r") as file:
+            file.visititems(lambda *_: None)  # where this fails, xarray would leave a half-open file behind
+            groups = set(file)
+        root = xr.load_dataset(path, engine="h5netcdf", decode_times=False)
+        data, parameters = (
+            xr.load_dataset(path, group=group, engine="h5netcdf", decode_times=False)
+            if group in groups
+            else xr.Dataset()
+            for group in ("constant_data", "parameters")
+        )
+    except Exception as error:  # on damaged bytes these libraries raise almost any exception
+        raise InputError(f"{path} cannot be read as netCDF; it may be truncated or of another kind.") from error
+    attributes = dict(root.attrs)
+    version = attributes.get("format")
+    if attributes.get("kind") == "histogram" and version == _FIRST_FORMAT:
+        return attributes, root, parameters
+    if attributes.get("kind") not in DIMS or version != FORMAT:
+        raise InputError(f"{path} is netCDF but no fitted model of format {FORMAT} or {_FIRST_FORMAT}.")
+    return attributes, data, parameters
+
+
+def _model(attributes: dict[str, Any], data: xr.Dataset, parameters: xr.Dataset) -> TapModel:
+    grid = ClassGrid.from_dict(json.loads(attributes["grid"]))
+    common: dict[str, Any] = {
+        "grid": grid,
+        "edges": data["edges"].values,
+        "power": parse_power(attributes["power"]),
+        "preprocessing": Preprocessing.from_json(attributes["preprocessing"]),
+        "left_out": tuple(json.loads(attributes["left_out"])),
+        "trained_on": str(attributes["trained_on"]),
+        "version": attributes["version"],
+        "novelty": _novelty(data),
+        "training": data["training"].values if "training" in data else np.empty(0, np.uint64),
+        "states": _states(data),
+    }
+    if attributes["kind"] == "histogram":
+        model = HistogramModel(counts=data["counts"].values, pseudocount=float(attributes["pseudocount"]), **common)
+        _check_counts(model)
+        return model
+    return _parametric(attributes["kind"], data, parameters, common)
+
+
+def _check_counts(model: HistogramModel) -> None:
+    shape = model.counts.shape
+    fits = len(shape) == 4 and model.edges.shape in ((shape[3] + 1,), (shape[2], shape[3] + 1))
+    if not fits or shape[:2] != model.grid.shape:
+        raise ValueError(f"its counts have shape {shape}, its edges {model.edges.shape}.")
+
+
+def _parametric(kind: str, data: xr.Dataset, parameters: xr.Dataset, common: dict[str, Any]) -> ParametricModel:
+    if kind not in FORMS:
+        raise ValueError(f"there is no model {kind!r}.")
+    grid: ClassGrid = common["grid"]
+    values = {name: parameters[name].transpose(*dims).values for name, dims in DIMS[kind].items()}
+    model = ParametricModel(
+        story=kind,
+        scaling=Scaling(data["centre"].values, data["unit"].values),
+        basis=data["basis"].values if "basis" in data else np.zeros((0, 0, 0)),
+        parameters=values,
+        covered=data["covered"].values.astype(bool),
+        **common,
+    )
+    J, K = model.preprocessing.samples, model.K
+    sizes = {"where": grid.L, "what": grid.M, "taxel": K, "sample": J, "once": 1}
+    for name, array in values.items():
+        expected = tuple(sizes.get(dim, size) for dim, size in zip(DIMS[kind][name], array.shape, strict=True))
+        if array.shape != expected or not np.isfinite(array).all():
+            raise ValueError(f"its {name} has shape {array.shape} or is not finite; it should have shape {expected}.")
+    if model.covered.shape != grid.shape or model.edges.shape[:-1] not in ((), (K,)):
+        raise ValueError(f"its covered classes have shape {model.covered.shape}, its edges {model.edges.shape}.")
+    return model
+
+
+def _states(data: xr.Dataset) -> States:
+    if "state_gain" not in data:
+        return ONE_STATE
+    states = States(data["state_gain"].values, data["state_offset"].values, data["state_log_prior"].values)
+    if not all(np.isfinite(values).all() and len(values) for values in states) or (states.gain <= 0).any():
+        raise ValueError("its states are not finite or have a gain that is not above 0.")
+    return states
+
+
+def _novelty(data: xr.Dataset) -> NoveltyScores | None:
+    """The scores in a model's file; older files have none."""
+    if "novelty_misfit" not in data:
+        return None
+    scores = NoveltyScores(
+        data["novelty_misfit"].values, data["novelty_cell"].values.astype(np.intp), data["novelty_best"].values
+    )
+    cells = data.sizes["where"] * data.sizes["what"]
+    finite = np.isfinite(scores.misfit).all() and np.isfinite(scores.best).all() and (scores.misfit >= 0).all()
+    if not finite or ((scores.cell < 0) | (scores.cell >= cells)).any():
+        raise ValueError("its novelty scores are not finite or belong to no class.")
+    return scores
