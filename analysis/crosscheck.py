@@ -2,7 +2,7 @@
 
 Routes: the plain NumPy reference, the enumerated one-tap NumPyro model, the compiled filter of the Monte Carlo, the
 whole-sequence NumPyro model summed by funsor for the first taps of each episode, and whole trials of the Monte Carlo
-in compiled loops and in arrays.
+in compiled loops and in arrays. Any measurement model goes through all of them.
 """
 
 from collections.abc import Callable
@@ -17,7 +17,8 @@ from ..inference.engine import Engine, make_engine
 from ..inference.montecarlo import THRESHOLDS
 from ..inference.reference import Border
 from ..inference.trial_plan import plan_trials, tap_table
-from ..models.histogram import HistogramModel
+from ..models.model import TapModel
+from ..models.states import fold
 from ..models.taps import TapSet
 from .trial_check import TrialDifferences, belief_gap, compare_trials
 
@@ -89,14 +90,14 @@ class CrossCheck(NamedTuple):
 
 
 class _Trace(NamedTuple):
-    """One route through one episode: log beliefs (T, L, M) and log evidence (T,)."""
+    """One route through one episode: log beliefs (T, L, H) and log evidence (T,)."""
 
     log_beliefs: NDArray[np.float64]
     log_evidence: NDArray[np.float64]
 
 
 def crosscheck(
-    model: HistogramModel,
+    model: TapModel,
     taps: TapSet,
     *,
     border: Border = "uniform",
@@ -117,6 +118,9 @@ def crosscheck(
         sequence_taps: How many of them to hand to the whole-sequence route, at most 20; halved while it underflows.
         seed: Of the episodes.
         progress: Called after each episode.
+
+    Raises:
+        InputError: The border is `"prior"` and the model carries a state, or a sequence is too long.
     """
     from ..models.touch import KERNEL_BORDERS  # noqa: PLC0415 - NumPyro takes seconds to import
 
@@ -124,14 +128,13 @@ def crosscheck(
     names = ("numpy", "numpyro", "filter") if border in KERNEL_BORDERS else ("numpy", "filter")
     engines = [make_engine(name, model, border) for name in names]
     notes = [] if len(names) == 3 else [f"Border {border} is no Markov kernel, so the NumPyro routes were left out."]
-    comparison = _Comparison()
+    comparison = _Comparison(model.grid.M)
     sequence = _SequenceRoute(model, border, min(sequence_taps, length) if "numpyro" in names else 0, notes)
     for _ in range(episodes):
-        script = _script(engines[0], model, taps, length, generator)
-        traces = [_follow(engine, script) for engine in engines]
-        for engine, trace in zip(engines[1:], traces[1:], strict=True):
-            comparison.add(f"numpy, {engine.name}", traces[0], trace, script.targets)
-        sequence.add(comparison, traces[0], script)
+        script, expected = _script(engines[0], taps, length, generator)
+        for engine in engines[1:]:
+            comparison.add(f"numpy, {engine.name}", expected, _follow(engine, script), script.targets)
+        sequence.add(comparison, expected, script)
         if progress is not None:
             progress()
     table = tap_table(model, taps)
@@ -175,7 +178,7 @@ def render(check: CrossCheck, console: "Console") -> None:
 class _SequenceRoute:
     """The whole-sequence enumeration, on as many taps as it can hold."""
 
-    def __init__(self, model: HistogramModel, border: Border, taps: int, notes: list[str]) -> None:
+    def __init__(self, model: TapModel, border: Border, taps: int, notes: list[str]) -> None:
         self.model = model
         self.border: Border = border
         self.taps = taps
@@ -202,9 +205,14 @@ class _SequenceRoute:
 
 
 class _Comparison:
-    """Largest differences so far, by routes and quantity."""
+    """Largest differences so far, by routes and quantity.
 
-    def __init__(self) -> None:
+    Args:
+        M: Objects; beliefs have the shape (T, L, H), see `models.states`.
+    """
+
+    def __init__(self, M: int) -> None:
+        self._M = M
         self.taps: dict[str, int] = {}
         self.largest: dict[tuple[str, str], float] = {}
         self.differing_decisions = self.differing_moves = self.near_ties = 0
@@ -243,6 +251,7 @@ class _Comparison:
 
     def _note_beliefs(self, routes: str, expected: NDArray[np.float64], actual: NDArray[np.float64]) -> None:
         self._note(routes, "posterior", expected, actual)
+        expected, actual = fold(expected, self._M), fold(actual, self._M)
         self._note(routes, "where marginal", expected.sum(axis=2), actual.sum(axis=2))
         self._note(routes, "what marginal", expected.sum(axis=1), actual.sum(axis=1))
 
@@ -252,6 +261,7 @@ class _Comparison:
         self.largest[routes, quantity] = float(np.maximum(self.largest.get((routes, quantity), 0.0), difference))
 
     def _compare_choices(self, expected: NDArray[np.float64], actual: NDArray[np.float64], target: int) -> None:
+        expected, actual = fold(expected, self._M), fold(actual, self._M)
         what = reference.what_marginal(expected)
         for theta in THRESHOLDS:
             if reference.what_decision(expected, theta) != reference.what_decision(actual, theta):
@@ -264,21 +274,25 @@ class _Comparison:
             self.differing_moves += not near
 
 
-def _script(engine: Engine, model: HistogramModel, taps: TapSet, length: int, generator: np.random.Generator) -> Script:
-    """An episode on recorded taps that aims for a new random class after every tap."""
-    where, what = taps.indices(model.grid)
+def _script(engine: Engine, taps: TapSet, length: int, generator: np.random.Generator) -> tuple[Script, _Trace]:
+    """An episode on recorded taps that aims for a new random class after every tap, and what the engine made of it."""
+    grid = engine.model.grid
+    where, what = taps.indices(grid)
     start = int(generator.integers(len(taps)))
-    rig = ReplayRig(taps, model.grid, int(where[start]), int(what[start]), uniforms(generator))
-    targets = generator.integers(model.grid.L, size=length)
-    log_belief, recorded, deltas = engine.model.log_prior, [], []
+    rig = ReplayRig(taps, grid, int(where[start]), int(what[start]), uniforms(generator))
+    targets = generator.integers(grid.L, size=length)
+    log_belief, recorded, deltas, log_beliefs, log_evidence = engine.model.log_prior, [], [], [], []
     for t in range(length):
         recorded.append(rig.tap())
-        log_belief, _ = engine.update(log_belief, recorded[-1])
+        log_belief, evidence = engine.update(log_belief, recorded[-1])
+        log_beliefs.append(log_belief)
+        log_evidence.append(evidence)
         if t < length - 1:
             deltas.append(_move(np.exp(log_belief), int(targets[t])))
             rig.move(deltas[-1])
             log_belief = engine.shift(log_belief, deltas[-1])
-    return Script(np.array(recorded), targets, np.array(deltas, dtype=np.intp))
+    script = Script(np.array(recorded), targets, np.array(deltas, dtype=np.intp))
+    return script, _Trace(np.array(log_beliefs), np.array(log_evidence))
 
 
 def _follow(engine: Engine, script: Script) -> _Trace:

@@ -37,15 +37,30 @@ def write_report(folder: str | Path, summary: Mapping[str, Any], figures: Sequen
 
 def render_report(summary: Mapping[str, Any], figures: Sequence[Mapping[str, Any]]) -> str:
     """The page as text, with every figure inside it."""
+    return render_page("report.html", summary, figures)
+
+
+def render_page(template: str, summary: Mapping[str, Any], figures: Sequence[Mapping[str, Any]]) -> str:
+    """A page of this package as text.
+
+    Args:
+        template: Name of its file.
+        summary: What it shows.
+        figures: As `write_report`.
+    """
     environment = Environment(autoescape=True, undefined=ChainableUndefined, trim_blocks=True, lstrip_blocks=True)
     environment.filters.update(number=number, percent=percent, interval=interval)
-    template = environment.from_string(resources.files(__package__ or "").joinpath("report.html").read_text("utf-8"))
     share = _IMAGE_BYTES // max(1, len(figures))
     images = [
         dict(figure) | {"data": image_uri(figure["png"], figure["svg"], share), "width": page_width(figure["png"])}
         for figure in figures
     ]
-    return template.render(summary=summary, figures=images)
+    page = environment.from_string(_file(template))
+    return page.render(summary=summary, figures=images, style=_file("page.css"))
+
+
+def _file(name: str) -> str:
+    return resources.files(__package__ or "").joinpath(name).read_text("utf-8")
 
 
 def image_uri(png: Path, svg: Path, limit: int) -> str:

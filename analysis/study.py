@@ -12,10 +12,12 @@ from ..inference.control import check_fixation
 from ..inference.episode import DEADLINE
 from ..inference.montecarlo import THRESHOLDS, Trials, run_trials
 from ..inference.reference import Border
+from ..inference.tempering import fit_tempered
 from ..inference.trial_plan import TapTable, TrialPlan, join_plans, plan_trials, tap_table
+from ..models.catalogue import FitSettings, split_name
 from ..models.classes import ClassGrid
 from ..models.errors import InputError
-from ..models.histogram import HistogramModel, fit
+from ..models.model import TapModel
 from ..models.splits import Fold
 from ..models.taps import TapSet
 from .contacts import Accuracy, accuracy
@@ -35,11 +37,13 @@ class Settings:
         fixation: Fixation point as where index; `None` for the middle.
         border: Reading of Eq. 9 at the ends of the range.
         deadline: Taps after which the most probable classes are taken.
-        bins: Histogram bins.
-        pseudocount: Counts added to every bin.
-        power: Root of the likelihood.
+        bins: Bins of the histogram, by which all models are judged.
+        pseudocount: Counts added to every bin of the histogram.
+        power: Root of the likelihood, or how it is learned, see `models.power`.
         value_range: Whether bins span all taxels together or each.
         seed: Of every random draw.
+        model: Measurement model of the catalogue.
+        unconverged: Whether a fit may be used that did not converge.
     """
 
     trials: int = 1000
@@ -53,22 +57,30 @@ class Settings:
     power: str | float = "J"
     value_range: Literal["global", "taxel"] = "global"
     seed: int = 0
+    model: str = "histogram"
+    unconverged: bool = False
 
     @property
     def shown(self) -> int:
         """Index of the threshold nearest to .95, for figures that show one."""
         return int(np.abs(np.asarray(self.thresholds) - SHOWN_THETA).argmin())
 
-    def fit(self, taps: TapSet, grid: ClassGrid) -> HistogramModel:
-        """The measurement model of training taps under these settings."""
-        return fit(
-            taps,
-            grid,
+    def fit(self, taps: TapSet, grid: ClassGrid) -> TapModel:
+        """The measurement model of training taps under these settings.
+
+        Raises:
+            InputError: As `fit_tempered`.
+        """
+        settings = FitSettings(
             bins=self.bins,
             pseudocount=self.pseudocount,
             power=self.power,
             value_range=self.value_range,
+            unconverged=self.unconverged,
+            seed=self.seed,
         )
+        fitted, _ = fit_tempered(self.model, taps, grid, settings)
+        return fitted.model
 
 
 class Study(NamedTuple):
@@ -88,7 +100,7 @@ class Study(NamedTuple):
     """
 
     name: str
-    model: HistogramModel
+    model: TapModel
     test: TapSet
     dropped: int
     table: TapTable
@@ -170,6 +182,9 @@ def check_settings(settings: Settings, grid: ClassGrid) -> None:
         raise InputError(f"--thresholds must be numbers from 0 to 1, got {settings.thresholds}.")
     if not 0 <= settings.theta_x <= 1:
         raise InputError(f"--theta-x must lie between 0 and 1, got {settings.theta_x}.")
+    _, in_states = split_name(settings.model)
+    if in_states and settings.border == "prior":
+        raise InputError("--border prior does not go with a model that carries a state; uniform does.")
 
 
 def _passive_plan(table: TapTable, settings: Settings) -> TrialPlan:

@@ -9,7 +9,9 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
+from ..models.catalogue import CATALOGUE, split_name
 from ..models.classes import ClassGrid
+from ..models.power import learned_taps
 from ..models.taps import TapSet, concatenate
 from . import metrics
 from .contacts import accuracy_interval_sentence
@@ -17,7 +19,7 @@ from .crosscheck import CrossCheck
 from .figure_style import short_unit
 from .paper import compare
 from .results import Request, Results
-from .study import can_act
+from .study import Settings, can_act
 from .suspicions import FEW, suspicions
 
 _PACKAGES = ("solidtouch", "numpy", "jax", "numpyro", "funsor", "arviz", "xarray", "scipy", "matplotlib")
@@ -35,6 +37,7 @@ def summarise(request: Request, results: Results) -> dict[str, Any]:
         "command": request.command,
         "simulated": request.simulated is not None,
         "versions": {"python": platform.python_version()} | {name: version(name) for name in _PACKAGES},
+        "model": settings.model,
         "seed": settings.seed,
         "data_sets": [part.name for part in results.studies],
         "options": asdict(settings) | {"fixation": results.fixation, "data_sets": len(results.studies)},
@@ -135,7 +138,7 @@ def _what_was_run(request: Request, results: Results) -> list[str]:
     settings, grid = request.settings, results.grid
     sets = len(results.studies)
     return [
-        f"A histogram model of {settings.bins} bins was fitted to training taps of {grid.L} x {grid.M} "
+        f"{_model(settings)} was fitted to training taps of {grid.L} x {grid.M} "
         f"(where, what) classes and tested on other taps, {sets} data set{'s' * (sets > 1)} in all. In every trial "
         "test taps of one class are drawn with replacement and Bayes' rule accumulates the joint belief until the "
         "belief in one object exceeds the threshold.",
@@ -148,6 +151,28 @@ def _what_was_run(request: Request, results: Results) -> list[str]:
         )
         + f"All thresholds are read off the same trials. After {settings.deadline} taps the most probable classes "
         "are taken. Errors are distances between classes.",
+        *_learned(request, results),
+    ]
+
+
+def _model(settings: Settings) -> str:
+    """The measurement model, in words."""
+    kind, in_states = split_name(settings.model)
+    words = f"A histogram model of {settings.bins} bins"
+    if kind != "histogram":
+        words = f"The model {kind} ({CATALOGUE[kind].how}; likelihoods over {settings.bins} bins)"
+    return words + " under a gain and offset that all taps of an episode share" * in_states
+
+
+def _learned(request: Request, results: Results) -> list[str]:
+    """What power was learned, where one was."""
+    taps = learned_taps(request.settings.power)
+    if taps is None:
+        return []
+    powers = ", ".join(f"{part.model.exponent:.3g}" for part in results.studies)
+    return [
+        f"The root of the likelihood was learned on training sessions left out in turn, for beliefs after {taps} "
+        f"tap{'s' * (taps > 1)}: {powers}."
     ]
 
 
@@ -223,6 +248,7 @@ def results_tree(request: Request, results: Results) -> xr.DataTree:
     tree = xr.DataTree.from_dict(groups)
     tree.attrs = {
         "command": request.command,
+        "model": request.settings.model,
         "split": f"{request.split.method}: {request.split.description}",
         "seed": request.settings.seed,
         "solidtouch": version("solidtouch"),

@@ -15,7 +15,7 @@ from ..inference.tally import tally_trials
 from ..inference.trial_plan import TapTable, tap_table
 from .sweep_cells import Cell, Effort
 from .sweep_data import DataSet
-from .sweep_models import MODELS, FitSettings
+from .sweep_models import FitSettings, fit_cell
 from .tallied import tally_means
 
 _TABLES = 4
@@ -89,7 +89,7 @@ def run_cell(cell: Cell, effort: Effort, data: DataSet) -> dict[str, NDArray[np.
 @lru_cache(maxsize=_TABLES)
 def _table(data: DataSet, settings: FitSettings) -> TapTable:
     """The likelihoods that cells with the same data and fit share."""
-    model = MODELS[settings.model](data.fold.train, data.grid, settings)
+    model = fit_cell(data.fold.train, data.grid, settings)
     return tap_table(model, model.usable(data.fold.test))
 
 

@@ -1,11 +1,10 @@
-"""Likelihood models that a sweep can compare, by name."""
+"""Likelihood models that a sweep can compare: those of the catalogue, by name."""
 
-from collections.abc import Callable
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 if TYPE_CHECKING:
     from ..models.classes import ClassGrid
-    from ..models.histogram import HistogramModel
+    from ..models.model import TapModel
     from ..models.taps import TapSet
 
 
@@ -14,10 +13,10 @@ class FitSettings(NamedTuple):
 
     Attributes:
         model: Name of the likelihood model.
-        bins: Histogram bins.
+        bins: Bins of the histogram, by which all models are judged.
         value_range: Whether bins span all taxels together or each.
-        pseudocount: Counts added to every bin.
-        power: Root of the likelihood.
+        pseudocount: Counts added to every bin of the histogram.
+        power: Root of the likelihood, or how it is learned, see `models.power`.
     """
 
     model: str
@@ -27,18 +26,15 @@ class FitSettings(NamedTuple):
     power: str | float
 
 
-def _histogram(taps: "TapSet", grid: "ClassGrid", settings: FitSettings) -> "HistogramModel":
-    from ..models.histogram import fit  # noqa: PLC0415 - NumPyro takes seconds to import
+def fit_cell(taps: "TapSet", grid: "ClassGrid", settings: FitSettings) -> "TapModel":
+    """The model of training taps.
 
-    return fit(
-        taps,
-        grid,
-        bins=settings.bins,
-        pseudocount=settings.pseudocount,
-        power=settings.power,
-        value_range=settings.value_range,
-    )
+    Raises:
+        InputError: As `inference.tempering.fit_tempered`.
+    """
+    from ..inference import tempering  # noqa: PLC0415 - SciPy takes long to import
+    from ..models import catalogue  # noqa: PLC0415
 
-
-MODELS: dict[str, Callable[["TapSet", "ClassGrid", FitSettings], "HistogramModel"]] = {"histogram": _histogram}
-"""Functions that fit a model to training taps."""
+    more = settings._asdict()
+    fitted, _ = tempering.fit_tempered(more.pop("model"), taps, grid, catalogue.FitSettings(**more))
+    return fitted.model

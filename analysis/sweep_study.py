@@ -12,10 +12,10 @@ from ..hardware.presets import preset
 from ..hardware.rig_settings import Count, parse_settings, read_settings
 from ..inference.episode import DEADLINE
 from ..inference.reference import Border
+from ..models.catalogue import split_name
 from ..models.errors import InputError
-from ..models.power import likelihood_exponent
+from ..models.power import learned_taps, likelihood_exponent
 from ..models.recording import naming
-from .sweep_models import MODELS
 
 Natural = Annotated[int, Meta(ge=0)]
 Text = Annotated[str, Meta(min_length=1)]
@@ -56,11 +56,11 @@ class Axes(_Table, frozen=True):
     """The axes of the grid beside the data sets; every combination is a cell.
 
     Attributes:
-        model: Likelihood models.
-        bins: Histogram bins.
+        model: Likelihood models of the catalogue.
+        bins: Bins of the histogram, by which all models are judged.
         value_range: Whether bins span all taxels together or each.
         pseudocount: Smoothing, in counts added to every bin.
-        power: Root of the likelihood: `"J"`, `"JK"`, `"none"` or a number.
+        power: Root of the likelihood: `"J"`, `"JK"`, `"none"`, a number, `"learned"` or `"learned:N"`.
         border: Reading of Eq. 9 at the ends of the range.
         policy: `"passive"`, `"active"`, or the threshold theta_X on the where belief for a move.
         fixation: Fixation points as where classes from 0, or `"middle"`, the middle of each data set.
@@ -147,13 +147,16 @@ def _check_axes(axes: Axes) -> None:
     for key, values in msgspec.structs.asdict(axes).items():
         _check_once(f"grid.{key}", values if isinstance(values, tuple) else ())
     for model in axes.model:
-        if model not in MODELS:
-            raise InputError(f"grid.model: it must be one of {', '.join(MODELS)}, not {model!r}.")
+        with naming("grid.model"):
+            _, in_states = split_name(model)
+        if in_states and "prior" in axes.border:
+            raise InputError(f"grid.border: prior does not go with {model}, which carries a state.")
     if not all(map(math.isfinite, axes.pseudocount)):
         raise InputError("grid.pseudocount: the numbers must be finite.")
     for power in axes.power:
         with naming("grid.power"):
-            likelihood_exponent(power, 1, 1)
+            if learned_taps(power) is None:
+                likelihood_exponent(power, 1, 1)
     for policy in axes.policy:
         named = isinstance(policy, str) and policy in ("passive", "active")
         if not named and not (isinstance(policy, float) and 0 < policy < 1):

@@ -1,17 +1,20 @@
 """`solidtouch fit`: a measurement model from training taps."""
 
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated, Literal
 
 from typer import Option
 
 from .interrupt import loading
 from .options import (
+    AllowUnconverged,
     Bins,
     Data,
     Force,
+    Model,
     Power,
     Pseudocount,
+    Seed,
     SplitMethod,
     TestSessions,
     TrainSessions,
@@ -20,10 +23,17 @@ from .options import (
     WhereCell,
 )
 
+if TYPE_CHECKING:
+    from ..models.catalogue import Fitted
+    from ..models.model import TapModel
+    from ..models.model_file import Draws
+    from ..models.taps import TapSet
+
 
 def fit(
     data: Data,
     out: Annotated[Path, Option(help="The file to write, such as model.nc.")],
+    model: Model = "histogram",
     where_cell: WhereCell = None,
     what_cell: WhatCell = None,
     split: SplitMethod = None,
@@ -33,9 +43,25 @@ def fit(
     pseudocount: Pseudocount = 0.01,
     power: Power = "J",
     value_range: ValueRange = "global",
+    draws: Annotated[
+        int, Option(min=0, help="Posterior draws kept in the file for ArviZ, in each of 4 chains; 0 for none.")
+    ] = 100,
+    method: Annotated[
+        Literal["closed", "nuts"], Option("--fit", help="The model's own fast fit, or NUTS on its story.")
+    ] = "closed",
+    allow_unconverged: AllowUnconverged = False,
+    gain_sd: Annotated[
+        float | None,
+        Option(min=0.0, help="For session: deviation of the log gain between sessions; default the training taps'."),
+    ] = None,
+    offset_sd: Annotated[
+        float | None,
+        Option(min=0.0, help="For session: deviation of the offset, in the unit of the samples; likewise."),
+    ] = None,
+    seed: Seed = 0,
     force: Force = False,
 ) -> None:
-    """Fits the histogram model to the training taps of DATA."""
+    """Fits a measurement model to the training taps of DATA."""
     from ..models.storage import check_netcdf_name, check_writable
 
     check_netcdf_name(out)
@@ -43,33 +69,71 @@ def fit(
     from ..models.errors import InputError
 
     with loading():
-        from dataclasses import replace
-
+        from ..inference.tempering import fit_tempered
+        from ..models.catalogue import FitSettings, split_name
         from ..models.experiment import load_experiment
-        from ..models.histogram import fit as fit_histogram
         from ..models.histogram import trim
-        from ..models.novelty import novelty_scores
-        from ..models.power import parse_power
+        from ..models.model_file import save_model
+        from ..models.power import parse_power_choice
 
+    _, in_states = split_name(model)
+    if not in_states and (gain_sd is not None or offset_sd is not None):
+        raise InputError(f"--gain-sd and --offset-sd go with session models only, and not with {model}.")
+    settings = FitSettings(
+        bins=bins,
+        pseudocount=pseudocount,
+        power=parse_power_choice(power),
+        value_range=value_range,
+        method=method,
+        unconverged=allow_unconverged,
+        gain_sd=gain_sd,
+        offset_sd=offset_sd,
+        seed=seed,
+    )
     parts, grid = load_experiment(data, where_cell, what_cell, split, train, test)
     if len(parts.folds) != 1:
         raise InputError(f"--split {parts.method} makes {len(parts.folds)} models; fit writes one, so choose another.")
     fold = parts.folds[0]
     grid, dropped = trim(grid, [fold.train])
-    model = fit_histogram(
-        fold.train,
-        grid,
-        bins=bins,
-        pseudocount=pseudocount,
-        power=parse_power(power),
-        value_range=value_range,
-        trained_on=f"{', '.join(path.name for path in data)}: {parts.description}",
-    )
-    replace(model, novelty=novelty_scores(model, fold.train)).save(out, force)
-    left_out = [*dropped, *model.left_out]
+    trained_on = f"{', '.join(path.name for path in data)}: {parts.description}"
+    fitted, learned = fit_tempered(model, fold.train, grid, settings, trained_on)
+    kept = _draws(fitted, fold.train, draws, seed)
+    save_model(_with_novelty(fitted.model, fold.train), out, force, kept, fitted.convergence)
+    left_out = [*dropped, *fitted.model.left_out]
     print(parts.description)
     if parts.warning:
         print(f"Warning: {parts.warning}")
+    if learned is not None:
+        print(learned.sentence)
+    print(f"{model}: {fitted.convergence.sentence}")
+    if not fitted.convergence.converged:
+        print("Warning: the fit did not converge.")
+    if draws and kept is None:
+        print("Note: without a pseudocount the posterior is improper, so no draws are kept.")
     print(f"{grid.L} x {grid.M} (where, what) classes from {len(fold.train)} taps, in {out}")
     if left_out:
         print(f"Left out for want of a training tap: {', '.join(left_out)}")
+
+
+def _with_novelty(model: "TapModel", taps: "TapSet") -> "TapModel":
+    """The model with novelty scores, if it is the plain histogram, which alone can use them."""
+    from dataclasses import replace
+
+    from ..models.histogram import HistogramModel
+    from ..models.novelty import novelty_scores
+
+    if not isinstance(model, HistogramModel) or len(model.states.gain) > 1:
+        return model
+    return replace(model, novelty=novelty_scores(model, taps))
+
+
+def _draws(fitted: "Fitted", taps: "TapSet", draws: int, seed: int) -> "Draws | None":
+    """Draws from the posterior, where there are any."""
+    if not draws or fitted.posterior is None:
+        return None
+    with loading():
+        from ..models.model_draws import CHAINS, posterior_draws
+    from .progress import bars
+
+    with bars() as progress:
+        return posterior_draws(fitted, taps, CHAINS, draws, seed, progress("Drawing parameters", CHAINS * draws))

@@ -11,6 +11,7 @@ import typer
 from ..models.errors import InputError
 from .checks import crosscheck
 from .collect import collect
+from .compare import compare
 from .data import convert, inspect
 from .emulate import emulate
 from .fit import fit
@@ -29,7 +30,8 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
     add_completion=False,
 )
-for command in (reproduce, simulate, collect, convert, inspect, fit, crosscheck, perceive, trials, emulate, sweep):
+_COMMANDS = (reproduce, simulate, collect, convert, inspect, fit, crosscheck, perceive, trials, compare, emulate, sweep)
+for command in _COMMANDS:
     app.command()(command)
 app.add_typer(rig, name="rig")
 

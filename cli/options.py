@@ -37,9 +37,36 @@ TrainSessions = Annotated[
 ]
 TestSessions = Annotated[str | None, typer.Option("--test", metavar="LIST", help="Sessions to test, such as 2.")]
 Force = Annotated[bool, typer.Option("--force", help="Overwrite existing files.")]
-Bins = Annotated[int, typer.Option("--bins", min=1, max=65536, help="Histogram bins.")]
-Pseudocount = Annotated[float, typer.Option("--pseudocount", min=0.0, help="Counts added to every bin.")]
-Power = Annotated[str, typer.Option("--power", help="Root of the likelihood: J, JK, none or an exponent.")]
+MODELS = (
+    "histogram",
+    "gaussian",
+    "student",
+    "profile",
+    "profile-ar",
+    "profile-mvn",
+    "matrix-normal",
+    "smooth",
+    "session",
+)
+"""Names of `models.catalogue`, which takes long to import."""
+_MODEL_HELP = f"Measurement model: {', '.join(MODELS)}, or session: before any other, such as session:profile"
+Model = Annotated[str, typer.Option("--model", metavar="NAME", help=f"{_MODEL_HELP}.")]
+ModelOrAll = Annotated[str, typer.Option("--model", metavar="NAME", help=f"{_MODEL_HELP}; all for each in turn.")]
+AllowUnconverged = Annotated[bool, typer.Option("--allow-unconverged", help="Use a model whose fit did not converge.")]
+Bins = Annotated[
+    int, typer.Option("--bins", min=1, max=65536, help="Bins of the histogram, by which all models are judged.")
+]
+Pseudocount = Annotated[
+    float, typer.Option("--pseudocount", min=0.0, help="Counts added to every bin of the histogram.")
+]
+Power = Annotated[
+    str,
+    typer.Option(
+        "--power",
+        help="Root of the likelihood: J, JK, none, an exponent, or learned[:N] on training sessions left out in turn, "
+        "for beliefs after N taps (default 20).",
+    ),
+]
 ValueRange = Annotated[
     Literal["global", "taxel"], typer.Option("--range", help="Bins across the range of all taxels or of each.")
 ]

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from ..inference.control import MovePolicy
     from ..inference.engine import Engine
     from ..inference.novelty import Novelty
-    from ..models.histogram import HistogramModel
+    from ..models.model import TapModel
     from .rigs import Placed
     from .showing import Ending, Show
 
@@ -182,7 +182,7 @@ def save_picture(seen: "Seen", path: Path, force: bool) -> None:
         temporary.write_text(live_picture(seen), encoding="utf-8")
 
 
-def _novelty(model: "HistogramModel", alpha: float | None) -> "Novelty | None":
+def _novelty(model: "TapModel", alpha: float | None) -> "Novelty | None":
     """P-values where the model can give them; it must where the answer may be `unknown`."""
     from ..inference.novelty import Novelty, can_tell
 
@@ -191,7 +191,7 @@ def _novelty(model: "HistogramModel", alpha: float | None) -> "Novelty | None":
     return Novelty(model) if can_tell(model) or alpha is not None else None
 
 
-def _engines(name: str, model: "HistogramModel", border: "reference.Border", shadow: bool) -> "Engine":
+def _engines(name: str, model: "TapModel", border: "reference.Border", shadow: bool) -> "Engine":
     from ..inference.engine import make_engine
     from ..inference.shadow import ShadowEngine
 

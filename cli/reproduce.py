@@ -12,10 +12,13 @@ from typer import Option
 from ..models.errors import InputError
 from .interrupt import loading
 from .options import (
+    MODELS,
+    AllowUnconverged,
     Bins,
     Border,
     Deadline,
     Force,
+    Model,
     Power,
     Pseudocount,
     Seed,
@@ -53,6 +56,7 @@ def reproduce(
     theta_x: Annotated[float, Option(help="Belief in a position needed for a move; 0 always moves.")] = 0.0,
     fixation: Annotated[int | None, Option(help="Fixation point as 0-based class index; default the middle.")] = None,
     deadline: Deadline = 100,
+    model: Model = "histogram",
     where_cell: WhereCell = None,
     what_cell: WhatCell = None,
     split: SplitMethod = None,
@@ -63,6 +67,7 @@ def reproduce(
     power: Power = "J",
     value_range: ValueRange = "global",
     border: Border = "uniform",
+    allow_unconverged: AllowUnconverged = False,
     seed: Seed = 0,
     force: Force = False,
 ) -> None:
@@ -82,7 +87,7 @@ def reproduce(
         from ..analysis.results import Request
         from ..analysis.study import Settings
         from ..models.experiment import load_experiment
-        from ..models.power import parse_power
+        from ..models.power import parse_power_choice
     from ..models.storage import check_folder
     from .progress import bars
 
@@ -94,9 +99,11 @@ def reproduce(
         deadline=deadline,
         bins=bins,
         pseudocount=pseudocount,
-        power=parse_power(power),
+        power=parse_power_choice(power),
         value_range=value_range,
         seed=seed,
+        model=model,
+        unconverged=allow_unconverged,
         **({} if thresholds is None else {"thresholds": parse_thresholds(thresholds)}),
     )
     folder = out or Path("runs") / datetime.now().astimezone().strftime("%Y-%m-%d-%H%M%S")
@@ -122,6 +129,8 @@ def reproduce(
         print(f"Warning: {sentence}")
     for sentence in summary["skipped"]:
         print(f"Note: {sentence}")
+    if model != MODELS[0]:
+        print(f"Model {model}")
     _print_results(summary)
     print(f"The report is {folder / 'report.html'}")
     if not summary["crosscheck"]["passed"]:

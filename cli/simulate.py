@@ -1,7 +1,6 @@
 """`solidtouch simulate`: data sets from the simulated rig or from a fitted model."""
 
 from collections.abc import Callable
-from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -24,7 +23,7 @@ def simulate(
     sessions: Annotated[int, Option(help="How many sessions.")] = 2,
     seed: Annotated[int, Option(help="Which data set; its sessions share the sensor.")] = 0,
     force: Annotated[bool, Option("--force", help="Overwrite existing files.")] = False,
-    model: Annotated[Path | None, Option(help="Fitted model that preset model draws from.")] = None,
+    model: Annotated[Path | None, Option(help="Fitted model of any kind that preset model draws from.")] = None,
     samples: Annotated[int | None, Option(help="Samples of a tap with preset model; default the model's.")] = None,
     taps_per_class: Annotated[int | None, Option(help="Taps of each class with preset model; default 20.")] = None,
 ) -> None:
@@ -58,17 +57,14 @@ def _from_rig(name: str, seed: int) -> Callable[[int], "TapSet"]:
 def _from_model(
     path: Path | None, samples: int | None, taps_per_class: int | None, seed: int
 ) -> Callable[[int], "TapSet"]:
-    from ..hardware.model_rig import draw_taps
+    from ..hardware.model_rig import draw_session
     from ..models.model_file import load_model
 
     if path is None:
         raise InputError("--preset model draws from a fitted model; name its file with --model.")
     model = load_model(path)
-    record = model.preprocessing if samples is None else replace(model.preprocessing, samples=samples)
     n = 20 if taps_per_class is None else taps_per_class
-    return lambda session: draw_taps(
-        model.grid, model.probabilities, model.edges, record, n, seed, session, model.trained
-    )
+    return lambda session: draw_session(model, n, seed, session, samples)
 
 
 def _folder(path: Path) -> Path:

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from rich.table import Table
 
     from ..inference.tally import Tally
-    from ..models.histogram import HistogramModel
+    from ..models.model import TapModel
     from ..models.taps import TapSet
 
 
@@ -113,7 +113,7 @@ def trials(
                     labelled.to_netcdf(temporary, engine="h5netcdf")
 
 
-def _warn_of_training(model: "HistogramModel", taps: "TapSet") -> None:
+def _warn_of_training(model: "TapModel", taps: "TapSet") -> None:
     known = model.trained_with(taps)
     if known:
         print(

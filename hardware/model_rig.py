@@ -1,10 +1,11 @@
-"""Taps drawn from fitted histograms: the one rig whose taps fulfil every assumption of the paper's likelihood.
+"""Taps drawn from fitted models: the one rig whose taps fulfil every assumption of a likelihood.
 
-Each sample's bin is drawn independently of all others given the class (the model of Eq. 1 without its root), and the
-class is where the sensor stands on the grid. Error levels and guarantees of perception can be checked on such data and
-on no other.
+From the paper's histograms each sample's bin is drawn independently of all others given the class (the model of Eq. 1
+without its root), from other models as they say. The class is where the sensor stands on the grid. Error levels and
+guarantees of perception can be checked on such data and on no other.
 """
 
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -12,6 +13,9 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..models.classes import ClassGrid
 from ..models.errors import InputError
+from ..models.forms import GaussianForm
+from ..models.histogram import HistogramModel
+from ..models.model import TapModel
 from ..models.preprocessing import Preprocessing
 from ..models.taps import TapSet
 from .nuisances import Purpose, seed_sequence
@@ -154,17 +158,82 @@ def draw_taps(
     Raises:
         InputError: The tables do not fit the grid or each other, no class is trained, or no tap is asked for.
     """
+    tables = bin_tables(probabilities, edges, grid.shape)
+    classes = _classes(grid, taps_per_class, trained)
+    generator = np.random.default_rng(seed_sequence(seed, Purpose.MODEL, session))
+    shape = taps_per_class, preprocessing.samples, len(tables.centre)
+    taps = np.concatenate([tables.values(l, m, generator.random(shape)) for l, m in classes])
+    told = f"every sample drawn independently from a fitted model, seed {seed}, session {session}"
+    return _session(grid, classes, taps, preprocessing, session, "fitted histograms (no real sensor)", told)
+
+
+def draw_session(
+    model: TapModel, taps_per_class: int, seed: int, session: int = 0, samples: int | None = None
+) -> TapSet:
+    """A session of taps drawn from any fitted model, all of them in one state of it.
+
+    Args:
+        model: The model; of its classes those that it can speak about.
+        taps_per_class: Taps of each class.
+        seed: The data set.
+        session: Number of the session, drawn independently of the others; in a model with states it has one of these,
+            drawn from their probabilities before any tap.
+        samples: Samples of a tap, `None` for those of the model.
+
+    Raises:
+        InputError: No class is trained, no tap is asked for, or other taps than the model has while its samples have
+            their times.
+    """
+    record = model.preprocessing if samples is None else replace(model.preprocessing, samples=samples)
+    if isinstance(model, HistogramModel) and len(model.states.gain) == 1:
+        return draw_taps(
+            model.grid, model.probabilities, model.edges, record, taps_per_class, seed, session, model.trained
+        )
+    if isinstance(model.form, GaussianForm) and record.samples != model.preprocessing.samples:
+        raise InputError(
+            f"A {model.name} model says something of {model.preprocessing.samples} samples at their times; taps of "
+            f"{samples} cannot be drawn from it."
+        )
+    classes = _classes(model.grid, taps_per_class, model.trained)
+    generator = np.random.default_rng(seed_sequence(seed, Purpose.MODEL, session))
+    state = int(generator.choice(len(model.states.gain), p=np.exp(model.states.log_prior)))
+    where, what = np.repeat(classes, taps_per_class, axis=0).T
+    taps = model.form.sample(where, state * model.grid.M + what, model.edges, record.samples, generator)
+    told = f"drawn from a fitted {model.name} model, seed {seed}, session {session}{_state(model, state)}"
+    return _session(model.grid, classes, taps, record, session, "fitted model (no real sensor)", told)
+
+
+def _state(model: TapModel, number: int) -> str:
+    """What a session has of a model with states, in words."""
+    if len(model.states.gain) == 1:
+        return ""
+    return f", gain {model.states.gain[number]:.4g} and offset {model.states.offset[number]:.4g}"
+
+
+def _classes(grid: ClassGrid, taps_per_class: int, trained: NDArray[np.bool_] | None) -> NDArray[np.intp]:
+    """Where and what of the classes to draw from, shape (n, 2)."""
     if taps_per_class < 1:
         raise InputError(f"At least one tap per class is needed, got {taps_per_class}.")
-    tables = bin_tables(probabilities, edges, grid.shape)
     classes = np.argwhere(np.ones(grid.shape, dtype=bool) if trained is None else trained)
     if not len(classes):
         raise InputError("The model has no trained class to draw from.")
-    generator = np.random.default_rng(seed_sequence(seed, Purpose.MODEL, session))
-    shape = taps_per_class, preprocessing.samples, len(tables.centre)
-    where, what = np.repeat(classes, taps_per_class, axis=0).T
+    return classes
+
+
+def _session(
+    grid: ClassGrid,
+    classes: NDArray[np.intp],
+    taps: NDArray[np.float64],
+    preprocessing: Preprocessing,
+    session: int,
+    sensor: str,
+    told: str,
+) -> TapSet:
+    """Taps of classes, as many of each, as a tap set."""
+    each = len(taps) // len(classes)
+    where, what = np.repeat(classes, each, axis=0).T
     return TapSet.from_arrays(
-        np.concatenate([tables.values(l, m, generator.random(shape)) for l, m in classes]),
+        taps,
         what,
         grid.what_name,
         preprocessing=preprocessing,
@@ -175,8 +244,8 @@ def draw_taps(
         what_value=grid.what_value,
         what_unit=grid.what_unit,
         session=np.full(len(where), session),
-        trial=np.tile(np.arange(taps_per_class), len(classes)),
-        sensor="fitted histograms (no real sensor)",
-        source=f"simulated: every sample drawn independently from a fitted model, seed {seed}, session {session}",
+        trial=np.tile(np.arange(each), len(classes)),
+        sensor=sensor,
+        source=f"simulated: {told}",
         licence="none needed: simulated data",
     )

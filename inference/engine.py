@@ -1,7 +1,8 @@
 """One interface to every way of computing the posterior, and the plain NumPy one behind it.
 
 An engine turns taps into log beliefs; what to decide and where to move is not its business. All engines carry the
-normalised log belief of shape (L, M) without any floor, so sequences may be of any length.
+normalised log belief of shape (L, H) without any floor, so sequences may be of any length. H are the hypotheses, objects
+or objects in states (see `models.states`).
 """
 
 from dataclasses import dataclass
@@ -13,7 +14,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..models.errors import InputError
 from ..models.histogram import HistogramModel
-from . import reference
+from ..models.model import TapModel
+from . import plain, reference
 from .reference import Border
 
 
@@ -26,7 +28,7 @@ class Engine(Protocol):
         ...
 
     @property
-    def model(self) -> HistogramModel:
+    def model(self) -> TapModel:
         """The measurement model behind it, which holds the belief before the first tap, `log_prior`."""
         ...
 
@@ -34,7 +36,7 @@ class Engine(Protocol):
         """Log belief after one more tap, and the log evidence of that tap given those before; Eq. 3 and 4.
 
         Args:
-            log_belief: Shape (L, M).
+            log_belief: Shape (L, H).
             tap: Prepared samples, shape (J, K).
 
         Raises:
@@ -44,7 +46,7 @@ class Engine(Protocol):
         ...
 
     def shift(self, log_belief: NDArray[np.float64], delta: int) -> NDArray[np.float64]:
-        """Log belief after a move by `delta` where classes; Eq. 9."""
+        """Log belief after a move by `delta` where classes, in each state apart; Eq. 9."""
         ...
 
 
@@ -55,16 +57,26 @@ class NumpyEngine:
     Attributes:
         model: The fitted measurement model.
         border: Reading of Eq. 9 at the ends of the range.
+
+    Raises:
+        InputError: The border is `prior`, and the model carries a state.
     """
 
-    model: HistogramModel
+    model: TapModel
     border: Border = "uniform"
     name: str = "numpy"
 
+    def __post_init__(self) -> None:
+        """Checks the border."""
+        if self.border == "prior" and self._states > 1:
+            raise InputError("--border prior does not go with a model that carries a state; uniform does.")
+
     @cached_property
     def log_prob(self) -> NDArray[np.float64]:
-        """Eq. 2 from the model's counts; -inf throughout for untrained classes."""
+        """Eq. 2 from the counts of a histogram without states; -inf throughout for untrained classes."""
         model = self.model
+        if not isinstance(model, HistogramModel):
+            raise TypeError(f"A model of type {type(model).__name__} has no counts.")
         log_prob = np.full(model.counts.shape, -np.inf)
         with np.errstate(divide="ignore"):
             log_prob[model.trained] = np.log(
@@ -76,21 +88,35 @@ class NumpyEngine:
         """Eq. 1, 3 and 4."""
         tap = np.asarray(tap)
         self.model.check_samples(tap)
-        log_likelihood = reference.tap_log_likelihood(self._bins(tap), self.log_prob, self.model.exponent)
-        return reference.update_log(log_belief, log_likelihood)
+        return reference.update_log(log_belief, self._log_likelihood(tap))
 
     def shift(self, log_belief: NDArray[np.float64], delta: int) -> NDArray[np.float64]:
-        """Eq. 9."""
-        return reference.shift_log(log_belief, delta, self.border)
+        """Eq. 9, and no move changes what is believed of the states."""
+        if self._states == 1:
+            return reference.shift_log(log_belief, delta, self.border)
+        parts = np.split(log_belief, self._states, axis=1)
+        return np.concatenate([self._shift_state(part, delta) for part in parts], axis=1)
 
-    def _bins(self, tap: NDArray[np.float64]) -> NDArray[np.intp]:
-        edges = self.model.edges
-        if edges.ndim == 1:
-            return reference.bin_index(tap, edges)
-        return np.stack([reference.bin_index(tap[:, k], edges[k]) for k in range(len(edges))], axis=1)
+    @property
+    def _states(self) -> int:
+        return len(self.model.states.gain)
+
+    def _log_likelihood(self, tap: NDArray[np.floating]) -> NDArray[np.float64]:
+        """Eq. 1 under the model's assumptions, shape (L, H)."""
+        model = self.model
+        if isinstance(model, HistogramModel) and self._states == 1:
+            bins = plain.bins(tap, model.edges)
+            return reference.tap_log_likelihood(bins, self.log_prob, model.exponent)
+        log_likelihood = plain.log_likelihood(tap, model.form, model.edges, model.exponent)
+        return np.where(np.isneginf(model.log_prior), -np.inf, log_likelihood)
+
+    def _shift_state(self, part: NDArray[np.float64], delta: int) -> NDArray[np.float64]:
+        """The log belief in one state, shape (L, M), moved within the state."""
+        mass = np.logaddexp.reduce(part.ravel())
+        return part if np.isneginf(mass) else reference.shift_log(part - mass, delta, self.border) + mass
 
 
-def make_engine(name: str, model: HistogramModel, border: Border = "uniform") -> Engine:
+def make_engine(name: str, model: TapModel, border: Border = "uniform") -> Engine:
     """The engine of this name.
 
     Args:

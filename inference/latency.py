@@ -6,7 +6,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..models.histogram import HistogramModel
+from ..models.forms import TableForm
+from ..models.model import TapModel
 from .engine import Engine
 
 
@@ -41,7 +42,7 @@ class TimedEngine:
         return self._engine.name
 
     @property
-    def model(self) -> HistogramModel:
+    def model(self) -> TapModel:
         """That of the engine."""
         return self._engine.model
 
@@ -79,11 +80,13 @@ def warm_up(engine: Engine) -> float:
     return time.perf_counter() - began
 
 
-def _likely_tap(model: HistogramModel) -> NDArray[np.float64]:
-    """The most frequent value of each taxel in the first trained class, all the time, shape (J, K)."""
-    l, m = np.argwhere(model.trained)[0]
-    K = model.counts.shape[2]
-    edges = np.broadcast_to(model.edges, (K, model.edges.shape[-1]))
-    b = model.counts[l, m].argmax(axis=-1)
-    frame = (edges[np.arange(K), b] + edges[np.arange(K), b + 1]) / 2
+def _likely_tap(model: TapModel) -> NDArray[np.float64]:
+    """Under the most probable class: its mean, or the most frequent value of each taxel all the time; shape (J, K)."""
+    l, h = np.unravel_index(model.log_prior.argmax(), model.log_prior.shape)
+    form = model.form
+    if not isinstance(form, TableForm):
+        return form.mean[0, l, h]
+    edges = np.broadcast_to(model.edges, (model.K, model.edges.shape[-1]))
+    taxel, b = np.arange(model.K), form.log_prob[l, h].argmax(axis=-1)
+    frame = (edges[taxel, b] + edges[taxel, b + 1]) / 2
     return np.tile(frame, (model.preprocessing.samples, 1))

@@ -13,11 +13,14 @@ are honest given those before. So nothing depends on the belief, its threshold o
 nothing before and after a move of 7 mm is not believed to have been at the far end all the time.
 """
 
+from typing import TypeGuard
+
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..models.errors import InputError
 from ..models.histogram import HistogramModel
+from ..models.model import TapModel
 from ..models.novelty import FEWEST, centres, excess, own_excess, smoothed
 
 FLAGGED = 0.01
@@ -30,16 +33,20 @@ class Novelty:
     """P-values of taps under the classes of a fitted model.
 
     Args:
-        model: Must have been fitted with its novelty scores.
+        model: A histogram model without states, fitted with its novelty scores.
 
     Attributes:
         smallest: The least p-value that there is, 1 / (n + 1) with n training taps; that of untrained classes.
 
     Raises:
-        InputError: It has none.
+        InputError: It has none, or is another model.
     """
 
-    def __init__(self, model: HistogramModel) -> None:
+    def __init__(self, model: TapModel) -> None:
+        if not _is_plain(model):
+            raise InputError(
+                f"--unknown needs a fitted histogram model to tell new things by, and this one is {model.name}."
+            )
         if model.novelty is None:
             raise InputError("The model has no novelty scores to tell new things by; fit it again with this version.")
         if len(model.novelty.misfit) < FEWEST:
@@ -172,9 +179,14 @@ def log_wealth(surprise: NDArray[np.float64], taps: int) -> NDArray[np.float64]:
     return np.logaddexp.reduce(bets, axis=-1) - np.log(len(_EXPONENTS))
 
 
-def can_tell(model: HistogramModel) -> bool:
+def can_tell(model: TapModel) -> bool:
     """Whether a model was fitted with enough novelty scores for p-values."""
-    return model.novelty is not None and len(model.novelty.misfit) >= FEWEST
+    return _is_plain(model) and model.novelty is not None and len(model.novelty.misfit) >= FEWEST
+
+
+def _is_plain(model: TapModel) -> TypeGuard[HistogramModel]:
+    """Whether it is a histogram without states."""
+    return isinstance(model, HistogramModel) and len(model.states.gain) == 1
 
 
 def _p_value(score: ArrayLike, usual: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -8,7 +8,7 @@ from numpy.typing import ArrayLike, NDArray
 from .reference import ZeroEvidenceError
 
 if TYPE_CHECKING:
-    from ..models.histogram import HistogramModel
+    from ..models.model import TapModel
     from .engine import Engine
 
 TOLERANCE = 1e-9
@@ -41,7 +41,7 @@ class ShadowEngine:
         return f"{self._first.name} shadowed by {self._second.name}"
 
     @property
-    def model(self) -> "HistogramModel":
+    def model(self) -> "TapModel":
         """That of the first."""
         return self._first.model
 

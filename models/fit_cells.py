@@ -19,7 +19,8 @@ from .priors import CellPrior, Taps
 from .scaling import Moments, sum_by
 
 _GRID, _REACH = 101, 8.0  # points, and standard deviations to either side of the mode
-_ROUNDS, _STILL = 200, 1e-4  # rounds at most, and the change of a slope at which they end
+_ROUNDS, _STILL = 2000, 1e-4  # rounds at most, and the change of a slope at which they end
+_SETTLING = 10  # rounds after which the prior of the variances stays as it is
 _LEAST = 1e-4  # of the variances that a prior expects, in units of `Scaling`
 
 
@@ -257,7 +258,8 @@ def _ar_posterior(series: Series, prior: CellPrior, K: int) -> ArPosterior:
         weight = np.exp(log_weight - log_weight.max(axis=1, keepdims=True))
         weight /= weight.sum(axis=1, keepdims=True)
         centre = (rho * weight).sum(axis=1, keepdims=True)
-        reach = np.maximum(_REACH * np.sqrt((weight * (rho - centre) ** 2).sum(axis=1, keepdims=True)), 1e-6)
+        deviation = np.sqrt((weight * (rho - centre) ** 2).sum(axis=1, keepdims=True))
+        reach = np.maximum(_REACH * deviation, rho[:, 1:2] - rho[:, :1])  # a narrow mode may lie between two points
         low, high = np.maximum(centre - reach, -1.0), np.minimum(centre + reach, 1.0)
     return ArPosterior(rho, weight, series, prior)
 
@@ -338,7 +340,8 @@ def fit_profile_mvn(taps: Taps, prior: CellPrior | None = None) -> MvnPosterior:
         slope, root = _slope_rows(full, cells.a / cells.b, typical, tightness, used)
         typical, tightness = _shared(slope, root, used)
         square = _squares(np.eye(K) - slope, full) + _uncertain(root, full)
-        prior = known or estimated_prior(count - 1, square)
+        if known is None and rounds < _SETTLING:
+            prior = estimated_prior(count - 1, square)
         change, rounds = float(np.abs(slope - before).max()), rounds + 1
     return MvnPosterior(slope, root, moments.mean, scatter, count, prior, typical, tightness, rounds, change)
 

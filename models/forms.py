@@ -37,19 +37,22 @@ class TableForm(NamedTuple):
         return self.log_prob.shape[0], self.log_prob.shape[1]
 
     def in_state(self, gain: float, offset: float, edges: NDArray[np.float64]) -> Self:
-        """The distributions of `gain` times a sample plus `offset`; within a bin samples are taken for uniform."""
-        L, H, K, B = self.log_prob.shape
+        """The distributions of `gain` times a sample plus `offset`.
+
+        Within a bin samples are taken for uniform. Where the range moves inwards, the bins left empty at its ends get
+        the density of the end bin, so that no sample becomes impossible by the state alone.
+        """
+        K, B = self.log_prob.shape[2:]
         edges = np.broadcast_to(edges, (K, B + 1))
-        cumulative = np.concatenate([np.zeros((L, H, K, 1)), np.exp(self.log_prob).cumsum(axis=-1)], axis=-1)
-        below = np.empty_like(cumulative)
+        moved = np.empty_like(self.log_prob)
         for k in range(K):
-            place = np.interp((edges[k] - offset) / gain, edges[k], np.arange(B + 1))
-            whole = np.minimum(place.astype(int), B - 1)
-            part = place - whole
-            below[:, :, k] = cumulative[:, :, k, whole] * (1 - part) + cumulative[:, :, k, whole + 1] * part
-        below[..., 0], below[..., -1] = 0.0, cumulative[..., -1]
-        with np.errstate(divide="ignore"):
-            return type(self)(np.log(np.maximum(np.diff(below, axis=-1), 0.0)))
+            place = _in_bins((edges[k] - offset) / gain, edges[k])
+            cuts = np.union1d(np.arange(B + 1.0), np.append(place, [min(place[0], 0.0), max(place[-1], B)]))
+            source = np.clip(np.floor(0.5 * (cuts[:-1] + cuts[1:])), 0, B - 1).astype(np.intp)
+            pieces = self.log_prob[:, :, k, source] + np.log(np.diff(cuts))
+            first = np.append(0, np.searchsorted(cuts, place[1:-1]))
+            moved[:, :, k] = np.logaddexp.reduceat(pieces, first, axis=-1)
+        return type(self)(moved - np.logaddexp.reduce(moved, axis=-1, keepdims=True))
 
     def prepare(self, impossible: NDArray[np.bool_]) -> "PreparedTable":
         """What stays the same from tap to tap; `impossible` hypotheses, shape (L, H), have likelihood 0."""
@@ -62,9 +65,9 @@ class TableForm(NamedTuple):
         self, taps: NDArray[np.floating], edges: NDArray[np.float64], where: NDArray[np.intp], what: NDArray[np.intp]
     ) -> NDArray[np.float64]:
         """Log probability of the bins of taps (N, J, K) under their own hypotheses, shape (N,)."""
-        bins = find_bins(taps, edges)
-        rows = self.log_prob[where, what]
-        return np.take_along_axis(rows, bins.swapaxes(1, 2), axis=2).sum(axis=(1, 2))
+        bins = _known_bins(taps, edges)
+        where, what = where[:, None, None], what[:, None, None]
+        return self.log_prob[where, what, np.arange(taps.shape[-1]), bins].sum(axis=(1, 2))
 
     def sample(
         self,
@@ -261,15 +264,29 @@ def bin_gaps(
     Raises:
         InputError: A sample is NaN.
     """
-    bins = find_bins(taps, edges)
-    if bins.size and bins.min() < 0:
-        raise InputError("A sample is NaN and belongs to no bin.")
+    bins = _known_bins(taps, edges)
     K = taps.shape[-1]
     edges = np.broadcast_to(edges, (K, edges.shape[-1]))
     lower, upper = edges[:, :-1].copy(), edges[:, 1:].copy()
     lower[:, 0], upper[:, -1] = -np.inf, np.inf
     samples, taxel = np.ascontiguousarray(taps, dtype=np.float64), np.arange(K)
     return samples, lower[taxel, bins] - samples, upper[taxel, bins] - samples
+
+
+def _known_bins(taps: NDArray[np.floating], edges: NDArray[np.float64]) -> NDArray[np.intp]:
+    bins = find_bins(taps, edges)
+    if bins.size and bins.min() < 0:
+        raise InputError("A sample is NaN and belongs to no bin.")
+    return bins
+
+
+def _in_bins(values: NDArray[np.float64], edges: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Values (...) in numbers of bins from the lowest edge; end bins set the scale beyond them."""
+    width = np.diff(edges)
+    inside = np.interp(values, edges, np.arange(len(edges)))
+    return (
+        inside + np.minimum(values - edges[0], 0.0) / width[0] + np.maximum(values - edges[-1], 0.0) / width[-1]
+    )
 
 
 def in_states(form: Form, states: States, edges: NDArray[np.float64]) -> Form:

@@ -6,7 +6,7 @@ group                  content
 root                   attributes: ``kind``, ``format``, settings, class grid, how the fit converged
 ``constant_data``      bin edges, training data as far as the model needs it, states, digests of the taps
 ``parameters``         those with which the model decides (not for the histogram, whose counts are data)
-``posterior``          draws of the parameters, dims (chain, draw, ...), if asked for
+``posterior``          draws of the parameters, dims (chain, draw, ...), if asked for; see `model_draws`
 ``sample_stats``       numbers that tell how the fit converged
 ``log_likelihood``     ``bins``: of each training tap under its own class at power 1, dims (chain, draw, tap)
 =====================  =====================================================================================
@@ -57,6 +57,9 @@ DIMS: dict[str, dict[str, tuple[str, ...]]] = {
     "smooth": {"weight": ("what", "sample", "taxel", "basis"), "variance": _CELL},
 }
 """Dims of the parameters of each kind of model."""
+_POSITIVE = ("variance", "scale", "freedom")
+_COVARIANCES = {"time_covariance", "taxel_covariance"}
+_ROUNDING = 1e-9
 
 
 class Draws(NamedTuple):
@@ -97,8 +100,9 @@ def save_model(
         groups["parameters"] = xr.Dataset({name: (dims[name], model.parameters[name]) for name in dims}, coords)
     if draws is not None:
         posterior = {name: (("chain", "draw", *dims[name]), values) for name, values in draws.parameters.items()}
-        groups["posterior"] = xr.Dataset(posterior, coords)
-        groups["log_likelihood"] = xr.Dataset({"bins": (("chain", "draw", "tap"), draws.log_likelihood)})
+        numbers = dict(zip(("chain", "draw"), map(np.arange, draws.log_likelihood.shape[:2]), strict=True))
+        groups["posterior"] = xr.Dataset(posterior, coords | numbers)
+        groups["log_likelihood"] = xr.Dataset({"bins": (("chain", "draw", "tap"), draws.log_likelihood)}, numbers)
     if convergence is not None:
         stats = {name: (("step",) * np.ndim(value), value) for name, value in convergence.stats.items()}
         groups["sample_stats"] = xr.Dataset(stats)
@@ -220,8 +224,11 @@ def _model(attributes: dict[str, Any], data: xr.Dataset, parameters: xr.Dataset)
     if attributes["kind"] == "histogram":
         model = HistogramModel(counts=data["counts"].values, pseudocount=float(attributes["pseudocount"]), **common)
         _check_counts(model)
-        return model
-    return _parametric(attributes["kind"], data, parameters, common)
+    else:
+        model = _parametric(attributes["kind"], data, parameters, common)
+    if not (np.diff(model.edges) > 0).all():
+        raise ValueError("its edges do not increase.")
+    return model
 
 
 def _check_counts(model: HistogramModel) -> None:
@@ -229,6 +236,8 @@ def _check_counts(model: HistogramModel) -> None:
     fits = len(shape) == 4 and model.edges.shape in ((shape[3] + 1,), (shape[2], shape[3] + 1))
     if not fits or shape[:2] != model.grid.shape:
         raise ValueError(f"its counts have shape {shape}, its edges {model.edges.shape}.")
+    if (model.counts < 0).any():
+        raise ValueError("its counts are below 0.")
 
 
 def _parametric(kind: str, data: xr.Dataset, parameters: xr.Dataset, common: dict[str, Any]) -> ParametricModel:
@@ -244,23 +253,46 @@ def _parametric(kind: str, data: xr.Dataset, parameters: xr.Dataset, common: dic
         covered=data["covered"].values.astype(bool),
         **common,
     )
-    J, K = model.preprocessing.samples, model.K
-    sizes = {"where": grid.L, "what": grid.M, "taxel": K, "sample": J, "once": 1}
-    for name, array in values.items():
-        expected = tuple(sizes.get(dim, size) for dim, size in zip(DIMS[kind][name], array.shape, strict=True))
-        if array.shape != expected or not np.isfinite(array).all():
-            raise ValueError(f"its {name} has shape {array.shape} or is not finite; it should have shape {expected}.")
-    if model.covered.shape != grid.shape or model.edges.shape[:-1] not in ((), (K,)):
+    _check_parameters(model)
+    if model.covered.shape != grid.shape or model.edges.shape[:-1] not in ((), (model.K,)):
         raise ValueError(f"its covered classes have shape {model.covered.shape}, its edges {model.edges.shape}.")
     return model
+
+
+def _check_parameters(model: ParametricModel) -> None:
+    grid, J, K = model.grid, model.preprocessing.samples, model.K
+    _check_array("centre", model.scaling.centre, (K,))
+    _check_array("unit", model.scaling.unit, (K,))
+    sizes = {"where": grid.L, "what": grid.M, "taxel": K, "from_taxel": K, "other_taxel": K, "sample": J}
+    sizes |= {"other_sample": J, "once": 1, "basis": model.basis.shape[2]}
+    for name, dims in DIMS[model.story].items():
+        _check_array(name, model.parameters[name], tuple(sizes[dim] for dim in dims))
+    if model.story == "smooth":
+        _check_array("basis", model.basis, (len(model.basis), grid.L, model.basis.shape[2]))
+    positive = {"unit": model.scaling.unit} | {n: v for n, v in model.parameters.items() if n in _POSITIVE}
+    for name, values in positive.items():
+        if not (values > 0).all():
+            raise ValueError(f"its {name} is not above 0 everywhere.")
+    for name in _COVARIANCES & set(model.parameters):
+        if (np.linalg.eigvalsh(model.parameters[name]) <= 0).any():
+            raise ValueError(f"its {name} is no covariance.")
+
+
+def _check_array(name: str, values: NDArray[np.float64], shape: tuple[int, ...]) -> None:
+    if values.shape != shape or not np.isfinite(values).all():
+        raise ValueError(f"its {name} has shape {values.shape} or is not finite; it should have shape {shape}.")
 
 
 def _states(data: xr.Dataset) -> States:
     if "state_gain" not in data:
         return ONE_STATE
     states = States(data["state_gain"].values, data["state_offset"].values, data["state_log_prior"].values)
+    if not states.gain.shape == states.offset.shape == states.log_prior.shape or states.gain.ndim != 1:
+        raise ValueError("its states have no gain, offset and probability each.")
     if not all(np.isfinite(values).all() and len(values) for values in states) or (states.gain <= 0).any():
         raise ValueError("its states are not finite or have a gain that is not above 0.")
+    if abs(np.logaddexp.reduce(states.log_prior)) > _ROUNDING:
+        raise ValueError("its states have probabilities that do not sum to 1.")
     return states
 
 

@@ -1,8 +1,15 @@
 """The root in Eq. 1 of the paper: how much the samples of one tap count."""
 
+import re
+
 import numpy as np
 
 from .errors import InputError
+
+LEARNED = "learned"
+"""As a power: to be learned from training sessions left out in turn; `learned:N` says after how many taps."""
+TAPS = 20
+"""Taps after which a learned power is judged where nothing else is said."""
 
 
 def likelihood_exponent(power: str | float, J: int, K: int) -> float:
@@ -33,3 +40,34 @@ def parse_power(text: str) -> str | float:
     if not (np.isfinite(number) and number > 0):
         raise InputError(f"The power must be J, JK, none or a positive number, got {text!r}.")
     return number
+
+
+def parse_power_choice(text: str) -> str | float:
+    """A power as written on a command line where one is fitted: also `learned`, or `learned:N`.
+
+    Raises:
+        InputError: It is none of these.
+    """
+    try:
+        return text if learned_taps(text) else parse_power(text)
+    except InputError as error:
+        if text.startswith(LEARNED):
+            raise
+        raise InputError(f"{str(error).rstrip('.')}; {LEARNED} finds one.") from None
+
+
+def learned_taps(power: str | float) -> int | None:
+    """After how many taps a power that is to be learned is judged; `None` for other powers.
+
+    Raises:
+        InputError: It begins with `learned` and ends in no number of taps.
+    """
+    if not isinstance(power, str) or not power.startswith(LEARNED):
+        return None
+    matched = re.fullmatch(f"{LEARNED}(?::([0-9]{{1,6}}))?", power)
+    taps = int(matched[1] or TAPS) if matched else 0
+    if not taps:
+        raise InputError(
+            f"A learned power is written {LEARNED} or {LEARNED}:{TAPS} with a number of taps, got {power!r}."
+        )
+    return taps

@@ -24,7 +24,7 @@ class Scaling(NamedTuple):
     def of(cls, taps: Taps, edges: NDArray[np.float64]) -> Self:
         """That of training taps, given in their own unit."""
         moments = Moments.of(taps)
-        within = moments.square.sum(axis=(0, 1, 2)) / (moments.freedom * taps.samples.shape[1])
+        within = moments.square.sum(axis=(0, 1, 2)) / max(moments.freedom * taps.samples.shape[1], 1.0)
         width = np.diff(edges, axis=-1).mean(axis=-1) / np.sqrt(12.0)
         return cls(taps.samples.mean(axis=(0, 1)), np.maximum(np.sqrt(within), width))
 

@@ -17,6 +17,8 @@ GAINS, OFFSETS = 7, 3
 """Points of the grid."""
 _REACH = 2.0  # standard deviations to which the grid reaches
 _GAIN_SD, _OFFSET_BINS = 0.05, 0.5  # where a single training session says nothing
+_LEAST_GAIN = 1e-3
+_FLAT = 0.1  # signal over noise below which taps say nothing of a gain
 
 
 def state_grid(gain_sd: float, offset_sd: float, gains: int = GAINS, offsets: int = OFFSETS) -> States:
@@ -49,8 +51,8 @@ def _points(number: int, sd: float) -> NDArray[np.float64]:
 def session_spread(taps: TapSet, grid: ClassGrid, edges: NDArray[np.float64]) -> tuple[float, float]:
     """How much log gain and offset differ between sessions of training taps, as standard deviations.
 
-    Each session's mean taps are regressed on those of all sessions, class by class. With a single session 5 % and half
-    a bin stand in.
+    The mean taps of the classes in each session are regressed on those in all others. Where that says nothing, as with
+    a single session, 5 % and half a bin stand in.
 
     Args:
         taps: Training taps.
@@ -63,28 +65,42 @@ def session_spread(taps: TapSet, grid: ClassGrid, edges: NDArray[np.float64]) ->
     numbers = np.unique(session)
     if len(numbers) < 2:
         return _GAIN_SD, _OFFSET_BINS * float(np.diff(edges, axis=-1).mean())
-    classes = grid.L * grid.M
     log_gain, offset = [], []
     for number in numbers:
-        this = session == number
-        shared = np.intersect1d(own[this], own[~this])
-        if not len(shared):
-            continue
-        mean, rest = (
-            (
-                sum_by(own[part], samples[part], classes)
-                / np.maximum(np.bincount(own[part], minlength=classes), 1)[:, None, None]
-            )[shared].ravel()
-            for part in (this, ~this)
-        )
-        slope, intercept = np.polyfit(rest, mean, 1) if rest.std() > 0 else (1.0, float((mean - rest).mean()))
-        log_gain.append(np.log(max(slope, 1e-3)))
-        offset.append(intercept)
+        pair = _shared_means(own, samples, session == number, grid.L * grid.M)
+        if pair is not None:
+            slope, intercept = _line(*pair)
+            log_gain.append(np.log(max(slope, _LEAST_GAIN)))
+            offset.append(intercept)
     if not log_gain:
         return _GAIN_SD, _OFFSET_BINS * float(np.diff(edges, axis=-1).mean())
     # A session differs from the mean of n - 1 others by more than from the truth.
     shrink = np.sqrt(1 - 1 / len(numbers))
     return float(shrink * _root_mean_square(log_gain)), float(shrink * _root_mean_square(offset))
+
+
+def _shared_means(
+    own: NDArray[np.intp], samples: NDArray[np.float64], this: NDArray[np.bool_], classes: int
+) -> tuple[NDArray[np.float64], NDArray[np.float64], float] | None:
+    """Mean taps, flat, of the classes that a session and the others have, and the noise variance of the latter.
+
+    `None` where there are no such classes, or no class with two taps in the others to tell noise by.
+    """
+    shared, count = np.intersect1d(own[this], own[~this]), np.bincount(own[~this], minlength=classes)
+    freedom = int(np.maximum(count - 1, 0).sum())
+    if not len(shared) or not freedom:
+        return None
+    mean, rest = (_class_means(own[part], samples[part], classes) for part in (this, ~this))
+    square = ((samples[~this] - rest[own[~this]]) ** 2).sum(axis=0).mean()
+    noise = float(square / freedom * (1 / count[shared]).mean())
+    return mean[shared].ravel(), rest[shared].ravel(), noise
+
+
+def _line(mean: NDArray[np.float64], rest: NDArray[np.float64], noise: float) -> tuple[float, float]:
+    """Slope and intercept of means over others, which have this noise variance; unnoticed it would flatten the line."""
+    signal = float(rest.var()) - noise
+    slope = float(((mean - mean.mean()) * (rest - rest.mean())).mean()) / signal if signal > _FLAT * noise else 1.0
+    return slope, float(mean.mean() - slope * rest.mean())
 
 
 def _class_means(own: NDArray[np.intp], samples: NDArray[np.float64], classes: int) -> NDArray[np.float64]:

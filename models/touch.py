@@ -1,8 +1,9 @@
-"""NumPyro models of one tap and of a sequence of taps with moves.
+"""NumPyro models of one tap and of a sequence of taps with moves, under any measurement model.
 
-The state is (where_t, what_t), the position class of the sensor and the object class. Positions change only by
-commanded moves, so the transition is Eq. 9 of the paper read as a Markov kernel. References: Lepora,
-Martinez-Hernandez and Prescott, "A SOLID case for active Bayesian perception in robot touch" (2013), Eq. 1, 3, 4, 9.
+Unknown are where_t and what_t, the position class of the sensor and the object class, and session, the state that all
+taps of an episode share (see `states`; most measurement models have one only). Positions change only by commanded
+moves, so the transition is Eq. 9 of the paper read as a Markov kernel. References: Lepora, Martinez-Hernandez and
+Prescott, "A SOLID case for active Bayesian perception in robot touch" (2013), Eq. 1, 3, 4, 9.
 
 Untrained classes (cells without a training tap) are impossible at every tap: their histogram is no knowledge, and a
 flat one would win whenever a tap is unusual.
@@ -20,6 +21,9 @@ from numpy.typing import NDArray
 from numpyro.contrib.funsor import markov
 from numpyro.ops.indexing import Vindex
 
+from .binned import BinnedTap
+from .forms import Form, TableForm
+
 KERNEL_BORDERS = ("uniform", "uniform_what", "clamp", "circular")
 
 
@@ -27,14 +31,60 @@ class TouchTables(NamedTuple):
     """What both models need to know of the fitted measurement model.
 
     Attributes:
-        log_prob: log P_k(b | x_l, w_m), finite rows also for untrained classes, shape (L, M, K, B).
+        form: The probability of a tap's bins, finite also for untrained classes; see `forms`.
+        edges: Bin edges, shape (B + 1,) or (K, B + 1).
         log_trained: 0 for a trained class and -inf for an untrained one, shape (L, M).
-        exponent: Power of the likelihood product, 1/J in Eq. 1.
+        exponent: Power of the likelihood, 1/J in Eq. 1.
+    """
+
+    form: Form
+    edges: jax.Array
+    log_trained: jax.Array
+    exponent: float
+
+
+class SplitPrior(NamedTuple):
+    """A joint prior as a chain of conditionals.
+
+    Attributes:
+        log_session: log p(session), shape (S,).
+        log_where: log p(where | session), shape (S, L).
+        log_what: log p(what | session, where), shape (S, L, M).
+    """
+
+    log_session: jax.Array
+    log_where: jax.Array
+    log_what: jax.Array
+
+
+class CountedTaps(NamedTuple):
+    """Taps of a sequence under a measurement model of independent samples without states.
+
+    Attributes:
+        log_prob: log P_k(b | x_l, w_m), shape (L, M, K, B).
+        counts: Occupation counts of every tap, shape (T, K, B).
     """
 
     log_prob: jax.Array
-    log_trained: jax.Array
-    exponent: float
+    counts: jax.Array
+
+    def observe(self, t: int, session: jax.Array, where: jax.Array, what: jax.Array) -> None:  # noqa: ARG002
+        """Tap t at power 1."""
+        numpyro.sample(f"tap_{t}", TapCounts(Vindex(self.log_prob)[where, what]), obs=self.counts[t])
+
+
+class WeighedTaps(NamedTuple):
+    """Taps of a sequence under any measurement model, each told by what it says about the classes.
+
+    Attributes:
+        log_likelihood: log P(z_t | session, x_l, w_m) at power 1, shape (T, S, L, M).
+    """
+
+    log_likelihood: jax.Array
+
+    def observe(self, t: int, session: jax.Array, where: jax.Array, what: jax.Array) -> None:
+        """Tap t at power 1."""
+        numpyro.factor(f"tap_{t}", Vindex(self.log_likelihood[t])[session, where, what])
 
 
 class MoveKernel(NamedTuple):
@@ -101,43 +151,67 @@ def move_kernel(L: int, delta: int, border: str) -> MoveKernel:
     return MoveKernel(where, ~inside if border == "uniform" else np.zeros(L, dtype=bool))
 
 
-def split_prior(log_prior: jax.Array) -> tuple[jax.Array, jax.Array]:
-    """A joint log prior (L, M) as log p(where), shape (L,), and log p(what | where), shape (L, M).
+def split_prior(log_prior: jax.Array) -> SplitPrior:
+    """A joint log prior over where, session and what, shape (L, S, M), one after the other.
 
-    Rows that are impossible as a whole get a flat conditional, which their zero probability cancels.
+    Conditions that are impossible as a whole get a flat conditional, which their zero probability cancels.
     """
-    log_where = jax.nn.logsumexp(log_prior, axis=1)
-    impossible = jnp.isneginf(log_where)[:, None]
-    return log_where, jnp.where(impossible, 0.0, log_prior - jnp.where(impossible, 0.0, log_where[:, None]))
+    log_joint = jnp.moveaxis(log_prior, 0, 1)
+    log_session_where = jax.nn.logsumexp(log_joint, axis=2)
+    log_session = jax.nn.logsumexp(log_session_where, axis=1)
+    return SplitPrior(
+        log_session, _conditional(log_session_where, log_session), _conditional(log_joint, log_session_where)
+    )
 
 
-def one_tap(tables: TouchTables, log_prior: jax.Array, bins: ArrayLike) -> None:
-    """One tap on an object of unknown place and kind; Eq. 1 and 3.
+def _conditional(log_joint: jax.Array, log_marginal: jax.Array) -> jax.Array:
+    impossible = jnp.isneginf(log_marginal)[..., None]
+    return jnp.where(impossible, 0.0, log_joint - jnp.where(impossible, 0.0, log_marginal[..., None]))
+
+
+def one_tap(tables: TouchTables, log_prior: jax.Array, tap: ArrayLike) -> None:
+    """One tap on an object of unknown place and kind in a session of unknown state; Eq. 1 and 3.
 
     Args:
         tables: The fitted measurement model.
-        log_prior: Log belief before the tap, shape (L, M).
-        bins: Bin of each sample and taxel, shape (J, K).
+        log_prior: Log belief before the tap, shape (L, S, M).
+        tap: As `observe_tap` takes it.
     """
-    log_where, log_what = split_prior(log_prior)
-    where = numpyro.sample("where", dist.CategoricalLogits(logits=log_where))
-    what = numpyro.sample("what", dist.CategoricalLogits(logits=log_what[where]))
+    prior = split_prior(log_prior)
+    session = numpyro.sample("session", dist.CategoricalLogits(logits=prior.log_session))
+    where = numpyro.sample("where", dist.CategoricalLogits(logits=prior.log_where[session]))
+    what = numpyro.sample("what", dist.CategoricalLogits(logits=prior.log_what[session, where]))
     numpyro.factor("trained", tables.log_trained[where, what])
-    J, K = jnp.shape(bins)
     # The J-th root of Eq. 1 is a tempered likelihood: all samples of a taxel together count as one.
-    with (
-        numpyro.handlers.scale(scale=tables.exponent),
-        numpyro.plate("J", J, dim=-2),
-        numpyro.plate("K", K, dim=-1),
-    ):
-        numpyro.sample("bins", dist.CategoricalLogits(logits=tables.log_prob[where, what]), obs=bins)
+    with numpyro.handlers.scale(scale=tables.exponent):
+        observe_tap(tables, where, session * log_prior.shape[2] + what, tap)
+
+
+def observe_tap(tables: TouchTables, where: jax.Array, hypothesis: jax.Array, tap: ArrayLike) -> None:
+    """The samples of a tap at power 1.
+
+    Args:
+        tables: The fitted measurement model.
+        where: Where class.
+        hypothesis: Object in its state.
+        tap: Bin of each sample and taxel under a `TableForm`, the samples themselves under a `GaussianForm`; shape
+            (J, K).
+    """
+    form, (J, K) = tables.form, jnp.shape(tap)
+    if isinstance(form, TableForm):
+        with numpyro.plate("J", J, dim=-2), numpyro.plate("K", K, dim=-1):
+            numpyro.sample("bins", dist.CategoricalLogits(logits=form.log_prob[where, hypothesis]), obs=tap)
+        return
+    taxel = jnp.broadcast_to(form.taxel, (*form.shape, *form.taxel.shape[2:]))[where, hypothesis]
+    mean, scale = form.mean[:, where, hypothesis], form.scale[:, where, hypothesis]
+    numpyro.sample("tap", BinnedTap(mean, scale, form.time, taxel, form.log_weight, tables.edges), obs=tap)
 
 
 def tap_sequence(
-    tables: TouchTables,
-    log_where: jax.Array,
-    log_what: jax.Array,
-    counts: jax.Array,
+    log_trained: jax.Array,
+    exponent: jax.Array,
+    prior: SplitPrior,
+    taps: CountedTaps | WeighedTaps,
     log_where_kernel: jax.Array,
     log_what_kernel: jax.Array,
     used: jax.Array,
@@ -146,29 +220,30 @@ def tap_sequence(
     """A sequence of T taps with a move before each but the first; Eq. 1, 3, 4 and 9.
 
     To be enumerated with `numpyro.contrib.funsor`. The gradient of its log evidence with respect to `probe[t]` is
-    the posterior of (where_t, what_t).
+    the posterior of (session, where_t, what_t).
 
     Args:
-        tables: The fitted measurement model.
-        log_where: log p(where_0), shape (L,), see `split_prior`.
-        log_what: log p(what_0 | where_0), shape (L, M).
-        counts: Occupation counts of every tap, shape (T, K, B).
+        log_trained: 0 for a trained class, as good as impossible for an untrained one, shape (L, M).
+        exponent: Power of the likelihood.
+        prior: Before the first tap.
+        taps: What is observed.
         log_where_kernel: log p(where_t | where_{t-1}), shape (T, L, L); entry 0 is not used.
         log_what_kernel: log p(what_t | where_{t-1}, what_{t-1}), shape (T, L, M, M); entry 0 is not used.
         used: Whether each tap is observed, shape (T,).
-        probe: Zeros, shape (T, L, M).
+        probe: Zeros, shape (T, S, L, M).
     """
+    session = numpyro.sample("session", dist.CategoricalLogits(logits=prior.log_session))
     where, what = None, None
-    for t in markov(range(len(counts))):
+    for t in markov(range(len(used))):
         if where is None:
-            where = numpyro.sample("where_0", dist.CategoricalLogits(logits=log_where))
-            what = numpyro.sample("what_0", dist.CategoricalLogits(logits=Vindex(log_what)[where]))
+            where = numpyro.sample("where_0", dist.CategoricalLogits(logits=Vindex(prior.log_where)[session]))
+            what = numpyro.sample("what_0", dist.CategoricalLogits(logits=Vindex(prior.log_what)[session, where]))
         else:
             before = where
             where = numpyro.sample(f"where_{t}", dist.CategoricalLogits(logits=Vindex(log_where_kernel[t])[before]))
             what = numpyro.sample(f"what_{t}", dist.CategoricalLogits(logits=Vindex(log_what_kernel[t])[before, what]))
-        numpyro.factor(f"probe_{t}", Vindex(probe[t])[where, what])
+        numpyro.factor(f"probe_{t}", Vindex(probe[t])[session, where, what])
         with numpyro.handlers.mask(mask=used[t]):
-            numpyro.factor(f"trained_{t}", Vindex(tables.log_trained)[where, what])
-            with numpyro.handlers.scale(scale=tables.exponent):
-                numpyro.sample(f"tap_{t}", TapCounts(Vindex(tables.log_prob)[where, what]), obs=counts[t])
+            numpyro.factor(f"trained_{t}", Vindex(log_trained)[where, what])
+            with numpyro.handlers.scale(scale=exponent):
+                taps.observe(t, session, where, what)

@@ -85,8 +85,8 @@ def test_data_sets_do_not_share_random_numbers_and_models_do(make_study):
 
 def test_likelihoods_are_shared_between_cells_of_one_fit(make_study, tmp_path, monkeypatch):
     fits = []
-    fitted = sweep_cell.MODELS["histogram"]
-    monkeypatch.setitem(sweep_cell.MODELS, "histogram", lambda *a: fits.append(a) or fitted(*a))
+    fitted = sweep_cell.fit_cell
+    monkeypatch.setattr(sweep_cell, "fit_cell", lambda *a: fits.append(a) or fitted(*a))
     sweep_cell._table.cache_clear()
 
     sweep(make_study(GRID), tmp_path / "s.zarr", in_this_process)

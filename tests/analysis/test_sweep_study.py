@@ -9,6 +9,7 @@ from hypothesis import strategies as st
 from solidtouch.analysis.sweep_cells import AXES, CellGrid
 from solidtouch.analysis.sweep_data import Sources
 from solidtouch.analysis.sweep_study import load_study, parse_study
+from solidtouch.models.catalogue import CATALOGUE
 from solidtouch.models.errors import InputError
 
 LEAST = """
@@ -27,7 +28,13 @@ WRONG = {
     "an empty axis": (f"{LEAST}[grid]\nseed = []", "grid.seed: expected `array` of length >= 1"),
     "no bins": (f"{LEAST}[grid]\nbins = [0]", "grid.bins"),
     "a value twice": (f"{LEAST}[grid]\nbins = [10, 10]", "grid.bins: 10 stands there twice"),
-    "an unknown model": (f'{LEAST}[grid]\nmodel = ["gauss"]', "grid.model: it must be one of histogram"),
+    "an unknown model": (f'{LEAST}[grid]\nmodel = ["gauss"]', "grid.model: There is no model 'gauss'; .*histogram.*session"),
+    "a model in two states": (f'{LEAST}[grid]\nmodel = ["session:session"]', "grid.model: There is no model"),
+    "a model with a state and the border prior": (
+        f'{LEAST}[grid]\nmodel = ["profile", "session:profile"]\nborder = ["clamp", "prior"]',
+        "grid.border: prior does not go with session:profile",
+    ),
+    "a power learned from no tap": (f'{LEAST}[grid]\npower = ["learned:0"]', "grid.power: A power to be learned is"),
     "an unknown border": (f'{LEAST}[grid]\nborder = ["open"]', "grid.border"),
     "an unknown policy": (f'{LEAST}[grid]\npolicy = ["lazy"]', "grid.policy: it must be passive, active or a number"),
     "theta_X beyond 1": (f"{LEAST}[grid]\npolicy = [1.5]", "grid.policy"),
@@ -62,6 +69,11 @@ def test_a_sentence_names_the_file(tmp_path):
         load_study(tmp_path / "bad.toml")
     with pytest.raises(InputError, match=r"none\.toml cannot be read"):
         load_study(tmp_path / "none.toml")
+
+
+@pytest.mark.parametrize("name", [*CATALOGUE, *(f"session:{n}" for n in CATALOGUE if n != "session")])
+def test_every_model_of_the_catalogue_can_be_swept(name):
+    assert parse_study(f'{LEAST}[grid]\nmodel = ["{name}"]\npower = ["learned", "learned:5", 0.1]').grid.model == (name,)
 
 
 def grid_of(text: str, *names: str) -> CellGrid:

@@ -147,10 +147,10 @@ def test_a_file_without_scores_is_a_model_that_cannot_tell(make_model, tmp_path)
 def test_damaged_scores_are_refused(calibrated, tmp_path, name, value):
     _, model = calibrated
     model.save(tmp_path / "model.nc")
-    with xr.open_dataset(tmp_path / "model.nc", engine="h5netcdf") as file:
-        dataset = file.load()
-    dataset[name][0] = value
-    dataset.to_netcdf(tmp_path / "bad.nc", engine="h5netcdf")
+    with xr.open_datatree(tmp_path / "model.nc", engine="h5netcdf") as file:
+        tree = file.load()
+    tree["constant_data"][name][0] = value
+    tree.to_netcdf(tmp_path / "bad.nc", engine="h5netcdf")
 
     with pytest.raises(InputError, match=r"bad\.nc is damaged: its novelty scores"):
         load_model(tmp_path / "bad.nc")

@@ -1,11 +1,8 @@
 """The measurement model: counts, likelihoods, NumPyro's view of it, and its file."""
 
-import json
-
 import jax
 import numpy as np
 import pytest
-import xarray as xr
 from numpyro.infer import MCMC, NUTS
 from numpyro.infer.util import log_density
 from scipy.special import gammaln
@@ -16,7 +13,6 @@ from solidtouch.models.bins import bin_edges, find_bins
 from solidtouch.models.classes import ClassGrid
 from solidtouch.models.errors import InputError
 from solidtouch.models.histogram import fit, histogram_model, trim
-from solidtouch.models.model_file import load_model
 from solidtouch.models.power import likelihood_exponent, parse_power
 from solidtouch.models.preprocessing import Preprocessing
 from solidtouch.models.taps import TapSet
@@ -370,89 +366,3 @@ def test_arguments_out_of_range_are_refused(taps, grid, more, message):
     """The message shows what was given."""
     with pytest.raises(InputError, match=message):
         fit(taps, grid, **more)
-
-
-# Files
-
-
-@pytest.mark.parametrize("more", [{}, {"value_range": "taxel", "power": 0.125, "pseudocount": 0.0, "bins": 1}])
-def test_a_model_survives_its_file(taps, grid, tmp_path, more):
-    """Nothing is lost or rounded."""
-    model = fit(empty_cells(taps, (1, 2)), grid, **more)
-    model.save(tmp_path / "model.nc")
-    loaded = load_model(tmp_path / "model.nc")
-
-    for name in ("pseudocount", "power", "preprocessing", "left_out", "version"):
-        assert getattr(model, name) == getattr(loaded, name)
-    assert loaded.left_out == ("rod 6 mm at 1.5 mm",)
-    assert model.version
-    assert model.grid.to_dict() == loaded.grid.to_dict()
-    for name in ("edges", "counts"):
-        np.testing.assert_array_equal(getattr(model, name), getattr(loaded, name))
-    np.testing.assert_array_equal(model.log_likelihood(taps.taps), loaded.log_likelihood(taps.taps))
-
-
-def test_existing_models_are_kept(make_model, tmp_path):
-    """Unless forced."""
-    path = tmp_path / "model.nc"
-    make_model(seed=1).save(path)
-    with pytest.raises(InputError, match="exists already"):
-        make_model(seed=2).save(path)
-    assert (load_model(path).counts == make_model(seed=1).counts).all()
-    make_model(seed=2).save(path, force=True)
-    assert (load_model(path).counts == make_model(seed=2).counts).all()
-
-
-def test_tap_sets_are_no_models(taps, tmp_path):
-    """Though they are netCDF."""
-    taps.save(tmp_path / "taps.nc")
-    with pytest.raises(InputError, match=r"taps\.nc is netCDF but no fitted histogram model of format 1"):
-        load_model(tmp_path / "taps.nc")
-
-
-def truncated(path):
-    path.write_bytes(path.read_bytes()[: path.stat().st_size // 2])
-
-
-def changed(change):
-    """A damage that edits the dataset in the file."""
-
-    def damage(path):
-        dataset = change(xr.load_dataset(path, engine="h5netcdf"))
-        path.unlink()
-        dataset.to_netcdf(path, engine="h5netcdf")
-
-    return damage
-
-
-DAMAGES = {
-    "truncated": (truncated, "cannot be read as netCDF"),
-    "missing": (lambda path: path.unlink(), "does not exist"),
-    "text": (lambda path: path.write_text("model"), "cannot be read as netCDF"),
-    "no counts": (changed(lambda d: d.drop_vars("counts")), "damaged: .*counts.* is missing"),
-    "no power": (
-        changed(lambda d: d.drop_attrs(deep=False).assign_attrs({k: v for k, v in d.attrs.items() if k != "power"})),
-        "'power' is missing",
-    ),
-    "other power": (changed(lambda d: d.assign_attrs(power="K")), "damaged: The power must be"),
-    "no JSON": (changed(lambda d: d.assign_attrs(grid="{")), "is damaged"),
-    "no grid": (changed(lambda d: d.assign_attrs(grid="{}")), "damaged: .*class grid"),
-    "no record": (changed(lambda d: d.assign_attrs(preprocessing="[]")), "damaged: .*preprocessing record"),
-    "other grid": (
-        changed(lambda d: d.assign_attrs(grid=json.dumps(json.loads(d.attrs["grid"]) | {"what_members": [["a"]]}))),
-        r"damaged: its counts have shape \(3, 4, 2, 7\)",
-    ),
-    "other edges": (changed(lambda d: d.isel(edge=slice(1, None))), r"its edges \(7,\)"),
-    "other format": (changed(lambda d: d.assign_attrs(format=99)), "no fitted histogram model of format 1"),
-}
-
-
-@pytest.mark.parametrize(("damage", "message"), DAMAGES.values(), ids=DAMAGES.keys())
-def test_damaged_files_are_refused(make_model, tmp_path, damage, message):
-    """The message names the file."""
-    path = tmp_path / "model.nc"
-    make_model().save(path)
-    damage(path)
-
-    with pytest.raises(InputError, match=rf"model\.nc.*{message}"):
-        load_model(path)

@@ -1,0 +1,157 @@
+"""`solidtouch compare`: measurement models side by side, by taps, classes and decisions."""
+
+import shlex
+import sys
+from collections.abc import Sequence
+from datetime import datetime
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+from typer import Option
+
+from ..models.errors import InputError
+from .interrupt import loading
+from .options import (
+    Bins,
+    Border,
+    Data,
+    Deadline,
+    Force,
+    Power,
+    Pseudocount,
+    Seed,
+    SplitMethod,
+    TestSessions,
+    TrainSessions,
+    ValueRange,
+    WhatCell,
+    WhereCell,
+    parse_thresholds,
+)
+
+if TYPE_CHECKING:
+    from ..models.splits import Split
+
+
+def compare(
+    data: Data,
+    models: Annotated[
+        str, Option(help="Names separated by commas, the reference first, such as histogram,profile; or all.")
+    ] = "all",
+    out: Annotated[Path | None, Option(help="Folder for the results; default runs/<date-time>-compare.")] = None,
+    where_cell: WhereCell = None,
+    what_cell: WhatCell = None,
+    split: SplitMethod = None,
+    train: TrainSessions = None,
+    test: TestSessions = None,
+    bins: Bins = 100,
+    pseudocount: Pseudocount = 0.01,
+    power: Power = "J",
+    value_range: ValueRange = "global",
+    unconverged: Annotated[
+        bool, Option("--allow-unconverged", help="Use fits that did not converge; they are marked.")
+    ] = False,
+    draws: Annotated[
+        int, Option(min=0, help="From each posterior, to leave out single taps; 0 skips that and predictive checks.")
+    ] = 400,
+    trials: Annotated[int, Option(min=1, help="Of each model, passive and active.")] = 4000,
+    thresholds: Annotated[str | None, Option(help="Belief thresholds, such as 0.5,0.9,0.99.")] = None,
+    theta_x: Annotated[float, Option(help="Belief in a position needed for a move; 0 always moves.")] = 0.0,
+    fixation: Annotated[int | None, Option(help="Fixation point as 0-based class index; default the middle.")] = None,
+    deadline: Deadline = 100,
+    border: Border = "uniform",
+    seed: Seed = 0,
+    force: Force = False,
+) -> None:
+    """Fits measurement models to training taps and compares how they predict taps, tell classes and decide."""
+    if not 0 <= theta_x <= 1:
+        raise InputError(f"--theta-x must lie between 0 and 1, got {theta_x}.")
+    with loading():
+        from rich.console import Console
+
+        from ..analysis.compare import CompareSettings
+        from ..analysis.compare import compare as run
+        from ..analysis.compare_report import write_comparison
+        from ..analysis.compare_summary import summarise
+        from ..analysis.compare_view import render
+        from ..inference.control import check_fixation
+        from ..inference.montecarlo import THRESHOLDS
+        from ..models.catalogue import FitSettings
+        from ..models.experiment import load_experiment
+        from ..models.histogram import trim
+        from ..models.power import parse_power
+        from ..models.storage import check_folder
+    from .progress import bars
+
+    names = _names(models)
+    folder = out or Path("runs") / f"{datetime.now().astimezone():%Y-%m-%d-%H%M%S}-compare"
+    check_folder(folder, force)
+    parts, grid = load_experiment(data, where_cell, what_cell, split, train, test)
+    if len(parts.folds) != 1:
+        raise InputError(
+            f"--split {parts.method} makes {len(parts.folds)} training sets; compare takes one, and leaves out each "
+            "session in turn by itself."
+        )
+    fold = parts.folds[0]
+    grid, dropped = trim(grid, [fold.train])
+    check_fixation(fixation, grid.L)
+    settings = CompareSettings(
+        models=names,
+        fit=FitSettings(
+            bins=bins,
+            pseudocount=pseudocount,
+            power=parse_power(power),
+            value_range=value_range,
+            unconverged=unconverged,
+            seed=seed,
+        ),
+        draws=draws,
+        trials=trials,
+        thresholds=THRESHOLDS if thresholds is None else parse_thresholds(thresholds),
+        theta_x=theta_x,
+        fixation=fixation,
+        border=border,
+        deadline=deadline,
+        seed=seed,
+    )
+    with bars() as progress:
+        comparison = run(fold.train, fold.test, grid, settings, progress)
+    summary = summarise(comparison, settings, _described(data, parts, dropped), power)
+    write_comparison(folder, comparison, summary, force)
+    render(summary, Console())
+    print(f"The report is {folder / 'report.html'}")
+
+
+def _names(models: str) -> tuple[str, ...]:
+    """Model names from the command line.
+
+    Raises:
+        InputError: There is no such model, or a name stands there twice.
+    """
+    from ..models.catalogue import CATALOGUE, split_name
+
+    names = tuple(CATALOGUE) if models == "all" else tuple(name.strip() for name in models.split(","))
+    for name in names:
+        split_name(name)
+    if len(set(names)) < len(names):
+        raise InputError(f"--models needs different names, got {models!r}.")
+    return names
+
+
+def _described(data: Sequence[Path], parts: "Split", dropped: Sequence[str]) -> dict[str, Any]:
+    """The data in words."""
+    fold = parts.folds[0]
+    sources = {str(part.dataset.attrs.get("source", "")) for part in (fold.train, fold.test)}
+    warnings = [parts.warning] if parts.warning else []
+    if dropped:
+        warnings.append(f"Left out for want of a training tap: {', '.join(dropped)}.")
+    return {
+        "title": f"Measurement models compared: {', '.join(path.name for path in data)}",
+        "command": shlex.join(["solidtouch", *sys.argv[1:]]),
+        "what_was_run": [
+            f"Every model was fitted to {len(fold.train)} training taps and judged on {len(fold.test)} test taps. "
+            + parts.description
+        ],
+        "simulated": all(source.startswith("simulated") for source in sources),
+        "warnings": warnings,
+    }
