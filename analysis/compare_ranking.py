@@ -7,6 +7,7 @@ import numpy as np
 import xarray as xr
 
 from .compare import Comparison
+from .report import number
 
 
 class Level(NamedTuple):
@@ -89,7 +90,7 @@ def findings(levels: Sequence[Level], reference: str) -> list[str]:
         sentences.append(sentence + ".")
     winners = {level.order[0] for level in levels}
     if len(winners) > 1:
-        sentences.append("The levels do not agree on a best model: the orders differ as the table of ranks shows.")
+        sentences.append("The levels do not agree on a best model; the table of ranks shows how the orders differ.")
     return sentences
 
 
@@ -113,10 +114,10 @@ def _ranking_time(equal: xr.Dataset, policy: str) -> float | None:
 
 
 def _value(level: Level, name: str) -> str:
-    return f"{level.values[name]:.3g} {level.unit}".strip()
+    return f"{number(level.values[name], 4)} {level.unit}".strip()
 
 
 def _interval(level: Level, name: str) -> str:
     if name not in level.low or name not in level.high:
         return ""
-    return f" (difference {level.low[name]:.3g} to {level.high[name]:.3g})"
+    return f" (difference {number(level.low[name])} to {number(level.high[name])})"

@@ -1,8 +1,8 @@
 """One interface to every way of computing the posterior, and the plain NumPy one behind it.
 
 An engine turns taps into log beliefs; what to decide and where to move is not its business. All engines carry the
-normalised log belief of shape (L, H) without any floor, so sequences may be of any length. H are the hypotheses, objects
-or objects in states (see `models.states`).
+normalised log belief of shape (L, H) without any floor, so sequences may be of any length. H are the hypotheses,
+objects or objects in states (see `models.states`).
 """
 
 from dataclasses import dataclass

@@ -2,7 +2,8 @@
 
 Given the covariance across taxels that in time has a Wishart posterior of its precision, and the other way round; each
 is updated with what is expected of the other until nothing changes ("flip-flop"; Dutilleul, Journal of Statistical
-Computation and Simulation 64 (1999) 105, in its variational form, Bishop ch. 10).
+Computation and Simulation 64 (1999) 105, in its variational form, Bishop ch. 10). The Wishart distribution that holds
+the taxel precisions of all classes is the one under which these are most probable.
 """
 
 from typing import NamedTuple
@@ -10,12 +11,15 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import solve_triangular
+from scipy.optimize import minimize_scalar
+from scipy.special import multigammaln, psi
 
 from .convergence import Convergence, ascent
 from .priors import KroneckerPrior, Taps
 from .scaling import Moments, sum_by
 
 _ROUNDS, _STILL = 200, 1e-5  # rounds at most, and the change at which they end
+_MOST_FREEDOM = 1e4  # of the distribution that the taxel precisions of all classes come from
 
 
 class KroneckerPosterior(NamedTuple):
@@ -28,6 +32,7 @@ class KroneckerPosterior(NamedTuple):
         taxel_scale: Expected sums of squares across taxels, shape (L, M, K, K).
         level: Expected means, shape (L, M, J, K).
         strength: Taps that they are worth, shape (L, M).
+        prior: Of precisions and means.
         rounds: How many rounds it took.
         change: Largest change of the covariance in time in the last one, relative to its variances.
     """
@@ -38,6 +43,7 @@ class KroneckerPosterior(NamedTuple):
     taxel_scale: NDArray[np.float64]
     level: NDArray[np.float64]
     strength: NDArray[np.float64]
+    prior: KroneckerPrior
     rounds: int
     change: float
 
@@ -64,24 +70,25 @@ class KroneckerPosterior(NamedTuple):
 
 
 def weak_prior(J: int, K: int) -> KroneckerPrior:
-    """A prior that expects independent samples of variance 1 in units of `Scaling`, worth about one tap, flat means."""
-    return KroneckerPrior(J + 2.0, 3.0 * np.eye(J), K + 2.0, 3.0 * np.eye(K), 0.0)
+    """A prior that expects independent samples of variance 1 in units of `Scaling`, and says little; flat means."""
+    return KroneckerPrior(J + 2.0, (J + 2.0) * np.eye(J), K + 2.0, (K + 2.0) * np.eye(K), 0.0)
 
 
 def fit_matrix_normal(taps: Taps, prior: KroneckerPrior | None = None) -> KroneckerPosterior:
-    """Factorised posterior of `stories.matrix_normal`."""
+    """Factorised posterior of `stories.matrix_normal`; without a prior that of the taxels is estimated."""
     moments, (L, M), (_, J, K) = Moments.of(taps), taps.shape, taps.samples.shape
-    prior, own = prior or weak_prior(J, K), taps.where * M + taps.what
+    known, own = prior, taps.where * M + taps.what
+    prior = known or weak_prior(J, K)
     rows, group, freedom = _rows(moments, own, prior.strength)
     time_freedom = prior.time_freedom + K * float(freedom.sum())
-    taxel_freedom = prior.taxel_freedom + J * freedom.reshape(L, M)
     time = np.eye(J)
-    taxel_scale = np.broadcast_to(prior.taxel_scale, (L * M, K, K))
+    taxel_scale, taxel_freedom = np.broadcast_to(prior.taxel_scale, (L * M, K, K)), prior.taxel_freedom + J * freedom
     time_scale, shape, change, rounds = prior.time_scale, time, np.inf, 0
     while change > _STILL and rounds < _ROUNDS:
         white = _whitened(time, rows)
-        taxel_scale = prior.taxel_scale + sum_by(group, white.swapaxes(1, 2) @ white, L * M)
-        root = np.linalg.cholesky(np.linalg.inv(taxel_scale) * taxel_freedom.reshape(-1, 1, 1))
+        squares = sum_by(group, white.swapaxes(1, 2) @ white, L * M)
+        taxel_scale, taxel_freedom = prior.taxel_scale + squares, prior.taxel_freedom + J * freedom
+        root = np.linalg.cholesky(np.linalg.inv(taxel_scale) * taxel_freedom[:, None, None])
         mixed = (rows @ root[group]).swapaxes(0, 1).reshape(J, -1)
         time_scale = prior.time_scale + mixed @ mixed.T
         time = time_scale / time_freedom
@@ -89,18 +96,47 @@ def fit_matrix_normal(taps: Taps, prior: KroneckerPrior | None = None) -> Kronec
         before, shape = shape, time * (J / np.trace(time))
         deviation = np.sqrt(np.diag(shape))
         change, rounds = float(np.abs((shape - before) / np.outer(deviation, deviation)).max()), rounds + 1
+        if known is None and change > _STILL and rounds < _ROUNDS:
+            prior = _estimated(prior, taxel_scale[freedom > 0], taxel_freedom[freedom > 0])
     count = moments.taps
     share = count / np.maximum(count + prior.strength, 1e-300)
     return KroneckerPosterior(
         time_freedom,
         time_scale,
-        taxel_freedom,
+        taxel_freedom.reshape(L, M),
         taxel_scale.reshape(L, M, K, K),
         share[..., None, None] * moments.mean,
         count + prior.strength,
+        prior,
         rounds,
         change,
     )
+
+
+def _estimated(prior: KroneckerPrior, scale: NDArray[np.float64], freedom: NDArray[np.float64]) -> KroneckerPrior:
+    """The prior under which taxel precisions with Wishart posteriors are most probable in expectation.
+
+    Args:
+        prior: The one before, which keeps what it says of time and means.
+        scale: Inverse scales of the posteriors, shape (C, K, K).
+        freedom: Their degrees of freedom, shape (C,).
+    """
+    K = scale.shape[-1]
+    covariance = np.linalg.inv((np.linalg.inv(scale) * freedom[:, None, None]).mean(axis=0))
+    log_precision = psi(0.5 * (freedom[:, None] - np.arange(K))).sum(axis=1) + K * np.log(2) - _log_det(scale)
+    gap = float(log_precision.mean() + _log_det(covariance))
+
+    def loss(log_freedom: float) -> float:
+        nu = float(np.exp(log_freedom))
+        return 0.5 * nu * (K - gap - K * np.log(0.5 * nu)) + multigammaln(0.5 * nu, K)
+
+    bounds = np.log(K + 2.0), np.log(_MOST_FREEDOM)
+    nu = float(np.exp(minimize_scalar(loss, bounds=bounds, method="bounded").x))  # pyright: ignore[reportAttributeAccessIssue]
+    return prior._replace(taxel_freedom=nu, taxel_scale=nu * covariance)
+
+
+def _log_det(matrices: NDArray[np.float64]) -> NDArray[np.float64]:
+    return np.linalg.slogdet(matrices)[1]
 
 
 def _rows(

@@ -67,7 +67,5 @@ def learned_taps(power: str | float) -> int | None:
     matched = re.fullmatch(f"{LEARNED}(?::([0-9]{{1,6}}))?", power)
     taps = int(matched[1] or TAPS) if matched else 0
     if not taps:
-        raise InputError(
-            f"A learned power is written {LEARNED} or {LEARNED}:{TAPS} with a number of taps, got {power!r}."
-        )
+        raise InputError(f"A power to be learned is {LEARNED}, or {LEARNED}: and a number of taps, got {power!r}.")
     return taps

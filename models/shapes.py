@@ -96,7 +96,8 @@ def _standardised(
     edges = (np.broadcast_to(frame.edges, (K, frame.edges.shape[-1])) - centre[:, None]) / unit[:, None]
     lower, upper = edges[:, :-1].copy(), edges[:, 1:].copy()
     lower[:, 0], upper[:, -1] = -np.inf, np.inf
-    level, scale = level[:, :, 0, :, None], scale[:, :, 0, :, None]
+    least = _least_deviation(frame)[:, None] / unit[:, None]
+    level, scale = level[:, :, 0, :, None], np.maximum(scale[:, :, 0, :, None], least)
     return (lower - level) / scale, (upper - level) / scale
 
 
@@ -110,10 +111,20 @@ def _gaussian(
     """A form from scaled means (Q, L, M, J, K) and innovation variances (L, M, J, K), V and W."""
     centre, unit = frame.scaling
     Q = len(mean)
-    scale = np.broadcast_to(np.sqrt(variance) * unit, mean.shape)
+    scale = np.broadcast_to(np.maximum(np.sqrt(variance) * unit, _least_deviation(frame)), mean.shape)
     if taxel.shape[-1]:
         taxel = taxel * (unit[:, None] / unit)
     return GaussianForm(mean * unit + centre, scale, time, taxel, np.full(Q, -np.log(Q)))
+
+
+def _least_deviation(frame: Frame) -> NDArray[np.float64]:
+    """What no sample is known better than, the standard deviation of a uniform draw from a bin, shape (K,).
+
+    A taxel that always rested on one value in training would otherwise rule out every class once it moves a little.
+    """
+    K = len(frame.scaling.unit)
+    width = np.diff(np.broadcast_to(frame.edges, (K, frame.edges.shape[-1])), axis=-1).mean(axis=-1)
+    return width / np.sqrt(12.0)
 
 
 def _unit_triangular(covariance: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:

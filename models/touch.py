@@ -9,7 +9,7 @@ Untrained classes (cells without a training tap) are impossible at every tap: th
 flat one would win whenever a tap is unusual.
 """
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -68,7 +68,7 @@ class CountedTaps(NamedTuple):
     log_prob: jax.Array
     counts: jax.Array
 
-    def observe(self, t: int, session: jax.Array, where: jax.Array, what: jax.Array) -> None:  # noqa: ARG002
+    def observe(self, t: int, session: Any, where: Any, what: Any) -> None:  # noqa: ARG002
         """Tap t at power 1."""
         numpyro.sample(f"tap_{t}", TapCounts(Vindex(self.log_prob)[where, what]), obs=self.counts[t])
 
@@ -82,7 +82,7 @@ class WeighedTaps(NamedTuple):
 
     log_likelihood: jax.Array
 
-    def observe(self, t: int, session: jax.Array, where: jax.Array, what: jax.Array) -> None:
+    def observe(self, t: int, session: Any, where: Any, what: Any) -> None:
         """Tap t at power 1."""
         numpyro.factor(f"tap_{t}", Vindex(self.log_likelihood[t])[session, where, what])
 
@@ -178,7 +178,7 @@ def one_tap(tables: TouchTables, log_prior: jax.Array, tap: ArrayLike) -> None:
         tap: As `observe_tap` takes it.
     """
     prior = split_prior(log_prior)
-    session = numpyro.sample("session", dist.CategoricalLogits(logits=prior.log_session))
+    session: Any = numpyro.sample("session", dist.CategoricalLogits(logits=prior.log_session))
     where = numpyro.sample("where", dist.CategoricalLogits(logits=prior.log_where[session]))
     what = numpyro.sample("what", dist.CategoricalLogits(logits=prior.log_what[session, where]))
     numpyro.factor("trained", tables.log_trained[where, what])
@@ -187,7 +187,7 @@ def one_tap(tables: TouchTables, log_prior: jax.Array, tap: ArrayLike) -> None:
         observe_tap(tables, where, session * log_prior.shape[2] + what, tap)
 
 
-def observe_tap(tables: TouchTables, where: jax.Array, hypothesis: jax.Array, tap: ArrayLike) -> None:
+def observe_tap(tables: TouchTables, where: Any, hypothesis: Any, tap: ArrayLike) -> None:
     """The samples of a tap at power 1.
 
     Args:

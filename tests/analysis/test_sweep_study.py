@@ -28,7 +28,10 @@ WRONG = {
     "an empty axis": (f"{LEAST}[grid]\nseed = []", "grid.seed: expected `array` of length >= 1"),
     "no bins": (f"{LEAST}[grid]\nbins = [0]", "grid.bins"),
     "a value twice": (f"{LEAST}[grid]\nbins = [10, 10]", "grid.bins: 10 stands there twice"),
-    "an unknown model": (f'{LEAST}[grid]\nmodel = ["gauss"]', "grid.model: There is no model 'gauss'; .*histogram.*session"),
+    "an unknown model": (
+        f'{LEAST}[grid]\nmodel = ["gauss"]',
+        "grid.model: There is no model 'gauss'; .*histogram.*session",
+    ),
     "a model in two states": (f'{LEAST}[grid]\nmodel = ["session:session"]', "grid.model: There is no model"),
     "a model with a state and the border prior": (
         f'{LEAST}[grid]\nmodel = ["profile", "session:profile"]\nborder = ["clamp", "prior"]',
@@ -73,7 +76,9 @@ def test_a_sentence_names_the_file(tmp_path):
 
 @pytest.mark.parametrize("name", [*CATALOGUE, *(f"session:{n}" for n in CATALOGUE if n != "session")])
 def test_every_model_of_the_catalogue_can_be_swept(name):
-    assert parse_study(f'{LEAST}[grid]\nmodel = ["{name}"]\npower = ["learned", "learned:5", 0.1]').grid.model == (name,)
+    assert parse_study(f'{LEAST}[grid]\nmodel = ["{name}"]\npower = ["learned", "learned:5", 0.1]').grid.model == (
+        name,
+    )
 
 
 def grid_of(text: str, *names: str) -> CellGrid:

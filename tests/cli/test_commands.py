@@ -5,7 +5,12 @@ import sys
 
 import numpy as np
 import pytest
+import xarray as xr
+from solidtouch.analysis.crosscheck import CrossCheck, Row
+from solidtouch.cli.options import MODELS
+from solidtouch.models.catalogue import CATALOGUE, FitSettings, fit_model
 from solidtouch.models.model_file import load_model
+from solidtouch.models.taps import TapSet
 
 
 @pytest.fixture
@@ -37,6 +42,135 @@ def test_fit_writes_a_model_and_names_what_was_left_out(command, tmp_path, make_
     model = load_model(tmp_path / "model.nc")
     assert model.counts.shape == (3, 3, 5, 9)
     assert model.power == 0.5
+
+
+def test_the_names_in_help_are_those_of_the_catalogue():
+    """They are written down twice, as the catalogue takes long to import."""
+    assert MODELS == tuple(CATALOGUE)
+
+
+@pytest.mark.parametrize("name", ["histogram", "gaussian", "profile", "session:gaussian"])
+def test_fit_writes_any_model_with_its_draws(command, tmp_path, taps_file, name):
+    """The file decides as the model fitted in Python does; the way to it is said."""
+    spread = ("--gain-sd", 0.1) if name.startswith("session") else ()
+    words = ("--model", name, "--bins", 9, "--draws", 3, *spread)
+    done = command("fit", taps_file, "--out", tmp_path / "model.nc", *words)
+    model = load_model(tmp_path / "model.nc")
+    taps = TapSet.load(taps_file)
+    train = taps.select(taps.session == 0)
+    expected = fit_model(name, train, taps.grid(), FitSettings(bins=9, gain_sd=0.1)).model
+
+    assert done.code == 0
+    assert f"{name}: The posterior is exact." in done.out
+    assert model.name == name
+    assert model.trained_on == "taps.nc: Session 0 trains, session 1 tests."
+    np.testing.assert_array_equal(model.log_likelihood(taps.taps), expected.log_likelihood(taps.taps))
+    assert (model.novelty is None) == (name != "histogram")
+    with xr.open_datatree(tmp_path / "model.nc", engine="h5netcdf") as tree:
+        assert tree["log_likelihood"]["bins"].sizes == {"chain": 4, "draw": 3, "tap": len(train)}
+        assert tree.attrs["fit"] == "The posterior is exact."
+
+
+def test_fit_writes_no_draws_where_none_are_wanted_or_none_exist(command, tmp_path, taps_file):
+    """A histogram without a pseudocount has an improper posterior, which is said."""
+    none = command("fit", taps_file, "--out", tmp_path / "a.nc", "--draws", 0)
+    improper = command("fit", taps_file, "--out", tmp_path / "b.nc", "--pseudocount", 0, "--draws", 2)
+
+    assert (none.code, improper.code) == (0, 0)
+    assert "improper" not in none.out
+    assert "Note: without a pseudocount the posterior is improper, so no draws are kept." in improper.out
+    for name in "ab":
+        with xr.open_datatree(tmp_path / f"{name}.nc", engine="h5netcdf") as tree:
+            assert "posterior" not in tree.children
+
+
+def test_a_fit_that_did_not_converge_needs_consent(command, tmp_path, taps_file, monkeypatch):
+    """Without it there is no file."""
+    monkeypatch.setattr("solidtouch.models.fit_kronecker._ROUNDS", 1)
+    words = ("fit", taps_file, "--out", tmp_path / "model.nc", "--model", "matrix-normal", "--draws", 0)
+    refused = command(*words)
+    written = (tmp_path / "model.nc").exists()
+    allowed = command(*words, "--allow-unconverged")
+
+    assert (refused.code, allowed.code, written) == (2, 0, False)
+    assert "matrix-normal did not converge" in refused.err
+    assert "--allow-unconverged uses it." in refused.err
+    assert "Warning: the fit did not converge." in allowed.out
+    with xr.open_datatree(tmp_path / "model.nc", engine="h5netcdf") as tree:
+        assert tree.attrs["converged"] == "False"
+
+
+def test_fit_learns_the_power_on_training_sessions(command, tmp_path, make_taps):
+    make_taps(sessions=3, repeats=3).save(tmp_path / "taps.nc")
+    words = ("--model", "gaussian", "--power", "learned:2", "--draws", 0, "--bins", 9)
+    done = command("fit", tmp_path / "taps.nc", "--out", tmp_path / "model.nc", *words)
+    model = load_model(tmp_path / "model.nc")
+
+    assert done.code == 0
+    assert "learned on sessions 0, 1, left out in turn" in done.out
+    assert "after 2 taps" in model.trained_on
+    assert 1e-4 <= model.power <= 1
+
+
+def agreeing(passed=True):
+    row = Row("posterior", "numpy, filter", 0.0 if passed else 1.0, 1e-10)
+    return CrossCheck((row,), 2, 5, 3, 0, 0, 0, ())
+
+
+@pytest.fixture
+def compared(monkeypatch):
+    """The models that were compared, without the work of it; models in `differ` disagree."""
+    seen = []
+    differ = set()
+
+    def compare(model, taps, **more):
+        seen.append(model.name)
+        return agreeing(model.name not in differ)
+
+    monkeypatch.setattr("solidtouch.analysis.crosscheck.crosscheck", compare)
+    return seen, differ
+
+
+def test_crosscheck_takes_any_model(command, taps_file, compared):
+    done = command("crosscheck", taps_file, "--model", "session:profile", "--bins", 9)
+
+    assert done.code == 0
+    assert compared[0] == ["session:profile"]
+    assert "Model session:profile\n" in done.out
+
+
+def test_crosscheck_of_all_models_names_the_refused_ones(command, tmp_path, make_taps, compared):
+    """One table each, and a reason for each that one sample per tap cannot carry."""
+    make_taps(J=1).save(tmp_path / "taps.nc")
+    done = command("crosscheck", tmp_path / "taps.nc", "--model", "all", "--bins", 9, "--allow-unconverged")
+
+    assert done.code == 0
+    assert compared[0] == ["histogram", "gaussian", "student", "profile-mvn", "smooth", "session"]
+    for name in compared[0]:
+        assert f"Model {name}\n" in done.out
+    said = " ".join(done.out.split())
+    assert "Model profile was not checked: profile needs more than one sample per tap" in said
+    assert "6 of 9 models checked: all routes agree." in said
+
+
+def test_crosscheck_of_all_models_ends_with_those_that_differ(command, taps_file, compared, monkeypatch):
+    """And exit code 1; models are compared further."""
+    monkeypatch.setattr("solidtouch.cli.checks.MODELS", ("histogram", "gaussian", "profile"))
+    compared[1].add("gaussian")
+    done = command("crosscheck", taps_file, "--model", "all", "--bins", 9)
+
+    assert done.code == 1
+    assert compared[0] == ["histogram", "gaussian", "profile"]
+    assert "3 of 3 models checked: the routes of gaussian DISAGREE." in " ".join(done.out.split())
+
+
+def test_crosscheck_of_no_model_is_an_error(command, tmp_path, make_taps, monkeypatch, compared):
+    make_taps(J=1).save(tmp_path / "taps.nc")
+    monkeypatch.setattr("solidtouch.cli.checks.MODELS", ("profile", "matrix-normal"))
+    done = command("crosscheck", tmp_path / "taps.nc", "--model", "all")
+
+    assert done.code == 2
+    assert "No model could be checked" in done.err
 
 
 def test_a_split_of_one_session_carries_a_warning(command, tmp_path, make_taps):
@@ -72,6 +206,19 @@ def test_crosscheck_leaves_numpyro_out_where_the_border_is_no_kernel(command, ta
         (["fit", "TAPS", "--out", "OUT"], "must end in .nc"),
         (["fit", "TAPS", "--out", "NOWHERE"], "there is no folder"),
         (["fit", "TAPS", "--out", "MODEL", "--power", "K"], "power must be J, JK, none or a positive number, got 'K'"),
+        (["fit", "TAPS", "--out", "MODEL", "--power", "K"], "got 'K'; learned finds one"),
+        (["fit", "TAPS", "--out", "MODEL", "--power", "learned:0"], "a number of taps, got 'learned:0'"),
+        (["fit", "TAPS", "--out", "MODEL", "--power", "learned"], "needs two training sessions or more"),
+        (["fit", "TAPS", "--out", "MODEL", "--model", "gauss"], "no model 'gauss'; there are histogram, gaussian"),
+        (["fit", "TAPS", "--out", "MODEL", "--gain-sd", "0.1"], "go with session models only, and not with histogram"),
+        (["crosscheck", "TAPS", "--model", "profile:session"], "There is no model 'profile:session'"),
+        (["crosscheck", "TAPS", "--model", "session", "--border", "prior"], "--border prior does not go with a model"),
+        (["reproduce", "--data", "TAPS", "--out", "OUT", "--model", "student:x"], "There is no model 'student:x'"),
+        (
+            ["reproduce", "--data", "TAPS", "--out", "OUT", "--model", "session", "--border", "prior"],
+            "--border prior does not go with a model that carries a state",
+        ),
+        (["reproduce", "--data", "TAPS", "--out", "OUT", "--power", "learned"], "needs two training sessions or more"),
         (["fit", "TAPS", "--out", "MODEL", "--where-cell", "3kg"], "--where-cell '3kg' cannot be converted"),
         (["fit", "TAPS", "--out", "MODEL", "--split", "thirds"], "thirds"),
         (["fit", "TAPS", "--out", "MODEL", "--train", "0", "--test", "7"], "session 7|7"),

@@ -4,7 +4,9 @@ import numpy as np
 import pytest
 from solidtouch.cli.simulate import simulate
 from solidtouch.hardware.data_collection import simulate_session
+from solidtouch.hardware.model_rig import draw_taps
 from solidtouch.hardware.presets import PRESETS
+from solidtouch.models.catalogue import FitSettings, fit_model
 from solidtouch.models.errors import InputError
 from solidtouch.models.histogram import fit
 from solidtouch.models.taps import TapSet
@@ -45,6 +47,32 @@ def test_preset_model_draws_from_a_fitted_model(tmp_path):
     assert drawn.taps.shape == (160, 3, 12)
     assert drawn.preprocessing.samples == 3
     assert taps.grid().differences(drawn.grid()) == []
+
+
+def test_histograms_give_the_numbers_that_they_always_gave(tmp_path):
+    """Those of their tables with the same seed and session."""
+    taps = simulate_session(PRESETS["ideal"], 0, 0)
+    model = fit(taps, taps.grid())
+    model.save(tmp_path / "model.nc")
+    simulate(tmp_path, preset="model", sessions=2, seed=3, model=tmp_path / "model.nc", taps_per_class=2)
+    expected = draw_taps(model.grid, model.probabilities, model.edges, model.preprocessing, 2, 3, 1, model.trained)
+
+    np.testing.assert_array_equal(TapSet.load(tmp_path / "session-1.nc").taps, expected.taps)
+
+
+@pytest.mark.parametrize("name", ["gaussian", "profile-ar", "session:profile"])
+def test_taps_are_drawn_from_any_model(tmp_path, make_taps, name):
+    """Of its classes, and as its form says."""
+    taps = make_taps(L=3, M=4, J=6, K=5)
+    fit_model(name, taps, taps.grid(), FitSettings(bins=9, gain_sd=0.1, offset_sd=0.2)).model.save(
+        tmp_path / "model.nc"
+    )
+    simulate(tmp_path, preset="model", sessions=1, model=tmp_path / "model.nc", taps_per_class=2)
+    drawn = TapSet.load(tmp_path / "session-0.nc")
+
+    assert drawn.taps.shape == (24, 6, 5)
+    assert taps.grid().differences(drawn.grid()) == []
+    assert f"drawn from a fitted {name} model" in drawn.dataset.attrs["source"]
 
 
 REFUSED = {

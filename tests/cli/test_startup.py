@@ -54,9 +54,10 @@ def test_convert_loads_nothing_beside_xarray(data, tmp_path):
     assert not modules & SLOW
 
 
-def test_fit_loads_no_jax(data, tmp_path):
-    """It counts in compiled loops."""
-    modules, _ = loaded("fit", str(data), "--out", str(tmp_path / "model.nc"))
+@pytest.mark.parametrize("model", ["histogram", "profile", "session"])
+def test_fit_loads_no_jax(data, tmp_path, model):
+    """It counts in compiled loops, and posteriors in closed form need no more."""
+    modules, _ = loaded("fit", str(data), "--out", str(tmp_path / "model.nc"), "--model", model, "--draws", "1")
 
     assert "numba" in modules
     assert not modules & {"jax", "numpyro", "matplotlib", "dask"}

@@ -1,8 +1,9 @@
-"""Taps drawn from histograms."""
+"""Taps drawn from fitted models."""
 
 import numpy as np
 import pytest
-from solidtouch.hardware.model_rig import ModelRig, bin_tables, draw_taps
+from solidtouch.hardware.model_rig import ModelRig, bin_tables, draw_session, draw_taps
+from solidtouch.models.catalogue import FitSettings, fit_model
 from solidtouch.models.errors import InputError
 from solidtouch.models.preprocessing import Preprocessing
 
@@ -93,6 +94,68 @@ def test_sessions_and_seeds_are_drawn_independently(grid, tables):
     np.testing.assert_array_equal(taps[0, 1], draw_taps(grid, tables, EDGES, RECORD, 2, 0, 1).taps)
     assert not np.array_equal(taps[0, 0], taps[0, 1])
     assert not np.array_equal(taps[0, 0], taps[1, 0])
+
+
+@pytest.fixture(scope="module")
+def fitted(make_taps):
+    """A function that fits a model to small random taps, one class of which has none."""
+    taps = make_taps(L=3, M=2, J=6, K=5, repeats=12)
+    taps = taps.select((taps.what != 1) | (taps.where > 0))
+
+    def make(name, **more):
+        return fit_model(name, taps, taps.grid(), FitSettings(bins=30, **more)).model
+
+    return make
+
+
+@pytest.mark.parametrize("name", ["gaussian", "profile", "profile-ar", "profile-mvn", "matrix-normal", "session"])
+def test_taps_drawn_from_a_model_are_as_probable_as_it_says(fitted, name):
+    """Their mean log probability is that of other taps drawn from its form, within five standard errors."""
+    model = fitted(name, gain_sd=0.0, offset_sd=0.0)
+    taps = draw_session(model, 300, seed=1)
+    where, what = taps.indices(model.grid)
+    other = model.form.sample(where, what, model.edges, 6, np.random.default_rng(5))
+    values = [model.form.own(samples, model.edges, where, what) for samples in (taps.taps, other)]
+    error = np.sqrt(sum(value.var() for value in values) / len(where))
+
+    assert abs(values[0].mean() - values[1].mean()) < 5 * error
+    assert sorted(set(zip(where.tolist(), what.tolist(), strict=True))) == [(0, 0), (1, 0), (1, 1), (2, 0), (2, 1)]
+
+
+@pytest.mark.parametrize("name", ["session", "session:profile"])
+def test_a_session_is_drawn_in_one_state(fitted, name):
+    """Named in its source, another one for another session; its taps are most probable in it."""
+    model = fitted(name, gain_sd=0.4, offset_sd=0.0)
+    found = []
+    for session in range(5):
+        taps = draw_session(model, 20, seed=3, session=session)
+        where, what = taps.indices(model.grid)
+        fits = [
+            model.form.own(taps.taps, model.edges, where, s * model.grid.M + what).mean()
+            for s in range(len(model.states.gain))
+        ]
+        found.append(model.states.gain[np.argmax(fits)])
+        assert f"gain {found[-1]:.4g} and offset 0" in taps.dataset.attrs["source"]
+    assert len(set(found)) > 1
+
+
+def test_histograms_draw_as_they_always_did(fitted):
+    model = fitted("histogram")
+    expected = draw_taps(model.grid, model.probabilities, model.edges, RECORD, 3, 2, 1, model.trained)
+
+    np.testing.assert_array_equal(draw_session(model, 3, 2, 1, J).taps, expected.taps)
+
+
+def test_models_without_times_draw_any_number_of_samples(fitted):
+    assert draw_session(fitted("gaussian"), 2, 0, samples=11).taps.shape == (10, 11, 5)
+    with pytest.raises(InputError, match="A profile model says something of 6 samples at their times; taps of 11"):
+        draw_session(fitted("profile"), 2, 0, samples=11)
+
+
+@pytest.mark.parametrize("name", ["histogram", "profile"])
+def test_no_taps_are_refused(fitted, name):
+    with pytest.raises(InputError, match="At least one tap per class is needed, got 0"):
+        draw_session(fitted(name), 0, 0)
 
 
 BAD_TABLES = {

@@ -1,4 +1,4 @@
-"""The measurement model: counts, likelihoods, NumPyro's view of it, and its file."""
+"""The measurement model: counts, likelihoods, NumPyro's view of it."""
 
 import jax
 import numpy as np
@@ -13,7 +13,7 @@ from solidtouch.models.bins import bin_edges, find_bins
 from solidtouch.models.classes import ClassGrid
 from solidtouch.models.errors import InputError
 from solidtouch.models.histogram import fit, histogram_model, trim
-from solidtouch.models.power import likelihood_exponent, parse_power
+from solidtouch.models.power import learned_taps, likelihood_exponent, parse_power, parse_power_choice
 from solidtouch.models.preprocessing import Preprocessing
 from solidtouch.models.taps import TapSet
 
@@ -219,6 +219,30 @@ def test_other_powers_are_refused(power):
         parse_power(power)
     with pytest.raises(InputError, match="J, JK, none or a positive number, got"):
         likelihood_exponent(power if power in ("K", "") else float(power), 4, 2)
+
+
+@pytest.mark.parametrize(("text", "taps"), [("learned", 20), ("learned:1", 1), ("learned:123456", 123456)])
+def test_powers_can_be_learned_where_one_is_fitted(text, taps):
+    """But no model has one that is still to be learned."""
+    assert parse_power_choice(text) == text
+    assert learned_taps(text) == taps
+    for refuse in (parse_power, lambda power: likelihood_exponent(power, 4, 2)):
+        with pytest.raises(InputError, match=f"J, JK, none or a positive number, got '{text}'"):
+            refuse(text)
+
+
+@pytest.mark.parametrize("power", ["J", "JK", "none", 0.25])
+def test_other_powers_are_not_learned(power):
+    assert parse_power_choice(str(power)) == power
+    assert learned_taps(power) is None
+
+
+@pytest.mark.parametrize(
+    "power", ["learned:", "learned:0", "learned:-3", "learned:2.5", "learned20", "learned:1234567"]
+)
+def test_a_learned_power_has_a_number_of_taps(power):
+    with pytest.raises(InputError, match=f"is learned, or learned: and a number of taps, got '{power}'"):
+        parse_power_choice(power)
 
 
 # The NumPyro model

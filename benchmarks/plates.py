@@ -1,0 +1,41 @@
+"""Draws docs/images/model-plates.svg: plate diagrams of all stories, from the NumPyro models themselves."""
+
+from pathlib import Path
+
+import numpy as np
+from numpyro.infer.inspect import get_model_relations
+from solidtouch.analysis.figure_stories import Story, plates
+from solidtouch.analysis.figure_style import save
+from solidtouch.models import stories
+from solidtouch.models.histogram import histogram_model
+from solidtouch.models.priors import CellPrior, CurvePrior, KroneckerPrior, Taps
+
+L, M, N, J, K, B, D = 2, 1, 6, 4, 3, 7, 5
+
+
+def main() -> None:
+    """Writes the picture."""
+    generator = np.random.default_rng(0)
+    where, what = np.repeat(np.arange(L), N // L), np.zeros(N, dtype=np.intp)
+    taps = Taps(generator.normal(size=(N, J, K)), where, what, (L, M))
+    cells = CellPrior(0.0, 1.0, 2.0, 2.0)
+    kronecker = KroneckerPrior(J + 2.0, np.eye(J), K + 2.0, np.eye(K), 1.0)
+    curves = CurvePrior(np.ones((N, D)), np.ones((D, K)), np.full(K, 2.0), np.full(K, 2.0))
+    models = {
+        "histogram": (histogram_model, (generator.integers(B, size=(N, J, K)), where, what, (L, M, K, B), 0.01)),
+        "gaussian": (stories.gaussian, (taps, cells)),
+        "student": (stories.student, (taps,)),
+        "profile": (stories.profile, (taps, cells)),
+        "profile-ar": (stories.profile_ar, (taps, cells)),
+        "profile-mvn": (stories.profile_mvn, (taps, cells, np.zeros(K * (K - 1) // 2), 4.0)),
+        "matrix-normal": (stories.matrix_normal, (taps, kronecker)),
+        "smooth": (stories.smooth, (taps, curves)),
+    }
+    drawn = [Story(name, get_model_relations(story, arguments)) for name, (story, arguments) in models.items()]
+    folder = Path(__file__).parent.parent / "docs" / "images"
+    png, _ = save(plates(drawn), folder, "model-plates")
+    png.unlink()
+
+
+if __name__ == "__main__":
+    main()

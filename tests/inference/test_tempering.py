@@ -1,0 +1,184 @@
+"""The power learned on training sessions left out in turn."""
+
+import numpy as np
+import pytest
+from solidtouch.inference.tempering import LEAST, MOST, fit_tempered, learn_power
+from solidtouch.inference.trial_plan import tap_table
+from solidtouch.models.catalogue import FitSettings, fit_model
+from solidtouch.models.errors import InputError
+from solidtouch.models.model_file import load_model
+from solidtouch.models.states import log_fold
+
+L, M, J, K, B, REPEATS = 3, 2, 6, 5, 7, 4
+SETTINGS = FitSettings(bins=B, gain_sd=0.05, offset_sd=0.3)
+
+
+@pytest.fixture(scope="module")
+def taps(make_taps):
+    """Three sessions, each with an offset of its own, so that a belief at power 1 is too sure."""
+    taps = make_taps(L, M, J, K, sessions=3, repeats=REPEATS)
+    dataset = taps.dataset.copy(deep=True)
+    dataset["taps"] += 0.8 * (dataset["session"] - 1.0)
+    return type(taps)(dataset)
+
+
+def naive_score(name, taps, exponent, n):
+    """Mean log belief in the true class after the first n taps of each class and session, in plain loops."""
+    total = []
+    for session in np.unique(taps.session):
+        rest, left_out = taps.select(taps.session != session), taps.select(taps.session == session)
+        model = fit_model(name, rest, taps.grid(), SETTINGS._replace(power=float(exponent))).model
+        table = tap_table(model, left_out)
+        where, what = left_out.indices(model.grid)
+        for l, m in np.ndindex(L, M):
+            log_belief = model.log_prior.copy()
+            for i in np.flatnonzero((where == l) & (what == m))[:n]:
+                log_belief = log_belief + table.log_likelihood[i]
+            log_belief = log_fold(log_belief - np.logaddexp.reduce(log_belief.ravel()), M)
+            total.append(log_belief[l, m])
+    return np.mean(total)
+
+
+@pytest.mark.parametrize("name", ["histogram", "profile", "session"])
+def test_the_curve_is_the_mean_log_belief_of_left_out_taps(taps, name):
+    """After all taps of a class and session, at each exponent."""
+    learned = learn_power(name, taps, taps.grid(), SETTINGS, REPEATS, 0)
+
+    assert learned.sessions == (0, 1, 2)
+    for i in (0, len(learned.exponents) // 2, -1):
+        expected = naive_score(name, taps, learned.exponents[i], REPEATS)
+        assert learned.score[i] == pytest.approx(expected, rel=1e-9)
+
+
+@pytest.mark.parametrize("name", ["histogram", "gaussian", "session:gaussian"])
+def test_no_exponent_around_the_learned_one_scores_higher(taps, name):
+    """On the curve, which holds it, and beside it."""
+    learned = learn_power(name, taps, taps.grid(), SETTINGS, REPEATS, 0)
+    top = int(learned.score.argmax())
+
+    assert LEAST < learned.power < MOST
+    assert learned.exponents[top] == learned.power
+    assert (np.diff(learned.exponents) > 0).all()
+    for factor in (0.98, 1.02):
+        assert naive_score(name, taps, factor * learned.power, REPEATS) < learned.score[top]
+
+
+def test_the_score_after_one_tap_is_that_of_every_tap(taps):
+    """A sequence of one tap is each tap once."""
+    learned = learn_power("gaussian", taps, taps.grid(), SETTINGS, 1, 0)
+    scores = []
+    for session in range(3):
+        model = fit_model(
+            "gaussian", taps.select(taps.session != session), taps.grid(), SETTINGS._replace(power="none")
+        )
+        left_out = taps.select(taps.session == session)
+        where, what = left_out.indices(taps.grid())
+        log_joint = learned.power * model.model.log_likelihood(left_out.taps)
+        evidence = np.logaddexp.reduce(log_joint.reshape(len(left_out), -1), axis=1)
+        scores.append(log_joint[np.arange(len(left_out)), where, what] - evidence)
+
+    assert learned.score.max() == pytest.approx(np.concatenate(scores).mean(), rel=1e-9)
+
+
+def test_more_taps_count_less_each(taps):
+    """What the taps of a session have in common is counted once only."""
+    powers = [learn_power("gaussian", taps, taps.grid(), SETTINGS, n, 0).power for n in (1, REPEATS)]
+
+    assert powers[1] < 0.7 * powers[0]
+
+
+def test_independent_samples_keep_their_power(make_model):
+    """Taps drawn from the model itself deserve a power near 1; a hundred copies of each sample a hundredth of it."""
+    from solidtouch.hardware.model_rig import draw_taps
+    from solidtouch.models.preprocessing import Preprocessing
+    from solidtouch.models.taps import TapSet, concatenate
+
+    source = make_model(L=3, M=4, K=2, J=5, B=4, taps=40, seed=1)
+    parts = [
+        draw_taps(source.grid, source.probabilities, source.edges, source.preprocessing, 60, 7, session)
+        for session in range(2)
+    ]
+    taps = concatenate(parts)
+    settings = FitSettings(edges=source.edges, bins=4, pseudocount=0.5)
+    once = learn_power("histogram", taps, taps.grid(), settings, 2, 0).power
+    dataset = taps.dataset.isel(sample=np.tile(np.arange(5), 100))
+    dataset.attrs["preprocessing"] = Preprocessing(samples=500).to_json()
+    often = learn_power("histogram", TapSet(dataset), taps.grid(), settings, 2, 0).power
+
+    assert 0.7 < once <= 1
+    assert often == pytest.approx(once / 100, rel=0.1)
+
+
+def test_the_seed_decides_which_taps_are_taken(taps):
+    curves = [learn_power("gaussian", taps, taps.grid(), SETTINGS, 2, seed).score for seed in (0, 0, 1)]
+
+    np.testing.assert_array_equal(curves[0], curves[1])
+    assert not np.array_equal(curves[0], curves[2])
+
+
+def test_a_sequence_longer_than_a_session_takes_all_its_taps(taps):
+    few, many = (learn_power("gaussian", taps, taps.grid(), SETTINGS, n, 0) for n in (REPEATS, 50))
+
+    assert few.power == many.power
+    np.testing.assert_array_equal(few.score, many.score)
+
+
+def test_the_power_ignored_is_that_of_the_settings(taps):
+    powers = [
+        learn_power("gaussian", taps, taps.grid(), SETTINGS._replace(power=p), 3, 0).power for p in ("JK", "none")
+    ]
+
+    assert powers[0] == powers[1]
+
+
+def test_classes_of_one_session_cannot_be_learned_from(taps):
+    """They are left out with the session; where that leaves nothing, this is said."""
+    some = taps.select((taps.session > 0) | (taps.what == 0))
+    apart = taps.select((taps.session == 0) == (taps.what == 0)).select
+
+    assert learn_power("histogram", some, taps.grid(), SETTINGS, 3, 0).sessions == (0, 1, 2)
+    only = apart(np.flatnonzero(taps.session[(taps.session == 0) == (taps.what == 0)] < 2))
+    with pytest.raises(InputError, match="needs classes with taps in two training sessions or more"):
+        learn_power("histogram", only, taps.grid(), SETTINGS, 3, 0)
+
+
+def test_one_session_is_too_few(taps):
+    with pytest.raises(InputError, match="needs two training sessions or more, .* and there is session 2 only"):
+        learn_power("histogram", taps.select(taps.session == 2), taps.grid(), SETTINGS, 3, 0)
+
+
+def test_impossible_taps_are_refused(taps):
+    """No power makes them possible; a pseudocount does."""
+    with pytest.raises(InputError, match="sequences of left-out taps are impossible under their own class"):
+        learn_power("histogram", taps, taps.grid(), SETTINGS._replace(pseudocount=0.0, bins=60), 3, 0)
+
+
+def test_no_taps_are_refused(taps):
+    with pytest.raises(InputError, match="learned after one tap or more, got 0"):
+        learn_power("histogram", taps, taps.grid(), SETTINGS, 0, 0)
+
+
+def test_a_model_is_fitted_with_the_learned_power(taps, tmp_path):
+    """To all sessions; its file says the number and how it was found."""
+    settings = SETTINGS._replace(power="learned:3", seed=4)
+    fitted, learned = fit_tempered("profile", taps, taps.grid(), settings, "taps.nc: all.")
+    fitted.model.save(tmp_path / "model.nc")
+    loaded = load_model(tmp_path / "model.nc")
+
+    assert learned.power == fitted.model.power
+    assert learned.power == learn_power("profile", taps, taps.grid(), settings, 3, 4).power
+    assert loaded.power == learned.power
+    assert loaded.trained_on == f"taps.nc: all. {learned.sentence}"
+    assert "learned on sessions 0, 1, 2, left out in turn" in learned.sentence
+    assert "after 3 taps." in learned.sentence
+    np.testing.assert_array_equal(
+        loaded.log_likelihood(taps.taps),
+        fit_model("profile", taps, taps.grid(), settings._replace(power=learned.power)).model.log_likelihood(taps.taps),
+    )
+
+
+def test_other_powers_are_kept(taps):
+    fitted, learned = fit_tempered("histogram", taps, taps.grid(), SETTINGS._replace(power="JK"), "all")
+
+    assert learned is None
+    assert (fitted.model.power, fitted.model.trained_on) == ("JK", "all")
