@@ -84,7 +84,7 @@ def leave_one_tap_out(
         progress: Told of every draw.
 
     Returns:
-        Over (tap): `psis` in nats and `pareto_k`; the exact `exact` and `exact_plug_in` where the model is a plain
+        Over (tap): `psis` in nats and `pareto_k`, NaN where no tail can be fitted; the exact `exact` and `exact_plug_in` where the model is a plain
         histogram.
     """
     import arviz as az  # noqa: PLC0415
@@ -94,8 +94,12 @@ def leave_one_tap_out(
     tree = xr.DataTree.from_dict({"log_likelihood": xr.Dataset({"bins": (("chain", "draw", "tap"), log_mass[None])})})
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # of large Pareto k, which are reported one by one
-        loo: Any = az.loo(tree, pointwise=True, reff=1.0)
-    result = xr.Dataset({"psis": ("tap", loo.elpd_i.values), "pareto_k": ("tap", loo.pareto_k.values)})
+        try:
+            loo: Any = az.loo(tree, pointwise=True, reff=1.0)
+            values, k = loo.elpd_i.values, loo.pareto_k.values
+        except ValueError:  # all draws give some tap the same probability, so there is no tail to fit
+            values = k = np.full(log_mass.shape[1], np.nan)
+    result = xr.Dataset({"psis": ("tap", values), "pareto_k": ("tap", k)})
     if fitted.model.name == "histogram" and isinstance(fitted.posterior, HistogramPosterior):
         left = fitted.posterior.leave_out(taps.taps, fitted.model.edges, own[0] * grid.M + own[1])
         result["exact"], result["exact_plug_in"] = ("tap", left.integrated), ("tap", left.plug_in)

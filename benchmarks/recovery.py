@@ -16,12 +16,12 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from solidtouch.analysis.figure_style import save
 from solidtouch.analysis.figure_study import recovery_figure
+from solidtouch.analysis.figure_style import save
 from solidtouch.hardware.data_collection import simulate_session
+from solidtouch.hardware.fingertip_layout import ICUB_FINGERTIP
 from solidtouch.hardware.presets import preset
 from solidtouch.hardware.simulation_settings import PAPER_RODS
-from solidtouch.models.bins import bin_edges
 from solidtouch.models.catalogue import FitSettings, Fitted, fit_model
 from solidtouch.models.classes import ClassGrid
 from solidtouch.models.fit_curves import CurvePosterior
@@ -47,23 +47,28 @@ MODELS = (
 DRAWS, COVERED = 99, (5, 95)
 """Draws of a posterior, and the ranks among them that a true value has in the central 90 %."""
 
+OFFSET_SD = 0.5
+"""Of the sessions of `session:profile`, in counts."""
+
 
 class Sizes(NamedTuple):
     """How much is simulated.
 
     Attributes:
         positions: `L`, 1 mm each, in the middle of the range.
-        rods: `M`.
+        rods: `M`, at most 3: 4, 8 and 12 mm.
         step: Every how manyth of 50 samples is kept.
+        every: Every how manyth of 12 taxels is there.
         sessions: That train; one more is left out.
         repeats: Taps of each class in a session.
     """
 
     positions: int = 6
     rods: int = 3
-    step: int = 2
+    step: int = 3
+    every: int = 2
     sessions: int = 3
-    repeats: int = 8
+    repeats: int = 7
 
 
 class Source(NamedTuple):
@@ -101,12 +106,20 @@ class Replicate(NamedTuple):
 def sources(models: Sequence[str], sizes: Sizes, seed: int) -> list[Source]:
     """Every model, fitted to the same taps."""
     first = 8 - sizes.positions // 2
-    rods = PAPER_RODS[:: max(1, len(PAPER_RODS) // 2)][: sizes.rods] if sizes.rods <= 3 else PAPER_RODS[: sizes.rods]
-    rig = replace(preset("paper"), rods=rods, start_mm=float(first), end_mm=float(first + sizes.positions))
+    rods = PAPER_RODS[::2][: sizes.rods]
+    rig = replace(
+        preset("paper"),
+        rods=rods,
+        taxels=ICUB_FINGERTIP[:: sizes.every],
+        start_mm=float(first),
+        end_mm=float(first + sizes.positions),
+    )
     sessions = [thinned(simulate_session(rig, seed, session), sizes.step) for session in range(sizes.sessions)]
     template = concatenate(sessions)
     grid = template.grid()
-    return [Source(name, fit_model(name, template, grid, FitSettings()), template, grid) for name in models]
+    # The sessions of one data set say little of how much sessions differ, so what they come from is given.
+    settings = FitSettings(gain_sd=rig.session_gain_log_sd, offset_sd=OFFSET_SD)
+    return [Source(name, fit_model(name, template, grid, settings), template, grid) for name in models]
 
 
 def replicate(source: Source, models: Sequence[str], sizes: Sizes, seed: int, number: int) -> Replicate:

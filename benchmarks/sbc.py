@@ -396,9 +396,7 @@ def main() -> None:
     results = [result for result in results if result.rank]
     if not results:
         return
-    write_json(
-        "sbc", [{"model": r.study.name, "rank": {k: v.tolist() for k, v in r.rank.items()}} for r in results]
-    )
+    write_json("sbc", [{"model": r.study.name, "rank": {k: v.tolist() for k, v in r.rank.items()}} for r in results])
     tests = sum(len(result.rank) for result in results)
     text = (
         f"{sizes.L} x {sizes.M} classes, {sizes.J} samples, {sizes.K} taxels, {sizes.repeats} taps per class; "

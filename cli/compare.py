@@ -33,6 +33,9 @@ if TYPE_CHECKING:
     from ..models.splits import Split
 
 
+_FEWEST_DRAWS = 100
+
+
 def compare(
     data: Data,
     models: Annotated[
@@ -66,6 +69,8 @@ def compare(
     """Fits measurement models to training taps and compares how they predict taps, tell classes and decide."""
     if not 0 <= theta_x <= 1:
         raise InputError(f"--theta-x must lie between 0 and 1, got {theta_x}.")
+    if 0 < draws < _FEWEST_DRAWS:
+        raise InputError(f"--draws must be 0, or {_FEWEST_DRAWS} or more to look at tails, got {draws}.")
     with loading():
         from rich.console import Console
 

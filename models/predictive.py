@@ -48,7 +48,7 @@ def own_log_mass(
     """Log probability of the bins of taps (N, J, K) under a form, summed over states, shape (N,)."""
     parts = []
     for gain, offset, log_prior in zip(*states, strict=True):
-        shifted = form if len(states.gain) == 1 else _in_state(form, gain, offset, edges)
+        shifted = form if (gain, offset) == (1.0, 0.0) else _in_state(form, gain, offset, edges)
         parts.append(log_prior + shifted.own(taps, edges, *own))
     return np.logaddexp.reduce(parts, axis=0)
 

@@ -15,14 +15,16 @@ import xarray as xr
 from solidtouch.analysis import sweep_cell, sweep_code
 from solidtouch.analysis.sweep import Tally, sweep
 from solidtouch.analysis.sweep_batches import DEATHS, Batch, CellQueue
-from solidtouch.analysis.sweep_cell import Outcome, run_cell
+from solidtouch.analysis.sweep_cell import Outcome, run_cell, try_cell
 from solidtouch.analysis.sweep_cells import CellGrid, Effort
 from solidtouch.analysis.sweep_data import Sources
 from solidtouch.analysis.sweep_local import in_processes, in_this_process
 from solidtouch.analysis.sweep_result import open_sweep
 from solidtouch.analysis.sweep_study import load_study
 from solidtouch.inference.montecarlo import run_trials
+from solidtouch.inference.tempering import learn_power
 from solidtouch.inference.trial_plan import plan_trials, tap_table
+from solidtouch.models.catalogue import FitSettings, fit_model
 from solidtouch.models.errors import InputError
 from solidtouch.models.histogram import fit
 
@@ -66,6 +68,41 @@ def test_a_cell_holds_the_means_of_its_trials(make_study):
     np.testing.assert_allclose(values["what_wrong"], (trials.what != plan.what[:, None]).mean(axis=0), atol=1e-12)
     np.testing.assert_allclose(values["belief"], trials.belief.mean(axis=0))
     assert values["trials"].tolist() == [50, 50]
+
+
+@pytest.mark.parametrize("name", ["profile", "session:gaussian"])
+def test_any_model_of_the_catalogue_is_swept(make_study, name):
+    path = make_study(f'model = ["{name}"]\nbins = [9]\npolicy = ["passive"]')
+    cell, effort, data = first_cell(path)
+
+    values = run_cell(cell, effort, data)
+
+    model = fit_model(name, data.fold.train, data.grid, FitSettings(bins=9)).model
+    table = tap_table(model, model.usable(data.fold.test))
+    seed = sweep_cell._trial_seed(cell)
+    plan = plan_trials(table.pool, 30, seed, 1)
+    trials = run_trials(table, plan, effort.thresholds, theta_x=1.0, deadline=20, seed=seed)
+    np.testing.assert_allclose(values["taps"], trials.taps.mean(axis=0))
+    np.testing.assert_allclose(values["what_wrong"], (trials.what != plan.what[:, None]).mean(axis=0), atol=1e-12)
+
+
+def test_a_power_is_learned_in_a_cell(make_study, make_taps):
+    path = make_study('power = ["learned:2"]\nbins = [9]')
+    make_taps(sessions=3, repeats=3).save(path.parent / "taps.nc", force=True)
+    cell, _, data = first_cell(path)
+
+    table = sweep_cell._table(data, cell.fit_settings)
+
+    power = learn_power("histogram", data.fold.train, data.grid, FitSettings(bins=9), 2, 0).power
+    model = fit(data.fold.train, data.grid, bins=9, power=power)
+    np.testing.assert_array_equal(table.log_likelihood, model.log_likelihood(data.fold.test.taps))
+
+
+def test_a_cell_whose_power_cannot_be_learned_fails_with_the_reason(make_study):
+    """One training session leaves none to be left out."""
+    cell, effort, data = first_cell(make_study('power = ["learned"]'))
+
+    assert "two training sessions or more" in try_cell(cell, effort, data).traceback
 
 
 def test_one_trial_has_no_standard_error(make_study):

@@ -16,6 +16,7 @@ from solidtouch.hardware.data_collection import simulate_session
 from solidtouch.hardware.errors import NoAnswer
 from solidtouch.hardware.presets import preset
 from solidtouch.inference.engine import NumpyEngine
+from solidtouch.models.catalogue import FitSettings, fit_model
 from solidtouch.models.histogram import fit
 from solidtouch.models.model_file import load_model
 
@@ -61,6 +62,26 @@ def test_taps_become_lines_and_a_decision(command, folder, rig):
     ]
     assert re.fullmatch(r"Episode 1: .* rod at .* mm after \d+ taps? \(threshold\)\. Truth: .*", lines[-2])
     assert re.match(r"Update latency: median \d+\.\d\d ms, 99th percentile", lines[-1])
+
+
+@pytest.mark.parametrize("name", ["profile", "session"])
+def test_any_fitted_model_perceives(command, folder, session, name):
+    """All engines come to the same decision; new things need a histogram, and states another border than prior."""
+    settings = FitSettings(gain_sd=0.02, offset_sd=0.0)
+    fit_model(name, session, session.grid(), settings).model.save(folder / f"{name}.nc", force=True)
+    words = ("perceive", folder / f"{name}.nc", "--seed", 4, "--json", "--deadline", 8)
+    decisions = []
+    for engine in ("numpy", "numpyro", "filter"):
+        done = command(*words, "--engine", engine)
+        assert done.code == 0
+        decisions.append({key: records(done.out)[-1][key] for key in ("decision", "reason", "taps")})
+    unknown = command(*words, "--unknown", 0.1)
+    prior = command(*words, "--border", "prior", "--engine", "filter")
+
+    assert decisions[0] == decisions[1] == decisions[2]
+    assert unknown.code == 2
+    assert "--unknown needs a fitted histogram model" in unknown.err
+    assert prior.code == (2 if name == "session" else 0)
 
 
 @pytest.mark.parametrize("rig", RIGS)

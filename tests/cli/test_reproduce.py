@@ -1,5 +1,6 @@
 """The main job from beginning to end."""
 
+import html
 import json
 import os
 import signal
@@ -70,6 +71,42 @@ def test_options_reach_the_numbers(command, tmp_path):
     assert summary["grid"]["L"] == 4
     assert summary["fixation"]["index"] == 0
     assert summary["options"]["border"] == "clamp"
+
+
+@pytest.mark.parametrize(
+    ("name", "said"),
+    [
+        ("profile", "The model profile (a mean and a variance for each time of a tap; likelihoods over 9 bins)"),
+        ("session", "A histogram model of 9 bins under a gain and offset that all taps of an episode share was fitted"),
+    ],
+)
+def test_any_model_of_the_catalogue_is_reproduced_and_named(command, tmp_path, make_taps, name, said):
+    """In the summary, the page, the file of curves and what is printed."""
+    make_taps().save(tmp_path / "taps.nc")
+    words = (*FAST, "--model", name, "--bins", 9, "--thresholds", "0.9", "--out", tmp_path / "run")
+    done = command("reproduce", "--data", tmp_path / "taps.nc", *words)
+    summary = summary_of(tmp_path / "run")
+
+    assert done.code == 0
+    assert f"Model {name}\n" in done.out
+    assert summary["model"] == summary["options"]["model"] == name
+    assert said in summary["what_was_run"][0]
+    assert said in html.unescape((tmp_path / "run" / "report.html").read_text())
+    assert summary["crosscheck"]["passed"]
+    with xr.open_datatree(tmp_path / "run" / "results.nc", engine="h5netcdf") as tree:
+        assert tree.attrs["model"] == name
+
+
+def test_a_learned_power_is_told(command, tmp_path, make_taps):
+    """The number of each data set, and after how many taps."""
+    make_taps(sessions=3, repeats=4).save(tmp_path / "taps.nc")
+    words = (*FAST, "--power", "learned:2", "--bins", 9, "--thresholds", "0.9", "--out", tmp_path / "run")
+    done = command("reproduce", "--data", tmp_path / "taps.nc", *words)
+    *_, sentence = summary_of(tmp_path / "run")["what_was_run"]
+
+    assert done.code == 0
+    assert sentence.startswith("The root of the likelihood was learned on training sessions left out in turn")
+    assert 1e-4 <= float(sentence.rsplit(": ", 1)[1].rstrip(".")) <= 1
 
 
 def test_one_where_class_leaves_the_active_part_out(command, tmp_path, make_taps):

@@ -12,6 +12,7 @@ from solidtouch.hardware.data_collection import simulate_session
 from solidtouch.hardware.presets import preset
 from solidtouch.inference.montecarlo import run_trials
 from solidtouch.inference.trial_plan import plan_trials, tap_table
+from solidtouch.models.catalogue import FitSettings, fit_model
 from solidtouch.models.histogram import fit
 from solidtouch.models.taps import concatenate
 
@@ -85,6 +86,26 @@ def test_passive_trials_stay_where_they_start(files, command, tmp_path):
 
     place = xr.load_dataset(tmp_path / "out.nc")["place"].sum(("theta", "decided_where"))
     assert np.flatnonzero(place).tolist() == [5]
+
+
+@pytest.mark.parametrize("name", ["profile", "session:gaussian"])
+def test_any_fitted_model_is_played(command, make_taps, tmp_path, name):
+    """As the trials of its table; one in states refuses the border prior."""
+    taps = make_taps()
+    train, test = taps.select(taps.session == 0), taps.select(taps.session == 1)
+    model = fit_model(name, train, taps.grid(), FitSettings(bins=9, gain_sd=0.1, offset_sd=0.1)).model
+    model.save(tmp_path / "model.nc")
+    taps.save(tmp_path / "taps.nc")
+    words = ("trials", tmp_path / "model.nc", tmp_path / "taps.nc", "--test", 1, "--trials", 90, "--thresholds", 0.9)
+    done = command(*words, "--out", tmp_path / "out.nc")
+    prior = command(*words, "--border", "prior")
+    table = tap_table(model, test)
+    expected = run_trials(table, plan_trials(table.pool, 90, 0, fixation=1), (0.9,), theta_x=0.0, seed=0)
+
+    assert done.code == 0
+    np.testing.assert_allclose(xr.load_dataset(tmp_path / "out.nc")["taps"], expected.taps.mean(axis=0))
+    assert prior.code == (2 if name.startswith("session") else 0)
+    assert ("--border prior does not go with a model that carries a state" in prior.err) == name.startswith("session")
 
 
 def test_a_single_trial_has_no_interval(files, command):

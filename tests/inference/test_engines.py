@@ -2,6 +2,7 @@
 
 import subprocess
 import sys
+from dataclasses import replace
 from itertools import product
 
 import jax
@@ -19,7 +20,10 @@ from solidtouch.inference.enumeration import (
     enumerate_sequence,
 )
 from solidtouch.inference.reference import BORDERS, ZeroEvidenceError
+from solidtouch.models.catalogue import FitSettings, fit_model
 from solidtouch.models.errors import InputError
+from solidtouch.models.histogram import fit
+from solidtouch.models.states import States
 from solidtouch.models.touch import KERNEL_BORDERS
 
 ENGINES = ("numpy", "numpyro", "filter")
@@ -150,9 +154,9 @@ def test_untrained_classes_never_come_back_by_a_tap(make_model, name):
 # Whole sequences
 
 
-def over_all_paths(model, taps, deltas, border):
-    """Evidence and smoothed posteriors as a sum over every path of classes."""
-    (L, M), T = model.grid.shape, len(taps)
+def over_all_paths(log_likelihood, log_prior, deltas, border):
+    """Log evidence and smoothed posteriors as a sum over every path of classes; log-likelihoods are (T, L, M)."""
+    T, L, M = log_likelihood.shape
     transitions = []
     for delta in deltas:
         rows = []
@@ -161,8 +165,7 @@ def over_all_paths(model, taps, deltas, border):
             certain[l, m] = 1.0
             rows.append(reference.shift(certain, delta, border).ravel())
         transitions.append(np.array(rows))
-    likelihood = np.exp(model.log_likelihood(taps)).reshape(T, L * M)
-    prior = np.exp(model.log_prior).ravel()
+    likelihood, prior = np.exp(log_likelihood).reshape(T, L * M), np.exp(log_prior).ravel()
     evidence, smoothed = 0.0, np.zeros((T, L * M))
     for path in product(range(L * M), repeat=T):
         weight = prior[path[0]] * likelihood[0, path[0]]
@@ -184,7 +187,7 @@ def test_enumerated_sequences_agree_with_all_paths(make_model, draw_samples, rng
     model = make_model(L, M, K, J, B, seed=3, taps=20, pseudocount=pseudocount, untrained=untrained)
     taps = draw_samples(model, T, seed=1, where=0)
     deltas = rng.integers(-L - 1, L + 2, size=T - 1).tolist() if pseudocount else [0] * (T - 1)
-    log_evidence, smoothed = over_all_paths(model, taps, deltas, border)
+    log_evidence, smoothed = over_all_paths(model.log_likelihood(taps), model.log_prior, deltas, border)
     posterior = enumerate_sequence(model, taps, deltas, border)
     log_beliefs, evidence = follow(make_engine("numpy", model, border), taps, deltas)
 
@@ -200,9 +203,41 @@ def test_enumerated_sequences_hold_every_power(make_model, draw_samples, power):
     model = make_model(2, 3, 4, 1, 5, power=power, seed=4)
     taps = draw_samples(model, 4)
     posterior = enumerate_sequence(model, taps, [1, 0, -1], "clamp")
-    log_evidence, smoothed = over_all_paths(model, taps, [1, 0, -1], "clamp")
+    log_evidence, smoothed = over_all_paths(model.log_likelihood(taps), model.log_prior, [1, 0, -1], "clamp")
 
     np.testing.assert_allclose(posterior.smoothed, smoothed, rtol=0, atol=1e-10)
+    assert posterior.log_evidence[-1] == pytest.approx(log_evidence, abs=1e-10)
+
+
+IN_STATES = {
+    "histogram": lambda taps, states: replace(fit(taps, taps.grid(), bins=7), states=states),
+    "profile-mvn": lambda taps, states: replace(
+        fit_model("profile-mvn", taps, taps.grid(), FitSettings(bins=7)).model, states=states
+    ),
+}
+
+
+@pytest.mark.parametrize("border", KERNEL_BORDERS)
+@pytest.mark.parametrize("kind", IN_STATES)
+def test_enumerated_sequences_in_states_agree_with_all_paths(make_taps, border, kind):
+    """The state is drawn once: each state's paths are summed apart and weighed by its evidence."""
+    states = States(np.array([1.0, 1.4, 0.7]), np.array([0.0, -0.5, 0.6]), np.log([0.5, 0.2, 0.3]))
+    made, deltas, M = make_taps(L=3, M=2, J=5, K=4), [2, -1, 4], 2
+    model, taps = IN_STATES[kind](made, states), made.taps[[3, 9, 30, 17]]
+    log_likelihood, parts = model.log_likelihood(taps), []
+    for s in range(3):
+        of_state = slice(s * M, (s + 1) * M)
+        log_prior = model.log_prior[:, of_state] - states.log_prior[s]
+        parts.append(over_all_paths(log_likelihood[:, :, of_state], log_prior, deltas, border))
+    evidences = states.log_prior + [part[0] for part in parts]
+    log_evidence = np.logaddexp.reduce(evidences)
+    smoothed = np.concatenate([np.exp(e - log_evidence) * p[1] for e, p in zip(evidences, parts, strict=True)], axis=2)
+    posterior = enumerate_sequence(model, taps, deltas, border)
+    log_beliefs, evidence = follow(make_engine("numpy", model, border), taps, deltas)
+
+    np.testing.assert_allclose(posterior.smoothed, smoothed, rtol=0, atol=1e-10)
+    np.testing.assert_allclose(posterior.filtered, np.exp(log_beliefs), rtol=0, atol=1e-10)
+    np.testing.assert_allclose(posterior.log_evidence, evidence, rtol=0, atol=1e-10)
     assert posterior.log_evidence[-1] == pytest.approx(log_evidence, abs=1e-10)
 
 
@@ -235,12 +270,16 @@ def test_enumerated_sequences_that_are_impossible_are_refused(make_model):
         enumerate_sequence(model, np.array([-1.0, 1.0]).reshape(2, 1, 1), [0])
 
 
-def test_a_spread_beyond_the_stand_in_for_zero_is_refused(make_model):
-    """One tap that tells classes apart by more than e^550 cannot be told from an impossible one."""
+def test_a_spread_beyond_the_stand_in_for_zero_is_weighed(make_model):
+    """One tap that tells classes apart by e^737 is observed by its likelihoods, not by counts."""
     model = two_objects(make_model, 10**6, 0.01, J=40)
+    tap = np.ones((1, 40, 1))
+    log_beliefs, evidence = follow(make_engine("numpy", model), tap, [])
+    posterior = enumerate_sequence(model, tap, [])
 
-    with pytest.raises(SequenceUnderflowError, match="spread over 737"):
-        enumerate_sequence(model, np.ones((1, 40, 1)), [])
+    assert log_beliefs[0, 0, 0] < -700
+    np.testing.assert_allclose(posterior.filtered, np.exp(log_beliefs), rtol=0, atol=1e-15)
+    np.testing.assert_allclose(posterior.log_evidence, evidence, rtol=0, atol=1e-10)
 
 
 def test_results_that_are_not_finite_are_an_error(make_model, draw_samples, monkeypatch):

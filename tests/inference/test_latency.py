@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 from solidtouch.inference.engine import make_engine
-from solidtouch.inference.latency import TimedEngine, warm_up
+from solidtouch.inference.latency import TimedEngine, _likely_tap, warm_up
+from solidtouch.models.catalogue import FitSettings, fit_model
 
 
 @pytest.mark.parametrize("name", ["numpy", "numpyro", "filter"])
@@ -11,6 +12,18 @@ from solidtouch.inference.latency import TimedEngine, warm_up
 def test_every_model_can_be_warmed_up(make_model, name, options):
     """With a tap that no model holds for impossible."""
     assert warm_up(make_engine(name, make_model(**options))) > 0
+
+
+@pytest.mark.parametrize("name", ["numpy", "numpyro", "filter"])
+@pytest.mark.parametrize("kind", ["gaussian", "profile-mvn", "session", "session:profile"])
+def test_models_of_the_catalogue_can_be_warmed_up(make_taps, name, kind):
+    """With a tap that the first class finds likely, so that no evidence is far from the training taps'."""
+    taps = make_taps(J=5, K=4, L=3, M=2)
+    model = fit_model(kind, taps, taps.grid(), FitSettings(bins=9)).model
+    likely = model.log_likelihood(_likely_tap(model)[None]).max()
+
+    assert likely > model.log_likelihood(taps.taps).max(axis=(1, 2)).max()
+    assert warm_up(make_engine(name, model)) > 0
 
 
 def test_a_model_of_one_class_can_be_warmed_up(make_model):

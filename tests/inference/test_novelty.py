@@ -14,6 +14,7 @@ from solidtouch.inference.engine import make_engine
 from solidtouch.inference.episode import steps
 from solidtouch.inference.novelty import Novelty, UnknownTest, can_tell, log_wealth
 from solidtouch.inference.reference import bin_index
+from solidtouch.models.catalogue import FitSettings, fit_model
 from solidtouch.models.errors import InputError
 from solidtouch.models.histogram import fit
 from solidtouch.models.model_file import load_model
@@ -162,6 +163,18 @@ def test_too_few_scores_are_refused(make_model):
 
     assert not can_tell(model)
     with pytest.raises(InputError, match="has 4 novelty scores and 5 are needed"):
+        Novelty(model)
+
+
+@pytest.mark.parametrize("name", ["profile", "session", "session:gaussian"])
+def test_other_models_cannot_tell(make_taps, name):
+    """P-values are those of histograms without states, whatever scores a model carries."""
+    taps = make_taps(L=2, M=3)
+    scores = novelty_scores(fit(taps, taps.grid()), taps)
+    model = replace(fit_model(name, taps, taps.grid(), FitSettings(bins=9)).model, novelty=scores)
+
+    assert not can_tell(model)
+    with pytest.raises(InputError, match=f"--unknown needs a fitted histogram model .* this one is {name}"):
         Novelty(model)
 
 

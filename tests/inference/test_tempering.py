@@ -143,7 +143,7 @@ def test_classes_of_one_session_cannot_be_learned_from(taps):
 
 
 def test_one_session_is_too_few(taps):
-    with pytest.raises(InputError, match="needs two training sessions or more, .* and there is session 2 only"):
+    with pytest.raises(InputError, match=r"needs two training sessions or more, .* and there is session 2 only"):
         learn_power("histogram", taps.select(taps.session == 2), taps.grid(), SETTINGS, 3, 0)
 
 

@@ -5,7 +5,7 @@ import pytest
 from solidtouch.models.catalogue import FitSettings, fit_model
 from solidtouch.models.errors import InputError
 from solidtouch.models.preprocessing import Preprocessing
-from solidtouch.models.session import state_grid, session_spread
+from solidtouch.models.session import session_spread, state_grid
 from solidtouch.models.taps import TapSet
 
 L, M, J, K, N = 4, 3, 6, 5, 9
@@ -56,7 +56,8 @@ def test_what_does_not_vary_takes_one_point(spread, points, left):
     states = state_grid(*spread, *points)
 
     assert len(states.gain) == left
-    assert (spread[0] > 0 or (states.gain == 1).all()) and (spread[1] > 0 or (states.offset == 0).all())
+    assert spread[0] > 0 or (states.gain == 1).all()
+    assert spread[1] > 0 or (states.offset == 0).all()
 
 
 @pytest.mark.parametrize("arguments", [(-0.1, 0.1), (0.1, -0.1), (np.nan, 0.1), (0.1, np.inf), (0.1, 0.1, 0)])

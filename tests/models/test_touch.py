@@ -1,12 +1,17 @@
 """The NumPyro models of a tap and of a move."""
 
+from dataclasses import replace
+
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from solidtouch.inference import reference
-from solidtouch.inference.enumeration import log_joint, touch_tables
-from solidtouch.models.touch import KERNEL_BORDERS, TapCounts, move_kernel, split_prior
+from numpyro import handlers
+from solidtouch.inference import enumeration, reference
+from solidtouch.inference.enumeration import log_joint, log_likelihoods, observed, touch_tables
+from solidtouch.models.catalogue import FitSettings, fit_model
+from solidtouch.models.states import States
+from solidtouch.models.touch import KERNEL_BORDERS, TapCounts, move_kernel, one_tap, split_prior
 
 
 @pytest.mark.parametrize("border", KERNEL_BORDERS)
@@ -34,16 +39,19 @@ def test_borders_that_are_no_kernel_are_refused(border):
 
 
 def test_a_split_prior_is_the_prior(rng):
-    """p(where) times p(what | where), also where a whole position is impossible."""
-    prior = rng.dirichlet(np.ones(12)).reshape(4, 3)
-    prior[2], prior[0, 1] = 0.0, 0.0
+    """p(session) p(where | session) p(what | session, where), also where a position or a session is impossible."""
+    prior = rng.dirichlet(np.ones(4 * 5 * 3)).reshape(4, 5, 3)
+    prior[2], prior[:, 3], prior[0, 1, 2] = 0.0, 0.0, 0.0
     prior /= prior.sum()
     with jax.enable_x64(True):
-        log_where, log_what = split_prior(jnp.log(jnp.asarray(prior)))
-        joint = np.exp(np.asarray(log_where)[:, None] + np.asarray(log_what))
+        split = split_prior(jnp.log(jnp.asarray(prior)))
+        joint = np.exp(split.log_session[:, None, None] + split.log_where[:, :, None] + split.log_what)
+        given_where = np.exp(split.log_what).sum(axis=2)
 
-    np.testing.assert_allclose(joint, prior, atol=1e-16)
-    assert not np.isnan(log_what).any()
+    np.testing.assert_allclose(np.moveaxis(joint, 0, 1), prior, atol=1e-16)
+    np.testing.assert_allclose(np.exp(split.log_session), prior.sum(axis=(0, 2)), atol=1e-15)
+    np.testing.assert_allclose(given_where[[0, 1, 2, 4]][:, [0, 1, 3]], 1.0)
+    assert not any(np.isnan(part).any() for part in split)
 
 
 def test_counts_that_are_zero_do_not_see_impossible_bins():
@@ -64,6 +72,45 @@ def test_the_log_joint_of_a_tap_is_prior_times_likelihood(make_model, draw_sampl
     tap = draw_samples(model, 1)
     expected = model.log_prior + model.log_likelihood(tap)[0]
     with jax.enable_x64(True):
-        actual = log_joint(touch_tables(model), jnp.asarray(model.log_prior), jnp.asarray(model.bins(tap)[0]))
+        actual = log_joint(touch_tables(model), jnp.asarray(model.log_prior), jnp.asarray(observed(model, tap[0])))
 
     np.testing.assert_allclose(actual, expected, rtol=1e-12)
+
+
+STATES = States(np.array([1.0, 1.3, 0.8, 1.1, 1.0]), np.array([0.0, 0.2, -0.1, 0.5, 0.3]), np.log(np.full(5, 0.2)))
+
+
+@pytest.mark.parametrize("name", ["histogram", "profile", "profile-ar", "matrix-normal"])
+@pytest.mark.parametrize("at_once", [2**23, 300])
+def test_any_model_is_enumerated_over_where_session_and_what(make_taps, monkeypatch, name, at_once):
+    """Whether all hypotheses fit into memory at once or a few at a time; with a belief that tells states apart."""
+    monkeypatch.setattr(enumeration, "_AT_ONCE", at_once)
+    jax.clear_caches()
+    taps = make_taps(L=3, M=2, J=7, K=4)
+    model = replace(fit_model(name, taps, taps.grid(), FitSettings(bins=6)).model, states=STATES)
+    log_belief = np.log(np.random.default_rng(1).dirichlet(np.ones(3 * 5 * 2))).reshape(3, 10)
+    log_belief[1, 4:6], log_belief[:, 2:4] = -np.inf, -np.inf
+    with jax.enable_x64(True):
+        tables = touch_tables(model)
+        for tap in taps.taps[:3]:
+            seen = jnp.asarray(observed(model, tap))
+            expected = model.log_likelihood(tap[None])[0]
+            actual = log_joint(tables, jnp.asarray(log_belief), seen)
+            alone = log_likelihoods(tables, seen[None])[0]
+            total = np.logaddexp.reduce(log_belief.ravel())
+            np.testing.assert_allclose(actual, log_belief - total + expected, rtol=1e-10)
+            np.testing.assert_allclose(model.exponent * alone, expected, rtol=1e-10)
+
+
+def test_sites_have_the_names_of_what_is_unknown(make_model, draw_samples):
+    """Where, what and session are drawn, the samples are observed."""
+    model = replace(make_model(), states=STATES)
+    with jax.enable_x64(True):
+        prior = jnp.asarray(model.log_prior).reshape(3, 5, 4)
+        arguments = touch_tables(model), prior, jnp.asarray(observed(model, draw_samples(make_model(), 1)[0]))
+        trace = handlers.trace(handlers.seed(one_tap, 0)).get_trace(*arguments)
+
+    drawn = {name for name, site in trace.items() if site["type"] == "sample" and not site["is_observed"]}
+    assert drawn == {"session", "where", "what"}
+    assert trace["bins"]["fn"].batch_shape == (5, 2)
+    assert (trace["J"]["type"], trace["K"]["type"]) == ("plate", "plate")

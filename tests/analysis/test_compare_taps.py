@@ -1,0 +1,149 @@
+"""Models compared by taps: sessions and single taps left out, stacking, predictive checks."""
+
+import numpy as np
+import pytest
+from solidtouch.analysis.compare_checks import STATISTICS, predictive_checks
+from solidtouch.analysis.compare_taps import (
+    TapScores,
+    join_scores,
+    leave_one_tap_out,
+    mean_scores,
+    score_fold,
+    session_folds,
+    stacked,
+)
+from solidtouch.models.catalogue import FitSettings, fit_model
+from solidtouch.models.preprocessing import Preprocessing
+from solidtouch.models.taps import TapSet
+
+J, K = 6, 3
+SETTINGS = FitSettings(bins=25, pseudocount=0.5)
+
+
+def make_taps(seed: int, sessions: int, first: int = 0, rho: float = 0.0, source: str = "here") -> TapSet:
+    """Taps with a profile in time, residuals of order one with slope rho."""
+    generator = np.random.default_rng(seed)
+    session = np.repeat(np.arange(sessions), 24)
+    what = np.tile(np.repeat([0, 1], 12), sessions)
+    noise = generator.normal(size=(len(what), J, K))
+    for j in range(1, J):
+        noise[:, j] += rho * noise[:, j - 1]
+    profile = np.linspace(0, 6, J)[:, None] * (1 + what)[:, None, None]
+    return TapSet.from_arrays(
+        profile + noise,
+        what,
+        ["a", "b"],
+        session=session + first,
+        preprocessing=Preprocessing(samples=J),
+        source=source,
+    )
+
+
+def test_every_session_is_left_out_once():
+    """The folds' test taps are all taps, each once, and no training tap is of a session left out."""
+    train, test = make_taps(0, 2), make_taps(1, 1, first=2)
+    folds, sentence = session_folds(train, test)
+    assert len(folds) == 3
+    assert sum(len(fold.test) for fold in folds) == len(train) + len(test)
+    for fold in folds:
+        assert not np.isin(fold.train.session, fold.test.session).any()
+    assert folds[-1].train is train
+    assert "Each session of TRAIN and TEST" in sentence
+
+
+def test_sessions_of_two_recordings_are_told_apart():
+    """Session 0 of two files is two sessions, that of one file divided between both is one."""
+    assert len(session_folds(make_taps(0, 1), make_taps(1, 1, source="there"))[0]) == 2
+    whole = make_taps(0, 1)
+    folds, sentence = session_folds(whole.select(np.arange(12)), whole.select(np.arange(12, 24)))
+    assert folds == []
+    assert "one session only" in sentence
+
+
+def test_many_sessions_are_left_out_in_groups():
+    """Never more than six fits."""
+    folds, sentence = session_folds(make_taps(0, 9), make_taps(1, 1, first=20))
+    assert len(folds) == 6
+    assert "6 groups of sessions" in sentence
+
+
+def test_other_objects_in_test_leave_one_direction():
+    """Recordings that cannot be pooled are compared from TRAIN to TEST."""
+    train = make_taps(0, 1)
+    test = TapSet(make_taps(1, 1, first=1).dataset.isel(taxel=slice(0, 2)))
+    folds, sentence = session_folds(train, test)
+    assert [fold.name for fold in folds] == ["TEST"]
+    assert "cannot be pooled" in sentence
+
+
+def test_histogram_is_left_out_exactly_and_importance_sampling_says_where_it_fails():
+    """Pareto k is there for every tap, and the exact value lies below the one that knows the tap."""
+    taps = make_taps(0, 1)
+    fitted = fit_model("histogram", taps, taps.grid(), SETTINGS)
+    result = leave_one_tap_out(fitted, taps, 200, seed=0)
+    assert result["pareto_k"].shape == (len(taps),)
+    within = score_fold(fitted, session_folds(taps, make_taps(1, 1, first=1))[0][-1]._replace(test=taps), 0)
+    assert float(result["exact_plug_in"].mean()) < within["plug_in"].values.mean()
+    assert set(result) == {"psis", "pareto_k", "exact", "exact_plug_in"}
+
+
+def test_importance_sampling_agrees_where_it_can():
+    """With many taps of few samples it is as good as the exact value."""
+    generator = np.random.default_rng(5)
+    taps = TapSet.from_arrays(
+        generator.normal(size=(300, 1, 1)), np.zeros(300, dtype=int), ["a"], preprocessing=Preprocessing(samples=1)
+    )
+    fitted = fit_model("histogram", taps, taps.grid(), SETTINGS._replace(bins=5))
+    result = leave_one_tap_out(fitted, taps, 2000, seed=0)
+    assert float(result["pareto_k"].max()) < 0.7
+    np.testing.assert_allclose(result["psis"], result["exact"], atol=0.02)
+
+
+def test_the_model_that_made_the_taps_wins():
+    """Correlated residuals are predicted better by the model that knows of them, by weight and by interval."""
+    folds, _ = session_folds(make_taps(0, 1, rho=0.8), make_taps(1, 1, first=1, rho=0.8))
+    scores = {}
+    for name in ("profile", "profile-ar"):
+        parts = [score_fold(fit_model(name, fold.train, fold.train.grid(), SETTINGS), fold, 0) for fold in folds]
+        scores[name] = join_scores([part["integrated"] for part in parts])
+    table = stacked(scores, len(folds))
+    assert table.loc["profile-ar", "rank"] == 0
+    assert table.loc["profile-ar", "weight"] > 0.8
+    means = mean_scores(scores, "profile", "integrated", seed=0)
+    assert float(means["integrated_difference_low"].sel(model="profile-ar")) > 0
+
+
+def test_weights_do_not_depend_on_a_common_number():
+    """Log probabilities of -1000 per tap are weighed like those of -1."""
+    generator = np.random.default_rng(0)
+    cluster = np.arange(40)
+    a, b = generator.normal(size=(2, 40))
+    weights = [
+        stacked({"a": TapScores(a + c, cluster), "b": TapScores(b + c, cluster)}, 2).loc["a", "weight"]
+        for c in (0.0, -1000.0)
+    ]
+    assert weights[0] == pytest.approx(weights[1], abs=1e-6)
+
+
+def test_means_are_those_of_taps_and_differences_pair():
+    """A model that is everywhere 1 nat better is so without doubt."""
+    generator = np.random.default_rng(0)
+    values, cluster = generator.normal(size=30), np.repeat(np.arange(6), 5)
+    scores = {"a": TapScores(values, cluster), "b": TapScores(values + 1, cluster)}
+    means = mean_scores(scores, "a", "x", seed=1)
+    assert float(means["x"].sel(model="a")) == pytest.approx(values.mean())
+    for end in ("", "_low", "_high"):
+        assert float(means[f"x_difference{end}"].sel(model="b")) == pytest.approx(1.0)
+
+
+def test_checks_show_what_a_model_leaves_out():
+    """The profile lies far off for exchangeable samples, the correlation in time for independent residuals."""
+    taps = make_taps(0, 2, rho=0.8)
+    models = {name: fit_model(name, taps, taps.grid(), SETTINGS) for name in ("histogram", "profile", "profile-ar")}
+    checks = predictive_checks(models, taps, seed=0, replicates=12)
+    p = checks["p"]
+    assert float(p.sel(model="histogram", statistic="profile")) == 0
+    assert float(p.sel(model="profile", statistic="lag")) == 0
+    assert 0 < float(p.sel(model="profile-ar", statistic="lag")) < 1
+    assert "place" not in checks["statistic"].values
+    assert set(checks["statistic"].values) < set(STATISTICS)
