@@ -4,7 +4,7 @@
 VENV := .venv
 PY := $(VENV)/bin/python
 
-.PHONY: run test quick check format bench bench-quick fuzz faults kills rig-demo lock clean help
+.PHONY: run test quick check format bench bench-quick studies fuzz faults kills rig-demo lock clean help
 
 run: $(VENV)/.ready-run
 	@$(VENV)/bin/solidtouch reproduce
@@ -30,6 +30,11 @@ bench: $(VENV)/.ready-dev
 
 bench-quick: $(VENV)/.ready-dev
 	@$(PY) benchmarks/run.py --quick
+
+studies: $(VENV)/.ready-run
+	@$(PY) benchmarks/recovery.py --document docs/model-studies.md
+	@$(PY) benchmarks/sbc.py --document docs/model-studies.md
+	@$(PY) benchmarks/sessions.py --document docs/model-studies.md
 
 fuzz: $(VENV)/.ready-run
 	@$(PY) benchmarks/fuzz.py
@@ -58,6 +63,7 @@ help:
 	@echo "make check   lint, format, types and import layers"
 	@echo "make format  mend lint and format"
 	@echo "make bench   time everything beside baselines and limits, into docs/performance.md; bench-quick only tries it"
+	@echo "make studies whether models are recognised, fits calibrated, and what sessions gain, into docs/model-studies.md"
 	@echo "make rig-demo  emulated devices: collect, fit and perceive over serial ports"
 	@echo "make faults  random faults of the emulated rig, and what came of them"
 	@echo "make kills   kill a data collection at random moments, and what was lost"

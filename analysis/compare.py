@@ -11,6 +11,7 @@ import xarray as xr
 from ..inference.episode import DEADLINE
 from ..inference.montecarlo import THRESHOLDS
 from ..inference.reference import Border
+from ..inference.tempering import fit_tempered
 from ..inference.trial_plan import TapTable, tap_table
 from ..models.bins import bin_edges
 from ..models.catalogue import FitSettings, Fitted, fit_model
@@ -70,6 +71,7 @@ class Comparison(NamedTuple):
     Attributes:
         grid: The classes.
         fits: Of every model that could be fitted, by name.
+        learned: How the power of each was learned, where it was.
         refused: Why each of the others could not.
         seconds: How long each model took to fit to the training taps.
         left_out_taps: Over (model, tap), see `compare_taps.leave_one_tap_out`; `None` where it was skipped.
@@ -87,6 +89,7 @@ class Comparison(NamedTuple):
 
     grid: ClassGrid
     fits: dict[str, Fitted]
+    learned: dict[str, str]
     refused: dict[str, str]
     seconds: dict[str, float]
     left_out_taps: xr.Dataset | None
@@ -118,7 +121,7 @@ def compare(train: TapSet, test: TapSet, grid: ClassGrid, settings: CompareSetti
     clock = _Clock(progress)
     edges = _edges(train, grid, settings.fit)
     fit = settings.fit._replace(edges=edges, bins=edges.shape[-1] - 1)
-    fits, refused, seconds = _fit_all(settings.models, train, grid, fit, clock)
+    fits, learned, refused, seconds = _fit_all(settings.models, train, grid, fit, clock)
     shared = _shared(fits, test)
     left_out = _leave_out_taps(fits, train, settings, clock)
     sessions, stacking, sentence = _leave_out_sessions(fits, train, test, grid, fit, settings.seed, clock)
@@ -146,6 +149,7 @@ def compare(train: TapSet, test: TapSet, grid: ClassGrid, settings: CompareSetti
     return Comparison(
         grid=grid,
         fits=fits,
+        learned=learned,
         refused=refused,
         seconds=seconds,
         left_out_taps=left_out,
@@ -194,23 +198,25 @@ def _edges(train: TapSet, grid: ClassGrid, fit: FitSettings) -> Any:
 
 def _fit_all(
     names: Sequence[str], train: TapSet, grid: ClassGrid, fit: FitSettings, clock: _Clock
-) -> tuple[dict[str, Fitted], dict[str, str], dict[str, float]]:
+) -> tuple[dict[str, Fitted], dict[str, str], dict[str, str], dict[str, float]]:
     fits: dict[str, Fitted] = {}
+    learned: dict[str, str] = {}
     refused: dict[str, str] = {}
     seconds: dict[str, float] = {}
     with clock.stage("Fitting models", len(names)) as advance:
         for name in names:
             began = time.perf_counter()
             try:
-                fits[name] = fit_model(name, train, grid, fit)
+                fits[name], power = fit_tempered(name, train, grid, fit)
             except InputError as error:
                 refused[name] = str(error)
             else:
                 seconds[name] = round(time.perf_counter() - began, 2)
+                learned |= {} if power is None else {name: power.sentence}
             advance(1)
     if not fits:
         raise InputError("No model can be fitted. " + " ".join(refused.values()))
-    return fits, refused, seconds
+    return fits, learned, refused, seconds
 
 
 def _shared(fits: dict[str, Fitted], test: TapSet) -> TapSet:
@@ -288,10 +294,10 @@ def _refit(
     fit: FitSettings,
     failed: dict[str, str],
 ) -> dict[str, Fitted]:
-    """The models fitted to the training taps of a fold."""
+    """The models fitted to the training taps of a fold; their power does not matter for taps."""
     if fold.train is train:
         return fits
-    refitted = {}
+    fit, refitted = fit._replace(power="none"), {}
     for name in fits:
         try:
             refitted[name] = fit_model(name, fold.train, grid, fit)

@@ -17,7 +17,7 @@ from ..models.bins import find_bins
 from ..models.catalogue import Fitted
 from ..models.forms import TableForm, in_states
 from ..models.model import TapModel
-from ..models.predictive import form_of
+from ..models.model_draws import form_of
 from ..models.scaling import sum_by
 from ..models.shapes import Parameters
 from ..models.taps import TapSet
@@ -77,8 +77,9 @@ def _taxel_correlation(cells: _Cells) -> float:
     flat = flat[:, flat.std(axis=0) > 0]
     if flat.shape[1] < 2:
         return np.nan
-    correlation = np.corrcoef(flat.T)
-    return float(np.abs(correlation[np.tril_indices(len(correlation), -1)]).mean())
+    correlation = np.atleast_2d(np.corrcoef(flat.T))
+    below = np.tril(np.ones(correlation.shape, dtype=bool), -1)
+    return float(np.abs(correlation[below]).mean())
 
 
 def _tap_gain(cells: _Cells) -> float:
@@ -108,10 +109,10 @@ def _slope_over_place(cells: _Cells) -> float:
 
 def _between_sessions(cells: _Cells) -> float:
     """Share of the variance within classes that is between sessions."""
-    key, index = np.unique(np.stack([cells.own, cells.session]), axis=1, return_inverse=True)
-    index = np.asarray(index, dtype=np.intp).ravel()
+    _, session = np.unique(cells.session, return_inverse=True)
+    _, index = np.unique(cells.own * (session.max() + 1) + session, return_inverse=True)
     count = np.bincount(index)[:, None, None]
-    mean = sum_by(index, cells.residual, key.shape[1]) / count
+    mean = sum_by(index, cells.residual, len(count)) / count
     return _ratio(float((count * mean**2).sum()), float((cells.residual**2).sum()))
 
 

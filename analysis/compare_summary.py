@@ -85,7 +85,7 @@ def _model(comparison: Comparison, name: str, power: str) -> dict[str, Any]:
         "fit": fitted.convergence.sentence,
         "converged": fitted.convergence.converged,
         "seconds": comparison.seconds[name],
-        "power": f"{power} ({fitted.model.exponent:.3g})",
+        "power": comparison.learned.get(name, f"{power} ({fitted.model.exponent:.3g})"),
         "states": len(fitted.model.states.gain),
     }
 

@@ -17,8 +17,9 @@ from numpy.typing import NDArray
 from ..models.catalogue import Fitted
 from ..models.classes import ClassGrid
 from ..models.errors import InputError
+from ..models.model_draws import drawn
 from ..models.posterior import HistogramPosterior
-from ..models.predictive import drawn, integrated, plug_in
+from ..models.predictive import integrated, plug_in
 from ..models.taps import TapSet, concatenate
 from .compare_pairing import RESAMPLES, with_intervals
 
@@ -84,13 +85,17 @@ def leave_one_tap_out(
         progress: Told of every draw.
 
     Returns:
-        Over (tap): `psis` in nats and `pareto_k`, NaN where no tail can be fitted; the exact `exact` and `exact_plug_in` where the model is a plain
-        histogram.
+        Over (tap): `psis` in nats and `pareto_k`, NaN where no tail can be fitted; and `exact` and `exact_plug_in`
+        where the model is a plain histogram.
     """
     import arviz as az  # noqa: PLC0415
 
     grid, own = fitted.model.grid, taps.indices(fitted.model.grid)
-    log_mass = drawn(fitted, taps.taps, own, draws, np.random.default_rng(seed), progress)
+    log_mass = np.empty((draws, len(taps)))
+    for i, (_, values) in enumerate(drawn(fitted, taps, draws, seed)):
+        log_mass[i] = values
+        if progress is not None:
+            progress(1)
     tree = xr.DataTree.from_dict({"log_likelihood": xr.Dataset({"bins": (("chain", "draw", "tap"), log_mass[None])})})
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # of large Pareto k, which are reported one by one

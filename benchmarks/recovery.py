@@ -8,6 +8,7 @@ forecast as a whole, since its taps share a state under `session:profile`.
 """
 
 import argparse
+from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import partial
@@ -95,12 +96,14 @@ class Replicate(NamedTuple):
         scores: Log probability of the session left out under every model, in nats.
         taps: Of that session.
         covered: Of each kind of parameter, how many are in the central 90 % of the posterior, and of how many.
+        unfinished: Models whose fit had not converged when it ended.
     """
 
     source: str
     scores: dict[str, float]
     taps: int
     covered: dict[str, tuple[int, int]]
+    unfinished: list[str]
 
 
 def sources(models: Sequence[str], sizes: Sizes, seed: int) -> list[Source]:
@@ -132,14 +135,16 @@ def replicate(source: Source, models: Sequence[str], sizes: Sizes, seed: int, nu
     sessions = [simulated(source, truth, sizes.repeats, session, generator) for session in range(sizes.sessions + 1)]
     train, left_out = concatenate(sessions[:-1]), sessions[-1]
     # The bins are those of the source, which for a histogram are part of what it says.
-    settings = FitSettings(edges=source.fitted.model.edges)
-    scores, covered = {}, {}
+    settings = FitSettings(edges=source.fitted.model.edges, unconverged=True)
+    scores, covered, unfinished = {}, {}, []
     for name in models:
         fitted = fit_model(name, train, source.grid, settings)
+        if not fitted.convergence.converged:
+            unfinished.append(name)
         scores[name] = session_score(fitted, left_out, np.random.default_rng([seed, number]))
         if name == source.name:
             covered = coverage(source, truth, fitted, generator)
-    return Replicate(source.name, scores, len(left_out), covered)
+    return Replicate(source.name, scores, len(left_out), covered, unfinished)
 
 
 def simulated(
@@ -323,8 +328,11 @@ def coverage_table(replicates: Sequence[Replicate], models: Sequence[str]) -> st
 
 def tables(replicates: Sequence[Replicate], models: Sequence[str]) -> str:
     """All tables."""
-    parts = [winners_table, margins_table, coverage_table]
-    return "\n\n".join(part(replicates, models) for part in parts)
+    count = Counter(name for one in replicates for name in one.unfinished)
+    listed = ", ".join(f"{number} of {len(replicates)} of {name}" for name, number in count.items())
+    sentence = f"Fits that ended before they had converged, used all the same: {listed or 'none'}."
+    parts = [part(replicates, models) for part in (winners_table, margins_table, coverage_table)]
+    return "\n\n".join([*parts, sentence])
 
 
 def main() -> None:

@@ -90,6 +90,7 @@ def studies(sizes: Sizes) -> list[Study]:
     L, M, J, K = sizes[:4]
     where, what = own_classes(sizes)
     prior = CellPrior(0.3, 0.5, 2.0 + np.arange(K), 1.0 + np.arange(K))
+    around_0 = prior._replace(level=0.0)  # which `fit_profile_mvn` takes for granted
     wide = weak_prior(J, K)._replace(strength=0.5)
     pairs = K * (K - 1) // 2
     typical = np.linspace(-0.4, 0.6, pairs)
@@ -97,24 +98,24 @@ def studies(sizes: Sizes) -> list[Study]:
     def taps(samples: Any) -> Taps:
         return Taps(samples, where, what, (L, M))
 
-    def cells(name: str, story: Any, fit: Any, passes: int, more: tuple[Any, ...] = (), how: str = "exact") -> Study:
-        draw = partial(_from_story, story, taps, (len(where), J, K), passes, (prior, *more))
+    def cells(name: str, story: Any, fit: Any, passes: int, how: str = "exact", more: Any = (prior,)) -> Study:
+        draw = partial(_from_story, story, taps, (len(where), J, K), passes, more)
         return Study(
-            name, how, draw, lambda samples: fit(taps(samples), prior), partial(_quantities, name, (where, what))
+            name, how, draw, lambda samples: fit(taps(samples), more[0]), partial(_quantities, name, (where, what))
         )
 
     return [
         _histogram_study(sizes),
         cells("gaussian", stories.gaussian, fit_gaussian, 1),
         cells("profile", stories.profile, fit_profile, 1),
-        cells("profile-ar", stories.profile_ar, fit_profile_ar, J, how="exact but for a grid of slopes"),
+        cells("profile-ar", stories.profile_ar, fit_profile_ar, J, "exact but for a grid of slopes"),
         cells(
             "profile-mvn",
             stories.profile_mvn,
             fit_profile_mvn,
             K,
-            (typical, 4.0),
             "slopes and cells factorised, typical slopes estimated",
+            (around_0, typical, 4.0),
         ),
         Study(
             "matrix-normal",
@@ -381,6 +382,17 @@ def panels(results: Sequence[Ranks]) -> list[RankPanel]:
     return found
 
 
+def page(results: Sequence[Ranks], sizes: Sizes, repetitions: int, seed: int) -> str:
+    """What the page says of the results."""
+    tests = 2 * sum(len(result.rank) for result in results)
+    return (
+        f"{sizes.L} x {sizes.M} classes, {sizes.J} samples, {sizes.K} taxels, {sizes.repeats} taps per class; "
+        f"{repetitions} data sets for each model, {DRAWS} draws from each posterior, seed {seed}. "
+        f"A quantity fails where one of its two p-values is below 0.05 divided by {tests}, the number of tests.\n\n"
+        f"{result_table(results)}"
+    )
+
+
 def main() -> None:
     """Runs the study as the command line says."""
     parser = argparse.ArgumentParser(description=__doc__)
@@ -397,13 +409,7 @@ def main() -> None:
     if not results:
         return
     write_json("sbc", [{"model": r.study.name, "rank": {k: v.tolist() for k, v in r.rank.items()}} for r in results])
-    tests = sum(len(result.rank) for result in results)
-    text = (
-        f"{sizes.L} x {sizes.M} classes, {sizes.J} samples, {sizes.K} taxels, {sizes.repeats} taps per class; "
-        f"{options.repetitions} data sets for each model, {DRAWS} draws from each posterior, seed {options.seed}. "
-        f"A quantity fails where one of its two p-values is below 0.05 divided by {2 * tests}, the number of tests.\n\n"
-        f"{result_table(results)}"
-    )
+    text = page(results, sizes, options.repetitions, options.seed)
     print(text)
     complete = all(len(rank) == options.repetitions for result in results for rank in result.rank.values())
     if options.document is not None and complete:

@@ -84,7 +84,7 @@ def compare(
         from ..models.catalogue import FitSettings
         from ..models.experiment import load_experiment
         from ..models.histogram import trim
-        from ..models.power import parse_power
+        from ..models.power import parse_power_choice
         from ..models.storage import check_folder
     from .progress import bars
 
@@ -105,7 +105,7 @@ def compare(
         fit=FitSettings(
             bins=bins,
             pseudocount=pseudocount,
-            power=parse_power(power),
+            power=parse_power_choice(power),
             value_range=value_range,
             unconverged=unconverged,
             seed=seed,

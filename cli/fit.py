@@ -45,7 +45,7 @@ def fit(
     value_range: ValueRange = "global",
     draws: Annotated[
         int, Option(min=0, help="Posterior draws kept in the file for ArviZ, in each of 4 chains; 0 for none.")
-    ] = 100,
+    ] = 25,
     method: Annotated[
         Literal["closed", "nuts"], Option("--fit", help="The model's own fast fit, or NUTS on its story.")
     ] = "closed",

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..models.errors import InputError
-from ..models.histogram import HistogramModel
+from ..models.model import TapModel
 from . import kernel
 from .reference import BORDERS, Border, ZeroEvidenceError
 
@@ -107,7 +107,7 @@ class FilterEngine:
         InputError: The border is `prior`, and the model carries a state.
     """
 
-    model: HistogramModel
+    model: TapModel
     border: Border = "uniform"
     name: str = "filter"
 

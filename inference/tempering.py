@@ -7,7 +7,7 @@ probability, a proper score, so that it pays neither to be too sure nor too timi
 matter, because the more taps share a session's mistakes the less each of them should count.
 """
 
-from typing import NamedTuple, Self
+from typing import Any, NamedTuple, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -184,7 +184,7 @@ def _best(sequences: list[_Sequences], sessions: tuple[int, ...], n: int) -> Lea
     score = np.array([_score(sequences, exponent) for exponent in exponents])
     top = int(score.argmax())
     around = np.log(exponents[[max(top - 1, 0), min(top + 1, _POINTS - 1)]])
-    found = minimize_scalar(lambda x: -_score(sequences, np.exp(x)), bounds=tuple(around), method="bounded")
+    found: Any = minimize_scalar(lambda x: -_score(sequences, np.exp(x)), bounds=tuple(around), method="bounded")
     power, value = float(np.exp(found.x)), -float(found.fun)
     if value <= score[top]:
         power, value = float(exponents[top]), float(score[top])

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from ..hardware.pool import TapPool, tap_pool
 from ..models.errors import InputError
-from ..models.histogram import HistogramModel
+from ..models.model import TapModel
 from ..models.taps import TapSet
 from . import draws, kernel
 
@@ -44,12 +44,12 @@ class TrialPlan(NamedTuple):
     stream: NDArray[np.intp]
 
 
-def tap_table(model: HistogramModel, taps: TapSet) -> TapTable:
+def tap_table(model: TapModel, taps: TapSet) -> TapTable:
     """The log-likelihoods of test taps and their pool.
 
     Args:
         model: The fitted measurement model.
-        taps: Test taps, all of trained classes (see `HistogramModel.usable`).
+        taps: Test taps, all of trained classes (see `TapModel.usable`).
     """
     where, what = taps.indices(model.grid)
     return TapTable(model.log_likelihood(taps.taps), tap_pool(where, what, model.grid.shape), model.log_prior)

@@ -18,7 +18,7 @@ from .errors import InputError
 from .fit_cells import fit_gaussian, fit_profile, fit_profile_ar, fit_profile_mvn
 from .fit_checks import check_cells, check_places, check_taxels, check_times
 from .fit_curves import fit_smooth
-from .fit_kronecker import fit_matrix_normal, weak_prior
+from .fit_kronecker import fit_matrix_normal
 from .histogram import HistogramModel, untouched
 from .histogram import fit as fit_histogram
 from .model import TapModel
@@ -164,6 +164,8 @@ def _fit_story(kind: str, taps: TapSet, grid: ClassGrid, settings: FitSettings, 
     used = taps if inside.all() else taps.select(inside)
     known = training_taps(used, grid.shape, where[inside], what[inside])
     likelihood_exponent(settings.power, *known.samples.shape[1:])
+    if settings.bins < 1:
+        raise InputError(f"Probabilities of bins need at least one bin, got bins={settings.bins}.")
     _check(kind, known, used.where)
     edges = bin_edges(used.taps, settings.bins, settings.value_range) if settings.edges is None else settings.edges
     scaling = Scaling.of(known, edges)
@@ -244,27 +246,28 @@ def _sample(kind: str, taps: Taps, place: NDArray[np.float64], posterior: Any, s
     """The posterior of a story by NUTS, under the prior that the fast fit estimated."""
     from . import fit_nuts, stories  # noqa: PLC0415
 
-    match kind:
-        case "student":
-            return fit_nuts.sample_story(stories.student, (taps,), fit_nuts.student_sites, seed)
-        case "gaussian" | "profile":
-            story = stories.gaussian if kind == "gaussian" else stories.profile
-            return fit_nuts.sample_story(story, (taps, posterior.prior), fit_nuts.plain_sites, seed)
-        case "profile-ar":
-            return fit_nuts.sample_story(stories.profile_ar, (taps, posterior.prior), fit_nuts.plain_sites, seed)
-        case "profile-mvn":
-            pairs = np.tril_indices(taps.samples.shape[2], -1)
-            arguments = taps, posterior.prior, posterior.typical[pairs], posterior.tightness
-            return fit_nuts.sample_story(stories.profile_mvn, arguments, fit_nuts.slope_sites, seed)
-        case "matrix-normal":
-            prior = weak_prior(*taps.samples.shape[1:])._replace(strength=_NUTS_STRENGTH)
-            return fit_nuts.sample_story(stories.matrix_normal, (taps, prior), fit_nuts.precision_sites, seed)
-        case _:
-            prior = CurvePrior(posterior.basis.at(place), posterior.width, posterior.prior.a, posterior.prior.b)
-            return fit_nuts.sample_story(stories.smooth, (taps, prior), fit_nuts.curve_sites, seed)
+    if kind == "student":
+        return fit_nuts.sample_story(stories.student, (taps,), fit_nuts.student_sites, seed)
+    prior = posterior.prior
+    if kind == "smooth":
+        curves = CurvePrior(posterior.basis.at(place), posterior.width, prior.a, prior.b)
+        return fit_nuts.sample_story(stories.smooth, (taps, curves), fit_nuts.curve_sites, seed)
+    trained, over_grid = fit_nuts.trained_only(taps)
+    pairs = np.tril_indices(taps.samples.shape[2], -1)
+    story, arguments, sites = {
+        "gaussian": (stories.gaussian, (), fit_nuts.plain_sites),
+        "profile": (stories.profile, (), fit_nuts.plain_sites),
+        "profile-ar": (stories.profile_ar, (), fit_nuts.plain_sites),
+        "profile-mvn": (
+            stories.profile_mvn,
+            (posterior.typical[pairs], posterior.tightness) if kind == "profile-mvn" else (),
+            fit_nuts.slope_sites,
+        ),
+        "matrix-normal": (stories.matrix_normal, (), fit_nuts.precision_sites),
+    }[kind]
+    return fit_nuts.sample_story(story, (trained, prior, *arguments), lambda drawn: over_grid(sites(drawn)), seed)
 
 
-_NUTS_STRENGTH = 1e-3  # a matrix normal prior of the means must be proper
 CATALOGUE = {
     "histogram": Row("nothing", "one histogram per class and taxel, as in the paper"),
     "gaussian": Row("bins", "a normal distribution per class and taxel"),

@@ -19,6 +19,7 @@ from .priors import KroneckerPrior, Taps
 from .scaling import Moments, sum_by
 
 _ROUNDS, _STILL = 200, 1e-5  # rounds at most, and the change at which they end
+_SETTLING = 10  # rounds after which the prior stays as it is
 _MOST_FREEDOM = 1e4  # of the distribution that the taxel precisions of all classes come from
 
 
@@ -96,7 +97,7 @@ def fit_matrix_normal(taps: Taps, prior: KroneckerPrior | None = None) -> Kronec
         before, shape = shape, time * (J / np.trace(time))
         deviation = np.sqrt(np.diag(shape))
         change, rounds = float(np.abs((shape - before) / np.outer(deviation, deviation)).max()), rounds + 1
-        if known is None and change > _STILL and rounds < _ROUNDS:
+        if known is None and rounds <= _SETTLING:
             prior = _estimated(prior, taxel_scale[freedom > 0], taxel_freedom[freedom > 0])
     count = moments.taps
     share = count / np.maximum(count + prior.strength, 1e-300)
@@ -116,12 +117,16 @@ def fit_matrix_normal(taps: Taps, prior: KroneckerPrior | None = None) -> Kronec
 def _estimated(prior: KroneckerPrior, scale: NDArray[np.float64], freedom: NDArray[np.float64]) -> KroneckerPrior:
     """The prior under which taxel precisions with Wishart posteriors are most probable in expectation.
 
+    The weak prior counts as one class more, without which few classes would confirm themselves.
+
     Args:
         prior: The one before, which keeps what it says of time and means.
         scale: Inverse scales of the posteriors, shape (C, K, K).
         freedom: Their degrees of freedom, shape (C,).
     """
     K = scale.shape[-1]
+    weak = weak_prior(len(prior.time_scale), K)
+    scale, freedom = np.concatenate([scale, weak.taxel_scale[None]]), np.append(freedom, weak.taxel_freedom)
     covariance = np.linalg.inv((np.linalg.inv(scale) * freedom[:, None, None]).mean(axis=0))
     log_precision = psi(0.5 * (freedom[:, None] - np.arange(K))).sum(axis=1) + K * np.log(2) - _log_det(scale)
     gap = float(log_precision.mean() + _log_det(covariance))

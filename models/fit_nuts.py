@@ -14,11 +14,15 @@ from numpy.typing import NDArray
 from numpyro.infer import MCMC, NUTS
 
 from .convergence import Convergence
+from .priors import Taps
 from .shapes import Parameters
+
+type Sites = dict[str, NDArray[np.float64]]
 
 CHAINS, WARM_UP, DRAWS = 4, 500, 250
 R_HAT, ESS = 1.05, 100.0
 """A chain fit with a larger R-hat, or a smaller effective sample size, of any parameter did not converge."""
+_SHARED = ("rho", "time_covariance")  # by all classes
 
 
 class SamplePosterior(NamedTuple):
@@ -29,7 +33,7 @@ class SamplePosterior(NamedTuple):
         stats: `r_hat` and `ess`, the worst of all parameters, and `divergences`, how many.
     """
 
-    samples: dict[str, NDArray[np.float64]]
+    samples: Sites
     stats: dict[str, float]
 
     def point(self) -> Parameters:
@@ -56,7 +60,7 @@ class SamplePosterior(NamedTuple):
 def sample_story(
     story: Callable[..., None],
     arguments: tuple[Any, ...],
-    convert: Callable[[dict[str, NDArray[np.float64]]], dict[str, NDArray[np.float64]]],
+    convert: Callable[[Sites], Sites],
     seed: int = 0,
     *,
     chains: int = CHAINS,
@@ -98,12 +102,33 @@ def _worst(diagnostic: xr.Dataset, pick: Callable[[NDArray[np.float64]], float])
     return float(pick(np.array([pick(values.values) for values in diagnostic.data_vars.values()])))
 
 
-def plain_sites(sites: dict[str, NDArray[np.float64]]) -> dict[str, NDArray[np.float64]]:
+def trained_only(taps: Taps) -> tuple[Taps, Callable[[Sites], Sites]]:
+    """Taps with the classes that have any as the only ones, and what spreads their parameters over the grid again.
+
+    A flat level of a class without a tap would run away. Such classes get the parameters of the first one.
+    """
+    L, M = taps.shape
+    present, index = np.unique(taps.where * M + taps.what, return_inverse=True)
+    source = np.zeros(L * M, dtype=np.intp)
+    source[present] = np.arange(len(present))
+
+    def over_grid(parameters: Sites) -> Sites:
+        return {
+            name: values
+            if name in _SHARED
+            else values[:, :, source, 0].reshape(*values.shape[:2], L, M, *values.shape[4:])
+            for name, values in parameters.items()
+        }
+
+    return Taps(taps.samples, index, np.zeros_like(index), (len(present), 1)), over_grid
+
+
+def plain_sites(sites: Sites) -> Sites:
     """For stories whose sites are the parameters."""
     return sites
 
 
-def slope_sites(sites: dict[str, NDArray[np.float64]]) -> dict[str, NDArray[np.float64]]:
+def slope_sites(sites: Sites) -> Sites:
     """For `profile_mvn`: pairs of taxels as strictly lower triangular matrices."""
     K = sites["level"].shape[-1]
     slope = np.zeros((*sites["slope"].shape[:-1], K, K))
@@ -111,7 +136,7 @@ def slope_sites(sites: dict[str, NDArray[np.float64]]) -> dict[str, NDArray[np.f
     return {**sites, "slope": slope}
 
 
-def precision_sites(sites: dict[str, NDArray[np.float64]]) -> dict[str, NDArray[np.float64]]:
+def precision_sites(sites: Sites) -> Sites:
     """For `matrix_normal`: covariances from precisions, the one in time scaled to trace J."""
     time = np.linalg.inv(sites["time"])
     unit = np.trace(time, axis1=-2, axis2=-1) / time.shape[-1]
@@ -123,11 +148,11 @@ def precision_sites(sites: dict[str, NDArray[np.float64]]) -> dict[str, NDArray[
     }
 
 
-def curve_sites(sites: dict[str, NDArray[np.float64]]) -> dict[str, NDArray[np.float64]]:
+def curve_sites(sites: Sites) -> Sites:
     """For `smooth`: the basis as the last axis of the weights."""
     return {**sites, "weight": np.moveaxis(sites["weight"], 2, -1)}
 
 
-def student_sites(sites: dict[str, NDArray[np.float64]]) -> dict[str, NDArray[np.float64]]:
+def student_sites(sites: Sites) -> Sites:
     """For `student`: what its form needs."""
     return {name: sites[name] for name in ("freedom", "level", "scale")}

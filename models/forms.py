@@ -284,9 +284,7 @@ def _in_bins(values: NDArray[np.float64], edges: NDArray[np.float64]) -> NDArray
     """Values (...) in numbers of bins from the lowest edge; end bins set the scale beyond them."""
     width = np.diff(edges)
     inside = np.interp(values, edges, np.arange(len(edges)))
-    return (
-        inside + np.minimum(values - edges[0], 0.0) / width[0] + np.maximum(values - edges[-1], 0.0) / width[-1]
-    )
+    return inside + np.minimum(values - edges[0], 0.0) / width[0] + np.maximum(values - edges[-1], 0.0) / width[-1]
 
 
 def in_states(form: Form, states: States, edges: NDArray[np.float64]) -> Form:

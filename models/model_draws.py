@@ -4,20 +4,19 @@ The parameters of one draw after the other become a form, so that memory holds t
 else. Every draw has random numbers of its own, so it does not matter which of them are made at the same time.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
 
-from .bins import find_bins
 from .catalogue import Fitted
 from .errors import InputError
-from .forms import Form, TableForm, bin_gaps
+from .forms import Form, TableForm
 from .histogram import HistogramModel
-from .innovations import own_log_masses
 from .model import TapModel
 from .model_file import DIMS, Draws
+from .own import OwnTaps
 from .parametric import FORMS, ParametricModel
 from .shapes import Parameters
 from .taps import TapSet
@@ -49,23 +48,17 @@ def posterior_draws(
     Raises:
         InputError: The model has no posterior, or less than one draw is asked for.
     """
-    model, posterior = fitted.model, fitted.posterior
-    if posterior is None:
+    model = fitted.model
+    if fitted.posterior is None:
         raise InputError(
             f"A {model.name} model without a pseudocount has no posterior to draw from: its prior is improper."
         )
     if min(chains, draws) < 1:
         raise InputError(f"At least one draw and one chain are needed, got {draws} and {chains}.")
-    own = _Own(model, model.usable(taps))
-
-    def draw(number: int) -> tuple[Parameters, NDArray[np.float64]]:
-        parameters = posterior.draw(np.random.default_rng([seed, number]))
-        return parameters, own.log_probability(_form(model, parameters))
-
+    used = model.usable(taps)
     kept: dict[str, NDArray[np.float32]] = {}
-    log_likelihood = np.empty((chains, draws, own.taps), dtype=np.float32)
-    tasks = (partial(draw, number) for number in range(chains * draws))
-    for number, (parameters, values) in enumerate(in_order(tasks, _threads(model))):
+    log_likelihood = np.empty((chains, draws, len(used)), dtype=np.float32)
+    for number, (parameters, values) in enumerate(drawn(fitted, used, chains * draws, seed)):
         place = divmod(number, draws)
         for name in DIMS[model.kind]:
             if name not in kept:
@@ -77,52 +70,35 @@ def posterior_draws(
     return Draws(kept, log_likelihood)
 
 
+def drawn(fitted: Fitted, taps: TapSet, draws: int, seed: int) -> Iterator[tuple[Parameters, NDArray[np.float64]]]:
+    """Draws of the parameters, each with the log probability of every tap under its own class, shape (N,).
+
+    Args:
+        fitted: The model and its posterior, which must be there.
+        taps: Of classes that it knows.
+        draws: How many.
+        seed: Of the draws.
+    """
+    model, posterior = fitted.model, fitted.posterior
+    if posterior is None:
+        raise ValueError(f"{model.name} has no posterior to draw from.")
+    own = OwnTaps(taps.taps, taps.indices(model.grid), model.edges, model.states)
+
+    def draw(number: int) -> tuple[Parameters, NDArray[np.float64]]:
+        parameters = posterior.draw(np.random.default_rng([seed, number]))
+        return parameters, own.log_probability(form_of(model, parameters))
+
+    yield from in_order((partial(draw, number) for number in range(draws)), _threads(model))
+
+
 def _threads(model: TapModel) -> int:
     return 1 if model.kind == "student" else cores(None)  # JAX has threads of its own
 
 
-def _form(model: TapModel, parameters: Parameters) -> Form:
-    """What drawn parameters mean for bins, in the state of gain 1 and offset 0."""
+def form_of(model: TapModel, parameters: Parameters) -> Form:
+    """The form of a model with other parameters, in the state of gain 1 and offset 0."""
     if isinstance(model, ParametricModel):
         return FORMS[model.story](parameters, model.frame)
     if isinstance(model, HistogramModel):
         return TableForm(parameters["log_prob"])
     raise TypeError(f"A model of type {type(model).__name__} has no draws.")
-
-
-class _Own:
-    """Training taps ready for many forms.
-
-    Args:
-        model: Theirs.
-        taps: Of trained classes.
-    """
-
-    def __init__(self, model: TapModel, taps: TapSet) -> None:
-        self._states, self._edges = model.states, model.edges
-        self._where, self._what = taps.indices(model.grid)
-        self._gaps = bin_gaps(taps.taps, model.edges)
-        self._bins = find_bins(taps.taps, model.edges)
-        self.taps = len(taps)
-
-    def log_probability(self, form: Form) -> NDArray[np.float64]:
-        """Log probability of the bins of every tap under its class, shape (N,)."""
-        parts = [
-            log_prior + self._plain(self._in_state(form, gain, offset))
-            for gain, offset, log_prior in zip(*(values.tolist() for values in self._states), strict=True)
-        ]
-        return parts[0] if len(parts) == 1 else np.logaddexp.reduce(parts, axis=0)
-
-    def _in_state(self, form: Form, gain: float, offset: float) -> Form:
-        if gain == 1 and offset == 0:
-            return form
-        return form.in_state(gain, offset, self._edges) if isinstance(form, TableForm) else form.in_state(gain, offset)
-
-    def _plain(self, form: Form) -> NDArray[np.float64]:
-        if isinstance(form, TableForm):
-            own = self._where[:, np.newaxis, np.newaxis], self._what[:, np.newaxis, np.newaxis]
-            return form.log_prob[*own, np.arange(self._bins.shape[2]), self._bins].sum(axis=(1, 2))
-        ready = form.prepare(np.zeros(form.shape, dtype=bool))
-        out = np.empty(self.taps)
-        own_log_masses(*self._gaps, self._where * form.shape[1] + self._what, *ready[:-1], out)
-        return out

@@ -5,8 +5,6 @@ by averaging over draws. Averaging over draws of everything would not do: a tap 
 so many factors is carried by draws too rare to be seen.
 """
 
-from collections.abc import Callable
-from functools import partial
 from typing import Any
 
 import numpy as np
@@ -18,39 +16,23 @@ from .catalogue import Fitted
 from .fit_cells import ArPosterior, CellPosterior, Cells, MvnPosterior
 from .fit_curves import CurvePosterior
 from .fit_kronecker import KroneckerPosterior
-from .forms import Form, GaussianForm, TableForm, bin_gaps
+from .forms import GaussianForm, TableForm, bin_gaps
 from .histogram import HistogramModel
 from .masses import log_student_mass
-from .model import TapModel
+from .own import Own, OwnTaps
 from .parametric import FORMS, ParametricModel
 from .posterior import HistogramPosterior
-from .shapes import Parameters
-from .states import States
-from .threads import cores, in_order
 
 DRAWS = 16
 """Draws of what cells share."""
 _MANY_DRAWS = 100
 """Draws where nothing is integrated exactly."""
 
-type Own = tuple[NDArray[np.intp], NDArray[np.intp]]
-"""Where and what class of each tap, both of shape (N,)."""
-
 
 def plug_in(fitted: Fitted, taps: NDArray[np.floating], own: Own) -> NDArray[np.float64]:
     """Log probability of the bins of taps (N, J, K) at the parameters with which the model decides, shape (N,)."""
-    return own_log_mass(fitted.model.plain_form, fitted.model.states, taps, fitted.model.edges, own)
-
-
-def own_log_mass(
-    form: Form, states: States, taps: NDArray[np.floating], edges: NDArray[np.float64], own: Own
-) -> NDArray[np.float64]:
-    """Log probability of the bins of taps (N, J, K) under a form, summed over states, shape (N,)."""
-    parts = []
-    for gain, offset, log_prior in zip(*states, strict=True):
-        shifted = form if (gain, offset) == (1.0, 0.0) else _in_state(form, gain, offset, edges)
-        parts.append(log_prior + shifted.own(taps, edges, *own))
-    return np.logaddexp.reduce(parts, axis=0)
+    model = fitted.model
+    return OwnTaps(taps, own, model.edges, model.states).log_probability(model.plain_form)
 
 
 def integrated(
@@ -71,39 +53,6 @@ def integrated(
     for gain, offset, log_prior in zip(*model.states, strict=True):
         parts.append(log_prior + _in_one_state(model, posterior, taps, own, generator, gain, offset))
     return np.logaddexp.reduce(parts, axis=0)
-
-
-def drawn(
-    fitted: Fitted,
-    taps: NDArray[np.floating],
-    own: Own,
-    draws: int,
-    generator: np.random.Generator,
-    progress: Callable[[int], None] | None = None,
-) -> NDArray[np.float64]:
-    """Log probability of the bins of taps (N, J, K) under each of many draws from the posterior, shape (draws, N)."""
-    model, posterior = fitted.model, fitted.posterior
-    if posterior is None:
-        raise ValueError(f"{model.name} has no posterior to draw from.")
-    generators = generator.spawn(draws)
-
-    def one(parameters: Parameters) -> NDArray[np.float64]:
-        return own_log_mass(form_of(model, parameters), model.states, taps, model.edges, own)
-
-    rows = []
-    # Parameters are drawn in this thread, as NumPyro's handlers know one only.
-    for row in in_order((partial(one, posterior.draw(stream)) for stream in generators), cores(None)):
-        rows.append(row)
-        if progress is not None:
-            progress(1)
-    return np.array(rows)
-
-
-def form_of(model: TapModel, parameters: Parameters) -> Form:
-    """The form of a model with other parameters, in the state of gain 1 and offset 0."""
-    if isinstance(model, ParametricModel):
-        return FORMS[model.kind](parameters, model.frame)
-    return TableForm(parameters["log_prob"])
 
 
 def _in_one_state(  # noqa: PLR0911 - one for each kind of posterior
@@ -134,7 +83,8 @@ def _in_one_state(  # noqa: PLR0911 - one for each kind of posterior
             return _curves(posterior, model, taps, edges, own)
         case KroneckerPosterior():
             inflation = np.sqrt(1 + 1 / np.maximum(posterior.strength, 1.0))
-            forms = (_inflated(_form(model, posterior.draw(generator)), inflation) for _ in range(DRAWS))
+            drawn_once = ({**posterior.draw(generator), "level": posterior.level} for _ in range(DRAWS))
+            forms = (_inflated(_form(model, parameters), inflation) for parameters in drawn_once)
             return _log_mean([form.own(taps, edges, *own) for form in forms])
         case _:
             draws = (FORMS[model.kind](posterior.draw(generator), model.frame) for _ in range(_MANY_DRAWS))
@@ -260,10 +210,6 @@ def _form(model: ParametricModel, parameters: Any) -> GaussianForm:
 
 def _inflated(form: GaussianForm, factor: NDArray[np.float64]) -> GaussianForm:
     return form._replace(scale=form.scale * factor[..., None, None])
-
-
-def _in_state(form: Form, gain: float, offset: float, edges: NDArray[np.float64]) -> Form:
-    return form.in_state(gain, offset, edges) if isinstance(form, TableForm) else form.in_state(gain, offset)
 
 
 def _log_mean(parts: list[NDArray[np.float64]]) -> NDArray[np.float64]:

@@ -46,7 +46,7 @@ class KroneckerPrior(NamedTuple):
         time_scale: Expected covariance in time times the freedom, shape (J, J).
         taxel_freedom: Degrees of freedom across taxels.
         taxel_scale: Expected covariance across taxels times the freedom, shape (K, K).
-        strength: How many taps the prior of the mean, at 0, is worth, above 0.
+        strength: How many taps the prior of the mean, at 0, is worth; 0 for a flat prior.
     """
 
     time_freedom: float

@@ -122,7 +122,9 @@ def matrix_normal(taps: Taps, prior: KroneckerPrior) -> None:
         taxel: Any = numpyro.sample("taxel", dist.Wishart(prior.taxel_freedom, taxel_scale))
         rows = jnp.linalg.cholesky(jnp.linalg.inv(time))
         columns = jnp.linalg.cholesky(jnp.linalg.inv(taxel))
-        level: Any = numpyro.sample("level", dist.MatrixNormal(jnp.zeros((J, K)), rows / prior.strength**0.5, columns))
+        flat = dist.ImproperUniform(dist.constraints.real_matrix, (), (J, K))
+        known = dist.MatrixNormal(jnp.zeros((J, K)), rows / (prior.strength or 1.0) ** 0.5, columns)
+        level: Any = numpyro.sample("level", known if prior.strength else flat)
     own = taps.where, taps.what
     with numpyro.plate("tap", N):
         numpyro.sample("sample", dist.MatrixNormal(level[own], rows, columns[own]), obs=taps.samples)

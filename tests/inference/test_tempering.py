@@ -23,8 +23,11 @@ def taps(make_taps):
 
 
 def naive_score(name, taps, exponent, n):
-    """Mean log belief in the true class after the first n taps of each class and session, in plain loops."""
-    total = []
+    """Mean log belief in the true class after the first n taps of each class and session, in plain loops.
+
+    A class counts by its taps in the session.
+    """
+    total, weight = [], []
     for session in np.unique(taps.session):
         rest, left_out = taps.select(taps.session != session), taps.select(taps.session == session)
         model = fit_model(name, rest, taps.grid(), SETTINGS._replace(power=float(exponent))).model
@@ -36,7 +39,8 @@ def naive_score(name, taps, exponent, n):
                 log_belief = log_belief + table.log_likelihood[i]
             log_belief = log_fold(log_belief - np.logaddexp.reduce(log_belief.ravel()), M)
             total.append(log_belief[l, m])
-    return np.mean(total)
+            weight.append(np.sum((where == l) & (what == m)))
+    return np.average(total, weights=weight)
 
 
 @pytest.mark.parametrize("name", ["histogram", "profile", "session"])
@@ -48,6 +52,16 @@ def test_the_curve_is_the_mean_log_belief_of_left_out_taps(taps, name):
     for i in (0, len(learned.exponents) // 2, -1):
         expected = naive_score(name, taps, learned.exponents[i], REPEATS)
         assert learned.score[i] == pytest.approx(expected, rel=1e-9)
+
+
+def test_classes_count_by_their_taps(taps):
+    """Also where they have different numbers of them in a session, one tap or all."""
+    uneven = taps.select((taps.session > 0) | (taps.what == 0) | (taps.trial < taps.trial.max() / 2))
+    learned = learn_power("histogram", uneven, taps.grid(), SETTINGS, 9, 0)
+    where, what = uneven.indices(taps.grid())
+
+    assert len(set(np.bincount((uneven.session * L + where) * M + what))) > 1
+    assert learned.score[7] == pytest.approx(naive_score("histogram", uneven, learned.exponents[7], 9), rel=1e-9)
 
 
 @pytest.mark.parametrize("name", ["histogram", "gaussian", "session:gaussian"])

@@ -1,0 +1,42 @@
+"""Ranks of models at the levels of a comparison, and the sentences about them."""
+
+import pytest
+from solidtouch.analysis.compare_ranking import Level, findings, rank_rows
+
+
+def level(title: str, values: dict[str, float], *, larger: bool = True) -> Level:
+    """A level whose intervals are of width 2 around the differences to the first model."""
+    base = next(iter(values.values()))
+    low = {name: value - base - 1 for name, value in values.items()}
+    high = {name: value - base + 1 for name, value in values.items()}
+    return Level(title, f"is best at {title}", "nat", larger, values, low, high)
+
+
+TAPS = level("taps", {"a": -10.0, "b": -8.0, "c": -9.0})
+ERROR = level("active error", {"a": 0.4, "b": 0.9}, larger=False)
+
+
+def test_ranks_follow_the_direction_of_the_level():
+    """Larger scores and smaller errors are better; a model without a value has no rank."""
+    rows = rank_rows([TAPS, ERROR], ["a", "b", "c"])
+    ranks = [[cell and cell["rank"] for cell in row["levels"]] for row in rows]
+    assert ranks == [[3, 1], [1, 2], [2, None]]
+
+
+def test_sentences_name_the_best_and_what_it_costs_elsewhere():
+    """The best at taps is followed through the other levels, the reference is given beside every winner."""
+    sentences = findings([TAPS, ERROR], "a")
+    assert sentences[0] == "b is best at taps: -8 nat, against -10 nat of a (difference 1 to 3)."
+    assert "a is best at active error: 0.4 nat; b, best at predicting taps, comes to 0.9 nat." in sentences
+    assert "do not agree" in sentences[-1]
+
+
+def test_agreement_is_not_called_disagreement():
+    """With one winner no sentence speaks of different orders."""
+    assert not any("do not agree" in sentence for sentence in findings([TAPS, TAPS], "a"))
+
+
+@pytest.mark.parametrize("levels", [[], [ERROR]])
+def test_missing_levels_are_left_out(levels):
+    """Without sessions to leave out there is no level of taps, and the rest still speaks."""
+    assert len(findings(levels, "a")) == len(levels)
