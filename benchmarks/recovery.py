@@ -27,8 +27,9 @@ from solidtouch.models.catalogue import FitSettings, Fitted, fit_model
 from solidtouch.models.classes import ClassGrid
 from solidtouch.models.fit_curves import CurvePosterior
 from solidtouch.models.forms import GaussianForm, TableForm
+from solidtouch.models.model_draws import form_of
 from solidtouch.models.parametric import ParametricModel
-from solidtouch.models.predictive import form_of, integrated
+from solidtouch.models.predictive import integrated
 from solidtouch.models.shapes import Parameters
 from solidtouch.models.states import States
 from solidtouch.models.taps import TapSet, concatenate

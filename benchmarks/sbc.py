@@ -378,18 +378,19 @@ def panels(results: Sequence[Ranks]) -> list[RankPanel]:
     for result in results:
         band = simultaneous_band(len(next(iter(result.rank.values()))))
         curves = {name: distribution(rank) for name, rank in result.rank.items()}
-        found.append(RankPanel(f"{result.study.name}: {result.study.how}", band.z, band.low, band.high, curves))
+        found.append(RankPanel(result.study.name, band.z, band.low, band.high, curves))
     return found
 
 
 def page(results: Sequence[Ranks], sizes: Sizes, repetitions: int, seed: int) -> str:
     """What the page says of the results."""
     tests = 2 * sum(len(result.rank) for result in results)
+    how = "; ".join(f"`{result.study.name}`: {result.study.how}" for result in results)
     return (
         f"{sizes.L} x {sizes.M} classes, {sizes.J} samples, {sizes.K} taxels, {sizes.repeats} taps per class; "
         f"{repetitions} data sets for each model, {DRAWS} draws from each posterior, seed {seed}. "
-        f"A quantity fails where one of its two p-values is below 0.05 divided by {tests}, the number of tests.\n\n"
-        f"{result_table(results)}"
+        f"A quantity fails where one of its two p-values is below 0.05 divided by {tests}, the number of tests. "
+        f"Posteriors: {how}.\n\n{result_table(results)}"
     )
 
 

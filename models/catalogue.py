@@ -26,7 +26,7 @@ from .parametric import ParametricModel
 from .posterior import HistogramPosterior, Posterior
 from .power import likelihood_exponent
 from .priors import CurvePrior, Taps
-from .scaling import Scaling, training_taps
+from .scaling import Scaling, least_deviation, training_taps
 from .session import session_spread, state_grid
 from .taps import TapSet
 
@@ -170,9 +170,11 @@ def _fit_story(kind: str, taps: TapSet, grid: ClassGrid, settings: FitSettings, 
     edges = bin_edges(used.taps, settings.bins, settings.value_range) if settings.edges is None else settings.edges
     scaling = Scaling.of(known, edges)
     scaled = scaling.scaled(known)
-    posterior = _fit(kind, scaled, used.where)
+    least = least_deviation(edges, len(scaling.unit)) / scaling.unit
+    posterior = _fit(kind, scaled, used.where, least)
+    basis = _basis(posterior, used, grid, where[inside]) if kind == "smooth" else np.zeros((0, 0, 0))
     if settings.method == "nuts":
-        posterior = _sample(kind, scaled, used.where, posterior, settings.seed)
+        posterior = _sample(kind, scaled, used.where, least, posterior, settings.seed)
     touched = np.zeros(grid.shape, dtype=bool)
     touched[known.where, known.what] = True
     covered = _between(touched) if kind == "smooth" else touched
@@ -181,7 +183,7 @@ def _fit_story(kind: str, taps: TapSet, grid: ClassGrid, settings: FitSettings, 
         grid=grid,
         edges=edges,
         scaling=scaling,
-        basis=_basis(posterior, used, grid, where[inside]) if kind == "smooth" else np.zeros((0, 0, 0)),
+        basis=basis,
         parameters=posterior.point(),
         covered=covered,
         power=settings.power,
@@ -223,31 +225,30 @@ def _check(kind: str, taps: Taps, place: NDArray[np.float64]) -> None:
             check_places(kind, taps, place)
 
 
-def _fit(kind: str, taps: Taps, place: NDArray[np.float64]) -> Any:
+def _fit(kind: str, taps: Taps, place: NDArray[np.float64], least: NDArray[np.float64]) -> Any:
     """The posterior of a story by its fast fit."""
     fits = {
         "gaussian": fit_gaussian,
-        "student": _fit_student,
         "profile": fit_profile,
         "profile-ar": fit_profile_ar,
         "profile-mvn": fit_profile_mvn,
         "matrix-normal": fit_matrix_normal,
     }
+    if kind == "student":
+        from .fit_student import fit_student  # noqa: PLC0415 - JAX and NumPyro take seconds to import
+
+        return fit_student(taps, least)
     return fits[kind](taps) if kind in fits else fit_smooth(taps, place)
 
 
-def _fit_student(taps: Taps) -> Posterior:
-    from .fit_student import fit_student  # noqa: PLC0415 - JAX and NumPyro take seconds to import
-
-    return fit_student(taps)
-
-
-def _sample(kind: str, taps: Taps, place: NDArray[np.float64], posterior: Any, seed: int) -> Posterior:
+def _sample(
+    kind: str, taps: Taps, place: NDArray[np.float64], least: NDArray[np.float64], posterior: Any, seed: int
+) -> Posterior:
     """The posterior of a story by NUTS, under the prior that the fast fit estimated."""
     from . import fit_nuts, stories  # noqa: PLC0415
 
     if kind == "student":
-        return fit_nuts.sample_story(stories.student, (taps,), fit_nuts.student_sites, seed)
+        return fit_nuts.sample_story(stories.student, (taps, least), fit_nuts.student_sites, seed)
     prior = posterior.prior
     if kind == "smooth":
         curves = CurvePrior(posterior.basis.at(place), posterior.width, prior.a, prior.b)

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import solve_triangular
 from scipy.optimize import minimize_scalar
-from scipy.special import multigammaln, psi
+from scipy.special import multigammaln, psi  # pyright: ignore[reportAttributeAccessIssue] - missing in the stubs
 
 from .convergence import Convergence, ascent
 from .priors import KroneckerPrior, Taps

@@ -16,7 +16,7 @@ from .priors import Taps
 from .scaling import Moments
 from .stories import student
 
-_STEPS, _RATE = 600, 0.03
+_STEPS, _RATE, _RUNS = 600, 0.03, 5  # steps of a run, its first rate, and runs at most
 _WINDOW = 50  # steps over which losses are averaged
 _STILL = 0.5  # nats per tap between two windows
 _SITES = ("freedom", "level", "scale")
@@ -61,22 +61,35 @@ class StudentPosterior(NamedTuple):
         return {name: np.asarray(drawn[name], dtype=np.float64) for name in _SITES}
 
 
-def fit_student(taps: Taps) -> StudentPosterior:
-    """Variational posterior of `stories.student`."""
-    moments = Moments.of(taps)
-    J = taps.samples.shape[1]
+def fit_student(taps: Taps, least: NDArray[np.float64] | float = 0.0) -> StudentPosterior:
+    """Variational posterior of `stories.student`.
+
+    Args:
+        taps: Scaled training taps.
+        least: Scale below which none counts, shape (K,) or a number.
+    """
+    guide = AutoNormal(student, init_loc_fn=init_to_value(values=_start(taps)))
+    # In every run the rate falls to a fiftieth.
+    svi = SVI(student, guide, Adam(lambda step: _RATE * 0.02 ** ((step % _STEPS) / _STEPS)), Trace_ELBO())
+    data: Any = taps._replace(samples=jnp.asarray(taps.samples, dtype=jnp.float32))
+    state, losses, change = None, [], np.inf
+    while change > _STILL and len(losses) < _RUNS:
+        result = svi.run(jax.random.key(0), _STEPS, data, least, progress_bar=False, init_state=state)
+        state = result.state
+        losses.append(np.asarray(result.losses, dtype=np.float64) / len(taps.where))
+        change = float(abs(losses[-1][-_WINDOW:].mean() - losses[-1][-2 * _WINDOW : -_WINDOW].mean()))
+    params = svi.get_params(state)
+    median: Any = guide.median(params)
+    expected = {name: np.asarray(median[name], dtype=np.float64) for name in _SITES}
+    return StudentPosterior(expected, guide, params, _STEPS * len(losses), change, np.concatenate(losses))
+
+
+def _start(taps: Taps) -> dict[str, jax.Array]:
+    """Where the search begins: moments of each class and taxel."""
+    moments, J = Moments.of(taps), taps.samples.shape[1]
     level = moments.mean.mean(axis=2, keepdims=True)
     square = (moments.square + moments.taps[..., None, None] * (moments.mean - level) ** 2).sum(axis=2, keepdims=True)
     used = np.maximum(J * moments.taps, 1)[..., None, None]
     scale = np.where(moments.taps[..., None, None] > 0, np.sqrt(square / used) + 0.05, 1.0)
     start = {"level": level, "scale": 0.7 * scale, "freedom": np.full(level.shape[-1], 4.0)}
-    guide = AutoNormal(student, init_loc_fn=init_to_value(values={k: jnp.asarray(v) for k, v in start.items()}))
-    rate = lambda step: _RATE * 0.02 ** (step / _STEPS)  # noqa: E731 - falls to a fiftieth
-    svi = SVI(student, guide, Adam(rate), Trace_ELBO())
-    data = taps._replace(samples=jnp.asarray(taps.samples, dtype=jnp.float32))  # pyright: ignore[reportArgumentType]
-    result = svi.run(jax.random.key(0), _STEPS, data, progress_bar=False)
-    loss = np.asarray(result.losses, dtype=np.float64) / len(taps.where)
-    change = float(abs(loss[-_WINDOW:].mean() - loss[-2 * _WINDOW : -_WINDOW].mean()))
-    median: Any = guide.median(result.params)
-    expected = {name: np.asarray(median[name], dtype=np.float64) for name in _SITES}
-    return StudentPosterior(expected, guide, result.params, _STEPS, change, loss)
+    return {name: jnp.asarray(values) for name, values in start.items()}

@@ -25,12 +25,19 @@ class Scaling(NamedTuple):
         """That of training taps, given in their own unit."""
         moments = Moments.of(taps)
         within = moments.square.sum(axis=(0, 1, 2)) / max(moments.freedom * taps.samples.shape[1], 1.0)
-        width = np.diff(edges, axis=-1).mean(axis=-1) / np.sqrt(12.0)
-        return cls(taps.samples.mean(axis=(0, 1)), np.maximum(np.sqrt(within), width))
+        return cls(taps.samples.mean(axis=(0, 1)), np.maximum(np.sqrt(within), least_deviation(edges, len(within))))
 
     def scaled(self, taps: Taps) -> Taps:
         """Taps in these units."""
         return taps._replace(samples=(taps.samples - self.centre) / self.unit)
+
+
+def least_deviation(edges: NDArray[np.float64], K: int) -> NDArray[np.float64]:
+    """What no sample is known better than, the standard deviation of a uniform draw from a bin, shape (K,).
+
+    A taxel that always rested on one value in training would otherwise rule out every class once it moves a little.
+    """
+    return np.diff(np.broadcast_to(edges, (K, edges.shape[-1])), axis=-1).mean(axis=-1) / np.sqrt(12.0)
 
 
 class Moments(NamedTuple):

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from .forms import Form, GaussianForm, TableForm
 from .masses import log_normal_mass, log_student_mass
-from .scaling import Scaling
+from .scaling import Scaling, least_deviation
 
 type Parameters = Mapping[str, NDArray[np.float64]]
 
@@ -96,7 +96,7 @@ def _standardised(
     edges = (np.broadcast_to(frame.edges, (K, frame.edges.shape[-1])) - centre[:, None]) / unit[:, None]
     lower, upper = edges[:, :-1].copy(), edges[:, 1:].copy()
     lower[:, 0], upper[:, -1] = -np.inf, np.inf
-    least = _least_deviation(frame)[:, None] / unit[:, None]
+    least = least_deviation(frame.edges, K)[:, None] / unit[:, None]
     level, scale = level[:, :, 0, :, None], np.maximum(scale[:, :, 0, :, None], least)
     return (lower - level) / scale, (upper - level) / scale
 
@@ -111,20 +111,10 @@ def _gaussian(
     """A form from scaled means (Q, L, M, J, K) and innovation variances (L, M, J, K), V and W."""
     centre, unit = frame.scaling
     Q = len(mean)
-    scale = np.broadcast_to(np.maximum(np.sqrt(variance) * unit, _least_deviation(frame)), mean.shape)
+    scale = np.broadcast_to(np.maximum(np.sqrt(variance) * unit, least_deviation(frame.edges, len(unit))), mean.shape)
     if taxel.shape[-1]:
         taxel = taxel * (unit[:, None] / unit)
     return GaussianForm(mean * unit + centre, scale, time, taxel, np.full(Q, -np.log(Q)))
-
-
-def _least_deviation(frame: Frame) -> NDArray[np.float64]:
-    """What no sample is known better than, the standard deviation of a uniform draw from a bin, shape (K,).
-
-    A taxel that always rested on one value in training would otherwise rule out every class once it moves a little.
-    """
-    K = len(frame.scaling.unit)
-    width = np.diff(np.broadcast_to(frame.edges, (K, frame.edges.shape[-1])), axis=-1).mean(axis=-1)
-    return width / np.sqrt(12.0)
 
 
 def _unit_triangular(covariance: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:

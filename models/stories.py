@@ -44,10 +44,11 @@ def gaussian(taps: Taps, prior: CellPrior) -> None:
         numpyro.sample("sample", dist.Normal(level[own], jnp.sqrt(variance[own])), obs=taps.samples)
 
 
-def student(taps: Taps) -> None:
+def student(taps: Taps, least: Any = 0.0) -> None:
     """As `gaussian` with heavier tails: Student's t, its degrees of freedom shared by all classes of a taxel.
 
     Locations are normal and scales log-normal around what is typical of the taxel; the classes share the width of both.
+    No scale counts for less than `least`, broadcast over (K,), as a taxel at rest would have an unbounded density.
     """
     (L, M), (N, J, K) = taps.shape, taps.samples.shape
     with numpyro.plate("K", K, dim=-1):
@@ -60,7 +61,7 @@ def student(taps: Taps) -> None:
             scale: Any = numpyro.sample("scale", dist.LogNormal(typical, variety))
     own = taps.where, taps.what
     with numpyro.plate("tap", N, dim=-3), numpyro.plate("J", J, dim=-2), numpyro.plate("taxel", K, dim=-1):
-        numpyro.sample("sample", dist.StudentT(freedom, level[own], scale[own]), obs=taps.samples)
+        numpyro.sample("sample", dist.StudentT(freedom, level[own], jnp.maximum(scale[own], least)), obs=taps.samples)
 
 
 def profile(taps: Taps, prior: CellPrior) -> None:
