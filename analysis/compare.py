@@ -32,8 +32,7 @@ from .compare_taps import (
     session_folds,
     stacked,
 )
-
-type Progress = Callable[[str, int], Callable[[int], None]]
+from .stages import Clock, Progress
 
 
 @dataclass(frozen=True)
@@ -118,7 +117,7 @@ def compare(train: TapSet, test: TapSet, grid: ClassGrid, settings: CompareSetti
         InputError: No model could be fitted, no test tap belongs to a class that all know, or a setting is wrong.
         ZeroEvidenceError: A test tap is impossible under every class of a model.
     """
-    clock = _Clock(progress)
+    clock = Clock(progress)
     edges = _edges(train, grid, settings.fit)
     fit = settings.fit._replace(edges=edges, bins=edges.shape[-1] - 1)
     fits, learned, refused, seconds = _fit_all(settings.models, train, grid, fit, clock)
@@ -165,31 +164,6 @@ def compare(train: TapSet, test: TapSet, grid: ClassGrid, settings: CompareSetti
     )
 
 
-class _Clock:
-    """Stages with their progress bars and seconds."""
-
-    def __init__(self, progress: Progress) -> None:
-        self._progress = progress
-        self.elapsed_s: dict[str, float] = {}
-
-    def stage(self, name: str, total: int) -> "_Stage":
-        return _Stage(self, name, self._progress(name, total))
-
-
-class _Stage:
-    """Times one stage."""
-
-    def __init__(self, clock: _Clock, name: str, advance: Callable[[int], None]) -> None:
-        self._clock, self._name, self._advance, self._began = clock, name, advance, 0.0
-
-    def __enter__(self) -> Callable[[int], None]:
-        self._began = time.perf_counter()
-        return self._advance
-
-    def __exit__(self, *error: object) -> None:
-        self._clock.elapsed_s[self._name] = round(time.perf_counter() - self._began, 2)
-
-
 def _edges(train: TapSet, grid: ClassGrid, fit: FitSettings) -> Any:
     """The bins on which all models are judged: those of the training taps in the grid."""
     known = known_taps(train, grid, np.ones(grid.shape, dtype=bool))
@@ -197,7 +171,7 @@ def _edges(train: TapSet, grid: ClassGrid, fit: FitSettings) -> Any:
 
 
 def _fit_all(
-    names: Sequence[str], train: TapSet, grid: ClassGrid, fit: FitSettings, clock: _Clock
+    names: Sequence[str], train: TapSet, grid: ClassGrid, fit: FitSettings, clock: Clock
 ) -> tuple[dict[str, Fitted], dict[str, str], dict[str, str], dict[str, float]]:
     fits: dict[str, Fitted] = {}
     learned: dict[str, str] = {}
@@ -235,7 +209,7 @@ def _tables(fits: dict[str, Fitted], test: TapSet, advance: Callable[[int], None
 
 
 def _leave_out_taps(
-    fits: dict[str, Fitted], train: TapSet, settings: CompareSettings, clock: _Clock
+    fits: dict[str, Fitted], train: TapSet, settings: CompareSettings, clock: Clock
 ) -> xr.Dataset | None:
     with_posterior = {name: fitted for name, fitted in fits.items() if fitted.posterior is not None}
     if not settings.draws or not with_posterior:
@@ -259,7 +233,7 @@ def _leave_out_sessions(
     grid: ClassGrid,
     fit: FitSettings,
     seed: int,
-    clock: _Clock,
+    clock: Clock,
 ) -> tuple[xr.Dataset | None, Any, str]:
     folds, sentence = session_folds(train, test)
     if not folds:

@@ -1,10 +1,8 @@
 """The paper end to end: data sets through the experiment, then figures, tables and the report in one folder."""
 
 import json
-import time
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
-from dataclasses import dataclass, field, replace
+from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -21,30 +19,9 @@ from .examples import belief_cases, trajectories
 from .pictures import count, draw
 from .report import write_report
 from .results import Request, Results
+from .stages import Clock, Progress, no_progress
 from .study import Study, can_act, check_settings, planned, study
 from .summary import results_tree, summarise
-
-type Progress = Callable[[str, int], Callable[[int], None]]
-
-
-@dataclass
-class _Clock:
-    """Stages with their progress bars and seconds."""
-
-    progress: Progress
-    elapsed_s: dict[str, float] = field(default_factory=dict)
-
-    @contextmanager
-    def stage(self, name: str, total: int) -> Iterator[Callable[[int], None]]:
-        """Times one stage; gives the function that advances its bar."""
-        began = time.perf_counter()
-        yield self.progress(name, total)
-        self.elapsed_s[name] = round(time.perf_counter() - began, 2)
-
-
-def no_progress(stage: str, total: int) -> Callable[[int], None]:  # noqa: ARG001 - the signature of Progress
-    """Shows nothing."""
-    return lambda done: None  # noqa: ARG005
 
 
 def simulated_split(name: str, data_sets: int, seed: int, progress: Progress = no_progress) -> Split:
@@ -82,7 +59,7 @@ def reproduce(request: Request, folder: Path, force: bool = False, progress: Pro
         ZeroEvidenceError: A test tap is impossible under every class.
     """
     with complete_folder(folder, force) as temporary:
-        clock = _Clock(progress)
+        clock = Clock(progress)
         results = _run(request, clock)
         with clock.stage("Drawing figures", count(results.grid)) as advance:
             pictures = draw(request, results, temporary, advance)
@@ -93,7 +70,7 @@ def reproduce(request: Request, folder: Path, force: bool = False, progress: Pro
     return summary
 
 
-def _run(request: Request, clock: _Clock) -> Results:
+def _run(request: Request, clock: Clock) -> Results:
     settings, folds = request.settings, request.split.folds
     grid, left_out = trim(request.grid, [fold.train for fold in folds])
     check_settings(settings, grid)

@@ -18,7 +18,6 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 from solidtouch.analysis.figure_study import recovery_figure
-from solidtouch.analysis.figure_style import save
 from solidtouch.hardware.data_collection import simulate_session
 from solidtouch.hardware.fingertip_layout import ICUB_FINGERTIP
 from solidtouch.hardware.presets import preset
@@ -33,7 +32,7 @@ from solidtouch.models.predictive import integrated
 from solidtouch.models.shapes import Parameters
 from solidtouch.models.states import States
 from solidtouch.models.taps import TapSet, concatenate
-from studies import check_block, share_interval, table, thinned, until_interrupted, write_block, write_json
+from studies import check_block, publish, share_interval, table, thinned, until_interrupted, write_block, write_json
 
 MODELS = (
     "histogram",
@@ -364,7 +363,7 @@ def main() -> None:
     )
     print(text)
     if options.document is not None and len(found) == len(tasks):
-        save(recovery_figure(wins(found, models), models), options.document.parent / "images", "recovery")
+        publish(recovery_figure(wins(found, models), models), options.document, "recovery")
         write_block(options.document, "recovery", text)
 
 

@@ -18,7 +18,6 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import binom, chisquare
 from solidtouch.analysis.figure_study import RankPanel, rank_figure
-from solidtouch.analysis.figure_style import save
 from solidtouch.models.bins import find_bins
 from solidtouch.models.classes import ClassGrid
 from solidtouch.models.fit_cells import fit_gaussian, fit_profile, fit_profile_ar, fit_profile_mvn
@@ -32,7 +31,7 @@ from solidtouch.models.priors import CellPrior, Taps
 from solidtouch.models.scaling import Scaling
 from solidtouch.models.shapes import Frame, Parameters
 from solidtouch.models.taps import TapSet
-from studies import check_block, table, until_interrupted, write_block, write_json
+from studies import check_block, publish, table, until_interrupted, write_block, write_json
 
 DRAWS = 99
 """Draws from each posterior; ranks go from 0 to this."""
@@ -414,7 +413,7 @@ def main() -> None:
     print(text)
     complete = all(len(rank) == options.repetitions for result in results for rank in result.rank.values())
     if options.document is not None and complete:
-        save(rank_figure(panels(results)), options.document.parent / "images", "calibration-of-fits")
+        publish(rank_figure(panels(results)), options.document, "calibration-of-fits")
         write_block(options.document, "sbc", text)
 
 

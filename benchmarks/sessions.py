@@ -16,7 +16,6 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 from solidtouch.analysis.figure_study import Gain, session_figure
-from solidtouch.analysis.figure_style import save
 from solidtouch.hardware.data_collection import simulate_session
 from solidtouch.hardware.presets import preset
 from solidtouch.hardware.simulation_settings import RigSettings
@@ -25,7 +24,7 @@ from solidtouch.models.classes import ClassGrid
 from solidtouch.models.model import TapModel
 from solidtouch.models.states import log_fold
 from solidtouch.models.taps import TapSet, concatenate
-from studies import check_block, mean_interval, table, thinned, until_interrupted, write_block, write_json
+from studies import check_block, mean_interval, publish, table, thinned, until_interrupted, write_block, write_json
 
 TRAIN, HELD_OUT, TEST = slice(0, 4), slice(4, 6), slice(6, 8)
 """Sessions of a data set."""
@@ -228,7 +227,7 @@ def panels(results: Sequence[Result]) -> list[Gain]:
 def main() -> None:
     """Runs the study as the command line says."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--data-sets", type=int, default=8, help="of each kind")
+    parser.add_argument("--data-sets", type=int, default=12, help="of each kind")
     parser.add_argument("--presets", nargs="*", default=["paper", "nodrift"])
     parser.add_argument("--pairs", nargs="*", default=[pair.name for pair in PAIRS])
     parser.add_argument("--seed", type=int, default=100, help="of the first data set")
@@ -253,8 +252,8 @@ def main() -> None:
     )
     print(text)
     if options.document is not None and len(results) == len(tasks):
-        figure = session_figure(panels(results), "log score, class (nats), less without states")
-        save(figure, options.document.parent / "images", "sessions")
+        figure = session_figure(panels(results), "gain in log score, class (nats)")
+        publish(figure, options.document, "sessions")
         write_block(options.document, "sessions", text)
 
 

@@ -2,6 +2,7 @@
 
 import json
 import re
+import shutil
 import sys
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from pathlib import Path
@@ -12,6 +13,7 @@ from numpy.typing import ArrayLike
 from rich.console import Console
 from rich.progress import track
 from scipy.stats import binomtest, t
+from solidtouch.analysis.figure_style import save
 from solidtouch.models.preprocessing import Preprocessing
 from solidtouch.models.storage import complete_file
 from solidtouch.models.taps import TapSet
@@ -65,6 +67,16 @@ def write_block(document: Path, name: str, text: str) -> None:
     page = _place(name).sub(lambda found: f"{found[1]}{text}\n{found[2]}", page)
     with complete_file(document, force=True) as temporary:
         temporary.write_text(page, encoding="utf-8")
+
+
+def publish(figure: Any, document: Path, name: str) -> None:
+    """Writes a figure beside what was measured, and as `images/NAME.svg` beside the page."""
+    OUT.mkdir(parents=True, exist_ok=True)
+    _, picture = save(figure, OUT, name)
+    images = document.parent / "images"
+    images.mkdir(exist_ok=True)
+    with complete_file(images / picture.name, force=True) as temporary:
+        shutil.copyfile(picture, temporary)
 
 
 def _place(name: str) -> re.Pattern[str]:

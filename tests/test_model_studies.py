@@ -272,3 +272,11 @@ def test_figures_are_drawn(parts, rng):
     assert [axes.get_visible() for axes in shown.axes] == [True, True, True, False]
     gain = figure_study.Gain("b", np.array([1, 5]), {"power J": rng.normal(size=(4, 2))})
     assert figure_study.session_figure([gain], "log score").axes[0].get_title() == "b"
+
+
+def test_a_figure_stands_beside_the_page_as_one_file(parts, tmp_path, monkeypatch):
+    monkeypatch.setattr(parts.studies, "OUT", tmp_path / "out")
+    figure = figure_study.recovery_figure(np.eye(2, dtype=int), ["a", "b"])
+    parts.studies.publish(figure, tmp_path / "page.md", "wins")
+    assert [path.name for path in (tmp_path / "images").iterdir()] == ["wins.svg"]
+    assert {path.suffix for path in (tmp_path / "out").iterdir()} == {".png", ".svg"}

@@ -1,0 +1,34 @@
+"""Stages of long work, each with a progress bar and its seconds."""
+
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+
+type Progress = Callable[[str, int], Callable[[int], None]]
+"""Told the name and size of a stage; gives the function that counts what is done."""
+
+
+@dataclass
+class Clock:
+    """Stages with their progress bars and seconds.
+
+    Attributes:
+        progress: Told of every stage.
+        elapsed_s: Seconds of the finished ones.
+    """
+
+    progress: Progress
+    elapsed_s: dict[str, float] = field(default_factory=dict)
+
+    @contextmanager
+    def stage(self, name: str, total: int) -> Iterator[Callable[[int], None]]:
+        """Times one stage; gives the function that advances its bar."""
+        began = time.perf_counter()
+        yield self.progress(name, total)
+        self.elapsed_s[name] = round(time.perf_counter() - began, 2)
+
+
+def no_progress(stage: str, total: int) -> Callable[[int], None]:  # noqa: ARG001 - the signature of Progress
+    """Shows nothing."""
+    return lambda done: None  # noqa: ARG005
