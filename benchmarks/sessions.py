@@ -48,15 +48,17 @@ class Pair(NamedTuple):
         name: Name of the same in states.
         step: Every how manyth sample of a tap is kept.
         positions: Where classes that are kept, in the middle of the range; 0 for all.
+        data_sets: How many there are of each preset.
     """
 
     plain: str
     name: str
     step: int = 1
     positions: int = 0
+    data_sets: int = 12
 
 
-PAIRS = (Pair("histogram", "session"), Pair("profile", "session:profile", step=2, positions=8))
+PAIRS = (Pair("histogram", "session"), Pair("profile", "session:profile", step=2, positions=8, data_sets=8))
 
 
 class Result(NamedTuple):
@@ -205,7 +207,8 @@ def texts(results: Sequence[Result]) -> str:
     for pair in PAIRS:
         own = [one for one in results if one.pair == pair.name]
         if own:
-            head = f"`{pair.name}` less `{pair.plain}`, mean with a 95 % t-interval over data sets:"
+            count = len({one.seed for one in own})
+            head = f"`{pair.name}` less `{pair.plain}`, mean with a 95 % t-interval over {count} data sets each:"
             parts += [head, gain_table(own, pair)]
             parts += [f"Both models after {CONTACTS[-1]} taps, means over data sets:", level_table(own, pair)]
     return "\n\n".join(parts)
@@ -224,10 +227,19 @@ def panels(results: Sequence[Result]) -> list[Gain]:
     return found
 
 
+def page(results: Sequence[Result], seed: int) -> str:
+    """What the page says of the results."""
+    return (
+        f"Data sets have seeds from {seed}; of their sessions 4 train, 2 are there to fit the exponent on, and 2 test. "
+        "`session` meets all 16 x 5 classes and 50 samples per tap; `session:profile`, which is slower, the 8 middle "
+        f"positions and every second sample.\n\n{texts(results)}"
+    )
+
+
 def main() -> None:
     """Runs the study as the command line says."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--data-sets", type=int, default=12, help="of each kind")
+    parser.add_argument("--data-sets", type=int, help="of each preset and pair")
     parser.add_argument("--presets", nargs="*", default=["paper", "nodrift"])
     parser.add_argument("--pairs", nargs="*", default=[pair.name for pair in PAIRS])
     parser.add_argument("--seed", type=int, default=100, help="of the first data set")
@@ -238,18 +250,14 @@ def main() -> None:
         partial(compare, name, preset(name), pair, options.seed + i)
         for pair in PAIRS
         if pair.name in options.pairs
-        for i in range(options.data_sets)
+        for i in range(options.data_sets or pair.data_sets)
         for name in options.presets
     ]
     results = list(until_interrupted("Sessions", tasks))
     if not results:
         return
     write_json("sessions", [one._asdict() for one in results])
-    text = (
-        f"{options.data_sets} data sets of each kind, seeds from {options.seed}; 4 training sessions, 2 to fit the "
-        "exponent on, 2 to test. `session` meets all 16 x 5 classes and 50 samples per tap; `session:profile`, which "
-        f"is slower, the 8 middle positions and every second sample.\n\n{texts(results)}"
-    )
+    text = page(results, options.seed)
     print(text)
     if options.document is not None and len(results) == len(tasks):
         figure = session_figure(panels(results), "gain in log score, class (nats)")
