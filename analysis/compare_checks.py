@@ -162,12 +162,9 @@ def predictive_checks(
             continue
         generator = np.random.default_rng([seed, i])
         for r in range(replicates):
-            form = in_states(form_of(model, fitted.posterior.draw(generator)), model.states, model.edges)
-            hypothesis = _states_of_sessions(model.states.log_prior, taps.session, generator) * model.grid.M + what
-            made = form.sample(where, hypothesis, model.edges, taps.taps.shape[1], generator)
-            result[i, :, r] = list(
-                _statistics(_rounded(made, model.edges), taps, where, what, model.grid.M, chosen).values()
-            )
+            made = _replicate(fitted.posterior.draw(generator), model, taps, where, what, generator)
+            found = _statistics(_rounded(made, model.edges), taps, where, what, model.grid.M, chosen)
+            result[i, :, r] = list(found.values())
             if progress is not None:
                 progress(1)
     above = (result >= np.array(list(observed.values()))[:, None]).mean(axis=-1)

@@ -147,3 +147,23 @@ def test_checks_show_what_a_model_leaves_out():
     assert 0 < float(p.sel(model="profile-ar", statistic="lag")) < 1
     assert "place" not in checks["statistic"].values
     assert set(checks["statistic"].values) < set(STATISTICS)
+
+
+def test_places_within_a_class_are_replicated_where_the_model_knows_them():
+    """Curves over position explain variance within classes that one mean per class leaves to noise."""
+    generator = np.random.default_rng(4)
+    place = np.linspace(0, 4, 64, endpoint=False)
+    taps = TapSet.from_arrays(
+        (np.sin(2 * place) * 5)[:, None, None] + generator.normal(size=(64, J, K)),
+        np.zeros(64, dtype=int),
+        ["a"],
+        where=place,
+        where_value=np.arange(4) + 0.5,
+        where_edges=np.arange(5.0),
+        preprocessing=Preprocessing(samples=J),
+    )
+    models = {n: fit_model(n, taps, taps.grid(), SETTINGS._replace(unconverged=True)) for n in ("profile", "smooth")}
+    checks = predictive_checks(models, taps, seed=0, replicates=6).sel(statistic="place")
+    replicated = checks["replicated"].mean("replicate")
+    assert float(replicated.sel(model="profile")) < 0.5 * float(checks["observed"])
+    assert float(replicated.sel(model="smooth")) > 0.7 * float(checks["observed"])
