@@ -29,6 +29,7 @@ from .priors import CurvePrior, Taps
 from .scaling import Scaling, least_deviation, training_taps
 from .session import session_spread, state_grid
 from .taps import TapSet
+from .threads import one_blas_thread
 
 SUB_PLACES = 4
 """Places in a class whose taps lie at different ones, over which `smooth` takes the mean."""
@@ -106,7 +107,8 @@ def fit_model(name: str, taps: TapSet, grid: ClassGrid, settings: FitSettings, t
     if kind == "histogram":
         fitted = _fit_histogram(taps, grid, settings, trained_on)
     else:
-        fitted = _fit_story(kind, taps, grid, settings, trained_on)
+        with one_blas_thread():
+            fitted = _fit_story(kind, taps, grid, settings, trained_on)
     if not (fitted.convergence.converged or settings.unconverged):
         raise NotConvergedError(f"{name} did not converge: {fitted.convergence.sentence} --allow-unconverged uses it.")
     if not in_states:

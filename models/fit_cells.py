@@ -321,7 +321,17 @@ class MvnPosterior(NamedTuple):
 
 
 def fit_profile_mvn(taps: Taps, prior: CellPrior | None = None) -> MvnPosterior:
-    """Factorised posterior of `stories.profile_mvn`."""
+    """Factorised posterior of `stories.profile_mvn`.
+
+    Args:
+        taps: Scaled training taps.
+        prior: Of the cells, with levels expected at 0; default an estimated one.
+
+    Raises:
+        ValueError: The prior expects levels elsewhere.
+    """
+    if prior is not None and np.any(np.asarray(prior.level) != 0):
+        raise ValueError("The prior of profile-mvn must expect levels at 0.")
     moments, (L, M), (_, J, K) = Moments.of(taps), taps.shape, taps.samples.shape
     scatter = _scatter(moments.residual, taps.where * M + taps.what, L * M).reshape(L, M, J, K, K)
     count = moments.taps[..., None, None]

@@ -21,7 +21,7 @@ LENGTHS = tuple(np.geomspace(0.11, 1.6, 8))
 """Length scales to choose from, in units of half the range of positions."""
 _MOST = 24  # basis functions; enough for the shortest length scale
 _BORDER = 1.5  # half width of the interval of the sines, in the same unit
-_ROUNDS, _STILL = 100, 1e-3  # rounds at most, and the relative change at which they end
+_ROUNDS, _STILL = 300, 1e-3  # rounds at most, and the relative change at which they end
 _FEW_ROUNDS = 12  # enough to choose a length scale by
 _TIMES = 10  # of a tap, enough to choose a length scale by
 

@@ -20,7 +20,7 @@ from .own import OwnTaps
 from .parametric import FORMS, ParametricModel
 from .shapes import Parameters
 from .taps import TapSet
-from .threads import cores, in_order
+from .threads import cores, in_order, one_blas_thread
 
 CHAINS = 4
 
@@ -88,7 +88,8 @@ def drawn(fitted: Fitted, taps: TapSet, draws: int, seed: int) -> Iterator[tuple
         parameters = posterior.draw(np.random.default_rng([seed, number]))
         return parameters, own.log_probability(form_of(model, parameters))
 
-    yield from in_order((partial(draw, number) for number in range(draws)), _threads(model))
+    with one_blas_thread():
+        yield from in_order((partial(draw, number) for number in range(draws)), _threads(model))
 
 
 def _threads(model: TapModel) -> int:

@@ -4,6 +4,7 @@ import os
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
+from contextlib import contextmanager
 
 from .errors import InputError
 
@@ -38,3 +39,12 @@ def in_order[T](tasks: Iterable[Callable[[], T]], workers: int) -> Iterator[T]:
         finally:
             for future in waiting:
                 future.cancel()
+
+
+@contextmanager
+def one_blas_thread() -> Iterator[None]:
+    """Keeps linear algebra to one thread: for many small matrices more of them are several times slower."""
+    from threadpoolctl import threadpool_limits  # noqa: PLC0415
+
+    with threadpool_limits(1):
+        yield
