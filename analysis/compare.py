@@ -1,6 +1,5 @@
 """Models of the catalogue compared on the same taps at three levels: taps, classes and decisions."""
 
-import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from typing import Any, NamedTuple
@@ -177,17 +176,16 @@ def _fit_all(
     learned: dict[str, str] = {}
     refused: dict[str, str] = {}
     seconds: dict[str, float] = {}
-    with clock.stage("Fitting models", len(names)) as advance:
-        for name in names:
-            began = time.perf_counter()
+    for name in names:
+        stage = f"Fitting {name}"
+        with clock.stage(stage, 1) as advance:
             try:
                 fits[name], power = fit_tempered(name, train, grid, fit)
+                learned |= {} if power is None else {name: power.sentence}
             except InputError as error:
                 refused[name] = str(error)
-            else:
-                seconds[name] = round(time.perf_counter() - began, 2)
-                learned |= {} if power is None else {name: power.sentence}
             advance(1)
+        seconds[name] = clock.elapsed_s[stage]
     if not fits:
         raise InputError("No model can be fitted. " + " ".join(refused.values()))
     return fits, learned, refused, seconds
@@ -217,11 +215,10 @@ def _leave_out_taps(
     known = known_taps(
         train, next(iter(fits.values())).model.grid, np.all([f.model.trained for f in fits.values()], axis=0)
     )
-    with clock.stage("Leaving out single taps", len(with_posterior) * settings.draws) as advance:
-        parts = [
-            leave_one_tap_out(fitted, known, settings.draws, settings.seed, advance)
-            for fitted in with_posterior.values()
-        ]
+    parts = []
+    for name, fitted in with_posterior.items():
+        with clock.stage(f"Leaving out taps, {name}", settings.draws) as advance:
+            parts.append(leave_one_tap_out(fitted, known, settings.draws, settings.seed, advance))
     names = xr.DataArray(np.array(list(with_posterior), dtype=np.str_), dims="model", name="model")
     return xr.concat(parts, dim=names, join="outer", data_vars="all").assign_attrs(draws=settings.draws)
 

@@ -53,7 +53,7 @@ def _taps(rows: list[Mapping[str, Any]], reference: str) -> Any:
             interval(row, "integrated"),
             interval(difference, "d"),
             number(row.get("plug_in"), 4),
-            number(row.get("weight"), 2),
+            f"{row['weight']:.2f}" if "weight" in row else "–",
         )
     return table
 
