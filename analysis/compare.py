@@ -13,7 +13,7 @@ from ..inference.reference import Border
 from ..inference.tempering import fit_tempered
 from ..inference.trial_plan import TapTable, tap_table
 from ..models.bins import bin_edges
-from ..models.catalogue import FitSettings, Fitted, fit_model
+from ..models.catalogue import FitSettings, Fitted, fit_model, split_name
 from ..models.classes import ClassGrid
 from ..models.errors import InputError
 from ..models.taps import TapSet
@@ -49,6 +49,7 @@ class CompareSettings:
         border: Reading of Eq. 9.
         deadline: Taps after which the most probable classes are taken.
         seed: Of every random draw.
+        one_recording: Whether sessions of the same number in training and test taps are the same session.
     """
 
     models: tuple[str, ...]
@@ -61,6 +62,7 @@ class CompareSettings:
     border: Border = "uniform"
     deadline: int = DEADLINE
     seed: int = 0
+    one_recording: bool = False
 
 
 class Comparison(NamedTuple):
@@ -116,13 +118,14 @@ def compare(train: TapSet, test: TapSet, grid: ClassGrid, settings: CompareSetti
         InputError: No model could be fitted, no test tap belongs to a class that all know, or a setting is wrong.
         ZeroEvidenceError: A test tap is impossible under every class of a model.
     """
+    _check(settings)
     clock = Clock(progress)
     edges = _edges(train, grid, settings.fit)
     fit = settings.fit._replace(edges=edges, bins=edges.shape[-1] - 1)
     fits, learned, refused, seconds = _fit_all(settings.models, train, grid, fit, clock)
     shared = _shared(fits, test)
     left_out = _leave_out_taps(fits, train, settings, clock)
-    sessions, stacking, sentence = _leave_out_sessions(fits, train, test, grid, fit, settings.seed, clock)
+    sessions, stacking, sentence = _leave_out_sessions(fits, train, test, grid, fit, settings, clock)
     checks = None
     if settings.draws:
         known = known_taps(train, grid, np.all([f.model.trained for f in fits.values()], axis=0))
@@ -163,6 +166,16 @@ def compare(train: TapSet, test: TapSet, grid: ClassGrid, settings: CompareSetti
     )
 
 
+def _check(settings: CompareSettings) -> None:
+    """Refuses what would fail only after the work."""
+    in_states = [name for name in settings.models if split_name(name)[1]]
+    if settings.border == "prior" and in_states:
+        raise InputError(
+            "--border prior renormalises the belief and does not go with models that carry a state: "
+            f"{', '.join(in_states)}."
+        )
+
+
 def _edges(train: TapSet, grid: ClassGrid, fit: FitSettings) -> Any:
     """The bins on which all models are judged: those of the training taps in the grid."""
     known = known_taps(train, grid, np.ones(grid.shape, dtype=bool))
@@ -187,7 +200,7 @@ def _fit_all(
             advance(1)
         seconds[name] = clock.elapsed_s[stage]
     if not fits:
-        raise InputError("No model can be fitted. " + " ".join(refused.values()))
+        raise InputError("No model can be fitted. " + " ".join(dict.fromkeys(refused.values())))
     return fits, learned, refused, seconds
 
 
@@ -229,10 +242,10 @@ def _leave_out_sessions(
     test: TapSet,
     grid: ClassGrid,
     fit: FitSettings,
-    seed: int,
+    settings: CompareSettings,
     clock: Clock,
 ) -> tuple[xr.Dataset | None, Any, str]:
-    folds, sentence = session_folds(train, test)
+    folds, sentence = session_folds(train, test, one_recording=settings.one_recording)
     if not folds:
         return None, None, sentence
     scores: dict[str, dict[str, list[TapScores]]] = {"integrated": {}, "plug_in": {}}
@@ -243,14 +256,14 @@ def _leave_out_sessions(
             shared = np.all([fitted.model.trained for fitted in refitted.values()], axis=0)
             taps = fold._replace(test=known_taps(fold.test, grid, shared))
             for name, fitted in refitted.items():
-                for kind, score in score_fold(fitted, taps, seed).items():
+                for kind, score in score_fold(fitted, taps, settings.seed).items():
                     scores[kind].setdefault(name, []).append(score)
                 advance(1)
     whole = {
         kind: {name: join_scores(parts) for name, parts in named.items() if len(parts) == len(folds)}
         for kind, named in scores.items()
     }
-    means = [mean_scores(named, next(iter(named)), kind, seed) for kind, named in whole.items() if named]
+    means = [mean_scores(named, next(iter(named)), kind, settings.seed) for kind, named in whole.items() if named]
     for name, reason in failed.items():
         sentence += f" {name} could not be fitted to the others each time: {reason}"
     table = stacked(whole["integrated"], len(folds)) if len(whole["integrated"]) > 1 else None

@@ -31,10 +31,15 @@ class Level(NamedTuple):
     low: dict[str, float]
     high: dict[str, float]
 
+    def rank(self, name: str) -> int:
+        """One more than the models that are better; equal ones share a rank."""
+        sign = 1 if self.larger else -1
+        return 1 + sum(sign * value > sign * self.values[name] for value in self.values.values())
+
     @property
-    def order(self) -> list[str]:
-        """Models, best first."""
-        return sorted(self.values, key=lambda name: self.values[name], reverse=self.larger)
+    def best(self) -> list[str]:
+        """All models of rank 1."""
+        return [name for name in self.values if self.rank(name) == 1]
 
 
 def levels(comparison: Comparison) -> list[Level]:
@@ -56,8 +61,9 @@ def levels(comparison: Comparison) -> list[Level]:
         if taps is None:
             continue
         at = comparison.equal.sel(policy=policy, taps=taps)
-        title = f"{policy} error at {taps:g} taps"
-        said = f"has the smallest {policy} error at a mean of {taps:g} taps"
+        number_of = f"{taps:g} tap{'s' * (taps != 1)}"
+        title = f"{policy} error at {number_of}"
+        said = f"has the smallest {policy} error at a mean of {number_of}"
         found.append(_level(title, said, "" if unit == "P(wrong)" else unit, False, at, "what_error"))
     return [level for level in found if level.values]
 
@@ -68,7 +74,7 @@ def rank_rows(levels: Sequence[Level], names: Sequence[str]) -> list[dict[str, A
         {
             "name": name,
             "levels": [
-                {"rank": level.order.index(name) + 1, "value": level.values[name]} if name in level.values else None
+                {"rank": level.rank(name), "value": level.values[name]} if name in level.values else None
                 for level in levels
             ],
         }
@@ -80,16 +86,16 @@ def findings(levels: Sequence[Level], reference: str) -> list[str]:
     """Who is best at each level, by how much, and what the best of the first level does at the others."""
     sentences = []
     for level in levels:
-        best = level.order[0]
-        sentence = f"{best} {level.said}: {_value(level, best)}"
-        if best != reference and reference in level.values:
+        best = level.best[0]
+        equal = f" (equally good: {', '.join(level.best[1:])})" if len(level.best) > 1 else ""
+        sentence = f"{best} {level.said}: {_value(level, best)}{equal}"
+        if reference not in level.best and reference in level.values:
             sentence += f", against {_value(level, reference)} of {reference}{_interval(level, best)}"
-        first = levels[0].order[0]
-        if first not in (best, reference) and first in level.values:
+        first = levels[0].best[0]
+        if first not in (*level.best, reference) and first in level.values:
             sentence += f"; {first}, best at predicting {levels[0].title}, comes to {_value(level, first)}"
         sentences.append(sentence + ".")
-    winners = {level.order[0] for level in levels}
-    if len(winners) > 1:
+    if levels and not set.intersection(*(set(level.best) for level in levels)):
         sentences.append("The levels do not agree on a best model; the table of ranks shows how the orders differ.")
     return sentences
 

@@ -13,7 +13,6 @@ from .compare import CompareSettings, Comparison
 from .compare_classes import class_interval_sentence
 from .compare_decisions import decision_interval_sentence
 from .compare_ranking import findings, levels, rank_rows
-from .compare_taps import GOOD_K
 from .figure_style import short_unit
 from .study import SHOWN_THETA
 
@@ -56,6 +55,7 @@ def summarise(
         "models": [_model(comparison, name, power) for name in names],
         "refused": [{"name": name, "reason": reason} for name, reason in comparison.refused.items()],
         "sessions": comparison.sessions,
+        "warnings": [*described["warnings"], *([comparison.sessions] if comparison.left_out_sessions is None else [])],
         "taps": _taps(comparison),
         "contacts": [int(n) for n in comparison.classes["contacts"].values],
         "classes": _classes(comparison.classes),
@@ -107,8 +107,9 @@ def _taps(comparison: Comparison) -> list[dict[str, Any]]:
 
 def _single(left_out: xr.Dataset) -> dict[str, Any]:
     """Leave-one-tap-out; importance sampling counts only where it answers for every tap."""
-    bad = float((left_out["pareto_k"] > GOOD_K).mean())
-    row = {"psis": float(left_out["psis"].mean()), "bad_k": bad, "psis_ranks": bad == 0.0}
+    good_k = float(left_out["good_k"])
+    bad = float((left_out["pareto_k"] > good_k).mean())
+    row = {"psis": _number(left_out["psis"].mean()), "bad_k": bad, "good_k": good_k, "psis_ranks": bad == 0.0}
     for name in ("exact", "exact_plug_in"):
         if name in left_out and np.isfinite(left_out[name]).all():
             row[name] = float(left_out[name].mean())

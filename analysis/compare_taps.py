@@ -24,7 +24,7 @@ from ..models.taps import TapSet, concatenate
 from .compare_pairing import RESAMPLES, with_intervals
 
 GOOD_K = 0.7
-"""Pareto k above which importance sampling of a tap is not to be trusted."""
+"""Pareto k above which importance sampling of a tap is not to be trusted, however many draws; less with few."""
 MOST_FOLDS = 6
 
 
@@ -101,24 +101,30 @@ def leave_one_tap_out(
         warnings.simplefilter("ignore")  # of large Pareto k, which are reported one by one
         try:
             loo: Any = az.loo(tree, pointwise=True, reff=1.0)
-            values, k = loo.elpd_i.values, loo.pareto_k.values
+            values, k, good_k = loo.elpd_i.values, loo.pareto_k.values, min(GOOD_K, float(loo.good_k))
         except ValueError:  # all draws give some tap the same probability, so there is no tail to fit
             values = k = np.full(log_mass.shape[1], np.nan)
-    result = xr.Dataset({"psis": ("tap", values), "pareto_k": ("tap", k)})
+            good_k = GOOD_K
+    result = xr.Dataset({"psis": ("tap", values), "pareto_k": ("tap", k), "good_k": good_k})
     if fitted.model.name == "histogram" and isinstance(fitted.posterior, HistogramPosterior):
         left = fitted.posterior.leave_out(taps.taps, fitted.model.edges, own[0] * grid.M + own[1])
         result["exact"], result["exact_plug_in"] = ("tap", left.integrated), ("tap", left.plug_in)
     return result
 
 
-def session_folds(train: TapSet, test: TapSet) -> tuple[list[SessionFold], str]:
+def session_folds(train: TapSet, test: TapSet, *, one_recording: bool = False) -> tuple[list[SessionFold], str]:
     """Every session of both sets left out in turn, in at most `MOST_FOLDS` groups.
+
+    Args:
+        train: Training taps.
+        test: Test taps.
+        one_recording: Whether sessions of the same number in both are the same session.
 
     Returns:
         The folds, the one that tests `test` on `train` itself last where there is such a one, and a sentence. No fold
         where there is one session only.
     """
-    test = _renumbered(train, test)
+    test = test if one_recording else _renumbered(train, test)
     try:
         pooled = concatenate([train, test])
     except InputError as error:
@@ -222,12 +228,8 @@ def mean_scores(scores: Mapping[str, TapScores], reference: str, name: str, seed
 
 
 def _renumbered(train: TapSet, test: TapSet) -> TapSet:
-    """The test taps, in sessions of their own numbers where another recording used the same ones.
-
-    Sessions that a split divided between both keep their number: these taps are from one recording.
-    """
-    shared = np.isin(test.session, train.session)
-    if not shared.any() or train.dataset.attrs.get("source") == test.dataset.attrs.get("source"):
+    """The test taps, in sessions of their own numbers where the training taps have the same ones."""
+    if not np.isin(test.session, train.session).any():
         return test
     offset = int(train.session.max()) + 1 - int(test.session.min())
     return TapSet(test.dataset.assign_coords(session=("tap", test.session + offset)))

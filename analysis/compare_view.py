@@ -45,7 +45,7 @@ def _taps(rows: list[Mapping[str, Any]], reference: str) -> Any:
         padding=(0, 1, 0, 0),
     )
     for heading in ("model", "integrated", f"less {reference}", "plug-in", "weight"):
-        table.add_column(heading, justify="left" if heading == "model" else "right", no_wrap=True)
+        table.add_column(heading, justify="left" if heading == "model" else "right", overflow="fold")
     for row in rows:
         difference = {end: row.get(f"integrated_difference{end[1:]}") for end in ("d", "d_low", "d_high")}
         table.add_row(

@@ -8,7 +8,6 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from .compare_taps import GOOD_K
 from .figure_compare import model_styles
 from .figure_style import OTHERS, TRUE, TWO_COLUMNS, label_panel, new_figure, styled
 
@@ -77,6 +76,7 @@ def plot_pareto(axes: Axes, left_out: xr.Dataset) -> Axes:
     """Quantiles of Pareto k, a row per model."""
     names = [str(name) for name in left_out["model"].values]
     styles = model_styles(names, names[0])
+    good_k = float(left_out["good_k"].min())
     for i, name in enumerate(names):
         k = left_out["pareto_k"].sel(model=name).values
         k = k[np.isfinite(k)]
@@ -86,13 +86,13 @@ def plot_pareto(axes: Axes, left_out: xr.Dataset) -> Axes:
         axes.plot([quarter, three], [i, i], color=colour, linewidth=3.5, solid_capstyle="butt")
         axes.plot(median, i, "o", color="white", markeredgecolor=colour, markersize=4)
         axes.annotate(
-            f"{(k > GOOD_K).mean():.0%} above {GOOD_K:g}",
+            f"{(k > good_k).mean():.0%} above {good_k:.2g}",
             (1.01, i),
             xycoords=("axes fraction", "data"),
             va="center",
             fontsize=7,
         )
-    axes.axvline(GOOD_K, color=OTHERS, linewidth=0.8, linestyle="--", zorder=0)
+    axes.axvline(good_k, color=OTHERS, linewidth=0.8, linestyle="--", zorder=0)
     axes.set_yticks(range(len(names)), names)
     axes.invert_yaxis()
     axes.set_xlabel("Pareto k of the training taps: median, middle half and 95 %")

@@ -109,6 +109,7 @@ def interval(row: Mapping[str, Any], name: str) -> str:
         return number(value)
     half = (high - low) / 2
     digits = min(max(-math.floor(math.log10(half / 30)), 0), 4) if half > 0 else 3
+    value, low, high = (round(number, digits) + 0.0 for number in (value, low, high))  # no negative zero
     return f"{value:.{digits}f} [{low:.{digits}f}, {high:.{digits}f}]"
 
 

@@ -12,6 +12,7 @@ import xarray as xr
 from ..models.catalogue import CATALOGUE, split_name
 from ..models.classes import ClassGrid
 from ..models.power import learned_taps
+from ..models.splits import Fold
 from ..models.taps import TapSet, concatenate
 from . import metrics
 from .contacts import accuracy_interval_sentence
@@ -209,9 +210,13 @@ def _repeated_taps(results: Results) -> list[str]:
 
 def _suspicions(request: Request, grid: ClassGrid) -> list[str]:
     """What `inspect` says about the files."""
-    first = request.split.folds[0]
-    files = [concatenate([first.train, first.test])] if len(request.files) == 1 else [first.train, first.test]
-    sentences = [sentence for taps in files for sentence in suspicions(taps, grid)]
+    return fold_suspicions(request.split.folds[0], grid, one_file=len(request.files) == 1)
+
+
+def fold_suspicions(fold: Fold, grid: ClassGrid, *, one_file: bool) -> list[str]:
+    """What may mislead in training and test taps, looked at together where they come from one file."""
+    files = [concatenate([fold.train, fold.test])] if one_file else [fold.train, fold.test]
+    sentences = [sentence for taps in files for sentence in suspicions(taps, grid, alone=one_file)]
     return list(dict.fromkeys(sentences))
 
 

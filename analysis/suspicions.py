@@ -12,15 +12,21 @@ FEW = 5  # distinct taps per class, below which a histogram is mostly empty
 _NAMED = 6  # how many cells, classes or taxels a sentence names before it only counts
 
 
-def suspicions(taps: TapSet, grid: ClassGrid) -> Iterator[str]:
-    """One sentence for each thing that may mislead, the gravest first."""
+def suspicions(taps: TapSet, grid: ClassGrid, *, alone: bool = True) -> Iterator[str]:
+    """One sentence for each thing that may mislead, the gravest first.
+
+    Args:
+        taps: What to look at.
+        grid: The classes.
+        alone: Whether there are no other taps, of other sessions.
+    """
     where, what = taps.indices(grid)
     inside = (where >= 0) & (what >= 0)
     if not inside.all():
         yield f"{np.count_nonzero(~inside)} of {len(taps)} taps lie outside all classes and are not used."
     cells = np.ravel_multi_index((where[inside], what[inside]), grid.shape)
     yield from _empty(cells, grid)
-    yield from _sessions(taps, cells, inside, grid)
+    yield from _sessions(taps, cells, inside, grid, alone)
     yield from _few(taps, cells, inside, grid)
     yield from _blocks(taps, where, what, grid)
     yield from _uneven(grid)
@@ -50,14 +56,17 @@ def _empty(cells: NDArray[np.intp], grid: ClassGrid) -> Iterator[str]:
         yield f"{len(holes)} of {filled.size} (where, what) cells have no tap: {names}."
 
 
-def _sessions(taps: TapSet, cells: NDArray[np.intp], inside: NDArray[np.bool_], grid: ClassGrid) -> Iterator[str]:
+def _sessions(
+    taps: TapSet, cells: NDArray[np.intp], inside: NDArray[np.bool_], grid: ClassGrid, alone: bool
+) -> Iterator[str]:
     session = taps.session[inside]
     sessions = np.unique(taps.session)
     if len(sessions) == 1:
-        yield (
-            "There is one session only: whether what is learned holds on another day cannot be seen, "
-            "and training and test taps share whatever drifts slowly."
-        )
+        if alone:
+            yield (
+                "There is one session only: whether what is learned holds on another day cannot be seen, "
+                "and training and test taps share whatever drifts slowly."
+            )
         return
     missing = [
         f"{_cell_name(grid, *np.unravel_index(cell, grid.shape))} in session {number}"

@@ -30,6 +30,7 @@ from .options import (
 )
 
 if TYPE_CHECKING:
+    from ..models.classes import ClassGrid
     from ..models.splits import Split
 
 
@@ -118,10 +119,11 @@ def compare(
         border=border,
         deadline=deadline,
         seed=seed,
+        one_recording=len(data) == 1,
     )
     with bars() as progress:
         comparison = run(fold.train, fold.test, grid, settings, progress)
-    summary = summarise(comparison, settings, _described(data, parts, dropped), power)
+    summary = summarise(comparison, settings, _described(data, parts, grid, dropped, comparison.test_taps), power)
     write_comparison(folder, comparison, summary, force)
     render(summary, Console())
     print(f"The report is {folder / 'report.html'}")
@@ -143,20 +145,29 @@ def _names(models: str) -> tuple[str, ...]:
     return names
 
 
-def _described(data: Sequence[Path], parts: "Split", dropped: Sequence[str]) -> dict[str, Any]:
+def _described(
+    data: Sequence[Path], parts: "Split", grid: "ClassGrid", dropped: Sequence[str], test_taps: int
+) -> dict[str, Any]:
     """The data in words."""
+    from ..analysis.summary import fold_suspicions
+
     fold = parts.folds[0]
     sources = {str(part.dataset.attrs.get("source", "")) for part in (fold.train, fold.test)}
     warnings = [parts.warning] if parts.warning else []
     if dropped:
         warnings.append(f"Left out for want of a training tap: {', '.join(dropped)}.")
+    if test_taps < len(fold.test):
+        warnings.append(f"{len(fold.test) - test_taps} test taps of classes that not all models know were left out.")
+    simulated = all(source.startswith("simulated") for source in sources)
+    if not simulated:
+        warnings += fold_suspicions(fold, grid, one_file=len(data) == 1)
     return {
         "title": f"Measurement models compared: {', '.join(path.name for path in data)}",
         "command": shlex.join(["solidtouch", *sys.argv[1:]]),
         "what_was_run": [
-            f"Every model was fitted to {len(fold.train)} training taps and judged on {len(fold.test)} test taps. "
+            f"Every model was fitted to {len(fold.train)} training taps and judged on {test_taps} test taps. "
             + parts.description
         ],
-        "simulated": all(source.startswith("simulated") for source in sources),
+        "simulated": simulated,
         "warnings": warnings,
     }

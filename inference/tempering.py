@@ -50,7 +50,8 @@ class LearnedPower(NamedTuple):
         end = {LEAST: ", the least tried,", MOST: ", the most tried,"}.get(self.power, "")
         return (
             f"Power {self.power:.4g}{end} learned on sessions {listed}, left out in turn: the highest mean log belief "
-            f"in the true class, {self.score.max():.3g}, after {self.taps} tap{'s' * (self.taps > 1)}."
+            f"in the true class, {self.score.max():.3g}, after {self.taps} tap{'s' * (self.taps > 1)} of a class, or "
+            "all that it has."
         )
 
 

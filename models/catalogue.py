@@ -118,7 +118,10 @@ def fit_model(name: str, taps: TapSet, grid: ClassGrid, settings: FitSettings, t
         gain_sd if settings.gain_sd is None else settings.gain_sd,
         offset_sd if settings.offset_sd is None else settings.offset_sd,
     )
-    return fitted._replace(model=_in_states(fitted.model, states))
+    spread = f"States: {len(states.gain)}, gains {states.gain.min():.3g} to {states.gain.max():.3g}"
+    spread += f" and offsets {states.offset.min():.2g} to {states.offset.max():.2g}."
+    convergence = fitted.convergence._replace(sentence=f"{fitted.convergence.sentence} {spread}")
+    return fitted._replace(model=_in_states(fitted.model, states), convergence=convergence)
 
 
 def split_name(name: str) -> tuple[str, bool]:

@@ -27,6 +27,7 @@ class Convergence(NamedTuple):
 
 
 EXACT = Convergence(True, "The posterior is exact.", {})
+EXACT_CELLS = Convergence(True, "The posterior is exact, given the prior of the variances that all classes share.", {})
 
 
 def ascent(rounds: int, change: float, still: float) -> Convergence:

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from scipy.optimize import minimize
 from scipy.special import gammaln
 
-from .convergence import EXACT, Convergence, ascent
+from .convergence import EXACT_CELLS, Convergence, ascent
 from .priors import CellPrior, Taps
 from .scaling import Moments, sum_by
 
@@ -122,7 +122,7 @@ class CellPosterior(NamedTuple):
 
     def convergence(self) -> Convergence:
         """Exact."""
-        return EXACT
+        return EXACT_CELLS
 
     def draw(self, generator: np.random.Generator) -> dict[str, NDArray[np.float64]]:
         """Parameters from the posterior."""
@@ -170,7 +170,7 @@ class ArPosterior(NamedTuple):
 
     def convergence(self) -> Convergence:
         """Exact."""
-        return EXACT
+        return EXACT_CELLS
 
     def draw(self, generator: np.random.Generator) -> dict[str, NDArray[np.float64]]:
         """Parameters from the posterior, slopes spread evenly between grid points."""

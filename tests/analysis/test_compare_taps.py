@@ -20,7 +20,7 @@ J, K = 6, 3
 SETTINGS = FitSettings(bins=25, pseudocount=0.5)
 
 
-def make_taps(seed: int, sessions: int, first: int = 0, rho: float = 0.0, source: str = "here") -> TapSet:
+def make_taps(seed: int, sessions: int, first: int = 0, rho: float = 0.0) -> TapSet:
     """Taps with a profile in time, residuals of order one with slope rho."""
     generator = np.random.default_rng(seed)
     session = np.repeat(np.arange(sessions), 24)
@@ -35,7 +35,6 @@ def make_taps(seed: int, sessions: int, first: int = 0, rho: float = 0.0, source
         ["a", "b"],
         session=session + first,
         preprocessing=Preprocessing(samples=J),
-        source=source,
     )
 
 
@@ -53,9 +52,10 @@ def test_every_session_is_left_out_once():
 
 def test_sessions_of_two_recordings_are_told_apart():
     """Session 0 of two files is two sessions, that of one file divided between both is one."""
-    assert len(session_folds(make_taps(0, 1), make_taps(1, 1, source="there"))[0]) == 2
+    assert len(session_folds(make_taps(0, 1), make_taps(1, 1))[0]) == 2
     whole = make_taps(0, 1)
-    folds, sentence = session_folds(whole.select(np.arange(12)), whole.select(np.arange(12, 24)))
+    parts = whole.select(np.arange(12)), whole.select(np.arange(12, 24))
+    folds, sentence = session_folds(*parts, one_recording=True)
     assert folds == []
     assert "one session only" in sentence
 
@@ -84,7 +84,7 @@ def test_histogram_is_left_out_exactly_and_importance_sampling_says_where_it_fai
     assert result["pareto_k"].shape == (len(taps),)
     within = score_fold(fitted, session_folds(taps, make_taps(1, 1, first=1))[0][-1]._replace(test=taps), 0)
     assert float(result["exact_plug_in"].mean()) < within["plug_in"].values.mean()
-    assert set(result) == {"psis", "pareto_k", "exact", "exact_plug_in"}
+    assert set(result) == {"psis", "pareto_k", "good_k", "exact", "exact_plug_in"}
 
 
 def test_importance_sampling_agrees_where_it_can():

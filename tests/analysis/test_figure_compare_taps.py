@@ -40,7 +40,7 @@ def test_missing_estimates_leave_their_row_empty():
 def test_pareto_k_says_how_many_taps_cannot_be_left_out():
     """The share above .7 stands beside each row."""
     k = np.stack([np.linspace(0, 0.6, 20), np.linspace(0, 1.4, 20), np.full(20, 2.0)])
-    left_out = xr.Dataset({"pareto_k": (("model", "tap"), k)}, {"model": NAMES})
+    left_out = xr.Dataset({"pareto_k": (("model", "tap"), k), "good_k": 0.7}, {"model": NAMES})
     (axes,) = figures.pareto(left_out).axes
     assert [text.get_text() for text in axes.texts] == ["0% above 0.7", "50% above 0.7", "100% above 0.7"]
 
