@@ -125,5 +125,5 @@ def _value(level: Level, name: str) -> str:
 
 def _interval(level: Level, name: str) -> str:
     if name not in level.low or name not in level.high:
-        return ""
+        return " (too near the end of a curve for an interval)" if not level.larger else ""
     return f" (difference {number(level.low[name])} to {number(level.high[name])})"

@@ -97,8 +97,13 @@ def _taps(comparison: Comparison) -> list[dict[str, Any]]:
         row: dict[str, Any] = {"name": name}
         if means is not None and name in means["model"].values:
             row |= _values(means.sel(model=name))
-        if stacking is not None and name in stacking.index:
-            row |= {"weight": float(stacking.loc[name, "weight"]), "dse": float(stacking.loc[name, "dse"])}
+        if means is not None and stacking is not None and name in stacking.index:
+            taps = means.attrs["taps"]
+            row |= {
+                "weight": float(stacking.loc[name, "weight"]),
+                "behind": float(stacking.loc[name, "elpd_diff"]) / taps,
+                "behind_se": float(stacking.loc[name, "dse"]) / taps,
+            }
         if single is not None and name in single["model"].values:
             row |= _single(single.sel(model=name))
         rows.append(row)
