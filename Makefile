@@ -4,16 +4,16 @@
 VENV := .venv
 PY := $(VENV)/bin/python
 
-.PHONY: run test quick check format bench bench-quick studies fuzz faults kills rig-demo lock clean help
+.PHONY: run test test-all check format bench bench-quick studies fuzz faults kills rig-demo lock clean help
 
 run: $(VENV)/.ready-run
 	@$(VENV)/bin/solidtouch reproduce
 
 test: $(VENV)/.ready-dev
-	@$(PY) -m pytest
-
-quick: $(VENV)/.ready-dev
 	@$(PY) -m pytest -m "not slow"
+
+test-all: $(VENV)/.ready-dev
+	@$(PY) -m pytest
 
 check: $(VENV)/.ready-dev
 	@$(PY) -m ruff check .
@@ -58,8 +58,8 @@ clean:
 
 help:
 	@echo "make run     reproduce the paper, about a minute"
-	@echo "make test    all tests"
-	@echo "make quick   tests without the slow ones"
+	@echo "make test    the tests, without the slow ones"
+	@echo "make test-all  all tests, with whole commands, clusters and emulated rigs that take long"
 	@echo "make check   lint, format, types and import layers"
 	@echo "make format  mend lint and format"
 	@echo "make bench   time everything beside baselines and limits, into docs/performance.md; bench-quick only tries it"

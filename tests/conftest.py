@@ -1,7 +1,7 @@
 """What several folders of tests share: one random generator, recorded data, and small tap sets."""
 
 import importlib.util
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 from types import ModuleType
 
@@ -14,10 +14,18 @@ from solidtouch.models.classes import ClassGrid
 from solidtouch.models.histogram import HistogramModel
 from solidtouch.models.preprocessing import Preprocessing
 from solidtouch.models.taps import TapSet
+from threadpoolctl import threadpool_limits
 
 # How long an example takes depends on the machine, and on whether it is the first that compiles.
 settings.register_profile("solidtouch", deadline=None)
 settings.load_profile("solidtouch")
+
+
+@pytest.fixture(scope="session", autouse=True)
+def _one_blas_thread() -> Iterator[None]:
+    """Linear algebra of the small sizes of tests is several times slower on several threads."""
+    with threadpool_limits(1):
+        yield
 
 
 @pytest.fixture

@@ -110,6 +110,7 @@ def small(parts):
     return {study.name: study for study in parts.sbc.studies(sizes)}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["histogram", "profile-ar"])
 def test_ranks_of_exact_posteriors_are_uniform(parts, small, name):
     result = parts.sbc.run(small[name], 60, 4)
@@ -126,6 +127,7 @@ def test_factorised_fits_run(parts, small, name):
     assert all(((values >= 0) & (values <= parts.sbc.DRAWS)).all() for values in rank.values())
 
 
+@pytest.mark.slow
 def test_samples_of_a_story_with_forecasts_follow_from_those_before(small):
     """Innovations of taps told in passes are normal with the variances of the story."""
     truth, samples = small["profile-ar"].draw(7, 200)
@@ -220,6 +222,7 @@ def test_a_likelihood_that_counts_too_much_gets_a_small_exponent(parts, make_tap
     assert trials == once
 
 
+@pytest.mark.slow
 def test_both_models_of_a_pair_are_compared_on_a_data_set(parts, monkeypatch):
     monkeypatch.setattr(parts.sessions, "CONTACTS", (1, 3))
     pair = parts.sessions.Pair("gaussian", "session:gaussian", step=10, positions=3)

@@ -47,7 +47,9 @@ OWN = TEST.indices(GRID)
 SETTINGS = FitSettings(bins=23, pseudocount=0.5)
 
 
-@pytest.mark.parametrize("name", [*CATALOGUE, "session:profile"])
+@pytest.mark.parametrize(
+    "name", [n if n != "student" else pytest.param(n, marks=pytest.mark.slow) for n in (*CATALOGUE, "session:profile")]
+)
 def test_every_model_predicts_taps_left_out(name):
     """Both estimates are finite, below zero, and those of single taps do not depend on the others."""
     fitted = fit_model(name, TAPS, GRID, SETTINGS._replace(unconverged=True))
