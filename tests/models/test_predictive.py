@@ -6,6 +6,7 @@ from itertools import product
 import numpy as np
 import pytest
 from scipy.special import gammaln
+from scipy.stats import multivariate_t
 from solidtouch.models import predictive
 from solidtouch.models.catalogue import CATALOGUE, FitSettings, fit_model
 from solidtouch.models.classes import ClassGrid
@@ -119,6 +120,26 @@ def test_histogram_is_dirichlet_multinomial():
     value = integrated(fitted, TEST.taps[4:5], (OWN[0][4:5], OWN[1][4:5]), np.random.default_rng(0))[0]
     assert value == pytest.approx(expected, abs=1e-10)
     assert np.isfinite(gammaln(counts)).all()
+
+
+def test_gaussian_forecasts_are_a_multivariate_t():
+    """On narrow bins the samples of a tap, integrated, have the joint density of a multivariate t distribution."""
+    generator = np.random.default_rng(7)
+    taps = TapSet.from_arrays(
+        generator.normal(size=(3, J, 1)), np.zeros(3, dtype=int), ["a"], preprocessing=Preprocessing(samples=J)
+    )
+    edges = np.linspace(-8, 8, 16001)
+    fitted = fit_model("gaussian", taps, taps.grid(), SETTINGS._replace(bins=16000, edges=edges))
+    cells, scaling = fitted.posterior.cells, fitted.model.scaling
+    level, strength, a, b = (float(values[0, 0, 0, 0]) for values in cells)
+    shape = b / a * (np.eye(J) + 1 / strength)
+    width = edges[1] - edges[0]
+    new = (np.floor(generator.normal(size=(5, J, 1)) * 1.5 / width) + 0.5) * width  # in the middle of bins
+    own = np.zeros(5, dtype=int), np.zeros(5, dtype=int)
+    scaled = ((new - scaling.centre) / scaling.unit)[..., 0]
+    density = multivariate_t(np.full(J, level), shape, df=2 * a).logpdf(scaled) - J * np.log(scaling.unit[0])
+    found = integrated(fitted, new, own, generator) - J * np.log(width)
+    np.testing.assert_allclose(found, density, atol=1e-5)
 
 
 @pytest.mark.parametrize("name", ["histogram", "profile", "matrix-normal"])
