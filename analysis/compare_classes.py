@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..hardware.pool import TapPool
 from ..inference.reference import ZeroEvidenceError
+from ..inference.saturation import share, temper
 from ..inference.trial_plan import TapTable
 from ..models.errors import InputError
 from ..models.states import log_fold
@@ -214,7 +215,8 @@ def _score(
             f"Test taps of where class {where[i]} and what class {what[i]} are impossible under every class of model "
             f"{name!r}."
         )
-    log_belief = log_fold(log_joint - log_evidence[:, np.newaxis, np.newaxis], M)
+    carried = log_joint - log_evidence[:, np.newaxis, np.newaxis]
+    log_belief = log_fold(temper(carried, share(taps.shape[1], table.saturation)), M)
     log_true, log_what = log_belief[each, where, what], np.logaddexp.reduce(log_belief, axis=1)
     belief = np.exp(log_belief)
     by_where, by_what = belief.sum(axis=2), belief.sum(axis=1)

@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 from scipy.stats import norm, t
 
 from ..inference.reference import ZeroEvidenceError
+from ..inference.saturation import share, temper
 from ..inference.trial_plan import TapTable
 from ..models.states import fold
 from .metrics import CONFIDENCE
@@ -107,6 +108,7 @@ def _hits(table: TapTable, l: int, m: int, taps: NDArray[np.intp]) -> tuple[floa
     log_belief = table.log_prior + table.log_likelihood[taps].sum(axis=1)
     if np.isneginf(log_belief).all(axis=(1, 2)).any():
         raise ZeroEvidenceError(f"A test tap of where class {l} and what class {m} is impossible under every class.")
+    log_belief = temper(log_belief, share(taps.shape[1], table.saturation))
     belief = fold(np.exp(log_belief - log_belief.max(axis=(1, 2), keepdims=True)), table.pool.nearest.shape[1])
     joint = belief.reshape(len(belief), -1).argmax(axis=1) == l * belief.shape[2] + m
     where = belief.sum(axis=2).argmax(axis=1) == l

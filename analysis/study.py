@@ -18,6 +18,7 @@ from ..models.catalogue import FitSettings, split_name
 from ..models.classes import ClassGrid
 from ..models.errors import InputError
 from ..models.model import TapModel
+from ..models.power import check_saturation
 from ..models.splits import Fold
 from ..models.taps import TapSet
 from .contacts import Accuracy, accuracy
@@ -41,9 +42,11 @@ class Settings:
         pseudocount: Counts added to every bin of the histogram.
         power: Root of the likelihood, or how it is learned, see `models.power`.
         value_range: Whether bins span all taxels together or each.
+        saturation: How many taps' evidence an episode carries at most, see `inference.saturation`; `None` for no limit.
         seed: Of every random draw.
         model: Measurement model of the catalogue.
         unconverged: Whether a fit may be used that did not converge.
+        shown_theta: Figures that show one threshold take the nearest to this.
     """
 
     trials: int = 1000
@@ -56,14 +59,16 @@ class Settings:
     pseudocount: float = 0.01
     power: str | float = "J"
     value_range: Literal["global", "taxel"] = "global"
+    saturation: float | None = None
     seed: int = 0
     model: str = "histogram"
     unconverged: bool = False
+    shown_theta: float = SHOWN_THETA
 
     @property
     def shown(self) -> int:
-        """Index of the threshold nearest to .95, for figures that show one."""
-        return int(np.abs(np.asarray(self.thresholds) - SHOWN_THETA).argmin())
+        """Index of the threshold nearest to `shown_theta`, for figures that show one."""
+        return int(np.abs(np.asarray(self.thresholds) - self.shown_theta).argmin())
 
     def fit(self, taps: TapSet, grid: ClassGrid) -> TapModel:
         """The measurement model of training taps under these settings.
@@ -75,6 +80,7 @@ class Settings:
             bins=self.bins,
             pseudocount=self.pseudocount,
             power=self.power,
+            saturation=np.inf if self.saturation is None else self.saturation,
             value_range=self.value_range,
             unconverged=self.unconverged,
             seed=self.seed,
@@ -174,6 +180,8 @@ def check_settings(settings: Settings, grid: ClassGrid) -> None:
         InputError: One is out of range.
     """
     check_fixation(settings.fixation, grid.L)
+    if settings.saturation is not None:
+        check_saturation(settings.saturation)
     if settings.trials < 1:
         raise InputError(f"--trials must be at least 1, got {settings.trials}.")
     if settings.deadline < 1:

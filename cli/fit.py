@@ -14,6 +14,7 @@ from .options import (
     Model,
     Power,
     Pseudocount,
+    Saturation,
     Seed,
     SplitMethod,
     TestSessions,
@@ -42,6 +43,7 @@ def fit(
     bins: Bins = 100,
     pseudocount: Pseudocount = 0.01,
     power: Power = "J",
+    saturation: Saturation = None,
     value_range: ValueRange = "global",
     draws: Annotated[
         int, Option(min=0, help="Posterior draws kept in the file for ArviZ, in each of 4 chains; 0 for none.")
@@ -74,15 +76,18 @@ def fit(
         from ..models.experiment import load_experiment
         from ..models.histogram import trim
         from ..models.model_file import save_model
-        from ..models.power import parse_power_choice
+        from ..models.power import check_saturation, parse_power_choice
 
     _, in_states = split_name(model)
     if not in_states and (gain_sd is not None or offset_sd is not None):
         raise InputError(f"--gain-sd and --offset-sd go with session models only, and not with {model}.")
+    limit = float("inf") if saturation is None else saturation
+    check_saturation(limit)
     settings = FitSettings(
         bins=bins,
         pseudocount=pseudocount,
         power=parse_power_choice(power),
+        saturation=limit,
         value_range=value_range,
         method=method,
         unconverged=allow_unconverged,

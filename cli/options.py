@@ -1,11 +1,14 @@
 """Arguments and options that several commands share."""
 
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
 from ..models.errors import InputError
+
+if TYPE_CHECKING:
+    from ..models.setting import Setting
 
 Data = Annotated[
     list[Path],
@@ -17,7 +20,7 @@ Data = Annotated[
 ]
 WhereCell = Annotated[
     str | None,
-    typer.Option("--where-cell", metavar="WIDTH", help="Group positions into cells of this width, such as 3mm."),
+    typer.Option("--where-cell", metavar="WIDTH", help="Cells of positions of this width, such as 3mm or 0.5mm."),
 ]
 WhatCell = Annotated[
     str | None,
@@ -67,6 +70,24 @@ Power = Annotated[
         "for beliefs after N taps (default 20).",
     ),
 ]
+Saturation = Annotated[
+    float | None,
+    typer.Option(
+        "--saturation",
+        metavar="N",
+        help="All taps of an episode together count as N at most, as they are not independent; default no limit.",
+        show_default=False,
+    ),
+]
+SettingFile = Annotated[
+    Path | None,
+    typer.Option(
+        "--setting",
+        metavar="FILE",
+        help="A setting file that options are taken from; those given here win.",
+        show_default=False,
+    ),
+]
 ValueRange = Annotated[
     Literal["global", "taxel"], typer.Option("--range", help="Bins across the range of all taxels or of each.")
 ]
@@ -81,6 +102,26 @@ Deadline = Annotated[
 Workers = Annotated[
     int | None, typer.Option("--workers", min=1, help="How many at a time; default as many as there are cores.")
 ]
+
+
+def given(context: typer.Context, option: str) -> bool:
+    """Whether an option stands on the command line, by the name of its parameter."""
+    source = context.get_parameter_source(option)
+    return source is not None and not source.name.startswith("DEFAULT")
+
+
+def chosen(context: typer.Context, setting: "Setting | None", **options: Any) -> dict[str, Any]:
+    """Values of options: what stands on the command line, else what a setting says, else the default.
+
+    Args:
+        context: Of the command.
+        setting: The setting, if there is one; its fields are called as the parameters are.
+        **options: Values of parameters as the command got them.
+    """
+    return {
+        name: value if setting is None or given(context, name) else getattr(setting, name)
+        for name, value in options.items()
+    }
 
 
 def parse_thresholds(text: str) -> tuple[float, ...]:

@@ -1,13 +1,13 @@
 """`solidtouch perceive`: an episode of perception on any rig, shown as it goes on."""
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
-from typer import Argument, Option
+from typer import Argument, Context, Option
 
 from ..models.errors import InputError
 from .interrupt import loading, terminable
-from .options import Border, Force, Seed
+from .options import Border, Force, Seed, SettingFile, chosen, given
 from .recording import check_record, kept, recording
 
 if TYPE_CHECKING:
@@ -17,11 +17,13 @@ if TYPE_CHECKING:
     from ..inference.engine import Engine
     from ..inference.novelty import Novelty
     from ..models.model import TapModel
+    from ..models.setting import Setting
     from .rigs import Placed
     from .showing import Ending, Show
 
 
 def perceive(
+    context: Context,
     model: Annotated[Path, Argument(metavar="MODEL", help="A fitted model, from `fit`.", show_default=False)],
     rig: Annotated[
         str, Option(metavar="RIG", help="simulated, simulated:PRESET, replay:FILE with recorded taps, or a rig.toml.")
@@ -58,12 +60,23 @@ def perceive(
     ] = None,
     home: Annotated[bool, Option("--home", help="Home the stage first: it moves to its limit switches.")] = False,
     border: Border = "uniform",
+    setting: SettingFile = None,
     seed: Seed = 0,
     force: Force = False,
 ) -> None:
     """Perceives an object by tapping: which it is and where it is touched, live."""
     if passive and (fixation is not None or theta_x > 0):
         raise InputError("--passive never moves and does not go with --fixation or --theta-x.")
+    read = None
+    if setting is not None:
+        with loading():
+            from ..models.setting import load_setting
+
+        read = load_setting(setting)
+        theta = theta if given(context, "theta") else read.threshold
+        theta_x, fixation, passive, deadline, border = _from_setting(
+            context, read, theta_x=theta_x, fixation=fixation, passive=passive, deadline=deadline, border=border
+        )
     for name, value in (("--theta", theta), ("--theta-x", theta_x)):
         if not 0 <= value <= 1:
             raise InputError(f"{name} must lie between 0 and 1, got {value}.")
@@ -81,6 +94,8 @@ def perceive(
         from .showing import latency_sentence, show
 
         fitted = load_model(model)
+        if read is not None:
+            read.check_model(fitted, str(model), str(setting))
         point = None if passive else check_fixation(fixation, fitted.grid.L)
         novelty = _novelty(fitted, unknown)
         engines = _engines(engine, fitted, border, shadow)
@@ -111,6 +126,20 @@ def perceive(
             shown.note(kept(recorder))
     if image is not None:
         save_picture(endings[-1].seen, image, force)
+
+
+def _from_setting(context: Context, setting: "Setting", **options: Any) -> tuple[Any, ...]:
+    """Values of options in the order given, as a setting has them where the command line has not.
+
+    Whether to move is said as a whole: `--passive` on the command line does away with the setting's fixation point and
+    threshold, and one of these with a setting that is passive.
+    """
+    values = chosen(context, setting, **options)
+    if given(context, "passive"):
+        values |= {"theta_x": 0.0, "fixation": None}
+    elif given(context, "theta_x") or given(context, "fixation"):
+        values["passive"] = False
+    return tuple(values[name] for name in options)
 
 
 class _Run:

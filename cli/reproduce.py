@@ -2,6 +2,7 @@
 
 import shlex
 import sys
+from dataclasses import replace
 from datetime import datetime
 from pathlib import Path
 from typing import Annotated, Any
@@ -21,13 +22,16 @@ from .options import (
     Model,
     Power,
     Pseudocount,
+    Saturation,
     Seed,
+    SettingFile,
     SplitMethod,
     TestSessions,
     TrainSessions,
     ValueRange,
     WhatCell,
     WhereCell,
+    chosen,
     parse_thresholds,
 )
 
@@ -36,6 +40,7 @@ _QUICK_TRIALS, _TRIALS = 250, 1000
 
 
 def reproduce(
+    context: typer.Context,
     data: Annotated[
         list[str] | None,
         Option(metavar="FILE | TRAIN TEST", help="Recorded taps instead of simulated ones: one file to split, or two."),
@@ -65,9 +70,11 @@ def reproduce(
     bins: Bins = 100,
     pseudocount: Pseudocount = 0.01,
     power: Power = "J",
+    saturation: Saturation = None,
     value_range: ValueRange = "global",
     border: Border = "uniform",
     allow_unconverged: AllowUnconverged = False,
+    setting: SettingFile = None,
     seed: Seed = 0,
     force: Force = False,
 ) -> None:
@@ -88,32 +95,43 @@ def reproduce(
         from ..analysis.study import Settings
         from ..models.experiment import load_experiment
         from ..models.power import parse_power_choice
+        from ..models.setting import load_setting
     from ..models.storage import check_folder
     from .progress import bars
 
-    settings = Settings(
-        trials=trials or (_QUICK_TRIALS if quick else _TRIALS),
+    read = None if setting is None else load_setting(setting)
+    cells = chosen(context, read, where_cell=where_cell, what_cell=what_cell)
+    options = chosen(
+        context,
+        read,
         theta_x=theta_x,
         fixation=fixation,
         border=border,
         deadline=deadline,
         bins=bins,
         pseudocount=pseudocount,
-        power=parse_power_choice(power),
+        power=power,
+        saturation=saturation,
         value_range=value_range,
-        seed=seed,
         model=model,
-        unconverged=allow_unconverged,
-        **({} if thresholds is None else {"thresholds": parse_thresholds(thresholds)}),
     )
+    options["power"] = parse_power_choice(str(options["power"]))
+    settings = Settings(
+        trials=trials or (_QUICK_TRIALS if quick else _TRIALS), seed=seed, unconverged=allow_unconverged, **options
+    )
+    if read is not None:
+        more = tuple(sorted({*settings.thresholds, read.threshold}))
+        settings = replace(settings, thresholds=more, shown_theta=read.threshold)
+    if thresholds is not None:
+        settings = replace(settings, thresholds=parse_thresholds(thresholds))
     folder = out or Path("runs") / datetime.now().astimezone().strftime("%Y-%m-%d-%H%M%S")
     check_folder(folder, force)
     with bars() as progress:
         if files:
-            parts, grid = load_experiment(files, where_cell, what_cell, split, train, test)
+            parts, grid = load_experiment(files, **cells, method=split, train=train, test=test)
         else:
             parts = simulated_split(preset, data_sets or (_QUICK_DATA_SETS if quick else _DATA_SETS), seed, progress)
-            grid = parts.folds[0].train.grid(where_cell, what_cell)
+            grid = parts.folds[0].train.grid(**cells)
         request = Request(
             parts,
             grid,
@@ -129,8 +147,10 @@ def reproduce(
         print(f"Warning: {sentence}")
     for sentence in summary["skipped"]:
         print(f"Note: {sentence}")
-    if model != MODELS[0]:
-        print(f"Model {model}")
+    if read is not None and read.note:
+        print(f"Setting: {read.note}")
+    if settings.model != MODELS[0]:
+        print(f"Model {settings.model}")
     _print_results(summary)
     print(f"The report is {folder / 'report.html'}")
     if not summary["crosscheck"]["passed"]:

@@ -17,7 +17,9 @@ from .recording import objects
 if TYPE_CHECKING:
     from ..hardware.journal import Journal
     from ..hardware.rig import Rig
+    from ..hardware.simulation_settings import RigSettings
 
+_ROUNDING = 1e-6  # of a cell
 _SIMULATED, _REPLAY, _PRESET, _SESSION = "simulated", "replay:", "paper", 1000  # a session that no data set has
 
 
@@ -146,7 +148,7 @@ def _simulated(rig: str, grid: ClassGrid, wish: Wish) -> Source:
     from ..hardware.simulated import SimulatedRig
 
     name = rig.partition(":")[2] or _PRESET
-    settings = preset(name)
+    settings = _stepping(preset(name), grid)
     _check_cells(grid, settings.cell_mm, f"The simulated rig {name}")
     names = [rod.name for rod in settings.rods]
 
@@ -235,8 +237,20 @@ def _object(sensor: "Rig", grid: ClassGrid, wish: Wish, episode: int) -> str | N
     return grid.what_members[what][0] if what < grid.M else new[what - grid.M]
 
 
+def _stepping(settings: "RigSettings", grid: ClassGrid) -> "RigSettings":
+    """A simulated rig whose moves are in steps of a finer grid, where it can make them."""
+    steps = np.diff(grid.where_value)
+    if not len(steps) or np.ptp(steps) > _ROUNDING * steps[0] or settings.position_spread_mm < settings.cell_mm:
+        return settings
+    cells = settings.cell_mm / steps[0]
+    if round(cells) < 2 or abs(cells - round(cells)) > _ROUNDING * cells:
+        return settings
+    step = settings.cell_mm / round(cells)
+    return replace(settings, cell_mm=step, position_spread_mm=step)
+
+
 def _check_cells(grid: ClassGrid, cell: float, name: str) -> None:
     """Whether a step of the rig is a step of the model."""
     steps = np.diff(grid.where_value)
-    if len(steps) and np.abs(steps - cell).max() > 1e-6 * cell:
+    if len(steps) and np.abs(steps - cell).max() > _ROUNDING * cell:
         raise InputError(f"{name} moves in steps of {cell:g}, and the model's classes lie {steps[0]:g} apart.")

@@ -61,6 +61,11 @@ def shift(log_belief: jax.Array, delta: jax.Array, border: int, states: int = 1)
     return _normalised(jnp.where(kept, moved, spread))
 
 
+def temper(log_belief: jax.Array, share: jax.Array) -> jax.Array:
+    """What is read from a log belief (L, S M): the belief to the power `share`, normalised; see `saturation`."""
+    return jnp.where(share < 1, _normalised(share * log_belief), log_belief)
+
+
 def _normalised(log_belief: jax.Array) -> jax.Array:
     return log_belief - logsumexp(log_belief)
 
@@ -77,6 +82,7 @@ class _Tables(NamedTuple):
     thresholds: jax.Array
     theta_x: jax.Array
     key: tuple[jax.Array, jax.Array]
+    saturation: jax.Array
 
 
 class _Plan(NamedTuple):
@@ -137,6 +143,7 @@ class ArrayPlayer:
             raise InputError(
                 "There is no GPU that JAX can use here (--device gpu needs one, and the jax package built for it)."
             ) from error
+        self._saturates = bool(table.saturation < rule.deadline)
         self.at_once, self._slots, self._rule = _AT_ONCE[platform], _SLOTS[platform], rule
         pool, put = table.pool, partial(jax.device_put, device=self._device)
         with jax.enable_x64(True):
@@ -150,6 +157,7 @@ class ArrayPlayer:
                 thresholds=put(rule.thresholds),
                 theta_x=put(np.float64(rule.theta_x)),
                 key=(put(rule.key0), put(rule.key1)),
+                saturation=put(np.float64(table.saturation)),
             )
 
     def __call__(self, plan: TrialPlan, first: int, last: int, trials: Trials) -> int:
@@ -159,20 +167,26 @@ class ArrayPlayer:
             rows = TrialPlan(*(column[first:last] for column in plan))
             part = _Plan(**jax.device_put(rows._asdict(), self._device))
             record, impossible = _play(
-                self._tables, part, min(self._slots, n), rule.border, rule.deadline, rule.theta_x < 1
+                self._tables,
+                part,
+                min(self._slots, n),
+                rule.border,
+                rule.deadline,
+                rule.theta_x < 1,
+                self._saturates,
             )
             for name, values in zip(_Record._fields, jax.device_get(record), strict=True):
                 getattr(trials, name)[first:last][:, rule.column] = values
         return int(impossible)
 
 
-@partial(jax.jit, static_argnums=(2, 3, 4, 5))
+@partial(jax.jit, static_argnums=(2, 3, 4, 5, 6))
 def _play(
-    tables: _Tables, plan: _Plan, slots: int, border: int, deadline: int, moving: bool
+    tables: _Tables, plan: _Plan, slots: int, border: int, deadline: int, moving: bool, saturates: bool
 ) -> tuple[_Record, jax.Array]:
     """All trials of a plan; their decisions and the number that met an impossible tap."""
     n, H = len(plan.where), len(tables.thresholds)
-    step = jax.vmap(partial(_tap, tables, plan, border=border, deadline=deadline, moving=moving))
+    step = jax.vmap(partial(_tap, tables, plan, border=border, deadline=deadline, moving=moving, saturates=saturates))
     fresh = jax.vmap(partial(_fresh, tables, plan))
 
     def busy(carry: tuple[_Slot, _Record, jax.Array, jax.Array]) -> jax.Array:
@@ -227,7 +241,9 @@ def _fresh(tables: _Tables, plan: _Plan, trial: jax.Array) -> _Slot:
     )
 
 
-def _tap(tables: _Tables, plan: _Plan, slot: _Slot, *, border: int, deadline: int, moving: bool) -> _Slot:
+def _tap(
+    tables: _Tables, plan: _Plan, slot: _Slot, *, border: int, deadline: int, moving: bool, saturates: bool
+) -> _Slot:
     """One tap of one trial and the move after it; the order of `episode.perceive`."""
     row = jnp.minimum(slot.trial, len(plan.where) - 1)
     held = plan.what[row]
@@ -235,7 +251,8 @@ def _tap(tables: _Tables, plan: _Plan, slot: _Slot, *, border: int, deadline: in
     number = draws.below(word, tables.size[slot.at, held].astype(jnp.uint64)).astype(jnp.int64)
     index = tables.order[tables.first[slot.at, held] + number]
     log_belief, log_evidence = update(slot.log_belief, tables.log_likelihood[index])
-    belief = jnp.exp(log_belief)
+    read = temper(log_belief, tables.saturation / (slot.tap + 1)) if saturates else log_belief
+    belief = jnp.exp(read)
     where, what = belief.sum(1), belief.sum(0)
     M = tables.nearest.shape[1]
     states = len(what) // M

@@ -12,6 +12,7 @@ from ..models.states import log_fold
 from . import reference
 from .control import MovePolicy
 from .engine import Engine
+from .saturation import share, temper
 
 DEADLINE = 100
 
@@ -121,7 +122,9 @@ def steps(
 
     After each tap come the update (Eq. 3, 4), the stop test (Eq. 7) and, if it goes on, the move (Eq. 8, 10) with the
     shift of the belief (Eq. 9). The stop test comes first because the shift may change the what marginal. The belief
-    is shifted by the commanded move: the realised one would tell where the sensor stood.
+    is shifted by the commanded move: the realised one would tell where the sensor stood. Of a model whose taps carry
+    a limited evidence, what is carried from tap to tap stays as it is; all that is decided by and shown is the belief
+    that `saturation` reads from it.
 
     The move is made when the next step is asked for, so who stops asking ends the episode where the sensor stands.
 
@@ -141,10 +144,12 @@ def steps(
         raise InputError(f"The deadline must be at least one tap, got {deadline}.")
     engine.model.check_taps(sensor.preprocessing)
     predicted, arrived, M = engine.model.log_prior, 0, engine.model.grid.M
+    saturation = engine.model.saturation
     for number in range(1, deadline + 1):
         tap = sensor.tap()
         carried, log_evidence = engine.update(predicted, tap)
-        log_belief = log_fold(carried, M)
+        read = temper(carried, share(number, saturation))
+        log_belief = log_fold(read, M)
         belief = np.exp(log_belief)
         doubted = doubt is not None and doubt(tap, arrived)
         decision = None if doubted else reference.what_decision(belief, theta_w)
@@ -153,12 +158,12 @@ def steps(
             number,
             tap,
             arrived,
-            log_fold(predicted, M),
+            log_fold(temper(predicted, share(number - 1, saturation)), M),
             log_belief,
             log_evidence,
             decision,
             delta,
-            _log_states(carried, M),
+            _log_states(read, M),
         )
         if delta is None:
             return

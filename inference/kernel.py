@@ -4,6 +4,8 @@ A belief is carried unnormalised and without a floor, as scaled numbers z 2^(-25
 one unit down in k and no longer counts in the marginals, but is carried on, so that it can come back after any
 number of taps. Nothing is lost as it would be with plain probabilities, and no logarithm is taken as with log beliefs.
 
+What is read from a belief after more taps than its saturation is the belief to a power, see `saturation` and `temper`.
+
 Arrays have the axes (M, L), objects first, so that vector instructions run along the positions. Where the model carries
 a state of the episode, rows are hypotheses instead, S M of them, see `models.states`.
 """
@@ -27,6 +29,7 @@ type Integers = NDArray[np.int64]
 
 UNIT = 256
 _DOWN, _UP = 2.0**-UNIT, 2.0**UNIT
+_LOG_UNIT = UNIT * math.log(2.0)
 _NOTHING = 8  # units between two numbers of which the smaller one adds nothing
 _LEAST = 2.0**-1000  # products of belief and likelihood stay above it, well clear of subnormal numbers
 _LEAST_TOTAL = 2.0**-128  # classes of the next k are smaller than this in proportion
@@ -88,6 +91,38 @@ def multiply(z: Floats, on: Floats, row: Floats, where: Floats, what: Floats) ->
         what[m] = partial
         total += partial
     return total
+
+
+@compiled
+def temper(z: Floats, k: Integers, total: float, share: float, where: Floats, what: Floats) -> float:
+    """Sums up the marginals of a belief to the power `share`, not normalised; the belief stays as it is.
+
+    Args:
+        z: Belief.
+        k: Its units.
+        total: Of the belief.
+        share: The power, above 0.
+        where: Receives the marginal over what, shape (L,).
+        what: Receives the marginal over where, one number per row.
+
+    Returns:
+        The total of the powers.
+    """
+    M, L = z.shape
+    log_total = math.log(total)
+    for l in range(L):
+        where[l] = 0.0
+    sum_ = 0.0
+    for m in range(M):
+        partial = 0.0
+        for l in range(L):
+            if z[m, l] > 0:
+                value = math.exp(share * (math.log(z[m, l]) - log_total - k[m, l] * _LOG_UNIT))
+                where[l] += value
+                partial += value
+        what[m] = partial
+        sum_ += partial
+    return sum_
 
 
 @compiled
@@ -239,6 +274,7 @@ def play(
     table: "Likelihoods",
     pool: "TapPool",
     prior: "ScaledBelief",
+    saturation: float,
     plan: "TrialPlan",
     rule: "Rule",
     first: int,
@@ -251,6 +287,7 @@ def play(
         table: The test taps.
         pool: Which of them belong to which class.
         prior: Belief before the first tap.
+        saturation: Taps after which beliefs are read to a power, see `saturation.share`.
         plan: The trials.
         rule: How they move and stop.
         first: First row of the plan.
@@ -312,12 +349,15 @@ def play(
                     impossible += 1
                     break
                 total = multiply(z, on, ones, where, what)
+            read = total
+            if tap + 1 > saturation:
+                read = temper(z, k, total, saturation / (tap + 1), where, what)
 
             for s in range(1, states):
                 for m in range(M):
                     what[m] += what[s * M + m]
             best_what = largest(what, M)
-            belief = what[best_what] / total
+            belief = what[best_what] / read
             last_tap = tap == rule.deadline - 1
             if moving or last_tap or belief > rule.thresholds[decided]:
                 best_where = largest(where, L)
@@ -335,7 +375,7 @@ def play(
             if decided == H:
                 break
 
-            if moving and where[best_where] > rule.theta_x * total:
+            if moving and where[best_where] > rule.theta_x * read:
                 delta = plan.fixation[i] - best_where
                 if delta != 0:
                     least = min(least, shift(z, k, on, delta, rule.border, M, total, old_z, old_k))

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..models.errors import InputError
+from ..models.power import check_saturation
 from ..models.threads import cores, in_order
 from . import draws, kernel
 from .episode import DEADLINE
@@ -173,6 +174,7 @@ def make_player(table: TapTable, rule: Rule, device: str = "cpu") -> Player:
             f"The prior has shape {table.log_prior.shape}, log-likelihoods of a tap {table.log_likelihood.shape[1:]}, "
             f"and the taps lie in {L} x {M} classes (where, what)."
         )
+    check_saturation(table.saturation)
     refuse_border(rule.border, hypotheses, M)
     if device == "cpu":
         return _LoopPlayer(table, rule)
@@ -189,10 +191,13 @@ class _LoopPlayer:
     def __init__(self, table: TapTable, rule: Rule) -> None:
         self._likelihoods = likelihoods(table.log_likelihood)
         self._pool, self._prior, self._rule = table.pool, scaled_belief(table.log_prior), rule
+        self._saturation = float(table.saturation)
         self.at_once = max(1, min(_AT_ONCE, _TAPS_AT_ONCE // rule.deadline))
 
     def __call__(self, plan: TrialPlan, first: int, last: int, trials: Trials) -> int:
-        return kernel.play(self._likelihoods, self._pool, self._prior, plan, self._rule, first, last, trials)
+        return kernel.play(
+            self._likelihoods, self._pool, self._prior, self._saturation, plan, self._rule, first, last, trials
+        )
 
 
 def empty_trials(n: int, H: int) -> Trials:

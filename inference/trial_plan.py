@@ -21,11 +21,13 @@ class TapTable(NamedTuple):
             the episode, see `models.states`; without states S is 1.
         pool: Which taps belong to which class; its arrays have the shape (L, M).
         log_prior: Log belief before the first tap, shape (L, S M).
+        saturation: How many taps' evidence a sequence of them carries at most, see `saturation`.
     """
 
     log_likelihood: NDArray[np.float64]
     pool: TapPool
     log_prior: NDArray[np.float64]
+    saturation: float = np.inf
 
 
 class TrialPlan(NamedTuple):
@@ -52,7 +54,8 @@ def tap_table(model: TapModel, taps: TapSet) -> TapTable:
         taps: Test taps, all of trained classes (see `TapModel.usable`).
     """
     where, what = taps.indices(model.grid)
-    return TapTable(model.log_likelihood(taps.taps), tap_pool(where, what, model.grid.shape), model.log_prior)
+    pool = tap_pool(where, what, model.grid.shape)
+    return TapTable(model.log_likelihood(taps.taps), pool, model.log_prior, model.saturation)
 
 
 def plan_trials(

@@ -42,6 +42,7 @@ class FitSettings(NamedTuple):
         bins: Number of bins, the measure of all models and the resolution of the histogram.
         pseudocount: Added to every bin of the histogram, in counts.
         power: Root of the likelihood.
+        saturation: How many taps' evidence an episode carries at most; infinity for no limit.
         value_range: Whether bins span all taxels together or each.
         edges: Bin edges to use instead of those of the training taps.
         method: `"closed"` for the fast fit of each model, `"nuts"` to sample its story.
@@ -54,6 +55,7 @@ class FitSettings(NamedTuple):
     bins: int = 100
     pseudocount: float = 0.01
     power: str | float = "J"
+    saturation: float = np.inf
     value_range: Literal["global", "taxel"] = "global"
     edges: NDArray[np.float64] | None = None
     method: Literal["closed", "nuts"] = "closed"
@@ -153,6 +155,7 @@ def _fit_histogram(taps: TapSet, grid: ClassGrid, settings: FitSettings, trained
         bins=settings.bins,
         pseudocount=settings.pseudocount,
         power=settings.power,
+        saturation=settings.saturation,
         value_range=settings.value_range,
         edges=settings.edges,
         trained_on=trained_on,
@@ -197,6 +200,7 @@ def _fit_story(kind: str, taps: TapSet, grid: ClassGrid, settings: FitSettings, 
         trained_on=trained_on,
         version=version("solidtouch"),
         training=tap_digests(used.taps),
+        saturation=float(settings.saturation),
     )
     return Fitted(model, posterior, posterior.convergence())
 

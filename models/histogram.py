@@ -73,6 +73,7 @@ class HistogramModel(TapModel):
         novelty: How badly the training taps fit their classes; without it no tap can be called new.
         training: Digests of the training taps, see `tap_digests`; none where a file of an older version has none.
         states: What all taps of an episode share, see `session`.
+        saturation: How many taps' evidence an episode carries at most.
     """
 
     grid: ClassGrid
@@ -87,6 +88,7 @@ class HistogramModel(TapModel):
     novelty: NoveltyScores | None = None
     training: NDArray[np.uint64] = field(default_factory=lambda: np.empty(0, np.uint64))
     states: States = ONE_STATE
+    saturation: float = np.inf
 
     @cached_property
     def trained(self) -> NDArray[np.bool_]:
@@ -129,6 +131,7 @@ def fit(
     bins: int = 100,
     pseudocount: float = 0.01,
     power: str | float = "J",
+    saturation: float = np.inf,
     value_range: Literal["global", "taxel"] = "global",
     edges: NDArray[np.float64] | None = None,
     trained_on: str = "",
@@ -143,6 +146,7 @@ def fit(
         pseudocount: Added to every bin, in counts. The paper has none, and then a quarter to a half of
             simulated test taps are impossible under their own class; later work adds a small constant.
         power: Root of Eq. 1, see `inference.reference.exponent`.
+        saturation: How many taps' evidence an episode carries at most, see `inference.saturation`.
         value_range: Whether bins span the range of all taxels together or of each.
         edges: Bin edges to use instead, shape (bins + 1,) or (K, bins + 1).
         trained_on: Which taps these are, in words, for the model's file.
@@ -177,6 +181,7 @@ def fit(
         trained_on=trained_on,
         version=version("solidtouch"),
         training=tap_digests(samples),
+        saturation=float(saturation),
     )
 
 

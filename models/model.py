@@ -15,7 +15,7 @@ from .bins import find_bins
 from .digest import tap_digests
 from .errors import InputError
 from .forms import in_states
-from .power import likelihood_exponent
+from .power import check_saturation, likelihood_exponent
 from .states import States
 
 if TYPE_CHECKING:
@@ -43,6 +43,10 @@ class TapModel(ABC):
         novelty: How badly the training taps fit their classes; without it no tap can be called new.
         training: Digests of the training taps, see `tap_digests`; none where a file of an older version has none.
         states: What all taps of an episode share and nobody knows before it; one state for most models.
+        saturation: How many taps' evidence the taps of an episode carry at most, see `inference.saturation`.
+
+    Raises:
+        InputError: The saturation is not above 0.
     """
 
     grid: "ClassGrid"
@@ -55,6 +59,11 @@ class TapModel(ABC):
     novelty: "NoveltyScores | None"
     training: NDArray[np.uint64]
     states: States
+    saturation: float
+
+    def __post_init__(self) -> None:
+        """Checks the saturation."""
+        check_saturation(self.saturation)
 
     @property
     @abstractmethod

@@ -11,7 +11,8 @@ root                   attributes: ``kind``, ``format``, settings, class grid, h
 ``log_likelihood``     ``bins``: of each training tap under its own class at power 1, dims (chain, draw, tap)
 =====================  =====================================================================================
 
-Files of format 1, from versions with no model but the histogram, are read as well.
+Files of format 1, from versions with no model but the histogram, are read as well, and files without a saturation,
+whose beliefs have no limit.
 """
 
 import json
@@ -132,6 +133,7 @@ def _attributes(model: TapModel, convergence: Convergence | None) -> dict[str, A
         "name": model.name,
         "format": FORMAT,
         "power": str(model.power),
+        "saturation": float(model.saturation),
         "preprocessing": model.preprocessing.to_json(),
         "grid": json.dumps(model.grid.to_dict()),
         "left_out": json.dumps(model.left_out),
@@ -213,6 +215,7 @@ def _model(attributes: dict[str, Any], data: xr.Dataset, parameters: xr.Dataset)
         "grid": grid,
         "edges": data["edges"].values,
         "power": parse_power(attributes["power"]),
+        "saturation": float(attributes.get("saturation", np.inf)),
         "preprocessing": Preprocessing.from_json(attributes["preprocessing"]),
         "left_out": tuple(json.loads(attributes["left_out"])),
         "trained_on": str(attributes["trained_on"]),

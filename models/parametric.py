@@ -49,6 +49,7 @@ class ParametricModel(TapModel):
         novelty: None; p-values of new taps need the histogram model.
         training: Digests of the training taps.
         states: What all taps of an episode share, see `session`.
+        saturation: How many taps' evidence an episode carries at most.
     """
 
     story: str
@@ -66,6 +67,7 @@ class ParametricModel(TapModel):
     novelty: NoveltyScores | None = None
     training: NDArray[np.uint64] = field(default_factory=lambda: np.empty(0, np.uint64))
     states: States = ONE_STATE
+    saturation: float = np.inf
 
     @property
     def kind(self) -> str:

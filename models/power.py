@@ -1,4 +1,4 @@
-"""The root in Eq. 1 of the paper: how much the samples of one tap count."""
+"""The root in Eq. 1 of the paper, how much the samples of one tap count; and how much the taps of an episode do."""
 
 import re
 
@@ -23,6 +23,16 @@ def likelihood_exponent(power: str | float, J: int, K: int) -> float:
     if value is None or not (np.isfinite(value) and value > 0):
         raise InputError(f"The power must be J, JK, none or a positive number, got {power!r}.")
     return value
+
+
+def check_saturation(saturation: float) -> None:
+    """Refuses what is no number of taps.
+
+    Raises:
+        InputError: It is NaN or not above 0; infinity stands for no limit.
+    """
+    if not saturation > 0:
+        raise InputError(f"The saturation must be a positive number of taps, got {saturation}.")
 
 
 def parse_power(text: str) -> str | float:

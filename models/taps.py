@@ -51,6 +51,8 @@ _DIMS = {
     "taxel_position": ("taxel", "axis"),
 }
 _OPTIONAL = ("what_value", "where_edges", "taxel_position")
+_ROUNDING = 1e-6  # of a cell
+_MOST_CELLS = 1e6
 
 
 @dataclass(frozen=True, eq=False)
@@ -227,28 +229,26 @@ class TapSet:
         return type(self)(self.dataset.isel(tap=np.flatnonzero(index) if index.dtype == bool else index))
 
     def grid(self, where_cell: str | None = None, what_cell: str | None = None) -> ClassGrid:
-        """The class grid of the tables, optionally grouped into cells.
+        """The class grid of the tables, optionally grouped into cells, or with the positions divided into finer ones.
 
         Args:
-            where_cell: Width of the where cells with unit, such as `"3mm"`; `None` takes the table as it is.
+            where_cell: Width of the where cells with unit, such as `"3mm"`; `None` takes the table as it is. Cells
+                narrower than the classes of a table with edges divide its whole range equally.
             what_cell: Width of the what cells; needs object sizes, or names that spell them (`"rod 4 mm"`).
 
         Raises:
-            InputError: A width cannot be read or converted, or objects have no sizes to group by.
+            InputError: A width cannot be read or converted, finer where cells do not divide the range or have no taps,
+                or objects have no sizes to group by.
         """
         where_value = self.dataset["where_value"].values
         edges = self.dataset["where_edges"].values if "where_edges" in self.dataset.coords else None
         if where_cell is not None:
             width = parse_length(where_cell, self.where_unit, "--where-cell")
-            start = float(where_value.min()) if edges is None else float(edges[0])
-            cells = group(where_value, width, start)
-            if cells.max() >= len(where_value):
-                raise InputError(f"--where-cell {where_cell} leaves a cell without any position.")
-            groups = [where_value[cells == cell] for cell in range(cells.max() + 1)]
-            if not all(len(members) for members in groups):
-                raise InputError(f"--where-cell {where_cell} leaves a cell without any position.")
-            edges = start + width * np.arange(len(groups) + 1, dtype=np.float64)
-            where_value = np.array([members.mean() for members in groups])
+            if edges is not None and width < (1 - _ROUNDING) * np.diff(edges).min():
+                edges = self._finer(edges, width, where_cell)
+                where_value = (edges[:-1] + edges[1:]) / 2
+            else:
+                edges, where_value = _coarser(where_value, edges, width, where_cell)
         names = self.what_name
         what_value, what_unit = self._what_values()
         members = tuple((name,) for name in names)
@@ -269,6 +269,29 @@ class TapSet:
             what_value,
             what_unit if what_value is not None else "",
         )
+
+    def _finer(self, edges: NDArray[np.float64], width: float, where_cell: str) -> NDArray[np.float64]:
+        """Edges of equal cells across the range, each inside of touched classes with a tap of its own."""
+        length = float(edges[-1] - edges[0])
+        if not length / width < _MOST_CELLS:
+            raise InputError(f"--where-cell {where_cell} is too narrow for a range of {length:g} {self.where_unit}.")
+        cells = round(length / width)
+        if abs(length / width - cells) > _ROUNDING * cells:
+            raise InputError(
+                f"--where-cell {where_cell} does not divide the range of {length:g} {self.where_unit} into equal cells."
+            )
+        finer = np.linspace(edges[0], edges[-1], cells + 1)
+        place = self.where + _ROUNDING * width
+        held = np.unique(np.searchsorted(edges, place, side="right") - 1)
+        filled = np.searchsorted(finer, place, side="right") - 1
+        centre = np.searchsorted(edges, (finer[:-1] + finer[1:]) / 2, side="right") - 1
+        wanting = np.setdiff1d(np.flatnonzero(np.isin(centre, held)), filled)
+        if len(wanting):
+            raise InputError(
+                f"--where-cell {where_cell} leaves {len(wanting)} of {cells} cells without any tap: the taps lie at "
+                f"{len(np.unique(self.where))} places."
+            )
+        return finer
 
     def _what_values(self) -> tuple[NDArray[np.float64] | None, str]:
         if "what_value" not in self.dataset.coords:
@@ -355,6 +378,21 @@ def check_compatible(train: TapSet, test: TapSet, train_name: str = "TRAIN", tes
     differences = train.preprocessing.differences(test.preprocessing)
     if differences:
         raise InputError(f"{train_name} and {test_name} were prepared differently: {'; '.join(differences)}.")
+
+
+def _coarser(
+    where_value: NDArray[np.float64], edges: NDArray[np.float64] | None, width: float, where_cell: str
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Edges and values of cells that group the positions of a table."""
+    start = float(where_value.min()) if edges is None else float(edges[0])
+    cells = group(where_value, width, start)
+    if cells.max() >= len(where_value):
+        raise InputError(f"--where-cell {where_cell} leaves a cell without any position.")
+    groups = [where_value[cells == cell] for cell in range(cells.max() + 1)]
+    if not all(len(members) for members in groups):
+        raise InputError(f"--where-cell {where_cell} leaves a cell without any position.")
+    values = np.array([members.mean() for members in groups])
+    return start + width * np.arange(len(groups) + 1, dtype=np.float64), values
 
 
 def _validate(dataset: xr.Dataset) -> None:

@@ -71,6 +71,15 @@ def test_fit_writes_any_model_with_its_draws(command, tmp_path, taps_file, name)
         assert tree.attrs["fit"].startswith("The posterior is exact")
 
 
+def test_fit_keeps_a_saturation(command, tmp_path, taps_file):
+    """None where none is asked for."""
+    words = ("--draws", 0, "--model", "gaussian")
+    for name, more in (("a", ()), ("b", ("--saturation", 2.5))):
+        assert command("fit", taps_file, "--out", tmp_path / f"{name}.nc", *words, *more).code == 0
+
+    assert [load_model(tmp_path / f"{name}.nc").saturation for name in "ab"] == [np.inf, 2.5]
+
+
 def test_fit_writes_no_draws_where_none_are_wanted_or_none_exist(command, tmp_path, taps_file):
     """A histogram without a pseudocount has an improper posterior, which is said."""
     none = command("fit", taps_file, "--out", tmp_path / "a.nc", "--draws", 0)
@@ -219,6 +228,8 @@ def test_crosscheck_leaves_numpyro_out_where_the_border_is_no_kernel(command, ta
             "--border prior does not go with a model that carries a state",
         ),
         (["reproduce", "--data", "TAPS", "--out", "OUT", "--power", "learned"], "needs two training sessions or more"),
+        (["fit", "TAPS", "--out", "MODEL", "--saturation", "0"], "saturation must be a positive number of taps"),
+        (["reproduce", "--data", "TAPS", "--out", "OUT", "--saturation", "-1"], "saturation must be a positive"),
         (["fit", "TAPS", "--out", "MODEL", "--where-cell", "3kg"], "--where-cell '3kg' cannot be converted"),
         (["fit", "TAPS", "--out", "MODEL", "--split", "thirds"], "thirds"),
         (["fit", "TAPS", "--out", "MODEL", "--train", "0", "--test", "7"], "session 7|7"),

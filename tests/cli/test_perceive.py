@@ -9,6 +9,7 @@ import subprocess
 import sys
 import time
 from contextlib import contextmanager
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -19,6 +20,7 @@ from solidtouch.inference.engine import NumpyEngine
 from solidtouch.models.catalogue import FitSettings, fit_model
 from solidtouch.models.histogram import fit
 from solidtouch.models.model_file import load_model
+from solidtouch.models.setting import Setting
 
 
 @pytest.fixture(scope="module")
@@ -132,8 +134,6 @@ def test_several_episodes_differ_and_are_summed_up(command, folder):
 
 def test_an_object_that_the_model_does_not_know_is_unknown(command, tmp_path, session):
     """Contact that was never trained: p-values are small and the episode ends with `unknown`, which is right."""
-    from dataclasses import replace
-
     from solidtouch.models.novelty import novelty_scores
 
     known = session.select(session.what != 4)
@@ -223,6 +223,97 @@ def test_a_rig_with_other_steps_is_refused(command, tmp_path, session):
 
     assert done.code == 2
     assert "moves in steps of 1, and the model's classes lie 2 apart" in done.err
+
+
+@pytest.fixture(scope="module")
+def fine(folder, session):
+    """A model of 0.5 mm classes whose taps carry the evidence of 3 at most."""
+    model = fit(session, session.grid("0.5mm"), saturation=3.0, power=0.03)
+    model.save(folder / "fine.nc")
+    return folder / "fine.nc"
+
+
+@pytest.mark.parametrize("rig", RIGS)
+def test_a_finer_grid_perceives(command, fine, folder, rig):
+    """The simulated rig moves in its steps, from a place between those of coarser ones."""
+    words_ = words(folder, rig)
+    still = ["--start", "2.25mm", "--object", "8 mm rod", "--theta", "1", "--deadline", 5, "--json"]
+    done = command("perceive", fine, *words_, *still, "--engine", "numpy", "--shadow", "--fixation", 20)
+    *taps, decision = records(done.out)
+
+    assert done.code == 0
+    assert decision["true_where"] == pytest.approx(2.25 + 0.5 * sum(tap["move"] for tap in taps[:-1]))
+    assert decision["true_where"] == pytest.approx(10.25, abs=0.51)
+
+
+def test_a_grid_that_no_step_divides_is_refused(command, session, tmp_path):
+    fit(session, session.grid("0.8mm")).save(tmp_path / "model.nc")
+    done = command("perceive", tmp_path / "model.nc", "--engine", "numpy")
+
+    assert done.code == 2
+    assert "moves in steps of 1, and the model's classes lie 0.8 apart" in done.err
+
+
+@pytest.mark.parametrize("engine", ["numpy", "filter"])
+def test_evidence_saturates_live(command, fine, engine):
+    """Beliefs end far below those of the same taps without a limit."""
+    base = ("--seed", 4, "--theta", "1", "--deadline", 12, "--passive", "--json", "--engine", engine)
+    limited = records(command("perceive", fine, *base).out)
+    replace(load_model(fine), saturation=np.inf).save(fine.with_name("free.nc"), force=True)
+    free = records(command("perceive", fine.with_name("free.nc"), *base).out)
+    what = [np.array([row["what_marginal"] for row in rows[:-1]]) for rows in (limited, free)]
+
+    np.testing.assert_allclose(what[0][:3], what[1][:3], atol=1e-9)
+    assert what[0][-1].max() < what[1][-1].max()
+
+
+def test_options_come_from_a_setting(command, fine, tmp_path):
+    """Threshold, moves, deadline and border are as with options on the command line, which win over it."""
+    file = tmp_path / "setting.json"
+    setting = Setting(
+        power=0.03,
+        saturation=3.0,
+        where_cell="0.5mm",
+        threshold=0.93,
+        border="clamp",
+        theta_x=0.1,
+        fixation=9,
+        deadline=9,
+    )
+    setting.save(file)
+    base = ("perceive", fine, "--engine", "filter", "--seed", 4, "--json")
+    spelled = ("--theta", 0.93, "--border", "clamp", "--theta-x", 0.1, "--fixation", 9, "--deadline", 9)
+
+    def out(*more):
+        done = command(*base, *more)
+        assert done.code == 0
+        return records(done.out)
+
+    assert out("--setting", file) == out(*spelled)
+    assert out("--setting", file, "--theta", 1, "--deadline", 2) == out(*spelled, "--theta", 1, "--deadline", 2)
+    assert out("--setting", file, "--passive") == out(*spelled[:4], *spelled[-2:], "--passive")
+    setting = replace(setting, passive=True)
+    setting.save(file, force=True)
+    still = out("--setting", file, "--theta", 1)
+    assert [row["move"] for row in still[:-2]] == [0] * 8
+    assert out("--setting", file, "--fixation", 9) == out(*spelled)
+
+
+@pytest.mark.parametrize(
+    ("changes", "said"),
+    [
+        ({"power": "J"}, "was fitted with power 0.03 and the setting"),
+        ({"saturation": None}, "was fitted with saturation 3 and the setting"),
+        ({"model": "gaussian"}, "was fitted with model histogram and the setting"),
+    ],
+)
+def test_a_model_of_another_setting_is_refused(command, fine, tmp_path, changes, said):
+    replace(Setting(power=0.03, saturation=3.0), **changes).save(tmp_path / "setting.json")
+    done = command("perceive", fine, "--setting", tmp_path / "setting.json")
+
+    assert done.code == 2
+    assert said in done.err
+    assert done.err.count("\n") == 1
 
 
 def test_a_replayed_file_with_one_object_replays_that_one(command, folder, session, tmp_path):

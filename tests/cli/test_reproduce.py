@@ -13,6 +13,7 @@ import pytest
 import xarray as xr
 from solidtouch.analysis.study import study
 from solidtouch.models.errors import InputError
+from solidtouch.models.setting import Setting
 
 FIGURES = ("fig3", "fig4", "fig5_passive", "fig5_active", "fig6", "fig7", "confusion", "contacts")
 ACTIVE = ("fig5_passive", "fig5_active", "fig6")
@@ -95,6 +96,78 @@ def test_any_model_of_the_catalogue_is_reproduced_and_named(command, tmp_path, m
     assert summary["crosscheck"]["passed"]
     with xr.open_datatree(tmp_path / "run" / "results.nc", engine="h5netcdf") as tree:
         assert tree.attrs["model"] == name
+
+
+def test_a_setting_is_reproduced(command, tmp_path, make_taps):
+    """All of it is in the summary; its threshold joins the others and is the one shown; options win over it."""
+    taps = make_taps(L=4, repeats=9, where_edges=[-0.75, 0.75, 2.25, 3.75, 5.25])
+    where = taps.where + 1.5 * (np.random.default_rng(0).random(len(taps)) - 0.5)
+    type(taps)(taps.dataset.assign_coords(where=("tap", where, {"units": "mm"}))).save(tmp_path / "taps.nc")
+    setting = Setting(
+        model="gaussian",
+        power=0.2,
+        saturation=1.5,
+        bins=9,
+        value_range="taxel",
+        where_cell="0.75mm",
+        threshold=0.83,
+        border="clamp",
+        theta_x=0.1,
+        fixation=6,
+        deadline=30,
+        note="by hand",
+    )
+    setting.save(tmp_path / "setting.json")
+    base = (
+        "reproduce",
+        "--data",
+        tmp_path / "taps.nc",
+        "--quick",
+        "--trials",
+        20,
+        "--setting",
+        tmp_path / "setting.json",
+    )
+    done = command(*base, "--out", tmp_path / "run")
+    summary = summary_of(tmp_path / "run")
+
+    assert done.code == 0
+    assert "Setting: by hand\nModel gaussian\n" in done.out
+    assert "active  at threshold 0.83" in done.out
+    assert summary["shown_theta"] == 0.83
+    assert summary["grid"]["L"] == 8
+    assert len(summary["options"]["thresholds"]) == 14
+    assert summary["crosscheck"]["passed"]
+    for name in ("model", "power", "saturation", "bins", "value_range", "border", "theta_x", "fixation", "deadline"):
+        assert summary["options"][name] == getattr(setting, name)
+
+    words = (
+        "--model",
+        "histogram",
+        "--saturation",
+        4,
+        "--where-cell",
+        "1.5mm",
+        "--fixation",
+        2,
+        "--thresholds",
+        "0.5,0.9",
+    )
+    assert command(*base, *words, "--border", "uniform", "--out", tmp_path / "other").code == 0
+    options = summary_of(tmp_path / "other")["options"]
+    given = ("model", "saturation", "fixation", "thresholds", "border")
+    assert [options[name] for name in given] == ["histogram", 4, 2, [0.5, 0.9], "uniform"]
+    assert (options["power"], options["deadline"]) == (0.2, 30)
+    assert summary_of(tmp_path / "other")["grid"]["L"] == 4
+
+
+def test_a_broken_setting_is_named(command, tmp_path):
+    (tmp_path / "setting.json").write_text('{"format": 1}')
+    done = command("reproduce", "--setting", tmp_path / "setting.json", "--out", tmp_path / "run")
+
+    assert done.code == 2
+    assert "setting.json is no whole setting: the key model is missing" in done.err
+    assert not (tmp_path / "run").exists()
 
 
 def test_a_learned_power_is_told(command, tmp_path, make_taps):

@@ -117,6 +117,18 @@ def test_bins_of_each_taxel_and_untrained_classes_survive(taps, grid, tmp_path, 
     np.testing.assert_array_equal(loaded.log_likelihood(taps.taps), model.log_likelihood(taps.taps))
 
 
+@pytest.mark.parametrize("name", ["histogram", "profile-ar"])
+@pytest.mark.parametrize("saturation", [2.75, 3, np.inf])
+def test_a_saturation_survives(fitted, tmp_path, name, saturation):
+    """Also none; a file of an older version has none."""
+    model, path = replace(fitted[name].model, saturation=saturation), tmp_path / "model.nc"
+    model.save(path)
+    assert load_model(path).saturation == saturation
+
+    attributes(lambda a: {key: value for key, value in a.items() if key != "saturation"})(path)
+    assert load_model(path).saturation == np.inf
+
+
 @pytest.mark.parametrize("name", ["session", "session:profile"])
 def test_states_survive(fitted, tmp_path, name):
     """Gains, offsets and their probabilities, 7 times 3 of them."""
@@ -255,6 +267,8 @@ ANY = {
     "no power": (attributes(lambda a: {k: v for k, v in a.items() if k != "power"}), "'power' is missing"),
     "other power": (attributes(lambda a: a | {"power": "K"}), "damaged: The power must be"),
     "a power to be learned": (attributes(lambda a: a | {"power": "learned"}), "damaged: The power must be"),
+    "a saturation of 0": (attributes(lambda a: a | {"saturation": 0.0}), "damaged: The saturation must be"),
+    "a saturation in words": (attributes(lambda a: a | {"saturation": "few"}), "is damaged"),
     "no JSON": (attributes(lambda a: a | {"grid": "{"}), "is damaged"),
     "no grid": (attributes(lambda a: a | {"grid": "{}"}), "damaged: .*class grid"),
     "no record": (attributes(lambda a: a | {"preprocessing": "[]"}), "damaged: .*preprocessing record"),

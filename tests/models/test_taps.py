@@ -207,6 +207,71 @@ def test_widths_that_mean_nothing_are_refused(where, what, message, make_taps):
         make_taps().grid(where, what)
 
 
+@pytest.fixture(scope="module")
+def line():
+    """Taps of two objects every 0.05 mm from 0.025 to 3.975 mm, in 4 classes of 1 mm."""
+    place = 0.05 * (np.arange(80) + 0.5)
+    return TapSet.from_arrays(
+        np.random.default_rng(0).normal(size=(160, 3, 2)),
+        np.repeat([0, 1], 80),
+        ["cup", "ball"],
+        preprocessing=Preprocessing(samples=3),
+        where=np.tile(place, 2),
+        where_value=[0.5, 1.5, 2.5, 3.5],
+        where_edges=[0.0, 1, 2, 3, 4],
+        where_unit="mm",
+    )
+
+
+@pytest.mark.parametrize("width", ["0.5mm", "500um", "0.1", "0.8mm", "0.16mm"])
+def test_cells_narrower_than_the_classes_divide_the_range(line, width):
+    """Also where they are no parts of the classes; each is reported as its centre and holds the taps inside."""
+    grid = line.grid(width)
+    step = {"500um": 0.5}.get(width) or float(width.rstrip("m"))
+    where, _ = line.indices(grid)
+
+    assert round(4 / step) == grid.L
+    np.testing.assert_allclose(grid.where_edges, step * np.arange(grid.L + 1), atol=1e-12)
+    np.testing.assert_allclose(grid.where_value, step * (np.arange(grid.L) + 0.5))
+    np.testing.assert_array_equal(where, np.floor(line.where / step + 1e-9))
+    assert set(where) == set(range(grid.L))
+
+
+@pytest.mark.parametrize(("width", "L"), [("1mm", 4), ("2mm", 2), ("0.9999999mm", 4)])
+def test_other_cells_are_as_they_were(line, width, L):
+    """Those of the table, wider ones, and what rounding makes of them."""
+    assert line.grid(width).shape == (L, 2)
+
+
+def test_finer_cells_need_taps_in_touched_classes_only(line):
+    """A class that nobody tapped may stay empty in all its parts."""
+    some = line.select((line.where < 1) | (line.where > 2))
+    grid = some.grid("0.25mm")
+
+    assert grid.L == 16
+    assert set(range(16)) - set(some.indices(grid)[0]) == {4, 5, 6, 7}
+
+
+@pytest.mark.parametrize(
+    ("width", "message"),
+    [
+        ("0.3mm", "--where-cell 0.3mm does not divide the range of 4 mm into equal cells"),
+        ("0.01mm", "--where-cell 0.01mm leaves 320 of 400 cells without any tap: the taps lie at 80 places"),
+        ("1e-9mm", "--where-cell 1e-9mm is too narrow for a range of 4 mm"),
+        ("0.5kg", "cannot be converted to 'mm'"),
+    ],
+)
+def test_finer_cells_that_cannot_be_are_refused(line, width, message):
+    with pytest.raises(InputError, match=message):
+        line.grid(width)
+
+
+def test_taps_at_the_centres_of_their_classes_have_no_finer_places(line):
+    dataset = line.dataset.assign_coords(where=("tap", np.floor(line.where) + 0.5, {"units": "mm"}))
+    with pytest.raises(InputError, match="leaves 4 of 8 cells without any tap: the taps lie at 4 places"):
+        TapSet(dataset).grid("0.5mm")
+
+
 def test_objects_without_size_are_not_grouped():
     taps = TapSet.from_arrays(np.zeros((2, 1, 1)), [0, 1], ["cup", "ball"], preprocessing=Preprocessing(samples=1))
 
