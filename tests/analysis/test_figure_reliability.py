@@ -1,0 +1,95 @@
+"""Figures of reliability, promises and wanted errors are drawn from small data, plain and awkward."""
+
+import numpy as np
+import pytest
+from solidtouch.analysis import figure_reliability
+from solidtouch.analysis.figure_style import save
+from solidtouch.analysis.guarantees import guarantees
+from solidtouch.analysis.reliability import EVERYTHING, reliability
+from solidtouch.analysis.target_error import Curves, TargetError, choose, leave_out, predicted
+from solidtouch.hardware.pool import tap_pool
+from solidtouch.inference.trial_plan import TapTable
+from solidtouch.models.classes import ClassGrid
+
+
+def make(L=5, M=3, skill=1.0, scale=1.0):
+    """A grid and a table."""
+    rng = np.random.default_rng(0)
+    where, what, _ = (index.ravel() for index in np.indices((L, M, 4)))
+    log_likelihood = rng.normal(size=(len(where), L, M))
+    log_likelihood[np.arange(len(where)), where, what] += skill
+    names = tuple((f"rod {m}",) for m in range(M))
+    table = TapTable(scale * log_likelihood, tap_pool(where, what, (L, M)), np.full((L, M), -np.log(L * M)))
+    return ClassGrid(np.arange(float(L)), "mm", None, names), table
+
+
+CASES = {
+    "plain": make(),
+    "never wrong": make(skill=9.0),
+    "no doubt": make(skill=9.0, scale=300.0),
+    "one place": make(L=1),
+    "one object": make(M=1),
+    "many objects": make(M=14),
+}
+
+
+def wanted(error, target):
+    error = np.asarray(error, dtype=np.float64)
+    theta = 1 - np.geomspace(0.5, 1e-6, error.shape[1])
+    curves = Curves(theta, error, error[..., np.newaxis], 1 + 20 * np.arange(error.size).reshape(error.shape), error)
+    h, reachable = choose(error, target)
+    at = predicted(curves, h)
+    return TargetError(
+        target, reachable, at, predicted(curves, 2), leave_out(curves, target), curves, ("one",), "active"
+    )
+
+
+@pytest.mark.parametrize("case", CASES)
+def test_figures_are_drawn(case):
+    """With a panel for each policy, without a warning."""
+    grid, table = CASES[case]
+    data = reliability(table, grid, (0.5, 0.9, 0.99), 0, trials=120, contacts=(1, 3, 7), resamples=20)
+    promises = guarantees(table, table, grid, (0.5, 0.9), 0, trials=120, resamples=20)
+    panels = 1 if "one" in case else 2
+
+    figures = (
+        (figure_reliability.reliability_after_taps(data), 3),
+        (figure_reliability.reliability_at_stopping(data), panels),
+        (figure_reliability.guarantee_factors(promises), panels),
+    )
+    for figure, count in figures:
+        assert len(figure.axes) == count
+        figure.draw_without_rendering()
+
+
+def test_the_wrong_fraction_of_each_object_has_a_line():
+    """With its values, those of none at the lower end."""
+    grid, table = make()
+    data = reliability(table, grid, (0.5, 0.9, 0.99), 0, trials=120, contacts=(), resamples=5)
+    axes = figure_reliability.reliability_at_stopping(data).axes[0]
+    lines = {line.get_label(): line for line in axes.get_lines()}
+
+    assert {"rod 0", "rod 1", "rod 2", EVERYTHING, "1 - belief", "1 - threshold"} <= set(lines)
+    stopping = data.isel(setting=slice(0, 3)).sel(counted="stopped", what=EVERYTHING)
+    np.testing.assert_allclose(lines[EVERYTHING].get_ydata(), np.maximum(stopping.wrong, 1e-4))
+    np.testing.assert_allclose(lines["1 - belief"].get_ydata(), stopping.doubt)
+
+
+@pytest.mark.parametrize(
+    ("error", "target", "label"),
+    [
+        (np.zeros((5, 7)), 0.2, "chosen"),
+        (np.full((6, 7), 0.5) + 0.1 * np.arange(6)[:, None], 0.2, "lowest, wanted is out of reach"),
+    ],
+)
+def test_the_chosen_threshold_is_marked(error, target, label, tmp_path):
+    """And called what it is."""
+    result = wanted(np.clip(error, 0, 1), target)
+    figure = figure_reliability.wanted_error(result)
+    marks = {line.get_label(): line for line in figure.axes[0].get_lines()}
+
+    assert marks[label].get_xdata()[0] == pytest.approx(1 - result.chosen.theta)
+    assert marks[label].get_ydata()[0] == result.chosen.error
+    assert len(marks["left out, tuned on the others"].get_xdata()) == len(error)
+    for path in save(figure, tmp_path, "wanted"):
+        assert path.stat().st_size > 5000

@@ -1,0 +1,438 @@
+"""Reliability of beliefs and the promises of the stopping rule, on tables small enough to be played by hand."""
+
+import json
+from functools import cache
+
+import numpy as np
+import pytest
+import xarray as xr
+from solidtouch.analysis.guarantees import PROMISED, USED, broken, guarantee_sentence, guarantees
+from solidtouch.analysis.reliability import (
+    BINS,
+    COUNTED,
+    EVERYTHING,
+    after_contacts,
+    at_stopping,
+    decided_about,
+    equal_bins,
+    headline,
+    independent_decisions,
+    interval_sentence,
+    reliability,
+    replayed,
+    resampling,
+    share_beyond,
+    widened,
+)
+from solidtouch.hardware.pool import tap_pool
+from solidtouch.inference.montecarlo import run_trials
+from solidtouch.inference.trial_plan import TapTable, plan_trials
+from solidtouch.models.classes import ClassGrid
+from solidtouch.models.errors import InputError
+
+L, M = 6, 3
+TRIALS, DEADLINE = 240, 7
+THETAS = (0.9, 0.5, 0.7)
+
+
+def grid_of(L=L, M=M):
+    return ClassGrid(1.5 * np.arange(L), "mm", None, tuple((f"rod {m}",) for m in range(M)))
+
+
+def table_of(L=L, M=M, seed=0, skill=1.0, repeats=4, states=1):
+    rng = np.random.default_rng(seed)
+    where, what, _ = (index.ravel() for index in np.indices((L, M, repeats)))
+    log_likelihood = rng.normal(size=(len(where), L, states * M))
+    for s in range(states):
+        log_likelihood[np.arange(len(where)), where, s * M + what] += skill
+    return TapTable(log_likelihood, tap_pool(where, what, (L, M)), np.full((L, states * M), -np.log(L * M * states)))
+
+
+@cache
+def calibrated(L=L, M=M, repeats=1500, seed=5, symbols=7, evenness=1.5):
+    """A table of taps drawn from the very distributions that their likelihoods are of."""
+    rng = np.random.default_rng(seed)
+    p = rng.dirichlet(np.full(symbols, evenness), size=(L, M))
+    where, what, _ = (index.ravel() for index in np.indices((L, M, repeats)))
+    drawn = (rng.random(len(where))[:, np.newaxis] > p[where, what].cumsum(axis=1)).sum(axis=1)
+    prior = np.full((L, M), -np.log(L * M))
+    return TapTable(np.moveaxis(np.log(p), 2, 0)[drawn], tap_pool(where, what, (L, M)), prior)
+
+
+@pytest.fixture(scope="module")
+def data():
+    return reliability(table_of(), grid_of(), THETAS, 3, trials=TRIALS, deadline=DEADLINE, contacts=(1, 4), fixation=2)
+
+
+def by_hand(table, theta, theta_x, deadline=DEADLINE):
+    plan = plan_trials(table.pool, TRIALS, 3, 2)
+    trials = run_trials(table, plan, (theta,), theta_x=theta_x, deadline=deadline, seed=3)
+    return plan, trials
+
+
+@pytest.mark.parametrize(("policy", "theta_x"), [("passive", 1.0), ("active", 0.0)])
+def test_means_are_those_of_trials_counted_one_by_one(data, policy, theta_x):
+    """Of the stopped and of all, for every object and all together."""
+    for theta in THETAS:
+        plan, trials = by_hand(table_of(), theta, theta_x)
+        at = at_stopping(data, policy).sel(theta=theta)
+        for counted in COUNTED:
+            for name in (EVERYTHING, *grid_of().what_name):
+                n = wrong = doubt = loss = brier = taps = own = 0.0
+                for i in range(TRIALS):
+                    if name not in (EVERYTHING, f"rod {plan.what[i]}"):
+                        continue
+                    own += 1
+                    if counted == "stopped" and not trials.stopped[i, 0]:
+                        continue
+                    belief, right = trials.belief[i, 0], trials.what[i, 0] == plan.what[i]
+                    n, wrong, doubt = n + 1, wrong + (not right), doubt + 1 - belief
+                    loss -= np.log(belief if right else 1 - belief)
+                    brier += (belief - right) ** 2
+                    taps += trials.taps[i, 0]
+                cell = at.sel(counted=counted, what=name)
+                assert cell.trials == n
+                assert cell.fraction == pytest.approx(n / own)
+                for key, total in {
+                    "wrong": wrong,
+                    "doubt": doubt,
+                    "log_loss": loss,
+                    "brier": brier,
+                    "taps": taps,
+                }.items():
+                    assert cell[key].item() == pytest.approx(total / n), key
+                assert cell.factor.item() == pytest.approx(wrong / doubt)
+                assert cell.over_promise.item() == pytest.approx(wrong / n / (1 - theta))
+
+
+def test_after_fixed_numbers_of_taps_every_trial_counts(data):
+    """As decided by a deadline, with a threshold that is never reached."""
+    _, trials = by_hand(table_of(), 1.0, 1.0, deadline=4)
+    part = after_contacts(data)
+
+    assert part.contacts.values.tolist() == [1, 4]
+    assert (part.taps.sel(what=EVERYTHING).values == [1, 4]).all()
+    cell = part.sel(contacts=4, what=EVERYTHING)
+    assert cell.doubt.item() == pytest.approx(1 - trials.belief.mean())
+    assert cell.trials.item() == TRIALS
+    assert np.isnan(part.over_promise).all()
+
+
+def test_objects_add_up(data):
+    """Trials, wrong decisions and the confusion."""
+    each = data.isel(what=slice(1, None))
+    everything = data.sel(what=EVERYTHING)
+    wrong = (each.wrong * each.trials).sum("what")
+    off_diagonal = data.confusion.sum(["true", "decided"]) - sum(
+        data.confusion.isel(true=m, decided=m, drop=True) for m in range(M)
+    )
+
+    assert (each.trials.sum("what") == everything.trials).all()
+    np.testing.assert_allclose(wrong, everything.wrong * everything.trials)
+    np.testing.assert_allclose(off_diagonal.transpose(*wrong.dims), wrong)
+    np.testing.assert_array_equal(data.confusion.sum("decided").values, each.trials.values)
+
+
+def test_the_curve_holds_every_trial_and_its_gaps_are_the_calibration_error(data):
+    """Bins of about equally many trials, in increasing belief."""
+    full = data.curve_trials.values > 0
+    gap = np.abs(data.curve_right - data.curve_belief).where(full, 0.0)
+
+    np.testing.assert_array_equal(data.curve_trials.sum("bin"), data.trials)
+    np.testing.assert_allclose((gap * data.curve_trials).sum("bin") / data.trials, data.calibration_error, atol=1e-12)
+    for belief in data.curve_belief.values.reshape(-1, BINS):
+        assert (np.diff(belief[np.isfinite(belief)]) > 0).all()
+    assert (data.curve_right_low <= data.curve_right).where(full, True).all()
+    assert (data.curve_right_high >= data.curve_right).where(full, True).all()
+
+
+def test_equal_beliefs_share_a_bin():
+    """So the order of trials does not matter."""
+    belief = np.array([0.5, 0.9, 0.5, 0.5, 0.7, 0.9])
+    assert equal_bins(belief, 3).tolist() == [0, 1, 0, 0, 0, 1]
+    assert equal_bins(belief, 6).tolist() == [0, 2, 0, 0, 1, 2]
+    assert equal_bins(np.full(9, 0.3)).tolist() == [0] * 9
+    counts = np.bincount(equal_bins(np.random.default_rng(0).random(403)))
+    assert len(counts) == BINS
+    assert set(counts.tolist()) <= {40, 41}
+
+
+@pytest.mark.parametrize("policy", ["passive", "active"])
+def test_a_right_model_has_factor_one_and_keeps_the_promises(policy):
+    """Within the interval, overall; promises hold for each object too, and some decisions are wrong."""
+    table = calibrated()
+    more = {"trials": 6000, "resamples": 200, "deadline": 400}
+    data = reliability(table, grid_of(), (0.6, 0.8, 0.9), 1, border="clamp", contacts=(2, 5), **more)
+    promises = guarantees(table, table, grid_of(), (0.6, 0.8, 0.9), 1, **more)
+    at = at_stopping(data, policy).sel(what=EVERYTHING, counted="stopped")
+    kept = promises.sel(setup=PROMISED, policy=policy)
+
+    assert (at.wrong > 0.02).all()
+    assert (at.factor_low < 1).all()
+    assert (at.factor_high > 1).all()
+    assert (at.factor_high - at.factor_low < 0.6).all()
+    assert (at.over_promise < 1).all()
+    after = after_contacts(data).sel(what=EVERYTHING)
+    assert (after.factor_low < 1).all()
+    assert (after.factor_high > 1).all()
+    assert (after.calibration_error < 0.03).all()
+    assert (kept.factor < 1).all()
+    assert kept.holds.all()
+
+
+def test_a_likelihood_counted_three_times_breaks_what_it_promises():
+    """The factor is well above 1, and the promise at a high threshold is broken beyond its interval."""
+    table = calibrated(evenness=0.4)
+    bold = table._replace(log_likelihood=3 * table.log_likelihood)
+    data = reliability(bold, grid_of(), (0.95,), 1, trials=3000, contacts=(5,))
+    promises = guarantees(bold, table, grid_of(), (0.95,), 1, trials=3000)
+    at = at_stopping(data, "passive").sel(theta=0.95, what=EVERYTHING, counted="stopped")
+
+    assert at.factor_low > 2
+    assert not promises.holds.sel(setup=PROMISED, policy="passive", what=EVERYTHING).any()
+    assert promises.holds.sel(setup=USED, policy="passive", what=EVERYTHING).all()
+    assert broken(promises, "passive", 0.95)[PROMISED][EVERYTHING][1] > 1
+
+
+def test_promises_are_counted_as_they_are_made():
+    """Overall among the stopped trials, for an object among all of its trials; against limits by hand."""
+    table = table_of()
+    data = guarantees(
+        table, table, grid_of(), (0.7, 0.9), 3, trials=TRIALS, deadline=DEADLINE, fixation=2, border="circular"
+    )
+    plan, trials = by_hand(table, 0.9, 1.0)
+    stopped, missed = trials.stopped[:, 0], trials.what[:, 0] != plan.what
+    at = data.sel(setup=PROMISED, policy="passive", theta=0.9)
+
+    assert at.limit.values.tolist() == pytest.approx([0.1, *[2 * 0.1 / 0.9] * M])
+    assert at.wrong.sel(what=EVERYTHING).item() == pytest.approx(missed[stopped].mean())
+    for m in range(M):
+        own = plan.what == m
+        assert at.wrong.sel(what=f"rod {m}").item() == pytest.approx((missed & stopped)[own].mean())
+        assert at.stopped.sel(what=f"rod {m}").item() == pytest.approx(stopped[own].mean())
+    np.testing.assert_allclose(data.factor, data.wrong / data.limit)
+    passive = data.wrong.sel(policy="passive")
+    np.testing.assert_array_equal(passive.sel(setup=PROMISED), passive.sel(setup=USED))
+    active = data.wrong.sel(policy="active")
+    assert (active.sel(setup=PROMISED) != active.sel(setup=USED)).any()
+    assert "each object at most" in guarantee_sentence(data)
+
+
+def test_never_wrong_is_not_surely_right():
+    """The factor is 0, and its interval reaches as far as the number of independent decisions says."""
+    data = reliability(table_of(skill=9.0), grid_of(), (0.9,), 0, trials=500, contacts=(3,))
+    at = at_stopping(data, "passive").sel(theta=0.9, counted="stopped", what=EVERYTHING)
+    taps = L * M * 4
+
+    assert at.wrong == at.wrong_low == at.factor == at.factor_low == 0
+    expected = 1 - 0.025 ** (1 / min(500, taps / at.taps.item()))
+    assert at.wrong_high.item() == pytest.approx(expected)
+    assert at.factor_high.item() == pytest.approx(expected / at.doubt.item())
+    assert at.over_promise_high.item() == pytest.approx(expected / 0.1)
+    assert not np.isnan(at.log_loss)
+
+
+def test_beliefs_without_a_doubt_divide_nothing_by_zero():
+    """Right ones tell nothing, wrong ones are infinitely too sure; JSON gets neither number."""
+    sure = table_of(skill=9.0)
+    certain = sure._replace(log_likelihood=sure.log_likelihood * 400)
+    misled = certain._replace(log_likelihood=np.roll(certain.log_likelihood, 1, axis=2))
+    for table, wrong in ((certain, 0.0), (misled, 1.0)):
+        data = reliability(table, grid_of(), (0.9,), 0, trials=100, contacts=(1,))
+        at = at_stopping(data, "passive").sel(theta=0.9, counted="stopped", what=EVERYTHING)
+        assert (at.wrong, at.doubt) == (wrong, 0)
+        assert np.isinf(at.factor) if wrong else np.isnan(at.factor)
+        assert at.log_loss == pytest.approx(36.04 if wrong else 0, abs=0.01)
+        said = headline(data, "active", 0.9)
+        assert "NaN" not in json.dumps(said, allow_nan=False)
+        assert said["factor"][0] is None
+        assert said["wrong"][0] == wrong
+
+
+def test_an_interval_reaches_as_far_as_what_was_never_seen_could():
+    """The exact two-sided bound of a proportion without a case."""
+    assert share_beyond(100) == pytest.approx(0.03622, abs=1e-5)
+    assert 1 - (1 - share_beyond(37)) ** 37 == pytest.approx(0.975)
+    low, high = widened(np.array([0.0, 0.4, 1.0]), np.array([0.0, 0.5, 1.0]), 100)
+    assert low.tolist() == pytest.approx([0, 0.4, 1 - share_beyond(100)])
+    assert high.tolist() == pytest.approx([share_beyond(100), 0.5, 1])
+
+
+def test_taps_used_twice_make_no_more_decisions():
+    """Their number over the taps of a decision, at most the trials played."""
+    pool = table_of().pool
+    assert independent_decisions(pool, None, 4000, 6.0) == L * M * 4 / 6
+    assert independent_decisions(pool, 1, 4000, 6.0) == L * 4 / 6
+    assert independent_decisions(pool, 1, 3, 1.0) == 3
+    assert independent_decisions(pool, 1, 4000, 100.0) == 1
+
+
+def test_replay_is_the_inflation_of_the_variance_of_a_sum_of_draws(data):
+    """Against sums of draws from many pools; it is 1 after one tap."""
+    rng, n, N = np.random.default_rng(0), 9, 12
+    pools = rng.normal(size=(60000, N))
+    sums = np.take_along_axis(pools, rng.integers(N, size=(60000, n)), axis=1).sum(axis=1)
+    pool = table_of(repeats=N).pool
+
+    assert replayed(pool, None, n) == pytest.approx(sums.var() / n, rel=0.03)
+    assert replayed(pool, 1, n) == 1 + (n - 1) / N
+    part = after_contacts(data).replay.sel(what=EVERYTHING)
+    assert part.values.tolist() == [1, 1 + 3 / 4]
+
+
+def test_an_interval_of_which_resamples_know_nothing_is_wide_open():
+    """From 0 to 1."""
+    low, high = widened(np.array([np.nan, 0.5]), np.array([np.nan, 0.6]), [50, 50])
+    assert low.tolist() == [0, 0.5]
+    assert high.tolist() == [1, 0.6]
+
+
+def test_resamples_keep_the_units_of_each_object():
+    """Starting classes are the units, each drawn so often that an object has as many as before."""
+    table = table_of()
+    plan = plan_trials(table.pool, 300, 0)
+    units = resampling(plan, table.pool, 50, 0)
+
+    assert units.weights.shape == (51, L * M)
+    assert (units.weights[0] == 1).all()
+    assert (units.true[units.unit] == plan.what).all()
+    for m in range(M):
+        assert (units.weights[:, units.true == m].sum(axis=1) == L).all()
+    for u in range(L * M):
+        assert len(set(zip(plan.where[units.unit == u], plan.what[units.unit == u], strict=True))) == 1
+    few = table_of(L=4)
+    assert resampling(plan_trials(few.pool, 30, 0), few.pool, 2, 0).weights.shape == (3, 30)
+
+
+def test_intervals_cover_the_truth_of_other_trials():
+    """Of 40 data sets of taps, the interval of the wrong fraction holds that of very many taps in most."""
+    truth = reliability(calibrated(evenness=0.4), grid_of(), (0.8,), 0, trials=20000, contacts=(), resamples=1)
+    true = at_stopping(truth, "passive").wrong.sel(what=EVERYTHING, counted="all").item()
+    table, rng, held = calibrated(evenness=0.4), np.random.default_rng(8), 0
+    where, what, _ = (index.ravel() for index in np.indices((L, M, 150)))
+    for seed in range(40):
+        chosen = (where * M + what) * 1500 + rng.integers(1500, size=len(where))
+        part = TapTable(table.log_likelihood[chosen], tap_pool(where, what, (L, M)), table.log_prior)
+        data = reliability(part, grid_of(), (0.8,), seed, trials=1000, contacts=(), resamples=100)
+        at = at_stopping(data, "passive").sel(what=EVERYTHING, counted="all", theta=0.8)
+        held += at.wrong_low.item() <= true <= at.wrong_high.item()
+    assert held >= 34
+
+
+def test_intervals_at_one_place_cover_the_truth_of_other_taps():
+    """Though trials repeat each other: forty times as many trials do not narrow them."""
+    table, grid = calibrated(L=1, symbols=9, evenness=1.0), grid_of(1)
+    truth = reliability(table, grid, (0.8,), 0, trials=20000, contacts=(), resamples=1)
+    true = at_stopping(truth, "passive").wrong.sel(what=EVERYTHING, counted="all").item()
+    rng, held, widths = np.random.default_rng(8), 0, []
+    where, what, _ = (index.ravel() for index in np.indices((1, M, 80)))
+    for seed in range(30):
+        part = TapTable(
+            table.log_likelihood[what * 1500 + rng.integers(1500, size=len(what))],
+            tap_pool(where, what, (1, M)),
+            table.log_prior,
+        )
+        for trials in (100, 4000):
+            data = reliability(part, grid, (0.8,), seed, trials=trials, contacts=(), resamples=60)
+            at = at_stopping(data, "passive").sel(what=EVERYTHING, counted="all", theta=0.8)
+            widths.append(float(at.wrong_high - at.wrong_low))
+        held += at.wrong_low.item() <= true <= at.wrong_high.item()
+    assert held >= 26
+    assert np.mean(widths[1::2]) > 0.6 * np.mean(widths[::2])
+
+
+def test_one_object_is_decided_for_by_its_place():
+    """Places stand for objects, without moves, and a state of the episode is summed out."""
+    table, grid = table_of(L=7, M=1, states=2), grid_of(7, 1)
+    data = reliability(table, grid, (0.8,), 0, trials=60, contacts=(2,))
+    subject = decided_about(table, grid)
+
+    assert data.attrs["decides"] == subject.kind == "place"
+    assert data.what.values.tolist() == ["all", *(grid.where_label(l) for l in range(7))]
+    assert set(data.policy.values) == {"passive"}
+    assert subject.table.log_likelihood.shape == (28, 1, 14)
+    for s in range(2):
+        turned = subject.table.log_likelihood[:, 0, 7 * s : 7 * s + 7]
+        np.testing.assert_array_equal(turned, table.log_likelihood[:, :, s])
+    own = [subject.table.pool.pick(0, l, 0.6) for l in range(7)]
+    assert own == [table.pool.pick(l, 0, 0.6) for l in range(7)]
+    assert 0 < at_stopping(data, "passive").wrong.sel(what=EVERYTHING, counted="all").item() < 0.7
+    promises = guarantees(table, table, grid, (0.8,), 0, trials=60)
+    assert promises.limit.sel(theta=0.8).values.tolist() == pytest.approx([0.2, *[1.5] * 7])
+
+
+def test_one_place_has_no_active_trials():
+    """And single trials are the units of the intervals."""
+    data = reliability(table_of(L=1), grid_of(1), (0.6,), 0, trials=50, contacts=(1,))
+    assert set(data.policy.values) == {"passive"}
+    assert "single trials" in interval_sentence(data)
+    assert guarantees(table_of(L=1), table_of(L=1), grid_of(1), (0.6,), 0, trials=50).policy.values.tolist() == [
+        "passive"
+    ]
+
+
+def test_an_object_without_a_tap_has_no_numbers():
+    """And the others have theirs."""
+    table = table_of()
+    keep = np.flatnonzero(np.repeat(np.tile(np.arange(M), L), 4) != 1)
+    where, what, _ = (index.ravel()[keep] for index in np.indices((L, M, 4)))
+    part = TapTable(table.log_likelihood[keep], tap_pool(where, what, (L, M)), table.log_prior)
+    data = reliability(part, grid_of(), (0.7,), 0, trials=80, contacts=())
+    at = at_stopping(data, "active").sel(theta=0.7)
+
+    assert np.isnan(at.wrong.sel(what="rod 1")).all()
+    assert np.isfinite(at.wrong.sel(what="rod 2")).all()
+    assert headline(data, "active", 0.7)["each"]["rod 1"]["factor"] == [None, None, None]
+    promises = guarantees(part, part, grid_of(), (0.7,), 0, trials=80)
+    assert broken(promises, "active", 0.7)[USED]["rod 1"] == [None, None, None]
+
+
+def test_thresholds_that_nobody_reaches_leave_no_stopped_trial():
+    """All trials still have their numbers."""
+    data = reliability(table_of(skill=0.1), grid_of(), (0.999,), 0, trials=40, deadline=2, contacts=())
+    at = at_stopping(data, "passive").sel(theta=0.999, what=EVERYTHING)
+
+    assert at.fraction.sel(counted="stopped") == 0
+    assert np.isnan(at.factor.sel(counted="stopped"))
+    assert at.factor.sel(counted="all") > 0
+    assert headline(data, "passive", 0.999)["factor"] == [None, None, None]
+    promises = guarantees(table_of(skill=0.1), table_of(skill=0.1), grid_of(), (0.999,), 0, trials=40, deadline=2)
+    assert np.isnan(promises.wrong.sel(what=EVERYTHING)).all()
+    assert (promises.wrong.sel(what="rod 0") == 0).all()
+
+
+def test_the_headline_says_the_numbers_of_the_dataset(data):
+    """At the threshold next to the one asked for."""
+    said = headline(data, "active", 0.93)
+    at = at_stopping(data, "active").sel(theta=0.9)
+    cell = at.sel(counted="stopped", what=EVERYTHING)
+
+    assert said["theta"] == 0.9
+    assert said["factor"] == [cell.factor.item(), cell.factor_low.item(), cell.factor_high.item()]
+    assert said["all trials"]["wrong"][0] == at.wrong.sel(counted="all", what=EVERYTHING).item()
+    assert said["each"]["rod 2"]["wrong"][0] == at.wrong.sel(counted="stopped", what="rod 2").item()
+    assert np.array(said["confusion"]).sum() == TRIALS
+    json.dumps(said, allow_nan=False)
+
+
+def test_the_same_seed_gives_the_same_numbers(data):
+    """Trials and resamples."""
+    again = reliability(table_of(), grid_of(), THETAS, 3, trials=TRIALS, deadline=DEADLINE, contacts=(1, 4), fixation=2)
+    xr.testing.assert_identical(data, again)
+
+
+def test_bad_arguments_are_refused():
+    """Each in a sentence."""
+    table, grid = table_of(), grid_of()
+    with pytest.raises(InputError, match="other classes than the grid of 6 x 2"):
+        reliability(table, grid_of(L, 2), (0.5,), 0)
+    with pytest.raises(InputError, match="thresholds below 1, got"):
+        reliability(table, grid, (0.5, 1.0), 0)
+    with pytest.raises(InputError, match="a resample and a tap, got 5 and contacts \\[0\\]"):
+        reliability(table, grid, (0.5,), 0, contacts=(0,), resamples=5)
+    with pytest.raises(InputError, match="leaves nothing to decide"):
+        decided_about(table_of(1, 1), grid_of(1, 1))
+    with pytest.raises(InputError, match="thresholds between 0 and 1, got"):
+        guarantees(table, table, grid, (0.0,), 0)
+    with pytest.raises(InputError, match="hold different taps"):
+        guarantees(table, table_of(repeats=3), grid, (0.5,), 0)

@@ -1,0 +1,35 @@
+"""The study of the tests of dependence runs, and its tables say what was found."""
+
+import importlib
+from pathlib import Path
+
+import numpy as np
+import pytest
+from numpy.testing import assert_array_equal
+
+FOLDER = Path(__file__).parents[1] / "benchmarks"
+
+
+@pytest.fixture(scope="module")
+def study():
+    """The module of the study."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.syspath_prepend(FOLDER)
+        yield importlib.import_module("audit_levels")
+
+
+def test_a_common_mode_is_found_across_taxels_and_in_time(study):
+    found = study.outcome(study.rig_taps(study.rig_with("common_noise_counts", 2.0), 1), 19, 1)
+    assert_array_equal(found.found, 1.0)
+    assert found.effect[0] > 0.3
+    page = study.power_page({("common_noise_counts", 2.0): [found, found]})
+    assert "| common_noise_counts | 2 | 2 |" in page
+    assert page.count("| 1.00 ") == 5
+
+
+def test_one_sample_has_no_row_of_time(study):
+    found = [study.outcome(study.model_taps(study.fitted_model(), 1, 6, seed), 19, seed) for seed in (1, 2)]
+    assert np.isnan(found[0].found[3:]).all()
+    page = study.level_page({1: found})
+    assert "| 1 | table | 2 |" in page
+    assert "lag" not in page.split("| --- |")[1]
