@@ -4,7 +4,7 @@
 VENV := .venv
 PY := $(VENV)/bin/python
 
-.PHONY: run test test-all check format bench bench-quick studies fuzz faults kills rig-demo lock clean help
+.PHONY: run test test-all check format bench bench-quick studies audit-studies fuzz faults kills rig-demo lock clean help
 
 run: $(VENV)/.ready-run
 	@$(VENV)/bin/solidtouch reproduce
@@ -36,6 +36,12 @@ studies: $(VENV)/.ready-run
 	@$(PY) benchmarks/sbc.py --document docs/model-studies.md
 	@$(PY) benchmarks/sessions.py --document docs/model-studies.md
 
+audit-studies: $(VENV)/.ready-run
+	@$(PY) benchmarks/audit_levels.py --document docs/audit-studies.md
+	@$(PY) benchmarks/audit_causes.py --document docs/audit-studies.md
+	@$(PY) benchmarks/audit_guarantees.py --document docs/audit-studies.md
+	@$(PY) benchmarks/audit_target.py --document docs/audit-studies.md
+
 fuzz: $(VENV)/.ready-run
 	@$(PY) benchmarks/fuzz.py
 
@@ -64,6 +70,7 @@ help:
 	@echo "make format  mend lint and format"
 	@echo "make bench   time everything beside baselines and limits, into docs/performance.md; bench-quick only tries it"
 	@echo "make studies whether models are recognised, fits calibrated, and what sessions gain, into docs/model-studies.md"
+	@echo "make audit-studies  level and power of the audit, and whether its promises hold, into docs/audit-studies.md"
 	@echo "make rig-demo  emulated devices: collect, fit and perceive over serial ports"
 	@echo "make faults  random faults of the emulated rig, and what came of them"
 	@echo "make kills   kill a data collection at random moments, and what was lost"

@@ -9,6 +9,7 @@ from typing import Annotated, Any
 import typer
 
 from ..models.errors import InputError
+from .audit import audit
 from .checks import crosscheck
 from .collect import collect
 from .compare import compare
@@ -30,7 +31,21 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
     add_completion=False,
 )
-_COMMANDS = (reproduce, simulate, collect, convert, inspect, fit, crosscheck, perceive, trials, compare, emulate, sweep)
+_COMMANDS = (
+    reproduce,
+    simulate,
+    collect,
+    convert,
+    inspect,
+    fit,
+    crosscheck,
+    perceive,
+    trials,
+    compare,
+    audit,
+    emulate,
+    sweep,
+)
 for command in _COMMANDS:
     app.command()(command)
 app.add_typer(rig, name="rig")

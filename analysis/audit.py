@@ -1,0 +1,340 @@
+"""An audit of the naive-Bayes assumption on recorded taps: where it fails, what that costs and which remedy pays."""
+
+from dataclasses import dataclass, field, replace
+from typing import NamedTuple
+
+import numpy as np
+import xarray as xr
+from numpy.typing import NDArray
+
+from ..inference.trial_plan import tap_table
+from ..models.classes import ClassGrid
+from ..models.errors import InputError
+from ..models.histogram import HistogramModel
+from ..models.model import TapModel
+from ..models.setting import Setting
+from ..models.taps import TapSet, concatenate
+from .audit_checks import audit_checks, count_replicates
+from .audit_parts import AuditParts
+from .audit_verdict import recommended
+from .causes import SEQUENCE, session_p, split_variance
+from .components import Components, variance_components
+from .dependence_taxels import taxel_dependence
+from .dependence_times import time_dependence
+from .evidence import evidence
+from .guarantees import guarantees
+from .leakage import Leakage, leakage
+from .reliability import reliability
+from .remedies import Refused, Remedy, count_remedies, make_remedies
+from .remedy_scores import Measured, count_measurements, measure
+from .stages import Clock, Progress
+from .target_error import FEWEST, TargetError, session_curves, target_error
+
+THETAS = (0.5, 0.8, 0.9, 0.95, 0.99)
+"""Thresholds at which beliefs are compared with outcomes, beside the one in use."""
+SESSION_PERMUTATIONS = 999
+"""Of the test of sessions at least: with few its p-value never falls below the level at which sessions are named."""
+
+
+@dataclass(frozen=True)
+class AuditSettings:
+    """Everything that changes the numbers of an audit.
+
+    Attributes:
+        setting: How perception is done now, with the paper's histogram.
+        target_error: Wanted P(wrong), for which a threshold is tuned; `None` for none.
+        permutations: Of every test.
+        trials: Of each remedy and policy.
+        seed: Of every random draw.
+    """
+
+    setting: Setting = field(default_factory=Setting)
+    target_error: float | None = None
+    permutations: int = 999
+    trials: int = 4000
+    seed: int = 0
+
+
+class Recalibrated(NamedTuple):
+    """The threshold at which decisions on tuning taps err as rarely as the threshold in use promises.
+
+    Attributes:
+        target: What it promises, 1 - theta.
+        reached: Whether any threshold does.
+        threshold: The smallest that does, or the one with the fewest errors.
+        tuned: P(wrong) on the tuning taps.
+        error: P(wrong) on the measuring taps.
+        taps: Mean reaction time there.
+        before: P(wrong) on the measuring taps at the threshold in use.
+        taps_before: Mean reaction time there.
+    """
+
+    target: float
+    reached: bool
+    threshold: float
+    tuned: float
+    error: float
+    taps: float
+    before: float
+    taps_before: float
+
+
+class Audit(NamedTuple):
+    """What came out.
+
+    Attributes:
+        parts: Which taps did what.
+        grid: The classes.
+        leakage: What is told without touch.
+        taxels: See `dependence_taxels`.
+        times: See `dependence_times`.
+        by_session: Whether taps were exchanged within sessions only; otherwise sessions had one tap of a class each.
+        components: Gains and offsets of taps and sessions.
+        split: The variance of evidence by cause; `None` where evidence cannot be judged.
+        no_split: Why not, in a sentence.
+        session_p: Of the test of sessions.
+        checks: Replicates of statistics from the fitted model.
+        remedies: The setting as it is first.
+        refused: Remedies that the taps do not allow.
+        measured: What they buy.
+        reliability: Of the setting as it is.
+        guarantees: Likewise.
+        recalibrated: Another threshold.
+        target: The threshold for a wanted error, with the model of the chosen remedy; `None` where none was wanted.
+        samples_per_bin: Training samples in each bin that a histogram uses, the median over histograms.
+        unused: Measuring taps of classes that were not trained.
+        elapsed_s: Seconds per stage.
+    """
+
+    parts: AuditParts
+    grid: ClassGrid
+    leakage: Leakage
+    taxels: xr.Dataset
+    times: xr.Dataset
+    by_session: bool
+    components: Components
+    split: xr.Dataset | None
+    no_split: str
+    session_p: float
+    checks: xr.DataTree
+    remedies: list[Remedy]
+    refused: list[Refused]
+    measured: Measured
+    reliability: xr.Dataset
+    guarantees: xr.Dataset
+    recalibrated: Recalibrated
+    target: TargetError | None
+    samples_per_bin: float
+    unused: int
+    elapsed_s: dict[str, float]
+
+
+def audit(parts: AuditParts, grid: ClassGrid, settings: AuditSettings, progress: Progress) -> Audit:
+    """Audits.
+
+    Args:
+        parts: The taps, see `audit_parts`.
+        grid: The classes.
+        settings: What to do.
+        progress: Told the name and size of every stage; gives the function that counts what is done.
+
+    Raises:
+        InputError: A setting is wrong, or the taps cannot be audited at all.
+        ZeroEvidenceError: A tap is impossible under every class.
+    """
+    setting, seed = settings.setting, settings.seed
+    if settings.target_error is not None and len(parts.tune) < FEWEST:
+        raise InputError(
+            f"--target-error needs {FEWEST} tuning sessions or more, between the first file and the last, got "
+            f"{len(parts.tune)}."
+        )
+    clock = Clock(progress)
+    taps = _inside(parts.all_taps, grid)
+    stratum, by_session = strata(taps, grid)
+    with clock.stage("Looking for leakage", 1) as advance:
+        known = [parts.train] if parts.halved else [parts.train, *parts.tune]
+        leaks = leakage(concatenate(known), parts.measure, grid, seed)
+        advance(1)
+    with clock.stage("Testing taxels", len(np.unique(stratum))) as advance:
+        taxels = taxel_dependence(taps.taps, stratum, permutations=settings.permutations, seed=seed, progress=advance)
+    with clock.stage("Testing times", len(np.unique(stratum))) as advance:
+        times = time_dependence(taps.taps, stratum, permutations=settings.permutations, seed=seed, progress=advance)
+    with clock.stage("Sampling variance components", 1) as advance:
+        where, what = taps.indices(grid)
+        components = variance_components(taps.taps, where * grid.M + what, taps.session, seed)
+        advance(1)
+    with clock.stage("Fitting remedies", count_remedies()) as advance:
+        remedies, refused = make_remedies(parts.train, parts.tune, grid, setting, SEQUENCE, seed, advance)
+    base = remedies[0]
+    with clock.stage("Splitting the variance of evidence", 2) as advance:
+        split, no_split, p = _split(parts, grid, base, settings)
+        advance(2)
+    with clock.stage("Checking predictions", count_replicates(taps)) as advance:
+        checks = audit_checks(taps, _histograms(base.model), seed, progress=advance)
+    with clock.stage("Measuring remedies", count_measurements(remedies)) as advance:
+        measured = measure(remedies, parts.measure, SEQUENCE, settings.trials, seed, advance)
+    with clock.stage("Comparing beliefs with outcomes", 2) as advance:
+        reliable = reliability(
+            measured.table,
+            grid,
+            sorted({*THETAS, setting.threshold}),
+            seed,
+            trials=settings.trials,
+            border=setting.border,
+            deadline=setting.deadline,
+            fixation=setting.fixation,
+            theta_x=setting.theta_x,
+        )
+        advance(1)
+        promised = _promises(base, parts.measure, grid, settings)
+        advance(1)
+    with clock.stage("Tuning thresholds", 2) as advance:
+        recalibrated = _recalibrate(base, parts, settings)
+        advance(1)
+        target = None
+        if settings.target_error is not None:
+            target = _tune_threshold(remedies, measured, parts, settings)
+        advance(1)
+    return Audit(
+        parts=parts,
+        grid=grid,
+        leakage=leaks,
+        taxels=taxels,
+        times=times,
+        by_session=by_session,
+        components=components,
+        split=split,
+        no_split=no_split,
+        session_p=p,
+        checks=checks,
+        remedies=remedies,
+        refused=refused,
+        measured=measured,
+        reliability=reliable,
+        guarantees=promised,
+        recalibrated=recalibrated,
+        target=target,
+        samples_per_bin=samples_per_bin(base.model),
+        unused=len(parts.measure) - len(base.model.usable(parts.measure)),
+        elapsed_s=clock.elapsed_s,
+    )
+
+
+def strata(taps: TapSet, grid: ClassGrid) -> tuple[NDArray[np.intp], bool]:
+    """Groups within which taps can be exchanged, shape (N,), and whether those are of one session each.
+
+    Taps of one class and session; where most of these are single, taps of one class.
+    """
+    where, what = taps.indices(grid)
+    own = where * grid.M + what
+    key = own * (int(taps.session.max()) + 1) + taps.session
+    _, count = np.unique(key, return_counts=True)
+    by_session = bool(np.median(count) > 1)
+    return (key if by_session else own), by_session
+
+
+def samples_per_bin(model: TapModel) -> float:
+    """Training samples in each bin that a histogram uses, the median over those of taxels that vary."""
+    counts = _histograms(model).counts[model.trained]
+    used = (counts > 0).sum(axis=-1)
+    varying = used > 1
+    ratio = counts.sum(axis=-1) / np.maximum(used, 1)
+    return float(np.median(ratio[varying] if varying.any() else ratio))
+
+
+def _histograms(model: TapModel) -> HistogramModel:
+    if not isinstance(model, HistogramModel):
+        raise TypeError(f"The model {model.name} has no histograms.")
+    return model
+
+
+def _inside(taps: TapSet, grid: ClassGrid) -> TapSet:
+    return taps.select(np.minimum(*taps.indices(grid)) >= 0)
+
+
+def _split(
+    parts: AuditParts, grid: ClassGrid, base: Remedy, settings: AuditSettings
+) -> tuple[xr.Dataset | None, str, float]:
+    """The variance of evidence by cause and the test of sessions, or why there are none."""
+    taps = parts.all_taps
+    try:
+        found = evidence(parts.train, taps, grid, _histograms(base.model))
+    except InputError as error:
+        return None, str(error), np.nan
+    return (
+        split_variance(taps, found, settings.seed),
+        "",
+        session_p(taps, found, max(settings.permutations, SESSION_PERMUTATIONS), settings.seed),
+    )
+
+
+def _promises(base: Remedy, taps: TapSet, grid: ClassGrid, settings: AuditSettings) -> xr.Dataset:
+    usable = base.model.usable(taps)
+    setting = settings.setting
+    correct = replace(base.model, power="none", saturation=np.inf)  # pyright: ignore[reportArgumentType]
+    return guarantees(
+        tap_table(correct, usable),
+        tap_table(base.model, usable),
+        grid,
+        sorted({*THETAS, setting.threshold}),
+        settings.seed,
+        border=setting.border,
+        trials=settings.trials,
+        deadline=setting.deadline,
+        fixation=setting.fixation,
+        theta_x=setting.theta_x,
+    )
+
+
+def _recalibrate(base: Remedy, parts: AuditParts, settings: AuditSettings) -> Recalibrated:
+    setting = settings.setting
+    tuned, measured = (
+        session_curves(
+            base.model,
+            sessions,
+            base.grid,
+            setting.threshold,
+            seed=settings.seed,
+            trials=settings.trials // 4,
+            border=setting.border,
+            deadline=setting.deadline,
+            fixation=setting.fixation,
+            theta_x=setting.theta_x,
+        )[0]
+        for sessions in (parts.tune, [parts.measure])
+    )
+    error, target = tuned.error.mean(axis=0), 1 - setting.threshold
+    fine = np.flatnonzero(error <= target)
+    h = int(fine[0]) if len(fine) else int(error.argmin())
+    usual = int(np.searchsorted(tuned.theta, setting.threshold))
+    return Recalibrated(
+        target=target,
+        reached=bool(len(fine)),
+        threshold=float(tuned.theta[h]),
+        tuned=float(error[h]),
+        error=float(measured.error[0, h]),
+        taps=float(measured.taps[0, h]),
+        before=float(measured.error[0, usual]),
+        taps_before=float(measured.taps[0, usual]),
+    )
+
+
+def _tune_threshold(
+    remedies: list[Remedy], measured: Measured, parts: AuditParts, settings: AuditSettings
+) -> TargetError:
+    """The threshold for the wanted error, with the model that is recommended."""
+    name = recommended(measured)
+    chosen = next(remedy for remedy in remedies if remedy.name == (name or remedies[0].name))
+    setting = chosen.setting
+    return target_error(
+        chosen.model,
+        parts.tune,
+        settings.target_error or 0.0,
+        chosen.grid,
+        seed=settings.seed,
+        border=setting.border,
+        deadline=setting.deadline,
+        fixation=setting.fixation,
+        theta_x=setting.theta_x,
+        default=setting.threshold,
+    )

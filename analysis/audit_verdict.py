@@ -1,0 +1,226 @@
+"""What an audit says in words: a verdict, the first cause, and the remedy to choose.
+
+Nothing here is measured. A fault is a miscalibration factor whose interval lies above 1, and above what replaying the
+same taps alone explains: decisions are more often wrong than they are believed to be. Only a fault asks for a remedy.
+One is chosen if its gain in log score is surely above zero, at a level that holds for all remedies together, and if it
+does not surely err more at the reaction time of the setting as it is; of several, the one that buys most per tap.
+"""
+
+from collections.abc import Mapping
+from typing import Literal, NamedTuple
+
+import numpy as np
+import xarray as xr
+
+from .causes import CAUSES
+from .causes import first_cause as largest_cause
+from .leakage import Leakage
+from .remedy_scores import Judged, Measured, Scored
+
+type Calibration = Literal["overconfident", "right", "cautious", "not enough data to tell"]
+
+_MUCH = 99.0  # a factor beyond which its size says nothing
+_WIDE = 4.0  # ratio of the ends of an interval around 1 that leaves everything open
+_WORSE = 0.1  # of the error as it is: what a remedy may add to it
+_SESSION_LEVEL = 0.01  # as sure as the other causes have to be, see `causes`
+LEAKAGE, SPARSE = "leakage", "few samples"
+CAUSE_WORDS = {
+    LEAKAGE: "classes are told without touch",
+    SPARSE: "histograms hold too few samples",
+    **CAUSES,
+}
+"""All that can be named first, in words."""
+_SPARSE = 10.0  # samples per bin that a training histogram uses, below which sampling alone makes beliefs too sure
+
+
+class Cause(NamedTuple):
+    """What is named first.
+
+    Attributes:
+        name: A key of `CAUSE_WORDS`, or `None`.
+        sentence: It in words, with numbers.
+    """
+
+    name: str | None
+    sentence: str
+
+
+def calibration(judged: Judged) -> Calibration:
+    """How beliefs compare with outcomes, by the miscalibration factor and its interval.
+
+    To be too sure takes more than trials that repeat their taps would make of right beliefs.
+    """
+    value, low, high = judged.factor
+    if value is None or low is None or high is None:
+        return "not enough data to tell"
+    if low > max(1.0, judged.replay):
+        return "overconfident"
+    if high < 1:
+        return "cautious"
+    return "right" if high <= _WIDE * max(low, 1 / _WIDE) else "not enough data to tell"
+
+
+def ranking(measured: Measured) -> list[Scored]:
+    """Remedies by what they buy per tap, the best first; the setting as it is is none."""
+    return sorted(measured.scores[1:], key=lambda score: -(score.gain or (-np.inf,))[0])
+
+
+def worthwhile(measured: Measured, score: Scored) -> bool:
+    """Whether a remedy surely buys something and does not surely err more."""
+    base = measured.scores[0].error
+    allowed = _WORSE * base[0] if base is not None else 0.0
+    worse = score.error_change is not None and score.error_change[1] > allowed
+    return score.sure_gain is not None and score.sure_gain > 0 and not worse
+
+
+def recommended(measured: Measured) -> str | None:
+    """The remedy to choose; `None` where nothing has to be repaired or nothing surely helps."""
+    if calibration(measured.judged) != "overconfident":
+        return None
+    return next((score.name for score in ranking(measured) if worthwhile(measured, score)), None)
+
+
+def first_cause(
+    leakage: Leakage, split: xr.Dataset | None, session_p: float, samples_per_bin: float, state: Calibration
+) -> Cause:
+    """What to look at first.
+
+    Leakage where it explains what whole taps tell; else the cause with the largest share of the variance of evidence
+    that is surely there; else, where beliefs are too sure all the same, histograms of too few samples.
+
+    Args:
+        leakage: Of the training and measuring taps.
+        split: From `causes.split_variance`; `None` where there is none.
+        session_p: From `causes.session_p`.
+        samples_per_bin: Training samples in each bin that a histogram uses.
+        state: How beliefs compare with outcomes.
+    """
+    if leakage.explained:
+        return Cause(LEAKAGE, next(iter(leakage.sentences)))
+    sure = bool(np.isnan(session_p) or session_p <= _SESSION_LEVEL)
+    name = None if split is None else largest_cause(split, () if sure else ("session",))
+    if name is not None and split is not None:
+        return Cause(name, _share_sentence(split, name))
+    if state == "overconfident" and samples_per_bin < _SPARSE:
+        return Cause(
+            SPARSE,
+            f"Histograms have {samples_per_bin:.0f} samples in each bin that they use, so that they are themselves in "
+            "error; more training taps, or a larger --pseudocount, come before any remedy of dependence.",
+        )
+    return Cause(None, _nothing_sentence(split))
+
+
+def cause_words(name: str | None) -> str:
+    """A cause in words."""
+    return "nothing" if name is None else CAUSE_WORDS[name]
+
+
+def _share_sentence(split: xr.Dataset, name: str) -> str:
+    at, n = split.sel(part=name), int(split.attrs["taps"])
+    share, low, high = (float(at[f"share{end}"]) for end in ("", "_low", "_high"))
+    alone = float(split["share"].sel(part="independent"))
+    effect = float(split["sequence_effect"])
+    return (
+        f"First of all {CAUSES[name]}: {share:.0%} ({low:.0%} to {high:.0%}) of the variance of the evidence of {n} "
+        f"taps come from that, {alone:.0%} from what independent samples would have; together it is {effect:.3g} times "
+        "as large as independence says."
+    )
+
+
+def _nothing_sentence(split: xr.Dataset | None) -> str:
+    if split is None or not split.attrs["classes"]:
+        return "There are not enough taps per class, with evidence that varies, to say what makes it vary."
+    low, value, high = (float(split[f"sequence_effect{end}"]) for end in ("_low", "", "_high"))
+    told = f"{value:.2f} ({low:.2f} to {high:.2f}) times what independent samples would have"
+    n = int(split.attrs["taps"])
+    if low <= 1 and high > _WIDE:
+        return f"There are not enough data to tell: the variance of the evidence of {n} taps is {told}."
+    return f"No cause of dependence is surely there: the variance of the evidence of {n} taps is {told}."
+
+
+def verdict(cause: Cause, measured: Measured, theta: float, titles: Mapping[str, str], unit: str) -> list[str]:
+    """The verdict, sentence by sentence.
+
+    Args:
+        cause: What comes first.
+        measured: What remedies buy.
+        theta: The threshold.
+        titles: Of remedies, by name.
+        unit: Of errors.
+    """
+    state = calibration(measured.judged)
+    sentences = [_calibration_sentence(state, measured, theta), cause.sentence]
+    name = recommended(measured)
+    scores = {score.name: score for score in measured.scores}
+    if name is not None:
+        sentences.append(_remedy_sentence(scores[name], measured, titles[name], unit))
+    elif state == "overconfident":
+        sentences.append(
+            "None of the remedies surely helps on these taps; the table of remedies says by how much each may."
+        )
+    elif state == "not enough data to tell":
+        sentences.append("Nothing is recommended: whether anything has to be repaired cannot be told from these taps.")
+    else:
+        sentences.append(_unneeded_sentence(measured, titles))
+    return sentences
+
+
+def _calibration_sentence(state: Calibration, measured: Measured, theta: float) -> str:
+    judged = measured.judged
+    value, low, high = judged.factor
+    if value is None or low is None or high is None or judged.wrong is None:
+        return f"Whether beliefs are right cannot be told: at threshold {theta:g} no trial stops, or too few do."
+    if judged.taps is None:
+        at, when = f"at threshold {theta:g}, {measured.policy}", "at stopping"
+    else:
+        at, when = f"after {judged.taps} tap{'s' * (judged.taps > 1)}, passive", "then"
+    beginning = {
+        "overconfident": "Beliefs are too sure",
+        "cautious": "Beliefs are not too sure",
+        "right": "Beliefs are as right as they say",
+        "not enough data to tell": "There are not enough data to tell whether beliefs are right",
+    }[state]
+    told = (
+        f"{beginning}: {at}, {judged.wrong:.1%} of the decisions are wrong, {_times(value)} ({_times(low)} to "
+        f"{_times(high)}) times as often as the beliefs {when} say."
+    )
+    if judged.taps is not None:
+        told += f" Trials that stop at threshold {theta:g} would repeat the few measuring taps of a class."
+    return told
+
+
+def _times(factor: float) -> str:
+    """A factor to two digits, without those that nobody believes."""
+    return f"{factor:.2g}" if factor < _MUCH else f"more than {_MUCH:.0f}"
+
+
+def _remedy_sentence(score: Scored, measured: Measured, title: str, unit: str) -> str:
+    gain, low, high = score.gain or (np.nan,) * 3
+    n = measured.n
+    told = (
+        f"The remedy that buys most per tap is “{score.name}” ({title}): {gain / n:.2g} nats of log score per tap "
+        f"({low / n:.2g} to {high / n:.2g}, over {n} tap{'s' * (n > 1)})"
+    )
+    if score.error_change is not None and score.error is not None:
+        change, c_low, c_high = score.error_change
+        told += (
+            f", and an error of {score.error[0]:.3g} {unit} at {measured.taps:.1f} taps, {change:+.2g} "
+            f"({c_low:+.2g} to {c_high:+.2g})"
+        )
+    if score.taps is not None and score.factor[0] is not None:
+        told += f"; at the same threshold it takes {score.taps:.1f} taps, with a factor of {_times(score.factor[0])}"
+    if measured.judged.taps is None and score.factor[1] is not None and score.factor[1] > measured.judged.replay:
+        return told + ". Beliefs stay too sure with it."
+    return told + "."
+
+
+def _unneeded_sentence(measured: Measured, titles: Mapping[str, str]) -> str:
+    helps = [score for score in ranking(measured) if worthwhile(measured, score)]
+    if not helps:
+        return "Nothing is recommended: nothing has to be repaired, and no remedy surely buys anything."
+    best = helps[0]
+    gain = (best.gain or (0.0,))[0] / measured.n
+    return (
+        f"Nothing has to be repaired. “{best.name}” ({titles[best.name]}) would still buy {gain:.2g} nats of log score "
+        "per tap."
+    )

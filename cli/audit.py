@@ -1,0 +1,126 @@
+"""`solidtouch audit`: is the naive-Bayes assumption wrong here, what does it cost, and what to do."""
+
+import shlex
+import sys
+from collections.abc import Sequence
+from datetime import datetime
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+from typer import Argument, Option
+
+from ..models.errors import InputError
+from .interrupt import loading
+from .options import Bins, Border, Deadline, Force, Pseudocount, Seed, ValueRange, WhatCell, WhereCell
+
+if TYPE_CHECKING:
+    from ..analysis.audit_parts import AuditParts
+
+_FEWEST_PERMUTATIONS = 99
+
+
+def audit(
+    files: Annotated[
+        list[Path],
+        Argument(
+            metavar="FILE...",
+            help="Taps as for `inspect`: the first file trains, the last measures, those between tune.",
+            show_default=False,
+        ),
+    ],
+    out: Annotated[Path | None, Option(help="Folder for the results; default runs/<date-time>-audit.")] = None,
+    target_error: Annotated[
+        float | None,
+        Option("--target-error", metavar="P", help="Tune a threshold for this P(wrong), on five files or more."),
+    ] = None,
+    where_cell: WhereCell = None,
+    what_cell: WhatCell = None,
+    bins: Bins = 100,
+    pseudocount: Pseudocount = 0.01,
+    power: Annotated[str, Option(help="Root of the likelihood in use: J, JK, none or an exponent.")] = "J",
+    value_range: ValueRange = "global",
+    theta: Annotated[float, Option(help="Belief in an object needed to decide.")] = 0.95,
+    theta_x: Annotated[float, Option(help="Belief in a position needed for a move; 0 always moves.")] = 0.0,
+    fixation: Annotated[int | None, Option(help="Fixation point as 0-based class index; default the middle.")] = None,
+    passive: Annotated[bool, Option("--passive", help="Judge trials that never move.")] = False,
+    deadline: Deadline = 100,
+    border: Border = "uniform",
+    permutations: Annotated[int, Option(min=_FEWEST_PERMUTATIONS, max=10**6, help="Of every test.")] = 999,
+    trials: Annotated[int, Option(min=100, help="Of each remedy and policy.")] = 4000,
+    seed: Seed = 0,
+    force: Force = False,
+) -> None:
+    """Audits the naive-Bayes assumption on taps: where it fails, what it costs in decisions, which remedy pays."""
+    for name, value in (("--theta", theta), ("--target-error", target_error)):
+        if value is not None and not 0 < value < 1:
+            raise InputError(f"{name} must lie between 0 and 1, got {value}.")
+    if not 0 <= theta_x <= 1:
+        raise InputError(f"--theta-x must lie between 0 and 1, got {theta_x}.")
+    with loading():
+        from rich.console import Console
+
+        from ..analysis.audit import AuditSettings
+        from ..analysis.audit import audit as run
+        from ..analysis.audit_parts import load_parts
+        from ..analysis.audit_report import chosen_setting, write_audit
+        from ..analysis.audit_summary import summarise
+        from ..analysis.audit_view import render
+        from ..inference.control import check_fixation
+        from ..models.histogram import trim
+        from ..models.power import parse_power
+        from ..models.setting import Setting
+        from ..models.storage import check_folder
+    from .progress import bars
+
+    folder = out or Path("runs") / f"{datetime.now().astimezone():%Y-%m-%d-%H%M%S}-audit"
+    check_folder(folder, force)
+    parts, grid = load_parts(files, where_cell, what_cell)
+    grid, dropped = trim(grid, [parts.train])
+    check_fixation(fixation, grid.L)
+    settings = AuditSettings(
+        setting=Setting(
+            power=parse_power(power),
+            bins=bins,
+            pseudocount=pseudocount,
+            value_range=value_range,
+            where_cell=where_cell,
+            what_cell=what_cell,
+            threshold=theta,
+            border=border,
+            theta_x=theta_x,
+            fixation=fixation,
+            passive=passive,
+            deadline=deadline,
+        ),
+        target_error=target_error,
+        permutations=permutations,
+        trials=trials,
+        seed=seed,
+    )
+    with bars() as progress:
+        found = run(parts, grid, settings, progress)
+    summary = summarise(found, settings, _about(files, parts, dropped, found.unused))
+    write_audit(folder, found, summary, chosen_setting(found, summary), force)
+    render(summary, Console())
+    print(f"The report is {folder / 'report.html'}")
+
+
+def _about(files: list[Path], parts: "AuditParts", dropped: Sequence[str], unused: int) -> dict[str, Any]:
+    """The data in words."""
+    sources = {str(part.dataset.attrs.get("source", "")) for part in (parts.train, *parts.tune, parts.measure)}
+    warnings = []
+    if dropped:
+        warnings.append(f"Left out for want of a training tap: {', '.join(f'“{name}”' for name in dropped)}.")
+    if unused:
+        warnings.append(f"{unused} measuring taps of classes without a training tap were left out.")
+    return {
+        "title": f"Audit of the naive-Bayes assumption: {', '.join(path.name for path in files)}",
+        "command": shlex.join(["solidtouch", *sys.argv[1:]]),
+        "files": {
+            "Training taps": len(parts.train),
+            "tuning taps": sum(map(len, parts.tune)),
+            "measuring taps": len(parts.measure),
+        },
+        "simulated": all(source.startswith("simulated") for source in sources),
+        "warnings": warnings,
+    }
