@@ -35,6 +35,9 @@ THETAS = (0.5, 0.8, 0.9, 0.95, 0.99)
 SESSION_PERMUTATIONS = 999
 """Of the test of sessions at least: with few its p-value never falls below the level at which sessions are named."""
 
+MOST_TAPS = 60
+"""Of one class and session that are tested and judged; more would take minutes and tell little more."""
+
 
 @dataclass(frozen=True)
 class AuditSettings:
@@ -151,14 +154,19 @@ def audit(parts: AuditParts, grid: ClassGrid, settings: AuditSettings, progress:
     clock = Clock(progress)
     taps = _inside(parts.all_taps, grid)
     stratum, by_session = strata(taps, grid)
+    some = evenly(stratum, MOST_TAPS)
     with clock.stage("Looking for leakage", 1) as advance:
         known = [parts.train] if parts.halved else [parts.train, *parts.tune]
         leaks = leakage(concatenate(known), parts.measure, grid, seed)
         advance(1)
     with clock.stage("Testing taxels", len(np.unique(stratum))) as advance:
-        taxels = taxel_dependence(taps.taps, stratum, permutations=settings.permutations, seed=seed, progress=advance)
+        taxels = taxel_dependence(
+            taps.taps[some], stratum[some], permutations=settings.permutations, seed=seed, progress=advance
+        )
     with clock.stage("Testing times", len(np.unique(stratum))) as advance:
-        times = time_dependence(taps.taps, stratum, permutations=settings.permutations, seed=seed, progress=advance)
+        times = time_dependence(
+            taps.taps[some], stratum[some], permutations=settings.permutations, seed=seed, progress=advance
+        )
     with clock.stage("Sampling variance components", 1) as advance:
         where, what = taps.indices(grid)
         components = variance_components(taps.taps, where * grid.M + what, taps.session, seed)
@@ -248,6 +256,17 @@ def _histograms(model: TapModel) -> HistogramModel:
     return model
 
 
+def evenly(key: NDArray[np.intp], most: int) -> NDArray[np.bool_]:
+    """At most so many members of each group, spread evenly over it; a mask, shape (N,)."""
+    chosen = np.zeros(len(key), dtype=bool)
+    for value in np.unique(key):
+        members = np.flatnonzero(key == value)
+        if len(members) > most:
+            members = members[np.linspace(0, len(members) - 1, most).round().astype(np.intp)]
+        chosen[members] = True
+    return chosen
+
+
 def _inside(taps: TapSet, grid: ClassGrid) -> TapSet:
     return taps.select(np.minimum(*taps.indices(grid)) >= 0)
 
@@ -257,8 +276,10 @@ def _split(
 ) -> tuple[xr.Dataset | None, str, float]:
     """The variance of evidence by cause and the test of sessions, or why there are none."""
     taps = parts.all_taps
+    where, what = taps.indices(grid)
+    some = evenly((where * grid.M + what) * (int(taps.session.max()) + 1) + taps.session, MOST_TAPS)
     try:
-        found = evidence(parts.train, taps, grid, _histograms(base.model))
+        found = evidence(parts.train, taps, grid, _histograms(base.model), some)
     except InputError as error:
         return None, str(error), np.nan
     return (

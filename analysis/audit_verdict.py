@@ -12,7 +12,7 @@ from typing import Literal, NamedTuple
 import numpy as np
 import xarray as xr
 
-from .causes import CAUSES
+from .causes import CAUSES, FEWEST_CLASSES
 from .causes import first_cause as largest_cause
 from .leakage import Leakage
 from .remedy_scores import Judged, Measured, Scored
@@ -22,7 +22,7 @@ type Calibration = Literal["overconfident", "right", "cautious", "not enough dat
 _MUCH = 99.0  # a factor beyond which its size says nothing
 _WIDE = 4.0  # ratio of the ends of an interval around 1 that leaves everything open
 _WORSE = 0.1  # of the error as it is: what a remedy may add to it
-_SESSION_LEVEL = 0.01  # as sure as the other causes have to be, see `causes`
+_TEST_LEVEL = 0.01  # as sure as causes without a test of their own have to be, see `causes`
 LEAKAGE, SPARSE = "leakage", "few samples"
 CAUSE_WORDS = {
     LEAKAGE: "classes are told without touch",
@@ -97,8 +97,7 @@ def first_cause(
     """
     if leakage.explained:
         return Cause(LEAKAGE, next(iter(leakage.sentences)))
-    sure = bool(np.isnan(session_p) or session_p <= _SESSION_LEVEL)
-    name = None if split is None else largest_cause(split, () if sure else ("session",))
+    name = None if split is None else largest_cause(split, _unsupported(split, session_p))
     if name is not None and split is not None:
         return Cause(name, _share_sentence(split, name))
     if state == "overconfident" and samples_per_bin < _SPARSE:
@@ -108,6 +107,12 @@ def first_cause(
             "error; more training taps, or a larger --pseudocount, come before any remedy of dependence.",
         )
     return Cause(None, _nothing_sentence(split))
+
+
+def _unsupported(split: xr.Dataset, session_p: float) -> list[str]:
+    """Causes that have a test of their own which does not reject."""
+    tested = {"session": session_p, str(split.attrs["covariate"]): float(split.attrs["covariate_p"])}
+    return [name for name, p in tested.items() if p > _TEST_LEVEL]
 
 
 def cause_words(name: str | None) -> str:
@@ -133,7 +138,7 @@ def _nothing_sentence(split: xr.Dataset | None) -> str:
     low, value, high = (float(split[f"sequence_effect{end}"]) for end in ("_low", "", "_high"))
     told = f"{value:.2f} ({low:.2f} to {high:.2f}) times what independent samples would have"
     n = int(split.attrs["taps"])
-    if low <= 1 and high > _WIDE:
+    if split.attrs["classes"] < FEWEST_CLASSES or (low <= 1 and high > _WIDE):
         return f"There are not enough data to tell: the variance of the evidence of {n} taps is {told}."
     return f"No cause of dependence is surely there: the variance of the evidence of {n} taps is {told}."
 

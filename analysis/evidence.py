@@ -44,7 +44,9 @@ class Evidence(NamedTuple):
     judge: "Judge"
 
 
-def evidence(train: TapSet, taps: TapSet, grid: ClassGrid, model: HistogramModel) -> Evidence:
+def evidence(
+    train: TapSet, taps: TapSet, grid: ClassGrid, model: HistogramModel, judged: NDArray[np.bool_] | None = None
+) -> Evidence:
     """The evidence of taps, the training taps among them.
 
     Args:
@@ -52,6 +54,7 @@ def evidence(train: TapSet, taps: TapSet, grid: ClassGrid, model: HistogramModel
         taps: The same and others behind them.
         grid: The classes.
         model: Fitted to all training taps; gives edges and pseudocount.
+        judged: Which of the taps to judge, shape (N,); `None` for all.
 
     Raises:
         InputError: No class has two training taps, so that none can be judged by others.
@@ -74,6 +77,8 @@ def evidence(train: TapSet, taps: TapSet, grid: ClassGrid, model: HistogramModel
     trained = tables[0].trained & tables[1].trained
     where, what = taps.indices(grid)
     known = (where >= 0) & (what >= 0)
+    if judged is not None:
+        known &= judged
     known[known] = trained[where[known], what[known]]
     rival = np.stack([rivals(part, trained) for part in tables])
     own = where * grid.M + what

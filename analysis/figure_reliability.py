@@ -20,7 +20,6 @@ from .figure_style import (
     TRUE,
     TWO_COLUMNS,
     colours,
-    every,
     label_panel,
     line_bundle,
     new_figure,
@@ -36,7 +35,8 @@ if TYPE_CHECKING:
 
 _MARKERS = "osD^v<>ph"
 _CURVES = 4
-_NAMED = 12  # objects that a key names; beyond, lines are grey
+_NAMED = 8  # objects that a key names; beyond, lines are grey
+_LINE, _HANDLE = 97, 9  # characters that fit below a figure of two columns, and that a line with its marker takes
 _LEAST = 1e-4  # where fractions on a log axis end: what is below is drawn there
 
 
@@ -194,6 +194,7 @@ def plot_promises(axes: Axes, data: xr.Dataset) -> Axes:
     axes.axhline(1, color="grey", linewidth=0.8, linestyle=":", label="promised")
     names = [str(name) for name in data["what"].values]
     styles = dict(_objects(data)) | {EVERYTHING: _together()}
+    grey = len(names) > _NAMED + 1
     for i, setup in enumerate((PROMISED, USED)):
         filled = setup == PROMISED
         for j, name in enumerate(names):
@@ -204,15 +205,17 @@ def plot_promises(axes: Axes, data: xr.Dataset) -> Axes:
             axes.errorbar(
                 x[full],
                 value[full],
-                yerr=np.maximum(np.stack([value - low, high - value])[:, full], 0.0),
+                yerr=None
+                if grey and name != EVERYTHING
+                else np.maximum(np.stack([value - low, high - value])[:, full], 0),
                 linestyle="none",
                 elinewidth=0.6,
                 color=styles[name]["color"],
                 marker=styles[name].get("marker", "o"),
                 markerfacecolor=styles[name]["color"] if filled else "white",
-                label=name if filled and (len(names) <= _NAMED + 1 or name == EVERYTHING) else None,
+                label=name if filled and not (grey and name != EVERYTHING) else None,
             )
-    if len(names) > _NAMED + 1:
+    if grey:
         axes.plot([], [], "o", color=OTHERS, markersize=2, label="each")
     for filled, label in ((True, PROMISED), (False, USED)):
         axes.plot([], [], "o", color=OTHERS, markerfacecolor=OTHERS if filled else "white", label=label)
@@ -265,7 +268,7 @@ def _chosen_label(result: TargetError) -> str:
 
 
 def _objects(data: xr.Dataset) -> list[tuple[str, dict[str, Any]]]:
-    """How each object is drawn: in colours of its own up to a dozen, else grey."""
+    """How each object is drawn: in colours of its own up to eight, else grey."""
     names = [str(name) for name in data["what"].values if name != EVERYTHING]
     if len(names) > _NAMED:
         return [(name, {"color": OTHERS, "linewidth": 0.6}) for name in names]
@@ -342,5 +345,5 @@ def _ramp(n: int) -> list[Any]:
 def _key(figure: Figure, axes: Axes) -> None:
     """One key below all panels."""
     handles, labels = axes.get_legend_handles_labels()
-    columns = max(1, min(len(labels), len(labels) // every(labels, 90) or 1, 5))
+    columns = max(1, min(len(labels), _LINE // (max(map(len, labels)) + _HANDLE)))
     figure.legend(handles, labels, loc="outside lower center", ncols=columns)

@@ -14,6 +14,7 @@ from ..inference.tempering import best_power, learn_saturation
 from ..models.catalogue import FitSettings, fit_model
 from ..models.classes import ClassGrid
 from ..models.errors import InputError
+from ..models.histogram import trim
 from ..models.model import TapModel
 from ..models.setting import Setting
 from ..models.taps import TapSet
@@ -144,7 +145,7 @@ def make_remedies(
 
     def finer() -> Remedy:
         cell, fine = _finer(train, grid, setting)
-        chosen = replace(setting, where_cell=cell)
+        chosen = replace(setting, where_cell=cell, fixation=_same_place(setting.fixation, grid, fine))
         title = f"where classes half as wide, {cell}"
         return Remedy(FINER, title, _assumes(setting), chosen, _fit(chosen, train, fine), fine, "")
 
@@ -206,4 +207,11 @@ def _finer(train: TapSet, grid: ClassGrid, setting: Setting) -> tuple[str, Class
         raise InputError("Taps of one where class all lie at the same place, so that finer classes would be empty.")
     width = float(np.diff(grid.where_edges).mean()) / _FINER
     cell = f"{width:.6g}{grid.where_unit.partition(' ')[0].rstrip(',;')}"
-    return cell, train.grid(cell, setting.what_cell)
+    return cell, trim(train.grid(cell, setting.what_cell), [train])[0]
+
+
+def _same_place(fixation: int | None, grid: ClassGrid, finer: ClassGrid) -> int | None:
+    """The finer class nearest to a fixation point, the lower one of two."""
+    if fixation is None:
+        return None
+    return int(np.abs(finer.where_value - grid.where_value[fixation]).argmin())

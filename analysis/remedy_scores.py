@@ -139,7 +139,7 @@ def measure(
             errors = _against(at_time.sel(model=base.name), finer, policy, time)
         where, what = shared.indices(remedy.grid)
         drawn = _sequences(where * remedy.grid.M + what, n, seed)
-        beliefs = [_log_belief(tables[one.name], one, shared, drawn) for one in (remedy, base)]
+        beliefs = [_log_belief(tables[one.name], one, base.grid, shared, drawn) for one in (remedy, base)]
         found = headline(_reliability(tables[remedy.name], remedy, (), trials, seed), policy, remedy.setting.threshold)
         scores.append(
             Scored(
@@ -222,7 +222,7 @@ def _play(tables: Mapping[str, TapTable], grid: ClassGrid, setting: Setting, tri
         sorted({*THRESHOLDS, setting.threshold}),
         trials,
         seed,
-        fixation=setting.fixation if len(tables) > 1 else None,
+        fixation=setting.fixation,
         border=setting.border,
         deadline=setting.deadline,
         theta_x=setting.theta_x,
@@ -271,9 +271,11 @@ def _sequences(own: NDArray[np.intp], n: int, seed: int) -> _Sequences:
     return _Sequences(np.array(taps), np.array(unit))
 
 
-def _log_belief(table: TapTable, remedy: Remedy, taps: TapSet, drawn: _Sequences) -> NDArray[np.float64]:
-    """Log belief in the true object, or place where there is one object, after each sequence, shape (Q,)."""
-    where, what = taps.indices(remedy.grid)
+def _log_belief(
+    table: TapTable, remedy: Remedy, grid: ClassGrid, taps: TapSet, drawn: _Sequences
+) -> NDArray[np.float64]:
+    """Log belief in the true object, or where there is one in the true place of `grid`, after each sequence, (Q,)."""
+    where, what = taps.indices(grid)
     M = remedy.grid.M
     total = np.stack([table.log_likelihood[sequence].sum(axis=0) for sequence in drawn.taps]) + table.log_prior
     n = drawn.taps.shape[1]
@@ -283,7 +285,8 @@ def _log_belief(table: TapTable, remedy: Remedy, taps: TapSet, drawn: _Sequences
     if M > 1:
         each = log_belief.reshape(len(total), remedy.grid.L, -1, M)[np.arange(len(total)), :, :, what[first]]
     else:
-        each = log_belief[np.arange(len(total)), where[first]]
+        within = grid.where_index(remedy.grid.where_value) == where[first][:, None]
+        each = np.where(within[:, :, None], log_belief, -np.inf)
     return _log_sum(each.reshape(len(total), -1))
 
 
@@ -323,6 +326,7 @@ def _reliability(table: TapTable, remedy: Remedy, contacts: Sequence[int], trial
         contacts=contacts,
         border=setting.border,
         deadline=setting.deadline,
+        fixation=setting.fixation,
         theta_x=setting.theta_x,
     )
 

@@ -103,7 +103,7 @@ def turned(knob: Knob, seed: int) -> tuple[Knob, str | None, float]:
 def source(seed: int) -> HistogramModel:
     """Histograms of the simulated rig, from which taps are drawn."""
     taps = simulate_session(PAPER, seed, 0)
-    return fit(taps, taps.grid(), pseudocount=0.1)
+    return fit(taps, taps.grid())
 
 
 def small(model: HistogramModel) -> HistogramModel:

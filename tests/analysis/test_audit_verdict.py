@@ -1,0 +1,273 @@
+"""The words of an audit follow from its numbers by rules, each of which is a line of a table here."""
+
+from typing import NamedTuple
+
+import numpy as np
+import pytest
+import xarray as xr
+from solidtouch.analysis.audit_verdict import (
+    CAUSE_WORDS,
+    Cause,
+    calibration,
+    cause_words,
+    first_cause,
+    ranking,
+    recommended,
+    verdict,
+    worthwhile,
+)
+from solidtouch.analysis.causes import CAUSES, PARTS
+from solidtouch.analysis.remedy_scores import Judged, Measured, Scored
+
+UNKNOWN = "not enough data to tell"
+CALIBRATION = {
+    "interval above one": ((3.0, 1.1, 8.0), 1.0, "overconfident"),
+    "it begins at one": ((3.0, 1.0, 8.0), 1.0, UNKNOWN),
+    "above one, but replay explains it": ((3.0, 1.4, 5.0), 1.5, "right"),
+    "the same, and wide": ((3.0, 1.4, 6.0), 1.5, UNKNOWN),
+    "above what replay explains": ((3.0, 1.6, 8.0), 1.5, "overconfident"),
+    "replay below one counts as one": ((1.0, 0.9, 1.1), 0.5, "right"),
+    "interval below one": ((0.5, 0.2, 0.9), 1.0, "cautious"),
+    "no wrong decision": ((0.0, 0.0, 0.3), 1.0, "cautious"),
+    "narrow around one": ((1.2, 0.6, 2.3), 1.0, "right"),
+    "wide around one": ((1.2, 0.5, 2.3), 1.0, UNKNOWN),
+    "from nothing to one": ((0.3, 0.0, 1.0), 1.0, "right"),
+    "from nothing to two": ((0.3, 0.0, 2.0), 1.0, UNKNOWN),
+    "no trial stops": ((None, None, None), 1.0, UNKNOWN),
+    "no interval": ((2.0, None, None), 1.0, UNKNOWN),
+}
+
+
+def judged(factor=(3.0, 2.0, 5.0), wrong: float | None = 0.3, replay=1.0, taps=None):
+    return Judged(factor, wrong, replay, taps)
+
+
+@pytest.mark.parametrize(("factor", "replay", "state"), CALIBRATION.values(), ids=CALIBRATION)
+def test_how_beliefs_are_called(factor, replay, state):
+    """By where the interval of the factor lies, and how wide it is."""
+    assert calibration(judged(factor, replay=replay)) == state
+
+
+def score(name, gain=0.5, sure=0.1, change=(-0.1, -0.2, 0.0), error=0.4, factor=(1.0, 0.7, 1.3)):
+    """Of a remedy with a gain over ten taps."""
+    return Scored(
+        name,
+        (-1.0, -1.2, -0.8),
+        None if gain is None else (gain, gain - 0.2, gain + 0.2),
+        sure,
+        None if error is None else (error, error - 0.1, error + 0.1),
+        change,
+        None,
+        7.5,
+        factor,
+    )
+
+
+BASE = score("as it is", None, None, None, error=1.0)
+
+
+AS_IT_IS = judged()
+
+
+def measured(*scores, judged=AS_IT_IS, base=BASE, n=10):
+    return Measured([base, *scores], n, 6.5, "active", judged, None, None)
+
+
+WORTHWHILE = {
+    "surely gains, errs less": ({}, True),
+    "may gain nothing": ({"sure": 0.0}, False),
+    "may lose": ({"sure": -0.1}, False),
+    "surely errs more": ({"change": (0.3, 0.11, 0.5)}, False),
+    "may err more by less than a tenth": ({"change": (0.3, 0.1, 0.5)}, True),
+    "cannot be compared at that reaction time": ({"change": None}, True),
+    "has no gain": ({"gain": None, "sure": None}, False),
+}
+
+
+@pytest.mark.parametrize(("changes", "expected"), WORTHWHILE.values(), ids=WORTHWHILE)
+def test_what_is_worthwhile(changes, expected):
+    """A sure gain in log score without surely more errors than a tenth of those as it is."""
+    remedy = score("remedy", **changes)
+    assert worthwhile(measured(remedy), remedy) is expected
+    assert recommended(measured(remedy)) == ("remedy" if expected else None)
+
+
+def test_without_errors_as_it_is_none_may_be_added():
+    remedy = score("remedy", change=(0.05, 0.01, 0.1))
+    assert not worthwhile(measured(remedy, base=BASE._replace(error=(0.0, 0.0, 0.0))), remedy)
+    assert not worthwhile(measured(remedy, base=BASE._replace(error=None)), remedy)
+
+
+def test_the_remedy_that_buys_most_is_chosen_of_those_that_surely_help():
+    """Not the largest gain if that is unsure; those without a gain come last."""
+    scores = score("small", 0.2), score("unsure", 0.9, sure=-0.1), score("none", None, None), score("large", 0.6)
+    assert [one.name for one in ranking(measured(*scores))] == ["unsure", "large", "small", "none"]
+    assert recommended(measured(*scores)) == "large"
+
+
+@pytest.mark.parametrize(
+    "factor",
+    [(1.0, 0.7, 1.5), (0.5, 0.2, 0.9), (2.0, 0.5, 9.0), (None, None, None)],
+    ids=["right", "cautious", "?", "no"],
+)
+def test_nothing_is_recommended_where_nothing_is_surely_wrong(factor):
+    """However much a remedy would buy."""
+    assert recommended(measured(score("remedy", 5.0, sure=4.0), judged=judged(factor))) is None
+
+
+class Leak(NamedTuple):
+    """What of a `Leakage` is read."""
+
+    explained: tuple[str, ...] = ()
+    sentences: tuple[str, ...] = ("Offsets tell all.", "And more.")
+
+
+def split(classes=12, effect=(2.0, 1.5, 2.5), covariate_p=0.001, **shares):
+    """A split of variance with these shares, each with an interval of 0.1 to either side, and surely there."""
+    share = np.array([shares.get(part, 0.0) for part in PARTS])
+    data = xr.Dataset(
+        {
+            "share": ("part", share),
+            "share_low": ("part", share - 0.1),
+            "share_high": ("part", share + 0.1),
+            "share_sure": ("part", np.where(share > 0.15, 0.01, -0.01)),
+        },
+        {"part": list(PARTS)},
+        {"classes": classes, "taps": 10, "covariate": "order", "covariate_p": covariate_p},
+    )
+    for end, value in zip(("", "_low", "_high"), (effect[0], effect[1], effect[2]), strict=True):
+        data[f"sequence_effect{end}"] = value
+    return data
+
+
+FIRST = {
+    "leakage before all": ((Leak(("what",)), split(session=0.9), 0.001, 3.0, "overconfident"), "leakage"),
+    "the largest": ((Leak(), split(common=0.3, gain=0.5), 0.5, 50.0, "overconfident"), "gain"),
+    "sessions that surely differ": ((Leak(), split(session=0.6, gain=0.3), 0.01, 50.0, "right"), "session"),
+    "sessions that may be alike": ((Leak(), split(session=0.6, gain=0.3), 0.011, 50.0, "right"), "gain"),
+    "sessions that no test sees": ((Leak(), split(session=0.6), np.nan, 50.0, "right"), "session"),
+    "unsure, few samples": ((Leak(), split(common=0.1), 0.5, 9.0, "overconfident"), "few samples"),
+    "unsure, enough samples": ((Leak(), split(common=0.1), 0.5, 10.0, "overconfident"), None),
+    "few samples that do no harm": ((Leak(), split(), 0.5, 3.0, "right"), None),
+    "a cause before few samples": ((Leak(), split(order=0.2), 0.5, 3.0, "overconfident"), "order"),
+    "parts that are no causes": ((Leak(), split(independent=0.4, rest=0.6, serial=0.3), 0.5, 50.0, "right"), None),
+    "few classes": ((Leak(), split(classes=3, order=0.6), 0.5, 50.0, "right"), None),
+    "order that may be none": ((Leak(), split(covariate_p=0.02, order=0.7, gain=0.2), 0.5, 50.0, "right"), "gain"),
+    "sessions of few classes": ((Leak(), split(classes=3, order=0.7, session=0.6), 0.002, 50.0, "right"), "session"),
+    "no split": ((Leak(), None, np.nan, 50.0, "overconfident"), None),
+    "no split, few samples": ((Leak(), None, np.nan, 3.0, "overconfident"), "few samples"),
+}
+
+
+@pytest.mark.parametrize(("arguments", "name"), FIRST.values(), ids=FIRST)
+def test_what_is_named_first(arguments, name):
+    """Leakage, then the largest sure cause, then few samples; the sentence is of what is named."""
+    cause = first_cause(*arguments)
+    assert cause.name == name
+    assert cause_words(name) == ("nothing" if name is None else CAUSE_WORDS[name])
+    if name == "leakage":
+        assert cause.sentence == "Offsets tell all."
+    elif name in CAUSES:
+        assert cause.sentence.startswith(f"First of all {CAUSES[name]}: ")
+
+
+def test_the_sentence_of_a_cause_has_its_numbers():
+    cause = first_cause(Leak(), split(gain=0.5, independent=0.3), 0.5, 50.0, "overconfident")
+    assert "50% (40% to 60%) of the variance of the evidence of 10 taps" in cause.sentence
+    assert "30% from what independent samples would have" in cause.sentence
+    assert "2 times as large" in cause.sentence
+
+
+NOTHING = {
+    "no classes": (split(classes=0), "There are not enough taps per class"),
+    "no split": (None, "There are not enough taps per class"),
+    "wide": (
+        split(effect=(2.0, 0.9, 4.1)),
+        "There are not enough data to tell: the variance of the evidence of 10 taps",
+    ),
+    "few classes": (split(classes=3), "There are not enough data to tell: the variance of the evidence of 10 taps"),
+    "narrow": (split(effect=(1.1, 0.9, 1.4)), "No cause of dependence is surely there: the variance of the evidence"),
+    "effect without cause": (split(effect=(6.0, 3.0, 9.0)), "No cause of dependence is surely there"),
+}
+
+
+@pytest.mark.parametrize(("parts", "words"), NOTHING.values(), ids=NOTHING)
+def test_where_no_cause_is_named_it_is_said_why(parts, words):
+    assert first_cause(Leak(), parts, 0.5, 50.0, "right").sentence.startswith(words)
+
+
+TITLES = {"remedy": "what it does"}
+WORDS = {
+    "too sure, repaired": (
+        ((3.0, 2.0, 5.0), {}),
+        [
+            "Beliefs are too sure: at threshold 0.95, active, 30.0% of the decisions",
+            "The remedy that buys most per tap is",
+        ],
+    ),
+    "too sure, nothing helps": (
+        ((3.0, 2.0, 5.0), {"sure": -1.0}),
+        ["Beliefs are too sure:", "None of the remedies surely helps"],
+    ),
+    "unknown": (
+        ((3.0, 0.5, 9.0), {}),
+        ["There are not enough data to tell whether beliefs are right:", "Nothing is recommended: whether anything"],
+    ),
+    "none stops": (
+        ((None, None, None), {}),
+        ["Whether beliefs are right cannot be told:", "Nothing is recommended: whether anything"],
+    ),
+    "right, though more could be had": (
+        ((1.0, 0.7, 1.5), {}),
+        [
+            "Beliefs are as right as they say:",
+            "Nothing has to be repaired. “remedy” (what it does) would still buy 0.05",
+        ],
+    ),
+    "right, nothing to be had": (
+        ((1.0, 0.7, 1.5), {"sure": -1.0}),
+        ["Beliefs are as right as they say:", "Nothing is recommended: nothing has to be repaired"],
+    ),
+    "cautious": (
+        ((0.5, 0.2, 0.8), {"sure": -1.0}),
+        ["Beliefs are not too sure:", "Nothing is recommended: nothing has to be repaired"],
+    ),
+}
+
+
+@pytest.mark.parametrize(("given", "words"), WORDS.values(), ids=WORDS)
+def test_the_verdict_in_words(given, words):
+    """How beliefs are, the cause as it was given, and what follows, in three sentences with their numbers."""
+    factor, changes = given
+    remedies = measured(score("remedy", **changes), judged=judged(factor))
+    first, cause, last = verdict(Cause(None, "The cause."), remedies, 0.95, TITLES, "mm")
+    assert first.startswith(words[0])
+    assert cause == "The cause."
+    assert last.startswith(words[1])
+    if factor[0] is not None:
+        assert f"{factor[0]:.2g} ({factor[1]:.2g} to {factor[2]:.2g}) times as often" in first
+
+
+def test_the_sentence_of_a_remedy_has_its_numbers():
+    """Gain per tap and its interval, error and its change, reaction time and factor; and whether that is enough."""
+    remedies = measured(score("remedy", 0.5, change=(-0.1, -0.2, -0.05)))
+    last = verdict(Cause(None, ""), remedies, 0.95, TITLES, "mm")[-1]
+    for words in (
+        "“remedy” (what it does): 0.05 nats of log score per tap (0.03 to 0.07, over 10 taps)",
+        "an error of 0.4 mm at 6.5 taps, -0.1 (-0.2 to -0.05)",
+        "it takes 7.5 taps, with a factor of 1.",
+    ):
+        assert words in last
+    assert "stay too sure" not in last
+    worse = measured(score("remedy", factor=(2.0, 1.5, 3.0)))
+    assert verdict(Cause(None, ""), worse, 0.95, TITLES, "mm")[-1].endswith("Beliefs stay too sure with it.")
+    bare = measured(score("remedy", change=None, error=None, factor=(None, None, None)), n=1)
+    assert verdict(Cause(None, ""), bare, 0.95, TITLES, "mm")[-1].endswith("(0.3 to 0.7, over 1 tap).")
+
+
+def test_few_taps_are_judged_after_a_fixed_number():
+    """The sentence then speaks of that number, and of why."""
+    first = verdict(Cause(None, ""), measured(judged=judged(taps=1)), 0.95, {}, "mm")[0]
+    assert first.startswith("Beliefs are too sure: after 1 tap, passive, 30.0% of the decisions are wrong")
+    assert "as the beliefs then say" in first
+    assert first.endswith("would repeat the few measuring taps of a class.")
