@@ -8,7 +8,7 @@ from numbers import Integral, Real
 from pathlib import Path
 from typing import Any, TypeGuard
 
-from jinja2 import ChainableUndefined, Environment
+from jinja2 import ChainableUndefined, Environment, FunctionLoader
 
 from ..models.storage import complete_file
 from .figure_style import PNG_DPI
@@ -48,15 +48,20 @@ def render_page(template: str, summary: Mapping[str, Any], figures: Sequence[Map
         summary: What it shows.
         figures: As `write_report`.
     """
-    environment = Environment(autoescape=True, undefined=ChainableUndefined, trim_blocks=True, lstrip_blocks=True)
+    environment = Environment(
+        loader=FunctionLoader(_file),
+        autoescape=True,
+        undefined=ChainableUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
     environment.filters.update(number=number, percent=percent, interval=interval)
     share = _IMAGE_BYTES // max(1, len(figures))
     images = [
         dict(figure) | {"data": image_uri(figure["png"], figure["svg"], share), "width": page_width(figure["png"])}
         for figure in figures
     ]
-    page = environment.from_string(_file(template))
-    return page.render(summary=summary, figures=images, style=_file("page.css"))
+    return environment.get_template(template).render(summary=summary, figures=images, style=_file("page.css"))
 
 
 def _file(name: str) -> str:

@@ -22,7 +22,7 @@ def split_of(**shares: float) -> xr.Dataset:
     share = np.array([shares.get(part, 0.0) for part in PARTS])
     parts = {"": share, "_low": share - 0.1, "_high": share + 0.1, "_sure": share - 0.15}
     data = {f"share{end}": ("part", values) for end, values in parts.items()}
-    return xr.Dataset(data, {"part": list(PARTS)}, {"taps": 7, "classes": 3})
+    return xr.Dataset(data, {"part": list(PARTS)}, {"taps": 7, "classes": 12})
 
 
 def words(axes) -> list[str]:
