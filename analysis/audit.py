@@ -17,11 +17,12 @@ from ..models.taps import TapSet, concatenate
 from .audit_checks import audit_checks, count_replicates
 from .audit_parts import AuditParts
 from .audit_verdict import recommended
-from .causes import SEQUENCE, session_p, split_variance
+from .causes import SEQUENCE, split_variance
 from .components import Components, variance_components
 from .dependence_taxels import taxel_dependence
 from .dependence_times import time_dependence
 from .evidence import evidence
+from .evidence_variance import session_p
 from .guarantees import guarantees
 from .leakage import Leakage, leakage
 from .reliability import reliability

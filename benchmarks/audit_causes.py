@@ -19,8 +19,9 @@ from typing import NamedTuple
 
 from solidtouch.analysis.audit_parts import AuditParts, audit_parts
 from solidtouch.analysis.audit_verdict import calibration, first_cause, recommended
-from solidtouch.analysis.causes import SEQUENCE, session_p, split_variance
+from solidtouch.analysis.causes import SEQUENCE, split_variance
 from solidtouch.analysis.evidence import evidence
+from solidtouch.analysis.evidence_variance import session_p
 from solidtouch.analysis.leakage import leakage
 from solidtouch.analysis.remedies import make_remedies
 from solidtouch.analysis.remedy_scores import measure

@@ -3,8 +3,9 @@
 import numpy as np
 import pytest
 import xarray as xr
-from solidtouch.analysis.causes import CAUSES, SIZES, first_cause, session_p, split_variance
+from solidtouch.analysis.causes import CAUSES, SIZES, first_cause, split_variance
 from solidtouch.analysis.evidence import evidence
+from solidtouch.analysis.evidence_variance import session_p
 from solidtouch.models.histogram import fit
 from solidtouch.models.preprocessing import Preprocessing
 from solidtouch.models.taps import TapSet, concatenate
