@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from scipy.stats import binomtest
 from solidtouch.analysis.dependence_taxels import TESTS, taxel_dependence
 from solidtouch.analysis.dependence_times import time_dependence
+from solidtouch.analysis.figure_study import PowerCurve, power_figure
 from solidtouch.hardware.data_collection import simulate_session
 from solidtouch.hardware.model_rig import draw_taps
 from solidtouch.hardware.presets import preset
@@ -30,6 +31,7 @@ from solidtouch.models.threads import one_blas_thread
 from studies import (
     check_block,
     mean_interval,
+    publish,
     share_interval,
     table,
     thinned,
@@ -54,6 +56,8 @@ KNOBS = {
 """What is turned, and the values; all else is preset `ideal` at spread 0."""
 NOTHING = "none"
 _LEVELS = (*TESTS, "lag 1", "any lag")
+EFFECTS = ("rank correlation", "distance correlation", "information (nats)", "autocorrelation, lag 1")
+"""Effect sizes of the first four of them."""
 
 
 class Outcome(NamedTuple):
@@ -180,6 +184,21 @@ def power_page(found: dict[tuple[str, float], list[Outcome]]) -> str:
     )
 
 
+def power_panels(found: dict[tuple[str, float], list[Outcome]]) -> dict[str, list[PowerCurve]]:
+    """What the figure shows: the curves of three tests across taxels and of lag 1, with the point of no knob."""
+    panels = {}
+    for index, name in enumerate(EFFECTS):
+        panels[name] = []
+        for knob in KNOBS:
+            points = [outcomes for (turned, _), outcomes in found.items() if turned in (knob, NOTHING)]
+            effect, rate = ([column(one, kind, index) for one in points] for kind in ("effect", "found"))
+            ends = [binomtest(int(r.sum()), len(r)).proportion_ci(method="wilson") for r in rate]
+            means = [np.array([values.mean() for values in kind]) for kind in (effect, rate)]
+            low, high = (np.array([getattr(end, side) for end in ends]) for side in ("low", "high"))
+            panels[name].append(PowerCurve(knob, *means, low, high))
+    return panels
+
+
 def main() -> None:
     """Runs the studies as the command line says."""
     parser = argparse.ArgumentParser(description=__doc__)
@@ -212,6 +231,7 @@ def main() -> None:
     if options.document is not None and complete and sum(map(len, power.values())) == repetitions * len(points):
         for name, text in pages.items():
             write_block(options.document, name, text)
+        publish(power_figure(power_panels(power), ALPHA), options.document, "audit-power")
 
 
 if __name__ == "__main__":

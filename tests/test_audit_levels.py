@@ -33,3 +33,16 @@ def test_one_sample_has_no_row_of_time(study):
     page = study.level_page({1: found})
     assert "| 1 | table | 2 |" in page
     assert "lag" not in page.split("| --- |")[1]
+
+
+def test_the_figure_has_a_curve_for_every_knob(study):
+    """Each panel draws the rate at every value of a knob against the effect there, and the point without any."""
+    outcomes = [study.Outcome([0.1] * 3, [1.0, 0.0, 1.0, 0.0, 1.0], [0.0] * 3, [0.2, 0.1, 0.0, 0.3, 1.0, 1.0])] * 2
+    points = [(study.NOTHING, 0.0), *((knob, value) for knob, values in study.KNOBS.items() for value in values)]
+    panels = study.power_panels(dict.fromkeys(points, outcomes))
+    assert list(panels) == list(study.EFFECTS)
+    for curves, rate in zip(panels.values(), (1.0, 0.0, 1.0, 0.0), strict=True):
+        assert [len(curve.rate) for curve in curves] == [1 + len(values) for values in study.KNOBS.values()]
+        assert all((curve.rate == rate).all() and (curve.low <= curve.high).all() for curve in curves)
+    figure = study.power_figure(panels, study.ALPHA)
+    assert len(figure.axes) == len(study.EFFECTS)
