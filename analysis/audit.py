@@ -71,6 +71,7 @@ class Recalibrated(NamedTuple):
         taps: Mean reaction time there.
         before: P(wrong) on the measuring taps at the threshold in use.
         taps_before: Mean reaction time there.
+        tuning: P(wrong) of each tuning session at the threshold in use.
     """
 
     target: float
@@ -81,6 +82,7 @@ class Recalibrated(NamedTuple):
     taps: float
     before: float
     taps_before: float
+    tuning: tuple[float, ...]
 
 
 class Audit(NamedTuple):
@@ -168,6 +170,8 @@ def audit(parts: AuditParts, grid: ClassGrid, settings: AuditSettings, progress:
         times = time_dependence(
             taps.taps[some], stratum[some], permutations=settings.permutations, seed=seed, progress=advance
         )
+        if times["reason"].item():
+            advance(len(np.unique(stratum)))
     with clock.stage("Sampling variance components", 1) as advance:
         where, what = taps.indices(grid)
         components = variance_components(taps.taps, where * grid.M + what, taps.session, seed)
@@ -338,6 +342,7 @@ def _recalibrate(base: Remedy, parts: AuditParts, settings: AuditSettings) -> Re
         taps=float(measured.taps[0, h]),
         before=float(measured.error[0, usual]),
         taps_before=float(measured.taps[0, usual]),
+        tuning=tuple(tuned.error[:, usual].tolist()),
     )
 
 

@@ -84,7 +84,8 @@ def _drawn(audit: Audit, summary: Mapping[str, Any]) -> Iterator[tuple[str, str,
     yield (
         "leakage",
         "What is told without touch",
-        "Accuracy after one tap, from samples before contact, from offsets and from whole taps, beside chance.",
+        "Accuracy after one tap from what there is without touch, from whole taps, and from taps less their level "
+        "before contact, beside chance.",
         figure_audit.leakage(audit.leakage),
     )
     yield (

@@ -51,6 +51,7 @@ def summarise(audit: Audit, settings: AuditSettings, about: Mapping[str, Any]) -
     titles = {remedy.name: remedy.title for remedy in audit.remedies}
     unit = audit.grid.what_error_unit
     sentences = verdict(cause, measured, setting.threshold, titles, unit)
+    sentences[0] += _other_sessions(audit)
     chosen = recommended(measured)
     return _clean(
         {
@@ -124,6 +125,19 @@ def summarise(audit: Audit, settings: AuditSettings, about: Mapping[str, Any]) -
     )
 
 
+def _other_sessions(audit: Audit) -> str:
+    """What the tuning sessions say of errors, where they are others than the measuring one."""
+    errors = audit.recalibrated.tuning
+    if audit.parts.halved or audit.measured.judged.taps is not None:
+        return ""
+    if len(errors) == 1:
+        return (
+            f" In the tuning session it is {errors[0]:.1%}: sessions may differ by more than the interval of one says."
+        )
+    span = f"{min(errors):.1%} to {max(errors):.1%}"
+    return f" In the {len(errors)} tuning sessions it is {span}: sessions may differ by more than the interval of one says."
+
+
 def _leakage(leaks: Leakage) -> dict[str, Any]:
     rows = []
     for quantity in leaks.told["quantity"].values:
@@ -145,12 +159,18 @@ def _leakage(leaks: Leakage) -> dict[str, Any]:
 def _variance(split: xr.Dataset | None, session_p: float) -> dict[str, Any] | None:
     if split is None:
         return None
+    unseen = {"place", "order"} - {split.attrs["covariate"]}
+    if split.attrs["sessions"] < 2:
+        unseen |= {"session", "serial"}
     rows = [
         {
             "name": part,
             "words": PART_WORDS[part],
-            **{f"share{end}": float(split[f"share{end}"].sel(part=part)) for end in ("", "_low", "_high", "_sure")},
-            "ratio": float(split["ratio"].sel(part=part)),
+            **{
+                f"share{end}": None if part in unseen else float(split[f"share{end}"].sel(part=part))
+                for end in ("", "_low", "_high", "_sure")
+            },
+            "ratio": None if part in unseen else float(split["ratio"].sel(part=part)),
         }
         for part in PARTS
     ]

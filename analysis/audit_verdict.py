@@ -12,7 +12,7 @@ from typing import Literal, NamedTuple
 import numpy as np
 import xarray as xr
 
-from .causes import CAUSES, FEWEST_CLASSES
+from .causes import CAUSES, FEWEST_CLASSES, tells
 from .causes import first_cause as largest_cause
 from .leakage import Leakage
 from .remedy_scores import Judged, Measured, Scored
@@ -96,7 +96,9 @@ def first_cause(
         state: How beliefs compare with outcomes.
     """
     if leakage.explained:
-        return Cause(LEAKAGE, next(iter(leakage.sentences)))
+        return Cause(
+            LEAKAGE, f"{next(iter(leakage.sentences))} Recording classes in mixed order comes before any remedy."
+        )
     name = None if split is None else largest_cause(split, _unsupported(split, session_p))
     if name is not None and split is not None:
         return Cause(name, _share_sentence(split, name))
@@ -136,6 +138,10 @@ def _nothing_sentence(split: xr.Dataset | None) -> str:
     if split is None or not split.attrs["classes"]:
         return "There are not enough taps per class, with evidence that varies, to say what makes it vary."
     low, value, high = (float(split[f"sequence_effect{end}"]) for end in ("_low", "", "_high"))
+    if not tells(split):
+        return (
+            "There are not enough taps to say what makes evidence vary: shares of its variance scatter beyond 0 and 1."
+        )
     told = f"{value:.2f} ({low:.2f} to {high:.2f}) times what independent samples would have"
     n = int(split.attrs["taps"])
     if split.attrs["classes"] < FEWEST_CLASSES or (low <= 1 and high > _WIDE):
@@ -176,7 +182,7 @@ def _calibration_sentence(state: Calibration, measured: Measured, theta: float) 
     if value is None or low is None or high is None or judged.wrong is None:
         return f"Whether beliefs are right cannot be told: at threshold {theta:g} no trial stops, or too few do."
     if judged.taps is None:
-        at, when = f"at threshold {theta:g}, {measured.policy}", "at stopping"
+        at, when = f"in the measuring session at threshold {theta:g}, {measured.policy}", "at stopping"
     else:
         at, when = f"after {judged.taps} tap{'s' * (judged.taps > 1)}, passive", "then"
     beginning = {
@@ -202,21 +208,29 @@ def _times(factor: float) -> str:
 def _remedy_sentence(score: Scored, measured: Measured, title: str, unit: str) -> str:
     gain, low, high = score.gain or (np.nan,) * 3
     n = measured.n
+    near = [
+        f"“{one.name}”"
+        for one in ranking(measured)
+        if one.name != score.name and worthwhile(measured, one) and one.gain is not None and one.gain[2] > gain
+    ]
+    close = f" Close to it come {', '.join(near)}." if near else ""
     told = (
         f"The remedy that buys most per tap is “{score.name}” ({title}): {gain / n:.2g} nats of log score per tap "
         f"({low / n:.2g} to {high / n:.2g}, over {n} tap{'s' * (n > 1)})"
     )
+    if measured.judged.taps is not None:
+        return told + "." + close
     if score.error_change is not None and score.error is not None:
         change, c_low, c_high = score.error_change
         told += (
-            f", and an error of {score.error[0]:.3g} {unit} at {measured.taps:.1f} taps, {change:+.2g} "
-            f"({c_low:+.2g} to {c_high:+.2g})"
+            f"; at the {measured.taps:.1f} taps that decisions take as it is, the error changes by {change:+.2g} "
+            f"{unit} ({c_low:+.2g} to {c_high:+.2g}) to {score.error[0]:.3g}"
         )
     if score.taps is not None and score.factor[0] is not None:
         told += f"; at the same threshold it takes {score.taps:.1f} taps, with a factor of {_times(score.factor[0])}"
     if measured.judged.taps is None and score.factor[1] is not None and score.factor[1] > measured.judged.replay:
-        return told + ". Beliefs stay too sure with it."
-    return told + "."
+        return told + ". Beliefs stay too sure with it." + close
+    return told + "." + close
 
 
 def _unneeded_sentence(measured: Measured, titles: Mapping[str, str]) -> str:

@@ -3,7 +3,7 @@
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
-from .report import interval, number
+from .report import factor, interval, number
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -57,7 +57,7 @@ def _remedies(remedy: Mapping[str, Any], unit: str) -> Any:
             row["name"] + (" (chosen)" if row["name"] == remedy["chosen"] else ""),
             _triple(row["gain_per_tap"]),
             _triple(row["error_change"]),
-            _triple(row["factor"]),
+            factor(row["factor"]),
             {True: "yes", False: "no"}.get(row.get("worthwhile"), ""),
         )
     return table

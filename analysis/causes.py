@@ -60,6 +60,7 @@ LEAST_SHARE = 0.05
 """Share of the variance below which a cause is not named."""
 FEWEST_CLASSES = 4
 """Classes below which resampling them says nothing sure: with two, one data set in six names a cause where none is."""
+_FAR = 1.5  # a share beyond which an interval says that shares are not known
 _SURE = 0.99  # of the intervals by which a cause is named: there are seven causes
 _RESAMPLES = 400
 _WITHIN = ("gain", "timing", "common", "noise")  # causes that act within a tap
@@ -119,6 +120,13 @@ def split_variance(
     return _dataset(results, **attributes)
 
 
+def tells(split: xr.Dataset) -> bool:
+    """Whether shares are known well enough to name a cause: no interval of a sure one reaches far beyond the whole."""
+    causes = split.sel(part=list(CAUSES))
+    sure = causes["share_sure"].values > 0
+    return not bool((causes["share_high"].values[sure] > _FAR).any())
+
+
 def first_cause(split: xr.Dataset, without: Sequence[str] = (), least_share: float = LEAST_SHARE) -> str | None:
     """The cause with the largest share of the variance, of those that are surely there; `None` where none is.
 
@@ -129,6 +137,8 @@ def first_cause(split: xr.Dataset, without: Sequence[str] = (), least_share: flo
         without: Causes that other tests do not support.
         least_share: Share below which a cause does not matter.
     """
+    if not tells(split):
+        return None
     few = split.attrs["classes"] < FEWEST_CLASSES
     names = [name for name in CAUSES if name not in without and (name == "session" or not few)]
     if not names:

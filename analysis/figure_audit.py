@@ -32,6 +32,7 @@ _QUANTITIES = {"what": "object", "where": "position", "joint": "object and posit
 _TOUCHES = ("whole taps", "tared taps")
 _TAXEL_TICKS = 9
 _LEAST_REACH = {"rank": 0.1, "distance": 0.1, "table": 0.02}  # of colours, so that chance looks pale
+_MOST_FACTOR = 1000.0  # beyond which the size of a factor says nothing
 _SPARED = "0.9"
 _BAR_COLOURS = {"first": DECIDED, "there": TRUE, "perhaps": "#b3d4e8", "other": OTHERS}
 _WRAP = 26  # characters
@@ -263,6 +264,7 @@ def plot_factors(axes: Axes, values: Sequence[Interval]) -> Axes:
     axes.axvline(1, color="grey", linewidth=0.8, linestyle=":")
     numbers = np.array([_numbers(value) for value in values])
     least, most = _reach(numbers)
+    most = min(most, _MOST_FACTOR)
     for i, (value, low, high) in enumerate(numbers):
         if not np.isfinite(value):
             axes.annotate("no decision", (1, i), xytext=(4, 0), textcoords="offset points", va="center", color="grey")

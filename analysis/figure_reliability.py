@@ -89,7 +89,7 @@ def guarantee_factors(data: xr.Dataset) -> Figure:
     for panel, letter, policy in zip(axes[0], "AB", shown, strict=False):
         plot_promises(panel, data.sel(policy=policy))
         label_panel(panel, letter if len(shown) > 1 else "", policy)
-    axes[0, 0].set_ylabel("wrong decisions over what is promised")
+    axes[0, 0].set_ylabel("wrong over promised")
     _key(figure, axes[0, 0])
     return figure
 

@@ -234,7 +234,8 @@ def _sources(train: TapSet, test: TapSet, lead: Lead) -> dict[str, tuple[TapSet,
 def with_samples(taps: TapSet, samples: NDArray[np.floating]) -> TapSet:
     """Taps of the same labels with other samples, shape (N, any number, K)."""
     J = samples.shape[1]
-    record = replace(taps.preprocessing, samples=J)
+    # What started a tap says nothing of a part of it.
+    record = replace(taps.preprocessing, samples=J, pre_samples=0)
     dataset = taps.dataset.drop_dims("sample").assign(taps=(("tap", "sample", "taxel"), samples))
     dataset = dataset.assign_coords(time=("sample", np.arange(J) / (record.rate_hz or 1.0)))
     return TapSet(dataset.assign_attrs(preprocessing=record.to_json()))

@@ -46,6 +46,7 @@ class Scored(NamedTuple):
         where_error_change: Change of the position error likewise.
         taps: Mean reaction time at its own threshold.
         factor: Miscalibration of decisions at the threshold.
+        stopped: Fraction of trials that cross it before the deadline.
     """
 
     name: str
@@ -57,6 +58,7 @@ class Scored(NamedTuple):
     where_error_change: tuple[float, float, float] | None
     taps: float | None
     factor: tuple[float | None, float | None, float | None]
+    stopped: float | None = None
 
 
 class Judged(NamedTuple):
@@ -150,6 +152,7 @@ def measure(
                 None if remedy is base else _triple(errors, "where_error_difference"),
                 found["all trials"]["taps"][0],
                 tuple(found["factor"]),
+                found["stopped"],
             )
         )
         advance(1)

@@ -15,6 +15,7 @@ from .figure_style import PNG_DPI
 
 _IMAGE_BYTES = 4_000_000  # of all figures together; base64 adds a third
 _MISSING = "–"
+_MOST_FACTOR = 99.0
 
 
 def write_report(folder: str | Path, summary: Mapping[str, Any], figures: Sequence[Mapping[str, Any]]) -> Path:
@@ -55,7 +56,7 @@ def render_page(template: str, summary: Mapping[str, Any], figures: Sequence[Map
         trim_blocks=True,
         lstrip_blocks=True,
     )
-    environment.filters.update(number=number, percent=percent, interval=interval)
+    environment.filters.update(number=number, percent=percent, interval=interval, factor=factor)
     share = _IMAGE_BYTES // max(1, len(figures))
     images = [
         dict(figure) | {"data": image_uri(figure["png"], figure["svg"], share), "width": page_width(figure["png"])}
@@ -116,6 +117,18 @@ def interval(row: Mapping[str, Any], name: str) -> str:
     digits = min(max(-math.floor(math.log10(half / 30)), 0), 4) if half > 0 else 3
     value, low, high = (round(number, digits) + 0.0 for number in (value, low, high))  # no negative zero
     return f"{value:.{digits}f} [{low:.{digits}f}, {high:.{digits}f}]"
+
+
+def factor(values: Sequence[float | None] | None) -> str:
+    """A factor with the ends of its interval, capped where size says nothing.
+
+    >>> factor((1.234, 0.5, 14461493.0)), factor((None, None, None))
+    ('1.2 [0.5, >99]', '–')
+    """
+    if not values or not _is_number(values[0]):
+        return _MISSING
+    value, low, high = (">99" if _is_number(v) and v > _MOST_FACTOR else number(v, 2) for v in values)
+    return f"{value} [{low}, {high}]"
 
 
 def _is_number(value: Any) -> TypeGuard[float]:

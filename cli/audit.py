@@ -31,7 +31,11 @@ def audit(
     out: Annotated[Path | None, Option(help="Folder for the results; default runs/<date-time>-audit.")] = None,
     target_error: Annotated[
         float | None,
-        Option("--target-error", metavar="P", help="Tune a threshold for this P(wrong), on five files or more."),
+        Option(
+            "--target-error",
+            metavar="P",
+            help="Tune a threshold for this P(wrong); needs five tuning files, seven in all.",
+        ),
     ] = None,
     where_cell: WhereCell = None,
     what_cell: WhatCell = None,

@@ -16,6 +16,7 @@ import numpy as np
 
 from .classes import parse_length
 from .errors import InputError
+from .histogram import HistogramModel
 from .model import TapModel
 from .power import likelihood_exponent
 from .storage import complete_file
@@ -88,7 +89,7 @@ class Setting:
             setting_path: That of the setting.
 
         Raises:
-            InputError: Its name, power, saturation, number of bins or width of where cells differs.
+            InputError: Its name, power, saturation, bins, pseudocount or width of where cells differs.
         """
         ours: dict[str, str | float] = {
             "model": "session" if self.model == "session:histogram" else self.model,
@@ -102,6 +103,9 @@ class Setting:
             "saturation": model.saturation,
             "bins": model.edges.shape[-1] - 1,
         }
+        if isinstance(model, HistogramModel):
+            ours["pseudocount"], theirs["pseudocount"] = self.pseudocount, model.pseudocount
+        ours["value_range"], theirs["value_range"] = self.value_range, ("global", "taxel")[model.edges.ndim - 1]
         edges = model.grid.where_edges
         if self.where_cell is not None and edges is not None:
             ours["where_cell"] = parse_length(self.where_cell, model.grid.where_unit, "where_cell")

@@ -73,15 +73,30 @@ def check_netcdf_name(path: str | Path) -> None:
         raise InputError(f"{path} must end in .nc, the format that it is written in.")
 
 
+def _holds_folders(folder: Path) -> bool:
+    """Whether a folder can be made in this one; rights alone do not tell where a kernel makes the files."""
+    try:
+        with tempfile.TemporaryDirectory(dir=folder):
+            return True
+    except OSError:
+        return False
+
+
 def check_folder(path: str | Path, force: bool = False) -> Path:
     """The path, if a folder of results may be written there.
 
     Raises:
-        InputError: It is a file, or a folder that is not empty while `force` is not set.
+        InputError: It is a file or lies in one, may not be written, or is a folder that is not empty while `force` is
+            not set.
     """
     path = Path(path)
     if path.exists() and not path.is_dir():
         raise InputError(f"{path} is a file, a folder is needed.")
+    there = next(parent for parent in (path.absolute(), *path.absolute().parents) if parent.exists())
+    if not there.is_dir():
+        raise InputError(f"{path} cannot be made: {there} is a file.")
+    if not os.access(there, os.W_OK | os.X_OK) or not _holds_folders(there):
+        raise InputError(f"{path} cannot be made: {there} cannot be written.")
     if path.is_dir() and any(path.iterdir()) and not force:
         raise InputError(f"{path} exists already; --force overwrites the files in it.")
     return path

@@ -139,7 +139,7 @@ def test_folders_that_hold_something_are_refused(tmp_path):
 def test_folders_that_cannot_be_made_are_refused(tmp_path):
     """A file stands where the folder above should be."""
     (tmp_path / "a").touch()
-    with pytest.raises(InputError, match="cannot be written"), complete_folder(tmp_path / "a" / "b"):
+    with pytest.raises(InputError, match="cannot be made"), complete_folder(tmp_path / "a" / "b"):
         pytest.fail("the block is entered")
 
 
