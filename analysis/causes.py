@@ -121,7 +121,7 @@ def split_variance(
 
 
 def tells(split: xr.Dataset) -> bool:
-    """Whether shares are known well enough to name a cause: no interval of a sure one reaches far beyond the whole."""
+    """Whether shares are known well enough to name a cause: no interval of a sure one goes far beyond the whole."""
     causes = split.sel(part=list(CAUSES))
     sure = causes["share_sure"].values > 0
     return not bool((causes["share_high"].values[sure] > _FAR).any())
