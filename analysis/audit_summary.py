@@ -130,12 +130,9 @@ def _other_sessions(audit: Audit) -> str:
     errors = audit.recalibrated.tuning
     if audit.parts.halved or audit.measured.judged.taps is not None:
         return ""
-    if len(errors) == 1:
-        return (
-            f" In the tuning session it is {errors[0]:.1%}: sessions may differ by more than the interval of one says."
-        )
-    span = f"{min(errors):.1%} to {max(errors):.1%}"
-    return f" In the {len(errors)} tuning sessions it is {span}: sessions may differ by more than the interval of one says."
+    span = f"{min(errors):.1%}" + f" to {max(errors):.1%}" * (len(errors) > 1)
+    who = "the tuning session" if len(errors) == 1 else f"the {len(errors)} tuning sessions"
+    return f" In {who} it is {span}: sessions may differ by more than the interval of one says."
 
 
 def _leakage(leaks: Leakage) -> dict[str, Any]:
