@@ -108,7 +108,7 @@ def test_numbers_belong_together(three):
     """Shares add up to one, the verdict names the first cause and the remedy of their own keys, remedies are ranked."""
     summary = three.summary
     parts = summary["first_cause"]["evidence"]["variance"]["parts"]
-    assert sum(part["share"] for part in parts) == pytest.approx(1)
+    assert sum(part["share"] or 0.0 for part in parts) == pytest.approx(1)
     assert summary["verdict"]["evidence"]["first_cause"] == summary["first_cause"]["name"]
     assert summary["verdict"]["evidence"]["remedy"] == summary["remedy"]["chosen"]
     assert summary["verdict"]["state"] == summary["miscalibration"]["state"]
