@@ -312,6 +312,11 @@ def _promises(base: Remedy, taps: TapSet, grid: ClassGrid, settings: AuditSettin
     )
 
 
+def _theta_x(setting: Setting) -> float:
+    """The threshold for a move, 1 where there are none."""
+    return 1.0 if setting.passive else setting.theta_x
+
+
 def _recalibrate(base: Remedy, parts: AuditParts, settings: AuditSettings) -> Recalibrated:
     setting = settings.setting
     tuned, measured = (
@@ -325,7 +330,7 @@ def _recalibrate(base: Remedy, parts: AuditParts, settings: AuditSettings) -> Re
             border=setting.border,
             deadline=setting.deadline,
             fixation=setting.fixation,
-            theta_x=setting.theta_x,
+            theta_x=_theta_x(setting),
         )[0]
         for sessions in (parts.tune, [parts.measure])
     )
@@ -362,6 +367,6 @@ def _tune_threshold(
         border=setting.border,
         deadline=setting.deadline,
         fixation=setting.fixation,
-        theta_x=setting.theta_x,
+        theta_x=_theta_x(setting),
         default=setting.threshold,
     )

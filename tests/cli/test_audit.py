@@ -170,6 +170,17 @@ def test_results_repeat_with_the_seed(three, files, tmp_path):
 
 
 @pytest.mark.slow
+def test_passive_audits_tune_passive_thresholds(files, tmp_path):
+    """Neither the judged trials nor those that tune a threshold move."""
+    done = audited(tmp_path / "audit", *files, "--target-error", "0.3", "--passive")
+    assert done.code == 0, done.err
+    evidence = done.summary["remedy"]["evidence"]
+    assert evidence["policy"] == "passive"
+    assert evidence["target_error"]["policy"] == "passive"
+    assert load_setting(done.folder / "setting.json").passive
+
+
+@pytest.mark.slow
 def test_a_threshold_for_a_wanted_error_comes_with_its_prediction(files, tmp_path):
     """Five sessions tune it; the setting has it where it can be reached."""
     done = audited(tmp_path / "audit", *files, "--target-error", "0.3")
