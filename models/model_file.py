@@ -27,6 +27,7 @@ from numpy.typing import NDArray
 from .classes import ClassGrid
 from .convergence import Convergence
 from .errors import InputError
+from .exported_reader import load_exported
 from .histogram import HistogramModel
 from .model import TapModel
 from .novelty import NoveltyScores
@@ -92,8 +93,10 @@ def save_model(
         convergence: How the fit ended, likewise.
 
     Raises:
-        InputError: The file cannot be written, or exists and `force` is not set.
+        InputError: The file cannot be written, or exists and `force` is not set, or the model is none of the catalogue.
     """
+    if model.kind not in DIMS:
+        raise InputError(f"{path} cannot be written: netCDF files hold fitted models, and not given tables.")
     groups = {"/": xr.Dataset(attrs=_attributes(model, convergence)), "constant_data": _constant_data(model)}
     dims = DIMS[model.kind]
     coords = _coords(model.grid)
@@ -112,11 +115,13 @@ def save_model(
 
 
 def load_model(path: str | Path) -> TapModel:
-    """The fitted model in a file.
+    """The fitted model in a file; one whose name ends in `.json` is an exported one.
 
     Raises:
         InputError: The file is missing, damaged, or no fitted model.
     """
+    if Path(path).suffix.lower() == ".json":
+        return load_exported(path)
     attributes, data, parameters = _read(Path(path))
     try:
         model = _model(attributes, data, parameters)

@@ -10,13 +10,14 @@ import sys
 from collections.abc import Callable
 from dataclasses import asdict, dataclass, fields
 from pathlib import Path
-from typing import Any, Literal, cast, get_args
+from typing import Any, Literal, get_args
 
 import numpy as np
 
 from .classes import parse_length
 from .errors import InputError
 from .histogram import HistogramModel
+from .json_object import read_object
 from .model import TapModel
 from .power import likelihood_exponent
 from .storage import complete_file
@@ -143,7 +144,7 @@ def load_setting(path: str | Path) -> Setting:
         InputError: The file is missing or no setting, a key is missing or unknown, or a value is wrong; the message
             names the file and the key.
     """
-    values = _object(Path(path))
+    values = read_object(path, "setting")
     if values.pop("format", None) != FORMAT:
         raise InputError(f"{path} is no setting: its key format is not {FORMAT}.")
     names = [field.name for field in fields(Setting)]
@@ -157,30 +158,6 @@ def load_setting(path: str | Path) -> Setting:
         return Setting(**values)
     except InputError as error:
         raise InputError(f"{path}: {error}") from error
-
-
-def _object(path: Path) -> dict[str, Any]:
-    if not path.exists():
-        raise InputError(f"{path} does not exist.")
-    try:
-        values = json.loads(path.read_text(encoding="utf-8"), object_pairs_hook=_once)
-    except OSError as error:
-        raise InputError(f"{path} cannot be read: {error.strerror}.") from error
-    except InputError as error:
-        raise InputError(f"{path} has {error}") from error
-    except (ValueError, RecursionError) as error:
-        raise InputError(f"{path} is no setting: it is not JSON.") from error
-    if not isinstance(values, dict):
-        raise InputError(f"{path} is no setting: it holds no JSON object.")
-    return cast("dict[str, Any]", values)
-
-
-def _once(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
-    names = [name for name, _ in pairs]
-    for name in names:
-        if names.count(name) > 1:
-            raise InputError(f"the key {name} twice.")
-    return dict(pairs)
 
 
 def _printed(value: Any) -> str:
