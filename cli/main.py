@@ -13,8 +13,10 @@ from .audit import audit
 from .checks import crosscheck
 from .collect import collect
 from .compare import compare
+from .conformance import app as conformance
 from .data import convert, inspect
 from .emulate import emulate
+from .export_model import export_model
 from .fit import fit
 from .interrupt import INTERRUPTED, MESSAGE, TERMINATED
 from .perceive import perceive
@@ -48,7 +50,9 @@ _COMMANDS = (
 )
 for command in _COMMANDS:
     app.command()(command)
+app.command(name="export-model")(export_model)
 app.add_typer(rig, name="rig")
+app.add_typer(conformance, name="conformance")
 
 
 def _print_version(wanted: bool) -> None:

@@ -1,0 +1,1 @@
+"""The conformance kit: cases with exact answers, for programs in any language."""

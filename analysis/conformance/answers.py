@@ -1,0 +1,145 @@
+"""What a program answers to a tap, and lines of answers read with suspicion."""
+
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .case import Case
+
+ZERO_EVIDENCE = "zero_evidence"
+FIT = ("edges", "counts")
+LOGS = ("log_likelihood", "log_posterior")
+"""Arrays that may hold minus infinity."""
+ARRAYS = ("log_likelihood", "posterior", "log_posterior", "where", "what")
+QUANTITIES = (
+    *FIT,
+    "log_likelihood",
+    "log_evidence",
+    "posterior",
+    "log_posterior",
+    "where",
+    "what",
+    "decisions",
+    "move",
+)
+"""In the order in which one follows from those before."""
+OPTIONAL = ("log_posterior",)
+_MOST = 1e15  # whole numbers below it are doubles
+
+
+class BadAnswerError(ValueError):
+    """A line is no answer; the message says why."""
+
+
+@dataclass(frozen=True)
+class Answer:
+    """One line of answers.
+
+    Attributes:
+        tap: Which tap; 0 for the fitted tables.
+        values: Arrays, numbers and choices by quantity; a decision of -1 is none.
+        error: `"zero_evidence"` in place of values.
+    """
+
+    tap: int
+    values: Mapping[str, Any] = field(default_factory=dict)
+    error: str | None = None
+
+    def line(self, case: str) -> dict[str, Any]:
+        """As a program writes it; minus infinity and no decision are `None`."""
+        start: dict[str, Any] = {"case": case, "tap": self.tap}
+        if self.error is not None:
+            return start | {"error": self.error}
+        return start | {name: _plain(name, self.values[name]) for name in QUANTITIES if name in self.values}
+
+
+def _plain(name: str, value: Any) -> Any:
+    if name == "decisions":
+        return [None if m < 0 else int(m) for m in value]
+    if isinstance(value, np.ndarray):
+        return _without_infinity(value.tolist())
+    return int(value) if name == "move" else float(value)
+
+
+def _without_infinity(values: Any) -> Any:
+    if isinstance(values, list):
+        return [_without_infinity(value) for value in values]
+    return None if values == -np.inf else values
+
+
+def parse_answer(line: str, case: Case) -> Answer:
+    """The answer in a line.
+
+    Raises:
+        BadAnswerError: It is none.
+    """
+    try:
+        fields = json.loads(line, parse_constant=_refuse)
+    except ValueError:
+        raise BadAnswerError(f"is no JSON: {_shown(line)}") from None
+    if not isinstance(fields, dict):
+        raise BadAnswerError(f"is no JSON object: {_shown(line)}")
+    if fields.get("case") != case.name:
+        raise BadAnswerError(f"is about case {fields.get('case')!r}")
+    tap = fields.get("tap")
+    if not isinstance(tap, int) or isinstance(tap, bool):
+        raise BadAnswerError(f"has no tap number: {_shown(line)}")
+    if "error" in fields:
+        return Answer(tap, error=str(fields["error"]))
+    values = {name: _value(name, fields[name], case) for name in QUANTITIES if name in fields}
+    return Answer(tap, values)
+
+
+def _value(name: str, value: Any, case: Case) -> Any:
+    if name == "move":
+        return _whole(name, value)
+    if name == "decisions":
+        if not isinstance(value, list) or len(value) != len(case.thresholds):
+            raise BadAnswerError(
+                f"has decisions {_shown(value)}, one for each of {len(case.thresholds)} thresholds is due"
+            )
+        return np.array([-1 if m is None else _whole(name, m) for m in value], dtype=np.int64)
+    if name == "log_evidence":
+        return float(_numbers(name, value, (), empty=True))
+    return _numbers(name, value, _shape(name, case), empty=name in LOGS)
+
+
+def _refuse(constant: str) -> Any:
+    raise ValueError(constant)
+
+
+def _whole(name: str, value: Any) -> int:
+    number = isinstance(value, int | float) and not isinstance(value, bool)
+    if not number or not abs(value) < _MOST or value != int(value):
+        raise BadAnswerError(f"has {name} {_shown(value)}, which is no whole number")
+    return int(value)
+
+
+def _numbers(name: str, value: Any, shape: tuple[int, ...], empty: bool) -> NDArray[np.float64]:
+    """An array in which null stands for minus infinity, if it may."""
+    try:
+        array = np.array(value, dtype=np.float64)  # null becomes NaN
+    except (TypeError, ValueError, OverflowError):
+        raise BadAnswerError(f"has {name} {_shown(value)}, numbers of shape {list(shape)} are due") from None
+    if array.shape != shape and not (name == "edges" and array.ndim == 2):  # one range per taxel is a usual mistake
+        raise BadAnswerError(f"has {name} of shape {list(array.shape)}, {list(shape)} is due")
+    if empty:
+        return np.where(np.isnan(array), -np.inf, array)
+    if np.isnan(array).any():
+        raise BadAnswerError(f"has null or NaN in {name}")
+    return array
+
+
+def _shape(name: str, case: Case) -> tuple[int, ...]:
+    L, M, K, _, B = case.sizes.values()
+    shapes = {"where": (L,), "what": (M,), "edges": (B + 1,), "counts": (L, M, K, B)}
+    return shapes.get(name, (L, M))
+
+
+def _shown(value: Any) -> str:
+    text = str(value).strip()
+    return repr(text if len(text) <= 60 else f"{text[:57]}...")

@@ -1,0 +1,145 @@
+"""A conformance case: a model, taps and moves as plain numbers, and the lines that a program reads.
+
+The format is documented in docs/conformance/README.md. Numbers are doubles, indices count from 0.
+"""
+
+import json
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...inference.reference import Border, Power
+
+FORMAT = 1
+
+
+class Training(NamedTuple):
+    """Taps from which a program finds edges and counts itself.
+
+    Attributes:
+        taps: Shape (N, J, K).
+        where: Where class of each, shape (N,).
+        what: What class of each, shape (N,).
+    """
+
+    taps: NDArray[np.float64]
+    where: NDArray[np.intp]
+    what: NDArray[np.intp]
+
+
+@dataclass(frozen=True, eq=False)
+class Case:
+    """What a program is given.
+
+    Exactly one of `counts`, `probabilities` and `training` is there, and `edges` go with the first two.
+
+    Attributes:
+        name: Of the case.
+        about: What it tests, in a sentence.
+        equations: Of the paper, that it is mainly about.
+        prior: Belief before the first tap, shape (L, M).
+        taps: Samples, shape (T, J, K).
+        moves: Where classes moved before each tap, the first 0, shape (T,).
+        bins: B.
+        edges: Bin edges, shape (B + 1,) or (K, B + 1).
+        counts: Histograms, shape (L, M, K, B).
+        probabilities: Tables to be used as they are, likewise.
+        training: Taps to fit.
+        pseudocount: Added to every bin.
+        power: Root of Eq. 1.
+        border: Reading of Eq. 9.
+        thresholds: theta_W, H of them.
+        theta_x: Threshold for a move.
+        fixation: Where class to move to.
+        where_value: Of the where classes, default their numbers.
+        answered: Taps with an expected answer, counted from 1; none for all.
+        strict_ties: Whether equal beliefs are equal in any arithmetic, so that the lowest index is the one answer.
+    """
+
+    name: str
+    about: str
+    equations: tuple[int, ...]
+    prior: NDArray[np.float64]
+    taps: NDArray[np.float64]
+    moves: NDArray[np.intp]
+    bins: int
+    edges: NDArray[np.float64] | None = None
+    counts: NDArray[np.int64] | None = None
+    probabilities: NDArray[np.float64] | None = None
+    training: Training | None = None
+    pseudocount: float = 0.01
+    power: Power = "J"
+    border: Border = "uniform"
+    thresholds: tuple[float, ...] = (0.5, 0.95)
+    theta_x: float = 0.0
+    fixation: int = 0
+    where_value: tuple[float, ...] = ()
+    answered: tuple[int, ...] = ()
+    strict_ties: bool = False
+
+    @property
+    def sizes(self) -> dict[str, int]:
+        """L, M, K, J and B."""
+        L, M = self.prior.shape
+        _, J, K = self.taps.shape
+        return {"L": L, "M": M, "K": K, "J": J, "B": self.bins}
+
+    @property
+    def places(self) -> tuple[float, ...]:
+        """Value of each where class."""
+        return self.where_value or tuple(float(l) for l in range(len(self.prior)))
+
+    @property
+    def objects(self) -> tuple[str, ...]:
+        """Name of each what class."""
+        return tuple(f"object {m}" for m in range(self.prior.shape[1]))
+
+    def header(self) -> dict[str, Any]:
+        """The first line that a program reads."""
+        tables: dict[str, Any] = {}
+        if self.edges is not None:
+            tables["edges"] = self.edges.tolist()
+        if self.counts is not None:
+            tables |= {"counts": self.counts.tolist(), "pseudocount": self.pseudocount}
+        if self.probabilities is not None:
+            tables["probabilities"] = self.probabilities.tolist()
+        if self.training is not None:
+            training = {name: part.tolist() for name, part in self.training._asdict().items()}
+            tables |= {"training": training, "pseudocount": self.pseudocount}
+        return {
+            "format": FORMAT,
+            "case": self.name,
+            **self.sizes,
+            "where_value": list(self.places),
+            "where_unit": "mm",
+            "what_name": list(self.objects),
+            **tables,
+            "prior": self.prior.tolist(),
+            "power": self.power,
+            "border": self.border,
+            "thresholds": list(self.thresholds),
+            "theta_x": self.theta_x,
+            "fixation": self.fixation,
+        }
+
+    def tap_lines(self) -> Iterator[dict[str, Any]]:
+        """The lines behind the first."""
+        for t, (tap, move) in enumerate(zip(self.taps, self.moves, strict=True)):
+            yield {"tap": t + 1, "move": int(move), "samples": tap.tolist()}
+
+    def lines(self) -> Iterator[str]:
+        """All that a program reads, line by line."""
+        for line in (self.header(), *self.tap_lines()):
+            yield to_line(line)
+
+    def expects(self, tap: int) -> bool:
+        """Whether the answer to a tap is compared; tap 0 is the fit."""
+        return not self.answered or tap in self.answered or tap == 0
+
+
+def to_line(fields: dict[str, Any]) -> str:
+    """One object as a line; Python writes a double with the fewest digits, at most 17, that give it back."""
+    return json.dumps(fields, allow_nan=False, separators=(",", ":"), ensure_ascii=False)

@@ -1,0 +1,70 @@
+"""Which usual mistake a program has made, from all the cases that it got wrong.
+
+A mistake that explains one case may explain many; the likeliest cause of a case is the one that explains most.
+"""
+
+from collections import Counter
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+
+from .case import Case
+from .catalogue import catalogue, expected
+from .mistakes import MISTAKES, Mistake, explains
+from .tolerance import Precision, tolerances
+from .verdict import Verdict
+
+_CHEAP = 20_000  # steps of a case for which every mistake is tried
+
+
+def with_causes(
+    verdicts: Sequence[Verdict],
+    precision: Precision,
+    without: Sequence[str] = (),
+    told: Callable[[int], None] = lambda _: None,
+) -> list[Verdict]:
+    """The same verdicts with the likeliest cause of each.
+
+    In large cases those mistakes are tried first that explain small ones, and no other if one does.
+
+    Args:
+        verdicts: Of one program.
+        precision: Of its numbers.
+        without: Quantities that are not compared.
+        told: Told of each verdict that is done.
+    """
+    cases = catalogue()
+    wrong = sorted((v for v in verdicts if v.quantity), key=lambda v: _steps(cases[v.case], v))
+    causes: dict[str, set[str]] = {}
+    counts: Counter[str] = Counter()
+    for verdict in wrong:
+        ranked = sorted(MISTAKES, key=lambda mistake: -counts[mistake.name])
+        every = _steps(cases[verdict.case], verdict) <= _CHEAP
+        causes[verdict.case] = _causes(cases[verdict.case], verdict, ranked, every, precision, without)
+        counts.update(causes[verdict.case])
+        told(1)
+    order = [mistake.name for mistake in MISTAKES]
+
+    def likeliest(verdict: Verdict) -> str:
+        names = causes.get(verdict.case, set())
+        return min(names, key=lambda name: (-counts[name], order.index(name)), default=verdict.cause)
+
+    return [replace(verdict, cause=likeliest(verdict)) for verdict in verdicts]
+
+
+def _steps(case: Case, verdict: Verdict) -> int:
+    """About how many multiplications lead to the tap that is wrong."""
+    L, M, K, J, _ = case.sizes.values()
+    return L * M * (J * K + 10) * max(verdict.tap or 1, 1)
+
+
+def _causes(
+    case: Case, verdict: Verdict, ranked: Sequence[Mistake], every: bool, precision: Precision, without: Sequence[str]
+) -> set[str]:
+    allowed = tolerances(case, expected(case), precision)
+    found: set[str] = set()
+    for mistake in ranked:
+        if explains(mistake, case, verdict.answers, verdict.found, allowed, without):
+            found.add(mistake.name)
+            if not every:
+                break
+    return found

@@ -1,0 +1,231 @@
+"""The answers to a case in 60-digit arithmetic, straight from the paper's equations.
+
+It shares no code with the reference and the engines. Numbers of this arithmetic have no smallest one, so beliefs are
+plain probabilities, whatever their size. Every step is a method, so that a usual mistake is a class in which one step
+is another, see `mistakes`.
+"""
+
+from bisect import bisect_right
+from collections import Counter
+from collections.abc import Iterator
+from functools import cached_property, lru_cache
+from typing import Any
+
+import mpmath
+import numpy as np
+from numpy.typing import NDArray
+
+from .answers import ZERO_EVIDENCE, Answer
+from .case import Case
+
+DIGITS = 60
+MP: Any = mpmath.MPContext()  # mpmath has types for some things only
+MP.dps = DIGITS
+_SAME = MP.mpf(10) ** -50  # beliefs that differ by less, in proportion, are equal but for the rounding here
+
+type Number = Any
+type Matrix = list[list[Number]]
+
+
+@lru_cache(maxsize=1 << 14)
+def _log(probability: Number) -> Number:
+    """The logarithm; histograms of counts hold few different probabilities, each many times."""
+    return MP.log(probability) if probability > 0 else MP.ninf
+
+
+class NoEvidence(ArithmeticError):
+    """A tap is impossible under every class."""
+
+
+class Exact:
+    """The equations, one method each.
+
+    Args:
+        case: What is given.
+    """
+
+    def __init__(self, case: Case) -> None:
+        self.case = case
+        self.L, self.M, self.K, self.J, self.B = case.sizes.values()
+        self.prior: Matrix = [[MP.mpf(p) for p in row] for row in case.prior.tolist()]
+
+    def answers(self) -> Iterator[Answer]:
+        """One answer after the other; it ends with a tap that is impossible."""
+        if self.case.training is not None:
+            yield Answer(0, {"edges": self.edges_told(), "counts": np.array(self.counts, dtype=np.float64)})
+        belief = self.prior
+        for t, (tap, move) in enumerate(zip(self.case.taps.tolist(), self.case.moves.tolist(), strict=True)):
+            log_likelihood = self.log_likelihood(tap)
+            try:
+                before = self.shift(belief, move) if t else belief
+                belief, log_evidence = self.update(before, log_likelihood)
+            except NoEvidence:
+                yield Answer(t + 1, error=ZERO_EVIDENCE)
+                return
+            seen = self.seen(before, belief)
+            where, what = self.where_marginal(seen), self.what_marginal(seen)
+            if self.case.expects(t + 1):
+                values = {
+                    "log_likelihood": _floats(log_likelihood),
+                    "log_evidence": float(log_evidence),
+                    "posterior": _floats(belief),
+                    "log_posterior": np.array([[float(_log(p)) for p in row] for row in belief]),
+                    "where": _floats(where),
+                    "what": _floats(what),
+                    "decisions": np.array([self.decide(seen, what, theta) for theta in self.case.thresholds]),
+                    "move": self.own_move(seen, where),
+                }
+                yield Answer(t + 1, values)
+
+    @cached_property
+    def edges(self) -> Matrix:
+        """Bin edges of each taxel."""
+        if self.case.training is not None:
+            return [self.range_edges(self.case.training.taps.ravel().tolist())] * self.K
+        return np.broadcast_to(np.asarray(self.case.edges), (self.K, self.B + 1)).tolist()
+
+    def range_edges(self, samples: list[float]) -> list[Number]:
+        """B bins of equal width over the range of the samples."""
+        low, high = MP.mpf(min(samples)), MP.mpf(max(samples))
+        return [low + (high - low) * b / self.B for b in range(self.B + 1)]
+
+    @cached_property
+    def counts(self) -> list[Any]:
+        """h_k(b) of every class, [L][M][K][B]."""
+        training = self.case.training
+        if training is None:
+            return [] if self.case.counts is None else self.case.counts.tolist()
+        counts = np.zeros((self.L, self.M, self.K, self.B), dtype=np.int64)
+        for tap, l, m in zip(training.taps.tolist(), training.where.tolist(), training.what.tolist(), strict=True):
+            for sample in tap:
+                for k, value in enumerate(sample):
+                    counts[l, m, k, self.bin(value, k)] += 1
+        return counts.tolist()
+
+    def bin(self, sample: float, k: int) -> int | None:
+        """The bin of a sample; half-open, the last one closed, values outside go to the end bins."""
+        return bisect_right(self.edges[k], sample, 1, self.B) - 1
+
+    def log_probability(self, l: int, m: int, k: int, b: int) -> Number:
+        """Log P_k(b | l, m)."""
+        if self.case.probabilities is not None:
+            return _log(MP.mpf(float(self.case.probabilities[l, m, k, b])))
+        return _log(self.probability(self.counts[l][m][k], b))
+
+    def probability(self, counts: list[int], b: int) -> Number:
+        """Eq. 2 for one bin of a histogram."""
+        pseudocount = MP.mpf(self.case.pseudocount)
+        return (counts[b] + pseudocount) / (sum(counts) + pseudocount * len(counts))
+
+    @property
+    def exponent(self) -> Number:
+        """The root of Eq. 1."""
+        named = {"J": MP.mpf(1) / self.J, "JK": MP.mpf(1) / (self.J * self.K), "none": MP.mpf(1)}
+        power = self.case.power
+        return named[power] if isinstance(power, str) else MP.mpf(power)
+
+    def log_likelihood(self, tap: list[list[float]]) -> Matrix:
+        """Log P(z | x_l, w_m); Eq. 1."""
+        bins = [[self.bin(value, k) for k, value in enumerate(sample)] for sample in tap]
+        return [[self.exponent * self.log_product(l, m, bins) for m in range(self.M)] for l in range(self.L)]
+
+    def log_product(self, l: int, m: int, bins: list[list[int | None]]) -> Number:
+        """Log of the product over samples and taxels under one class; no bin is no factor."""
+        times = Counter((k, b) for sample in bins for k, b in enumerate(sample) if b is not None)
+        return MP.fsum(n * self.log_probability(l, m, k, b) for (k, b), n in times.items())
+
+    def update(self, belief: Matrix, log_likelihood: Matrix) -> tuple[Matrix, Number]:
+        """Posterior and log evidence; Eq. 3 and 4."""
+        joint = [
+            [p * MP.exp(log_l) for p, log_l in zip(*rows, strict=True)]
+            for rows in zip(belief, log_likelihood, strict=True)
+        ]
+        return self.divided(joint)
+
+    def divided(self, joint: Matrix) -> tuple[Matrix, Number]:
+        """A joint over its sum, and the log of the sum."""
+        evidence = MP.fsum(p for row in joint for p in row)
+        if not evidence > 0:
+            raise NoEvidence
+        return [[p / evidence for p in row] for row in joint], MP.log(evidence)
+
+    def seen(self, before: Matrix, posterior: Matrix) -> Matrix:  # noqa: ARG002 - a usual mistake looks at the other
+        """The belief that marginals, decisions and moves are taken from."""
+        return posterior
+
+    def where_marginal(self, belief: Matrix) -> list[Number]:
+        """Eq. 5."""
+        return [MP.fsum(row) for row in belief]
+
+    def what_marginal(self, belief: Matrix) -> list[Number]:
+        """Eq. 6."""
+        return [MP.fsum(column) for column in zip(*belief, strict=True)]
+
+    def largest(self, marginal: list[Number]) -> int:
+        """Index of the largest, the lowest of equal ones."""
+        top = max(marginal)
+        return next(i for i, p in enumerate(marginal) if p >= top - top * _SAME)
+
+    def what_index(self, belief: Matrix, what: list[Number]) -> int:  # noqa: ARG002 - a usual mistake asks the joint
+        """The what class to decide for."""
+        return self.largest(what)
+
+    def where_index(self, belief: Matrix, where: list[Number]) -> int:  # noqa: ARG002
+        """The where class to move from."""
+        return self.largest(where)
+
+    def exceeds(self, belief: Number, threshold: float) -> bool:
+        """Whether a belief is greater than a threshold; never greater than 1."""
+        return threshold < 1 and belief - threshold > _SAME
+
+    def decide(self, belief: Matrix, what: list[Number], threshold: float) -> int:
+        """The decided what class, -1 for none; Eq. 7."""
+        index = self.what_index(belief, what)
+        return index if self.exceeds(what[index], threshold) else -1
+
+    def own_move(self, belief: Matrix, where: list[Number]) -> int:
+        """Eq. 8 and 10."""
+        index = self.where_index(belief, where)
+        return self.case.fixation - index if self.exceeds(where[index], self.case.theta_x) else 0
+
+    def shift(self, belief: Matrix, move: int) -> Matrix:
+        """Eq. 9."""
+        L, M, border = self.L, self.M, self.border
+        if border == "circular":
+            return [belief[(l - move) % L] for l in range(L)]
+        shifted: Matrix = [[MP.mpf(0)] * M for _ in range(L)]
+        lost = [MP.mpf(0)] * M
+        for l, row in enumerate(belief):
+            place = min(max(l + move, 0), L - 1) if border == "clamp" else l + move
+            if 0 <= place < L:
+                shifted[place] = [a + b for a, b in zip(shifted[place], row, strict=True)]
+            else:
+                lost = [a + b for a, b in zip(lost, row, strict=True)]
+        vacated = [l for l in range(L) if not 0 <= l - move < L]
+        if border != "clamp":
+            for l in vacated:
+                shifted[l] = self.vacated_row(lost, len(vacated))
+        return self.divided(shifted)[0]
+
+    @property
+    def border(self) -> str:
+        """The reading of Eq. 9."""
+        return self.case.border
+
+    def vacated_row(self, lost: list[Number], vacated: int) -> list[Number]:
+        """What the cells of a vacated place get; `vacated` is how many places there are."""
+        if self.border == "uniform":
+            return [MP.fsum(lost) / (vacated * self.M)] * self.M
+        if self.border == "uniform_what":
+            return [p / vacated for p in lost]
+        return [MP.mpf(1) / (self.L * self.M)] * self.M
+
+    def edges_told(self) -> NDArray[np.float64]:
+        """Edges as an answer has them: once where they are the same for all taxels."""
+        rows = _floats(self.edges)
+        return rows[0] if (rows == rows[0]).all() else rows
+
+
+def _floats(values: Any) -> Any:
+    """The nearest doubles."""
+    return np.array([[float(p) for p in row] if isinstance(row, list) else float(row) for row in values])

@@ -1,0 +1,272 @@
+"""Usual mistakes, each as the exact equations with one step done wrongly, and which of them explains an answer."""
+
+from bisect import bisect_left
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+from functools import cached_property
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .answers import LOGS, QUANTITIES, Answer
+from .case import Case
+from .comparison import Difference, first_difference
+from .exact import MP, Exact, Matrix, Number
+from .tolerance import Tolerance
+
+_ROUNDING = 1e-12
+
+
+class Mistake(NamedTuple):
+    """A usual mistake.
+
+    Attributes:
+        name: In one word.
+        about: What is done, as the end of a sentence.
+        rules: Forms in which it occurs.
+    """
+
+    name: str
+    about: str
+    rules: tuple[type[Exact], ...]
+
+
+class _ShiftDirection(Exact):
+    def shift(self, belief: Matrix, move: int) -> Matrix:
+        return super().shift(belief, -move)
+
+
+class _MeanOverTaxels(Exact):
+    @property
+    def exponent(self) -> Number:
+        return super().exponent / self.K
+
+
+class _NoRoot(Exact):
+    @property
+    def exponent(self) -> Number:
+        return MP.mpf(1)
+
+
+class _GreaterOrEqual(Exact):
+    def exceeds(self, belief: Number, threshold: float) -> bool:
+        return bool(belief + _ROUNDING >= threshold)
+
+
+class _BeforeUpdate(Exact):
+    def seen(self, before: Matrix, posterior: Matrix) -> Matrix:  # noqa: ARG002
+        return before
+
+
+class _TaxelRange(Exact):
+    @cached_property
+    def edges(self) -> Matrix:
+        training = self.case.training
+        if training is None:
+            return super().edges
+        return [self.range_edges(training.taps[..., k].ravel().tolist()) for k in range(self.K)]
+
+
+class _TaxelRangeFirst(_TaxelRange):
+    """Only the edges of one taxel are told."""
+
+    told = 0
+
+    def edges_told(self) -> NDArray[np.float64]:
+        return super().edges_told()[self.told]
+
+
+class _TaxelRangeLast(_TaxelRangeFirst):
+    told = -1
+
+
+class _OneBasedDecision(Exact):
+    def decide(self, belief: Matrix, what: list[Number], threshold: float) -> int:
+        index = super().decide(belief, what, threshold)
+        return index if index < 0 else index + 1
+
+
+class _LowFixation(Exact):
+    off = -1
+
+    def own_move(self, belief: Matrix, where: list[Number]) -> int:
+        index = self.where_index(belief, where)
+        aim = self.case.fixation + self.off
+        return aim - index if self.exceeds(where[index], self.case.theta_x) else 0
+
+
+class _HighFixation(_LowFixation):
+    off = 1
+
+
+class _Renormalised(Exact):
+    def vacated_row(self, lost: list[Number], vacated: int) -> list[Number]:
+        if self.border == "prior":
+            return super().vacated_row(lost, vacated)
+        return [MP.mpf(0)] * self.M
+
+
+class _LinearBelief(Exact):
+    def divided(self, joint: Matrix) -> tuple[Matrix, Number]:
+        posterior, log_evidence = super().divided(joint)
+        return [[MP.mpf(float(p)) for p in row] for row in posterior], log_evidence
+
+
+class _LinearProduct(Exact):
+    def log_product(self, l: int, m: int, bins: list[list[int | None]]) -> Number:
+        log_product = super().log_product(l, m, bins)
+        return log_product if float(MP.exp(log_product)) > 0 else MP.ninf
+
+
+class _MoveSign(Exact):
+    def own_move(self, belief: Matrix, where: list[Number]) -> int:
+        return -super().own_move(belief, where)
+
+
+class _JointMaximum(Exact):
+    def what_index(self, belief: Matrix, what: list[Number]) -> int:  # noqa: ARG002
+        return self._best(belief) % self.M
+
+    def where_index(self, belief: Matrix, where: list[Number]) -> int:  # noqa: ARG002
+        return self._best(belief) // self.M
+
+    def _best(self, belief: Matrix) -> int:
+        return self.largest([p for row in belief for p in row])
+
+
+class _NoClipping(Exact):
+    def bin(self, sample: float, k: int) -> int | None:
+        return super().bin(sample, k) if self.edges[k][0] <= sample <= self.edges[k][-1] else None
+
+
+class _RightClosed(Exact):
+    def bin(self, sample: float, k: int) -> int | None:
+        return bisect_left(self.edges[k], sample, 1, self.B) - 1
+
+
+class _Replaced(Exact):
+    def probability(self, counts: list[int], b: int) -> Number:
+        return MP.mpf(counts[b] or self.case.pseudocount) / MP.mpf(sum(counts) or 1)
+
+
+class _PriorEveryTap(Exact):
+    def update(self, belief: Matrix, log_likelihood: Matrix) -> tuple[Matrix, Number]:
+        weighed = [[p * q for p, q in zip(*rows, strict=True)] for rows in zip(belief, self.prior, strict=True)]
+        return super().update(weighed, log_likelihood)
+
+
+class _PriorEveryTapOnce(_PriorEveryTap):
+    """The same, but the first tap has the prior once."""
+
+    def answers(self) -> Iterator[Answer]:
+        self._first = True
+        yield from super().answers()
+
+    def update(self, belief: Matrix, log_likelihood: Matrix) -> tuple[Matrix, Number]:
+        first, self._first = self._first, False
+        return Exact.update(self, belief, log_likelihood) if first else super().update(belief, log_likelihood)
+
+
+class _LogTen(Exact):
+    def answers(self) -> Iterator[Answer]:
+        for answer in super().answers():
+            tens = {name: answer.values[name] / np.log(10) for name in (*LOGS, "log_evidence") if name in answer.values}
+            yield replace(answer, values={**answer.values, **tens})
+
+
+def _with_border(border: str) -> type[Exact]:
+    return type(f"_Border_{border}", (Exact,), {"border": border})
+
+
+MISTAKES = (
+    Mistake("shift-direction", "the belief is shifted in the wrong direction", (_ShiftDirection,)),
+    Mistake("mean-over-taxels", "log-likelihoods are averaged over taxels in place of added", (_MeanOverTaxels,)),
+    Mistake("greater-or-equal", "a belief that equals the threshold decides, >= in place of >", (_GreaterOrEqual,)),
+    Mistake("marginal-before-update", "marginals are taken from the belief before the update", (_BeforeUpdate,)),
+    Mistake(
+        "taxel-range",
+        "each taxel has a range of its own in place of one for all",
+        (_TaxelRange, _TaxelRangeFirst, _TaxelRangeLast),
+    ),
+    Mistake(
+        "one-based",
+        "an index counts from 1 in place of 0",
+        (
+            _OneBasedDecision,
+            _LowFixation,
+            _HighFixation,
+            type("_OneBasedLow", (_OneBasedDecision, _LowFixation), {}),
+            type("_OneBasedHigh", (_OneBasedDecision, _HighFixation), {}),
+        ),
+    ),
+    Mistake(
+        "renormalised-border",
+        "belief that leaves the range is dropped and the rest divided by its sum",
+        (_Renormalised,),
+    ),
+    Mistake(
+        "linear-underflow",
+        "beliefs are carried as plain numbers, and a class that underflowed to 0 cannot come back",
+        (_LinearBelief,),
+    ),
+    Mistake("linear-likelihood", "a product of plain probabilities underflows to 0", (_LinearProduct,)),
+    Mistake("no-root", "the root of Eq. 1 is left out", (_NoRoot,)),
+    Mistake("move-sign", "the move has the wrong sign", (_MoveSign,)),
+    Mistake("joint-maximum", "the most probable joint class decides in place of the marginals", (_JointMaximum,)),
+    Mistake("no-clipping", "samples outside the range are left out in place of put into the end bins", (_NoClipping,)),
+    Mistake("right-closed-bins", "a sample on an edge goes into the lower bin", (_RightClosed,)),
+    Mistake(
+        "pseudocount-unnormalised", "the pseudocount replaces zeros only, and nothing is normalised again", (_Replaced,)
+    ),
+    Mistake(
+        "other-border",
+        "the border is another than the one asked for",
+        tuple(_with_border(border) for border in ("uniform", "uniform_what", "prior", "clamp", "circular")),
+    ),
+    Mistake("prior-every-tap", "the prior comes in at every tap", (_PriorEveryTap, _PriorEveryTapOnce)),
+    Mistake("log10", "logarithms are to base 10 in place of natural", (_LogTen,)),
+)
+
+
+def explains(
+    mistake: Mistake,
+    case: Case,
+    actual: Sequence[Answer],
+    found: Difference,
+    tolerances: dict[str, Tolerance],
+    without: Sequence[str] = (),
+) -> bool:
+    """Whether a mistake gives what a program answered, up to and including what is wrong with it.
+
+    Args:
+        mistake: The mistake.
+        case: The case.
+        actual: The program's answers.
+        found: The first difference from the right ones.
+        tolerances: Of the case.
+        without: Quantities that are not compared.
+    """
+    if not found.quantity:
+        return False
+    short = replace(case, taps=case.taps[: max(found.tap, 1)], moves=case.moves[: max(found.tap, 1)])
+    return any(_explains(rules(short), actual, found, tolerances, without) for rules in mistake.rules)
+
+
+def _explains(
+    rules: Exact,
+    actual: Sequence[Answer],
+    found: Difference,
+    tolerances: dict[str, Tolerance],
+    without: Sequence[str],
+) -> bool:
+    other = None
+    for predicted in rules.answers():
+        other = first_difference(rules.case, [predicted], actual, tolerances, without)
+        if other is not None:
+            break
+    return other is None or (other.tap, _order(other.quantity)) > (found.tap, _order(found.quantity))
+
+
+def _order(quantity: str) -> int:
+    return QUANTITIES.index(quantity) if quantity in QUANTITIES else -1

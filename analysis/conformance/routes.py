@@ -1,0 +1,136 @@
+"""The answers of this software's own engines to a case."""
+
+from collections.abc import Callable, Iterator
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...inference import plain, reference
+from ...inference.engine import Engine, make_engine
+from ...models.classes import ClassGrid
+from ...models.errors import InputError
+from ...models.histogram import HistogramModel, fit
+from ...models.model import TapModel
+from ...models.preprocessing import Preprocessing
+from ...models.table import TableModel
+from ...models.taps import TapSet
+from .answers import ZERO_EVIDENCE, Answer
+from .case import Case
+
+ROUTES = ("numpy", "numpyro", "montecarlo")
+"""Names of engines; that of the Monte Carlo is the compiled filter, whose whole trials `trials` compares."""
+
+
+class Route(NamedTuple):
+    """One way to answer.
+
+    Attributes:
+        engine: Which carries the belief.
+        log_likelihood: Of taps (T, J, K), shape (T, L, M).
+    """
+
+    engine: Engine
+    log_likelihood: Callable[[NDArray[np.float64]], NDArray[np.float64]]
+
+
+def answers(route: str, case: Case) -> Iterator[Answer]:
+    """What a route answers.
+
+    Args:
+        route: One of `ROUTES`.
+        case: The case.
+
+    Raises:
+        InputError: The route cannot do the border or the tables.
+    """
+    model = case_model(case)
+    engine, log_likelihood = _route(route, model, case)
+    if case.training is not None and isinstance(model, HistogramModel):
+        yield Answer(0, {"edges": model.edges, "counts": model.counts.astype(np.float64)})
+    rows = log_likelihood(case.taps)
+    with np.errstate(divide="ignore"):
+        log_belief = np.log(case.prior)
+    for t, (tap, move) in enumerate(zip(case.taps, case.moves.tolist(), strict=True)):
+        if t:
+            log_belief = engine.shift(log_belief, move)
+        try:
+            log_belief, log_evidence = engine.update(log_belief, tap)
+        except reference.ZeroEvidenceError:
+            yield Answer(t + 1, error=ZERO_EVIDENCE)
+            return
+        if case.expects(t + 1):
+            yield Answer(t + 1, {"log_likelihood": rows[t]} | _choices(case, log_belief, log_evidence))
+
+
+def case_model(case: Case) -> TapModel:
+    """The model of a case."""
+    grid = ClassGrid(np.array(case.places), "mm", None, tuple((name,) for name in case.objects))
+    record = Preprocessing(samples=case.taps.shape[1])
+    if case.training is not None:
+        taps = TapSet.from_arrays(
+            case.training.taps,
+            case.training.what,
+            case.objects,
+            preprocessing=record,
+            where=np.array(case.places)[case.training.where],
+            where_value=case.places,
+        )
+        return fit(taps, grid, bins=case.bins, pseudocount=case.pseudocount, power=case.power)
+    edges = np.asarray(case.edges)
+    if case.counts is not None:
+        return HistogramModel(grid, edges, case.counts, case.pseudocount, case.power, record)
+    return TableModel(grid, edges, np.asarray(case.probabilities), case.power, record)
+
+
+def _route(name: str, model: TapModel, case: Case) -> Route:
+    if name == "numpy":
+        return Route(make_engine("numpy", model, case.border), _equations(model, case))
+    if name == "montecarlo":
+        return Route(make_engine("filter", model, case.border), model.log_likelihood)
+    if case.probabilities is not None and not np.allclose(case.probabilities.sum(axis=-1), 1.0, rtol=0, atol=1e-12):
+        raise InputError("Tables that do not sum to one are no probabilities, so the NumPyro models cannot take them.")
+    return Route(make_engine("numpyro", model, case.border), _enumerated(model))
+
+
+def _equations(model: TapModel, case: Case) -> Callable[[NDArray[np.float64]], NDArray[np.float64]]:
+    """Eq. 1 and 2 of the reference."""
+    if isinstance(model, HistogramModel):
+        probabilities = reference.histogram_probabilities(model.counts, case.pseudocount)
+    else:
+        probabilities = np.asarray(case.probabilities)
+    with np.errstate(divide="ignore"):
+        log_prob = np.log(probabilities)
+    return lambda taps: np.array(
+        [reference.tap_log_likelihood(plain.bins(tap, model.edges), log_prob, case.power) for tap in taps]
+    )
+
+
+def _enumerated(model: TapModel) -> Callable[[NDArray[np.float64]], NDArray[np.float64]]:
+    """The NumPyro model of one tap."""
+    import jax  # noqa: PLC0415 - it takes long to import
+
+    from ...inference.enumeration import log_likelihoods, observed, touch_tables  # noqa: PLC0415
+
+    def of(taps: NDArray[np.float64]) -> NDArray[np.float64]:
+        with jax.enable_x64(True):
+            return model.exponent * np.asarray(
+                log_likelihoods(touch_tables(model), jax.numpy.asarray(observed(model, taps)))
+            )
+
+    return of
+
+
+def _choices(case: Case, log_belief: NDArray[np.float64], log_evidence: float) -> dict[str, object]:
+    belief = np.exp(log_belief)
+    decisions = [reference.what_decision(belief, theta) for theta in case.thresholds]
+    place = reference.where_decision(belief, case.theta_x)
+    return {
+        "log_evidence": log_evidence,
+        "posterior": belief,
+        "log_posterior": log_belief,
+        "where": reference.where_marginal(belief),
+        "what": reference.what_marginal(belief),
+        "decisions": np.array([-1 if m is None else m for m in decisions]),
+        "move": 0 if place is None else reference.fixation_move(place, case.fixation),
+    }

@@ -1,0 +1,112 @@
+"""All cases through the engines of this software, or through a foreign program."""
+
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import NamedTuple
+
+from ...models.errors import InputError
+from . import routes
+from .case import Case
+from .catalogue import expected
+from .program import Ended, read_answers, run_program
+from .tolerance import Precision, tolerances
+from .trials import trial_difference
+from .verdict import Verdict, judge, judge_output, left_out
+
+type Told = Callable[[Verdict], None]
+"""Told each verdict as it comes."""
+
+
+class Asked(NamedTuple):
+    """What is asked of a foreign program.
+
+    Attributes:
+        precision: Of its numbers.
+        without: Quantities that it does not answer.
+        timeout: Seconds that it has for a case.
+    """
+
+    precision: Precision = "double"
+    without: tuple[str, ...] = ()
+    timeout: float = 10.0
+
+
+def run_route(route: str, cases: Sequence[Case], told: Told = lambda _: None) -> list[Verdict]:
+    """The verdicts on an engine of this software.
+
+    Args:
+        route: One of `routes.ROUTES`.
+        cases: Which ones.
+        told: Told each verdict.
+    """
+    verdicts = []
+    for case in cases:
+        verdicts.append(_own(route, case))
+        told(verdicts[-1])
+    return verdicts
+
+
+def _own(route: str, case: Case) -> Verdict:
+    try:
+        answers = list(routes.answers(route, case))
+    except InputError as error:
+        return Verdict(case.name, "left out", str(error))
+    verdict = judge(case, answers, "double")
+    if verdict.status != "pass" or route != "montecarlo":
+        return verdict
+    right = expected(case)
+    found = trial_difference(case, right, tolerances(case, right, "double"))
+    return verdict if found is None else Verdict(case.name, "differs", found.sentence, found.tap, found.quantity)
+
+
+def check_program(
+    words: list[str], cases: Sequence[Case], asked: Asked, together: bool = False, told: Told = lambda _: None
+) -> list[Verdict]:
+    """The verdicts on a foreign program.
+
+    Args:
+        words: The program and its arguments.
+        cases: Which ones.
+        asked: How it is judged.
+        together: Whether it is started once for all cases, in place of once for each.
+        told: Told each verdict.
+
+    Raises:
+        InputError: There is no such program.
+    """
+    if not together:
+        return _each(cases, asked, lambda case: run_program(words, case.lines(), asked.timeout), told)
+    due = [case for case in cases if left_out(case, asked.precision) is None]
+    lines = (line for case in due for line in case.lines())
+    ended = run_program(words, lines, asked.timeout * max(1, len(due)))
+    parts = _by_case(ended, due)
+    return _each(cases, asked, lambda case: parts[case.name], told)
+
+
+def check_answers(folder: Path, cases: Sequence[Case], asked: Asked, told: Told = lambda _: None) -> list[Verdict]:
+    """The verdicts on answers that are files already, `NAME.jsonl` for each case."""
+    return _each(cases, asked, lambda case: read_answers(folder, case.name), told)
+
+
+def _each(cases: Sequence[Case], asked: Asked, output: Callable[[Case], Ended], told: Told) -> list[Verdict]:
+    verdicts = []
+    for case in cases:
+        verdict = left_out(case, asked.precision) or judge_output(case, output(case), asked.precision, asked.without)
+        verdicts.append(verdict)
+        told(verdict)
+    return verdicts
+
+
+def _by_case(ended: Ended, cases: Sequence[Case]) -> dict[str, Ended]:
+    """The output of a program cut into that of each case; what failed, failed in the last one that it began."""
+    lines: dict[str, list[str]] = {case.name: [] for case in cases}
+    current = cases[0].name if cases else ""
+    for line in ended.output.splitlines():
+        current = next((name for name in lines if f'"{name}"' in line[: len(name) + 40]), current)
+        lines[current].append(line)
+    order = list(lines)
+    after = order.index(current) if current else 0
+    return {
+        name: Ended("\n".join(part), ended.failure if order.index(name) >= after else "")
+        for name, part in lines.items()
+    }

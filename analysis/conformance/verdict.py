@@ -1,0 +1,152 @@
+"""What a program's output is worth: per case pass, the first difference with its likely cause, or how it failed."""
+
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from typing import Literal
+
+from .answers import Answer, BadAnswerError, parse_answer
+from .case import Case
+from .catalogue import expected
+from .comparison import Difference, first_difference
+from .mistakes import MISTAKES
+from .program import Ended
+from .tolerance import Precision, needs_double, tolerances
+
+_ABOUT = {mistake.name: mistake.about for mistake in MISTAKES}
+type Status = Literal["pass", "differs", "failed", "left out"]
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """Of one case.
+
+    Attributes:
+        case: Its name.
+        status: What came of it.
+        sentence: What is wrong, or why it was left out.
+        tap: The first tap with a difference, counted from 1; 0 is the fit and `None` no tap.
+        quantity: What differs there.
+        cause: Name of the likeliest mistake, see `causes`.
+        answers: What was answered, where it differs.
+    """
+
+    case: str
+    status: Status
+    sentence: str = ""
+    tap: int | None = None
+    quantity: str = ""
+    cause: str = ""
+    answers: tuple[Answer, ...] = field(default=(), repr=False)
+
+    @property
+    def found(self) -> Difference:
+        """The first difference."""
+        return Difference(self.tap or 0, self.quantity, self.sentence)
+
+    @property
+    def about(self) -> str:
+        """The likely cause in words."""
+        return _ABOUT.get(self.cause, "")
+
+
+def left_out(case: Case, precision: Precision) -> Verdict | None:
+    """Why a case is not asked of a program of this precision; `None` where it is."""
+    reason = needs_double(case, expected(case)) if precision == "single" else ""
+    return Verdict(case.name, "left out", f"32 bits cannot do it: {reason}") if reason else None
+
+
+def judge_output(case: Case, ended: Ended, precision: Precision, without: Sequence[str] = ()) -> Verdict:
+    """The verdict on what a program wrote.
+
+    Args:
+        case: The case.
+        ended: What the program did.
+        precision: Of its numbers.
+        without: Quantities that it does not answer.
+    """
+    answers, broken = _read(case, ended.output)
+    verdict = judge(case, answers, precision, without)
+    failure = ended.failure or broken
+    if not failure:
+        return verdict
+    good = f" after {_count(len(answers), 'answer')}" if answers else ""
+    also = f"; before that, {_place(verdict.tap)}{verdict.sentence}" if verdict.quantity and answers else ""
+    cause = "linear-likelihood" if not ended.failure and "nan" in broken.lower() else ""
+    return replace(verdict, status="failed", sentence=f"it {failure}{good}{also}", cause=cause or verdict.cause)
+
+
+def judge(case: Case, answers: Sequence[Answer], precision: Precision, without: Sequence[str] = ()) -> Verdict:
+    """The verdict on answers."""
+    right = expected(case)
+    allowed = tolerances(case, right, precision)
+    found = first_difference(case, right, answers, allowed, without) or _count_differs(case, right, answers)
+    if found is None:
+        return Verdict(case.name, "pass")
+    return Verdict(case.name, "differs", found.sentence, found.tap, found.quantity, answers=tuple(answers))
+
+
+def _read(case: Case, output: str) -> tuple[list[Answer], str]:
+    """Answers in order up to the first line that is none, and what is wrong with that."""
+    answers: list[Answer] = []
+    first = 0 if case.training is not None else 1
+    for number, line in enumerate(output.splitlines(), start=1):
+        try:
+            answer = parse_answer(line, case)
+        except BadAnswerError as error:
+            return answers, f"writes a line {number} that {error}"
+        if answer.tap != first + len(answers):
+            return answers, f"answers tap {answer.tap} in line {number}, where tap {first + len(answers)} is due"
+        answers.append(answer)
+    return answers, ""
+
+
+def _count_differs(case: Case, right: Sequence[Answer], answers: Sequence[Answer]) -> Difference | None:
+    """Whether taps between those compared are missing, or answers follow the last one."""
+    last = right[-1].tap if right[-1].error else len(case.taps)
+    taps = [answer.tap for answer in answers if answer.tap > 0]
+    if taps and taps[-1] > last:
+        return Difference(taps[-1], "", "there is an answer where none is due")
+    if not case.answered and len(taps) < last:
+        return Difference(len(taps) + 1, "", "there is no answer")
+    return None
+
+
+def summary(verdicts: Sequence[Verdict]) -> tuple[list[str], bool]:
+    """The last lines of a report, and whether all is well.
+
+    Args:
+        verdicts: With their causes, see `causes`.
+    """
+    counts = Counter(verdict.status for verdict in verdicts)
+    asked = len(verdicts) - counts["left out"]
+    lines = []
+    for cause, times in Counter(verdict.cause for verdict in verdicts if verdict.cause).most_common():
+        lines.append(f"Likely cause in {times} of {counts['differs'] + counts['failed']}: {_ABOUT[cause]} ({cause}).")
+    fine = asked > 0 and counts["pass"] == asked
+    rest = [f"{counts[status]} {word}" for status, word in _WORDS.items() if counts[status]]
+    lines.append(", ".join([f"{counts['pass']} of {asked} cases pass", *rest]) + ".")
+    return lines, fine
+
+
+_WORDS: dict[Status, str] = {"differs": "differ", "failed": "failed", "left out": "left out"}
+
+
+def _count(n: int, word: str) -> str:
+    return f"{n} {word}" if n == 1 else f"{n} {word}s"
+
+
+def _place(tap: int | None) -> str:
+    if tap is None:
+        return ""
+    return "fit: " if tap == 0 else f"tap {tap}: "
+
+
+def described(verdict: Verdict) -> str:
+    """A verdict in a line, behind the name of its case."""
+    if verdict.status == "pass":
+        return "pass"
+    place = _place(verdict.tap) if verdict.status == "differs" else ""
+    cause = f"; likely cause: {verdict.about}" if verdict.about else ""
+    word = {"differs": "DIFFERS", "failed": "FAILED", "left out": "left out:"}[verdict.status]
+    return f"{word} {place}{verdict.sentence}{cause}"

@@ -1,0 +1,126 @@
+"""The cases of the kit."""
+
+import pytest
+from solidtouch.analysis.conformance.catalogue import catalogue, expected, select
+from solidtouch.analysis.conformance.comparison import first_difference
+from solidtouch.analysis.conformance.mistakes import MISTAKES, explains
+from solidtouch.analysis.conformance.routes import ROUTES
+from solidtouch.analysis.conformance.run import run_route
+from solidtouch.analysis.conformance.tolerance import allowed_decisions, allowed_moves, needs_double, tolerances
+from solidtouch.analysis.conformance.trials import _own_moves, trial_difference
+from solidtouch.inference.reference import BORDERS, POWERS
+from solidtouch.models.errors import InputError
+
+LONG = ("ten-thousand-taps", "long-and-back", "thousand-moves", "episode-paper-size", "episode-long", "subnormal-prior")
+SHORT = [case for name, case in catalogue().items() if name not in LONG]
+UNDECIDED = ("near-ties", "threshold-reached", "one-bin", "tables-nearly-equal", "thresholds-undone", "single-range")
+"""Cases whose beliefs are as equal as rounding goes, and those beside `shift-` that lose all belief."""
+
+
+def test_the_cases_cover_equations_borders_roots_and_sizes():
+    cases = list(catalogue().values())
+
+    assert {number for case in cases for number in case.equations} == set(range(1, 11))
+    assert {case.border for case in cases} == set(BORDERS)
+    assert set(POWERS) < {case.power for case in cases}
+    for size in range(5):
+        assert 1 in {list(case.sizes.values())[size] for case in cases}
+    assert max(len(case.taps) for case in cases) == 10_000
+    assert len({case.about for case in cases}) == len(cases)
+
+
+def test_only_cases_about_ties_leave_a_choice():
+    for case in SHORT:
+        allowed = tolerances(case, expected(case), "double")
+        answers = [answer for answer in expected(case) if answer.error is None and answer.tap]
+        choices = [choice for answer in answers for choice in allowed_decisions(case, answer, allowed["what"])]
+        choices += [allowed_moves(case, answer, allowed["where"]) for answer in answers]
+        open_choice = any(len(choice) > 1 for choice in choices)
+        assert open_choice == (case.name in UNDECIDED) or case.name.startswith("shift-"), case.name
+
+
+def test_single_precision_leaves_out_what_it_cannot_do():
+    left_out = {case.name for case in SHORT if needs_double(case, expected(case))}
+
+    assert {"single-edges", "single-range", "bins-beside-edges", "tiny-marginals"} <= left_out
+    assert "episode-uniform" not in left_out
+
+
+@pytest.mark.parametrize("route", ["numpy", "montecarlo"])
+def test_engines_pass_the_short_cases(route):
+    verdicts = run_route(route, SHORT)
+
+    assert {verdict.status for verdict in verdicts} == {"pass"}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("route", ROUTES)
+def test_engines_pass_all_cases(route):
+    verdicts = run_route(route, list(catalogue().values()))
+    left_out = {verdict.case for verdict in verdicts if verdict.status == "left out"}
+
+    assert {verdict.status for verdict in verdicts} - {"left out"} == {"pass"}
+    assert left_out == (_beyond_numpyro() if route == "numpyro" else set())
+
+
+def _beyond_numpyro():
+    """No kernel, or no probabilities."""
+    return {case.name for case in catalogue().values() if case.border == "prior"} | {"tables-as-given"}
+
+
+def test_many_cases_are_played_as_whole_trials_too():
+    played = [case for case in SHORT if _own_moves(case, expected(case), tolerances(case, expected(case), "double"))]
+
+    assert len(played) >= 15
+    assert {case.border for case in played} == set(BORDERS)
+
+
+def test_a_whole_trial_that_decides_otherwise_is_found():
+    """The right answers of one case are no right answers of another with the same moves."""
+    case = catalogue()["episode-clamp"]
+    right = expected(case)
+    swapped = [type(answer)(answer.tap, {**answer.values, "what": answer.values["what"][::-1]}) for answer in right]
+
+    assert trial_difference(case, right, tolerances(case, right, "double")) is None
+    assert trial_difference(case, swapped, tolerances(case, right, "double")) is not None
+
+
+@pytest.mark.parametrize("mistake", MISTAKES, ids=[mistake.name for mistake in MISTAKES])
+def test_every_mistake_differs_somewhere_and_explains_itself(mistake):
+    """In every form, and in most of the cases where it shows nothing else explains more."""
+    for rules in mistake.rules:
+        shown, named = 0, 0
+        for case in SHORT[::2] if len(mistake.rules) > 3 else SHORT:
+            if case.sizes["L"] * case.sizes["J"] > 60:
+                continue
+            allowed = tolerances(case, expected(case), "double")
+            answers = list(rules(case).answers())
+            found = first_difference(case, expected(case), answers, allowed)
+            if found is not None:
+                shown += 1
+                named += explains(mistake, case, answers, found, allowed)
+            if shown == 3:
+                break
+        assert shown > 0 or rules.__name__ in ("_LinearBelief", "_LinearProduct"), rules.__name__
+        assert named == shown
+
+
+def test_an_unknown_case_is_refused():
+    with pytest.raises(InputError, match=r"--case shift: there is no such case"):
+        select(["shift"])
+
+
+def test_cases_are_the_same_every_time():
+    first = "\n".join(line for case in SHORT for line in case.lines())
+    catalogue.cache_clear()
+    again = "\n".join(line for case in catalogue().values() if case.name not in LONG for line in case.lines())
+
+    assert first == again
+
+
+def test_subnormal_beliefs_come_back():
+    """Object 1 is the most probable in the end, and had priors of 1e-310 and less."""
+    case = catalogue()["subnormal-prior"]
+
+    assert 0 < case.prior[:, 1].sum() < 1e-309
+    assert expected(case)[-1].values["what"].argmax() == 1

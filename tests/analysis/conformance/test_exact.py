@@ -1,0 +1,94 @@
+"""The exact answers of the kit, beside fractions and brute force."""
+
+from dataclasses import replace
+from fractions import Fraction
+from itertools import product
+
+import mpmath
+import numpy as np
+import pytest
+from solidtouch.analysis.conformance import exact
+from solidtouch.analysis.conformance.catalogue import catalogue
+from solidtouch.analysis.conformance.exact import MP, Exact
+from solidtouch.analysis.conformance.scene import Scene, make
+
+
+def whole_sequences(case):
+    """Posterior and evidence after each tap as fractions, by the sum over all starting classes and their ways."""
+    L, M, K, _, _ = case.sizes.values()
+    counts = case.counts.astype(object) + Fraction(case.pseudocount)
+    tables = counts / counts.sum(axis=-1, keepdims=True)
+    edges = [Fraction(edge) for edge in case.edges.tolist()]
+    before = Fraction(1)
+    for T in range(1, len(case.taps) + 1):
+        cells = {cell: Fraction(0) for cell in product(range(L), range(M))}
+        for start, m in product(range(L), range(M)):
+            place, p = start, Fraction(case.prior[start, m])
+            for t in range(T):
+                place = min(max(place + int(case.moves[t]), 0), L - 1)
+                for sample in case.taps[t].tolist():
+                    for k in range(K):
+                        b = sum(Fraction(sample[k]) >= edge for edge in edges[1:-1])
+                        p *= tables[place, m, k, b]
+            cells[place, m] += p
+        evidence = sum(cells.values())
+        yield {cell: p / evidence for cell, p in cells.items()}, evidence / before
+        before = evidence
+
+
+def test_beliefs_and_evidence_are_sums_over_all_ways_in_fractions():
+    """Border clamp and no root: nothing but products and sums of fractions."""
+    case = make(
+        "fractions", "", (), Scene(L=3, M=2, K=2, J=2, B=4), power="none", border="clamp", taps=4, moves=[0, 2, -1, -4]
+    )
+    for answer, (belief, evidence) in zip(Exact(case).answers(), whole_sequences(case), strict=True):
+        right = np.array([[float(belief[l, m]) for m in range(2)] for l in range(3)])
+        np.testing.assert_array_equal(answer.values["posterior"], right)
+        assert answer.values["log_evidence"] == float(mpmath.log(mpmath.mpf(evidence.numerator) / evidence.denominator))
+
+
+@pytest.mark.parametrize("name", ["root-j", "episode-uniform", "episode-prior", "empty-bins", "fit", "subnormal-prior"])
+def test_more_digits_change_no_double(name, monkeypatch):
+    """Sixty digits are enough."""
+    few = list(Exact(catalogue()[name]).answers())
+    exact._log.cache_clear()
+    monkeypatch.setattr(MP, "dps", 90)
+    many = list(Exact(catalogue()[name]).answers())
+    monkeypatch.undo()
+    exact._log.cache_clear()
+    for a, b in zip(few, many, strict=True):
+        for quantity, value in a.values.items():
+            np.testing.assert_array_equal(value, b.values[quantity])
+
+
+def test_the_root_makes_repeated_samples_count_once():
+    """Every sample twice is the same tap under power J, and the same as power none with one sample of each."""
+    scene = Scene(L=3, M=2, K=2, J=1, B=4)
+    once = make("once", "", (), scene, power="none")
+    twice = replace(once, taps=np.repeat(once.taps, 2, axis=1), power="J")
+    for a, b in zip(Exact(once).answers(), Exact(twice).answers(), strict=True):
+        np.testing.assert_allclose(a.values["posterior"], b.values["posterior"], rtol=1e-15)
+
+
+@pytest.mark.parametrize("border", ["uniform", "uniform_what", "prior", "clamp", "circular"])
+@pytest.mark.parametrize("move", [-7, -3, -1, 0, 1, 2, 3, 11])
+def test_shifted_beliefs_sum_to_one_and_kernels_keep_objects(border, move):
+    case = replace(make("law", "", (), Scene(L=3, M=2, K=1, J=1, B=2)), border=border)
+    rules = Exact(case)
+    belief = [[MP.mpf(p) / 21 for p in row] for row in ([1, 2], [3, 4], [5, 6])]
+    shifted = rules.shift(belief, move)
+
+    assert abs(MP.fsum(p for row in shifted for p in row) - 1) < MP.mpf(10) ** -55
+    if move == 0:
+        assert shifted == rules.divided(belief)[0]
+    if border in ("uniform_what", "clamp", "circular"):
+        kept = zip(rules.what_marginal(shifted), rules.what_marginal(belief), strict=True)
+        assert all(abs(a - b) < MP.mpf(10) ** -55 for a, b in kept)
+
+
+def test_a_circular_move_back_gives_the_belief_back():
+    case = replace(make("law", "", (), Scene(L=5, M=2, K=1, J=1, B=2)), border="circular")
+    rules = Exact(case)
+    belief = rules.divided([[MP.mpf(l + 2 * m + 1) for m in range(2)] for l in range(5)])[0]
+
+    assert rules.shift(rules.shift(belief, 13), -13) == belief

@@ -1,0 +1,86 @@
+"""The kit as files."""
+
+import json
+
+import numpy as np
+import pytest
+from solidtouch.analysis.conformance.catalogue import catalogue, expected
+from solidtouch.analysis.conformance.kit import export_kit
+from solidtouch.analysis.conformance.run import Asked, check_answers
+from solidtouch.models.errors import InputError
+
+NAMES = ("root-j", "empty-bins-as-printed", "near-ties", "fit", "impossible-later", "single-edges")
+
+
+def cases(names=NAMES):
+    return [catalogue()[name] for name in names]
+
+
+def test_files_hold_the_case_and_its_right_answers(tmp_path):
+    """Numbers come back as the same doubles, minus infinity as null."""
+    export_kit(tmp_path / "kit", cases())
+    for case in cases():
+        whole = json.loads((tmp_path / "kit" / f"{case.name}.json").read_text())
+        lines = [json.loads(line) for line in (tmp_path / "kit" / f"{case.name}.jsonl").read_text().splitlines()]
+
+        assert whole | lines[0] == whole
+        assert whole["taps"] == lines[1:]
+        np.testing.assert_array_equal([tap["samples"] for tap in whole["taps"]], case.taps)
+        assert [line["tap"] for line in whole["expected"]] == [answer.tap for answer in expected(case)]
+        for line, answer in zip(whole["expected"], expected(case), strict=True):
+            if answer.error is None and answer.tap:
+                np.testing.assert_array_equal(line["posterior"], answer.values["posterior"])
+                given = np.array(line["log_likelihood"], dtype=np.float64)
+                np.testing.assert_array_equal(np.isnan(given), np.isneginf(answer.values["log_likelihood"]))
+
+
+def test_choices_are_listed_where_there_are_several(tmp_path):
+    export_kit(tmp_path / "kit", cases())
+    near = json.loads((tmp_path / "kit" / "near-ties.json").read_text())["expected"][0]
+    clear = json.loads((tmp_path / "kit" / "root-j.json").read_text())["expected"][0]
+
+    assert near["allowed_decisions"] == [[0, 1], [0, 1]]
+    assert len(near["allowed_moves"]) == 3
+    assert not {"allowed_decisions", "allowed_moves"} & set(clear)
+
+
+def test_the_right_answers_pass_as_answers(tmp_path):
+    """The lines of `expected` are what `check --answers` reads."""
+    export_kit(tmp_path / "kit", cases())
+    (tmp_path / "answers").mkdir()
+    for case in cases():
+        right = json.loads((tmp_path / "kit" / f"{case.name}.json").read_text())["expected"]
+        (tmp_path / "answers" / f"{case.name}.jsonl").write_text("".join(f"{json.dumps(line)}\n" for line in right))
+
+    assert {verdict.status for verdict in check_answers(tmp_path / "answers", cases(), Asked())} == {"pass"}
+
+
+def test_an_index_lists_the_cases_that_the_precision_can_do(tmp_path):
+    assert export_kit(tmp_path / "kit", cases(), "single") == 5
+    index = json.loads((tmp_path / "kit" / "index.json").read_text())
+
+    assert index["precision"] == "single"
+    assert [entry["case"] for entry in index["cases"]] == [name for name in NAMES if name != "single-edges"]
+    assert {path.name for path in (tmp_path / "kit").iterdir()} == {
+        "index.json",
+        *(name for entry in index["cases"] for name in entry["files"]),
+    }
+
+
+@pytest.mark.slow
+def test_large_cases_come_as_arrays_too(tmp_path):
+    case = catalogue()["long-and-back"]
+    export_kit(tmp_path / "kit", [case])
+    with np.load(tmp_path / "kit" / "long-and-back.npz") as arrays:
+        np.testing.assert_array_equal(arrays["taps"], case.taps)
+        np.testing.assert_array_equal(arrays["expected_tap"], case.answered)
+        np.testing.assert_array_equal(arrays["expected_posterior"][-1], expected(case)[-1].values["posterior"])
+
+
+def test_an_existing_folder_is_kept(tmp_path):
+    (tmp_path / "kit").mkdir()
+    (tmp_path / "kit" / "mine").write_text("x")
+    with pytest.raises(InputError, match="--force"):
+        export_kit(tmp_path / "kit", cases())
+
+    assert [path.name for path in (tmp_path / "kit").iterdir()] == ["mine"]

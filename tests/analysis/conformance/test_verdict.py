@@ -1,0 +1,234 @@
+"""What the kit makes of right, wrong and broken output."""
+
+import json
+import sys
+import time
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from solidtouch.analysis.conformance.answers import QUANTITIES, Answer
+from solidtouch.analysis.conformance.case import to_line
+from solidtouch.analysis.conformance.catalogue import catalogue, expected
+from solidtouch.analysis.conformance.causes import with_causes
+from solidtouch.analysis.conformance.program import Ended, run_program
+from solidtouch.analysis.conformance.run import Asked, check_answers, check_program
+from solidtouch.analysis.conformance.verdict import described, judge, judge_output, summary
+from solidtouch.models.errors import InputError
+
+CASE = catalogue()["episode-clamp"]
+FIT = catalogue()["fit"]
+IMPOSSIBLE = catalogue()["impossible-later"]
+
+
+def output(case, answers=None):
+    return "".join(f"{to_line(answer.line(case.name))}\n" for answer in (answers or expected(case)))
+
+
+def changed(case, tap, **values):
+    """The right answers with other values at one tap."""
+    return [replace(a, values={**a.values, **values}) if a.tap == tap else a for a in expected(case)]
+
+
+@pytest.mark.parametrize("case", [CASE, FIT, IMPOSSIBLE], ids=lambda case: case.name)
+def test_right_answers_pass(case):
+    assert judge_output(case, Ended(output(case), ""), "double").status == "pass"
+
+
+@pytest.mark.parametrize("name", [name for name in QUANTITIES if name not in ("edges", "counts", "decisions", "move")])
+def test_a_number_outside_its_tolerance_is_found_at_its_tap(name):
+    """And one inside passes."""
+    right = expected(CASE)[4].values[name]
+    near = judge(CASE, changed(CASE, 5, **{name: right + 1e-12}), "double")
+    far = judge(CASE, changed(CASE, 5, **{name: right + 1e-6}), "double")
+
+    assert near.status == "pass"
+    assert (far.status, far.tap, far.quantity) == ("differs", 5, name)
+    assert "off by 1e-06" in far.sentence
+
+
+def test_wider_tolerances_of_single_precision():
+    answers = changed(CASE, 5, posterior=expected(CASE)[4].values["posterior"] + 1e-6)
+
+    assert judge(CASE, answers, "single").status == "pass"
+
+
+@pytest.mark.parametrize(
+    ("values", "sentence"),
+    [
+        ({"move": 17}, "its move is +17 instead of"),
+        ({"decisions": np.array([0, 0])}, "at threshold 0.5 it decides 0 instead of"),
+    ],
+)
+def test_a_wrong_choice_is_found(values, sentence):
+    verdict = judge(CASE, changed(CASE, 2, **values), "double")
+
+    assert verdict.tap == 2
+    assert sentence in verdict.sentence
+
+
+def test_wrong_counts_and_edges_of_a_fit_are_found():
+    fitted = expected(FIT)[0].values
+    for name in ("edges", "counts"):
+        wrong = fitted[name].copy()
+        wrong.flat[1] += 1
+        verdict = judge(FIT, changed(FIT, 0, **{name: wrong}), "double")
+        assert (verdict.tap, verdict.quantity) == (0, name)
+
+
+def test_a_missing_quantity_differs_unless_it_is_let_go():
+    answers = [replace(a, values={k: v for k, v in a.values.items() if k != "log_evidence"}) for a in expected(CASE)]
+
+    assert judge(CASE, answers, "double").sentence == "log_evidence is missing"
+    assert judge(CASE, answers, "double", without=("log_evidence",)).status == "pass"
+
+
+def test_an_answer_to_an_impossible_tap_differs_and_so_does_an_error_without_reason():
+    last = expected(IMPOSSIBLE)[-1].tap
+    made_up = [*expected(IMPOSSIBLE)[:-1], replace(expected(IMPOSSIBLE)[0], tap=last)]
+
+    assert "where zero_evidence is due" in judge(IMPOSSIBLE, made_up, "double").sentence
+    assert "where an answer is due" in judge(CASE, [Answer(1, error="zero_evidence")], "double").sentence
+
+
+LINES = output(CASE).splitlines(keepends=True)
+
+
+@pytest.mark.parametrize(
+    ("text", "sentence"),
+    [
+        ("", "there is no answer"),
+        ("".join(LINES[:-1]), "there is no answer"),
+        ("hello\n", "writes a line 1 that is no JSON: 'hello'"),
+        ("".join(LINES[:3]) + "[1]\n", "writes a line 4 that is no JSON object: '[1]' after 3 answers"),
+        ("".join(LINES[:2]) + "".join(LINES[3:]), "answers tap 4 in line 3, where tap 3 is due"),
+        (LINES[0] + LINES[0], "answers tap 1 in line 2, where tap 2 is due"),
+        (LINES[0].replace("episode-clamp", "other"), "is about case 'other'"),
+        (LINES[0].replace('"tap":1', '"tap":"one"'), "has no tap number"),
+        (LINES[0].replace('"move":', '"move":0.5,"x":'), "has move '0.5', which is no whole number"),
+        (LINES[0].replace('"move":', '"move":1e999,"x":'), "has move 'inf', which is no whole number"),
+        (LINES[0].replace('"where":[', '"where":[0.1,'), "has where of shape [6], [5] is due"),
+        (LINES[0].replace('"where":[', '"where":["a",'), "has where"),
+        (LINES[0].replace('"where":[', '"where":[null,'), "has where of shape"),
+        (LINES[0].replace('"log_evidence":', '"log_evidence":NaN,"x":'), "is no JSON"),
+        ("\x00\xff\n", "is no JSON"),
+        ("".join(LINES) + LINES[-1].replace('"tap":12', '"tap":13'), "there is an answer where none is due"),
+    ],
+)
+def test_broken_output_is_told_in_words(text, sentence):
+    verdict = judge_output(CASE, Ended(text, ""), "double")
+
+    assert verdict.status in ("failed", "differs")
+    assert sentence in described(verdict)
+
+
+def test_an_answer_of_every_type_of_json_is_no_crash():
+    """Every value of a right line in turn is replaced by others."""
+    right = json.loads(LINES[0])
+    for key in right:
+        for value in (None, True, -1, 0.5, "x", [], [None], [[]], {}, [[1, 2], [3]], 10**400):
+            line = json.dumps(right | {key: value})
+            assert judge_output(CASE, Ended(line, ""), "double").status in ("failed", "differs")
+
+
+def python(code):
+    return [sys.executable, "-c", code]
+
+
+def test_programs_that_fail_are_told_apart():
+    ended = [
+        run_program(python(code), ["{}"], 20.0).failure
+        for code in (
+            "print(1)",
+            "import sys; print('no memory', file=sys.stderr); sys.exit(3)",
+            "import os, signal; os.kill(os.getpid(), signal.SIGSEGV)",
+        )
+    ]
+
+    assert ended == ["", "ended with exit code 3 and said: no memory", "crashed with signal SIGSEGV"]
+
+
+def test_a_program_that_hangs_is_stopped_with_what_it_started():
+    began = time.monotonic()
+    sleep = "import time; time.sleep(60)"
+    child = f"import subprocess, sys; subprocess.Popen([sys.executable, '-c', '{sleep}']); {sleep}"
+    ended = run_program(python(child), ["{}"], 1.0)
+
+    assert ended.failure == "has not ended after 1 s and was stopped"
+    assert time.monotonic() - began < 20
+
+
+def test_a_program_that_never_stops_writing_is_stopped():
+    ended = run_program(python("import sys\nwhile True: sys.stdout.write('x' * 1000000)"), ["{}"], 60.0)
+
+    assert ended.failure == "writes more than 256 MiB"
+
+
+def test_a_program_need_not_read_its_input():
+    lines = ["x" * 1000] * 10_000
+
+    assert run_program(python("pass"), lines, 20.0) == Ended("", "")
+
+
+def test_a_missing_program_is_named():
+    with pytest.raises(InputError, match=r"--command: ./no-such cannot be run: No such file or directory."):
+        check_program(["./no-such"], [CASE], Asked())
+
+
+ECHO = """
+import json, sys
+answers = json.load(open(sys.argv[1]))
+for line in sys.stdin:
+    fields = json.loads(line)
+    if "format" in fields:
+        case = fields["case"]
+        print("".join(answers[case]), end="", flush=True)
+        if case == "root-jk" and len(sys.argv) > 2:
+            sys.exit(4)
+"""
+
+
+@pytest.mark.parametrize("together", [False, True])
+def test_a_program_may_be_started_for_each_case_or_for_all(together, tmp_path):
+    """One that dies in the third case has passed the first two."""
+    cases = [catalogue()[name] for name in ("root-j", "fit", "root-jk", "root-none")]
+    (tmp_path / "answers.json").write_text(json.dumps({case.name: output(case) for case in cases}))
+    words = [sys.executable, "-c", ECHO, str(tmp_path / "answers.json")]
+    well = check_program(words, cases, Asked(), together)
+    dead = check_program([*words, "die"], cases, Asked(), together)
+
+    assert [verdict.status for verdict in well] == ["pass"] * 4
+    assert [verdict.status for verdict in dead] == ["pass", "pass", "failed", "failed" if together else "pass"]
+    assert "exit code 4" in dead[2].sentence
+
+
+def test_answers_in_files_are_judged(tmp_path):
+    (tmp_path / "fit.jsonl").write_text(output(FIT))
+    verdicts = check_answers(tmp_path, [FIT, CASE], Asked())
+
+    assert [verdict.status for verdict in verdicts] == ["pass", "failed"]
+    assert "No such file" in described(verdicts[1])
+
+
+def test_the_cause_that_explains_most_is_named_last():
+    """A mistake in every case is told once with the number of cases."""
+    names = ("root-j", "root-jk", "episode-clamp")
+    answers = {}
+    for name in names:
+        answers[name] = [
+            replace(a, values={**a.values, "move": -a.values["move"]}) if a.error is None else a
+            for a in expected(catalogue()[name])
+        ]
+    verdicts = with_causes([judge(catalogue()[name], answers[name], "double") for name in names], "double")
+    lines, fine = summary(verdicts)
+
+    assert not fine
+    assert lines == ["Likely cause in 3 of 3: the move has the wrong sign (move-sign).", "0 of 3 cases pass, 3 differ."]
+
+
+def test_what_no_mistake_explains_has_no_cause():
+    answers = changed(CASE, 3, log_evidence=123.0)
+    verdict = with_causes([judge(CASE, answers, "double")], "double")[0]
+
+    assert verdict.cause == ""
+    assert described(verdict).startswith("DIFFERS tap 3: log_evidence is 123 instead of")
