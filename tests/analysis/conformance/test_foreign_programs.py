@@ -6,14 +6,19 @@ import shutil
 import subprocess
 import sys
 import tomllib
+from collections import Counter
 from pathlib import Path
 
 import numpy as np
 import pytest
+from solidtouch.analysis.conformance.catalogue import select
+from solidtouch.analysis.conformance.causes import with_causes
+from solidtouch.analysis.conformance.mistakes import MISTAKES as KNOWN
+from solidtouch.analysis.conformance.run import Asked, check_program
 from solidtouch.inference import reference
 from solidtouch.inference.reference import BORDERS, ZeroEvidenceError
 
-FOLDER = Path(__file__).parents[2] / "docs" / "conformance"
+FOLDER = Path(__file__).parents[3] / "docs" / "conformance"
 MISTAKES = tomllib.loads((FOLDER / "mistakes.toml").read_text(encoding="utf-8"))["mistake"]
 STRICT = ["-Wall", "-Wextra", "-Wpedantic", "-Wconversion", "-Wshadow", "-Werror", "-std=c99", "-ffp-contract=off"]
 NAMES = [
@@ -475,3 +480,72 @@ def test_each_mistake_changes_answers_of_both_programs_alike(mistake, kit, long_
     wrong = wrong_keys(play(in_c, text), right)
     assert wrong
     assert wrong == wrong_keys(play([*node(), str(tmp_path / "solid.js")], text), right)
+
+
+# The kit
+
+SHORT = (
+    "root-j",
+    "bins-on-edges",
+    "bins-outside",
+    "empty-bins",
+    "fit",
+    "prior-uneven",
+    "thresholds",
+    "one-object",
+    "marginals-not-joint",
+    "shift-uniform",
+    "shift-clamp",
+    "episode-uniform",
+    "episode-other-moves",
+)
+"""Cases with which each mistake is found in a second or two, most of them."""
+LIMITS = {"linear-underflow": ("long-and-back",), "linear-likelihood": ("episode-paper-size",)}
+
+
+def verdicts(words, names=()):
+    return with_causes(check_program(words, select(names), Asked()), "double")
+
+
+def test_programs_pass_every_case(program):
+    assert {verdict.status for verdict in verdicts([str(word) for word in program])} == {"pass"}
+
+
+def test_the_c_program_passes_in_single_precision(tmp_path):
+    """What 32 bits cannot do is left out, and that is not most of it."""
+    words = compile_c(FOLDER / "solid.c", tmp_path / "single", "-O2", "-std=c99", "-DSOLIDTOUCH_REAL=float")
+    found = Counter(v.status for v in check_program([str(words[0])], select([]), Asked(precision="single")))
+
+    assert set(found) == {"pass", "left out"}
+    assert found["pass"] > 75
+
+
+def check_named(mistake, language, names, tmp_path):
+    """The mistake is the likeliest cause of the cases that fail, apart from those that it makes fail otherwise."""
+    source = mutant(mistake, language)
+    if language == "c":
+        (tmp_path / "wrong.c").write_text(source, encoding="utf-8")
+        words = [str(word) for word in compile_c(tmp_path / "wrong.c", tmp_path / "wrong", "-O2", "-std=c99")]
+    else:
+        (tmp_path / "wrong.js").write_text(source, encoding="utf-8")
+        words = [*node(), str(tmp_path / "wrong.js")]
+    causes = Counter(v.cause for v in verdicts(words, names) if v.status != "pass")
+
+    assert set(causes) <= {mistake["name"], ""}
+    assert causes[mistake["name"]] > 3 * causes[""]
+
+
+@pytest.mark.parametrize("mistake", MISTAKES, ids=NAMES)
+def test_each_mistake_in_c_is_found_and_named(mistake, tmp_path):
+    check_named(mistake, "c", LIMITS.get(mistake["name"], SHORT), tmp_path)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("language", ["c", "js"])
+@pytest.mark.parametrize("mistake", MISTAKES, ids=NAMES)
+def test_each_mistake_is_named_in_all_cases(mistake, language, tmp_path):
+    check_named(mistake, language, (), tmp_path)
+
+
+def test_the_kit_knows_every_mistake_of_the_file():
+    assert [mistake.name for mistake in KNOWN] == NAMES
