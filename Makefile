@@ -4,7 +4,7 @@
 VENV := .venv
 PY := $(VENV)/bin/python
 
-.PHONY: run test test-all check format bench bench-quick studies audit-studies fuzz faults kills rig-demo lock clean help
+.PHONY: run test test-all check format bench bench-quick studies audit-studies reference-studies fuzz faults kills rig-demo lock clean help
 
 run: $(VENV)/.ready-run
 	@$(VENV)/bin/solidtouch reproduce
@@ -42,6 +42,10 @@ audit-studies: $(VENV)/.ready-run
 	@$(PY) benchmarks/audit_guarantees.py --document docs/audit-studies.md
 	@$(PY) benchmarks/audit_target.py --document docs/audit-studies.md
 
+reference-studies: $(VENV)/.ready-run
+	@$(PY) benchmarks/chain.py --document docs/calibration.md
+	@$(PY) benchmarks/open_choices.py --document docs/open-choices.md
+
 fuzz: $(VENV)/.ready-run
 	@$(PY) benchmarks/fuzz.py
 
@@ -71,6 +75,7 @@ help:
 	@echo "make bench   time everything beside baselines and limits, into docs/performance.md; bench-quick only tries it"
 	@echo "make studies whether models are recognised, fits calibrated, and what sessions gain, into docs/model-studies.md"
 	@echo "make audit-studies  level and power of the audit, and whether its promises hold, into docs/audit-studies.md"
+	@echo "make reference-studies  calibration of the whole chain, and what each open choice of the paper is worth"
 	@echo "make rig-demo  emulated devices: collect, fit and perceive over serial ports"
 	@echo "make faults  random faults of the emulated rig, and what came of them"
 	@echo "make kills   kill a data collection at random moments, and what was lost"

@@ -64,7 +64,7 @@ def export_cases(
     cases = select(case or [])
     with bars() as progress:
         written = export_kit(folder, cases, precision, force, progress("Computing answers", len(cases)))
-    print(f"{written} cases are in {folder}; {folder / 'index.json'} lists them.")
+    print(f"Cases in {folder}: {written}; {folder / 'index.json'} lists them.")
 
 
 @app.command("run")

@@ -25,6 +25,7 @@ from .rig import app as rig
 from .simulate import simulate
 from .sweep import sweep
 from .trials import trials
+from .validate import validate
 
 app = typer.Typer(
     name="solidtouch",
@@ -47,6 +48,7 @@ _COMMANDS = (
     audit,
     emulate,
     sweep,
+    validate,
 )
 for command in _COMMANDS:
     app.command()(command)

@@ -1,0 +1,36 @@
+"""`solidtouch validate`: what to run after installing, and before believing."""
+
+from typing import Annotated
+
+import typer
+from typer import Option
+
+from .interrupt import loading
+from .options import Seed
+
+
+def validate(
+    seed: Seed = 0,
+    verbose: Annotated[bool, Option("--verbose", help="Print how long each check took.")] = False,
+) -> None:
+    """Cross-check, conformance and a short calibration in a minute or two; exit code 1 if anything fails."""
+    with loading():
+        from rich.console import Console
+        from rich.table import Table
+
+        from ..analysis.validate import validate as checks
+    from .progress import bars
+
+    with bars() as progress:
+        found = list(checks(progress, seed))
+    table = Table("check", "against", "found", "", *(["seconds"] if verbose else []), box=None)
+    for check in found:
+        row = [check.name, check.against, check.found, "ok" if check.passed else "FAILED"]
+        table.add_row(*row, *([f"{check.seconds:.0f}"] if verbose else []))
+    console = Console()
+    console.print(table)
+    failed = [check.name for check in found if not check.passed]
+    if failed:
+        console.print(f"{len(failed)} of {len(found)} checks FAILED: {', '.join(failed)}.", highlight=False)
+        raise typer.Exit(1)
+    console.print(f"All {len(found)} checks passed.", highlight=False)

@@ -1,0 +1,83 @@
+"""`solidtouch conformance` as a user calls it."""
+
+import json
+import sys
+
+import pytest
+from solidtouch.analysis.conformance.catalogue import catalogue
+from solidtouch.cli.main import app
+from typer.testing import CliRunner
+
+
+def call(*words):
+    done = CliRunner().invoke(app, ["conformance", *map(str, words)])
+    return done.exit_code, " ".join(done.stdout.split()), done
+
+
+def test_the_list_tells_every_case_and_what_it_tests():
+    code, text, _ = call("list")
+
+    assert code == 0
+    assert text.endswith(f"{len(catalogue())} cases.")
+    assert "ten-thousand-taps" in text
+
+
+def test_engines_run_on_chosen_cases():
+    code, text, _ = call("run", "--engine", "numpy", "--case", "root-j", "--case", "ties", "--verbose")
+
+    assert code == 0
+    assert text == "Engine numpy root-j pass ties pass 2 of 2 cases pass."
+
+
+def test_an_engine_that_cannot_do_a_case_leaves_it_out():
+    code, text, _ = call("run", "--engine", "numpyro", "--case", "shift-prior", "--case", "root-j")
+
+    assert code == 0
+    assert "shift-prior left out: The border 'prior' renormalises" in text
+    assert text.endswith("1 of 1 cases pass, 1 left out.")
+
+
+def test_exported_cases_can_be_answered_from_files(tmp_path):
+    """Right answers give exit code 0, a wrong one 1 with its tap."""
+    code, text, _ = call("export", tmp_path / "kit", "--case", "root-j")
+    assert code == 0
+    assert text.startswith(f"Cases in {tmp_path / 'kit'}: 1;")
+    right = json.loads((tmp_path / "kit" / "root-j.json").read_text())["expected"]
+    answers = tmp_path / "answers"
+    answers.mkdir()
+    (answers / "root-j.jsonl").write_text("\n".join(map(json.dumps, right)))
+    assert call("check", "--answers", answers, "--case", "root-j")[0] == 0
+
+    right[2]["move"] += 1
+    (answers / "root-j.jsonl").write_text("\n".join(map(json.dumps, right)))
+    code, text, _ = call("check", "--answers", answers, "--case", "root-j")
+    assert code == 1
+    assert "root-j DIFFERS tap 3: its move is" in text
+
+
+def test_a_program_that_prints_rubbish_is_told_so():
+    code, text, _ = call("check", "--command", f"{sys.executable} -c 'print(1)'", "--case", "root-j")
+
+    assert code == 1
+    assert "root-j FAILED it writes a line 1 that is no JSON object: '1' 0 of 1 cases pass, 1 failed." in text
+
+
+@pytest.mark.parametrize(
+    ("words", "sentence"),
+    [
+        (("check",), "check needs either --command PROGRAM or --answers DIR."),
+        (("check", "--command", "x", "--answers", "y"), "check needs either --command PROGRAM or --answers DIR."),
+        (("check", "--command", ""), "--command needs the name of a program."),
+        (("check", "--command", "a 'b"), '--command "a \'b" cannot be read: No closing quotation.'),
+        (("check", "--command", "/no/such"), "--command: /no/such cannot be run: No such file or directory."),
+        (("check", "--answers", "/no/such"), "--answers /no/such is no folder."),
+        (("check", "--command", "x", "--without", "belief"), "--without belief: it must be one of log_likelihood,"),
+        (("check", "--command", "x", "--case", "y"), "--case y: there is no such case"),
+        (("run", "--case", "y"), "--case y: there is no such case"),
+    ],
+)
+def test_wrong_options_are_told_in_a_sentence(words, sentence):
+    _, _, done = call(*words)
+
+    assert type(done.exception).__name__ == "InputError"
+    assert sentence in str(done.exception)
