@@ -44,7 +44,7 @@ audit-studies: $(VENV)/.ready-run
 
 reference-studies: $(VENV)/.ready-run
 	@$(PY) benchmarks/chain.py --document docs/calibration.md
-	@$(PY) benchmarks/open_choices.py --document docs/open-choices.md
+	@$(PY) benchmarks/open_choices.py --document docs/open-choices.md $(if $(RECORDED),--recorded "$(RECORDED)")
 
 fuzz: $(VENV)/.ready-run
 	@$(PY) benchmarks/fuzz.py

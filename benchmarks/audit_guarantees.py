@@ -20,6 +20,7 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 from scipy.stats import t
+from solidtouch.analysis.calibration_chain import right_model
 from solidtouch.analysis.guarantees import PROMISED, USED, guarantees
 from solidtouch.hardware.data_collection import simulate_session
 from solidtouch.hardware.model_rig import draw_session
@@ -57,12 +58,6 @@ class Drawn(NamedTuple):
     samples: int
     repeats: NDArray[np.float64]
     pools: xr.Dataset
-
-
-def right_model(seed: int) -> HistogramModel:
-    """A histogram of a simulated session of the paper's sizes, at power none."""
-    taps = simulate_session(preset("paper"), seed, 0)
-    return fit(taps, taps.grid(), power="none")
 
 
 def of_samples(model: HistogramModel, samples: int) -> HistogramModel:

@@ -22,6 +22,7 @@ from .interrupt import INTERRUPTED, MESSAGE, TERMINATED
 from .perceive import perceive
 from .reproduce import reproduce
 from .rig import app as rig
+from .sensitivity import sensitivity
 from .simulate import simulate
 from .sweep import sweep
 from .trials import trials
@@ -48,6 +49,7 @@ _COMMANDS = (
     audit,
     emulate,
     sweep,
+    sensitivity,
     validate,
 )
 for command in _COMMANDS:

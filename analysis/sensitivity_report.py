@@ -1,0 +1,58 @@
+"""The folder of a sensitivity study: figures, `sensitivity.json` and the page."""
+
+import json
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Any
+
+from ..models.storage import complete_folder
+from . import figure_sensitivity
+from .figure_style import save
+from .pictures import Picture
+from .report import render_page
+
+
+def write_sensitivity(folder: Path, summary: Mapping[str, Any], force: bool = False) -> None:
+    """Writes everything, whole or not at all.
+
+    Args:
+        folder: Where to.
+        summary: See `sensitivity_summary.summarise`.
+        force: Whether files in an existing folder may be replaced.
+
+    Raises:
+        InputError: The folder cannot be written.
+    """
+    with complete_folder(folder, force) as temporary:
+        figures = []
+        for picture in pictures(summary):
+            png, svg = save(picture.figure, temporary, picture.name)
+            figures.append(
+                {"name": picture.name, "title": picture.title, "caption": picture.caption, "png": png, "svg": svg}
+            )
+        text = json.dumps(summary, indent=1, allow_nan=False, ensure_ascii=False) + "\n"
+        (temporary / "sensitivity.json").write_text(text, encoding="utf-8")
+        (temporary / "report.html").write_text(render_page("sensitivity.html", summary, figures), encoding="utf-8")
+
+
+def pictures(summary: Mapping[str, Any]) -> Iterator[Picture]:
+    """The figures of each source, `forest-N` and `pairs-N`, counted from 1."""
+    for number, source in enumerate(summary["sources"], 1):
+        yield Picture(
+            f"forest-{number}",
+            f"What every option is worth: {source['name']}",
+            f"Changes against the default (in brackets), {source['policies'][-1]} perception, choices by the object "
+            "error of their strongest option. Thick lines are 95 % intervals, thin ones hold all together; changes in "
+            "the grey bands do not matter. Axes are linear in the bands and logarithmic beyond.",
+            figure_sensitivity.forest(source),
+        )
+        pairs = figure_sensitivity.interactions(source)
+        if pairs is not None:
+            yield Picture(
+                f"pairs-{number}",
+                f"Pairs of the strongest options: {source['name']}",
+                "Change of the object error by both options beyond the sum of what each changes, with 95 % intervals; "
+                "bold where all intervals together exclude zero. Below zero they overlap: errors do not get worse "
+                "than chance.",
+                pairs,
+            )

@@ -1,0 +1,34 @@
+"""A sensitivity study in the terminal."""
+
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any
+
+from .report import interval
+from .sensitivity_summary import VERDICTS
+
+if TYPE_CHECKING:
+    from rich.console import Console
+
+
+def render(summary: Mapping[str, Any], console: "Console") -> None:
+    """Prints the findings and the ranking for each source."""
+    for source in summary["sources"]:
+        console.print(f"[bold]{source['name']}[/bold]", highlight=False)
+        console.print(source["units"], highlight=False)
+        for sentence in source["findings"]:
+            console.print(sentence, highlight=False)
+        console.print(_ranking(source))
+
+
+def _ranking(source: Mapping[str, Any]) -> Any:
+    from rich import box  # noqa: PLC0415
+    from rich.table import Table  # noqa: PLC0415
+
+    name = f"{source['policies'][-1]}_what_error"
+    table = Table(title="Choices, the strongest first", title_justify="left", box=box.SIMPLE, padding=(0, 1, 0, 0))
+    for heading in ("choice", "strongest option", f"change of the object error ({source['what_unit']})", "verdict"):
+        table.add_column(heading, justify="right" if heading.startswith("change") else "left")
+    for choice in source["choices"]:
+        option = next(row for row in choice["options"] if row["name"] == choice["strongest"])
+        table.add_row(choice["name"], option["name"], interval(option, name), VERDICTS[choice["verdict"]])
+    return table

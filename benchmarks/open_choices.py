@@ -1,0 +1,165 @@
+"""What every open choice of the paper is worth, on simulated data sets and on recorded ones.
+
+`python benchmarks/open_choices.py --document docs/open-choices.md --recorded FOLDER` writes the tables and figures of
+that page; without a folder of recordings their table stays as it is.
+"""
+
+import argparse
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from solidtouch.analysis.figure_sensitivity import forest, interactions
+from solidtouch.analysis.open_sources import Source, recorded_source, simulated_source
+from solidtouch.analysis.report import interval, percent
+from solidtouch.analysis.sensitivity import SensitivitySettings, sensitivity
+from solidtouch.analysis.sensitivity_summary import VERDICTS, WORDS, summarise
+from solidtouch.cli.progress import bars
+from studies import check_block, publish, table, write_block, write_json
+
+RECORDED = {
+    "barrett_ballcyl.npz": (None, None),
+    "barrett_boxes.npz": (None, None),
+    "eflesh_grid.npz": ("3mm", "3mm"),
+    "icub_grasp.npz": (None, None),
+    "braille_icub.npz": (None, None),
+}
+"""Files and the widths of their cells."""
+BLOCKS = ("open-choices-findings", "open-choices", "open-choices-pairs", "open-choices-rules")
+RECORDED_BLOCK = "open-choices-recorded"
+_SHORT = {"conclusion": "conclusion", "numbers": "numbers", "not decided": "?", "nothing": "nothing"}
+
+
+def findings(source: Mapping[str, Any]) -> str:
+    """What came out first, as a list, and what the defaults give."""
+    lines = [[row["policy"], *(interval(row, name) for name in WORDS)] for row in source["default"]]
+    advantage = [interval(source["advantage"][name], "value") for name in source["advantage"]]
+    lines.append(["passive less active", *advantage, ""])
+    units = (source["what_unit"], source["where_unit"])
+    head = ["defaults", *(f"{word} ({unit})" for word, unit in zip(WORDS.values(), units, strict=False)), "taps"]
+    listed = "\n".join(f"- {sentence}" for sentence in source["findings"])
+    return f"{source['units']}\n\n{table([*head, 'calibration'], lines)}\n\n{listed}"
+
+
+def sections(source: Mapping[str, Any]) -> str:
+    """A section for every choice: what the paper says, our default, and what each option changes."""
+    return "\n\n".join(section(choice, source) for choice in source["choices"])
+
+
+def section(choice: Mapping[str, Any], source: Mapping[str, Any]) -> str:
+    """One choice."""
+    lines = []
+    for option in choice["options"]:
+        verdict = VERDICTS[option["verdict"]] + (f": {', '.join(option['of'])}" if option["of"] else "")
+        lines.append([option["name"], *(interval(option, name) for name in _COLUMNS), verdict])
+    head = f"### {choice['name'][0].upper()}{choice['name'][1:]}\n\n*The paper:* {choice['paper']}"
+    default = f"*Default:* {choice['default']}, see [the note](decisions/{choice['record']})."
+    more = [
+        f"Without it {percent(option['impossible_taps'])} of the test taps are impossible under their own class, and "
+        f"{percent(option['impossible_trials'])} of the active trials meet a tap that no class can have given."
+        for option in choice["options"]
+        if option["impossible_trials"] > 0
+    ]
+    more += [
+        f"Not run: {row['option']}, {row['reason']}." for row in source["not_run"] if row["choice"] == choice["name"]
+    ]
+    unit = source["what_unit"]
+    heads = ["option", f"object error ({unit})", f"at equal taps ({unit})", f"position error ({source['where_unit']})"]
+    heads += ["taps", "calibration (factor)", f"passive object error ({unit})", "verdict"]
+    return "\n\n".join([head, default, table(heads, lines), *more])
+
+
+_COLUMNS = (
+    "active_what_error",
+    "equal_taps",
+    "active_where_error",
+    "active_taps",
+    "active_factor",
+    "passive_what_error",
+)
+
+
+def pairs(source: Mapping[str, Any]) -> str:
+    """Every pair of strong options."""
+    lines = [
+        [
+            *(f"{pair[side]['choice']}: {pair[side]['option']}" for side in ("first", "second")),
+            interval(pair, "together"),
+            interval(pair, "beyond"),
+            "yes" if pair["sure"] else "no",
+        ]
+        for pair in source["pairs"]
+    ]
+    unit = source["what_unit"]
+    return table(["option", "with", f"both ({unit})", f"beyond the sum ({unit})", "surely not 0"], lines)
+
+
+def recorded_table(sources: Sequence[Mapping[str, Any]]) -> str:
+    """The gravest verdict of every choice on every recording, and what the defaults give there."""
+    names = list(dict.fromkeys(choice["name"] for source in sources for choice in source["choices"]))
+    verdicts = [{choice["name"]: _SHORT[choice["verdict"]] for choice in source["choices"]} for source in sources]
+    head = ["choice", *(source["name"] for source in sources)]
+    lines = [[name, *(row.get(name, "-") for row in verdicts)] for name in names]
+    defaults = [
+        [
+            source["name"],
+            f"{source['grid']['L']} x {source['grid']['M']}",
+            row["policy"],
+            interval(row, "what_error"),
+            interval(row, "where_error"),
+            interval(row, "taps"),
+            interval(row, "factor"),
+        ]
+        for source in sources
+        for row in source["default"]
+    ]
+    units = "\n".join(f"- {source['name']}: {source['units']} {' '.join(_not_in_table(source))}" for source in sources)
+    given = ["recording", "classes", "policy", "object error", "position error", "taps", "calibration"]
+    return f"{table(given, defaults)}\n\n{table(head, lines)}\n\n{units}"
+
+
+def _not_in_table(source: Mapping[str, Any]) -> list[str]:
+    """The findings that the table of verdicts does not hold, but for those that may be chance."""
+    return [said for said in source["findings"][1:] if not said.startswith(("Choices", "Options that err less by"))]
+
+
+def recordings(folder: Path | None) -> Iterator[Source]:
+    """Those of the recorded sets that are there."""
+    for name, cells in RECORDED.items():
+        if folder is not None and (folder / name).is_file():
+            yield recorded_source(folder / name, *cells)
+
+
+def main() -> None:
+    """Runs the study as the command line says."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--data-sets", type=int, default=40)
+    parser.add_argument("--trials", type=int, default=1000)
+    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--recorded", type=Path, help="folder of recorded sets")
+    parser.add_argument("--document", type=Path, help="a page whose tables are replaced")
+    options = parser.parse_args()
+    for name in (*BLOCKS, RECORDED_BLOCK):
+        check_block(options.document, name)
+    settings = SensitivitySettings(trials=options.trials, seed=options.seed)
+    sources = [simulated_source("paper", options.data_sets, options.seed), *recordings(options.recorded)]
+    with bars() as progress:
+        studies = [sensitivity(source, settings, progress) for source in sources]
+    summary = summarise(studies, settings, {"title": "Open choices", "command": "benchmarks/open_choices.py"})
+    write_json("open-choices", summary)
+    simulated, *recorded = summary["sources"]
+    rules = "\n".join(f"- {sentence}" for sentence in summary["rules"])
+    texts = dict(zip(BLOCKS, (findings(simulated), sections(simulated), pairs(simulated), rules), strict=True))
+    if recorded:
+        texts[RECORDED_BLOCK] = recorded_table(recorded)
+    for name, text in texts.items():
+        print(text, end="\n\n")
+        if options.document is not None:
+            write_block(options.document, name, text)
+    if options.document is not None:
+        publish(forest(simulated), options.document, "open-choices")
+        publish(interactions(simulated), options.document, "open-choices-pairs")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,75 @@
+"""`solidtouch sensitivity`: what each choice that the paper leaves open is worth."""
+
+import shlex
+import sys
+from datetime import datetime
+from pathlib import Path
+from typing import Annotated
+
+from typer import Argument, Option
+
+from ..models.errors import InputError
+from .interrupt import loading
+from .options import Force, Seed, WhatCell, WhereCell, Workers
+
+_FEWEST_TRIALS, _QUICK_DATA_SETS, _QUICK_TRIALS = 50, 4, 300
+
+
+def sensitivity(
+    files: Annotated[
+        list[Path] | None,
+        Argument(
+            metavar="[FILE...]",
+            help="Recorded taps as for `inspect`, each on its own; three sessions or more are left out in turn.",
+            show_default=False,
+        ),
+    ] = None,
+    out: Annotated[Path | None, Option(help="Folder for the results; default runs/<date-time>-sensitivity.")] = None,
+    data_sets: Annotated[
+        int, Option("--data-sets", min=0, max=10_000, help="Simulated data sets; 0 for recorded taps only.")
+    ] = 40,
+    preset: Annotated[str, Option(help="Settings of the simulated rig.")] = "paper",
+    where_cell: WhereCell = None,
+    what_cell: WhatCell = None,
+    trials: Annotated[int, Option(min=_FEWEST_TRIALS, max=10**6, help="Of each data set, policy and option.")] = 1000,
+    strongest: Annotated[int, Option(min=0, max=18, help="Choices of which all pairs are tried.")] = 5,
+    quick: Annotated[
+        bool,
+        Option(
+            "--quick",
+            help=f"At most {_QUICK_DATA_SETS} data sets of {_QUICK_TRIALS} trials: a look, in which little is decided.",
+        ),
+    ] = False,
+    workers: Workers = None,
+    seed: Seed = 0,
+    force: Force = False,
+) -> None:
+    """Runs every option of what the paper leaves open: what changes its conclusion, its numbers, or nothing."""
+    if quick:
+        data_sets, trials = min(data_sets, _QUICK_DATA_SETS), min(trials, _QUICK_TRIALS)
+    if not data_sets and not files:
+        raise InputError("--data-sets 0 needs a file of recorded taps.")
+    with loading():
+        from rich.console import Console
+
+        from ..analysis.open_sources import recorded_source, simulated_source
+        from ..analysis.sensitivity import SensitivitySettings
+        from ..analysis.sensitivity import sensitivity as run
+        from ..analysis.sensitivity_report import write_sensitivity
+        from ..analysis.sensitivity_summary import summarise
+        from ..analysis.sensitivity_view import render
+        from ..models.storage import check_folder
+    from .progress import bars
+
+    folder = out or Path("runs") / f"{datetime.now().astimezone():%Y-%m-%d-%H%M%S}-sensitivity"
+    check_folder(folder, force)
+    sources = [simulated_source(preset, data_sets, seed)] if data_sets else []
+    sources += [recorded_source(path, where_cell, what_cell) for path in files or ()]
+    settings = SensitivitySettings(trials=trials, seed=seed, strongest=strongest, workers=workers)
+    with bars() as progress:
+        studies = [run(source, settings, progress) for source in sources]
+    title = "What the open choices of the paper are worth"
+    summary = summarise(studies, settings, {"title": title, "command": shlex.join(["solidtouch", *sys.argv[1:]])})
+    write_sensitivity(folder, summary, force)
+    render(summary, Console())
+    print(f"The report is {folder / 'report.html'}")
