@@ -35,6 +35,10 @@ class BadAnswerError(ValueError):
     """A line is no answer; the message says why."""
 
 
+class _NoNumberError(ValueError):
+    """A line holds NaN or an infinity."""
+
+
 @dataclass(frozen=True)
 class Answer:
     """One line of answers.
@@ -79,16 +83,21 @@ def parse_answer(line: str, case: Case) -> Answer:
     """
     try:
         fields = json.loads(line, parse_constant=_refuse)
-    except ValueError:
+    except _NoNumberError as error:
+        raise BadAnswerError(f"is no JSON, which has no {error}: {_shown(line)}") from None
+    except json.JSONDecodeError as error:
+        place = f" from character {error.pos + 1} on" if error.pos else ""
+        raise BadAnswerError(f"is no JSON{place}: {_shown(line[error.pos :])}") from None
+    except (ValueError, RecursionError):  # also a number of thousands of digits, and lists within lists
         raise BadAnswerError(f"is no JSON: {_shown(line)}") from None
     if not isinstance(fields, dict):
         raise BadAnswerError(f"is no JSON object: {_shown(line)}")
     if fields.get("case") != case.name:
-        raise BadAnswerError(f"is about case {fields.get('case')!r}")
+        raise BadAnswerError(f"is about case {_shown(fields.get('case'))}")
     tap = fields.get("tap")
-    if not isinstance(tap, int) or isinstance(tap, bool):
+    if not isinstance(tap, int) or isinstance(tap, bool) or abs(tap) > _MOST:
         raise BadAnswerError(f"has no tap number: {_shown(line)}")
-    if "error" in fields:
+    if fields.get("error") is not None:
         return Answer(tap, error=str(fields["error"]))
     values = {name: _value(name, fields[name], case) for name in QUANTITIES if name in fields}
     return Answer(tap, values)
@@ -109,7 +118,7 @@ def _value(name: str, value: Any, case: Case) -> Any:
 
 
 def _refuse(constant: str) -> Any:
-    raise ValueError(constant)
+    raise _NoNumberError(constant)
 
 
 def _whole(name: str, value: Any) -> int:

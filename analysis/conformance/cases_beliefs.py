@@ -10,6 +10,7 @@ from .scene import Scene, make
 _SMALL = Scene(L=4, M=3, K=2, J=2, B=6)
 _FLAT = Scene(L=3, M=2, K=1, J=1, B=2)
 _FLAT_EDGES = np.array([0.0, 1.0, 2.0])
+_CROSSED = np.array([[0.30, 0.02], [0.03, 0.27], [0.12, 0.26]])  # cell (0, 0) is the largest, place 2 and object 1 are
 
 
 def cases() -> Iterator[Case]:
@@ -74,21 +75,54 @@ def _impossible() -> Iterator[Case]:
 
 
 def _decisions() -> Iterator[Case]:
-    crossed = np.array(
-        [[0.30, 0.02], [0.03, 0.27], [0.12, 0.26]]
-    )  # cell (0, 0) is the largest, place 2 and object 1 are
     flat = {"probabilities": np.full((3, 2, 1, 2), 0.5), "edges": _FLAT_EDGES}
     yield make(
         "marginals-not-joint",
         "The most probable joint class is in neither the most probable place nor object.",
         (5, 6, 7, 8),
         _FLAT,
-        prior=crossed,
+        prior=_CROSSED,
         taps=[[[0.5]]],
         thresholds=(0.3, 0.5, 0.6),
         fixation=2,
         **flat,
     )
+    yield make(
+        "evidence",
+        "All classes are alike: the belief stays, and the evidence of a tap is its likelihood.",
+        (4,),
+        _FLAT,
+        prior=_CROSSED,
+        probabilities=np.tile([0.25, 0.75], (3, 2, 1, 1)),
+        edges=_FLAT_EDGES,
+        taps=[[[0.5]], [[1.5]], [[0.5]]],
+        thresholds=(1.0,),
+        theta_x=1.0,
+    )
+    yield make(
+        "marginals",
+        "The belief is that of the prior; nothing is decided and nothing moves.",
+        (5, 6),
+        _FLAT,
+        prior=_CROSSED,
+        taps=[[[0.5]]],
+        thresholds=(1.0,),
+        theta_x=1.0,
+        **flat,
+    )
+    for word, step in (("below", -1e-8), ("above", 1e-8)):
+        yield make(
+            f"thresholds-just-{word}",
+            f"Thresholds lie {word} the belief in the object (0.55) and in the place (0.38) by 1e-8.",
+            (7, 8),
+            _FLAT,
+            prior=_CROSSED,
+            taps=[[[0.5]]],
+            thresholds=(0.55 + step,),
+            theta_x=0.38 + step,
+            fixation=0,
+            **flat,
+        )
     yield make(
         "thresholds",
         "Many thresholds, in no order, one of them 0 and one 1; the belief ends at 1.",
@@ -168,7 +202,47 @@ def _moves() -> Iterator[Case]:
         power="none",
         taps=12,
     )
-    yield make("move-sometimes", "theta_X lies between.", (8, 10), _SMALL, theta_x=0.55, fixation=3, taps=6)
+    yield make(
+        "move-sometimes",
+        "theta_X lies between, and is always exceeded.",
+        (8, 10),
+        _SMALL,
+        theta_x=0.55,
+        fixation=3,
+        taps=6,
+    )
+    yield make(
+        "move-undone",
+        "The belief in a place rises above theta_X and falls again, twice.",
+        (8, 10),
+        _FLAT,
+        probabilities=np.repeat([[0.9, 0.1], [0.5, 0.5], [0.1, 0.9]], 2, axis=0).reshape(3, 2, 1, 2),
+        edges=_FLAT_EDGES,
+        taps=[[[0.5]]] * 2 + [[[1.5]]] * 4,
+        thresholds=(0.8,),
+        theta_x=0.72,
+        fixation=2,
+    )
+    for name, about, theta_x in (
+        ("move-not-by-object", "theta_X lies between the beliefs in the place (0.38) and in the object (0.55).", 0.45),
+        (
+            "move-not-by-joint",
+            "theta_X lies between the beliefs in the class (0.30) and in the place (0.38).",
+            0.35,
+        ),
+    ):
+        yield make(
+            name,
+            about,
+            (8,),
+            _FLAT,
+            prior=_CROSSED,
+            probabilities=np.full((3, 2, 1, 2), 0.5),
+            edges=_FLAT_EDGES,
+            taps=[[[0.5]]],
+            theta_x=theta_x,
+            fixation=0,
+        )
     yield make("fixation-first", "The fixation point is the first place.", (10,), _SMALL, fixation=0, start=(3, 1))
     yield make("fixation-last", "The fixation point is the last place.", (10,), _SMALL, fixation=3, start=(0, 1))
 

@@ -88,6 +88,15 @@ def _histograms() -> Iterator[Case]:
         pseudocount=10.0,
         **fields,
     )
+    yield make(
+        "small-pseudocount",
+        "Empty bins have a pseudocount of 1e-12, and no other least probability.",
+        (2,),
+        _WHOLE,
+        counts=gaps,
+        pseudocount=1e-12,
+        **fields,
+    )
     hollow = _COUNTS.copy()
     hollow[1, 0, 1] = 0
     yield make(
@@ -138,6 +147,18 @@ def _tables() -> Iterator[Case]:
         probabilities=weights,
         **fields,
     )
+    tiny = weights / weights.sum(axis=-1, keepdims=True)
+    tiny[..., 0], tiny[1, :, :, 1] = 1e-30, 1e-300
+    tiny /= tiny.sum(axis=-1, keepdims=True)
+    yield make(
+        "tables-tiny",
+        "Probabilities of about 1e-30 and 1e-300 are no zeros.",
+        (1,),
+        _WHOLE,
+        probabilities=tiny,
+        power="none",
+        **fields,
+    )
     close = 0.25 + 1e-9 * (weights - weights.mean(axis=-1, keepdims=True))
     yield make(
         "tables-nearly-equal",
@@ -162,6 +183,18 @@ def _fits() -> Iterator[Case]:
     outside = [scene.tap(1, 1, random) + shift for shift in (0.0, high - low, low - high)]
     yield make(
         "fit-outside", "Later taps leave the range of the training taps.", (2,), scene, training=training, taps=outside
+    )
+    apart = training.taps.copy()
+    highest, lowest = (
+        np.flatnonzero((training.where == l) & (training.what == m))[0] for l, m in ((0, 1), (scene.L - 2, 0))
+    )
+    apart[highest, 1, 0], apart[lowest, 0, scene.K - 2] = 11.0, -3.0
+    yield make(
+        "fit-range",
+        "The largest and the smallest training sample are of different taxels, places and objects.",
+        (2,),
+        scene,
+        training=training._replace(taps=apart),
     )
     whole = np.round((training.taps - low) / (high - low) * 8.0)
     yield make(

@@ -49,32 +49,33 @@ def _long() -> Iterator[Case]:
         answered=(1, 10, 100, 1000, *range(4000, 10001, 500)),
     )
     back_and_forth = [0, *([1, -1] * 500)][:1000]
-    yield make(
-        "thousand-moves",
-        "A thousand taps, each behind a move, with border clamp.",
-        (3, 9),
-        _PAIR,
-        probabilities=_TABLES,
-        edges=_PAIR_EDGES,
-        taps=[[[1.0]]] * 500 + [[[7.0]]] * 500,
-        moves=back_and_forth,
-        border="clamp",
-        answered=(1, 10, 100, *range(500, 1001, 50)),
-    )
+    for border in ("clamp", "uniform_what", "circular"):
+        yield make(
+            "thousand-moves" if border == "clamp" else f"thousand-moves-{border.replace('_', '-')}",
+            f"A thousand taps, each behind a move, with border {border}.",
+            (3, 9),
+            _PAIR,
+            probabilities=_TABLES,
+            edges=_PAIR_EDGES,
+            taps=[[[1.0]]] * 500 + [[[7.0]]] * 500,
+            moves=back_and_forth,
+            border=border,
+            answered=(1, 10, 100, *range(500, 1001, 50)),
+        )
 
 
 def _tiny() -> Iterator[Case]:
-    scene = Scene(L=3, M=2, K=6, J=60, B=4)
+    scene = Scene(L=3, M=2, K=6, J=150, B=4)
     tables = np.repeat(_TABLES, 6, axis=2)
     yield make(
         "tap-underflows",
-        "One tap of 360 samples without a root: its likelihood is below e^-745 under every class.",
+        "One tap of 900 samples without a root: its likelihood is below e^-745 under every class.",
         (1,),
         scene,
         probabilities=tables,
         edges=_PAIR_EDGES,
         power="none",
-        taps=[np.full((60, 6), 3.0), np.full((60, 6), 5.0)],
+        taps=[np.full((150, 6), 3.0), np.full((150, 6), 5.0)],
     )
     rising = np.reshape([[0.04, 0.32, 0.32, 0.32], [0.94, 0.02, 0.02, 0.02]], (2, 1, 4))
     tiny = np.array([[1.0, 5e-324], [1e-320, 1e-310], [2e-308, 0.0]])

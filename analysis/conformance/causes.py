@@ -1,6 +1,7 @@
 """Which usual mistake a program has made, from all the cases that it got wrong.
 
 A mistake that explains one case may explain many; the likeliest cause of a case is the one that explains most.
+One that would fail a case which the program passes is none.
 """
 
 from collections import Counter
@@ -9,6 +10,8 @@ from dataclasses import replace
 
 from .case import Case
 from .catalogue import catalogue, expected
+from .comparison import first_difference
+from .exact import Exact
 from .mistakes import MISTAKES, Mistake, explains
 from .tolerance import Precision, tolerances
 from .verdict import Verdict
@@ -34,12 +37,14 @@ def with_causes(
     """
     cases = catalogue()
     wrong = sorted((v for v in verdicts if v.quantity), key=lambda v: _steps(cases[v.case], v))
+    passed = [cases[v.case] for v in verdicts if v.status == "pass"]
+    witnesses = _Witnesses([case for case in passed if _size(case, len(case.taps)) <= _CHEAP], precision, without)
     causes: dict[str, set[str]] = {}
     counts: Counter[str] = Counter()
     for verdict in wrong:
         ranked = sorted(MISTAKES, key=lambda mistake: -counts[mistake.name])
         every = _steps(cases[verdict.case], verdict) <= _CHEAP
-        causes[verdict.case] = _causes(cases[verdict.case], verdict, ranked, every, precision, without)
+        causes[verdict.case] = _causes(cases[verdict.case], verdict, ranked, every, precision, without, witnesses)
         counts.update(causes[verdict.case])
         told(1)
     order = [mistake.name for mistake in MISTAKES]
@@ -53,17 +58,56 @@ def with_causes(
 
 def _steps(case: Case, verdict: Verdict) -> int:
     """About how many multiplications lead to the tap that is wrong."""
+    return _size(case, max(verdict.tap or 1, 1))
+
+
+def _size(case: Case, taps: int) -> int:
     L, M, K, J, _ = case.sizes.values()
-    return L * M * (J * K + 10) * max(verdict.tap or 1, 1)
+    return L * M * (J * K + 10) * taps
+
+
+class _Witnesses:
+    """Cases that a program passes; a mistake with which it could not pass one is not what it makes.
+
+    Only those with the same border count, as a program may get one border wrong and no other.
+    """
+
+    def __init__(self, cases: Sequence[Case], precision: Precision, without: Sequence[str]) -> None:
+        self._cases = cases
+        self._precision: Precision = precision
+        self._without = without
+        self._known: dict[tuple[type[Exact], str], bool] = {}
+
+    def refute(self, rules: type[Exact], border: str) -> bool:
+        """Whether some case says no."""
+        if (rules, border) not in self._known:
+            of_border = (case for case in self._cases if case.border == border)
+            self._known[rules, border] = any(self._fails(rules, case) for case in of_border)
+        return self._known[rules, border]
+
+    def _fails(self, rules: type[Exact], case: Case) -> bool:
+        right = expected(case)
+        allowed = tolerances(case, right, self._precision)
+        return first_difference(case, right, list(rules(case).answers()), allowed, self._without) is not None
 
 
 def _causes(
-    case: Case, verdict: Verdict, ranked: Sequence[Mistake], every: bool, precision: Precision, without: Sequence[str]
+    case: Case,
+    verdict: Verdict,
+    ranked: Sequence[Mistake],
+    every: bool,
+    precision: Precision,
+    without: Sequence[str],
+    witnesses: _Witnesses,
 ) -> set[str]:
     allowed = tolerances(case, expected(case), precision)
     found: set[str] = set()
+
+    def refuted(rules: type[Exact]) -> bool:
+        return witnesses.refute(rules, case.border)
+
     for mistake in ranked:
-        if explains(mistake, case, verdict.answers, verdict.found, allowed, without):
+        if explains(mistake, case, verdict.answers, verdict.found, allowed, without, refuted):
             found.add(mistake.name)
             if not every:
                 break

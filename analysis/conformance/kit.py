@@ -13,6 +13,7 @@ from .case import FORMAT, Case, to_line
 from .catalogue import expected
 from .tolerance import Precision, allowed_decisions, allowed_moves, needs_double, tolerances
 
+_CONVENTIONS = {"format": FORMAT, "index_base": 0, "numbers": "IEEE 754 binary64", "logarithms": "natural"}
 _LARGE = 200_000  # bytes of a case above which it comes as NPZ too
 
 
@@ -44,7 +45,7 @@ def export_kit(
             if not (precision == "single" and needs_double(case, expected(case))):
                 entries.append(_export(temporary, case, precision))
             progress(1)
-        index = {"format": FORMAT, "precision": precision, "cases": entries}
+        index = {**_CONVENTIONS, "precision": precision, "cases": entries}
         _write(temporary / "index.json", json.dumps(index, indent=1))
     return len(entries)
 
@@ -57,7 +58,7 @@ def _export(folder: Path, case: Case, precision: Precision) -> dict[str, Any]:
         file.writelines(f"{line}\n" for line in case.lines())
     files = [f"{case.name}.json", f"{case.name}.jsonl"]
     if len(text) > _LARGE:
-        np.savez_compressed(folder / f"{case.name}.npz", **_arrays(case))
+        np.savez_compressed(folder / f"{case.name}.npz", **_arrays(case), **_settings(case, precision))
         files.append(f"{case.name}.npz")
     about = {"case": case.name, "about": case.about, "equations": list(case.equations), "taps": len(case.taps)}
     return about | {"files": files}
@@ -69,6 +70,7 @@ def as_object(case: Case, precision: Precision) -> dict[str, Any]:
     allowed = tolerances(case, right, precision)
     return {
         **case.header(),
+        **_CONVENTIONS,
         "about": case.about,
         "equations": list(case.equations),
         "precision": precision,
@@ -101,6 +103,16 @@ def _arrays(case: Case) -> dict[str, Any]:
     for name in answers[0].values:
         arrays[f"expected_{name}"] = np.array([answer.values[name] for answer in answers])
     return arrays
+
+
+def _settings(case: Case, precision: Precision) -> dict[str, Any]:
+    """What a case holds as single numbers and words, and how near an answer must come."""
+    header = case.header()
+    names = ("case", "where_value", "where_unit", "pseudocount", "power", "border", "thresholds", "theta_x", "fixation")
+    allowed = tolerances(case, expected(case), precision)
+    given = {**_CONVENTIONS, **{name: header[name] for name in names if name in header}, "precision": precision}
+    near = {f"tolerance_{name}": tuple(tolerance) for name, tolerance in allowed.items()}
+    return {name: np.array(value) for name, value in (given | near).items()}
 
 
 def _write(path: Path, text: str) -> None:

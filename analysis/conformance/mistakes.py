@@ -1,7 +1,7 @@
 """Usual mistakes, each as the exact equations with one step done wrongly, and which of them explains an answer."""
 
 from bisect import bisect_left
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from functools import cached_property
 from typing import NamedTuple
@@ -135,6 +135,18 @@ class _JointMaximum(Exact):
         return self.largest([p for row in belief for p in row])
 
 
+class _JointObject(_JointMaximum):
+    """The place is that of the marginal."""
+
+    where_index = Exact.where_index
+
+
+class _JointPlace(_JointMaximum):
+    """The object is that of the marginal."""
+
+    what_index = Exact.what_index
+
+
 class _NoClipping(Exact):
     def bin(self, sample: float, k: int) -> int | None:
         return super().bin(sample, k) if self.edges[k][0] <= sample <= self.edges[k][-1] else None
@@ -213,7 +225,11 @@ MISTAKES = (
     Mistake("linear-likelihood", "a product of plain probabilities underflows to 0", (_LinearProduct,)),
     Mistake("no-root", "the root of Eq. 1 is left out", (_NoRoot,)),
     Mistake("move-sign", "the move has the wrong sign", (_MoveSign,)),
-    Mistake("joint-maximum", "the most probable joint class decides in place of the marginals", (_JointMaximum,)),
+    Mistake(
+        "joint-maximum",
+        "the most probable joint class decides in place of the marginals",
+        (_JointMaximum, _JointObject, _JointPlace),
+    ),
     Mistake("no-clipping", "samples outside the range are left out in place of put into the end bins", (_NoClipping,)),
     Mistake("right-closed-bins", "a sample on an edge goes into the lower bin", (_RightClosed,)),
     Mistake(
@@ -236,6 +252,7 @@ def explains(
     found: Difference,
     tolerances: dict[str, Tolerance],
     without: Sequence[str] = (),
+    refuted: Callable[[type[Exact]], bool] = lambda _: False,
 ) -> bool:
     """Whether a mistake gives what a program answered, up to and including what is wrong with it.
 
@@ -246,11 +263,13 @@ def explains(
         found: The first difference from the right ones.
         tolerances: Of the case.
         without: Quantities that are not compared.
+        refuted: Whether the program answers other cases as a form of the mistake would not.
     """
     if not found.quantity:
         return False
     short = replace(case, taps=case.taps[: max(found.tap, 1)], moves=case.moves[: max(found.tap, 1)])
-    return any(_explains(rules(short), actual, found, tolerances, without) for rules in mistake.rules)
+    forms = (rules for rules in mistake.rules if _explains(rules(short), actual, found, tolerances, without))
+    return any(not refuted(rules) for rules in forms)
 
 
 def _explains(

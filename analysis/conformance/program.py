@@ -5,6 +5,7 @@ import shlex
 import signal
 import subprocess
 import tempfile
+import time
 from collections.abc import Callable, Iterable
 from contextlib import suppress
 from pathlib import Path
@@ -24,10 +25,12 @@ class Ended(NamedTuple):
     Attributes:
         output: Its standard output.
         failure: How it failed, as the end of a sentence that begins with "it"; empty where it ended well.
+        late: Whether that was for want of time.
     """
 
     output: str
     failure: str
+    late: bool = False
 
 
 def split_command(command: str) -> list[str]:
@@ -70,10 +73,11 @@ def run_program(words: list[str], lines: Iterable[str], timeout: float) -> Ended
     output = _Kept(process.stdout, _MOST_OUTPUT, lambda: _kill(process))
     errors = _Kept(process.stderr, _KEPT_ERRORS)
     late = False
+    end = time.monotonic() + timeout
     try:
         process.wait(timeout)
-        output.join(timeout)
-        errors.join(timeout)
+        for kept in (output, errors):  # something that it started may still hold them open
+            kept.join(max(end - time.monotonic(), 0.0))
     except subprocess.TimeoutExpired:
         late = True
     finally:
@@ -81,7 +85,7 @@ def run_program(words: list[str], lines: Iterable[str], timeout: float) -> Ended
         process.wait()
     output.join(1.0)
     errors.join(1.0)
-    return Ended(output.text, _failure(process.returncode, late, output.overflowed, errors.text, timeout))
+    return Ended(output.text, _failure(process.returncode, late, output.overflowed, errors.text, timeout), late)
 
 
 class _Kept(Thread):
@@ -124,8 +128,13 @@ def _failure(code: int, late: bool, overflowed: bool, errors: str, timeout: floa
         return f"crashed with signal {_signal_name(-code)}"
     said = errors.strip().splitlines()
     if code:
-        return f"ended with exit code {code}" + (f" and said: {said[-1][:200]}" if said else "")
+        return f"ended with exit code {code}" + (f" and said: {_printable(said[-1][:200])}" if said else "")
     return ""
+
+
+def _printable(text: str) -> str:
+    """Text that does not paint or move on a terminal."""
+    return "".join(letter if letter.isprintable() else "?" for letter in text)
 
 
 def _signal_name(number: int) -> str:

@@ -1,5 +1,6 @@
 """All cases through the engines of this software, or through a foreign program."""
 
+import re
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import NamedTuple
@@ -12,6 +13,8 @@ from .program import Ended, read_answers, run_program
 from .tolerance import Precision, tolerances
 from .trials import trial_difference
 from .verdict import Verdict, judge, judge_output, left_out
+
+_CASE = re.compile(r'"case"\s*:\s*"([^"]*)"')
 
 type Told = Callable[[Verdict], None]
 """Told each verdict as it comes."""
@@ -101,12 +104,22 @@ def _by_case(ended: Ended, cases: Sequence[Case]) -> dict[str, Ended]:
     """The output of a program cut into that of each case; what failed, failed in the last one that it began."""
     lines: dict[str, list[str]] = {case.name: [] for case in cases}
     current = cases[0].name if cases else ""
-    for line in ended.output.splitlines():
-        current = next((name for name in lines if f'"{name}"' in line[: len(name) + 40]), current)
-        lines[current].append(line)
+    for line in ended.output.removeprefix("\ufeff").split("\n"):
+        named = _CASE.search(line)
+        current = named[1] if named and named[1] in lines else current
+        if line.strip():
+            lines[current].append(line)
     order = list(lines)
     after = order.index(current) if current else 0
+    if ended.late and after + 1 < len(cases) and _complete(cases[after], lines[current]):
+        after += 1
     return {
         name: Ended("\n".join(part), ended.failure if order.index(name) >= after else "")
         for name, part in lines.items()
     }
+
+
+def _complete(case: Case, lines: Sequence[str]) -> bool:
+    """Whether a program has written all that is due, so that it is stuck in a later case."""
+    due = len(case.taps) + (case.training is not None)
+    return len(lines) >= due or (bool(lines) and '"error"' in lines[-1])

@@ -66,6 +66,8 @@ def needs_double(case: Case, expected: list[Answer]) -> str:
         return "the logarithms to be added are too large"
     if ((case.prior > 0) & (case.prior < _TINY)).any():
         return "a prior is too small"
+    if case.probabilities is not None and ((case.probabilities > 0) & (case.probabilities < _TINY)).any():
+        return "a probability is too small"
     if case.edges is not None and not _same_bins(case.taps, case.edges):
         return "samples lie nearer to bin edges than it can tell"
     return ""

@@ -72,8 +72,16 @@ def judge_output(case: Case, ended: Ended, precision: Precision, without: Sequen
         return verdict
     good = f" after {_count(len(answers), 'answer')}" if answers else ""
     also = f"; before that, {_place(verdict.tap)}{verdict.sentence}" if verdict.quantity and answers else ""
-    cause = "linear-likelihood" if not ended.failure and "nan" in broken.lower() else ""
+    no_number = not ended.failure and "nan" in broken.lower()
+    cause = "linear-likelihood" if no_number and _all_underflow(case, len(answers) + 1) else ""
     return replace(verdict, status="failed", sentence=f"it {failure}{good}{also}", cause=cause or verdict.cause)
+
+
+def _all_underflow(case: Case, tap: int) -> bool:
+    """Whether plain products of probabilities are zero under every class at a tap, so that 0 / 0 follows."""
+    plain = next(mistake for mistake in MISTAKES if mistake.name == "linear-likelihood").rules[0]
+    short = replace(case, taps=case.taps[:tap], moves=case.moves[:tap])
+    return any(answer.error is not None for answer in plain(short).answers())
 
 
 def judge(case: Case, answers: Sequence[Answer], precision: Precision, without: Sequence[str] = ()) -> Verdict:
@@ -90,7 +98,9 @@ def _read(case: Case, output: str) -> tuple[list[Answer], str]:
     """Answers in order up to the first line that is none, and what is wrong with that."""
     answers: list[Answer] = []
     first = 0 if case.training is not None else 1
-    for number, line in enumerate(output.splitlines(), start=1):
+    for number, line in enumerate(output.removeprefix("\ufeff").split("\n"), start=1):
+        if not line.strip():
+            continue
         try:
             answer = parse_answer(line, case)
         except BadAnswerError as error:

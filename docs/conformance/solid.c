@@ -652,11 +652,13 @@ static void not_negative(const double *values, size_t n)
 static void read_measurement_model(Model *m, const Object *header)
 {
     const size_t cells = m->L * m->M * m->K * m->B, sizes[4] = {m->L, m->M, m->K, m->B};
-    const char *training_text = find(header, "training");
+    const char *training_text = find(header, "training"), *saturation = find(header, "saturation");
     double *table, pseudocount;
     place.key = NULL;
     if ((find(header, "counts") != NULL) + (find(header, "probabilities") != NULL) + (training_text != NULL) != 1)
         fail("exactly one of \"counts\", \"probabilities\" and \"training\" must be there.");
+    if (saturation && strncmp(saturation, "null", 4) != 0)
+        fail("the model has a saturation, which is beyond the paper and not done here.");
     if (!training_text) read_edges(m, header);
     m->log_prob = allocate(cells, sizeof(real));
     if (find(header, "probabilities")) {

@@ -74,6 +74,7 @@ class Perception {
     if (get(header, 'format') !== 1) throw new BadInput('the key "format" must be 1.');
     [this.L, this.M, this.K, this.J, this.B] = [...'LMKJB'].map((size) => whole(header, size, 1, 1e6));
     const { L, M, K, J, B } = this;
+    if ((header.saturation ?? null) !== null) throw new BadInput('the key "saturation" must be null: it is not done here.');
     this.name = header.case;
     this.tap = 0;
     this.fitted = null;

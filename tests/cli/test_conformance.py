@@ -1,6 +1,7 @@
 """`solidtouch conformance` as a user calls it."""
 
 import json
+import shlex
 import sys
 
 import pytest
@@ -56,7 +57,7 @@ def test_exported_cases_can_be_answered_from_files(tmp_path):
 
 
 def test_a_program_that_prints_rubbish_is_told_so():
-    code, text, _ = call("check", "--command", f"{sys.executable} -c 'print(1)'", "--case", "root-j")
+    code, text, _ = call("check", "--command", shlex.join([sys.executable, "-c", "print(1)"]), "--case", "root-j")
 
     assert code == 1
     assert "root-j FAILED it writes a line 1 that is no JSON object: '1' 0 of 1 cases pass, 1 failed." in text

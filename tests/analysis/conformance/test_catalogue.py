@@ -1,5 +1,6 @@
 """The cases of the kit."""
 
+import numpy as np
 import pytest
 from solidtouch.analysis.conformance.catalogue import catalogue, expected, select
 from solidtouch.analysis.conformance.comparison import first_difference
@@ -11,7 +12,16 @@ from solidtouch.analysis.conformance.trials import _own_moves, trial_difference
 from solidtouch.inference.reference import BORDERS, POWERS
 from solidtouch.models.errors import InputError
 
-LONG = ("ten-thousand-taps", "long-and-back", "thousand-moves", "episode-paper-size", "episode-long", "subnormal-prior")
+LONG = (
+    "ten-thousand-taps",
+    "long-and-back",
+    "thousand-moves",
+    "thousand-moves-uniform-what",
+    "thousand-moves-circular",
+    "episode-paper-size",
+    "episode-long",
+    "subnormal-prior",
+)
 SHORT = [case for name, case in catalogue().items() if name not in LONG]
 UNDECIDED = ("near-ties", "threshold-reached", "one-bin", "tables-nearly-equal", "thresholds-undone", "single-range")
 """Cases whose beliefs are as equal as rounding goes, and those beside `shift-` that lose all belief."""
@@ -124,3 +134,44 @@ def test_subnormal_beliefs_come_back():
 
     assert 0 < case.prior[:, 1].sum() < 1e-309
     assert expected(case)[-1].values["what"].argmax() == 1
+
+
+def test_a_tap_that_is_said_to_underflow_does():
+    """Under every class; also its evidence."""
+    for answer in expected(catalogue()["tap-underflows"]):
+        assert answer.values["log_likelihood"].max() < -745
+        assert answer.values["log_evidence"] < -745
+
+
+def test_moves_are_made_and_not_made_by_theta_x():
+    """Where the belief in the object, or in the most probable class, would say otherwise."""
+    undone = [answer.values["move"] for answer in expected(catalogue()["move-undone"])]
+    (by_object,), (by_joint,) = (expected(catalogue()[f"move-not-by-{name}"]) for name in ("object", "joint"))
+
+    assert undone == [0, 2, 0, 1, 1, 0]
+    assert by_object.values["where"].max() < 0.45 < by_object.values["what"].max()
+    assert by_joint.values["posterior"].max() < 0.35 < by_joint.values["where"].max()
+    assert (by_object.values["move"], by_joint.values["move"]) == (0, -2)
+
+
+def test_thresholds_beside_a_belief_have_one_answer():
+    """1e-8 is more than the tolerance; in 32 bits it is less."""
+    for name, decided, moved in (("below", 1, -2), ("above", -1, 0)):
+        case = catalogue()[f"thresholds-just-{name}"]
+        (answer,) = expected(case)
+        near = {precision: tolerances(case, [answer], precision) for precision in ("double", "single")}
+
+        assert allowed_decisions(case, answer, near["double"]["what"]) == [{decided}]
+        assert allowed_moves(case, answer, near["double"]["where"]) == {moved}
+        assert allowed_decisions(case, answer, near["single"]["what"]) == [{-1, 1}]
+
+
+def test_a_range_is_over_all_classes_and_taxels():
+    """No class and no taxel has both its ends."""
+    training = catalogue()["fit-range"].training
+    taps = training.taps
+    high, low = (np.argwhere(taps == value)[0] for value in (taps.max(), taps.min()))
+
+    assert high[2] != low[2]
+    assert training.where[high[0]] != training.where[low[0]]
+    assert training.what[high[0]] != training.what[low[0]]

@@ -336,6 +336,7 @@ def bad_inputs():
         "fixation": {**case, "fixation": 4},
         "L": {**case, "L": 0},
         "huge": {**case, "L": 10**6, "M": 10**6},
+        "saturation": {**case, "saturation": 2.5},
         "infinite": {**case, "theta_x": float("inf")},
         "null": {**case, "theta_x": None},
         "missing": {key: value for key, value in case.items() if key != "thresholds"},
@@ -398,6 +399,13 @@ def test_layout_of_the_text_does_not_matter(program, kit):
     spaced[1] = spaced[1][:-1] + ', "note": {"a": [[], {}, "]}"], "b": null}}'
 
     assert play(program, "\r\n\n".join(spaced)).stdout == play(program, lines_of([(case, taps)])).stdout
+
+
+def test_an_exported_model_without_saturation_is_read_as_a_case(program):
+    """Its key is there and null."""
+    case, taps = random_case("exported")
+
+    assert wrong_keys(play(program, lines_of([({**case, "saturation": None}, taps)])), expected(case, taps)) == []
 
 
 def test_a_long_line_is_read(program):

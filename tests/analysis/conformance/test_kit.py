@@ -34,6 +34,19 @@ def test_files_hold_the_case_and_its_right_answers(tmp_path):
                 np.testing.assert_array_equal(np.isnan(given), np.isneginf(answer.values["log_likelihood"]))
 
 
+def test_conventions_stand_in_every_file(tmp_path):
+    """Version, index base, numbers and logarithms, so that a file explains itself."""
+    export_kit(tmp_path / "kit", cases())
+    for name in (*NAMES, "index"):
+        whole = json.loads((tmp_path / "kit" / f"{name}.json").read_text())
+        assert [whole[key] for key in ("format", "index_base", "numbers", "logarithms")] == [
+            1,
+            0,
+            "IEEE 754 binary64",
+            "natural",
+        ]
+
+
 def test_choices_are_listed_where_there_are_several(tmp_path):
     export_kit(tmp_path / "kit", cases())
     near = json.loads((tmp_path / "kit" / "near-ties.json").read_text())["expected"][0]
@@ -74,6 +87,8 @@ def test_large_cases_come_as_arrays_too(tmp_path):
     with np.load(tmp_path / "kit" / "long-and-back.npz") as arrays:
         np.testing.assert_array_equal(arrays["taps"], case.taps)
         np.testing.assert_array_equal(arrays["expected_tap"], case.answered)
+        assert (arrays["border"], arrays["index_base"], arrays["theta_x"]) == (case.border, 0, case.theta_x)
+        assert arrays["tolerance_posterior"].shape == (2,)
         np.testing.assert_array_equal(arrays["expected_posterior"][-1], expected(case)[-1].values["posterior"])
 
 

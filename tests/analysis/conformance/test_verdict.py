@@ -122,6 +122,43 @@ def test_broken_output_is_told_in_words(text, sentence):
     assert sentence in described(verdict)
 
 
+@pytest.mark.parametrize(
+    "text",
+    [
+        output(CASE).replace("\n", "\r\n"),
+        output(CASE).replace("\n", "\n \t\n") + "\n",
+        "\ufeff" + output(CASE),
+        output(CASE).replace("{", '{"note":"a\u2028b\x85","error":null,', 1),
+    ],
+    ids=["Windows", "blank lines", "byte order mark", "line separators in a string"],
+)
+def test_the_layout_of_lines_does_not_matter(text):
+    """Nor do keys that nobody asked for."""
+    assert judge_output(CASE, Ended(text, ""), "double").status == "pass"
+
+
+@pytest.mark.parametrize("line", ["[" * 200_000, LINES[0].replace('"move":', f'"x":{"[" * 100_000},"move":')])
+def test_lists_within_lists_without_end_are_no_crash(line):
+    assert "is no JSON" in described(judge_output(CASE, Ended(line, ""), "double"))
+
+
+def test_what_is_no_number_is_shown():
+    line = LINES[0].replace('"log_evidence":', '"log_evidence":NaN,"x":')
+
+    assert "is no JSON, which has no NaN" in described(judge_output(CASE, Ended(line, ""), "double"))
+    line = line.replace("NaN", "nan")
+    assert "is no JSON from character " in described(judge_output(CASE, Ended(line, ""), "double"))
+    assert "on: 'nan," in described(judge_output(CASE, Ended(line, ""), "double"))
+
+
+def test_underflow_is_no_cause_of_what_is_no_number_where_nothing_underflows():
+    """NaN from elsewhere has no likely cause."""
+    deep = catalogue()["tap-underflows"]
+    broken = [judge_output(case, Ended('{"x": nan}', ""), "double") for case in (CASE, deep)]
+
+    assert [verdict.cause for verdict in broken] == ["", "linear-likelihood"]
+
+
 def test_an_answer_of_every_type_of_json_is_no_crash():
     """Every value of a right line in turn is replaced by others."""
     right = json.loads(LINES[0])
@@ -202,6 +239,39 @@ def test_a_program_may_be_started_for_each_case_or_for_all(together, tmp_path):
     assert "exit code 4" in dead[2].sentence
 
 
+LAST = ECHO.replace('"".join(answers[case])', '"".join(json.dumps(a) + "\\n" for a in answers[case])').replace(
+    "sys.exit(4)", "import time; time.sleep(60)"
+)
+
+
+def test_verdicts_before_a_program_hangs_are_kept(tmp_path):
+    """Also if the name of the case stands last in each answer, and the case before is the last that was answered."""
+    cases = [catalogue()[name] for name in ("root-j", "fit", "root-jk", "root-none")]
+    lines = {case.name: [json.loads(line) for line in output(case).splitlines()] for case in cases}
+    turned = {name: [dict(reversed(line.items())) for line in answers] for name, answers in lines.items()}
+    (tmp_path / "answers.json").write_text(json.dumps(turned))
+    words = [sys.executable, "-c", LAST, str(tmp_path / "answers.json"), "hang"]
+    found = check_program(words, cases, Asked(timeout=0.5), together=True)
+
+    assert [verdict.status for verdict in found] == ["pass", "pass", "pass", "failed"]
+    assert "was stopped" in found[3].sentence
+
+
+def test_a_child_that_is_left_behind_costs_no_more_than_the_timeout():
+    """It holds the output open, and is stopped."""
+    began = time.monotonic()
+    child = "import subprocess, sys; subprocess.Popen([sys.executable, '-c', 'import time; time.sleep(60)']); print(1)"
+
+    assert run_program(python(child), ["{}"], 3.0) == Ended("1\n", "")
+    assert time.monotonic() - began < 5.5
+
+
+def test_what_a_program_says_does_not_paint_the_terminal():
+    said = run_program(python("import sys; sys.exit('\x1b[31mno')"), ["{}"], 20.0).failure
+
+    assert said == "ended with exit code 1 and said: ?[31mno"
+
+
 def test_answers_in_files_are_judged(tmp_path):
     (tmp_path / "fit.jsonl").write_text(output(FIT))
     verdicts = check_answers(tmp_path, [FIT, CASE], Asked())
@@ -224,6 +294,17 @@ def test_the_cause_that_explains_most_is_named_last():
 
     assert not fine
     assert lines == ["Likely cause in 3 of 3: the move has the wrong sign (move-sign).", "0 of 3 cases pass, 3 differ."]
+
+
+def test_a_mistake_with_which_other_cases_would_fail_is_no_cause():
+    """A program that never moves looks in one case as if it counted from 1; in another it does not."""
+    wrong, right = catalogue()["root-j"], catalogue()["move-undone"]
+    still = [replace(a, values={**a.values, "move": 0}) for a in expected(wrong)]
+    alone = with_causes([judge(wrong, still, "double")], "double")
+    both = with_causes([judge(wrong, still, "double"), judge(right, expected(right), "double")], "double")
+
+    assert [verdict.cause for verdict in alone] == ["one-based"]
+    assert [verdict.cause for verdict in both] == ["", ""]
 
 
 def test_what_no_mistake_explains_has_no_cause():
