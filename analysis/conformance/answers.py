@@ -84,7 +84,7 @@ def parse_answer(line: str, case: Case) -> Answer:
     try:
         fields = json.loads(line, parse_constant=_refuse)
     except _NoNumberError as error:
-        raise BadAnswerError(f"is no JSON, which has no {error}: {_shown(line)}") from None
+        raise BadAnswerError(f"is no JSON, which has no {error}; minus infinity is null: {_shown(line)}") from None
     except json.JSONDecodeError as error:
         place = f" from character {error.pos + 1} on" if error.pos else ""
         raise BadAnswerError(f"is no JSON{place}: {_shown(line[error.pos :])}") from None
@@ -94,9 +94,9 @@ def parse_answer(line: str, case: Case) -> Answer:
         raise BadAnswerError(f"is no JSON object: {_shown(line)}")
     if fields.get("case") != case.name:
         raise BadAnswerError(f"is about case {_shown(fields.get('case'))}")
-    tap = fields.get("tap")
-    if not isinstance(tap, int) or isinstance(tap, bool) or abs(tap) > _MOST:
+    if "tap" not in fields:
         raise BadAnswerError(f"has no tap number: {_shown(line)}")
+    tap = _whole("tap", fields["tap"])
     if fields.get("error") is not None:
         return Answer(tap, error=str(fields["error"]))
     values = {name: _value(name, fields[name], case) for name in QUANTITIES if name in fields}
@@ -107,7 +107,8 @@ def _value(name: str, value: Any, case: Case) -> Any:
     if name == "move":
         return _whole(name, value)
     if name == "decisions":
-        if not isinstance(value, list) or len(value) != len(case.thresholds):
+        value = value if isinstance(value, list) else [value]
+        if len(value) != len(case.thresholds):
             raise BadAnswerError(
                 f"has decisions {_shown(value)}, one for each of {len(case.thresholds)} thresholds is due"
             )
@@ -134,6 +135,8 @@ def _numbers(name: str, value: Any, shape: tuple[int, ...], empty: bool) -> NDAr
         array = np.array(value, dtype=np.float64)  # null becomes NaN
     except (TypeError, ValueError, OverflowError):
         raise BadAnswerError(f"has {name} {_shown(value)}, numbers of shape {list(shape)} are due") from None
+    if array.size == np.prod(shape) and np.squeeze(array).shape == tuple(n for n in shape if n > 1):
+        array = array.reshape(shape)  # some languages write a list of one as a number, and a column as lists in a list
     if array.shape != shape and not (name == "edges" and array.ndim == 2):  # one range per taxel is a usual mistake
         raise BadAnswerError(f"has {name} of shape {list(array.shape)}, {list(shape)} is due")
     if empty:

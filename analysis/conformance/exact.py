@@ -57,8 +57,7 @@ class Exact:
         for t, (tap, move) in enumerate(zip(self.case.taps.tolist(), self.case.moves.tolist(), strict=True)):
             log_likelihood = self.log_likelihood(tap)
             try:
-                before = self.shift(belief, move) if t else belief
-                belief, log_evidence = self.update(before, log_likelihood)
+                before, belief, log_evidence = self.step(belief, move, log_likelihood)
             except NoEvidence:
                 yield Answer(t + 1, error=ZERO_EVIDENCE)
                 return
@@ -133,6 +132,11 @@ class Exact:
         """Log of the product over samples and taxels under one class; no bin is no factor."""
         times = Counter((k, b) for sample in bins for k, b in enumerate(sample) if b is not None)
         return MP.fsum(n * self.log_probability(l, m, k, b) for (k, b), n in times.items())
+
+    def step(self, belief: Matrix, move: int, log_likelihood: Matrix) -> tuple[Matrix, Matrix, Number]:
+        """Beliefs before and after a tap that follows a move, and the log evidence."""
+        before = self.shift(belief, move) if move else belief
+        return before, *self.update(before, log_likelihood)
 
     def update(self, belief: Matrix, log_likelihood: Matrix) -> tuple[Matrix, Number]:
         """Posterior and log evidence; Eq. 3 and 4."""

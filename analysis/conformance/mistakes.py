@@ -187,6 +187,45 @@ class _LogTen(Exact):
             yield replace(answer, values={**answer.values, **tens})
 
 
+class _ShiftAfterUpdate(Exact):
+    def step(self, belief: Matrix, move: int, log_likelihood: Matrix) -> tuple[Matrix, Matrix, Number]:
+        posterior, log_evidence = self.update(belief, log_likelihood)
+        return belief, self.shift(posterior, move), log_evidence
+
+
+class _Forgotten(Exact):
+    def step(self, belief: Matrix, move: int, log_likelihood: Matrix) -> tuple[Matrix, Matrix, Number]:  # noqa: ARG002
+        return self.prior, *self.update(self.prior, log_likelihood)
+
+
+class _HighestTie(Exact):
+    def largest(self, marginal: list[Number]) -> int:
+        return len(marginal) - 1 - super().largest(marginal[::-1])
+
+
+class _Transposed(Exact):
+    def log_likelihood(self, tap: list[list[float]]) -> Matrix:
+        flat = [value for sample in tap for value in sample]
+        return super().log_likelihood([flat[j :: self.J] for j in range(self.J)])
+
+
+class _StaysWhenAnyDecided(Exact):
+    quorum = staticmethod(any)
+
+    def own_move(self, belief: Matrix, where: list[Number]) -> int:
+        what = self.what_marginal(belief)
+        decided = self.quorum(self.decide(belief, what, theta) >= 0 for theta in self.case.thresholds)
+        return 0 if decided else super().own_move(belief, where)
+
+
+class _StaysWhenAllDecided(_StaysWhenAnyDecided):
+    quorum = staticmethod(all)
+
+
+class _StaysWhenFirstDecided(_StaysWhenAnyDecided):
+    quorum = staticmethod(next)
+
+
 def _with_border(border: str) -> type[Exact]:
     return type(f"_Border_{border}", (Exact,), {"border": border})
 
@@ -242,6 +281,15 @@ MISTAKES = (
     ),
     Mistake("prior-every-tap", "the prior comes in at every tap", (_PriorEveryTap, _PriorEveryTapOnce)),
     Mistake("log10", "logarithms are to base 10 in place of natural", (_LogTen,)),
+    Mistake("shift-after-update", "the belief is shifted after the update in place of before it", (_ShiftAfterUpdate,)),
+    Mistake("belief-forgotten", "every tap begins from the prior in place of the belief so far", (_Forgotten,)),
+    Mistake("ties-to-highest", "of equal beliefs the highest index counts in place of the lowest", (_HighestTie,)),
+    Mistake("transposed-tap", "the samples of a tap are read as [K][J] in place of [J][K]", (_Transposed,)),
+    Mistake(
+        "stays-when-decided",
+        "there is no move any more once an object is decided",
+        (_StaysWhenAnyDecided, _StaysWhenAllDecided, _StaysWhenFirstDecided),
+    ),
 )
 
 

@@ -40,6 +40,11 @@ NAMES = [
     "other-border",
     "prior-every-tap",
     "log10",
+    "shift-after-update",
+    "belief-forgotten",
+    "ties-to-highest",
+    "transposed-tap",
+    "stays-when-decided",
 ]
 
 
@@ -477,6 +482,7 @@ def mutant(mistake, language):
     return text
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("mistake", MISTAKES, ids=NAMES)
 def test_each_mistake_changes_answers_of_both_programs_alike(mistake, kit, long_kit, tmp_path):
     """The mutants run to the end, some answers are wrong, and they are the same ones."""
@@ -506,6 +512,8 @@ SHORT = (
     "shift-clamp",
     "episode-uniform",
     "episode-other-moves",
+    "ties",
+    "one-taxel",
 )
 """Cases with which each mistake is found in a second or two, most of them."""
 LIMITS = {"linear-underflow": ("long-and-back",), "linear-likelihood": ("episode-paper-size",)}

@@ -104,7 +104,8 @@ LINES = output(CASE).splitlines(keepends=True)
         ("".join(LINES[:2]) + "".join(LINES[3:]), "answers tap 4 in line 3, where tap 3 is due"),
         (LINES[0] + LINES[0], "answers tap 1 in line 2, where tap 2 is due"),
         (LINES[0].replace("episode-clamp", "other"), "is about case 'other'"),
-        (LINES[0].replace('"tap":1', '"tap":"one"'), "has no tap number"),
+        (LINES[0].replace('"tap":1', '"tap":"one"'), "has tap 'one', which is no whole number"),
+        (LINES[0].replace('"tap":1', '"tip":1'), "has no tap number"),
         (LINES[0].replace('"move":', '"move":0.5,"x":'), "has move '0.5', which is no whole number"),
         (LINES[0].replace('"move":', '"move":1e999,"x":'), "has move 'inf', which is no whole number"),
         (LINES[0].replace('"where":[', '"where":[0.1,'), "has where of shape [6], [5] is due"),
@@ -313,3 +314,18 @@ def test_what_no_mistake_explains_has_no_cause():
 
     assert verdict.cause == ""
     assert described(verdict).startswith("DIFFERS tap 3: log_evidence is 123 instead of")
+
+
+@pytest.mark.parametrize("name", ["one-place", "one-object", "one-of-all"])
+def test_arrays_may_be_written_as_matlab_writes_them(name):
+    """Columns as lists in a list, lists of one as numbers, and whole numbers with a point."""
+    case = catalogue()[name]
+    lines = []
+    for answer in expected(case):
+        line = answer.line(case.name)
+        for key in ("log_likelihood", "posterior", "log_posterior", "where", "what"):
+            squeezed = np.squeeze(np.array(line[key], dtype=object))
+            line[key] = squeezed.tolist()
+        lines.append(to_line(line | {"tap": float(answer.tap), "move": float(line["move"])}))
+
+    assert judge_output(case, Ended("\n".join(lines), ""), "double").status == "pass"
