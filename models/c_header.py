@@ -76,7 +76,7 @@ def _head(model: TapModel, single: bool) -> list[str]:
     grid = model.grid
     said = [
         f"A {model.name} model of touch, exported by solidtouch; fitted by version {model.version or 'unknown'}.",
-        f"Training taps: {model.trained_on or 'not known'}",
+        f"Data: {model.trained_on or 'not known'}",
         f"where: {grid.L} classes, {grid.where_label(0)} to {grid.where_label(grid.L - 1)}, unit {grid.where_unit!r}",
         f"what: {', '.join(grid.what_name)}",
         f"A tap is {model.preprocessing.samples} samples of {model.K} taxels in the unit of the training taps.",

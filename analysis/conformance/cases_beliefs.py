@@ -200,6 +200,7 @@ def _moves() -> Iterator[Case]:
         _SMALL,
         theta_x=1.0,
         power="none",
+        fixation=3,
         taps=12,
     )
     yield make(

@@ -8,7 +8,7 @@
  * With a fitted model compiled in, as on a robot, it reads only the lines of the taps; tap 1 begins from the prior:
  *
  *     solidtouch export-model model.nc --format c-header --out model.h
- *     cc -O2 -std=c99 -DMODEL_HEADER='"model.h"' -o solid solid.c -lm
+ *     cc -O2 -std=c99 -I. -DMODEL_HEADER='"model.h"' -o solid solid.c -lm
  *
  * Letters are the paper's: L where classes, M what classes, K taxels, J samples of a tap, B bins. All indices count
  * from 0, class (l, m) lies at l * M + m. Beliefs are carried as natural logarithms: as plain numbers a class that is
