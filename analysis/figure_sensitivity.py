@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from .figure_style import DECIDED, OTHERS, TRUE, TWO_COLUMNS, axis_label, label_panel, new_figure, styled
-from .sensitivity_summary import VERDICTS
+from .sensitivity_findings import VERDICTS
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -95,14 +95,25 @@ def interactions(source: Mapping[str, Any]) -> Figure | None:
         names += [key for side in ("first", "second") if (key := tuple(pair[side].values())) not in names]
     n = len(names)
     figure, axes = new_figure(TWO_COLUMNS, 0.75 * n + 0.6)
-    plot_interactions(axes[0, 0], pairs, names, axis_label("object error beyond the sum", source["what_unit"]))
+    label = axis_label("object error beyond the sum", source["what_unit"])
+    plot_interactions(axes[0, 0], pairs, names, label, source["limits"][f"{source['policies'][-1]}_what_error"])
     return figure
 
 
 def plot_interactions(
-    axes: Axes, pairs: Sequence[Mapping[str, Any]], names: Sequence[tuple[str, ...]], label: str
+    axes: Axes, pairs: Sequence[Mapping[str, Any]], names: Sequence[tuple[str, ...]], label: str, bound: float
 ) -> Axes:
-    """Draws the lower triangle: numbers with 95 % intervals, in bold where all together are sure."""
+    """Draws the lower triangle: numbers with 95 % intervals, in bold where all together are sure.
+
+    Args:
+        axes: Where to.
+        pairs: Numbers.
+        names: Choice and option of each row and column.
+        label: Of the colours.
+        bound: Change up to which colours are linear; beyond they are logarithmic.
+    """
+    from matplotlib.colors import SymLogNorm  # noqa: PLC0415
+
     n = len(names)
     values = np.full((n, n), np.nan)
     for pair in pairs:
@@ -120,10 +131,14 @@ def plot_interactions(
             fontweight="bold" if pair["sure"] else "normal",
             bbox={"boxstyle": "round,pad=0.15", "facecolor": "white", "alpha": 0.85, "linewidth": 0},
         )
-    reach = float(np.nanmax(np.abs(values))) or 1.0
+    reach = max(float(np.nanmax(np.abs(values))), 2 * bound)
     shown = np.ma.masked_invalid(values)
-    image = axes.imshow(shown, cmap="PuOr", vmin=-reach, vmax=reach, aspect="auto")
-    axes.figure.colorbar(image, ax=axes, label=label, shrink=0.8)
+    scale = SymLogNorm(bound, linscale=0.6, vmin=-reach, vmax=reach)
+    image = axes.imshow(shown, cmap="PuOr", norm=scale, aspect="auto")
+    ticks = _ticks(bound, reach)
+    bar = axes.figure.colorbar(image, ax=axes, label=label, shrink=0.8, ticks=ticks)
+    bar.set_ticklabels([f"{tick:g}" for tick in ticks])
+    bar.minorticks_off()
     words = [f"{fill(choice, _WRAP)}:\n{option}" for choice, option in names]
     axes.set_xticks(range(n - 1), words[:-1])
     axes.set_yticks(range(1, n), words[1:])
@@ -132,6 +147,14 @@ def plot_interactions(
     axes.tick_params(length=0)
     axes.spines[["left", "bottom"]].set_visible(False)
     return axes
+
+
+def _ticks(bound: float, reach: float) -> list[float]:
+    """Powers of ten beyond a bound up to a reach, and between them where there are few, on both sides of zero."""
+    powers = [10.0**k for k in range(-4, 5) if bound < 10.0**k <= reach]
+    more = powers if len(powers) > 1 else [m * 10.0**k for k in range(-4, 5) for m in (1, 2, 5)]
+    ends = [tick for tick in more if bound < tick <= reach]
+    return [*(-tick for tick in reversed(ends)), 0.0, *ends]
 
 
 def _rows(source: Mapping[str, Any]) -> list[tuple[str, Mapping[str, Any] | None]]:

@@ -35,7 +35,7 @@ class Reading:
         order: Whether the stop test comes before the move or after move and shift.
         deadline: Taps after which a trial ends.
         at_deadline: Whether a trial that ends so counts with its most probable classes or is left out.
-        fixation: Where class of the fixation point, negative from the end; `None` for the middle.
+        fixation: Where class of the fixation point: so many above the middle one, or an end of the range.
         read_at: Threshold at which results are read, or a grid of them of which the best counts.
         replacement: Whether test taps are drawn with replacement, or without until those of a class are used up.
         start: Starting classes drawn at random, or in turn.
@@ -56,7 +56,7 @@ class Reading:
     order: Literal["before", "after"] = "before"
     deadline: int = 100
     at_deadline: Literal["most probable", "left out"] = "most probable"
-    fixation: int | None = None
+    fixation: int | Literal["first", "last"] = 0
     read_at: float | tuple[float, ...] = SHOWN_THETA
     replacement: bool = True
     start: Literal["random", "in turn"] = "random"
@@ -70,9 +70,11 @@ class Reading:
         Raises:
             InputError: There is no such class.
         """
-        index = default_fixation(L) if self.fixation is None else self.fixation + L * (self.fixation < 0)
+        if isinstance(self.fixation, str):
+            return 0 if self.fixation == "first" else L - 1
+        index = default_fixation(L) + self.fixation
         if not 0 <= index < L:
-            raise InputError(f"There is no where class {self.fixation} of {L} to aim for.")
+            raise InputError(f"There is no where class {self.fixation:+d} from the middle one of {L} to aim for.")
         return index
 
 
@@ -99,6 +101,7 @@ class Choice:
         default: Name of our default.
         options: The others.
         not_run: Options that are not run, with the reason.
+        note: What names of options leave open; empty where nothing.
         simulated_only: Whether recorded data cannot tell.
         active_only: Whether it means anything to the active policy only.
     """
@@ -109,6 +112,7 @@ class Choice:
     default: str
     options: tuple[Option, ...]
     not_run: tuple[tuple[str, str], ...] = ()
+    note: str = ""
     simulated_only: bool = False
     active_only: bool = False
 
@@ -140,7 +144,7 @@ def changed(options: Iterable[Option], base: Reading | None = None) -> Reading:
 
 
 def applicable(grid: ClassGrid, samples: int, *, simulated: bool, choices: Sequence[Choice] | None = None) -> Catalogue:
-    """The choices and options that change something on data of this shape.
+    """The choices and options that change something on data of this shape; places are named as they are there.
 
     Args:
         grid: The classes.
@@ -157,26 +161,50 @@ def applicable(grid: ClassGrid, samples: int, *, simulated: bool, choices: Seque
             if reason:
                 skipped.append((choice.name, option.name, reason))
             else:
-                options.append(option)
+                options.append(_placed(option, grid))
         if options:
-            kept.append(replace(choice, options=tuple(options)))
+            default = _placed(Option(choice.default, _default_of(options[0])), grid).name
+            kept.append(replace(choice, default=default, options=tuple(options)))
     return Catalogue(tuple(kept), tuple(skipped))
+
+
+def _placed(option: Option, grid: ClassGrid) -> Option:
+    """The option, with the place in its name where it is about one."""
+    if "fixation" not in option.changes:
+        return option
+    place = grid.where_label(changed([option]).fixation_index(grid.L))
+    return option._replace(name=f"{option.name} ({place})")
+
+
+def _default_of(option: Option) -> dict[str, Any]:
+    """What the defaults are of that which an option changes."""
+    return {name: getattr(Reading(), name) for name in option.changes}
 
 
 def _pointless(choice: Choice, option: Option, grid: ClassGrid, samples: int, simulated: bool) -> str:
     """Why an option cannot be told from the default here; empty where it can."""
     changes = option.changes
-    fixation = changes.get("fixation")
     reasons = (
         (choice.simulated_only and not simulated, "recorded taps come as they were prepared"),
         (choice.active_only and 1 in grid.shape, "there is nowhere to move or nothing to tell apart"),
         ("where_error" in changes and grid.L == 1, "there is one position"),
         (changes.get("where_error") == "start" and 1 in grid.shape, "nothing moves"),
-        (fixation is not None and fixation >= grid.L, f"there are only {grid.L} positions"),
-        (fixation in (default_fixation(grid.L), default_fixation(grid.L) - grid.L), "it is the default here"),
         (changes.get("power") == "none" and samples == 1, "taps of one sample have no root"),
     )
-    return next((reason for holds, reason in reasons if holds), "")
+    return next((reason for holds, reason in reasons if holds), _same_place(changes.get("fixation"), grid.L))
+
+
+def _same_place(fixation: int | str | None, L: int) -> str:
+    """Why a fixation point is none, or another one by name only; empty where it is one."""
+    if fixation is None:
+        return ""
+    middle = default_fixation(L)
+    if isinstance(fixation, str):
+        return "it is the default here" if middle == (0 if fixation == "first" else L - 1) else ""
+    index = middle + fixation
+    if not 0 <= index < L:
+        return f"there are only {L} positions"
+    return {0: "it is the first class here", L - 1: "it is the last class here"}.get(index, "")
 
 
 def _options(field_name: str, values: Mapping[str, Any]) -> tuple[Option, ...]:
@@ -287,12 +315,11 @@ CHOICES: tuple[Choice, ...] = (
         tuple(
             Option(name, {"fixation": index})
             for name, index in (
-                ("first class", 0),
-                ("class 7", 6),
-                ("class 8", 7),
-                ("class 9", 8),
-                ("class 10", 9),
-                ("last class", -1),
+                ("first class", "first"),
+                ("one class below", -1),
+                ("one class above", 1),
+                ("two classes above", 2),
+                ("last class", "last"),
             )
         ),
         active_only=True,
@@ -304,9 +331,12 @@ CHOICES: tuple[Choice, ...] = (
         "0.95",
         (
             *_numbers("read_at", (0.9, 0.99, 0.995)),
-            Option("best of 13", {"read_at": THRESHOLDS}),
-            Option("best of 5", {"read_at": COARSE}),
+            Option(f"best of {len(THRESHOLDS)} thresholds", {"read_at": THRESHOLDS}),
+            Option(f"best of {len(COARSE)} thresholds", {"read_at": COARSE}),
         ),
+        note="The best threshold is that with the least mean object error of a policy, of "
+        f"{' '.join(f'{theta:g}' for theta in THRESHOLDS)}, or of {' '.join(f'{theta:g}' for theta in COARSE)}. It is "
+        "chosen on the test taps on which the error is then told, so that error is a little too good.",
     ),
     Choice(
         "drawing of test taps",

@@ -6,6 +6,7 @@ the usual t-interval and for a paired difference that of the differences.
 """
 
 from collections.abc import Callable, Mapping, Sequence
+from functools import cache
 from typing import NamedTuple
 
 import numpy as np
@@ -25,6 +26,8 @@ ADVANTAGES = ("what_error", "where_error", "taps")
 RELEVANT = 0.1
 """Change in relation to the default's value below which a quantity is taken for unchanged."""
 CLASS_FLOOR, TAPS_FLOOR = 0.01, 0.5
+FEWEST_UNITS = 5
+"""Below it nothing is called sure: the tails of t-intervals of so few units rest on a distribution nobody can see."""
 FACTOR_LIMIT = float(np.log(1.25))
 
 type Means = NDArray[np.float64]
@@ -121,10 +124,17 @@ def jackknife(
 
 
 def interval(value: float, error: float, units: int, intervals: int) -> Interval:
-    """The intervals of a number with this standard error."""
+    """The intervals of a number with this standard error; the simultaneous one is infinite below `FEWEST_UNITS`."""
     tail = (1 - CONFIDENCE) / 2
-    half, wide = (t.ppf(1 - share, max(units - 1, 1)) * error for share in (tail, tail / intervals))
+    half, wide = (_quantile(1 - share, max(units - 1, 1)) * error for share in (tail, tail / intervals))
+    if units < FEWEST_UNITS:
+        wide = np.inf
     return Interval(*map(float, (value, value - half, value + half, value - wide, value + wide)))
+
+
+@cache
+def _quantile(share: float, freedom: int) -> float:
+    return float(t.ppf(share, freedom))
 
 
 def quantities(mean: Means, reading: Reading, thresholds: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -250,7 +260,7 @@ def verdict(
     ]
     if lost:
         return "conclusion", [f"{name} reversed" if found.advantage[name].most < 0 else name for name in lost]
-    known = {key: change for key, change in found.change.items() if np.isfinite(change.least)}
+    known = {key: change for key, change in found.change.items() if not np.isnan(change.least)}
     moved = [f"{p} {q}" for (p, q), change in known.items() if change.sure and abs(change.value) > limit[p, q]]
     if moved:
         return "numbers", moved

@@ -48,6 +48,16 @@ class Source(NamedTuple):
         return 1 if self.folds > 1 else BATCHES
 
     @property
+    def number_of_units(self) -> int:
+        """Data sets, sessions or groups of trials."""
+        return self.folds * self.batches
+
+    @property
+    def scope(self) -> str:
+        """What sure differences are limited to where there is one fold; empty where units are data of their own."""
+        return "" if self.folds > 1 else f"trials only, one {'data set' if self.simulated else 'recording'}"
+
+    @property
     def policies(self) -> tuple[str, ...]:
         """The policies that mean anything; the last one is the one that choices are ranked by."""
         return ("passive", "active") if can_act(self.grid) else ("passive",)
@@ -82,8 +92,8 @@ def recorded_source(path: str | Path, where_cell: str | None = None, what_cell: 
     Raises:
         InputError: It cannot be read or divided.
     """
+    sessions = len(set(load_taps(path).session.tolist()))
     with naming(path):
-        sessions = len(set(load_taps(path).session.tolist()))
         method = "leave-one-session-out" if sessions >= _FEWEST_SESSIONS else None
         parts, grid = load_experiment([path], where_cell, what_cell, method)
         grid, _ = trim(grid, [fold.train for fold in parts.folds])

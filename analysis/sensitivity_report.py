@@ -52,7 +52,8 @@ def pictures(summary: Mapping[str, Any]) -> Iterator[Picture]:
                 f"pairs-{number}",
                 f"Pairs of the strongest options: {source['name']}",
                 "Change of the object error by both options beyond the sum of what each changes, with 95 % intervals; "
-                "bold where all intervals together exclude zero. Below zero they overlap: errors do not get worse "
-                "than chance.",
+                "bold where all intervals together exclude zero. Below zero both together change less than the sum, as "
+                "where errors cannot get much worse than chance; above zero they change more. Colours are linear up "
+                "to the change that does not matter and logarithmic beyond.",
                 pairs,
             )

@@ -1,10 +1,12 @@
 """What every open choice of the paper is worth, on simulated data sets and on recorded ones.
 
 `python benchmarks/open_choices.py --document docs/open-choices.md --recorded FOLDER` writes the tables and figures of
-that page; without a folder of recordings their table stays as it is.
+that page; without a folder of recordings their table stays as it is. `--from runs/studies/open-choices.json` measures
+nothing and makes words, tables and figures anew from what was measured before.
 """
 
 import argparse
+import json
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -13,7 +15,8 @@ from solidtouch.analysis.figure_sensitivity import forest, interactions
 from solidtouch.analysis.open_sources import Source, recorded_source, simulated_source
 from solidtouch.analysis.report import interval, percent
 from solidtouch.analysis.sensitivity import SensitivitySettings, sensitivity
-from solidtouch.analysis.sensitivity_summary import VERDICTS, WORDS, summarise
+from solidtouch.analysis.sensitivity_findings import VERDICTS, WORDS, worded
+from solidtouch.analysis.sensitivity_summary import summarise
 from solidtouch.cli.progress import bars
 from studies import check_block, publish, table, write_block, write_json
 
@@ -37,8 +40,14 @@ def findings(source: Mapping[str, Any]) -> str:
     lines.append(["passive less active", *advantage, ""])
     units = (source["what_unit"], source["where_unit"])
     head = ["defaults", *(f"{word} ({unit})" for word, unit in zip(WORDS.values(), units, strict=False)), "taps"]
-    listed = "\n".join(f"- {sentence}" for sentence in source["findings"])
-    return f"{source['units']}\n\n{table([*head, 'calibration'], lines)}\n\n{listed}"
+    listed = "\n".join([f"- {sentence}" for sentence in source["findings"]] + [bullets(one) for one in source["lists"]])
+    return f"{source['units']}\n\n{table([*head, 'calibration (factor)'], lines)}\n\n{listed}"
+
+
+def bullets(options: Mapping[str, Any], indent: str = "") -> str:
+    """A list of options below its title."""
+    title = f"{indent}- {options['title']}:{'' if options['items'] else ' none.'}"
+    return "\n".join([title, *(f"{indent}  - {item}" for item in options["items"])])
 
 
 def sections(source: Mapping[str, Any]) -> str:
@@ -54,7 +63,8 @@ def section(choice: Mapping[str, Any], source: Mapping[str, Any]) -> str:
         lines.append([option["name"], *(interval(option, name) for name in _COLUMNS), verdict])
     head = f"### {choice['name'][0].upper()}{choice['name'][1:]}\n\n*The paper:* {choice['paper']}"
     default = f"*Default:* {choice['default']}, see [the note](decisions/{choice['record']})."
-    more = [
+    more = [choice["note"]] if choice["note"] else []
+    more += [
         f"Without it {percent(option['impossible_taps'])} of the test taps are impossible under their own class, and "
         f"{percent(option['impossible_trials'])} of the active trials meet a tap that no class can have given."
         for option in choice["options"]
@@ -105,22 +115,25 @@ def recorded_table(sources: Sequence[Mapping[str, Any]]) -> str:
             source["name"],
             f"{source['grid']['L']} x {source['grid']['M']}",
             row["policy"],
-            interval(row, "what_error"),
-            interval(row, "where_error"),
-            interval(row, "taps"),
+            f"{interval(row, 'what_error')} {source['what_unit']}",
+            f"{interval(row, 'where_error')} {source['where_unit']}" if source["grid"]["L"] > 1 else "–",
+            f"{interval(row, 'taps')} taps",
             interval(row, "factor"),
         ]
         for source in sources
         for row in source["default"]
     ]
-    units = "\n".join(f"- {source['name']}: {source['units']} {' '.join(_not_in_table(source))}" for source in sources)
-    given = ["recording", "classes", "policy", "object error", "position error", "taps", "calibration"]
+    units = "\n".join(_said(source) for source in sources)
+    given = ["recording", "positions x objects", "policy", "object error", "position error", "mean reaction time"]
+    given.append("calibration (factor)")
     return f"{table(given, defaults)}\n\n{table(head, lines)}\n\n{units}"
 
 
-def _not_in_table(source: Mapping[str, Any]) -> list[str]:
-    """The findings that the table of verdicts does not hold, but for those that may be chance."""
-    return [said for said in source["findings"][1:] if not said.startswith(("Choices", "Options that err less by"))]
+def _said(source: Mapping[str, Any]) -> str:
+    """What the table of verdicts does not hold, but for what may be chance."""
+    said = [sentence for sentence in source["findings"][1:] if not sentence.startswith("Choices")]
+    lists = [bullets(one, "  ") for one in source["lists"] if one["key"] == "surely"]
+    return "\n".join([f"- {source['name']}: {' '.join([source['units'], *said])}", *lists])
 
 
 def recordings(folder: Path | None) -> Iterator[Source]:
@@ -130,6 +143,15 @@ def recordings(folder: Path | None) -> Iterator[Source]:
             yield recorded_source(folder / name, *cells)
 
 
+def measured(options: argparse.Namespace) -> dict[str, Any]:
+    """What comes out on the simulated data sets and the recordings that are there."""
+    settings = SensitivitySettings(trials=options.trials, seed=options.seed)
+    sources = [simulated_source("paper", options.data_sets, options.seed), *recordings(options.recorded)]
+    with bars() as progress:
+        studies = [sensitivity(source, settings, progress) for source in sources]
+    return summarise(studies, settings, {"title": "Open choices", "command": "benchmarks/open_choices.py"})
+
+
 def main() -> None:
     """Runs the study as the command line says."""
     parser = argparse.ArgumentParser(description=__doc__)
@@ -137,15 +159,15 @@ def main() -> None:
     parser.add_argument("--trials", type=int, default=1000)
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--recorded", type=Path, help="folder of recorded sets")
+    parser.add_argument("--from", dest="measured", type=Path, help="what was measured before, of which to say it anew")
     parser.add_argument("--document", type=Path, help="a page whose tables are replaced")
     options = parser.parse_args()
     for name in (*BLOCKS, RECORDED_BLOCK):
         check_block(options.document, name)
-    settings = SensitivitySettings(trials=options.trials, seed=options.seed)
-    sources = [simulated_source("paper", options.data_sets, options.seed), *recordings(options.recorded)]
-    with bars() as progress:
-        studies = [sensitivity(source, settings, progress) for source in sources]
-    summary = summarise(studies, settings, {"title": "Open choices", "command": "benchmarks/open_choices.py"})
+    if options.measured is None:
+        summary = measured(options)
+    else:
+        summary = worded(json.loads(options.measured.read_text(encoding="utf-8")))
     write_json("open-choices", summary)
     simulated, *recorded = summary["sources"]
     rules = "\n".join(f"- {sentence}" for sentence in summary["rules"])

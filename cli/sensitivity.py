@@ -37,7 +37,7 @@ def sensitivity(
         bool,
         Option(
             "--quick",
-            help=f"At most {_QUICK_DATA_SETS} data sets of {_QUICK_TRIALS} trials: a look, in which little is decided.",
+            help=f"At most {_QUICK_DATA_SETS} data sets of {_QUICK_TRIALS} trials: a look, too few to decide.",
         ),
     ] = False,
     workers: Workers = None,
@@ -49,6 +49,11 @@ def sensitivity(
         data_sets, trials = min(data_sets, _QUICK_DATA_SETS), min(trials, _QUICK_TRIALS)
     if not data_sets and not files:
         raise InputError("--data-sets 0 needs a file of recorded taps.")
+    for option, width in (("--where-cell", where_cell), ("--what-cell", what_cell)):
+        if width is not None and not files:
+            raise InputError(
+                f"{option} {width} divides recorded taps, and no file is given; simulated ones keep theirs."
+            )
     with loading():
         from rich.console import Console
 

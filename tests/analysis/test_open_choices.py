@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from solidtouch.analysis.open_choices import CHOICES, Option, Reading, applicable, changed
 from solidtouch.analysis.open_model import impossible_share, read_model
+from solidtouch.analysis.open_sources import simulated_source
 from solidtouch.models.errors import InputError
 from solidtouch.models.histogram import fit
 from solidtouch.models.taps import TapSet
@@ -52,16 +53,18 @@ def test_options_differ_from_the_default_and_are_recorded(choice):
 
 
 def test_options_that_cannot_be_told_from_the_default_are_left_out_with_a_reason(make_taps):
-    """Small grids have no class 10, taps of one sample no root, one position nowhere to move."""
-    grid = make_taps(L=7, M=2).grid()
+    """Small grids have fewer neighbours, taps of one sample no root, one position nowhere to move."""
+    grid = make_taps(L=4, M=2).grid()
     found = applicable(grid, 1, simulated=False)
     reasons = {(choice, option): reason for choice, option, reason in found.skipped}
-    assert reasons["fixation point", "class 10"] == "there are only 7 positions"
+    assert reasons["fixation point", "one class below"] == "it is the first class here"
+    assert reasons["fixation point", "two classes above"] == "it is the last class here"
     assert reasons["root of the likelihood", "none"] == "taps of one sample have no root"
     assert ("high-pass", "none") in reasons
     assert "high-pass" not in [choice.name for choice in found.choices]
-    middle = applicable(make_taps(L=13, M=2).grid(), 5, simulated=True)
-    assert ("fixation point", "class 7", "it is the default here") in middle.skipped
+    two = {option: reason for _, option, reason in applicable(make_taps(L=2, M=2).grid(), 5, simulated=True).skipped}
+    assert two["first class"] == "it is the default here"
+    assert two["one class below"] == "there are only 2 positions"
     alone = applicable(make_taps(L=1, M=2).grid(), 5, simulated=True)
     names = {choice.name for choice in alone.choices}
     assert not names & {choice.name for choice in CHOICES if choice.active_only}
@@ -70,10 +73,38 @@ def test_options_that_cannot_be_told_from_the_default_are_left_out_with_a_reason
 
 
 def test_a_fixation_point_outside_the_range_is_refused():
-    assert Reading(fixation=-1).fixation_index(4) == 3
+    assert Reading(fixation="last").fixation_index(4) == 3
+    assert Reading(fixation="first").fixation_index(4) == 0
     assert Reading().fixation_index(16) == 7
-    with pytest.raises(InputError, match="no where class 9 of 4"):
+    with pytest.raises(InputError, match=r"no where class \+9 from the middle one of 4"):
         Reading(fixation=9).fixation_index(4)
+
+
+@pytest.mark.parametrize("L", [3, 4, 5, 6, 11, 16])
+def test_fixation_points_are_the_neighbours_of_the_default_and_say_where(make_taps, L):
+    """On every grid; each is another class, and its name has the place of that class with unit."""
+    grid = make_taps(L=L, M=2).grid()
+    (choice,) = (one for one in applicable(grid, 5, simulated=False).choices if one.name == "fixation point")
+    middle = Reading().fixation_index(L)
+    index = [changed([option]).fixation_index(L) for option in choice.options]
+    assert sorted(index) == sorted({0, middle - 1, middle + 1, min(middle + 2, L - 1), L - 1})
+    assert [option.name.split(" (")[1] for option in choice.options] == [f"{grid.where_label(i)})" for i in index]
+    assert choice.default == f"middle, the lower one ({grid.where_label(middle)})"
+
+
+def test_the_fixation_points_of_the_paper_are_told_in_mm():
+    """16 classes of 1 mm, of which the one from 7 to 8 mm is the default."""
+    source = simulated_source("paper", 1, 0)
+    catalogue = applicable(source.grid, source.samples, simulated=True)
+    (choice,) = (one for one in catalogue.choices if one.name == "fixation point")
+    assert choice.default == "middle, the lower one (7.5 mm)"
+    assert [option.name for option in choice.options] == [
+        "first class (0.5 mm)",
+        "one class below (6.5 mm)",
+        "one class above (8.5 mm)",
+        "two classes above (9.5 mm)",
+        "last class (15.5 mm)",
+    ]
 
 
 def test_the_default_is_the_histogram_of_the_paper(taps, others):

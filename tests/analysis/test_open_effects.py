@@ -217,3 +217,19 @@ def test_wider_for_more_intervals():
     widths = [np.ptp(interval(0.0, 1.0, N, n)[3:]) for n in (1, 10, 1000)]
     assert all(a < b for a, b in pairwise(widths))
     assert interval(0.0, 1.0, N, 1)[1:3] == interval(0.0, 1.0, N, 1)[3:]
+
+
+def test_below_five_units_nothing_is_sure():
+    """However small the error: the simultaneous interval has no ends, that of one number has."""
+    few, enough = (interval(3.0, 1e-9, n, 8) for n in (4, 5))
+    assert not few.sure
+    assert (few.least, few.most) == (-np.inf, np.inf)
+    assert few.high - few.low < 1e-7
+    assert enough.sure
+
+
+def test_few_units_are_not_decided(units):
+    """Not even that nothing changes."""
+    assert judged(units[:4], planted(units, 1, "taps", 9)[:4]) == ("not decided", [])
+    assert judged(units[:4], units[:4]) == ("not decided", [])
+    assert judged(units[:5], units[:5]) == ("nothing", [])

@@ -1,17 +1,22 @@
 """A whole sensitivity study on a small simulated rig and on recorded taps."""
 
+import io
 import json
+import re
 from dataclasses import replace
 
 import numpy as np
 import pytest
+from rich.console import Console
 from solidtouch.analysis import figure_sensitivity
 from solidtouch.analysis.open_choices import CHOICES, Choice, Option, Reading
 from solidtouch.analysis.open_effects import SUMS, Interval
 from solidtouch.analysis.open_sources import BATCHES, Source, recorded_source, simulated_source
 from solidtouch.analysis.sensitivity import SensitivitySettings, play_reading, sensitivity
+from solidtouch.analysis.sensitivity_findings import VERDICTS, findings, lists_of, worded
 from solidtouch.analysis.sensitivity_report import write_sensitivity
-from solidtouch.analysis.sensitivity_summary import VERDICTS, findings, summarise
+from solidtouch.analysis.sensitivity_summary import blind_error, summarise
+from solidtouch.analysis.sensitivity_view import render
 from solidtouch.analysis.stages import no_progress
 from solidtouch.hardware.data_collection import simulate_session
 from solidtouch.hardware.presets import preset
@@ -168,6 +173,9 @@ def test_starts_in_turn_visit_every_class_alike(source):
 
 def test_the_page_shows_every_option_and_its_verdict(summary, tmp_path):
     """The folder holds the page, the numbers and the figures; the page names what was not run."""
+    source = summary["sources"][0]
+    skipped = [{"choice": "trials at the deadline", "option": "left out", "reason": "why not"}]
+    summary = {**summary, "sources": [{**source, "skipped": skipped}]}
     write_sensitivity(tmp_path / "out", summary)
     page = (tmp_path / "out" / "report.html").read_text()
     for choice, option in rows(summary):
@@ -175,7 +183,13 @@ def test_the_page_shows_every_option_and_its_verdict(summary, tmp_path):
         assert option in page
     for sentence in (*summary["sources"][0]["findings"], *summary["rules"]):
         assert sentence.split(":")[0][:40] in page
-    assert "there are only 8 positions" in page
+    for options in summary["sources"][0]["lists"]:
+        assert options["title"] in page
+        assert all(item in page for item in options["items"])
+    heads = re.findall(r'<th scope="col">([^<]*)</th>', page)
+    assert {"object error (mm)", "position error (mm)", "passive less active: position error (mm)"} <= set(heads)
+    assert not {"object error", "position error"} & set(heads)
+    assert "at the deadline, left out: why not" in page
     names = {path.name for path in (tmp_path / "out").iterdir()}
     assert names == {
         *(f"{name}-1.{kind}" for name in ("forest", "pairs") for kind in ("png", "svg")),
@@ -199,6 +213,18 @@ def test_the_forest_has_a_row_for_every_option(summary):
             assert ((x >= low) & (x <= high)).all()
 
 
+def test_one_huge_pair_leaves_the_colours_of_others_apart(summary):
+    """Colours are logarithmic beyond the change that does not matter."""
+    source = summary["sources"][0]
+    huge, small = ({**pair, "beyond": value} for pair, value in zip(source["pairs"], (80.0, 0.5), strict=False))
+    figure = figure_sensitivity.interactions({**source, "pairs": [huge, small]})
+    (image,) = figure.axes[0].get_images()
+    zero, low, high = (float(image.norm(value)) for value in (0.0, 0.5, 80.0))
+    assert zero == pytest.approx(0.5)
+    assert high == 1
+    assert low - zero > 0.1
+
+
 def test_without_pairs_there_is_no_picture_of_them(summary):
     assert figure_sensitivity.interactions({**summary["sources"][0], "pairs": []}) is None
 
@@ -217,11 +243,65 @@ def test_an_advantage_that_is_no_longer_sure_is_told(summary):
     options = [option for choice in source["choices"] for option in choice["options"]]
     for option in options:
         option |= {"advantage_taps_least": 0.5, "verdict": "numbers"}
-    assert not any("no longer sure" in said for said in findings(source))
+    assert "unsure" not in [one["key"] for one in lists_of(source)]
     options[0]["advantage_taps_least"] = -0.5
-    assert any("Under 1 more an advantage" in said for said in findings(source))
+    unsure = next(one["items"] for one in lists_of(source) if one["key"] == "unsure")
+    assert unsure == [f"{source['choices'][0]['name']}, {options[0]['name']}: taps"]
     options[0]["verdict"] = "conclusion"
-    assert not any("no longer sure" in said for said in findings(source))
+    assert "unsure" not in [one["key"] for one in lists_of(source)]
+
+
+def test_few_units_decide_nothing(source):
+    """Four of them: no verdict, no "surely", and a sentence that says so, on the page and in the terminal too."""
+    source = source._replace(folds=4)
+    quick = settings("root of the likelihood", "fixation point", trials=60, strongest=2)
+    summary = summarise([sensitivity(source, quick, no_progress)], quick, DESCRIBED)
+    assert {option["verdict"] for option in rows(summary).values()} == {"not decided"}
+    assert not any(option["better"]["surely"] for option in rows(summary).values())
+    assert not any(pair["sure"] for pair in summary["sources"][0]["pairs"])
+    assert summary["sources"][0]["number_of_units"] == 4
+    (said,) = (said for said in summary["sources"][0]["findings"] if "4 units decide nothing" in said)
+    assert said in in_terminal(summary)
+
+
+def in_terminal(summary):
+    console = Console(width=400, record=True, file=io.StringIO())
+    render(summary, console)
+    return console.export_text()
+
+
+def test_the_verdict_is_beside_the_options_that_have_it(summary):
+    """In the terminal and on the page; the number beside it is of the strongest option, whose name is there too."""
+    shown = in_terminal(summary)
+    for choice in summary["sources"][0]["choices"]:
+        own = [option["name"] for option in choice["options"] if option["verdict"] == choice["verdict"]]
+        every = 1 < len(own) == len(choice["options"])
+        assert set(re.split(r", | and ", choice["verdict_of"])) == ({"all"} if every else set(own))
+        assert f"{VERDICTS[choice['verdict']]} ({choice['verdict_of']})" in shown
+
+
+def test_an_option_that_is_no_better_than_no_tap_is_told(summary, source):
+    """Always naming the middle one of three rods, 2 mm apart, errs by 4/3 mm."""
+    assert blind_error(source.grid) == pytest.approx(4 / 3)
+    one = json.loads(json.dumps(summary["sources"][0]))
+    raw = next(option for key, option in rows({"sources": [one]}).items() if key == ("pseudocount", "0"))
+    for row in one["default"]:
+        raw[f"{row['policy']}_what_error"] = 1.5 - row["what_error"]
+    assert any("no better than without touching under pseudocount, 0:" in said for said in findings(one))
+    raw["active_what_error"] -= 0.2
+    assert not any("touching under pseudocount, 0:" in said for said in findings(one))
+
+
+def test_surely_says_what_it_is_limited_to(summary):
+    """Where trials of one recording are the units."""
+    source = {**summary["sources"][0], "scope": "trials only, one recording"}
+    title = next(one["title"] for one in lists_of(source) if one["key"] == "surely")
+    assert "surely (trials only, one recording) err less" in title
+
+
+def test_words_can_be_made_anew_from_the_numbers(summary):
+    bare = {**summary, "rules": [], "sources": [{**one, "findings": [], "lists": []} for one in summary["sources"]]}
+    assert worded(json.loads(json.dumps(bare))) == json.loads(json.dumps(summary))
 
 
 def test_a_recording_of_one_split_has_groups_of_trials_as_units(tmp_path, make_taps):
@@ -229,7 +309,9 @@ def test_a_recording_of_one_split_has_groups_of_trials_as_units(tmp_path, make_t
     make_taps(sessions=2).save(tmp_path / "two.nc")
     make_taps(sessions=3).save(tmp_path / "three.nc")
     two, three = (recorded_source(tmp_path / f"{name}.nc") for name in ("two", "three"))
-    assert (two.folds, two.batches) == (1, BATCHES)
+    assert (two.folds, two.batches, two.scope) == (1, BATCHES, "trials only, one recording")
+    assert three.scope == ""
+    assert (two.number_of_units, three.number_of_units) == (BATCHES, 3)
     assert (three.folds, three.batches) == (3, 1)
     assert "how another recording would differ" in two.units
     study = sensitivity(two, settings("pseudocount", "high-pass", trials=100), no_progress)

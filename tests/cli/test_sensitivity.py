@@ -48,7 +48,16 @@ def test_nothing_to_run_on_is_refused(call):
 def test_a_file_that_cannot_be_read_is_named(call, tmp_path):
     result = call(tmp_path / "nothing.nc", "--data-sets", 0, "--out", tmp_path / "out")
     assert isinstance(result.exception, InputError)
-    assert "nothing.nc" in str(result.exception)
+    assert str(result.exception).count("nothing.nc") == 1
+    assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize("option", ["--where-cell", "--what-cell"])
+def test_cells_without_a_file_are_refused(call, tmp_path, option):
+    """Simulated taps keep the classes of their preset."""
+    result = call(option, "3mm", "--out", tmp_path / "out")
+    assert isinstance(result.exception, InputError)
+    assert f"{option} 3mm divides recorded taps" in str(result.exception)
     assert not (tmp_path / "out").exists()
 
 
@@ -61,3 +70,5 @@ def test_a_quick_look_at_simulated_data(call, tmp_path):
     (source,) = json.loads((out / "sensitivity.json").read_text())["sources"]
     assert source["simulated"]
     assert len(source["choices"]) == 18
+    assert {choice["verdict"] for choice in source["choices"]} == {"not decided"}
+    assert "4 units decide nothing" in " ".join(result.output.split())
