@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..inference import draws, kernel
+from ..inference.lockstep import drawn_taps, log_sum, shift_beliefs
 from ..inference.montecarlo import Rule, Trials, empty_trials, make_rule
-from ..inference.reference import Border
 from ..inference.trial_plan import TapTable, TrialPlan, checked_plan
 from .open_choices import Reading
 
@@ -94,7 +94,7 @@ def play_open(
             done.impossible[lost.row] = True
             _decide(done, decided, lost, tap[~possible], number, rule, cut=True)
             state, tap, log_belief = state.keep(possible), tap[possible], log_belief[possible]
-        state = state._replace(log_belief=log_belief - _log_sum(log_belief, (1, 2)))
+        state = state._replace(log_belief=log_belief - log_sum(log_belief, (1, 2)))
         if reading.order == "after":
             state = _move(state, plan, table, rule, reading)
         _decide(done, decided, state, tap, number, rule, cut=number == rule.deadline - 1)
@@ -106,42 +106,14 @@ def play_open(
     return done
 
 
-def shift_beliefs(log_belief: Floats, delta: Integers, border: Border) -> Floats:
-    """`reference.shift_log` of n beliefs (n, L, M), each by its own move (n,)."""
-    n, L, M = log_belief.shape
-    classes = np.arange(L)
-    source = classes - delta[:, np.newaxis]
-    if border == "circular":
-        return np.take_along_axis(log_belief, (source % L)[:, :, np.newaxis], axis=1)
-    vacated = (source < 0) | (source >= L)
-    target = classes + delta[:, np.newaxis]
-    leaves = ((target < 0) | (target >= L))[:, :, np.newaxis]
-    kept = np.take_along_axis(log_belief, np.clip(source, 0, L - 1)[:, :, np.newaxis], axis=1)
-    shifted = np.where(vacated[:, :, np.newaxis], -np.inf, kept)
-    lost = _log_sum(np.where(leaves, log_belief, -np.inf), (1,))
-    if border == "clamp":
-        rows, end = np.arange(n), np.where(delta > 0, L - 1, 0)
-        shifted[rows, end] = np.logaddexp(shifted[rows, end], lost[:, 0])
-        return shifted
-    room = np.maximum(vacated.sum(axis=1), 1)[:, np.newaxis, np.newaxis]
-    if border == "uniform":
-        filling = np.broadcast_to(_log_sum(lost, (1, 2)) - np.log(room * M), lost.shape)
-    elif border == "uniform_what":
-        filling = lost - np.log(room)
-    else:
-        filling = np.full((n, 1, M), -np.log(L * M))
-    shifted = np.where(vacated[:, :, np.newaxis], filling, shifted)
-    return shifted - _log_sum(shifted, (1, 2))
-
-
 def _draw(
     table: TapTable, what: Integers, state: _State, word: NDArray[np.uint64], used: NDArray[np.bool_] | None
 ) -> Integers:
     """A test tap of each trial's class; those drawn are marked in `used` (n, N), where that is given."""
+    if used is None:
+        return drawn_taps(table, state.at, what, word)
     pool = table.pool
     first, count = pool.first[state.at, what], pool.count[state.at, what]
-    if used is None:
-        return pool.order[first + draws.below(word, count.astype(np.uint64)).astype(np.int64)]
     place = np.arange(count.max())
     tap = pool.order[np.minimum(first[:, np.newaxis] + place, len(pool.order) - 1)]
     inside = place < count[:, np.newaxis]
@@ -211,11 +183,3 @@ def _decide(
     trials.belief[row, column] = top[i]
     done.tap[row, column] = tap[i]
     done.shifted[row, column] = state.shifted[i]
-
-
-def _log_sum(log_values: Floats, axes: tuple[int, ...]) -> Floats:
-    """Log of the sum over some axes, which are kept; -inf of nothing."""
-    top = log_values.max(axis=axes, keepdims=True)
-    top = np.where(np.isneginf(top), 0.0, top)
-    with np.errstate(divide="ignore"):
-        return np.log(np.exp(log_values - top).sum(axis=axes, keepdims=True)) + top

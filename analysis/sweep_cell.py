@@ -4,19 +4,27 @@ import hashlib
 import time
 import traceback
 from collections.abc import Callable, Generator, Iterator
-from functools import lru_cache
-from typing import NamedTuple
+from functools import lru_cache, partial
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ..inference.control import check_fixation
-from ..inference.tally import tally_trials
+from ..inference.control import MovePolicy, check_fixation
+from ..inference.control_information import training_outcomes
+from ..inference.information import TapOutcomes
+from ..inference.lockstep_tally import tally_policy
+from ..inference.strategies import make_policy, parse_strategy
+from ..inference.table_learning import held_out_tables, learn_table
+from ..inference.tally import Tally, tally_trials
 from ..inference.trial_plan import TapTable, tap_table
 from .sweep_cells import Cell, Effort
 from .sweep_data import DataSet
 from .sweep_models import FitSettings, fit_cell
 from .tallied import tally_means
+
+if TYPE_CHECKING:
+    from ..models.model import TapModel
 
 _TABLES = 4
 
@@ -70,27 +78,51 @@ def run_cell(cell: Cell, effort: Effort, data: DataSet) -> dict[str, NDArray[np.
         InputError: The settings do not go with the data.
         ZeroEvidenceError: A test tap is impossible under every class.
     """
-    table = _table(data, cell.fit_settings)
-    counts = tally_trials(
-        table,
-        effort.thresholds,
-        effort.trials,
-        theta_x=cell.theta_x,
-        fixation=check_fixation(cell.fixation, data.grid.L),
-        border=cell.border,
-        deadline=effort.deadline,
-        seed=_trial_seed(cell),
-        workers=1,
-    )
+    counts = _counts(cell, effort, data)
     means = tally_means(counts, data.grid)
     return {**means, "trials": np.full_like(means["taps"], counts.trials)}
+
+
+def _counts(cell: Cell, effort: Effort, data: DataSet) -> Tally:
+    """Trials of a cell, compiled where their strategy is."""
+    table = _table(data, cell.fit_settings)
+    trials = effort.thresholds, effort.trials
+    common: dict[str, Any] = {"border": cell.border, "deadline": effort.deadline, "seed": _trial_seed(cell)}
+    theta_x = cell.theta_x
+    if theta_x is None:
+        return tally_policy(table, *trials, _policy(cell, data), **common)
+    point = check_fixation(cell.fixation, data.grid.L)
+    return tally_trials(table, *trials, theta_x=theta_x, fixation=point, workers=1, **common)
+
+
+def _policy(cell: Cell, data: DataSet) -> MovePolicy:
+    """The strategy of a cell; what it learns from are the training taps."""
+    strategy = parse_strategy(cell.strategy)
+    outcomes = _outcomes(data, cell.fit_settings) if strategy.needs_outcomes else None
+    targets = None
+    if strategy.kind == "table":
+        fitted = partial(fit_cell, settings=cell.fit_settings)
+        targets = learn_table(held_out_tables(data.fold.train, data.grid, fitted), data.grid, border=cell.border)
+    return make_policy(cell.strategy, data.grid, border=cell.border, outcomes=outcomes, table=targets)
+
+
+@lru_cache(maxsize=_TABLES)
+def _model(data: DataSet, settings: FitSettings) -> "TapModel":
+    """The fitted model that cells with the same data and fit share."""
+    return fit_cell(data.fold.train, data.grid, settings)
 
 
 @lru_cache(maxsize=_TABLES)
 def _table(data: DataSet, settings: FitSettings) -> TapTable:
     """The likelihoods that cells with the same data and fit share."""
-    model = fit_cell(data.fold.train, data.grid, settings)
+    model = _model(data, settings)
     return tap_table(model, model.usable(data.fold.test))
+
+
+@lru_cache(maxsize=_TABLES)
+def _outcomes(data: DataSet, settings: FitSettings) -> TapOutcomes:
+    """The training taps that such cells look ahead to."""
+    return training_outcomes(_model(data, settings), data.fold.train)
 
 
 def _trial_seed(cell: Cell) -> int:

@@ -12,12 +12,13 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from ..inference.strategies import parse_strategy
 from .sweep_models import FitSettings
 from .sweep_study import StudyFile
 
 AXES = ("data", "model", "bins", "value_range", "pseudocount", "power", "border", "policy", "fixation", "seed")
-_PASSIVE = "passive"
-_THETA_X = {_PASSIVE: 1.0, "active": 0.0}
+_BORDER, _POLICY, _FIXATION = (AXES.index(name) for name in ("border", "policy", "fixation"))
+_ACTIVE = "active"
 
 
 class Effort(NamedTuple):
@@ -46,7 +47,7 @@ class Cell(NamedTuple):
         pseudocount: Counts added to every bin.
         power: Root of the likelihood.
         border: Reading of Eq. 9.
-        policy: `"passive"`, `"active"` or theta_X.
+        policy: `"passive"`, `"active"`, theta_X or the name of another strategy.
         fixation: Fixation point as where class, `None` for the middle.
         seed: Of the trials.
     """
@@ -69,9 +70,16 @@ class Cell(NamedTuple):
         return FitSettings(self.model, self.bins, self.value_range, self.pseudocount, self.power)
 
     @property
-    def theta_x(self) -> float:
-        """Threshold on the where belief for a move: 0 always moves, 1 never does."""
-        return _THETA_X[self.policy] if isinstance(self.policy, str) else self.policy
+    def strategy(self) -> str:
+        """Its policy by the name that `inference.strategies` has for it."""
+        if isinstance(self.policy, str):
+            return "fixation" if self.policy == _ACTIVE else self.policy
+        return f"fixation:{self.policy!r}"
+
+    @property
+    def theta_x(self) -> float | None:
+        """Threshold on the where belief for a move: 0 always moves, 1 never does; `None` of other strategies."""
+        return parse_strategy(self.strategy).theta_x
 
 
 @dataclass(frozen=True)
@@ -111,24 +119,30 @@ class CellGrid:
 
     @cached_property
     def distinct(self) -> NDArray[np.intp]:
-        """Numbers of the cells that are computed: passive ones at the first border and fixation point only."""
+        """Numbers of the cells that are computed.
+
+        Passive ones at the first border and fixation point only, those that do not aim for it at the first one only.
+        """
         return np.flatnonzero(self._first_of_its_kind())
 
     def places(self, number: int) -> list[int]:
         """Numbers of all cells that a distinct one stands for, itself the last."""
         index = self.index(number)
-        if self.axes[AXES.index("policy")][index[AXES.index("policy")]] != _PASSIVE:
-            return [number]
-        free = [AXES.index(name) for name in ("border", "fixation")]
+        free = _free_axes(self.axes[_POLICY][index[_POLICY]])
         spread = [range(n) if axis in free else [i] for axis, (n, i) in enumerate(zip(self.shape, index, strict=True))]
         numbers = np.ravel_multi_index(np.meshgrid(*spread, indexing="ij"), self.shape).ravel()
         return [int(other) for other in numbers if other != number] + [number]
 
     def _first_of_its_kind(self) -> NDArray[np.bool_]:
         kept = np.ones(self.shape, dtype=bool)
-        policies = np.moveaxis(kept, AXES.index("policy"), 0)  # border stands before policy, fixation behind it
-        for policy, part in zip(self.axes[AXES.index("policy")], policies, strict=True):
-            if policy == _PASSIVE:
-                part[..., 1:, :, :] = False
-                part[..., 1:, :] = False
+        for policy, part in zip(self.axes[_POLICY], np.moveaxis(kept, _POLICY, 0), strict=True):
+            for axis in _free_axes(policy):
+                np.moveaxis(part, axis - (axis > _POLICY), 0)[1:] = False
         return kept
+
+
+def _free_axes(policy: str | float) -> tuple[int, ...]:
+    """Numbers of the axes along which trials of a policy are the same."""
+    if not isinstance(policy, str) or policy == _ACTIVE:
+        return ()
+    return (_BORDER, _FIXATION) if policy == "passive" else (_FIXATION,)

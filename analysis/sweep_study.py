@@ -12,6 +12,7 @@ from ..hardware.presets import preset
 from ..hardware.rig_settings import Count, parse_settings, read_settings
 from ..inference.episode import DEADLINE
 from ..inference.reference import Border
+from ..inference.strategies import FORMS, parse_strategy
 from ..models.catalogue import split_name
 from ..models.errors import InputError
 from ..models.power import learned_taps, likelihood_exponent
@@ -62,7 +63,8 @@ class Axes(_Table, frozen=True):
         pseudocount: Smoothing, in counts added to every bin.
         power: Root of the likelihood: `"J"`, `"JK"`, `"none"`, a number, `"learned"` or `"learned:N"`.
         border: Reading of Eq. 9 at the ends of the range.
-        policy: `"passive"`, `"active"`, or the threshold theta_X on the where belief for a move.
+        policy: `"passive"`, `"active"`, the threshold theta_X on the where belief for a move, or the name of another
+            control strategy, see `inference.strategies`.
         fixation: Fixation points as where classes from 0, or `"middle"`, the middle of each data set.
         seed: Of the trials.
     """
@@ -158,9 +160,22 @@ def _check_axes(axes: Axes) -> None:
             if learned_taps(power) is None:
                 likelihood_exponent(power, 1, 1)
     for policy in axes.policy:
-        named = isinstance(policy, str) and policy in ("passive", "active")
-        if not named and not (isinstance(policy, float) and 0 < policy < 1):
-            raise InputError(f"grid.policy: it must be passive, active or a number between 0 and 1, not {policy!r}.")
+        _check_policy(policy)
+
+
+def _check_policy(policy: str | float) -> None:
+    if not isinstance(policy, str):
+        known = 0 < policy < 1
+    elif policy in FORMS or ":" in policy:
+        with naming("grid.policy"):
+            known = not parse_strategy(policy).aims
+    else:
+        known = policy == "active"
+    if not known:
+        others = ", ".join(form for form in FORMS if not form.startswith("fixation"))
+        raise InputError(
+            f"grid.policy: it must be passive, active or a number between 0 and 1, not {policy!r}; or one of {others}."
+        )
 
 
 def _check_once(key: str, values: Sequence[Any]) -> None:

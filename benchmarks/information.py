@@ -10,6 +10,8 @@ from job import SEED, paper_table
 from numpy.typing import NDArray
 from rows import Row, interleaved, per_unit
 from solidtouch.inference import reference
+from solidtouch.inference.control import MovePolicy
+from solidtouch.inference.control_information import informative, two_taps
 from solidtouch.inference.information import (
     ABOUT,
     TapOutcomes,
@@ -45,13 +47,23 @@ def rows(quick: bool = False) -> list[Row]:
             lambda about=about: information_of_moves(outcomes, beliefs, deltas, about=about),
             BATCH,
         )
+    for name, policy in _on_line(outcomes).items():
+        ways[f"solidtouch, on line, {name}"] = (lambda policy=policy: policy(beliefs[0], np.asarray(0.5)), 1)
     for run, _ in ways.values():
         run()
     seconds = interleaved({method: run for method, (run, _) in ways.items()}, rounds)
     return [
-        Row(work, method, per_unit(seconds[method], units), UNIT, note if "what" in method and units == 1 else "")
+        Row(work, method, per_unit(seconds[method], units), UNIT, note if "one decision" in method else "")
         for method, (_, units) in ways.items()
     ]
+
+
+def _on_line(outcomes: TapOutcomes) -> dict[str, MovePolicy]:
+    """Strategies as a rig asks them: one belief in, one move out."""
+    ahead = {
+        f"about {'where and what' if about == 'joint' else about}": informative(outcomes, about) for about in ABOUT
+    }
+    return ahead | {"two taps ahead, about what": two_taps(outcomes, "what")}
 
 
 def _beliefs(log_likelihood: NDArray[np.float64]) -> NDArray[np.float64]:

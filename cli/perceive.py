@@ -11,13 +11,15 @@ from .options import Border, Force, Seed, SettingFile, chosen, given
 from .recording import check_record, kept, recording
 
 if TYPE_CHECKING:
+    from collections.abc import Iterator
+
     from ..analysis.live_view import Seen
     from ..inference import reference
-    from ..inference.control import MovePolicy
     from ..inference.engine import Engine
     from ..inference.novelty import Novelty
     from ..models.model import TapModel
     from ..models.setting import Setting
+    from .moving import Moves
     from .rigs import Placed
     from .showing import Ending, Show
 
@@ -35,6 +37,15 @@ def perceive(
         int | None, Option(help="Fixation point as 0-based class index; default the middle.", show_default=False)
     ] = None,
     theta_x: Annotated[float, Option(help="Belief in a position needed for a move; 0 always moves.")] = 0.0,
+    move: Annotated[
+        str | None,
+        Option(metavar="NAME", help="Another way to move: random, step, info-what, ...; docs/perceiving.md has all."),
+    ] = None,
+    training: Annotated[
+        list[Path] | None,
+        Option(metavar="FILE", help="Taps that trained the model, for a --move that looks ahead; may be repeated."),
+    ] = None,
+    targets: Annotated[Path | None, Option(metavar="FILE.json", help="The learned table of --move table.")] = None,
     deadline: Annotated[int, Option(min=1, help="Taps after which the most probable object is taken.")] = 100,
     start: Annotated[
         str | None, Option(help="Where to begin: class index, or a place such as 2.3mm; default drawn.")
@@ -65,8 +76,7 @@ def perceive(
     force: Force = False,
 ) -> None:
     """Perceives an object by tapping: which it is and where it is touched, live."""
-    if passive and (fixation is not None or theta_x > 0):
-        raise InputError("--passive never moves and does not go with --fixation or --theta-x.")
+    _check_moves(passive, fixation, theta_x, move)
     read = None
     if setting is not None:
         with loading():
@@ -87,16 +97,17 @@ def perceive(
     with loading():
         # Also what is needed only later: nothing may be imported while a finger is on its way.
         from ..analysis import live_view  # noqa: F401
-        from ..inference.control import check_fixation
         from ..inference.latency import TimedEngine, warm_up
         from ..models.model_file import load_model
+        from .moving import chances, choose_moves
         from .rigs import Wish, open_source
         from .showing import latency_sentence, show
 
         fitted = load_model(model)
         if read is not None:
             read.check_model(fitted, str(model), str(setting))
-        point = None if passive else check_fixation(fixation, fitted.grid.L)
+        name = move or ("passive" if passive else f"fixation:{theta_x!r}")
+        moves = choose_moves(name, fitted, border, None if passive else fixation, training, targets)
         novelty = _novelty(fitted, unknown)
         engines = _engines(engine, fitted, border, shadow)
         warm_up_s = warm_up(engines)
@@ -115,7 +126,7 @@ def perceive(
                 f"the belief in each, and moves are in where classes"
             )
             for number in range(episodes):
-                run = _Run(timed, theta, point, theta_x, deadline, novelty, unknown)
+                run = _Run(timed, theta, moves, chances(seed, number, deadline), deadline, novelty, unknown)
                 heading = f"{source.name}, engine {timed.name}" + f", episode {number + 1}" * (episodes > 1)
                 endings.append(run.episode(source.place(number), shown, heading))
                 shown.end(number + 1, endings[-1])
@@ -128,15 +139,25 @@ def perceive(
         save_picture(endings[-1].seen, image, force)
 
 
+def _check_moves(passive: bool, fixation: int | None, theta_x: float, move: str | None) -> None:
+    """Refuses options that contradict each other."""
+    if passive and (fixation is not None or theta_x > 0):
+        raise InputError("--passive never moves and does not go with --fixation or --theta-x.")
+    if move is not None and (passive or theta_x > 0):
+        raise InputError("--move says how to move and does not go with --passive or --theta-x; see fixation:THETA_X.")
+
+
 def _from_setting(context: Context, setting: "Setting", **options: Any) -> tuple[Any, ...]:
     """Values of options in the order given, as a setting has them where the command line has not.
 
     Whether to move is said as a whole: `--passive` on the command line does away with the setting's fixation point and
-    threshold, and one of these with a setting that is passive.
+    threshold, one of these with a setting that is passive, and `--move` with all three.
     """
     values = chosen(context, setting, **options)
     if given(context, "passive"):
         values |= {"theta_x": 0.0, "fixation": None}
+    elif given(context, "move"):
+        values |= {"theta_x": 0.0, "fixation": options["fixation"], "passive": False}
     elif given(context, "theta_x") or given(context, "fixation"):
         values["passive"] = False
     return tuple(values[name] for name in options)
@@ -149,13 +170,13 @@ class _Run:
         self,
         engine: "Engine",
         theta: float,
-        fixation: int | None,
-        theta_x: float,
+        moves: "Moves",
+        chance: "Iterator[float]",
         deadline: int,
         novelty: "Novelty | None",
         alpha: float | None,
     ) -> None:
-        self._engine, self._theta, self._fixation, self._theta_x = engine, theta, fixation, theta_x
+        self._engine, self._theta, self._moves, self._chance = engine, theta, moves, chance
         self._deadline, self._novelty, self._alpha = deadline, novelty, alpha
 
     def episode(self, placed: "Placed", shown: "Show", heading: str) -> "Ending":
@@ -168,9 +189,11 @@ class _Run:
         test = None if self._novelty is None else UnknownTest(self._novelty, self._alpha)
         doubt = None if test is None else test.add
         seen = None
-        for step in steps(placed.sensor, self._engine, self._theta, self._policy(), self._deadline, doubt):
+        policy, point = self._moves
+        made = steps(placed.sensor, self._engine, self._theta, policy, self._deadline, doubt, chance=self._chance)
+        for step in made:
             p, alarm = (None, False) if test is None else (test.p, test.unknown)
-            seen = Seen(step, self._engine.model.grid, self._theta, self._fixation, p, alarm, heading)
+            seen = Seen(step, self._engine.model.grid, self._theta, point, p, alarm, heading)
             shown.tap(seen)
             if alarm:
                 break
@@ -178,11 +201,6 @@ class _Run:
             raise InputError("An episode needs at least one tap.")
         reason = "unknown" if seen.unknown else "deadline" if seen.step.decision is None else "threshold"
         return Ending(seen, reason, placed.truth())
-
-    def _policy(self) -> "MovePolicy":
-        from ..inference.control import fixation, passive
-
-        return passive if self._fixation is None else fixation(self._fixation, self._theta_x)
 
 
 def check_picture(path: Path, force: bool) -> None:

@@ -34,7 +34,7 @@ def words(seed: int, stream: ArrayLike, purpose: np.uint64, first: int, count: i
     Args:
         seed: From 0 to 2^64 - 1.
         stream: Numbers of the streams, shape (n,).
-        purpose: `kernel.TAPS` or `kernel.STARTS`.
+        purpose: `kernel.TAPS`, `kernel.STARTS` or `kernel.CHANCE`.
         first: A multiple of `PER_BLOCK`.
         count: How many.
 

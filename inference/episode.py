@@ -6,6 +6,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from ..hardware.replay import uniforms
 from ..hardware.sensor import TouchSensor
 from ..models.errors import InputError
 from ..models.states import log_fold
@@ -92,7 +93,13 @@ class Episode(NamedTuple):
 
 
 def perceive(
-    sensor: TouchSensor, engine: Engine, theta_w: float, move: MovePolicy, deadline: int = DEADLINE
+    sensor: TouchSensor,
+    engine: Engine,
+    theta_w: float,
+    move: MovePolicy,
+    deadline: int = DEADLINE,
+    *,
+    chance: Iterator[float] | None = None,
 ) -> Episode:
     """Taps until the belief in one object exceeds the threshold; `steps` to the end.
 
@@ -102,12 +109,13 @@ def perceive(
         theta_w: Threshold on the what belief; 1 or more never stops.
         move: Control strategy.
         deadline: Taps after which the most probable classes are taken.
+        chance: As in `steps`.
 
     Raises:
         InputError: The deadline is below one tap, or the sensor prepares its taps otherwise than the model's.
         ZeroEvidenceError: A tap is impossible under every class.
     """
-    return collect(steps(sensor, engine, theta_w, move, deadline))
+    return collect(steps(sensor, engine, theta_w, move, deadline, chance=chance))
 
 
 def steps(
@@ -117,6 +125,8 @@ def steps(
     move: MovePolicy,
     deadline: int = DEADLINE,
     doubt: Callable[[NDArray[np.float64], int], bool] | None = None,
+    *,
+    chance: Iterator[float] | None = None,
 ) -> Iterator[Step]:
     """An episode tap by tap; Fig. 2 of the paper.
 
@@ -135,6 +145,8 @@ def steps(
         move: Control strategy.
         deadline: Taps after which the episode ends.
         doubt: Told each tap and the move really made before it; while it answers yes nothing is decided.
+        chance: Numbers in [0, 1), one for each move that is chosen. The same numbers on the same taps give the same
+            episode; by default every episode has those of a generator seeded 0.
 
     Raises:
         InputError: The deadline is below one tap, or the sensor prepares its taps otherwise than the model's.
@@ -143,6 +155,7 @@ def steps(
     if deadline < 1:
         raise InputError(f"The deadline must be at least one tap, got {deadline}.")
     engine.model.check_taps(sensor.preprocessing)
+    chance = uniforms(np.random.default_rng(0)) if chance is None else chance
     predicted, arrived, M = engine.model.log_prior, 0, engine.model.grid.M
     saturation = engine.model.saturation
     for number in range(1, deadline + 1):
@@ -153,7 +166,8 @@ def steps(
         belief = np.exp(log_belief)
         doubted = doubt is not None and doubt(tap, arrived)
         decision = None if doubted else reference.what_decision(belief, theta_w)
-        delta = None if decision is not None or number == deadline else move(belief)
+        ends = decision is not None or number == deadline
+        delta = None if ends else int(move(belief, np.asarray(next(chance))))
         yield Step(
             number,
             tap,

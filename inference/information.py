@@ -135,7 +135,7 @@ def information(outcomes: TapOutcomes, beliefs: ArrayLike, about: About = "joint
     L, M, N = outcomes.given.shape
     if beliefs.shape[-2:] != (L, M):
         raise InputError(f"The taps tell {L} x {M} classes apart, the beliefs have shape {beliefs.shape}.")
-    rows = _believable(beliefs.reshape(-1, L, M), outcomes.possible)
+    rows = believable(beliefs.reshape(-1, L, M), outcomes.possible)
     expected = _joint if about == "joint" else _of_one
     step = max(1, _CHUNK // N)
     parts = [expected(outcomes, rows[start : start + step], about) for start in range(0, len(rows), step)]
@@ -167,7 +167,7 @@ def information_of_moves(
     return information(outcomes, shifted(beliefs, deltas, border), about)
 
 
-def _believable(beliefs: NDArray[np.float64], possible: NDArray[np.bool_]) -> NDArray[np.float64]:
+def believable(beliefs: NDArray[np.float64], possible: NDArray[np.bool_]) -> NDArray[np.float64]:
     """Beliefs (S, L, M) in possible classes only, of sum one or, where nothing is left, zero."""
     kept = np.where(possible & (beliefs >= _NEGLIGIBLE), beliefs, 0.0)
     total = kept.sum(axis=(1, 2), keepdims=True)

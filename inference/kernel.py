@@ -37,7 +37,7 @@ _LEAST_TOTAL = 2.0**-128  # classes of the next k are smaller than this in propo
 UNIFORM, UNIFORM_WHAT, PRIOR, CLAMP, CIRCULAR = range(5)
 """Borders, in the order of `reference.BORDERS`."""
 
-TAPS, STARTS = np.uint64(0), np.uint64(1)
+TAPS, STARTS, CHANCE = np.uint64(0), np.uint64(1), np.uint64(2)
 """What random numbers are for; each purpose has numbers of its own."""
 
 LOW, HALF = np.uint64(0xFFFFFFFF), np.uint64(32)

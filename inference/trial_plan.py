@@ -102,6 +102,11 @@ def trial_uniforms(seed: int, stream: int, taps: int) -> NDArray[np.float64]:
     return draws.uniform(draws.words(seed, stream, kernel.TAPS, 0, taps)[0])
 
 
+def trial_chances(seed: int, stream: int, taps: int) -> NDArray[np.float64]:
+    """The random numbers that a control strategy gets in a trial, one after each tap."""
+    return draws.uniform(draws.words(seed, stream, kernel.CHANCE, 0, taps)[0])
+
+
 def checked_plan(plan: TrialPlan, pool: TapPool) -> TrialPlan:
     """The plan in the form that compiled loops take.
 

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from solidtouch.analysis.open_choices import Reading
-from solidtouch.analysis.open_trials import play_open, shift_beliefs
+from solidtouch.analysis.open_trials import play_open
 from solidtouch.hardware.data_collection import simulate_session
 from solidtouch.hardware.pool import tap_pool
 from solidtouch.hardware.presets import preset
@@ -67,18 +67,6 @@ def test_defaults_decide_the_same_on_the_simulated_rig():
     for theta_x in (0.0, 1.0):
         compiled = run_trials(table, plan, THRESHOLDS, theta_x=theta_x, seed=SEED)
         assert_same(compiled, play_open(table, plan, THRESHOLDS, Reading(), theta_x, SEED).trials)
-
-
-@pytest.mark.parametrize("border", BORDERS)
-def test_shifts_are_those_of_the_reference(rng, border):
-    """Each belief by its own move, also one that pushes everything out."""
-    delta = np.arange(-L, L + 1)
-    delta = delta[delta != 0]
-    beliefs = np.log(rng.dirichlet(np.ones(L * M), size=len(delta))).reshape(-1, L, M)
-    beliefs[0, 1] = -np.inf
-    expected = [reference.shift_log(belief, int(d), border) for belief, d in zip(beliefs, delta, strict=True)]
-    shifted = shift_beliefs(beliefs - np.logaddexp.reduce(beliefs, axis=(1, 2), keepdims=True), delta, border)
-    np.testing.assert_allclose(np.exp(shifted), np.exp(expected), atol=1e-12)
 
 
 def slow(table, reading, where, what, point, uniforms, theta, theta_x):

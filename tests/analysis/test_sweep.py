@@ -21,7 +21,14 @@ from solidtouch.analysis.sweep_data import Sources
 from solidtouch.analysis.sweep_local import in_processes, in_this_process
 from solidtouch.analysis.sweep_result import open_sweep
 from solidtouch.analysis.sweep_study import load_study
+from solidtouch.analysis.tallied import tally_means
+from solidtouch.inference.information import tap_outcomes
+from solidtouch.inference.lockstep import play
+from solidtouch.inference.lockstep_tally import tally_policy
 from solidtouch.inference.montecarlo import run_trials
+from solidtouch.inference.stopping import stops, what_above
+from solidtouch.inference.strategies import make_policy
+from solidtouch.inference.table_learning import held_out_tables, learn_table
 from solidtouch.inference.tempering import learn_power
 from solidtouch.inference.trial_plan import plan_trials, tap_table
 from solidtouch.models.catalogue import FitSettings, fit_model
@@ -68,6 +75,44 @@ def test_a_cell_holds_the_means_of_its_trials(make_study):
     np.testing.assert_allclose(values["what_wrong"], (trials.what != plan.what[:, None]).mean(axis=0), atol=1e-12)
     np.testing.assert_allclose(values["belief"], trials.belief.mean(axis=0))
     assert values["trials"].tolist() == [50, 50]
+
+
+@pytest.mark.parametrize(
+    "policy", ["random", "step:2", "info-what", "info-joint-per-mm", "info-where-per-s", "two-taps:2", "table"]
+)
+def test_a_cell_plays_any_strategy(make_study, policy):
+    """Those that learn are given the training taps of the fold, and no others."""
+    cell, effort, data = first_cell(make_study(f'policy = ["{policy}"]\nborder = ["clamp"]\nbins = [9]'))
+
+    values = run_cell(cell, effort, data)
+
+    model = fit(data.fold.train, data.grid, bins=9)
+    outcomes = tap_outcomes(model.log_likelihood(model.usable(data.fold.train).taps))
+    held_out = held_out_tables(data.fold.train, data.grid, lambda taps, grid: fit(taps, grid, bins=9))
+    targets = learn_table(held_out, data.grid, border="clamp")
+    strategy = make_policy(policy, data.grid, border="clamp", outcomes=outcomes, table=targets)
+    table = tap_table(model, model.usable(data.fold.test))
+    seed = sweep_cell._trial_seed(cell)
+    plan = plan_trials(table.pool, 30, seed)
+    record = play(table, plan, strategy, border="clamp", deadline=20, seed=seed)
+    for h, threshold in enumerate(effort.thresholds):
+        taps = stops(what_above(threshold), record).taps
+        at = np.arange(30), taps - 1
+        assert values["taps"][h] == pytest.approx(taps.mean())
+        assert values["what_wrong"][h] == pytest.approx((record.what[at] != plan.what).mean(), abs=1e-12)
+        assert values["where_error"][h] == pytest.approx(data.grid.where_error(record.where[at], record.at[at]).mean())
+
+
+def test_active_cells_are_those_of_the_strategy_by_its_name(make_study):
+    """Compiled or in step, the same trials."""
+    cell, effort, data = first_cell(make_study('policy = ["active"]', trials=80))
+    table, seed = sweep_cell._table(data, cell.fit_settings), sweep_cell._trial_seed(cell)
+    counts = tally_policy(table, effort.thresholds, 80, make_policy("fixation", data.grid), deadline=20, seed=seed)
+
+    values = run_cell(cell, effort, data)
+
+    for name, mean in tally_means(counts, data.grid).items():
+        np.testing.assert_allclose(values[name], mean, rtol=1e-9, err_msg=name)
 
 
 @pytest.mark.parametrize("name", ["profile", "session:gaussian"])
@@ -124,6 +169,7 @@ def test_likelihoods_are_shared_between_cells_of_one_fit(make_study, tmp_path, m
     fits = []
     fitted = sweep_cell.fit_cell
     monkeypatch.setattr(sweep_cell, "fit_cell", lambda *a: fits.append(a) or fitted(*a))
+    sweep_cell._model.cache_clear()
     sweep_cell._table.cache_clear()
 
     sweep(make_study(GRID), tmp_path / "s.zarr", in_this_process)

@@ -41,6 +41,9 @@ WRONG = {
     "an unknown border": (f'{LEAST}[grid]\nborder = ["open"]', "grid.border"),
     "an unknown policy": (f'{LEAST}[grid]\npolicy = ["lazy"]', "grid.policy: it must be passive, active or a number"),
     "theta_X beyond 1": (f"{LEAST}[grid]\npolicy = [1.5]", "grid.policy"),
+    "fixation is active": (f'{LEAST}[grid]\npolicy = ["fixation"]', "grid.policy: it must be passive, active or a num"),
+    "a reach of 0": (f'{LEAST}[grid]\npolicy = ["step:0"]', "grid.policy: The number of a strategy must be a whole"),
+    "an unknown strategy": (f'{LEAST}[grid]\npolicy = ["info:3"]', "grid.policy: There is no control strategy"),
     "a power below 0": (f"{LEAST}[grid]\npower = [-1]", "grid.power: The power must be J, JK, none or a positive"),
     "an infinite pseudocount": (f"{LEAST}[grid]\npseudocount = [inf]", "grid.pseudocount: the numbers must be finite"),
     "NaN as a pseudocount": (f"{LEAST}[grid]\npseudocount = [nan]", "grid.pseudocount"),
@@ -100,14 +103,30 @@ def test_the_policy_gives_the_threshold_for_a_move():
     assert [grid.cell(number).theta_x for number in range(3)] == [1.0, 0.0, 0.25]
 
 
+def test_other_strategies_have_no_threshold_and_stand_for_all_fixation_points():
+    """But not for all borders, which change the belief that they move by."""
+    grid = grid_of(
+        '[grid]\npolicy = ["random", "active", "info-what"]\nborder = ["uniform", "clamp"]\nfixation = [1, 2]'
+    )
+
+    cells = [grid.cell(int(number)) for number in grid.distinct]
+
+    assert [(c.border, c.policy, c.fixation) for c in cells] == [
+        (border, *rest)
+        for border in ("uniform", "clamp")
+        for rest in (("random", 1), ("active", 1), ("active", 2), ("info-what", 1))
+    ]
+    assert {cell.policy: cell.theta_x for cell in cells} == {"random": None, "active": 0.0, "info-what": None}
+
+
 @given(
     lengths=st.tuples(*[st.integers(1, 3)] * len(AXES)),
-    passive=st.integers(0, 3),
+    named=st.permutations(["passive", "random", 0.5]),
 )
-def test_every_cell_has_one_distinct_cell_that_stands_for_it(lengths, passive):
+def test_every_cell_has_one_distinct_cell_that_stands_for_it(lengths, named):
     axes = [tuple(range(n)) for n in lengths]
     policy = AXES.index("policy")
-    axes[policy] = tuple("passive" if i == passive else float(i) for i in range(lengths[policy]))
+    axes[policy] = tuple(named[: lengths[policy]])
     grid = CellGrid(tuple(axes))
 
     places = [place for number in grid.distinct for place in grid.places(int(number))]

@@ -16,8 +16,15 @@ import pytest
 from solidtouch.hardware.data_collection import simulate_session
 from solidtouch.hardware.errors import NoAnswer
 from solidtouch.hardware.presets import preset
+from solidtouch.inference import episode
+from solidtouch.inference.control_table import save_table
 from solidtouch.inference.engine import NumpyEngine
+from solidtouch.inference.information import tap_outcomes
+from solidtouch.inference.strategies import make_policy
+from solidtouch.inference.table_learning import held_out_tables, learn_table
+from solidtouch.inference.trial_plan import trial_chances
 from solidtouch.models.catalogue import FitSettings, fit_model
+from solidtouch.models.digest import tap_digests
 from solidtouch.models.histogram import fit
 from solidtouch.models.model_file import load_model
 from solidtouch.models.setting import Setting
@@ -192,6 +199,17 @@ def test_the_picture_is_kept(command, folder, tmp_path):
         (["--object", "5"], "or a number from 0 to 4, got '5'"),
         (["--fixation", "16"], "fixation point must be a class index from 0 to 15"),
         (["--passive", "--fixation", "3"], "--passive never moves"),
+        (["--passive", "--move", "random"], "--move says how to move and does not go with --passive"),
+        (["--move", "step", "--theta-x", "0.5"], "--move says how to move"),
+        (["--move", "lazy"], "--move: There is no control strategy 'lazy'"),
+        (["--move", "step:0"], "--move: The number of a strategy must be a whole number from 1 on, got 'step:0'"),
+        (["--move", "info-what"], "--move info-what needs --training with the taps that trained the model"),
+        (["--move", "table"], "--move table needs --targets with a learned table"),
+        (["--move", "random", "--training", "taps.nc"], "--training goes with a --move that looks ahead"),
+        (["--targets", "t.json"], "--targets goes with --move table only"),
+        (["--move", "random", "--fixation", "3"], "--fixation does not go with --move random"),
+        (["--move", "table", "--targets", "t.json"], "--targets t.json: t.json cannot be read"),
+        (["--move", "two-taps", "--training", "none.nc"], "--training none.nc: none.nc does not exist"),
         (["--theta", "1.5"], "--theta must lie between 0 and 1, got 1.5"),
         (["--theta-x", "nan"], "--theta-x must lie between 0 and 1"),
         (["--unknown", "2"], "--unknown must lie between 0 and 1, got 2.0"),
@@ -207,6 +225,76 @@ def test_bad_options_are_one_sentence_and_exit_code_2(command, folder, options, 
     assert said in " ".join(done.err.split())
     assert "Traceback" not in done.err
     assert not list(tmp_path.iterdir())
+
+
+MOVES = [
+    "passive",
+    "fixation",
+    "fixation:0.3",
+    "random",
+    "step:2",
+    "info-what",
+    "info-joint-per-mm",
+    "two-taps",
+    "table",
+]
+
+
+@pytest.mark.parametrize("name", MOVES)
+def test_an_episode_moves_as_the_strategy_says(command, folder, session, monkeypatch, name):
+    """The moves are those that the strategy has for the beliefs shown; the same command moves the same."""
+    model = load_model(folder / "model.nc")
+    known = session.select(np.isin(tap_digests(session.taps), model.training))
+    table = learn_table(held_out_tables(known, model.grid, fit), model.grid, trials=50)
+    save_table(table, folder / "targets.json", force=True)
+    more = {"table": ["--targets", folder / "targets.json"]}.get(name, [])
+    more += ["--training", folder / "taps.nc"] if name.startswith(("info", "two")) else []
+    base = ("perceive", folder / "model.nc", "--engine", "filter", "--seed", 4, "--theta", 1, "--deadline", 4, "--json")
+    done = command(*base, "--move", name, *more)
+    outcomes = tap_outcomes(model.log_likelihood(known.taps))
+    policy = make_policy(name, model.grid, outcomes=outcomes, table=table)
+    chance = trial_chances(4, 0, 4)
+    seen, real = [], episode.steps
+    monkeypatch.setattr(episode, "steps", lambda *a, **k: (seen.append(step) or step for step in real(*a, **k)))
+    again = command(*base, "--move", name, *more)
+
+    assert done.code == again.code == 0
+    assert done.out.splitlines()[:4] == again.out.splitlines()[:4]
+    expected = [int(policy(np.exp(step.log_belief), chance[t])) for t, step in enumerate(seen[:3])]
+    assert [row["move"] for row in records(done.out)[:4]] == [*expected, None]
+
+
+def test_random_moves_differ_between_episodes_and_seeds(command, folder):
+    base = (
+        "perceive",
+        folder / "model.nc",
+        "--engine",
+        "filter",
+        "--theta",
+        1,
+        "--deadline",
+        6,
+        "--json",
+        "--start",
+        3,
+    )
+
+    def moves(*more):
+        rows = records(command(*base, "--move", "random", *more).out)
+        return [[row["move"] for row in rows if row.get("episode") == number and "move" in row] for number in (1, 2)]
+
+    first, second = moves("--seed", 4, "--episodes", 2)
+    assert first != second
+    assert moves("--seed", 5)[0] != first
+
+
+def test_taps_that_did_not_train_move_nothing(command, folder, tmp_path):
+    """Nor are those of other sessions looked at."""
+    simulate_session(preset("paper"), 4, 1).save(tmp_path / "other.nc")
+    done = command("perceive", folder / "model.nc", "--move", "info-what", "--training", tmp_path / "other.nc")
+
+    assert done.code == 2
+    assert "none of these 1600 taps trained the model" in " ".join(done.err.split())
 
 
 def test_unknown_needs_a_model_that_can_tell(command, folder):
@@ -292,11 +380,14 @@ def test_options_come_from_a_setting(command, fine, tmp_path):
     assert out("--setting", file) == out(*spelled)
     assert out("--setting", file, "--theta", 1, "--deadline", 2) == out(*spelled, "--theta", 1, "--deadline", 2)
     assert out("--setting", file, "--passive") == out(*spelled[:4], *spelled[-2:], "--passive")
+    spelled_moves = ("--theta", 0.93, "--border", "clamp", "--deadline", 9, "--move", "step")
+    assert out("--setting", file, "--move", "step") == out(*spelled_moves)
     setting = replace(setting, passive=True)
     setting.save(file, force=True)
     still = out("--setting", file, "--theta", 1)
     assert [row["move"] for row in still[:-2]] == [0] * 8
     assert out("--setting", file, "--fixation", 9) == out(*spelled)
+    assert out("--setting", file, "--move", "step") == out(*spelled_moves)
 
 
 @pytest.mark.parametrize(

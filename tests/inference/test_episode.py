@@ -53,7 +53,7 @@ def test_taps_and_moves_alternate_until_the_deadline(model, engine, taps):
     """No move follows the last tap, which no later tap would profit from."""
     sensor = ScriptedSensor(model, taps)
     moves = iter([1, -4, 0])
-    episode = perceive(sensor, engine, 1.0, lambda _: next(moves), deadline=4)
+    episode = perceive(sensor, engine, 1.0, lambda *_: next(moves), deadline=4)
 
     assert sensor.done == ["tap", 1, "tap", -4, "tap", 0, "tap"]
     assert (episode.taps, episode.stopped) == (4, False)
@@ -66,7 +66,7 @@ def test_the_belief_follows_the_commanded_move(model, engine, taps):
     """Not the realised one, which would tell where the sensor stood."""
     sensor = ScriptedSensor(model, taps, realised=-1)
     moves = iter([2, 3])
-    episode = perceive(sensor, engine, 1.0, lambda _: next(moves), deadline=3)
+    episode = perceive(sensor, engine, 1.0, lambda *_: next(moves), deadline=3)
 
     log_belief = engine.model.log_prior
     for t, delta in enumerate([2, 3, 0]):
@@ -81,7 +81,7 @@ def test_policies_see_the_belief_after_the_tap(model, engine, taps):
     """As probabilities, before the shift."""
     seen = []
 
-    def policy(belief):
+    def policy(belief, _):
         seen.append(belief)
         return 1
 
@@ -181,7 +181,7 @@ def test_a_sensor_that_prepares_its_taps_otherwise_is_refused(model, engine, tap
 def test_a_step_moves_only_when_the_next_is_asked_for(model, engine, taps):
     """Who stops asking leaves the sensor where it stands."""
     sensor = ScriptedSensor(model, taps, realised=-1)
-    going = steps(sensor, engine, 1.0, lambda _: 3, deadline=3)
+    going = steps(sensor, engine, 1.0, lambda *_: 3, deadline=3)
     first = next(going)
 
     assert (first.number, first.move, first.arrived, first.decision) == (1, 3, 0, None)
@@ -194,7 +194,7 @@ def test_a_step_moves_only_when_the_next_is_asked_for(model, engine, taps):
 
 def test_steps_tell_what_was_believed_before_the_tap(model, engine, taps):
     """The prior first, the shifted belief later; the tap itself is in the step."""
-    whole = list(steps(ScriptedSensor(model, taps), engine, 1.0, lambda _: 2, deadline=3))
+    whole = list(steps(ScriptedSensor(model, taps), engine, 1.0, lambda *_: 2, deadline=3))
 
     np.testing.assert_array_equal(whole[0].log_predicted, engine.model.log_prior)
     for before, after in pairwise(whole):

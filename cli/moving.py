@@ -1,0 +1,81 @@
+"""How an episode moves, from what the command line says."""
+
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import NamedTuple
+
+from ..inference.control import MovePolicy, check_fixation
+from ..inference.control_information import training_outcomes
+from ..inference.control_table import load_table
+from ..inference.reference import Border
+from ..inference.strategies import make_policy, parse_strategy
+from ..inference.trial_plan import trial_chances
+from ..models.errors import InputError
+from ..models.importers import load_taps
+from ..models.model import TapModel
+from ..models.recording import naming
+from ..models.taps import concatenate
+
+
+class Moves(NamedTuple):
+    """How to move.
+
+    Attributes:
+        policy: The strategy.
+        fixation: Where class that it aims for; `None` where it aims for none.
+    """
+
+    policy: MovePolicy
+    fixation: int | None
+
+
+def choose_moves(
+    name: str,
+    model: TapModel,
+    border: Border,
+    fixation: int | None,
+    training: Sequence[Path] | None,
+    targets: Path | None,
+) -> Moves:
+    """The strategy of `--move`, with what it learns from.
+
+    Args:
+        name: Of the strategy, see `strategies.FORMS`.
+        model: The fitted model.
+        border: Reading of Eq. 9.
+        fixation: `--fixation`.
+        training: `--training`.
+        targets: `--targets`.
+
+    Raises:
+        InputError: There is no such strategy, an option that it needs is not there or one that it does not, or a file
+            cannot be used.
+    """
+    with naming("--move"):
+        strategy = parse_strategy(name)
+    if strategy.needs_outcomes and training is None:
+        raise InputError(f"--move {name} needs --training with the taps that trained the model.")
+    if strategy.kind == "table" and targets is None:
+        raise InputError("--move table needs --targets with a learned table.")
+    if training is not None and not strategy.needs_outcomes:
+        raise InputError("--training goes with a --move that looks ahead: info-what and its like, or two-taps.")
+    if targets is not None and strategy.kind != "table":
+        raise InputError("--targets goes with --move table only.")
+    if fixation is not None and not strategy.aims:
+        raise InputError(f"--fixation does not go with --move {name}, which aims for no fixation point.")
+    point = check_fixation(fixation, model.grid.L) if strategy.aims else None
+    outcomes = table = None
+    if training:
+        files = ", ".join(map(str, training))
+        with naming(f"--training {files}"):
+            outcomes = training_outcomes(model, concatenate([load_taps(file) for file in training]))
+    if targets is not None:
+        with naming(f"--targets {targets}"):
+            table = load_table(targets).checked(model.grid)
+    policy = make_policy(name, model.grid, border=border, fixation_index=point, outcomes=outcomes, table=table)
+    return Moves(policy, point)
+
+
+def chances(seed: int, episode: int, deadline: int) -> Iterator[float]:
+    """The random numbers that the strategy of an episode gets: the same for the same seed and number of the episode."""
+    return iter(trial_chances(seed, episode, deadline).tolist())
