@@ -1,0 +1,229 @@
+"""`solidtouch tune`: where to fixate and when to stop, from training taps."""
+
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, Literal
+
+from typer import Option
+
+from ..models.errors import InputError
+from .interrupt import loading, terminable
+from .options import (
+    Bins,
+    Border,
+    Data,
+    Deadline,
+    Force,
+    Model,
+    Pseudocount,
+    Saturation,
+    Seed,
+    SplitMethod,
+    TestSessions,
+    TrainSessions,
+    ValueRange,
+    WhatCell,
+    WhereCell,
+    parse_thresholds,
+)
+from .tune_online import Course, learned
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Sequence
+
+    from ..analysis.tuning import Price
+    from ..inference.held_out import Parts
+    from ..models.classes import ClassGrid
+    from ..models.setting import Setting
+    from ..models.taps import TapSet
+
+_TWO = 2  # files that `fit` takes
+_WIDTH = 100  # characters of a table
+
+
+def tune(
+    data: Data,
+    out: Annotated[Path, Option(help="The setting to write, such as setting.json, for `perceive --setting`.")],
+    cost_error: Annotated[
+        float, Option("--cost-error", metavar="TAPS", help="Taps that an error of 1 is worth, in the unit of errors.")
+    ] = 50.0,
+    wrong: Annotated[
+        bool, Option("--wrong", help="Count wrong decisions, also where objects have sizes to be wrong by.")
+    ] = False,
+    target_error: Annotated[
+        float | None,
+        Option("--target-error", metavar="P", help="The least threshold with this P(wrong) in a new session instead."),
+    ] = None,
+    by: Annotated[
+        Literal["active", "passive"],
+        Option(help="Judge positions by trials that aim for them, or by trials that stand there."),
+    ] = "active",
+    thresholds: Annotated[
+        str | None, Option(help="To choose from, such as 0.5,0.9,0.99; default many, or eight on line.")
+    ] = None,
+    theta: Annotated[float, Option(help="Threshold at which positions are compared.")] = 0.95,
+    online: Annotated[
+        int | None, Option("--online", metavar="N", min=2, help="Learn both in N episodes instead.")
+    ] = None,
+    learner: Annotated[
+        Literal["thompson", "gp"], Option(help="Of --online: pairs apart, or with a Gaussian process over them.")
+    ] = "gp",
+    rig: Annotated[
+        str | None, Option(metavar="RIG", help="Of --online: play on this rig, as `perceive`; default held-out taps.")
+    ] = None,
+    what: Annotated[str | None, Option("--object", help="What is before a real rig, by name or number.")] = None,
+    state: Annotated[
+        Path | None, Option(metavar="FILE.json", help="Of --online: keep what is learned here, and go on from it.")
+    ] = None,
+    model: Model = "histogram",
+    model_file: Annotated[
+        Path | None, Option("--model-file", metavar="FILE.nc", help="Also write the model of all training taps.")
+    ] = None,
+    where_cell: WhereCell = None,
+    what_cell: WhatCell = None,
+    split: SplitMethod = None,
+    train: TrainSessions = None,
+    test: TestSessions = None,
+    bins: Bins = 100,
+    pseudocount: Pseudocount = 0.01,
+    power: Annotated[str, Option(help="Root of the likelihood: J, JK, none or an exponent.")] = "J",
+    saturation: Saturation = None,
+    value_range: ValueRange = "global",
+    theta_x: Annotated[float, Option(help="Belief in a position needed for a move; 0 always moves.")] = 0.0,
+    deadline: Deadline = 100,
+    border: Border = "uniform",
+    trials: Annotated[
+        int, Option(min=100, max=10**6, help="In each part, of each position and for thresholds.")
+    ] = 1000,
+    seed: Seed = 0,
+    force: Force = False,
+) -> None:
+    """Chooses the fixation point and the belief threshold from the training taps of DATA, which are those of `fit`.
+
+    Of three files or more all but the last train.
+    """
+    _check_words(online, rig, state, what, target_error)
+    with loading():
+        from ..analysis.study import Settings
+        from ..analysis.tuning import Price, check_objects, check_price
+        from ..inference.held_out import held_out
+        from ..models.model_file import save_model
+        from ..models.power import check_saturation, parse_power
+        from ..models.setting import Setting
+        from ..models.storage import check_netcdf_name, check_writable
+    from .progress import bars
+
+    check_writable(out, force)
+    if model_file is not None:
+        check_netcdf_name(model_file)
+        check_writable(model_file, force)
+    price = Price(cost_error, wrong, target_error)
+    check_price(price)
+    check_saturation(float("inf") if saturation is None else saturation)
+    fitting = {"bins": bins, "pseudocount": pseudocount, "value_range": value_range, "saturation": saturation}
+    setting = Setting(
+        model=model,
+        power=parse_power(power),
+        **fitting,
+        where_cell=where_cell,
+        what_cell=what_cell,
+        threshold=theta,
+        border=border,
+        theta_x=theta_x,
+        deadline=deadline,
+    )
+    chosen = None if thresholds is None else parse_thresholds(thresholds)
+    taps, grid, told = _training(data, where_cell, what_cell, split, train, test)
+    check_objects(grid)
+    study = Settings(model=model, power=setting.power, **fitting, seed=seed)
+    print(told)
+    with terminable(), bars() as progress:
+        models = max(_TWO, len(set(taps.session.tolist())))
+
+        def parts() -> "Parts":
+            return held_out(taps, grid, study.fit, progress("Fitting models", models))
+
+        if online is not None:
+            course = Course(learner, chosen, online, seed, state, rig, what)
+            fitted = partial(study.fit, taps, grid)
+            best = learned(course, setting, price, grid, fitted, parts, progress("Learning", online))
+        else:
+            best = _offline(parts(), setting, price, chosen, by == "passive", trials, seed, progress)
+    if model_file is not None:
+        save_model(study.fit(taps, grid), model_file, force)
+        print(f"The model of all training taps is {model_file}")
+    best.save(out, force)
+    print(f"The setting is {out}")
+
+
+def _check_words(
+    online: int | None, rig: str | None, state: Path | None, what: str | None, target_error: float | None
+) -> None:
+    """Refuses options that do not go together."""
+    if online is None:
+        for name, value in (("--rig", rig), ("--state", state)):
+            if value is not None:
+                raise InputError(f"{name} goes with --online only.")
+    elif target_error is not None:
+        raise InputError("--target-error chooses from all training taps and does not go with --online.")
+    if what is not None and rig is None:
+        raise InputError("--object goes with --rig only.")
+
+
+def _training(
+    data: "Sequence[Path]",
+    where_cell: str | None,
+    what_cell: str | None,
+    method: str | None,
+    train: str | None,
+    test: str | None,
+) -> "tuple[TapSet, ClassGrid, str]":
+    """The training taps, their classes, and which they are in words."""
+    from ..analysis.audit_parts import load_parts
+    from ..models.experiment import load_experiment
+    from ..models.histogram import trim
+    from ..models.taps import concatenate
+
+    if len(data) > _TWO:
+        for option, value in (("--split", method), ("--train", train), ("--test", test)):
+            if value is not None:
+                raise InputError(f"{option} divides one file; of several all but the last train.")
+        divided, grid = load_parts(data, where_cell, what_cell)
+        taps = concatenate([divided.train, *divided.tune])
+        told = f"{len(data) - 1} files train; {data[-1].name} is kept for tests."
+    else:
+        parts, grid = load_experiment(data, where_cell, what_cell, method, train, test)
+        if len(parts.folds) != 1:
+            raise InputError(f"--split {parts.method} has no one training part; choose another.")
+        taps, told = parts.folds[0].train, parts.description
+    grid, dropped = trim(grid, [taps])
+    if dropped:
+        told += f" Left out for want of a training tap: {', '.join(dropped)}."
+    return taps, grid, f"{told} Only training taps are used."
+
+
+def _offline(
+    parts: "Parts",
+    setting: "Setting",
+    price: "Price",
+    thresholds: tuple[float, ...] | None,
+    passive: bool,
+    trials: int,
+    seed: int,
+    progress: "Callable[[str, int], Callable[[int], None]]",
+) -> "Setting":
+    """The setting from held-out trials, printed with its curves."""
+    from rich.console import Console
+
+    from ..analysis.tuning import tune as run
+    from ..analysis.tuning import tuning_trials
+    from ..analysis.tuning_view import position_table, threshold_table
+
+    bar = progress("Playing trials", tuning_trials(parts, trials))
+    options: dict[str, Any] = {"thresholds": thresholds, "passive": passive, "trials": trials, "seed": seed}
+    found = run(parts, setting, price, **options, progress=bar)
+    tables = position_table(found), threshold_table(found)
+    console = Console(width=max(Console().width, _WIDTH))
+    console.print(*tables)
+    print(parts.sentence, *found.sentences, sep="\n")
+    return found.setting

@@ -1,0 +1,257 @@
+"""Learning on line, from what episodes cost, where to fixate and when to stop.
+
+A pair of fixation point and threshold is an arm of a bandit: an episode is played with one of them, its cost is told,
+and the next arm is chosen by what all costs so far say. This is how Lepora, Martinez-Hernandez, Pezzulo and Prescott,
+"Active Bayesian perception and reinforcement learning" (IROS 2013), find both; their reward is the negative cost here,
+in other units. Two learners are there, both by Thompson's idea of playing what a draw from the posterior calls best:
+
+`thompson` knows each arm by its own costs alone, taken as normal with unknown mean and variance. The prior has the
+mean and variance of all costs so far and weighs as much as one episode for the mean and four for the variance, so it
+needs no scale to be given.
+
+`gp` also knows that neighbours are alike, see `gaussian_process`: Bayesian optimisation over (fixation, logit of the
+threshold), which needs far fewer episodes where there are many arms.
+
+A learner is a value: what it has been told as three numbers for each arm. Random numbers belong to its seed and the
+number of the episode, so a learner that was saved goes on as if nothing had happened.
+"""
+
+import json
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from itertools import product
+from pathlib import Path
+from typing import Any, Literal, Self, get_args
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..models.errors import InputError
+from ..models.json_object import read_object
+from ..models.storage import complete_file
+from .gaussian_process import Smoothness, arm_posterior, fitted_smoothness, places
+
+type Floats = NDArray[np.float64]
+type Method = Literal["thompson", "gp"]
+METHODS: tuple[str, ...] = get_args(Method.__value__)
+FORMAT = 1
+_FEWEST = 2  # episodes before anything is known of the spread of costs
+_PRIOR = 1.0  # episodes that the prior of an arm's mean weighs
+_PRIOR_SPREAD = 4.0  # and that of its variance
+_ROUNDING = 1e-6  # of the largest variance, by which a covariance may miss being one
+
+
+@dataclass(frozen=True, eq=False)
+class Learner:
+    """What has been learned so far.
+
+    Attributes:
+        method: `"thompson"` or `"gp"`.
+        seed: Of what is drawn.
+        fixation: Fixation point of each arm, shape (A,).
+        theta: Its threshold, shape (A,).
+        count: Episodes played with it, shape (A,).
+        mean: Their mean cost, 0 without one, shape (A,).
+        squares: Sum of the squared deviations from it, shape (A,).
+        smoothness: Of the Gaussian process; `None` before it has been fitted.
+    """
+
+    method: Method
+    seed: int
+    fixation: NDArray[np.int64]
+    theta: Floats
+    count: NDArray[np.int64]
+    mean: Floats
+    squares: Floats
+    smoothness: Smoothness | None = None
+
+    @property
+    def episodes(self) -> int:
+        """Episodes so far."""
+        return int(self.count.sum())
+
+    @classmethod
+    def new(cls, method: str, fixations: Sequence[int], thresholds: Sequence[float], seed: int = 0) -> Self:
+        """A learner that knows nothing, with an arm for each pair.
+
+        Raises:
+            InputError: There is no such method, no pair, one twice, or a threshold that is never or always crossed.
+        """
+        if method not in METHODS:
+            raise InputError(f"The learner must be one of {', '.join(METHODS)}, got {method!r}.")
+        for name, values in (("fixation point", fixations), ("threshold", thresholds)):
+            if not len(values) or len(set(values)) < len(values):
+                raise InputError(f"Learning needs at least one {name} and none twice, got {list(values)}.")
+        if not all(0 < theta < 1 for theta in thresholds):
+            raise InputError(f"Thresholds to learn from must lie between 0 and 1, got {list(thresholds)}.")
+        fixation, theta = (np.array(column) for column in zip(*product(fixations, thresholds), strict=True))
+        nothing = np.zeros(len(theta))
+        return cls(
+            method,  # pyright: ignore[reportArgumentType] - checked above
+            seed,
+            fixation.astype(np.int64),
+            theta.astype(np.float64),
+            np.zeros(len(theta), np.int64),
+            nothing,
+            nothing,
+        )
+
+
+def choose(learner: Learner) -> int:
+    """The arm of the next episode."""
+    rng = np.random.default_rng([learner.seed, learner.episodes])
+    if learner.episodes < _FEWEST:
+        return int(rng.integers(len(learner.theta)))
+    if learner.method == "gp":
+        mean, covariance = _process(learner)
+        slack = _ROUNDING * np.diag(covariance).max() * np.eye(len(mean))
+        drawn = mean + np.linalg.cholesky(covariance + slack) @ rng.standard_normal(len(mean))
+    else:
+        mean, scale, freedom = _posterior(learner)
+        drawn = mean + scale * rng.standard_t(freedom)
+    return int(drawn.argmin())
+
+
+def told(learner: Learner, arm: int, cost: float) -> Learner:
+    """The learner after an episode.
+
+    Args:
+        learner: Before it.
+        arm: That it was played with.
+        cost: What it cost.
+
+    Raises:
+        InputError: The cost is no number.
+    """
+    if not math.isfinite(cost):
+        raise InputError(f"The cost of an episode must be a number, got {cost}.")
+    count, mean, squares = learner.count.copy(), learner.mean.copy(), learner.squares.copy()
+    away = cost - mean[arm]
+    count[arm] += 1
+    mean[arm] += away / count[arm]
+    squares[arm] += away * (cost - mean[arm])
+    after = replace(learner, count=count, mean=mean, squares=squares)
+    if learner.method == "gp" and after.episodes >= 8 and after.episodes.bit_count() == 1:  # at 8, 16, 32, ...
+        smoothness = fitted_smoothness(_arm_places(after), count, mean, squares)
+        return replace(after, smoothness=smoothness)
+    return after
+
+
+def learn(
+    learner: Learner,
+    episodes: int,
+    cost: Callable[[int, int], float],
+    heard: Callable[[Learner, int], None] | None = None,
+) -> Learner:
+    """The learner after more episodes.
+
+    Args:
+        learner: Before them.
+        episodes: How many.
+        cost: Plays an episode, of this number counted from 0 over the learner's life, with this arm, and says its cost.
+        heard: Told the learner after each episode and the arm it had chosen.
+    """
+    for _ in range(episodes):
+        arm = choose(learner)
+        learner = told(learner, arm, cost(learner.episodes, arm))
+        if heard is not None:
+            heard(learner, arm)
+    return learner
+
+
+def beliefs(learner: Learner) -> tuple[Floats, Floats]:
+    """Posterior mean and standard deviation of the cost of each arm, each of shape (A,).
+
+    Raises:
+        InputError: It has been told of less than two episodes.
+    """
+    if learner.episodes < _FEWEST:
+        raise InputError(f"At least {_FEWEST} episodes are needed to know a cost, got {learner.episodes}.")
+    if learner.method == "gp":
+        mean, covariance = _process(learner)
+        return mean, np.sqrt(np.maximum(np.diag(covariance), 0.0))
+    mean, scale, _ = _posterior(learner)
+    return mean, scale
+
+
+def recommended(learner: Learner) -> int:
+    """The arm to keep: the one of which mean plus standard deviation of the cost is lowest.
+
+    An arm that was lucky in few episodes is none, and with the deviation it does not look like one.
+
+    Raises:
+        InputError: As `beliefs`.
+    """
+    mean, deviation = beliefs(learner)
+    return int((mean + deviation).argmin())
+
+
+def save_learner(learner: Learner, path: str | Path, force: bool = False) -> None:
+    """Writes a learner as JSON, complete or not at all.
+
+    Raises:
+        InputError: The file cannot be written, or exists and `force` is not set.
+    """
+    values = {
+        "format": FORMAT,
+        "method": learner.method,
+        "seed": learner.seed,
+        **{name: getattr(learner, name).tolist() for name in _COLUMNS},
+        "smoothness": None if learner.smoothness is None else learner.smoothness._asdict(),
+    }
+    with complete_file(path, force) as temporary:
+        temporary.write_text(json.dumps(values, allow_nan=False) + "\n", encoding="utf-8")
+
+
+def load_learner(path: str | Path) -> Learner:
+    """The learner in a file, exactly as it was.
+
+    Raises:
+        InputError: The file is missing or holds no learner.
+    """
+    values = read_object(path, "learner")
+    if values.get("format") != FORMAT:
+        raise InputError(f"{path} is no learner: its key format is not {FORMAT}.")
+    try:
+        learner = Learner(
+            method=values["method"],
+            seed=int(values["seed"]),
+            smoothness=None if values["smoothness"] is None else Smoothness(**values["smoothness"]),
+            **{name: np.array(values[name], dtype=kind) for name, kind in _COLUMNS.items()},
+        )
+    except (KeyError, TypeError, ValueError) as error:
+        raise InputError(f"{path} is no whole learner: {error!r}.") from error
+    if learner.method not in METHODS or len({getattr(learner, name).shape for name in _COLUMNS}) != 1:
+        raise InputError(f"{path} is no whole learner: its method or the length of a list is wrong.")
+    return learner
+
+
+_COLUMNS: dict[str, Any] = {
+    "fixation": np.int64,
+    "theta": np.float64,
+    "count": np.int64,
+    "mean": np.float64,
+    "squares": np.float64,
+}
+
+
+def _posterior(learner: Learner) -> tuple[Floats, Floats, Floats]:
+    """Mean, scale and degrees of freedom of Student's distribution of each arm's mean cost."""
+    n, total = learner.count, learner.episodes
+    centre = float(n @ learner.mean) / total
+    spread = float(learner.squares.sum() + n @ (learner.mean - centre) ** 2) / total
+    weight = _PRIOR + n
+    mean = (_PRIOR * centre + n * learner.mean) / weight
+    total_squares = _PRIOR_SPREAD * spread + learner.squares + _PRIOR * n / weight * (learner.mean - centre) ** 2
+    freedom = _PRIOR_SPREAD + n.astype(np.float64)
+    return mean, np.sqrt(total_squares / (freedom * weight)), freedom
+
+
+def _process(learner: Learner) -> tuple[Floats, Floats]:
+    """Mean (A,) and covariance (A, A) of the costs of all arms under the Gaussian process."""
+    return arm_posterior(_arm_places(learner), learner.count, learner.mean, learner.squares, learner.smoothness)
+
+
+def _arm_places(learner: Learner) -> Floats:
+    return places(learner.fixation, learner.theta)

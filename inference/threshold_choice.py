@@ -1,0 +1,139 @@
+"""The belief threshold that training taps recommend for a price of errors in taps.
+
+An episode costs its taps and `cost_error` taps for each unit of decision error. Higher thresholds buy fewer errors with
+more taps; the one with the least mean cost on held-out taps is taken, the lowest of equal ones. The price says which
+errors one is ready to wait for; it cannot be found in data.
+
+For a wanted error instead of a price there is `analysis.target_error`, which promises something of new sessions.
+"""
+
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ..models.errors import InputError
+from .control import check_fixation
+from .episode import DEADLINE
+from .held_out import Estimate, Floats, HeldOut, Parts, decision_error, over_parts
+from .montecarlo import run_trials
+from .reference import Border
+from .trial_plan import plan_trials
+
+TRIALS = 4000
+
+
+class ThresholdChoice(NamedTuple):
+    """What is known of every threshold.
+
+    Attributes:
+        theta: The thresholds, increasing, shape (H,).
+        wrong: P(wrong) in each part, shape (F, H).
+        error: Mean error, each of shape (H,).
+        taps: Mean reaction time, likewise.
+        cost: Mean cost of an episode in taps, likewise.
+        excess: By how much it exceeds the least, likewise.
+        alike: Thresholds whose cost the data cannot tell from the least: the 95 % interval of the excess holds 0,
+            shape (H,).
+        chosen: Index of the one with the least cost.
+    """
+
+    theta: Floats
+    wrong: Floats
+    error: Estimate
+    taps: Estimate
+    cost: Estimate
+    excess: Estimate
+    alike: NDArray[np.bool_]
+    chosen: int
+
+    @property
+    def value(self) -> float:
+        """The chosen threshold."""
+        return float(self.theta[self.chosen])
+
+
+def choose_threshold(
+    parts: Parts,
+    thresholds: ArrayLike,
+    cost_error: float,
+    *,
+    fixation: int | None = None,
+    wrong: bool = False,
+    trials: int = TRIALS,
+    theta_x: float = 0.0,
+    border: Border = "uniform",
+    deadline: int = DEADLINE,
+    seed: int = 0,
+    progress: Callable[[int], None] | None = None,
+) -> ThresholdChoice:
+    """The threshold with the least mean cost.
+
+    Args:
+        parts: Training taps and models that have not seen them.
+        thresholds: Those to choose from, shape (H,).
+        cost_error: Taps that a unit of error is worth, 0 or more.
+        fixation: Where class that trials aim for; `None` for the middle.
+        wrong: Whether errors are P(wrong) even where objects have sizes.
+        trials: In each part; all thresholds share them.
+        theta_x: Threshold for a move; 1 for passive trials.
+        border: Reading of Eq. 9.
+        deadline: Taps after which the most probable object is taken.
+        seed: Of the trials.
+        progress: Told how many more trials have ended.
+
+    Raises:
+        InputError: The price is negative, or a setting is out of range.
+        ZeroEvidenceError: A tap was impossible under every class that was still believed in.
+    """
+    check_cost(cost_error)
+    theta = np.unique(np.asarray(thresholds, dtype=np.float64))
+    aim = check_fixation(fixation, parts.grid.L)
+
+    def play(part: HeldOut) -> tuple[NDArray[Any], ...]:
+        plan = plan_trials(part.table.pool, trials, seed, aim)
+        played = run_trials(
+            part.table,
+            plan,
+            theta,
+            theta_x=theta_x,
+            border=border,
+            deadline=deadline,
+            seed=seed,
+            progress=progress,
+        )
+        true = plan.what[:, np.newaxis]
+        error = decision_error(parts.grid, played.what, true, wrong)
+        return error.T, played.taps.T, (played.what != true).T, true.T
+
+    error, taps, missed, what = (np.array(column) for column in zip(*map(play, parts.parts), strict=True))
+    cost = cost_error * error + taps
+
+    def estimate(values: NDArray[Any], least: float = -np.inf) -> Estimate:
+        return over_parts(values, what, parts.by_session, least)
+
+    mean = estimate(cost, 1.0)
+    chosen = int(mean.mean.argmin())
+    excess = estimate(cost - cost[:, [chosen]])
+    return ThresholdChoice(
+        theta,
+        missed.mean(axis=-1),
+        estimate(error, 0.0),
+        estimate(taps, 1.0),
+        mean,
+        excess,
+        excess.low <= 0,
+        chosen,
+    )
+
+
+def check_cost(cost_error: float) -> float:
+    """The price of an error in taps, if it is one.
+
+    Raises:
+        InputError: It is negative or no number.
+    """
+    if not 0 <= cost_error < np.inf:
+        raise InputError(f"The cost of an error must be a number of taps, 0 or more, got {cost_error}.")
+    return float(cost_error)

@@ -1,0 +1,210 @@
+"""`solidtouch tune`."""
+
+import json
+
+import numpy as np
+import pytest
+import typer
+from solidtouch.analysis.tuning import Price
+from solidtouch.cli.tune import tune
+from solidtouch.cli.tune_online import Course, learned
+from solidtouch.inference.online_learning import load_learner
+from solidtouch.models.errors import InputError
+from solidtouch.models.histogram import fit
+from solidtouch.models.importers import load_taps
+from solidtouch.models.model_file import load_model
+from solidtouch.models.setting import Setting, load_setting
+from solidtouch.models.taps import TapSet
+from typer.testing import CliRunner
+
+COMMON = ("--bins", 12, "--pseudocount", 0.5, "--trials", 100, "--deadline", 20)
+
+
+@pytest.fixture
+def call():
+    """A function that runs the command with some words."""
+    app = typer.Typer()
+    app.command()(tune)
+    return lambda *words: CliRunner().invoke(app, [str(word) for word in words])
+
+
+@pytest.fixture
+def recorded(make_taps, tmp_path):
+    """A file of three sessions, 3 places by 4 objects."""
+    make_taps(sessions=3).save(tmp_path / "taps.nc")
+    return tmp_path / "taps.nc"
+
+
+@pytest.fixture
+def files(make_taps, tmp_path):
+    """Seven files of a session each."""
+    taps = make_taps(sessions=7, repeats=4)
+    for s in range(7):
+        taps.select(taps.session == s).save(tmp_path / f"session-{s}.nc")
+    return [tmp_path / f"session-{s}.nc" for s in range(7)]
+
+
+def test_the_setting_holds_both_choices_and_how_they_were_made(call, recorded, tmp_path):
+    """And the curves stand in the terminal."""
+    out = tmp_path / "setting.json"
+    result = call(recorded, "--out", out, *COMMON, "--theta-x", 0.2, "--border", "clamp")
+    assert result.exit_code == 0, result.output
+    setting = load_setting(out)
+    assert setting.fixation in range(3)
+    assert 0.25 <= setting.threshold < 1
+    assert (setting.bins, setting.theta_x, setting.border, setting.deadline) == (12, 0.2, "clamp", 20)
+    assert "2 training sessions" in setting.note
+    for words in (
+        "Fixation points",
+        "Thresholds",
+        "chosen",
+        "Each of 2 training sessions",
+        f"class {setting.fixation}",
+    ):
+        assert words in result.output
+    assert f"Threshold {setting.threshold:.4g}: error" in result.output
+
+
+def test_perceive_takes_the_setting(call, command, recorded, tmp_path):
+    """With the model of the same training taps, which can be written along with it."""
+    out, model = tmp_path / "setting.json", tmp_path / "model.nc"
+    assert call(recorded, "--out", out, "--model-file", model, *COMMON).exit_code == 0
+    done = command("perceive", model, "--rig", f"replay:{recorded}", "--setting", out, "--engine", "filter", "--json")
+    assert done.code == 0, done.err
+    taps = load_taps(recorded)
+    assert load_model(model).trained_with(taps.select(taps.session < 2)) == len(taps) * 2 // 3
+
+
+def test_taps_that_test_do_not_train(call, recorded, tmp_path):
+    """Whatever the last session holds, the setting is the same; the first sessions it depends on."""
+    settings = []
+    for changed in (None, 2, 0):
+        taps = load_taps(recorded)
+        samples = taps.taps.copy()
+        if changed is not None:
+            samples[taps.session == changed] = samples[taps.session == changed][::-1]
+        path = tmp_path / f"changed-{changed}.nc"
+        TapSet(taps.dataset.assign(taps=(taps.dataset["taps"].dims, samples))).save(path)
+        result = call(path, "--out", tmp_path / "setting.json", "--force", *COMMON)
+        assert result.exit_code == 0, result.output
+        settings.append(result.output.partition("Fixation points")[2])
+    assert settings[0] == settings[1] != settings[2]
+
+
+def test_a_target_needs_sessions_and_says_what_a_new_one_will_do(call, files, tmp_path):
+    """Six of seven files train."""
+    result = call(*files, "--out", tmp_path / "setting.json", "--target-error", 0.3, *COMMON)
+    assert result.exit_code == 0, result.output
+    assert "6 files train; session-6.nc is kept for tests" in result.output
+    assert "90% prediction interval" in result.output
+    result = call(*files[:4], "--out", tmp_path / "other.json", "--target-error", 0.3, *COMMON)
+    assert isinstance(result.exception, InputError)
+    assert "at least 5 training sessions, got 3" in str(result.exception)
+    assert not (tmp_path / "other.json").exists()
+
+
+def test_one_session_is_halved(call, make_taps, tmp_path):
+    """And it is said what that cannot show."""
+    make_taps(sessions=1, repeats=12).save(tmp_path / "one.nc")
+    result = call(tmp_path / "one.nc", "--out", tmp_path / "setting.json", *COMMON, "--by", "passive", "--wrong")
+    assert result.exit_code == 0, result.output
+    assert "A new session would differ more" in result.output
+
+
+@pytest.mark.parametrize("learner", ["gp", "thompson"])
+def test_a_learner_goes_on_where_it_stopped(call, recorded, tmp_path, learner):
+    """Two halves end as the whole does, and the setting is what it recommends."""
+    words = (recorded, *COMMON, "--learner", learner, "--thresholds", "0.6,0.9", "--force")
+    whole = tmp_path / "whole.json"
+    result = call(*words, "--online", 24, "--state", whole, "--out", tmp_path / "a.json")
+    assert result.exit_code == 0, result.output
+    assert "After 24 episodes: fixation point" in result.output
+    for _ in range(2):
+        assert (
+            call(*words, "--online", 12, "--state", tmp_path / "half.json", "--out", tmp_path / "b.json").exit_code == 0
+        )
+    assert json.loads(whole.read_text()) == json.loads((tmp_path / "half.json").read_text())
+    assert load_setting(tmp_path / "a.json") == load_setting(tmp_path / "b.json")
+    assert load_setting(tmp_path / "a.json").threshold in (0.6, 0.9)
+
+
+def test_learning_on_a_rig_plays_its_episodes(call, recorded, tmp_path):
+    """Here recorded taps behind the interface of a rig."""
+    state = tmp_path / "state.json"
+    words = ("--online", 8, "--rig", f"replay:{recorded}", "--state", state, "--out", tmp_path / "setting.json")
+    result = call(recorded, *COMMON, *words)
+    assert result.exit_code == 0, result.output
+    assert np.sum(json.loads(state.read_text())["count"]) == 8
+
+
+def test_what_was_learned_is_kept_when_it_is_interrupted(make_taps, recorded, tmp_path):
+    """After three of twenty episodes on a rig; no setting comes of it."""
+    taps = make_taps(sessions=3)
+    model = fit(taps.select(taps.session < 2), taps.grid(), bins=12, pseudocount=0.5)
+    state, ended = tmp_path / "state.json", []
+
+    def bar(done):
+        ended.append(done)
+        if len(ended) == 3:
+            raise KeyboardInterrupt
+
+    course = Course("gp", None, 20, 0, state, f"replay:{recorded}", None)
+    with pytest.raises(KeyboardInterrupt):
+        learned(course, Setting(deadline=20), Price(), model.grid, lambda: model, lambda: None, bar)
+    assert load_learner(state).episodes == 3
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (("--cost-error", -1), "cost of an error must be a number of taps, 0 or more"),
+        (("--target-error", 2), "wanted error must lie between 0 and 1"),
+        (("--theta", 1.5), "threshold must be a number from 0 to 1"),
+        (("--rig", "simulated"), "--rig goes with --online only"),
+        (("--state", "s.json"), "--state goes with --online only"),
+        (("--online", 9, "--target-error", 0.1), "does not go with --online"),
+        (("--object", "rod"), "--object goes with --rig only"),
+        (("--split", "leave-one-session-out"), "has no one training part"),
+        (("--thresholds", "0.5,x"), "--thresholds needs numbers"),
+        (("--online", 9, "--thresholds", "0.5,1"), "must lie between 0 and 1"),
+        (("--power", "learned"), "power"),
+        (("--model", "guess"), "a model of the catalogue"),
+    ],
+)
+def test_nonsense_is_refused_in_a_sentence(call, recorded, tmp_path, words, said):
+    """Before anything is written."""
+    result = call(recorded, "--out", tmp_path / "setting.json", *COMMON, *words)
+    assert isinstance(result.exception, InputError), result.output
+    assert said in str(result.exception)
+    assert not (tmp_path / "setting.json").exists()
+
+
+def test_one_object_leaves_nothing_to_tune(call, make_taps, tmp_path):
+    make_taps(M=1).save(tmp_path / "one.nc")
+    result = call(tmp_path / "one.nc", "--out", tmp_path / "setting.json")
+    assert "There is one object only" in str(result.exception)
+
+
+def test_one_place_has_a_threshold_to_tune(call, make_taps, tmp_path):
+    make_taps(L=1, M=2).save(tmp_path / "one.nc")
+    result = call(tmp_path / "one.nc", "--out", tmp_path / "setting.json", *COMMON)
+    assert result.exit_code == 0, result.output
+    assert load_setting(tmp_path / "setting.json").fixation == 0
+
+
+def test_what_was_learned_for_other_pairs_is_not_gone_on_with(call, recorded, tmp_path):
+    """Nor by another learner or seed; the file stays as it is."""
+    state = tmp_path / "state.json"
+    words = (recorded, "--out", tmp_path / "setting.json", "--force", "--online", 4, "--state", state, *COMMON)
+    assert call(*words, "--thresholds", "0.6,0.9").exit_code == 0
+    before = state.read_bytes()
+    assert "other fixation points or thresholds" in str(call(*words, "--thresholds", "0.6,0.8").exception)
+    assert "is asked for" in str(call(*words, "--thresholds", "0.6,0.9", "--seed", 1).exception)
+    assert state.read_bytes() == before
+
+
+def test_a_setting_is_not_replaced_without_force(call, recorded, tmp_path):
+    (tmp_path / "setting.json").write_text("mine")
+    result = call(recorded, "--out", tmp_path / "setting.json")
+    assert "--force" in str(result.exception)
+    assert (tmp_path / "setting.json").read_text() == "mine"
