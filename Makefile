@@ -4,7 +4,7 @@
 VENV := .venv
 PY := $(VENV)/bin/python
 
-.PHONY: run test test-all check format bench bench-quick studies audit-studies reference-studies fuzz faults kills rig-demo lock clean help
+.PHONY: run test test-all check format bench bench-quick studies audit-studies reference-studies strategy-studies fuzz faults kills rig-demo lock clean help
 
 run: $(VENV)/.ready-run
 	@$(VENV)/bin/solidtouch reproduce
@@ -46,6 +46,11 @@ reference-studies: $(VENV)/.ready-run
 	@$(PY) benchmarks/chain.py --document docs/calibration.md
 	@$(PY) benchmarks/open_choices.py --document docs/open-choices.md $(if $(RECORDED),--recorded "$(RECORDED)")
 
+strategy-studies: $(VENV)/.ready-run
+	@$(PY) benchmarks/strategies.py --document docs/strategies.md
+	@$(PY) benchmarks/regret.py --document docs/strategies.md
+	@$(PY) benchmarks/tuning.py --document docs/tuning.md
+
 fuzz: $(VENV)/.ready-run
 	@$(PY) benchmarks/fuzz.py
 
@@ -76,6 +81,7 @@ help:
 	@echo "make studies whether models are recognised, fits calibrated, and what sessions gain, into docs/model-studies.md"
 	@echo "make audit-studies  level and power of the audit, and whether its promises hold, into docs/audit-studies.md"
 	@echo "make reference-studies  calibration of the whole chain, and what each open choice of the paper is worth"
+	@echo "make strategy-studies  how to move and when to stop: strategies, regret against the exact rule, tuning"
 	@echo "make rig-demo  emulated devices: collect, fit and perceive over serial ports"
 	@echo "make faults  random faults of the emulated rig, and what came of them"
 	@echo "make kills   kill a data collection at random moments, and what was lost"
