@@ -1,6 +1,5 @@
 """The folder of an audit: figures, `audit.json`, the page, and the chosen setting with its model."""
 
-import json
 from collections.abc import Iterator, Mapping
 from dataclasses import replace
 from pathlib import Path
@@ -12,10 +11,9 @@ from . import figure_audit, figure_reliability
 from .audit import Audit
 from .audit_checks import figure_checks
 from .figure_confusion import confusion
-from .figure_style import save
 from .pictures import Picture
 from .remedies import BASELINE, Remedy
-from .report import render_page
+from .report import write_page
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -35,17 +33,9 @@ def write_audit(folder: Path, audit: Audit, summary: Mapping[str, Any], setting:
         InputError: The folder cannot be written.
     """
     with complete_folder(folder, force) as temporary:
-        figures = []
-        for picture in _pictures(audit, summary):
-            png, svg = save(picture.figure, temporary, picture.name)
-            figures.append(
-                {"name": picture.name, "title": picture.title, "caption": picture.caption, "png": png, "svg": svg}
-            )
-        text = json.dumps(summary, indent=1, allow_nan=False, ensure_ascii=False) + "\n"
-        (temporary / "audit.json").write_text(text, encoding="utf-8")
+        write_page(temporary, "audit.html", summary, _pictures(audit, summary), "audit.json")
         setting.save(temporary / "setting.json")
         chosen_remedy(audit, summary).model.save(temporary / "model.nc")
-        (temporary / "report.html").write_text(render_page("audit.html", summary, figures), encoding="utf-8")
 
 
 def chosen_remedy(audit: Audit, summary: Mapping[str, Any]) -> Remedy:

@@ -1,6 +1,5 @@
 """The folder of a comparison: figures, `compare.nc`, `summary.json` and the page."""
 
-import json
 from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
@@ -11,9 +10,8 @@ import xarray as xr
 from ..models.storage import complete_folder
 from . import figure_compare, figure_compare_taps
 from .compare import Comparison
-from .figure_style import save
 from .pictures import Picture
-from .report import render_page
+from .report import write_page
 
 
 def write_comparison(folder: Path, comparison: Comparison, summary: Mapping[str, Any], force: bool = False) -> None:
@@ -29,16 +27,8 @@ def write_comparison(folder: Path, comparison: Comparison, summary: Mapping[str,
         InputError: The folder cannot be written.
     """
     with complete_folder(folder, force) as temporary:
-        figures = []
-        for picture in _pictures(comparison):
-            png, svg = save(picture.figure, temporary, picture.name)
-            figures.append(
-                {"name": picture.name, "title": picture.title, "caption": picture.caption, "png": png, "svg": svg}
-            )
         comparison_tree(comparison, summary).to_netcdf(temporary / "compare.nc", engine="h5netcdf")
-        text = json.dumps(summary, indent=1, allow_nan=False) + "\n"
-        (temporary / "summary.json").write_text(text, encoding="utf-8")
-        (temporary / "report.html").write_text(render_page("compare.html", summary, figures), encoding="utf-8")
+        write_page(temporary, "compare.html", summary, _pictures(comparison), "summary.json")
 
 
 def comparison_tree(comparison: Comparison, summary: Mapping[str, Any]) -> xr.DataTree:

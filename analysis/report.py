@@ -1,17 +1,21 @@
 """The report: one self-contained HTML page that a person can mail or print."""
 
 import base64
+import json
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from importlib import resources
 from numbers import Integral, Real
 from pathlib import Path
-from typing import Any, TypeGuard
+from typing import TYPE_CHECKING, Any, TypeGuard
 
 from jinja2 import ChainableUndefined, Environment, FunctionLoader
 
 from ..models.storage import complete_file
-from .figure_style import PNG_DPI
+from .figure_style import PNG_DPI, save
+
+if TYPE_CHECKING:
+    from .pictures import Picture
 
 _IMAGE_BYTES = 4_000_000  # of all figures together; base64 adds a third
 _MISSING = "–"
@@ -39,6 +43,29 @@ def write_report(folder: str | Path, summary: Mapping[str, Any], figures: Sequen
 def render_report(summary: Mapping[str, Any], figures: Sequence[Mapping[str, Any]]) -> str:
     """The page as text, with every figure inside it."""
     return render_page("report.html", summary, figures)
+
+
+def write_page(
+    folder: Path, template: str, summary: Mapping[str, Any], pictures: Iterable["Picture"], name: str
+) -> None:
+    """Writes figures, what they and the page show as JSON, and the page, into a folder that is complete later.
+
+    Args:
+        folder: Where to, see `storage.complete_folder`.
+        template: Of the page.
+        summary: What it shows.
+        pictures: Its figures.
+        name: Of the JSON file.
+    """
+    figures = []
+    for picture in pictures:
+        png, svg = save(picture.figure, folder, picture.name)
+        figures.append(
+            {"name": picture.name, "title": picture.title, "caption": picture.caption, "png": png, "svg": svg}
+        )
+    text = json.dumps(summary, indent=1, allow_nan=False, ensure_ascii=False) + "\n"
+    (folder / name).write_text(text, encoding="utf-8")
+    (folder / "report.html").write_text(render_page(template, summary, figures), encoding="utf-8")
 
 
 def render_page(template: str, summary: Mapping[str, Any], figures: Sequence[Mapping[str, Any]]) -> str:

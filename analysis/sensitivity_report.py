@@ -1,15 +1,13 @@
 """The folder of a sensitivity study: figures, `sensitivity.json` and the page."""
 
-import json
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
 from ..models.storage import complete_folder
 from . import figure_sensitivity
-from .figure_style import save
 from .pictures import Picture
-from .report import render_page
+from .report import write_page
 
 
 def write_sensitivity(folder: Path, summary: Mapping[str, Any], force: bool = False) -> None:
@@ -24,15 +22,7 @@ def write_sensitivity(folder: Path, summary: Mapping[str, Any], force: bool = Fa
         InputError: The folder cannot be written.
     """
     with complete_folder(folder, force) as temporary:
-        figures = []
-        for picture in pictures(summary):
-            png, svg = save(picture.figure, temporary, picture.name)
-            figures.append(
-                {"name": picture.name, "title": picture.title, "caption": picture.caption, "png": png, "svg": svg}
-            )
-        text = json.dumps(summary, indent=1, allow_nan=False, ensure_ascii=False) + "\n"
-        (temporary / "sensitivity.json").write_text(text, encoding="utf-8")
-        (temporary / "report.html").write_text(render_page("sensitivity.html", summary, figures), encoding="utf-8")
+        write_page(temporary, "sensitivity.html", summary, pictures(summary), "sensitivity.json")
 
 
 def pictures(summary: Mapping[str, Any]) -> Iterator[Picture]:
