@@ -24,8 +24,10 @@ from .reproduce import reproduce
 from .rig import app as rig
 from .sensitivity import sensitivity
 from .simulate import simulate
+from .strategies import strategies
 from .sweep import sweep
 from .trials import trials
+from .tune import tune
 from .validate import validate
 
 app = typer.Typer(
@@ -50,6 +52,8 @@ _COMMANDS = (
     emulate,
     sweep,
     sensitivity,
+    strategies,
+    tune,
     validate,
 )
 for command in _COMMANDS:

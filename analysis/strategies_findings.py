@@ -1,0 +1,101 @@
+"""What a reader of a comparison of strategies should know first, in sentences.
+
+Data are those of `strategies_summary.summarise`.
+"""
+
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Any
+
+from .sensitivity_findings import listed
+from .study import SHOWN_THETA
+
+TAPS = (2, 3, 5, 10)
+"""Mean numbers of taps at which strategies are held against each other."""
+LOOK = 5
+"""Taps after which what was expected of them and miscalibration are looked at."""
+PAPER, FIXED = "what", "number of taps"
+"""The paper's stopping rule, and the one under which all make the same number of taps."""
+INFORMED = ("info-what", "info-joint")
+RULES = {PAPER: "At equal mean taps by threshold", FIXED: "After equal numbers of taps"}
+
+
+def source_findings(source: Mapping[str, Any]) -> list[str]:
+    """What one kind of data says, in sentences."""
+    first = source["powers"][0]
+    said = []
+    for family, words in RULES.items():
+        for quantity, word in (("what_error", "object"), ("where_error", "position")):
+            found = (_sure(first["equal"][family], f"{quantity}_difference", sign) for sign in (-1, 1))
+            better, worse = map(_named, found)
+            said.append(
+                f"{words} the {word} error is surely smaller than with the fixation point under {better}, "
+                f"surely larger under {worse}."
+            )
+    ways = {name: _at_theta(first, name)["way"] for name in first["strategies"]}
+    far = listed([f"{name} {way:.3g}" for name, way in ways.items() if way])
+    return [*said, f"Way of a decision at threshold {SHOWN_THETA:g} in {source['where_unit']}: {far}."]
+
+
+def findings(sources: Sequence[Mapping[str, Any]]) -> list[str]:
+    """What holds across the data, in sentences."""
+    said = random_findings(sources)
+    for name in INFORMED:
+        gains = [
+            f"{source['name']} at power {power['power']} {_words(row, 'gain')}"
+            for source in sources
+            for power in source["powers"]
+            for row in power["trust"]
+            if row["strategy"] == name
+        ]
+        said.append(f"P(wrong object) of the fixation point less that of {name} after {LOOK} taps: {'; '.join(gains)}.")
+    return said
+
+
+def random_findings(sources: Sequence[Mapping[str, Any]]) -> list[str]:
+    """Whether random moves err more than the fixation point, for each kind of data and both rules."""
+    return [_random(source, family) for source in sources for family in RULES]
+
+
+def _random(source: Mapping[str, Any], family: str) -> str:
+    key, rows = "what_error_difference", source["powers"][0]["equal"][family]
+    known = [row for row in rows if row["strategy"] == "random" and row[f"{key}_low"] is not None]
+    worse = _taps(row for row in known if (row[f"{key}_least"] or 0.0) > 0)
+    perhaps = _taps(row for row in known if row[f"{key}_low"] > 0 >= (row[f"{key}_least"] or 0.0))
+    better = _taps(row for row in known if row[f"{key}_high"] < 0)
+    told = ((worse, "surely more"), (perhaps, "more by their own interval"), (better, "less by their own interval"))
+    parts = [f"{words} at {listed(taps)} taps" for taps, words in told if taps]
+    where = RULES[family][0].lower() + RULES[family][1:]
+    return (
+        f"{source['name']}, {where}: random moves err {', '.join(parts) or 'neither surely more nor less'} than the "
+        "fixation point."
+    )
+
+
+def _taps(rows: Iterable[Mapping[str, Any]]) -> list[str]:
+    return [str(row["taps"]) for row in rows]
+
+
+def _sure(rows: Sequence[Mapping[str, Any]], key: str, sign: int) -> dict[str, list[int]]:
+    """Numbers of taps at which strategies surely differ in one direction, by strategy."""
+    found: dict[str, list[int]] = {}
+    for row in rows:
+        end = row[f"{key}_least" if sign > 0 else f"{key}_most"]
+        if end is not None and sign * end > 0:
+            found.setdefault(row["strategy"], []).append(row["taps"])
+    return found
+
+
+def _named(found: Mapping[str, Sequence[int]]) -> str:
+    words = [f"{name} ({', '.join(map(str, taps))} taps)" for name, taps in found.items()]
+    return listed(words) if words else "none"
+
+
+def _at_theta(power: Mapping[str, Any], strategy: str) -> Mapping[str, Any]:
+    """The point of the paper's rule at `SHOWN_THETA`."""
+    return next(row for row in power["curves"][PAPER][strategy] if math.isclose(row["level"], SHOWN_THETA))
+
+
+def _words(row: Mapping[str, Any], name: str) -> str:
+    low, high = row[f"{name}_low"], row[f"{name}_high"]
+    return f"{row[name]:.2f}" + (f" [{low:.2f}, {high:.2f}]" if low is not None and high is not None else "")

@@ -1,0 +1,210 @@
+"""Strategies of moving under rules of stopping, all on the same trials and taps."""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import partial
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..inference.control import MovePolicy, default_fixation
+from ..inference.control_information import two_taps
+from ..inference.expected_gain import gain_watch
+from ..inference.information import TapOutcomes, information_of_moves
+from ..inference.lockstep import Record, Watch, play
+from ..inference.reference import Border
+from ..inference.stopping import stops, what_above
+from ..inference.strategies import make_policy, parse_strategy
+from ..inference.table_learning import learn_table
+from ..inference.trial_plan import plan_trials, tap_table
+from ..models.model import TapModel
+from ..models.threads import cores, in_order, one_blas_thread
+from .figure_style import short_unit
+from .open_effects import Means
+from .stages import Progress
+from .strategies_curves import Family, decided_sums, families, group_means, loss_matrix, nats
+from .strategies_data import Bench, Unit, pool_of
+from .study import SHOWN_THETA
+
+BASE = "fixation"
+STRATEGIES = (
+    "passive",
+    "random",
+    "step",
+    BASE,
+    "fixation:0.8",
+    "info-what",
+    "info-where",
+    "info-joint",
+    "info-what-per-mm",
+    "info-what-per-s",
+    "two-taps",
+    "table",
+)
+"""What is compared; the names are those of `inference.strategies`."""
+TRUSTED = ("passive", "random", BASE, "info-what", "info-joint")
+"""Those that are compared under other roots of the likelihood too."""
+PATHS = 40
+"""Trials whose trajectories are kept."""
+_SECOND = 3  # two taps ahead aim for each such where class only: their cost grows with the square of the places
+_DRAWS = 4
+_TABLE_TRIALS = 500
+
+
+@dataclass(frozen=True)
+class StrategySettings:
+    """What changes the numbers.
+
+    Attributes:
+        trials: Of each data set or fold, strategy and root.
+        deadline: Taps of a trial.
+        pool: About how many training taps strategies enumerate.
+        seed: Of every random draw.
+        strategies: What is compared; `BASE` is among them.
+        workers: Data sets at a time; `None` for as many as there are cores. Changes the speed only.
+    """
+
+    trials: int = 100
+    deadline: int = 20
+    pool: int = 400
+    seed: int = 0
+    strategies: tuple[str, ...] = STRATEGIES
+    workers: int | None = None
+
+
+class Played(NamedTuple):
+    """What strategies came to under one root of the likelihood.
+
+    Attributes:
+        power: The root.
+        families: The stopping rules.
+        means: Means of units (unit, level, `SUMS`), by strategy and name of the rule.
+        nats: Means of what taps were expected to tell and told, by strategy, shape (unit, T, 2).
+        paths: Where class at each tap of some trials up to their decision at `SHOWN_THETA`, -1 after it, by strategy,
+            shape (trials, T).
+        exponents: Of the likelihood, mean over the folds.
+    """
+
+    power: str
+    families: tuple[Family, ...]
+    means: dict[tuple[str, str], Means]
+    nats: dict[str, NDArray[np.float64]]
+    paths: dict[str, NDArray[np.int64]]
+    exponents: float
+
+
+@dataclass(frozen=True, eq=False)
+class StrategyStudy:
+    """What came out for one kind of data.
+
+    Attributes:
+        bench: The data.
+        played: One for each root of the likelihood.
+    """
+
+    bench: Bench
+    played: tuple[Played, ...]
+
+
+def strategy_study(bench: Bench, settings: StrategySettings, progress: Progress) -> StrategyStudy:
+    """Plays every strategy.
+
+    Args:
+        bench: The data.
+        settings: What to do.
+        progress: Told of the stage.
+
+    Raises:
+        InputError: A strategy cannot be played on these data.
+    """
+    names = [(power, playable(bench, settings.strategies, i == 0)) for i, power in enumerate(bench.powers)]
+    advance = progress(bench.name, bench.folds * sum(len(chosen) for _, chosen in names))
+    tasks = [partial(_play_fold, bench, number, names, settings, advance) for number in range(bench.folds)]
+    with one_blas_thread():
+        folds = list(in_order(tasks, cores(settings.workers)))
+    return StrategyStudy(bench, tuple(_joined([fold[i] for fold in folds]) for i in range(len(names))))
+
+
+def playable(bench: Bench, strategies: Sequence[str], everything: bool) -> tuple[str, ...]:
+    """The strategies that these data allow: those per millimetre and second need places in millimetres."""
+    in_mm = short_unit(bench.grid.where_unit) == "mm"
+    chosen = [name for name in strategies if everything or name in TRUSTED]
+    return tuple(name for name in chosen if in_mm or not parse_strategy(name).per)
+
+
+def _joined(parts: Sequence[Played]) -> Played:
+    first = parts[0]
+    return first._replace(
+        means={key: np.concatenate([one.means[key] for one in parts]) for key in first.means},
+        nats={name: np.concatenate([one.nats[name] for one in parts]) for name in first.nats},
+        exponents=float(np.mean([one.exponents for one in parts])),
+    )
+
+
+def _play_fold(
+    bench: Bench,
+    number: int,
+    names: Sequence[tuple[str, Sequence[str]]],
+    settings: StrategySettings,
+    advance: Callable[[int], None],
+) -> list[Played]:
+    unit = bench.load(number)
+    return [_play_power(bench, unit, number, power, chosen, settings, advance) for power, chosen in names]
+
+
+def _play_power(
+    bench: Bench,
+    unit: Unit,
+    number: int,
+    power: str,
+    strategies: Sequence[str],
+    settings: StrategySettings,
+    advance: Callable[[int], None],
+) -> Played:
+    seed = settings.seed + number
+    model = unit.model(power, bench.grid, seed)
+    table, outcomes = tap_table(model, model.usable(unit.test)), pool_of(model, unit.train, settings.pool)
+    plan = plan_trials(table.pool, settings.trials, seed)
+    rules = families(model, default_fixation(bench.grid.L), settings.deadline)
+    watch = _watch(model, outcomes, bench.border)
+    means, told, paths = {}, {}, {}
+    for name in strategies:
+        policy = _policy(name, bench, unit, model, outcomes, seed)
+        record = play(table, plan, policy, border=bench.border, deadline=settings.deadline, seed=seed, watch=watch)
+        for family in rules:
+            means[name, family.name] = group_means(decided_sums(record, family, bench.grid), bench.groups)
+        told[name] = group_means(nats(record), bench.groups)
+        paths[name] = _paths(record)
+        advance(1)
+    return Played(power, rules, means, told, paths, model.exponent)
+
+
+def _policy(name: str, bench: Bench, unit: Unit, model: TapModel, outcomes: TapOutcomes, seed: int) -> MovePolicy:
+    kind, grid, border = parse_strategy(name).kind, bench.grid, bench.border
+    if kind == "two-taps":
+        every = range(_SECOND // 2, grid.L, _SECOND)
+        return two_taps(outcomes, "what", border, _DRAWS, every)
+    if kind == "table":
+        tables = unit.held_out(model, grid)
+        learned = learn_table(tables, grid, border=border, trials=_TABLE_TRIALS, seed=seed)
+        return make_policy(name, grid, table=learned)
+    return make_policy(name, grid, border=border, outcomes=outcomes)
+
+
+def _watch(model: TapModel, outcomes: TapOutcomes, border: Border) -> Watch:
+    """Records what the next tap is expected to tell of the object, and to save of the loss of the decision."""
+    gain = gain_watch(outcomes, loss_matrix(model.grid), border=border)
+
+    def watch(beliefs: NDArray[np.float64], moves: NDArray[np.int64]) -> Mapping[str, NDArray[np.float64]]:
+        expected = information_of_moves(outcomes, beliefs, moves[:, np.newaxis], border, "what")[:, 0]
+        return {**gain(beliefs, moves), "expected": expected}
+
+    return watch
+
+
+def _paths(record: Record) -> NDArray[np.int64]:
+    """Trajectories up to the decision."""
+    shown = stops(what_above(SHOWN_THETA), record).taps[:PATHS, np.newaxis]
+    at = record.at[:PATHS]
+    return np.where(np.arange(at.shape[1]) < shown, at, -1)

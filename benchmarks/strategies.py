@@ -1,0 +1,174 @@
+"""Strategies of moving and rules of stopping on simulated data sets and on recordings that have a tap in every cell.
+
+`python benchmarks/strategies.py --recorded FOLDER --document docs/strategies.md` writes the tables and figures of that
+page; `--summary strategies.json` takes the numbers of a finished `solidtouch strategies` instead of playing.
+"""
+
+import argparse
+import json
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from solidtouch.analysis import figure_strategies
+from solidtouch.analysis.figure_strategies_trust import trust
+from solidtouch.analysis.report import factor, interval, number, percent
+from solidtouch.analysis.strategies_data import Bench, recorded_bench, simulated_bench
+from solidtouch.analysis.strategies_findings import FIXED, PAPER, TAPS, random_findings
+from solidtouch.analysis.strategies_study import BASE, StrategySettings, strategy_study
+from solidtouch.analysis.strategies_summary import summarise
+from solidtouch.analysis.study import SHOWN_THETA
+from solidtouch.cli.progress import bars
+from studies import check_block, publish, table, write_block, write_json
+
+RECORDED = {"barrett_ballcyl.npz": (None, None), "eflesh_grid.npz": ("3mm", "3mm")}
+"""Recordings with a tap in every cell, and the widths of their cells."""
+PRESETS = ("ideal", "paper", "nodrift", "broken", "model")
+SHOWN = "preset paper"
+BLOCKS = ("strategies-findings", "strategies-shown", "strategies-equal", "strategies-rules", "strategies-trust")
+_NAMES = {PAPER: "in the mean, by threshold", FIXED: "each"}
+
+
+def told(sources: Sequence[Mapping[str, Any]]) -> str:
+    """What units are, and how random moves fare, as a list."""
+    units = [f"{source['name']}: {source['units']}" for source in sources]
+    return "\n".join(f"- {sentence}" for sentence in (*units, *random_findings(sources)))
+
+
+def shown(source: Mapping[str, Any]) -> str:
+    """What each strategy comes to at the shown threshold of the paper's rule."""
+    names = ("what_error", "where_error", "taps", "way")
+    lines = []
+    for strategy, points in source["powers"][0]["curves"][PAPER].items():
+        point = next(point for point in points if point["level"] == SHOWN_THETA)
+        shares = [percent(point[share]) for share in ("given_up", "unstopped")]
+        lines.append([strategy, *(interval(point, name) for name in names), *shares])
+    head = ["strategy", f"object error ({source['what_unit']})", f"position error ({source['where_unit']})", "taps"]
+    return table([*head, f"way ({source['where_unit']})", "null decisions", "at the deadline"], lines)
+
+
+def equal(sources: Sequence[Mapping[str, Any]]) -> str:
+    """Object errors less those of the fixation point at equal taps, one table for each number of taps and rule."""
+    parts = []
+    for family in (PAPER, FIXED):
+        for taps in TAPS:
+            rows = {
+                source["name"]: {
+                    row["strategy"]: row for row in source["powers"][0]["equal"][family] if row["taps"] == taps
+                }
+                for source in sources
+            }
+            strategies = dict.fromkeys(name for one in rows.values() for name in one)
+            lines = [[name, *(_difference(one.get(name)) for one in rows.values())] for name in strategies]
+            head = [f"{taps} taps {_NAMES[family]}", *(f"{one['name']} ({one['what_unit']})" for one in sources)]
+            lines = [line for line in lines if line[0] != BASE]
+            nothing = [_null(one.get(BASE)) for one in rows.values()]
+            parts.append(table(head, [*lines, ["null decisions, all", *nothing]]))
+    return "\n\n".join(parts)
+
+
+def _difference(row: Mapping[str, Any] | None) -> str:
+    """A difference with its interval, in bold where all intervals together exclude zero."""
+    if row is None or row["what_error_difference"] is None:
+        return "-"
+    text = interval(row, "what_error_difference")
+    low, high = row["what_error_difference_least"], row["what_error_difference_most"]
+    return f"**{text}**" if low is not None and (low > 0 or high < 0) else text
+
+
+def _null(row: Mapping[str, Any] | None) -> str:
+    return "-" if row is None else percent(row["given_up"])
+
+
+def rules(source: Mapping[str, Any]) -> str:
+    """Every stopping rule with the fixation point."""
+    lines = [
+        [
+            row["rule"],
+            str(row["taps"]),
+            interval(row, "what_error"),
+            interval(row, "what_error_difference"),
+            percent(row["given_up"]),
+        ]
+        for row in source["powers"][0]["rules"]
+        if row["what_error"] is not None
+    ]
+    unit = source["what_unit"]
+    head = ["rule", "mean taps", f"object error of the answers ({unit})", f"less the paper's rule ({unit})"]
+    return table([*head, "null decisions"], lines)
+
+
+def trusted(sources: Sequence[Mapping[str, Any]]) -> str:
+    """Miscalibration, gain, and what was promised and told, under every root of the likelihood."""
+    factors, names = ("factor", "factor_ratio"), ("gain", "expected", "told", "excess_difference")
+    lines = [
+        [
+            source["name"],
+            f"{power['power']} ({number(power['exponent'], 2)})",
+            row["strategy"],
+            *(factor([row[f"{name}{end}"] for end in ("", "_low", "_high")]) for name in factors),
+            *(interval(row, name) for name in names),
+            percent(row["given_up"]),
+        ]
+        for source in sources
+        for power in source["powers"]
+        for row in power["trust"]
+        if row["strategy"] in (BASE, "random", "info-what", "info-joint")
+    ]
+    head = ["data", "power (exponent)", "strategy", "miscalibration", "over fixation's", "P(wrong): fixation less it"]
+    return table([*head, "promised (nats)", "told (nats)", "excess less fixation's", "null decisions"], lines)
+
+
+def benches(data_sets: int, seed: int, folder: Path | None) -> Iterator[Bench]:
+    """The presets and those of the recordings that are there."""
+    for name in PRESETS:
+        yield simulated_bench(name, data_sets, seed)
+    for name, cells in RECORDED.items():
+        if folder is not None and (folder / name).is_file():
+            yield recorded_bench(folder / name, *cells)
+
+
+def main() -> None:
+    """Runs the study as the command line says."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--data-sets", type=int, default=10)
+    parser.add_argument("--trials", type=int, default=100)
+    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--recorded", type=Path, help="folder of recorded sets")
+    parser.add_argument("--summary", type=Path, nargs="+", help="strategies.json of finished comparisons")
+    parser.add_argument("--document", type=Path, help="a page whose tables are replaced")
+    options = parser.parse_args()
+    for name in BLOCKS:
+        check_block(options.document, name)
+    if options.summary:
+        sources = [one for path in options.summary for one in json.loads(path.read_text("utf-8"))["sources"]]
+    else:
+        settings = StrategySettings(trials=options.trials, seed=options.seed)
+        with bars() as progress:
+            found = [
+                strategy_study(b, settings, progress)
+                for b in benches(options.data_sets, options.seed, options.recorded)
+            ]
+        summary = summarise(found, settings, {"title": "Strategies", "command": "benchmarks/strategies.py"})
+        write_json("strategies", summary)
+        sources = summary["sources"]
+    paper = next((source for source in sources if source["name"] == SHOWN), sources[0])
+    texts = (told(sources), shown(paper), equal(sources), rules(paper), trusted(sources))
+    for name, text in zip(BLOCKS, texts, strict=True):
+        print(text, end="\n\n")
+        if options.document is not None:
+            write_block(options.document, name, text)
+    if options.document is not None:
+        publish(figure_strategies.curves(paper), options.document, "strategies-curves")
+        publish(figure_strategies.equal_taps(paper), options.document, "strategies-equal-taps")
+        publish(figure_strategies.stopping(paper), options.document, "strategies-stopping")
+        publish(figure_strategies.trajectories(paper), options.document, "strategies-trajectories")
+        publish(
+            trust([source for source in sources if source["simulated"]] or sources),
+            options.document,
+            "strategies-trust",
+        )
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,83 @@
+"""`solidtouch strategies`: how to move and when to stop, compared on the same trials."""
+
+import shlex
+import sys
+from datetime import datetime
+from pathlib import Path
+from typing import Annotated
+
+from typer import Argument, Option
+
+from ..models.errors import InputError
+from .interrupt import loading
+from .options import Force, Seed, WhatCell, WhereCell, Workers
+
+_FEWEST_TRIALS, _QUICK_DATA_SETS, _QUICK_TRIALS = 50, 3, 50
+
+
+def strategies(
+    files: Annotated[
+        list[Path] | None,
+        Argument(
+            metavar="[DATA...]",
+            help="Recorded taps as for `inspect`, each on its own, with a tap in every cell.",
+            show_default=False,
+        ),
+    ] = None,
+    out: Annotated[Path | None, Option(help="Folder for the results; default runs/<date-time>-strategies.")] = None,
+    presets: Annotated[
+        str,
+        Option(
+            metavar="LIST",
+            help="Presets of the simulated rig, separated by commas; model draws taps from the model that perceives "
+            "them; none for recorded taps only.",
+        ),
+    ] = "ideal,paper,nodrift,broken,model",
+    data_sets: Annotated[
+        int, Option("--data-sets", min=2, max=10_000, help="Simulated data sets of each preset.")
+    ] = 10,
+    where_cell: WhereCell = None,
+    what_cell: WhatCell = None,
+    trials: Annotated[int, Option(min=_FEWEST_TRIALS, max=10**6, help="Of each data set and strategy.")] = 100,
+    quick: Annotated[
+        bool,
+        Option(
+            "--quick",
+            help=f"At most {_QUICK_DATA_SETS} data sets of {_QUICK_TRIALS} trials: a look, in which little is decided.",
+        ),
+    ] = False,
+    workers: Workers = None,
+    seed: Seed = 0,
+    force: Force = False,
+) -> None:
+    """Compares strategies of moving and rules of stopping: error against taps and way, one page."""
+    if quick:
+        data_sets, trials = min(data_sets, _QUICK_DATA_SETS), min(trials, _QUICK_TRIALS)
+    names = [] if presets == "none" else [name.strip() for name in presets.split(",")]
+    if not names and not files:
+        raise InputError("--presets none needs a file of recorded taps.")
+    if len(set(names)) < len(names):
+        raise InputError(f"--presets names one twice: {presets}.")
+    with loading():
+        from rich.console import Console
+
+        from ..analysis.strategies_data import recorded_bench, simulated_bench
+        from ..analysis.strategies_report import write_strategies
+        from ..analysis.strategies_study import StrategySettings, strategy_study
+        from ..analysis.strategies_summary import summarise
+        from ..analysis.strategies_view import render
+        from ..models.storage import check_folder
+    from .progress import bars
+
+    folder = out or Path("runs") / f"{datetime.now().astimezone():%Y-%m-%d-%H%M%S}-strategies"
+    check_folder(folder, force)
+    benches = [simulated_bench(name, data_sets, seed) for name in names]
+    benches += [recorded_bench(path, where_cell, what_cell) for path in files or ()]
+    settings = StrategySettings(trials=trials, seed=seed, workers=workers)
+    with bars() as progress:
+        studies = [strategy_study(bench, settings, progress) for bench in benches]
+    title = "How to move and when to stop"
+    summary = summarise(studies, settings, {"title": title, "command": shlex.join(["solidtouch", *sys.argv[1:]])})
+    write_strategies(folder, summary, force)
+    render(summary, Console())
+    print(f"The report is {folder / 'report.html'}")
