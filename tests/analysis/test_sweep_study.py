@@ -123,6 +123,7 @@ def test_other_strategies_have_no_threshold_and_stand_for_all_fixation_points():
     lengths=st.tuples(*[st.integers(1, 3)] * len(AXES)),
     named=st.permutations(["passive", "random", 0.5]),
 )
+@pytest.mark.slow
 def test_every_cell_has_one_distinct_cell_that_stands_for_it(lengths, named):
     axes = [tuple(range(n)) for n in lengths]
     policy = AXES.index("policy")

@@ -148,6 +148,7 @@ def test_crosscheck_takes_any_model(command, taps_file, compared):
     assert "Model session:profile\n" in done.out
 
 
+@pytest.mark.slow
 def test_crosscheck_of_all_models_names_the_refused_ones(command, tmp_path, make_taps, compared):
     """One table each, and a reason for each that one sample per tap cannot carry."""
     make_taps(J=1).save(tmp_path / "taps.nc")

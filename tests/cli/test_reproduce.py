@@ -49,6 +49,7 @@ def test_simulated_data_give_the_whole_folder(command, tmp_path):
     np.testing.assert_allclose([row["taps"] for row in summary["results"][:13]], curve)
 
 
+@pytest.mark.slow
 def test_the_same_seed_gives_the_same_numbers(command, tmp_path):
     """And another seed others."""
     runs = {}
@@ -74,6 +75,7 @@ def test_options_reach_the_numbers(command, tmp_path):
     assert summary["options"]["border"] == "clamp"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "said"),
     [
@@ -98,6 +100,7 @@ def test_any_model_of_the_catalogue_is_reproduced_and_named(command, tmp_path, m
         assert tree.attrs["model"] == name
 
 
+@pytest.mark.slow
 def test_a_setting_is_reproduced(command, tmp_path, make_taps):
     """All of it is in the summary; its threshold joins the others and is the one shown; options win over it."""
     taps = make_taps(L=4, repeats=9, where_edges=[-0.75, 0.75, 2.25, 3.75, 5.25])
@@ -170,6 +173,7 @@ def test_a_broken_setting_is_named(command, tmp_path):
     assert not (tmp_path / "run").exists()
 
 
+@pytest.mark.slow
 def test_a_learned_power_is_told(command, tmp_path, make_taps):
     """The number of each data set, and after how many taps."""
     make_taps(sessions=3, repeats=4).save(tmp_path / "taps.nc")

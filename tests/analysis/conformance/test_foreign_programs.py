@@ -523,8 +523,17 @@ def verdicts(words, names=()):
     return with_causes(check_program(words, select(names), Asked()), "double")
 
 
-def test_programs_pass_every_case(program):
-    assert {verdict.status for verdict in verdicts([str(word) for word in program])} == {"pass"}
+def test_the_c_program_passes_every_case(solid_c):
+    assert {verdict.status for verdict in verdicts([str(word) for word in solid_c])} == {"pass"}
+
+
+def test_the_script_passes_short_cases():
+    assert {verdict.status for verdict in verdicts([*node(), str(FOLDER / "solid.js")], SHORT)} == {"pass"}
+
+
+@pytest.mark.slow
+def test_the_script_passes_every_case():
+    assert {verdict.status for verdict in verdicts([*node(), str(FOLDER / "solid.js")])} == {"pass"}
 
 
 def test_the_c_program_passes_in_single_precision(tmp_path):
