@@ -62,6 +62,7 @@ def test_the_same_seed_gives_the_same_numbers(command, tmp_path):
     assert runs["a"] != runs["c"]
 
 
+@pytest.mark.slow
 def test_options_reach_the_numbers(command, tmp_path):
     """A single threshold, another fixation point and the clamp border."""
     words = ("--thresholds", "0.8", "--fixation", "0", "--border", "clamp", "--where-cell", "4mm")
@@ -197,6 +198,7 @@ def test_one_where_class_leaves_the_active_part_out(command, tmp_path, make_taps
     assert {row["policy"] for row in summary_of(tmp_path / "run")["results"]} == {"passive"}
 
 
+@pytest.mark.slow
 def test_one_object_leaves_the_active_part_out(command, tmp_path, make_taps):
     make_taps(M=1).save(tmp_path / "taps.nc")
     done = command("reproduce", "--data", tmp_path / "taps.nc", *FAST, "--out", tmp_path / "run")
@@ -206,6 +208,7 @@ def test_one_object_leaves_the_active_part_out(command, tmp_path, make_taps):
     assert summary_of(tmp_path / "run")["skipped"]
 
 
+@pytest.mark.slow
 def test_two_files_train_and_test_and_empty_cells_are_named(command, tmp_path, make_taps):
     """A cell without a training tap is left out, a cell without a test tap is replaced by its neighbour."""
     train, test = make_taps(seed=1), make_taps(seed=2)

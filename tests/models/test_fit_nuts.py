@@ -31,6 +31,7 @@ def errors(posterior, name):
     return values.std(axis=(0, 1)) / np.sqrt(ess)
 
 
+@pytest.mark.slow
 def test_profile_agrees_with_its_closed_form(rng):
     """Means of levels and variances within five standard errors, with a class that no tap trained.
 
