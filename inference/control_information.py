@@ -34,6 +34,7 @@ type Integers = NDArray[np.int64]
 DRAWS = 4
 """First taps that two taps ahead draw, which makes a tenth of a second for 16 moves over 1600 training taps."""
 _AT_ONCE = 256  # beliefs
+_NUMBERS = 1 << 20  # of the beliefs that second taps follow, 8 MiB
 
 
 def training_outcomes(model: TapModel, taps: TapSet) -> TapOutcomes:
@@ -169,10 +170,14 @@ def two_tap_values(
     moved = believable(shifted(beliefs, deltas, border).reshape(-1, L, M), outcomes.possible)
     steps = (np.arange(Q) + _more_chances(chance, Q)) / Q
     steps = np.broadcast_to(steps[..., np.newaxis, :], (*first.shape, Q)).reshape(-1, Q)
-    best, weight = np.empty((len(moved), min(Q, N))), np.empty((len(moved), min(Q, N)))
-    for i, (belief, places) in enumerate(zip(moved, steps, strict=True)):
-        taps, weight[i] = _first_taps(belief.ravel() @ outcomes.given.reshape(L * M, N), places)
-        best[i] = _best_second(outcomes, belief, taps, np.asarray(candidates), about, border)
+    drawn = min(Q, N)
+    best, weight = np.empty((len(moved), drawn)), np.empty((len(moved), drawn))
+    size = max(1, _NUMBERS // (drawn * np.size(candidates) * L * M))
+    for start in range(0, len(moved), size):
+        part = slice(start, start + size)
+        predicted = moved[part].reshape(-1, L * M) @ outcomes.given.reshape(L * M, N)
+        taps, weight[part] = _first_taps(predicted, steps[part])
+        best[part] = _best_second(outcomes, moved[part], taps, np.asarray(candidates), about, border)
     mean = (weight * best).sum(axis=1)
     if Q >= N:
         error = np.zeros(len(mean))
@@ -190,25 +195,27 @@ def _more_chances(chance: ArrayLike, count: int) -> Floats:
 
 
 def _first_taps(predicted: Floats, places: Floats) -> tuple[Integers, Floats]:
-    """Taps and their weights from probabilities (N,) and places in [0, 1) along them, shape (Q,).
+    """Taps and their weights from probabilities (R, N) and places in [0, 1) along them, shape (R, Q).
 
     As many places as taps enumerate these. Where nothing can be predicted the weights are zero.
     """
-    N, Q, total = len(predicted), len(places), predicted.sum()
+    (R, N), Q = predicted.shape, places.shape[1]
+    total = predicted.sum(axis=1, keepdims=True)
     if Q >= N:
-        return np.arange(N), predicted / total if total > 0 else predicted
-    taps = np.searchsorted(predicted.cumsum(), places * total, side="right").clip(max=N - 1)
-    return taps, np.full(Q, 1.0 / Q if total > 0 else 0.0)
+        return np.broadcast_to(np.arange(N), (R, N)), predicted / np.where(total > 0, total, 1.0)
+    passed = predicted.cumsum(axis=1)[:, np.newaxis] <= (places * total)[..., np.newaxis]
+    return passed.sum(axis=-1).clip(max=N - 1), np.broadcast_to(np.where(total > 0, 1.0 / Q, 0.0), (R, Q))
 
 
 def _best_second(
-    outcomes: TapOutcomes, belief: Floats, taps: Integers, targets: Integers, about: About, border: Border
+    outcomes: TapOutcomes, beliefs: Floats, taps: Integers, targets: Integers, about: About, border: Border
 ) -> Floats:
-    """What the best second tap tells after each of some first ones, shape of `taps`."""
-    joint = belief * np.moveaxis(outcomes.given[:, :, taps], -1, 0)
-    total = joint.sum(axis=(1, 2), keepdims=True)
-    after = np.where(total > 0, joint / np.where(total > 0, total, 1.0), belief)
-    deltas = targets - where_beliefs(after).argmax(axis=-1)[:, np.newaxis]
+    """What the best second tap tells after each of some first ones (R, Q) under beliefs (R, L, M), shape (R, Q)."""
+    before = beliefs[:, np.newaxis]
+    joint = before * np.moveaxis(outcomes.given[:, :, taps], (0, 1), (2, 3))
+    total = joint.sum(axis=(2, 3), keepdims=True)
+    after = np.where(total > 0, joint / np.where(total > 0, total, 1.0), before)
+    deltas = targets - where_beliefs(after).argmax(axis=-1)[..., np.newaxis]
     return information_of_moves(outcomes, after, deltas, border, about).max(axis=-1)
 
 
