@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from ..inference.lockstep import Record
 from ..inference.montecarlo import THRESHOLDS
+from ..inference.recorded_stops import stops
 from ..inference.stopping import (
     DECIDE,
     GIVE_UP,
@@ -23,7 +24,6 @@ from ..inference.stopping import (
     lookahead,
     msprt,
     or_give_up,
-    stops,
     what_above,
     where_above,
 )

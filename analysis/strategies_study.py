@@ -12,9 +12,10 @@ from ..inference.control import MovePolicy, default_fixation
 from ..inference.control_information import two_taps
 from ..inference.expected_gain import gain_watch
 from ..inference.information import TapOutcomes, information_of_moves
-from ..inference.lockstep import Record, Watch, play
+from ..inference.lockstep import Record, play
+from ..inference.recorded_stops import stops
 from ..inference.reference import Border
-from ..inference.stopping import stops, what_above
+from ..inference.stopping import Watch, what_above
 from ..inference.strategies import make_policy, parse_strategy
 from ..inference.table_learning import learn_table
 from ..inference.trial_plan import plan_trials, tap_table

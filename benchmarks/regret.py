@@ -23,9 +23,10 @@ from solidtouch.inference.control_information import informative
 from solidtouch.inference.exact_cost import Cost, course, expected_cost
 from solidtouch.inference.expected_gain import gain_watch, risk_mover
 from solidtouch.inference.lockstep import Record, play
+from solidtouch.inference.recorded_stops import stops
 from solidtouch.inference.risk_bounds import alpha_cost_bound, known_place_bound, qmdp
 from solidtouch.inference.risk_problem import RiskProblem, risk_problem
-from solidtouch.inference.stopping import StopRule, after, divergences, lookahead, msprt, stops, what_above
+from solidtouch.inference.stopping import StopRule, after, divergences, lookahead, msprt, what_above
 from solidtouch.inference.tap_symbols import TapSymbols, quantised
 from solidtouch.inference.trial_plan import plan_trials
 from solidtouch.models.histogram import HistogramModel, fit

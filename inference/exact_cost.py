@@ -13,9 +13,8 @@ from ..models.errors import InputError
 from .control import MovePolicy
 from .expected_gain import decision_loss, expected_steps
 from .information import shifted
-from .lockstep import Watch
 from .risk_problem import Floats, Integers, RiskProblem, after_taps, merged
-from .stopping import DECIDE, GIVE_UP, GO_ON, Moment, StopRule
+from .stopping import DECIDE, GIVE_UP, GO_ON, Moment, StopRule, Watch
 
 
 class Acts(NamedTuple):

@@ -15,8 +15,9 @@ from numpy.typing import ArrayLike, NDArray
 from ..models.errors import InputError
 from .control import MovePolicy
 from .information import TapOutcomes, believable, moves_to_all, shifted, tap_outcomes
-from .lockstep import Watch, log_sum
+from .lockstep import log_sum
 from .reference import Border
+from .stopping import Watch
 
 _CHUNK = 1 << 17  # joint probabilities of taps and objects at a time, 1 MiB, which stays in cache
 _ALIKE = 1e-12  # gains that differ by less, in losses, are equal but for rounding

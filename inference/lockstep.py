@@ -3,7 +3,7 @@
 The compiled trials of `montecarlo` know the strategies of the paper. Here a strategy is asked for the moves of all
 trials at once, which suits those that multiply beliefs with large tables. Trials have the random numbers of
 `montecarlo.run_trials`, and under its strategies take the same taps to the same beliefs. Nothing is decided here: no
-move depends on when one stops, so stopping rules are read from the record afterwards, see `stopping`.
+move depends on when one stops, so stopping rules are read from the record afterwards, see `recorded_stops`.
 """
 
 from collections.abc import Callable, Mapping
@@ -20,12 +20,11 @@ from .episode import DEADLINE
 from .filter import border_number, refuse_border
 from .reference import Border, ZeroEvidenceError
 from .saturation import share, temper
+from .stopping import Watch
 from .trial_plan import TapTable, TrialPlan, checked_plan
 
 type Floats = NDArray[np.float64]
 type Integers = NDArray[np.int64]
-type Watch = Callable[[Floats, Integers], Mapping[str, Floats]]
-"""Looks at beliefs (n, L, M) after a tap and the moves (n,) that will follow; gives numbers (n,) by name."""
 
 
 class Record(NamedTuple):

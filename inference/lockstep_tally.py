@@ -10,8 +10,9 @@ from .control import MovePolicy
 from .episode import DEADLINE
 from .lockstep import Record, play
 from .montecarlo import Trials
+from .recorded_stops import stops
 from .reference import Border
-from .stopping import DECIDE, stops, what_above
+from .stopping import DECIDE, what_above
 from .tally import Tally, tally
 from .trial_plan import TapTable, plan_trials
 

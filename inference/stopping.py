@@ -1,5 +1,7 @@
 """When to stop, given the belief: functions behind one type, of one moment or of whole records at once.
 
+`episode` asks a rule after each tap of a rig, `recorded_stops` reads where it ends trials that were played beforehand.
+
 A rule says after each tap whether to go on, to decide for the most probable object, or to give up: "null decisions on
 ambiguous data" (Lepora et al., ICRA 2012) are answers of their own. None looks at what will be drawn later, so every
 guarantee that holds for stopping times holds for them.
@@ -8,6 +10,7 @@ References: Baum and Veeravalli, "A sequential procedure for multihypothesis tes
 inequality for `each_error`.
 """
 
+from collections.abc import Callable, Mapping
 from typing import NamedTuple, Protocol
 
 import numpy as np
@@ -16,9 +19,11 @@ from numpy.typing import ArrayLike, NDArray
 from ..models.errors import InputError
 from ..models.forms import TableForm
 from ..models.model import TapModel
-from .lockstep import Record
 
 GO_ON, DECIDE, GIVE_UP = 0, 1, 2
+
+type Watch = Callable[[NDArray[np.float64], NDArray[np.int64]], Mapping[str, NDArray[np.float64]]]
+"""Looks at beliefs (n, L, M) after a tap and the moves (n,) that will follow; gives numbers (n,) by name."""
 
 
 class Moment(NamedTuple):
@@ -44,18 +49,6 @@ class StopRule(Protocol):
     def __call__(self, moment: Moment) -> NDArray[np.int8]:
         """`GO_ON`, `DECIDE` or `GIVE_UP`, shape (...)."""
         ...
-
-
-class Stops(NamedTuple):
-    """Where n trials stopped.
-
-    Attributes:
-        taps: Reaction time, shape (n,).
-        answer: `DECIDE`, `GIVE_UP`, or `GO_ON` where the record ended before, shape (n,).
-    """
-
-    taps: NDArray[np.int64]
-    answer: NDArray[np.int8]
 
 
 def what_above(threshold: float) -> StopRule:
@@ -193,18 +186,6 @@ def or_give_up(rule: StopRule, taps: int, belief: float = 0.0) -> StopRule:
         return np.where((answer == GO_ON) & (moment.number >= taps), late, answer).astype(np.int8)
 
     return either
-
-
-def stops(rule: StopRule, record: Record) -> Stops:
-    """Where a rule stops recorded trials; those that it never stops end with the record."""
-    T = record.where.shape[1]
-    gain = record.watched.get("gain", np.full(record.where.shape, np.nan))
-    number = np.broadcast_to(np.arange(1, T + 1), record.where.shape)
-    said = np.asarray(rule(Moment(record.what_marginal, record.where_belief, number, gain)))
-    said = np.where(number > record.length[:, np.newaxis], GO_ON, said)
-    stopped = said != GO_ON
-    first = np.where(stopped.any(axis=1), stopped.argmax(axis=1), record.length - 1)
-    return Stops(first + 1, said[np.arange(len(first)), first].astype(np.int8))
 
 
 def _decide_where(stop: NDArray[np.bool_]) -> NDArray[np.int8]:

@@ -26,7 +26,8 @@ from solidtouch.inference.information import tap_outcomes
 from solidtouch.inference.lockstep import play
 from solidtouch.inference.lockstep_tally import tally_policy
 from solidtouch.inference.montecarlo import run_trials
-from solidtouch.inference.stopping import stops, what_above
+from solidtouch.inference.recorded_stops import stops
+from solidtouch.inference.stopping import what_above
 from solidtouch.inference.strategies import make_policy
 from solidtouch.inference.table_learning import held_out_tables, learn_table
 from solidtouch.inference.tempering import learn_power

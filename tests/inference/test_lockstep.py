@@ -13,8 +13,9 @@ from solidtouch.inference.engine import make_engine
 from solidtouch.inference.episode import perceive
 from solidtouch.inference.lockstep import log_sum, play, shift_beliefs
 from solidtouch.inference.montecarlo import run_trials
+from solidtouch.inference.recorded_stops import stops
 from solidtouch.inference.reference import BORDERS, ZeroEvidenceError
-from solidtouch.inference.stopping import DECIDE, GO_ON, stops, what_above
+from solidtouch.inference.stopping import DECIDE, GO_ON, what_above
 from solidtouch.inference.trial_plan import TapTable, TrialPlan, tap_table, trial_chances, trial_uniforms
 from solidtouch.models.errors import InputError
 from solidtouch.models.states import States

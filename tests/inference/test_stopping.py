@@ -9,6 +9,7 @@ from solidtouch.hardware.model_rig import bin_tables, draw_session
 from solidtouch.inference.control import fixation, passive
 from solidtouch.inference.expected_gain import gain_watch, representative_outcomes
 from solidtouch.inference.lockstep import Record, play
+from solidtouch.inference.recorded_stops import stops
 from solidtouch.inference.stopping import (
     DECIDE,
     GIVE_UP,
@@ -22,7 +23,6 @@ from solidtouch.inference.stopping import (
     mean_error,
     msprt,
     or_give_up,
-    stops,
     what_above,
     where_above,
 )
