@@ -41,11 +41,12 @@ class Seen(NamedTuple):
     Attributes:
         step: The tap and what is believed after it.
         grid: The classes.
-        theta: Threshold on the what belief.
+        theta: Threshold on the what belief; 1 of a rule that has none.
         fixation: The fixation point, or `None` for passive perception.
         p: Predictive p-value of the tap, `None` where the model cannot tell.
         unknown: Whether the episode ends here because nothing that is known fits.
         heading: What is perceived with what, and which episode.
+        rule: Name of the stopping rule where it is another one than the threshold.
     """
 
     step: Step
@@ -55,6 +56,7 @@ class Seen(NamedTuple):
     p: float | None
     unknown: bool = False
     heading: str = ""
+    rule: str = ""
 
     @property
     def what_name(self) -> str:
@@ -175,6 +177,8 @@ def _words(seen: Seen) -> list[Text]:
     decided = step.decision is not None
     what, where = step.what_marginal.max(), step.where_marginal.max()
     relation = f"above the threshold {seen.theta:g}" if decided else f"threshold {seen.theta:g}"
+    if seen.rule:
+        relation = f"stops by {seen.rule}"
     return [
         Text(f"Tap {step.number}: {seen.what_name} {what:.3f} ({relation}), at {seen.where_label} {where:.3f}."),
         Text(_sentence_case(_novelty(seen.p)), style="bold" if seen.p is not None and seen.p < FLAGGED else ""),
@@ -192,6 +196,8 @@ def _next(seen: Seen) -> str:
     step = seen.step
     if seen.unknown:
         return "unknown: nothing that the model knows"
+    if step.gave_up:
+        return f"given up: no decision, {seen.what_name} is the most probable"
     if step.decision is not None:
         return f"decided: {seen.what_name}"
     if step.move is None:

@@ -7,7 +7,9 @@ from typing import NamedTuple
 from ..inference.control import MovePolicy, check_fixation
 from ..inference.control_information import training_outcomes
 from ..inference.control_table import load_table
+from ..inference.information import TapOutcomes
 from ..inference.reference import Border
+from ..inference.stopping_rules import parse_stopping
 from ..inference.strategies import make_policy, parse_strategy
 from ..inference.trial_plan import trial_chances
 from ..models.errors import InputError
@@ -29,12 +31,38 @@ class Moves(NamedTuple):
     fixation: int | None
 
 
+def load_outcomes(model: TapModel, training: Sequence[Path] | None, move: str, stop: str | None) -> TapOutcomes | None:
+    """The taps of `--training` for strategies and rules that look ahead; `None` without them.
+
+    Args:
+        model: The fitted model.
+        training: `--training`.
+        move: Name of the strategy.
+        stop: Name of the stopping rule, if it has one.
+
+    Raises:
+        InputError: There is no such strategy or rule, none of them looks ahead, or a file cannot be used.
+    """
+    with naming("--move"):
+        ahead = parse_strategy(move).needs_outcomes
+    with naming("--stop"):
+        ahead = ahead or (stop is not None and parse_stopping(stop).needs_outcomes)
+    if not training:
+        return None
+    if not ahead:
+        raise InputError(
+            "--training goes with a --move that looks ahead, info-what and its like or two-taps, or --stop lookahead."
+        )
+    with naming(f"--training {', '.join(map(str, training))}"):
+        return training_outcomes(model, concatenate([load_taps(file) for file in training]))
+
+
 def choose_moves(
     name: str,
     model: TapModel,
     border: Border,
     fixation: int | None,
-    training: Sequence[Path] | None,
+    outcomes: TapOutcomes | None,
     targets: Path | None,
 ) -> Moves:
     """The strategy of `--move`, with what it learns from.
@@ -44,7 +72,7 @@ def choose_moves(
         model: The fitted model.
         border: Reading of Eq. 9.
         fixation: `--fixation`.
-        training: `--training`.
+        outcomes: Training taps, for a strategy that looks ahead.
         targets: `--targets`.
 
     Raises:
@@ -53,22 +81,16 @@ def choose_moves(
     """
     with naming("--move"):
         strategy = parse_strategy(name)
-    if strategy.needs_outcomes and training is None:
+    if strategy.needs_outcomes and outcomes is None:
         raise InputError(f"--move {name} needs --training with the taps that trained the model.")
     if strategy.kind == "table" and targets is None:
         raise InputError("--move table needs --targets with a learned table.")
-    if training is not None and not strategy.needs_outcomes:
-        raise InputError("--training goes with a --move that looks ahead: info-what and its like, or two-taps.")
     if targets is not None and strategy.kind != "table":
         raise InputError("--targets goes with --move table only.")
     if fixation is not None and not strategy.aims:
         raise InputError(f"--fixation does not go with --move {name}, which aims for no fixation point.")
     point = check_fixation(fixation, model.grid.L) if strategy.aims else None
-    outcomes = table = None
-    if training:
-        files = ", ".join(map(str, training))
-        with naming(f"--training {files}"):
-            outcomes = training_outcomes(model, concatenate([load_taps(file) for file in training]))
+    table = None
     if targets is not None:
         with naming(f"--targets {targets}"):
             table = load_table(targets).checked(model.grid)

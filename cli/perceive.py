@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from .moving import Moves
     from .rigs import Placed
     from .showing import Ending, Show
+    from .stopping import Ends
 
 
 def perceive(
@@ -43,9 +44,20 @@ def perceive(
     ] = None,
     training: Annotated[
         list[Path] | None,
-        Option(metavar="FILE", help="Taps that trained the model, for a --move that looks ahead; may be repeated."),
+        Option(metavar="FILE", help="Taps that trained the model, for what looks ahead; may be repeated."),
     ] = None,
     targets: Annotated[Path | None, Option(metavar="FILE.json", help="The learned table of --move table.")] = None,
+    stop: Annotated[
+        str | None,
+        Option(
+            metavar="RULE",
+            help="Another rule to stop by: where:0.9, taps:5, ...; docs/perceiving.md has all.",
+        ),
+    ] = None,
+    give_up: Annotated[
+        str | None,
+        Option("--give-up", metavar="TAPS[:BELIEF]", help="No answer if not decided by then, or by so much belief."),
+    ] = None,
     deadline: Annotated[int, Option(min=1, help="Taps after which the most probable object is taken.")] = 100,
     start: Annotated[
         str | None, Option(help="Where to begin: class index, or a place such as 2.3mm; default drawn.")
@@ -76,7 +88,7 @@ def perceive(
     force: Force = False,
 ) -> None:
     """Perceives an object by tapping: which it is and where it is touched, live."""
-    _check_moves(passive, fixation, theta_x, move)
+    _check_together(passive, fixation, theta_x, move, stop, given(context, "theta"))
     read = None
     if setting is not None:
         with loading():
@@ -99,7 +111,7 @@ def perceive(
         from ..analysis import live_view  # noqa: F401
         from ..inference.latency import TimedEngine, warm_up
         from ..models.model_file import load_model
-        from .moving import chances, choose_moves
+        from .moving import chances
         from .rigs import Wish, open_source
         from .showing import latency_sentence, show
 
@@ -107,7 +119,8 @@ def perceive(
         if read is not None:
             read.check_model(fitted, str(model), str(setting))
         name = move or ("passive" if passive else f"fixation:{theta_x!r}")
-        moves = choose_moves(name, fitted, border, None if passive else fixation, training, targets)
+        wanted = {"fixation": None if passive else fixation, "training": training, "targets": targets}
+        moves, ends = _plan(fitted, border, name, stop, theta=theta, give_up=give_up, deadline=deadline, **wanted)
         novelty = _novelty(fitted, unknown)
         engines = _engines(engine, fitted, border, shadow)
         warm_up_s = warm_up(engines)
@@ -126,7 +139,7 @@ def perceive(
                 f"the belief in each, and moves are in where classes"
             )
             for number in range(episodes):
-                run = _Run(timed, theta, moves, chances(seed, number, deadline), deadline, novelty, unknown)
+                run = _Run(timed, ends, moves, chances(seed, number, deadline), deadline, novelty, unknown)
                 heading = f"{source.name}, engine {timed.name}" + f", episode {number + 1}" * (episodes > 1)
                 endings.append(run.episode(source.place(number), shown, heading))
                 shown.end(number + 1, endings[-1])
@@ -139,12 +152,16 @@ def perceive(
         save_picture(endings[-1].seen, image, force)
 
 
-def _check_moves(passive: bool, fixation: int | None, theta_x: float, move: str | None) -> None:
-    """Refuses options that contradict each other."""
+def _check_together(
+    passive: bool, fixation: int | None, theta_x: float, move: str | None, stop: str | None, theta: bool
+) -> None:
+    """Refuses options that contradict each other; `theta` says whether `--theta` is given."""
     if passive and (fixation is not None or theta_x > 0):
         raise InputError("--passive never moves and does not go with --fixation or --theta-x.")
     if move is not None and (passive or theta_x > 0):
         raise InputError("--move says how to move and does not go with --passive or --theta-x; see fixation:THETA_X.")
+    if stop is not None and theta:
+        raise InputError("--stop says when to stop and does not go with --theta; see what:THETA.")
 
 
 def _from_setting(context: Context, setting: "Setting", **options: Any) -> tuple[Any, ...]:
@@ -163,24 +180,46 @@ def _from_setting(context: Context, setting: "Setting", **options: Any) -> tuple
     return tuple(values[name] for name in options)
 
 
+def _plan(
+    model: "TapModel",
+    border: "reference.Border",
+    move: str,
+    stop: str | None,
+    *,
+    theta: float,
+    give_up: str | None,
+    deadline: int,
+    fixation: int | None,
+    training: list[Path] | None,
+    targets: Path | None,
+) -> "tuple[Moves, Ends]":
+    """How episodes move and when they end, from options of these names."""
+    from .moving import choose_moves, load_outcomes
+    from .stopping import choose_ends
+
+    outcomes = load_outcomes(model, training, move, stop)
+    moves = choose_moves(move, model, border, fixation, outcomes, targets)
+    return moves, choose_ends(stop, theta, give_up, deadline, model, border, moves.fixation, outcomes)
+
+
 class _Run:
     """One episode with what surrounds it."""
 
     def __init__(
         self,
         engine: "Engine",
-        theta: float,
+        ends: "Ends",
         moves: "Moves",
         chance: "Iterator[float]",
         deadline: int,
         novelty: "Novelty | None",
         alpha: float | None,
     ) -> None:
-        self._engine, self._theta, self._moves, self._chance = engine, theta, moves, chance
+        self._engine, self._ends, self._moves, self._chance = engine, ends, moves, chance
         self._deadline, self._novelty, self._alpha = deadline, novelty, alpha
 
     def episode(self, placed: "Placed", shown: "Show", heading: str) -> "Ending":
-        """Taps until the threshold, the deadline or the answer that nothing known fits."""
+        """Taps until the stopping rule, the deadline or the answer that nothing known fits."""
         from ..analysis.live_view import Seen
         from ..inference.episode import steps
         from ..inference.novelty import UnknownTest
@@ -189,18 +228,29 @@ class _Run:
         test = None if self._novelty is None else UnknownTest(self._novelty, self._alpha)
         doubt = None if test is None else test.add
         seen = None
-        policy, point = self._moves
-        made = steps(placed.sensor, self._engine, self._theta, policy, self._deadline, doubt, chance=self._chance)
+        (policy, point), ends = self._moves, self._ends
+        chance, watch = self._chance, ends.watch
+        made = steps(placed.sensor, self._engine, ends.rule, policy, self._deadline, doubt, chance=chance, watch=watch)
         for step in made:
             p, alarm = (None, False) if test is None else (test.p, test.unknown)
-            seen = Seen(step, self._engine.model.grid, self._theta, point, p, alarm, heading)
+            seen = Seen(step, self._engine.model.grid, ends.theta, point, p, alarm, heading, ends.name)
             shown.tap(seen)
             if alarm:
                 break
         if seen is None:
             raise InputError("An episode needs at least one tap.")
-        reason = "unknown" if seen.unknown else "deadline" if seen.step.decision is None else "threshold"
-        return Ending(seen, reason, placed.truth())
+        return Ending(seen, _reason(seen), placed.truth())
+
+
+def _reason(seen: "Seen") -> str:
+    """Why an episode ended with this step."""
+    if seen.unknown:
+        return "unknown"
+    if seen.step.gave_up:
+        return "gave up"
+    if seen.step.decision is None:
+        return "deadline"
+    return "rule" if seen.rule else "threshold"
 
 
 def check_picture(path: Path, force: bool) -> None:
@@ -252,4 +302,6 @@ def _summary(endings: "list[Ending]") -> str:
     taps = sum(ending.seen.step.number for ending in endings) / len(endings)
     judged = [ending.right for ending in endings if ending.right is not None]
     right = f", {sum(judged)} of {len(judged)} objects right" if judged else ""
-    return f"{len(endings)} episodes of {taps:.1f} taps on average{right}."
+    given_up = sum(ending.answer is None for ending in endings)
+    null = f", {given_up} null decision{'s' * (given_up > 1)}" if given_up else ""
+    return f"{len(endings)} episodes of {taps:.1f} taps on average{right}{null}."

@@ -17,7 +17,7 @@ class Ending(NamedTuple):
 
     Attributes:
         seen: Its last step.
-        reason: `"threshold"`, `"deadline"` or `"unknown"`.
+        reason: `"threshold"`, `"rule"` where another rule decided, `"deadline"`, `"gave up"` or `"unknown"`.
         truth: What is known of the object and the place.
     """
 
@@ -26,14 +26,19 @@ class Ending(NamedTuple):
     truth: "Truth"
 
     @property
-    def answer(self) -> str:
-        """The object, or `"unknown"`."""
+    def answer(self) -> str | None:
+        """The object, `"unknown"`, or `None` for a null decision."""
+        if self.reason == "gave up":
+            return None
         return "unknown" if self.reason == "unknown" else self.seen.what_name
 
     @property
     def right(self) -> bool | None:
-        """Whether the answer is the object; an object that the model does not know is rightly unknown."""
-        if self.truth.what is None:
+        """Whether the answer is the object; an object that the model does not know is rightly unknown.
+
+        `None` where nobody knows, and for null decisions, which are neither.
+        """
+        if self.truth.what is None or self.answer is None:
             return None
         grid = self.seen.grid
         covered = [{name, *members} for name, members in zip(grid.what_name, grid.what_members, strict=True)]
@@ -166,8 +171,8 @@ def said(episode: int, ending: Ending) -> str:
     """The end of an episode in one or two sentences."""
     seen, truth = ending.seen, ending.truth
     taps = f"{seen.step.number} tap{'s' * (seen.step.number > 1)}"
-    at = f" at {seen.where_label}" if ending.reason != "unknown" else ""
-    answer = f"Episode {episode}: {ending.answer}{at} after {taps} ({ending.reason})."
+    at = "" if ending.answer is None or ending.reason == "unknown" else f" at {seen.where_label}"
+    answer = f"Episode {episode}: {ending.answer or 'no decision'}{at} after {taps} ({ending.reason})."
     unit = seen.grid.where_label(0).partition(" ")[2]
     places = [] if truth.where is None else [f"{truth.where:.4g} {unit}".strip()]
     known = [truth.what] if truth.what else []

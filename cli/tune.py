@@ -1,6 +1,6 @@
 """`solidtouch tune`: where to fixate and when to stop, from training taps."""
 
-from functools import partial
+from functools import cache, partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
@@ -79,6 +79,10 @@ def tune(
     model_file: Annotated[
         Path | None, Option("--model-file", metavar="FILE.nc", help="Also write the model of all training taps.")
     ] = None,
+    targets: Annotated[
+        Path | None,
+        Option("--targets", metavar="FILE.json", help="Also learn where to go from each place: for --move table."),
+    ] = None,
     where_cell: WhereCell = None,
     what_cell: WhatCell = None,
     split: SplitMethod = None,
@@ -93,7 +97,7 @@ def tune(
     deadline: Deadline = 100,
     border: Border = "uniform",
     trials: Annotated[
-        int, Option(min=100, max=10**6, help="In each part, of each position and for thresholds.")
+        int, Option(min=100, max=10**6, help="In each part, of each position, for thresholds and for targets.")
     ] = 1000,
     seed: Seed = 0,
     force: Force = False,
@@ -106,7 +110,9 @@ def tune(
     with loading():
         from ..analysis.study import Settings
         from ..analysis.tuning import Price, check_objects, check_price
+        from ..inference.control_table import save_table
         from ..inference.held_out import held_out
+        from ..inference.table_learning import learn_table
         from ..models.model_file import save_model
         from ..models.power import check_saturation, parse_power
         from ..models.setting import Setting
@@ -117,6 +123,8 @@ def tune(
     if model_file is not None:
         check_netcdf_name(model_file)
         check_writable(model_file, force)
+    if targets is not None:
+        check_writable(targets, force)
     price = Price(cost_error, wrong, target_error)
     check_price(price)
     check_saturation(float("inf") if saturation is None else saturation)
@@ -140,6 +148,7 @@ def tune(
     with terminable(), bars() as progress:
         models = max(_TWO, len(set(taps.session.tolist())))
 
+        @cache
         def parts() -> "Parts":
             return held_out(taps, grid, study.fit, progress("Fitting models", models))
 
@@ -149,6 +158,10 @@ def tune(
             best = learned(course, setting, price, grid, fitted, parts, progress("Learning", online))
         else:
             best = _offline(parts(), setting, price, chosen, by == "passive", trials, seed, progress)
+        if targets is not None:
+            tables = [part.table for part in parts().parts]
+            save_table(learn_table(tables, grid, border=border, trials=trials, seed=seed), targets, force)
+            print(f"The table of targets is {targets}")
     if model_file is not None:
         save_model(study.fit(taps, grid), model_file, force)
         print(f"The model of all training taps is {model_file}")

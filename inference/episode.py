@@ -14,6 +14,7 @@ from . import reference
 from .control import MovePolicy
 from .engine import Engine
 from .saturation import share, temper
+from .stopping import DECIDE, GIVE_UP, GO_ON, Moment, StopRule, Watch, what_above
 
 DEADLINE = 100
 
@@ -28,9 +29,10 @@ class Step(NamedTuple):
         log_predicted: Log belief before the tap, summed over the states of the episode, shape (L, M).
         log_belief: The same after it, before the move that follows, shape (L, M).
         log_evidence: Log evidence of the tap given those before.
-        decision: The what class whose belief exceeds the threshold, or `None`.
+        decision: The what class that is decided for, or `None`.
         move: The move that will follow in where classes, or `None` where the episode ends.
         log_state: Log belief in the states of the episode after the tap, shape (S,); one zero for a model without.
+        gave_up: Whether the episode ends here without an answer.
     """
 
     number: int
@@ -42,6 +44,7 @@ class Step(NamedTuple):
     decision: int | None
     move: int | None
     log_state: NDArray[np.float64] = np.zeros(1)
+    gave_up: bool = False
 
     @property
     def where_marginal(self) -> NDArray[np.float64]:
@@ -74,8 +77,9 @@ class Episode(NamedTuple):
         realised: Moves really made, clipped at the ends of the range, shape (T - 1,).
         what: The decided what class.
         where: The decided where class, at the place of the last tap.
-        stopped: Whether the threshold ended the episode; otherwise the deadline did, and the decisions are the
-            most probable classes at that time.
+        stopped: Whether the rule decided; otherwise the deadline came or it gave up, and the decisions are the most
+            probable classes at that time.
+        gave_up: Whether it ended without an answer, a null decision.
     """
 
     log_beliefs: NDArray[np.float64]
@@ -85,6 +89,7 @@ class Episode(NamedTuple):
     what: int
     where: int
     stopped: bool
+    gave_up: bool = False
 
     @property
     def taps(self) -> int:
@@ -95,38 +100,41 @@ class Episode(NamedTuple):
 def perceive(
     sensor: TouchSensor,
     engine: Engine,
-    theta_w: float,
+    stop: float | StopRule,
     move: MovePolicy,
     deadline: int = DEADLINE,
     *,
     chance: Iterator[float] | None = None,
+    watch: Watch | None = None,
 ) -> Episode:
-    """Taps until the belief in one object exceeds the threshold; `steps` to the end.
+    """Taps until the stopping rule ends it; `steps` to the end.
 
     Args:
         sensor: Where taps come from.
         engine: How beliefs are computed.
-        theta_w: Threshold on the what belief; 1 or more never stops.
+        stop: As in `steps`.
         move: Control strategy.
         deadline: Taps after which the most probable classes are taken.
         chance: As in `steps`.
+        watch: As in `steps`.
 
     Raises:
         InputError: The deadline is below one tap, or the sensor prepares its taps otherwise than the model's.
         ZeroEvidenceError: A tap is impossible under every class.
     """
-    return collect(steps(sensor, engine, theta_w, move, deadline, chance=chance))
+    return collect(steps(sensor, engine, stop, move, deadline, chance=chance, watch=watch))
 
 
 def steps(
     sensor: TouchSensor,
     engine: Engine,
-    theta_w: float,
+    stop: float | StopRule,
     move: MovePolicy,
     deadline: int = DEADLINE,
     doubt: Callable[[NDArray[np.float64], int], bool] | None = None,
     *,
     chance: Iterator[float] | None = None,
+    watch: Watch | None = None,
 ) -> Iterator[Step]:
     """An episode tap by tap; Fig. 2 of the paper.
 
@@ -141,15 +149,18 @@ def steps(
     Args:
         sensor: Where taps come from.
         engine: How beliefs are computed.
-        theta_w: Threshold on the what belief; 1 or more never stops.
+        stop: Threshold theta_W on the what belief, of which 1 or more never stops, or another stopping rule.
         move: Control strategy.
         deadline: Taps after which the episode ends.
         doubt: Told each tap and the move really made before it; while it answers yes nothing is decided.
         chance: Numbers in [0, 1), one for each move that is chosen. The same numbers on the same taps give the same
             episode; by default every episode has those of a generator seeded 0.
+        watch: Says the `"gain"` of the next tap, for rules that look ahead, see `expected_gain.gain_watch`; the move is
+            then chosen before the stop test.
 
     Raises:
-        InputError: The deadline is below one tap, or the sensor prepares its taps otherwise than the model's.
+        InputError: The deadline is below one tap, the rule needs a gain that nobody watches, or the sensor prepares its
+            taps otherwise than the model's.
         ZeroEvidenceError: A tap is impossible under every class.
     """
     if deadline < 1:
@@ -158,6 +169,7 @@ def steps(
     chance = uniforms(np.random.default_rng(0)) if chance is None else chance
     predicted, arrived, M = engine.model.log_prior, 0, engine.model.grid.M
     saturation = engine.model.saturation
+    rule = stop if callable(stop) else what_above(stop)
     for number in range(1, deadline + 1):
         tap = sensor.tap()
         carried, log_evidence = engine.update(predicted, tap)
@@ -165,9 +177,14 @@ def steps(
         log_belief = log_fold(read, M)
         belief = np.exp(log_belief)
         doubted = doubt is not None and doubt(tap, arrived)
-        decision = None if doubted else reference.what_decision(belief, theta_w)
-        ends = decision is not None or number == deadline
-        delta = None if ends else int(move(belief, np.asarray(next(chance))))
+        delta = None if watch is None else int(move(belief, np.asarray(next(chance))))
+        answer = int(rule(_moment(belief, number, delta, watch)))
+        if doubted and answer == DECIDE:
+            answer = GO_ON
+        if answer != GO_ON or number == deadline:
+            delta = None
+        elif watch is None:
+            delta = int(move(belief, np.asarray(next(chance))))
         yield Step(
             number,
             tap,
@@ -175,14 +192,22 @@ def steps(
             log_fold(temper(predicted, share(number - 1, saturation)), M),
             log_belief,
             log_evidence,
-            decision,
+            int(np.argmax(reference.what_marginal(belief))) if answer == DECIDE else None,
             delta,
             _log_states(read, M),
+            answer == GIVE_UP,
         )
         if delta is None:
             return
         arrived = sensor.move(delta)
         predicted = engine.shift(carried, delta)
+
+
+def _moment(belief: NDArray[np.float64], number: int, delta: int | None, watch: Watch | None) -> Moment:
+    """What a stopping rule sees of a belief (L, M)."""
+    gain = np.asarray(np.nan) if watch is None else watch(belief[np.newaxis], np.array([delta]))["gain"][0]
+    where_belief = np.asarray(reference.where_marginal(belief).max())
+    return Moment(reference.what_marginal(belief), where_belief, np.asarray(number), gain)
 
 
 def _log_states(log_belief: NDArray[np.float64], M: int) -> NDArray[np.float64]:
@@ -205,4 +230,5 @@ def collect(made: Iterator[Step]) -> Episode:
         what=last.what,
         where=last.where,
         stopped=last.decision is not None,
+        gave_up=last.gave_up,
     )

@@ -20,6 +20,8 @@ from solidtouch.inference import episode
 from solidtouch.inference.control_table import save_table
 from solidtouch.inference.engine import NumpyEngine
 from solidtouch.inference.information import tap_outcomes
+from solidtouch.inference.stopping import DECIDE, GO_ON, Moment
+from solidtouch.inference.stopping_rules import make_rule, parse_stopping
 from solidtouch.inference.strategies import make_policy
 from solidtouch.inference.table_learning import held_out_tables, learn_table
 from solidtouch.inference.trial_plan import trial_chances
@@ -201,6 +203,12 @@ def test_the_picture_is_kept(command, folder, tmp_path):
         (["--passive", "--fixation", "3"], "--passive never moves"),
         (["--passive", "--move", "random"], "--move says how to move and does not go with --passive"),
         (["--move", "step", "--theta-x", "0.5"], "--move says how to move"),
+        (["--stop", "soon"], "--stop: There is no stopping rule 'soon'"),
+        (["--stop", "taps:3", "--theta", "0.9"], "--stop says when to stop and does not go with --theta"),
+        (["--stop", "lookahead:1"], "--stop lookahead:1 needs --training with the taps that trained the model"),
+        (["--stop", "taps:3", "--training", "taps.nc"], "--training goes with"),
+        (["--give-up", "soon"], "--give-up: Giving up is after so many taps"),
+        (["--give-up", "9", "--deadline", "8"], "--give-up 9 comes after the deadline of 8 taps"),
         (["--move", "lazy"], "--move: There is no control strategy 'lazy'"),
         (["--move", "step:0"], "--move: The number of a strategy must be a whole number from 1 on, got 'step:0'"),
         (["--move", "info-what"], "--move info-what needs --training with the taps that trained the model"),
@@ -262,6 +270,39 @@ def test_an_episode_moves_as_the_strategy_says(command, folder, session, monkeyp
     assert done.out.splitlines()[:4] == again.out.splitlines()[:4]
     expected = [int(policy(np.exp(step.log_belief), chance[t])) for t, step in enumerate(seen[:3])]
     assert [row["move"] for row in records(done.out)[:4]] == [*expected, None]
+
+
+STOPS = ["where:0.5", "both:0.6,0.5", "taps:3", "error:0.3", "each-error:0.3", "msprt:0.1", "lookahead:0.1"]
+
+
+@pytest.mark.parametrize("name", STOPS)
+def test_an_episode_stops_as_the_rule_says(command, folder, session, name):
+    """After the first tap at which the rule says so for the beliefs shown."""
+    model = load_model(folder / "model.nc")
+    more = ["--training", folder / "taps.nc"] if name.startswith("lookahead") else []
+    base = ("perceive", folder / "model.nc", "--engine", "filter", "--seed", 4, "--json", *more)
+    done = command(*base, "--stop", name)
+    *taps, decision = records(done.out)
+
+    assert done.code == 0
+    assert (decision["reason"], decision["taps"]) == ("rule", len(taps))
+    rule = make_rule(parse_stopping(name), model, 7)
+    if not more:
+        what, where = (np.array([tap[f"{kind}_marginal"] for tap in taps]) for kind in ("what", "where"))
+        number = np.arange(1, len(taps) + 1)
+        said = rule(Moment(what, where.max(axis=1), number, np.full(len(taps), np.nan)))
+        assert said.tolist() == [GO_ON] * (len(taps) - 1) + [DECIDE]
+
+
+def test_a_null_decision_is_neither_right_nor_wrong(command, folder):
+    base = ("perceive", folder / "model.nc", "--engine", "filter", "--theta", 1, "--give-up", 2, "--episodes", 2)
+    *_, last = records(command(*base, "--json").out)
+    text = command(*base).out
+
+    assert (last["decision"], last["reason"], last["taps"], last["right"]) == (None, "gave up", 2, None)
+    assert "Episode 2: no decision after 2 taps (gave up). Truth:" in text
+    assert "given up: no decision" in text
+    assert "2 episodes of 2.0 taps on average, 2 null decisions." in text
 
 
 def test_random_moves_differ_between_episodes_and_seeds(command, folder):

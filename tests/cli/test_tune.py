@@ -1,6 +1,7 @@
 """`solidtouch tune`."""
 
 import json
+from functools import partial
 
 import numpy as np
 import pytest
@@ -8,7 +9,9 @@ import typer
 from solidtouch.analysis.tuning import Price
 from solidtouch.cli.tune import tune
 from solidtouch.cli.tune_online import Course, learned
+from solidtouch.inference.control_table import load_table
 from solidtouch.inference.online_learning import load_learner
+from solidtouch.inference.table_learning import held_out_tables, learn_table
 from solidtouch.models.errors import InputError
 from solidtouch.models.histogram import fit
 from solidtouch.models.importers import load_taps
@@ -33,6 +36,27 @@ def recorded(make_taps, tmp_path):
     """A file of three sessions, 3 places by 4 objects."""
     make_taps(sessions=3).save(tmp_path / "taps.nc")
     return tmp_path / "taps.nc"
+
+
+def test_targets_are_learned_from_the_same_held_out_taps(call, recorded, tmp_path):
+    """In both ways of tuning; a file that is there stays."""
+    out, table = tmp_path / "setting.json", tmp_path / "table.json"
+    result = call(recorded, "--out", out, *COMMON, "--targets", table, "--border", "clamp", "--seed", 3)
+    assert result.exit_code == 0, result.output
+    taps = load_taps(recorded)
+    known = taps.select(taps.session < 2)
+    tables = held_out_tables(known, taps.grid(), partial(fit, bins=12, pseudocount=0.5, value_range="global"))
+    expected = learn_table(tables, taps.grid(), border="clamp", trials=100, seed=3)
+    found = load_table(table)
+    assert found.target.tolist() == expected.target.tolist()
+    np.testing.assert_array_equal(found.loss, expected.loss)
+
+    online = (recorded, "--out", tmp_path / "b.json", *COMMON, "--online", 5, "--border", "clamp", "--seed", 3)
+    refused = call(*online, "--targets", table)
+    assert isinstance(refused.exception, InputError)
+    assert "exists" in str(refused.exception)
+    assert call(*online, "--targets", tmp_path / "again.json").exit_code == 0
+    assert (tmp_path / "again.json").read_bytes() == table.read_bytes()
 
 
 @pytest.fixture
