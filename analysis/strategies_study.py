@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..inference.control import MovePolicy, default_fixation
-from ..inference.control_information import two_taps
+from ..inference.control_two_taps import two_taps
 from ..inference.expected_gain import gain_watch
 from ..inference.information import TapOutcomes, information_of_moves
 from ..inference.lockstep import Record, play
@@ -48,8 +48,7 @@ TRUSTED = ("passive", "random", BASE, "info-what", "info-joint")
 """Those that are compared under other roots of the likelihood too."""
 PATHS = 40
 """Trials whose trajectories are kept."""
-_SECOND = 3  # two taps ahead aim for each such where class only: their cost grows with the square of the places
-_DRAWS = 4
+_SECOND = 3  # the second of two taps ahead aims for each such where class only
 _TABLE_TRIALS = 500
 
 
@@ -185,7 +184,7 @@ def _policy(name: str, bench: Bench, unit: Unit, model: TapModel, outcomes: TapO
     kind, grid, border = parse_strategy(name).kind, bench.grid, bench.border
     if kind == "two-taps":
         every = range(_SECOND // 2, grid.L, _SECOND)
-        return two_taps(outcomes, "what", border, _DRAWS, every)
+        return two_taps(outcomes, "what", border, second=every)
     if kind == "table":
         tables = unit.held_out(model, grid)
         learned = learn_table(tables, grid, border=border, trials=_TABLE_TRIALS, seed=seed)

@@ -11,7 +11,8 @@ from numpy.typing import NDArray
 from rows import Row, interleaved, per_unit
 from solidtouch.inference import reference
 from solidtouch.inference.control import MovePolicy
-from solidtouch.inference.control_information import informative, two_taps
+from solidtouch.inference.control_information import informative
+from solidtouch.inference.control_two_taps import two_taps
 from solidtouch.inference.information import (
     ABOUT,
     TapOutcomes,

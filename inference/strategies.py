@@ -10,8 +10,9 @@ from typing import NamedTuple
 from ..models.classes import ClassGrid
 from ..models.errors import InputError
 from .control import MovePolicy, check_fixation, fixation, passive, random_place, random_step
-from .control_information import DRAWS, informative, two_taps
+from .control_information import informative
 from .control_table import TargetTable, lookup
+from .control_two_taps import DRAWS, two_taps
 from .information import About, TapOutcomes
 from .move_costs import time_costs, way_costs
 from .reference import Border

@@ -3,8 +3,9 @@
 import numpy as np
 import pytest
 from solidtouch.inference.control import fixation, passive, random_place, random_step
-from solidtouch.inference.control_information import informative, two_taps
+from solidtouch.inference.control_information import informative
 from solidtouch.inference.control_table import TargetTable, lookup
+from solidtouch.inference.control_two_taps import two_taps
 from solidtouch.inference.information import tap_outcomes
 from solidtouch.inference.move_costs import time_costs, way_costs
 from solidtouch.inference.strategies import FORMS, make_policy, parse_strategy
