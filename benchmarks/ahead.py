@@ -26,7 +26,7 @@ BLOCK = "two-taps"
 PRESET, POOL, BORDER, ABOUT = "paper", 400, "uniform", "what"
 MOST = 4
 """Taps before a decision, of which each number is looked at."""
-DRAWN = (1, 4, DRAWS, 32)
+DRAWN = (4, DRAWS, 32)
 """First taps of each move."""
 
 
@@ -104,10 +104,8 @@ def page(data_sets: int, count: int) -> str:
 
 
 def _line(name: str, units: Sequence[Judged]) -> list[str]:
-    cells = [
-        mean_interval([unit.lost.mean() for unit in units], 4),
-        mean_interval([unit.same.mean() for unit in units]),
-    ]
+    lost, same = zip(*((float(unit.lost.mean()), float(unit.same.mean())) for unit in units), strict=True)
+    cells = [mean_interval(lost, 4), mean_interval(same)]
     for values in ([unit.error for unit in units], [unit.stated for unit in units]):
         known = all(value.size and np.isfinite(value).all() for value in values)
         cells.append(mean_interval([np.sqrt((value**2).mean()) for value in values], 3) if known else "-")
