@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..models.errors import InputError
-from .control import MovePolicy
+from .control import MovePolicy, best_move
 from .information import TapOutcomes, believable, moves_to_all, shifted, tap_outcomes
 from .lockstep import log_sum
 from .reference import Border
@@ -188,13 +188,12 @@ def risk_mover(
     """
     loss = checked_loss(loss, outcomes.given.shape[1])
     _check_cost(step_cost)
+    scale = float(loss.max()) or 1.0
 
     def move(beliefs: NDArray[np.float64], chance: NDArray[np.float64]) -> NDArray[np.int64]:  # noqa: ARG001
         deltas = moves_to_all(beliefs)
         net = expected_gain(outcomes, beliefs, deltas, loss, border) - step_cost * expected_steps(beliefs, deltas)
-        best = net >= net.max(axis=-1, keepdims=True) - _ALIKE * loss.max()
-        choice = np.where(best, np.abs(deltas), np.iinfo(np.int64).max).argmin(axis=-1)
-        return np.take_along_axis(deltas, choice[..., np.newaxis], axis=-1)[..., 0].astype(np.int64)
+        return best_move(net / scale, deltas)
 
     return move
 

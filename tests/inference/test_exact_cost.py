@@ -7,6 +7,7 @@ from solidtouch.inference.control import fixation, passive, random_place, random
 from solidtouch.inference.exact_cost import Acts, Cost, course, expected_cost, sampled_costs
 from solidtouch.inference.expected_gain import gain_watch
 from solidtouch.inference.lockstep import play
+from solidtouch.inference.recorded_stops import stops
 from solidtouch.inference.risk_problem import risk_problem
 from solidtouch.inference.tap_symbols import quantised
 from solidtouch.inference.trial_plan import plan_trials
@@ -86,7 +87,7 @@ def test_trials_in_step_on_the_taps_behind_the_symbols_cost_the_same(make_model)
         (random_place(), L, stopping.lookahead(problem.tap_cost)),
     ):
         record = play(symbols.table, plan, policy, border="clamp", deadline=5, watch=watch)
-        found, rows = stopping.stops(rule, record), np.arange(20000)
+        found, rows = stops(rule, record), np.arange(20000)
         last = rows, found.taps - 1
         costs = (record.what[last] != record.held) + 0.02 * found.taps + 0.01 * record.travelled[last]
         exact = expected_cost(problem, course(policy, rule, watch), chances)
