@@ -168,7 +168,9 @@ def _check_policy(policy: str | float) -> None:
         known = 0 < policy < 1
     elif policy in FORMS or ":" in policy:
         with naming("grid.policy"):
-            known = not parse_strategy(policy).aims
+            if parse_strategy(policy).aims:
+                raise InputError(f'{policy!r} is written "active" here, or with its theta_X as a number.')
+        known = True
     else:
         known = policy == "active"
     if not known:

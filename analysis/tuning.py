@@ -68,8 +68,12 @@ class Tuning(NamedTuple):
         return [_about_fixation(self), _about_threshold(self)]
 
 
-def check_price(price: Price, parts: Parts | None = None) -> None:
+def check_price(price: Price, sessions: int) -> None:
     """Refuses what cannot be wanted.
+
+    Args:
+        price: What is wanted.
+        sessions: That train.
 
     Raises:
         InputError: The price is negative, or a wanted error is none or cannot be promised with so few sessions.
@@ -79,9 +83,8 @@ def check_price(price: Price, parts: Parts | None = None) -> None:
         return
     if not 0 < price.target < 1:
         raise InputError(f"The wanted error must lie between 0 and 1, got {price.target}.")
-    if parts is not None and (not parts.by_session or len(parts.parts) < FEWEST):
-        there = len(parts.parts) if parts.by_session else 1
-        raise InputError(f"A threshold for a wanted error needs at least {FEWEST} training sessions, got {there}.")
+    if sessions < FEWEST:
+        raise InputError(f"A threshold for a wanted error needs at least {FEWEST} training sessions, got {sessions}.")
 
 
 def tune(
@@ -112,7 +115,7 @@ def tune(
         ZeroEvidenceError: A tap was impossible under every class that was still believed in.
     """
     check_objects(parts.grid)
-    check_price(price, parts)
+    check_price(price, len(parts.parts) if parts.by_session else 1)
     common = {
         "wrong": price.wrong,
         "trials": trials,
@@ -125,15 +128,16 @@ def tune(
     fixation = choose_fixation(parts, setting.threshold, passive=passive, **common)
     theta = threshold_grid(parts.grid.M) if thresholds is None else np.array(thresholds)
     threshold = choose_threshold(parts, theta, price.cost_error, fixation=fixation.chosen, **common)
-    chosen, reachable = threshold.chosen, None
+    chosen, reachable, missed = threshold.chosen, None, ""
     if price.target is not None:
         chosen, reachable = choose(threshold.wrong, price.target)
+        missed = "" if reachable else f" A P(wrong) of {price.target:g} is not reached in a new session."
     tuned = replace(
         setting,
         fixation=fixation.chosen,
         threshold=float(threshold.theta[chosen]),
         passive=False,
-        note=f"Fixation point and threshold tuned on training taps. {parts.sentence}",
+        note=f"Fixation point and threshold tuned on training taps. {parts.sentence}{missed}",
     )
     return Tuning(parts.grid, fixation, threshold, chosen, reachable, tuned, price)
 
@@ -173,25 +177,28 @@ def learned_sentence(learner: Learner, grid: ClassGrid) -> str:
     """What a learner recommends, with an interval."""
     arm, (mean, deviation) = recommended(learner), beliefs(learner)
     half = norm.ppf(0.5 + CONFIDENCE / 2) * deviation[arm]
+    low, high = max(1.0, mean[arm] - half), mean[arm] + half
     return (
         f"After {learner.episodes} episodes: fixation point {grid.where_label(int(learner.fixation[arm]))} (class "
         f"{learner.fixation[arm]}) and threshold {learner.theta[arm]:g}, believed to cost {mean[arm]:.1f} taps an "
-        f"episode ({CONFIDENCE:.0%} interval {mean[arm] - half:.1f} to {mean[arm] + half:.1f}); it was played "
-        f"{learner.count[arm]} times, and {np.count_nonzero(learner.count)} of {len(learner.count)} pairs were tried."
+        f"episode ({CONFIDENCE:.0%} interval {low:.1f} to {high:.1f}); it was played in "
+        f"{learner.count[arm]} of them, and {np.count_nonzero(learner.count)} of {len(learner.count)} pairs were tried."
     )
 
 
 def _about_fixation(found: Tuning) -> str:
     choice, grid = found.fixation, found.grid
-    unit = _unit(found)
+    if grid.L == 1:
+        return "There is one position only, so no fixation point to choose."
+    unit = unit_of(found)
     alike = int(choice.alike.sum())
     told = (
         f"Fixation point {grid.where_label(choice.chosen)} (class {choice.chosen}): error "
         f"{_interval(choice.error, choice.chosen, 3)} {unit}"
     )
     if choice.chosen == choice.best:
-        others = f"and {alike - 1} others are" if alike > 1 else "and no other is"
-        return f"{told}, the least of all, {others} within a standard error of it."
+        others = {1: "no other is", 2: "one other is"}.get(alike, f"{alike - 1} others are")
+        return f"{told}, the least of all, and {others} within a standard error of it."
     return (
         f"{told}, {_interval(choice.excess, choice.chosen, 3)} more than the least at {grid.where_label(choice.best)}; "
         f"of {alike} positions within a standard error of the least it is the nearest to the middle."
@@ -201,14 +208,15 @@ def _about_fixation(found: Tuning) -> str:
 def _about_threshold(found: Tuning) -> str:
     choice, h = found.threshold, found.chosen
     told = (
-        f"Threshold {choice.theta[h]:.4g}: error {_interval(choice.error, h, 3)} {_unit(found)} after "
+        f"Threshold {shown_threshold(choice.theta[h])}: error {_interval(choice.error, h, 3)} {unit_of(found)} after "
         f"{_interval(choice.taps, h, 1)} taps"
     )
     if found.reachable is None:
         alike = choice.theta[choice.alike]
+        first, last = shown_threshold(alike[0]), shown_threshold(alike[-1])
         return (
             f"{told}, cost {_interval(choice.cost, h, 1)} taps at {found.price.cost_error:g} taps for an error of 1; "
-            f"thresholds from {alike[0]:.4g} to {alike[-1]:.4g} hold all whose cost cannot be told from it."
+            f"thresholds from {first} to {last} hold all whose cost cannot be told from it."
         )
     low, high = (ends[h] for ends in prediction_interval(choice.wrong))
     verdict = "is reachable" if found.reachable else "is not reachable, and this is where it is lowest"
@@ -218,7 +226,13 @@ def _about_threshold(found: Tuning) -> str:
     )
 
 
-def _unit(found: Tuning) -> str:
+def shown_threshold(theta: float) -> str:
+    """A threshold in so many digits that none below 1 looks like 1, which would never decide."""
+    return next(text for digits in range(4, 18) if (text := f"{theta:.{digits}g}") != "1" or theta == 1)
+
+
+def unit_of(found: Tuning) -> str:
+    """Of errors."""
     return "P(wrong)" if found.price.wrong else found.grid.what_error_unit
 
 

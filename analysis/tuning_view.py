@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..inference.held_out import Estimate
-from .tuning import Tuning
+from .tuning import Tuning, shown_threshold, unit_of
 
 if TYPE_CHECKING:
     from rich.table import Table
@@ -16,10 +16,8 @@ _ROWS = 16  # thresholds that are shown
 def position_table(found: Tuning) -> "Table":
     """Error at every position that was tried, with interval."""
     choice, grid = found.fixation, found.grid
-    unit = "P(wrong)" if found.price.wrong else grid.what_error_unit
-    table = _table(
-        "Fixation points", "class", "position", f"error ({unit})", "95 % interval", "more than least", "taps", ""
-    )
+    columns = ("class", "position", f"error ({unit_of(found)})", "95 % interval", "more than least", "taps", "")
+    table = _table("Fixation points", *columns)
     for l in np.flatnonzero(np.isfinite(choice.error.mean)).tolist():
         mark = "chosen" if l == choice.chosen else "as good" if choice.alike[l] else ""
         more = f"{choice.excess.mean[l]:.3f} ± {choice.excess.error[l]:.3f}"
@@ -31,14 +29,14 @@ def position_table(found: Tuning) -> "Table":
 def threshold_table(found: Tuning) -> "Table":
     """Error, taps and cost at some of the thresholds, the chosen one among them."""
     choice = found.threshold
-    table = _table(
-        "Thresholds", "threshold", "error", "95 % interval", "taps", "95 % interval", "cost", "95 % interval", ""
-    )
     shown = np.linspace(0, len(choice.theta) - 1, min(_ROWS, len(choice.theta))).round().astype(int)
+    some = f", {len(shown)} of {len(choice.theta)} that were tried" * (len(shown) < len(choice.theta))
+    columns = (f"error ({unit_of(found)})", "95 % interval", "taps", "95 % interval", "cost (taps)", "95 % interval")
+    table = _table(f"Thresholds{some}", "threshold", *columns, "")
     for h in np.union1d(shown, [found.chosen]).tolist():
         mark = "chosen" if h == found.chosen else "as good" if choice.alike[h] and found.reachable is None else ""
         numbers = (*_estimate(choice.error, h, 3), *_estimate(choice.taps, h, 1), *_estimate(choice.cost, h, 1))
-        table.add_row(f"{choice.theta[h]:.6g}", *numbers, mark)
+        table.add_row(shown_threshold(float(choice.theta[h])), *numbers, mark)
     return table
 
 

@@ -26,7 +26,6 @@ from .options import (
 
 if TYPE_CHECKING:
     from ..models.catalogue import Fitted
-    from ..models.model import TapModel
     from ..models.model_file import Draws
     from ..models.taps import TapSet
 
@@ -76,6 +75,7 @@ def fit(
         from ..models.experiment import load_experiment
         from ..models.histogram import trim
         from ..models.model_file import save_model
+        from ..models.novelty import with_scores
         from ..models.power import check_saturation, parse_power_choice
 
     _, in_states = split_name(model)
@@ -103,7 +103,7 @@ def fit(
     trained_on = f"{', '.join(path.name for path in data)}: {parts.description}"
     fitted, learned = fit_tempered(model, fold.train, grid, settings, trained_on)
     kept = _draws(fitted, fold.train, draws, seed)
-    save_model(_with_novelty(fitted.model, fold.train), out, force, kept, fitted.convergence)
+    save_model(with_scores(fitted.model, fold.train), out, force, kept, fitted.convergence)
     left_out = [*dropped, *fitted.model.left_out]
     print(parts.description)
     if parts.warning:
@@ -118,18 +118,6 @@ def fit(
     print(f"{grid.L} x {grid.M} (where, what) classes from {len(fold.train)} taps, in {out}")
     if left_out:
         print(f"Left out for want of a training tap: {', '.join(left_out)}")
-
-
-def _with_novelty(model: "TapModel", taps: "TapSet") -> "TapModel":
-    """The model with novelty scores, if it is the plain histogram, which alone can use them."""
-    from dataclasses import replace
-
-    from ..models.histogram import HistogramModel
-    from ..models.novelty import novelty_scores
-
-    if not isinstance(model, HistogramModel) or len(model.states.gain) > 1:
-        return model
-    return replace(model, novelty=novelty_scores(model, taps))
 
 
 def _draws(fitted: "Fitted", taps: "TapSet", draws: int, seed: int) -> "Draws | None":

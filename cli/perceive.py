@@ -97,7 +97,14 @@ def perceive(
         read = load_setting(setting)
         theta = theta if given(context, "theta") else read.threshold
         theta_x, fixation, passive, deadline, border = _from_setting(
-            context, read, theta_x=theta_x, fixation=fixation, passive=passive, deadline=deadline, border=border
+            context,
+            read,
+            move,
+            theta_x=theta_x,
+            fixation=fixation,
+            passive=passive,
+            deadline=deadline,
+            border=border,
         )
     for name, value in (("--theta", theta), ("--theta-x", theta_x)):
         if not 0 <= value <= 1:
@@ -164,17 +171,21 @@ def _check_together(
         raise InputError("--stop says when to stop and does not go with --theta; see what:THETA.")
 
 
-def _from_setting(context: Context, setting: "Setting", **options: Any) -> tuple[Any, ...]:
+def _from_setting(context: Context, setting: "Setting", move: str | None, **options: Any) -> tuple[Any, ...]:
     """Values of options in the order given, as a setting has them where the command line has not.
 
     Whether to move is said as a whole: `--passive` on the command line does away with the setting's fixation point and
-    threshold, one of these with a setting that is passive, and `--move` with all three.
+    threshold, one of these with a setting that is passive, and `--move` with all three but for the fixation point of a
+    strategy that aims for one.
     """
     values = chosen(context, setting, **options)
     if given(context, "passive"):
         values |= {"theta_x": 0.0, "fixation": None}
-    elif given(context, "move"):
-        values |= {"theta_x": 0.0, "fixation": options["fixation"], "passive": False}
+    elif move is not None:
+        aims = move.partition(":")[0] == "fixation"
+        values |= {"theta_x": 0.0, "passive": False}
+        if not aims:
+            values["fixation"] = options["fixation"]
     elif given(context, "theta_x") or given(context, "fixation"):
         values["passive"] = False
     return tuple(values[name] for name in options)

@@ -46,6 +46,15 @@ def strategies(
             help=f"At most {_QUICK_DATA_SETS} data sets of {_QUICK_TRIALS} trials: a look, in which little is decided.",
         ),
     ] = False,
+    regret: Annotated[
+        bool | None,
+        Option(
+            "--regret/--no-regret",
+            help="What strategies cost more than the exact rule, or a bound, on taps drawn from a right model; "
+            "default with any preset.",
+            show_default=False,
+        ),
+    ] = None,
     workers: Workers = None,
     seed: Seed = 0,
     force: Force = False,
@@ -54,13 +63,16 @@ def strategies(
     if quick:
         data_sets, trials = min(data_sets, _QUICK_DATA_SETS), min(trials, _QUICK_TRIALS)
     names = [] if presets == "none" else [name.strip() for name in presets.split(",")]
-    if not names and not files:
-        raise InputError("--presets none needs a file of recorded taps.")
+    regret = bool(names) if regret is None else regret
+    if not names and not files and not regret:
+        raise InputError("--presets none needs a file of recorded taps, or --regret.")
     if len(set(names)) < len(names):
         raise InputError(f"--presets names one twice: {presets}.")
     with loading():
         from rich.console import Console
 
+        from ..analysis.regret import QUICK_TRIALS, TRIALS, RegretSettings, regret_study
+        from ..analysis.regret_summary import summarise_regret
         from ..analysis.strategies_data import recorded_bench, simulated_bench
         from ..analysis.strategies_report import write_strategies
         from ..analysis.strategies_study import StrategySettings, strategy_study
@@ -76,8 +88,11 @@ def strategies(
     settings = StrategySettings(trials=trials, seed=seed, workers=workers)
     with bars() as progress:
         studies = [strategy_study(bench, settings, progress) for bench in benches]
+        regrets = RegretSettings(QUICK_TRIALS if quick else TRIALS, seed, workers)
+        lost = summarise_regret(regret_study(regrets, progress), regrets) if regret else None
     title = "How to move and when to stop"
-    summary = summarise(studies, settings, {"title": title, "command": shlex.join(["solidtouch", *sys.argv[1:]])})
+    command = shlex.join(["solidtouch", *sys.argv[1:]])
+    summary = summarise(studies, settings, {"title": title, "command": command}, lost)
     write_strategies(folder, summary, force)
     render(summary, Console())
     print(f"The report is {folder / 'report.html'}")

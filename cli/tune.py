@@ -4,7 +4,7 @@ from functools import cache, partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
-from typer import Option
+from typer import Context, Option
 
 from ..models.errors import InputError
 from .interrupt import loading, terminable
@@ -24,6 +24,7 @@ from .options import (
     ValueRange,
     WhatCell,
     WhereCell,
+    given,
     parse_thresholds,
 )
 from .tune_online import Course, learned
@@ -42,6 +43,7 @@ _WIDTH = 100  # characters of a table
 
 
 def tune(
+    context: Context,
     data: Data,
     out: Annotated[Path, Option(help="The setting to write, such as setting.json, for `perceive --setting`.")],
     cost_error: Annotated[
@@ -72,6 +74,7 @@ def tune(
         str | None, Option(metavar="RIG", help="Of --online: play on this rig, as `perceive`; default held-out taps.")
     ] = None,
     what: Annotated[str | None, Option("--object", help="What is before a real rig, by name or number.")] = None,
+    home: Annotated[bool, Option("--home", help="Of --rig: home the stage first.")] = False,
     state: Annotated[
         Path | None, Option(metavar="FILE.json", help="Of --online: keep what is learned here, and go on from it.")
     ] = None,
@@ -106,7 +109,7 @@ def tune(
 
     Of three files or more all but the last train.
     """
-    _check_words(online, rig, state, what, target_error)
+    _check_words(context, online, rig, target_error)
     with loading():
         from ..analysis.study import Settings
         from ..analysis.tuning import Price, check_objects, check_price
@@ -114,6 +117,7 @@ def tune(
         from ..inference.held_out import held_out
         from ..inference.table_learning import learn_table
         from ..models.model_file import save_model
+        from ..models.novelty import with_scores
         from ..models.power import check_saturation, parse_power
         from ..models.setting import Setting
         from ..models.storage import check_netcdf_name, check_writable
@@ -126,7 +130,6 @@ def tune(
     if targets is not None:
         check_writable(targets, force)
     price = Price(cost_error, wrong, target_error)
-    check_price(price)
     check_saturation(float("inf") if saturation is None else saturation)
     fitting = {"bins": bins, "pseudocount": pseudocount, "value_range": value_range, "saturation": saturation}
     setting = Setting(
@@ -143,6 +146,7 @@ def tune(
     chosen = None if thresholds is None else parse_thresholds(thresholds)
     taps, grid, told = _training(data, where_cell, what_cell, split, train, test)
     check_objects(grid)
+    check_price(price, len(set(taps.session.tolist())))
     study = Settings(model=model, power=setting.power, **fitting, seed=seed)
     print(told)
     with terminable(), bars() as progress:
@@ -153,9 +157,9 @@ def tune(
             return held_out(taps, grid, study.fit, progress("Fitting models", models))
 
         if online is not None:
-            course = Course(learner, chosen, online, seed, state, rig, what)
+            course = Course(learner, chosen, online, seed, state, rig, what, home)
             fitted = partial(study.fit, taps, grid)
-            best = learned(course, setting, price, grid, fitted, parts, progress("Learning", online))
+            best = learned(course, setting, price, taps, grid, fitted, parts, progress("Learning", online))
         else:
             best = _offline(parts(), setting, price, chosen, by == "passive", trials, seed, progress)
         if targets is not None:
@@ -163,24 +167,25 @@ def tune(
             save_table(learn_table(tables, grid, border=border, trials=trials, seed=seed), targets, force)
             print(f"The table of targets is {targets}")
     if model_file is not None:
-        save_model(study.fit(taps, grid), model_file, force)
+        save_model(with_scores(study.fit(taps, grid), taps), model_file, force)
         print(f"The model of all training taps is {model_file}")
     best.save(out, force)
     print(f"The setting is {out}")
 
 
-def _check_words(
-    online: int | None, rig: str | None, state: Path | None, what: str | None, target_error: float | None
-) -> None:
+def _check_words(context: Context, online: int | None, rig: str | None, target_error: float | None) -> None:
     """Refuses options that do not go together."""
-    if online is None:
-        for name, value in (("--rig", rig), ("--state", state)):
-            if value is not None:
-                raise InputError(f"{name} goes with --online only.")
-    elif target_error is not None:
+    alone = {"--online": ("rig", "state", "learner"), "--rig": ("what", "home")}
+    for other, asked in (("--online", online), ("--rig", rig)):
+        for name in alone[other]:
+            if asked is None and given(context, name):
+                raise InputError(f"--{'object' if name == 'what' else name} goes with {other} only.")
+    if online is not None and target_error is not None:
         raise InputError("--target-error chooses from all training taps and does not go with --online.")
-    if what is not None and rig is None:
-        raise InputError("--object goes with --rig only.")
+    if online is not None and given(context, "by"):
+        raise InputError("--by judges positions from all training taps and does not go with --online.")
+    if target_error is not None and given(context, "cost_error"):
+        raise InputError("--target-error asks for an error whatever it costs and does not go with --cost-error.")
 
 
 def _training(

@@ -2,8 +2,11 @@
 
 from collections.abc import Callable
 from contextlib import ExitStack
+from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
 
 from ..models.errors import InputError
 from .interrupt import loading
@@ -15,6 +18,7 @@ if TYPE_CHECKING:
     from ..models.classes import ClassGrid
     from ..models.model import TapModel
     from ..models.setting import Setting
+    from ..models.taps import TapSet
 
 
 class Course(NamedTuple):
@@ -28,6 +32,7 @@ class Course(NamedTuple):
         state: Where what is learned is kept, if anywhere.
         rig: As of `perceive`, or `None` for held-out taps.
         what: The object before a real rig, by name or number.
+        home: Whether to home a real stage first.
     """
 
     method: str
@@ -37,12 +42,14 @@ class Course(NamedTuple):
     state: Path | None
     rig: str | None
     what: str | None
+    home: bool = False
 
 
 def learned(
     course: Course,
     setting: "Setting",
     price: "Price",
+    taps: "TapSet",
     grid: "ClassGrid",
     fitted: Callable[[], "TapModel"],
     parts: Callable[[], "Parts"],
@@ -54,6 +61,7 @@ def learned(
         course: How to learn.
         setting: All else.
         price: What an episode costs.
+        taps: All training taps.
         grid: The classes.
         fitted: Fits the model of all training taps, for a rig.
         parts: Holds out training taps, where there is none.
@@ -65,7 +73,8 @@ def learned(
     from ..analysis.tuning import ONLINE_THRESHOLDS, learned_sentence, learned_setting
     from ..inference.online_learning import Learner, learn, save_learner
 
-    known = Learner.new(course.method, range(grid.L), course.thresholds or ONLINE_THRESHOLDS, course.seed)
+    setup = _setup(course, setting, price, taps)
+    known = Learner.new(course.method, range(grid.L), course.thresholds or ONLINE_THRESHOLDS, course.seed, setup)
     if course.state is not None:
         known = _resumed(course.state, known)
     heard = [known]
@@ -85,6 +94,7 @@ def learned(
     finally:
         if course.state is not None and heard[0].episodes > known.episodes:
             save_learner(heard[0], course.state, force=True)
+            print(f"{course.state} holds {heard[0].episodes} episodes; with the same options --online N adds N more.")
     print(learned_sentence(heard[0], grid))
     return learned_setting(heard[0], setting)
 
@@ -98,14 +108,27 @@ def _resumed(path: Path, new: "Learner") -> "Learner":
     if not path.exists():
         return new
     known = load_learner(path)
-    if (known.method, known.seed) != (new.method, new.seed):
-        raise InputError(
-            f"{path} was learned by {known.method} with seed {known.seed}, and {new.method} with seed {new.seed} is "
-            "asked for."
-        )
-    if known.fixation.tolist() != new.fixation.tolist() or known.theta.tolist() != new.theta.tolist():
-        raise InputError(f"{path} was learned with other fixation points or thresholds than are asked for.")
+    try:
+        known.check_like(new)
+    except InputError as error:
+        raise InputError(f"{path} was learned otherwise: {error}.") from error
     return known
+
+
+def _setup(course: Course, setting: "Setting", price: "Price", taps: "TapSet") -> dict[str, str]:
+    """What costs depend on beside fixation point and threshold; the object may change from call to call."""
+    from ..models.digest import tap_digests
+
+    free = ("threshold", "fixation", "passive", "note")
+    chosen = {name.replace("_", " "): str(value) for name, value in asdict(setting).items() if name not in free}
+    digest = np.bitwise_xor.reduce(tap_digests(taps.taps))
+    return {
+        "rig": course.rig or "held-out taps",
+        "cost of an error": f"{price.cost_error:g} taps",
+        "kind of error": "P(wrong)" if price.wrong else "that of the objects",
+        **chosen,
+        "training data": f"{len(taps)} taps with digest {digest:016x}",
+    }
 
 
 def _replayed(
@@ -137,7 +160,8 @@ def _live(
 
     engine = make_engine("filter", model, setting.border)
     warm_up(engine)
-    source = stack.enter_context(open_source(str(course.rig), model.grid, Wish(None, course.what, course.seed)))
+    wish = Wish(None, course.what, course.seed)
+    source = stack.enter_context(open_source(str(course.rig), model.grid, wish, course.home))
 
     def cost(episode: int, arm: int) -> float:
         placed = source.place(episode)
@@ -147,6 +171,9 @@ def _live(
             objects = ", ".join(model.grid.what_name)
             raise InputError(f"Learning needs to know which object is there, one of {objects}; --object says it.")
         point, theta = int(known.fixation[arm]), float(known.theta[arm])
-        return episode_cost(placed.sensor, engine, held, point, theta, price.cost_error, **options)
+        paid = episode_cost(placed.sensor, engine, held, point, theta, price.cost_error, **options)
+        label = model.grid.where_label(point)
+        print(f"Episode {episode + 1}: {name}, fixation point {label}, threshold {theta:g}, cost {paid:.1f} taps")
+        return paid
 
     return cost

@@ -18,8 +18,8 @@ number of the episode, so a learner that was saved goes on as if nothing had hap
 
 import json
 import math
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from itertools import product
 from pathlib import Path
 from typing import Any, Literal, Self, get_args
@@ -55,6 +55,7 @@ class Learner:
         mean: Their mean cost, 0 without one, shape (A,).
         squares: Sum of the squared deviations from it, shape (A,).
         smoothness: Of the Gaussian process; `None` before it has been fitted.
+        setup: What its costs are of, as words by name; costs of another setup mean something else.
     """
 
     method: Method
@@ -65,6 +66,7 @@ class Learner:
     mean: Floats
     squares: Floats
     smoothness: Smoothness | None = None
+    setup: Mapping[str, str] = field(default_factory=dict)
 
     @property
     def episodes(self) -> int:
@@ -72,7 +74,14 @@ class Learner:
         return int(self.count.sum())
 
     @classmethod
-    def new(cls, method: str, fixations: Sequence[int], thresholds: Sequence[float], seed: int = 0) -> Self:
+    def new(
+        cls,
+        method: str,
+        fixations: Sequence[int],
+        thresholds: Sequence[float],
+        seed: int = 0,
+        setup: Mapping[str, str] | None = None,
+    ) -> Self:
         """A learner that knows nothing, with an arm for each pair.
 
         Raises:
@@ -95,7 +104,21 @@ class Learner:
             np.zeros(len(theta), np.int64),
             nothing,
             nothing,
+            setup=dict(setup or {}),
         )
+
+    def check_like(self, other: Self) -> None:
+        """Refuses another learner than one of the same kind, arms and setup.
+
+        Raises:
+            InputError: Something differs; the message says what.
+        """
+        mine, others = ({"learner": one.method, "seed": str(one.seed), **one.setup} for one in (self, other))
+        for name in dict.fromkeys((*mine, *others)):
+            if mine.get(name) != others.get(name):
+                raise InputError(f"the {name} was {mine.get(name)}, and {others.get(name)} is asked for")
+        if self.fixation.tolist() != other.fixation.tolist() or self.theta.tolist() != other.theta.tolist():
+            raise InputError("the fixation points or thresholds were others than are asked for")
 
 
 def choose(learner: Learner) -> int:
@@ -199,6 +222,7 @@ def save_learner(learner: Learner, path: str | Path, force: bool = False) -> Non
         "seed": learner.seed,
         **{name: getattr(learner, name).tolist() for name in _COLUMNS},
         "smoothness": None if learner.smoothness is None else learner.smoothness._asdict(),
+        "setup": dict(learner.setup),
     }
     with complete_file(path, force) as temporary:
         temporary.write_text(json.dumps(values, allow_nan=False) + "\n", encoding="utf-8")
@@ -219,9 +243,12 @@ def load_learner(path: str | Path) -> Learner:
             seed=int(values["seed"]),
             smoothness=None if values["smoothness"] is None else Smoothness(**values["smoothness"]),
             **{name: np.array(values[name], dtype=kind) for name, kind in _COLUMNS.items()},
+            setup={str(name): str(value) for name, value in values["setup"].items()},
         )
-    except (KeyError, TypeError, ValueError) as error:
-        raise InputError(f"{path} is no whole learner: {error!r}.") from error
+    except KeyError as error:
+        raise InputError(f"{path} is no whole learner: its key {error.args[0]} is missing.") from error
+    except (AttributeError, TypeError, ValueError) as error:
+        raise InputError(f"{path} is no whole learner: {error}.") from error
     if learner.method not in METHODS or len({getattr(learner, name).shape for name in _COLUMNS}) != 1:
         raise InputError(f"{path} is no whole learner: its method or the length of a list is wrong.")
     return learner

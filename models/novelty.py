@@ -5,6 +5,7 @@ with the best that any histograms could do instead: it is the divergence of the 
 class, summed over the taxels. The misfits of training taps, each left out of its class, say what is usual.
 """
 
+from dataclasses import replace
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
@@ -15,6 +16,7 @@ from .bins import find_bins, tap_counts
 
 if TYPE_CHECKING:
     from .histogram import HistogramModel
+    from .model import TapModel
     from .taps import TapSet
 
 FEWEST = 5
@@ -91,6 +93,15 @@ def novelty_scores(model: "HistogramModel", taps: "TapSet") -> NoveltyScores:
         now = np.flatnonzero(session == s)
         best[now] = np.minimum(best[now], _other_excess(bins[now], cell[now], occupation - others, model, centre))
     return NoveltyScores(scores, cell, best)
+
+
+def with_scores(model: "TapModel", taps: "TapSet") -> "TapModel":
+    """The model with the scores of its training taps, if it is the plain histogram, which alone can use them."""
+    from .histogram import HistogramModel  # noqa: PLC0415 - which knows of scores
+
+    if not isinstance(model, HistogramModel) or len(model.states.gain) > 1:
+        return model
+    return replace(model, novelty=novelty_scores(model, taps))
 
 
 def centres(misfits: NDArray[np.float64], cell: NDArray[np.intp], cells: int) -> NDArray[np.float64]:

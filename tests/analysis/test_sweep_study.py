@@ -41,7 +41,11 @@ WRONG = {
     "an unknown border": (f'{LEAST}[grid]\nborder = ["open"]', "grid.border"),
     "an unknown policy": (f'{LEAST}[grid]\npolicy = ["lazy"]', "grid.policy: it must be passive, active or a number"),
     "theta_X beyond 1": (f"{LEAST}[grid]\npolicy = [1.5]", "grid.policy"),
-    "fixation is active": (f'{LEAST}[grid]\npolicy = ["fixation"]', "grid.policy: it must be passive, active or a num"),
+    "fixation is active": (
+        f'{LEAST}[grid]\npolicy = ["fixation"]',
+        "grid.policy: 'fixation' is written \"active\" here",
+    ),
+    "theta_X is a number": (f'{LEAST}[grid]\npolicy = ["fixation:0.5"]', "with its theta_X as a number"),
     "a reach of 0": (f'{LEAST}[grid]\npolicy = ["step:0"]', "grid.policy: The number of a strategy must be a whole"),
     "an unknown strategy": (f'{LEAST}[grid]\npolicy = ["info:3"]', "grid.policy: There is no control strategy"),
     "a power below 0": (f"{LEAST}[grid]\npower = [-1]", "grid.power: The power must be J, JK, none or a positive"),

@@ -423,6 +423,11 @@ def test_options_come_from_a_setting(command, fine, tmp_path):
     assert out("--setting", file, "--passive") == out(*spelled[:4], *spelled[-2:], "--passive")
     spelled_moves = ("--theta", 0.93, "--border", "clamp", "--deadline", 9, "--move", "step")
     assert out("--setting", file, "--move", "step") == out(*spelled_moves)
+    aiming = (*spelled_moves[:-1], "fixation:0.2", "--fixation", 9)
+    assert out("--setting", file, "--move", "fixation:0.2") == out(*aiming)
+    assert out("--setting", file, "--move", "fixation", "--fixation", 3) == out(
+        *aiming[:-3], "fixation", "--fixation", 3
+    )
     setting = replace(setting, passive=True)
     setting.save(file, force=True)
     still = out("--setting", file, "--theta", 1)

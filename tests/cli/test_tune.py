@@ -6,7 +6,7 @@ from functools import partial
 import numpy as np
 import pytest
 import typer
-from solidtouch.analysis.tuning import Price
+from solidtouch.analysis.tuning import Price, shown_threshold
 from solidtouch.cli.tune import tune
 from solidtouch.cli.tune_online import Course, learned
 from solidtouch.inference.control_table import load_table
@@ -86,7 +86,7 @@ def test_the_setting_holds_both_choices_and_how_they_were_made(call, recorded, t
         f"class {setting.fixation}",
     ):
         assert words in result.output
-    assert f"Threshold {setting.threshold:.4g}: error" in result.output
+    assert f"Threshold {shown_threshold(setting.threshold)}: error" in result.output
 
 
 def test_perceive_takes_the_setting(call, command, recorded, tmp_path):
@@ -96,6 +96,7 @@ def test_perceive_takes_the_setting(call, command, recorded, tmp_path):
     done = command("perceive", model, "--rig", f"replay:{recorded}", "--setting", out, "--engine", "filter", "--json")
     assert done.code == 0, done.err
     taps = load_taps(recorded)
+    assert "novelty unknown" not in command("perceive", model, "--setting", out, "--rig", f"replay:{recorded}").out
     assert load_model(model).trained_with(taps.select(taps.session < 2)) == len(taps) * 2 // 3
 
 
@@ -159,6 +160,8 @@ def test_learning_on_a_rig_plays_its_episodes(call, recorded, tmp_path):
     result = call(recorded, *COMMON, *words)
     assert result.exit_code == 0, result.output
     assert np.sum(json.loads(state.read_text())["count"]) == 8
+    assert result.output.count(", fixation point ") == 8
+    assert "holds 8 episodes; with the same options --online N adds N more" in " ".join(result.output.split())
 
 
 def test_what_was_learned_is_kept_when_it_is_interrupted(make_taps, recorded, tmp_path):
@@ -174,7 +177,7 @@ def test_what_was_learned_is_kept_when_it_is_interrupted(make_taps, recorded, tm
 
     course = Course("gp", None, 20, 0, state, f"replay:{recorded}", None)
     with pytest.raises(KeyboardInterrupt):
-        learned(course, Setting(deadline=20), Price(), model.grid, lambda: model, lambda: None, bar)
+        learned(course, Setting(deadline=20), Price(), taps, model.grid, lambda: model, lambda: None, bar)
     assert load_learner(state).episodes == 3
 
 
@@ -187,6 +190,11 @@ def test_what_was_learned_is_kept_when_it_is_interrupted(make_taps, recorded, tm
         (("--rig", "simulated"), "--rig goes with --online only"),
         (("--state", "s.json"), "--state goes with --online only"),
         (("--online", 9, "--target-error", 0.1), "does not go with --online"),
+        (("--learner", "gp"), "--learner goes with --online only"),
+        (("--online", 9, "--home"), "--home goes with --rig only"),
+        (("--online", 9, "--by", "passive"), "--by judges positions from all training taps"),
+        (("--target-error", 0.1, "--cost-error", 9), "does not go with --cost-error"),
+        (("--target-error", 0.1), "at least 5 training sessions, got 2"),
         (("--object", "rod"), "--object goes with --rig only"),
         (("--split", "leave-one-session-out"), "has no one training part"),
         (("--thresholds", "0.5,x"), "--thresholds needs numbers"),
@@ -222,9 +230,21 @@ def test_what_was_learned_for_other_pairs_is_not_gone_on_with(call, recorded, tm
     words = (recorded, "--out", tmp_path / "setting.json", "--force", "--online", 4, "--state", state, *COMMON)
     assert call(*words, "--thresholds", "0.6,0.9").exit_code == 0
     before = state.read_bytes()
-    assert "other fixation points or thresholds" in str(call(*words, "--thresholds", "0.6,0.8").exception)
-    assert "is asked for" in str(call(*words, "--thresholds", "0.6,0.9", "--seed", 1).exception)
+    assert "the fixation points or thresholds were others" in str(call(*words, "--thresholds", "0.6,0.8").exception)
+    same = (*words, "--thresholds", "0.6,0.9")
+    for more, said in (
+        (("--seed", 1), "the seed was 0, and 1 is asked for"),
+        (("--learner", "thompson"), "the learner was gp, and thompson"),
+        (("--cost-error", 10), "the cost of an error was 50 taps, and 10 taps"),
+        (("--wrong",), "the kind of error was"),
+        (("--deadline", 19), "the deadline was 20, and 19"),
+        (("--border", "clamp"), "the border was uniform, and clamp"),
+        (("--rig", f"replay:{recorded}"), "the rig was held-out taps, and replay:"),
+        (("--train", "0"), "the training data was"),
+    ):
+        assert said in str(call(*same, *more).exception)
     assert state.read_bytes() == before
+    assert call(*same).exit_code == 0
 
 
 def test_a_setting_is_not_replaced_without_force(call, recorded, tmp_path):
