@@ -1,11 +1,15 @@
 """Progress bars for the stages of long commands."""
 
+import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from rich.progress import Progress
+
+LINE_S = 30.0
+"""Between two lines of progress where there is no terminal."""
 
 
 def progress_bars() -> "Progress":
@@ -27,11 +31,24 @@ def progress_bars() -> "Progress":
 
 @contextmanager
 def bars() -> Iterator[Callable[[str, int], Callable[[int], None]]]:
-    """A function that starts the bar of a stage and gives the function that advances it."""
+    """A function that starts the bar of a stage and gives the function that advances it.
+
+    Where standard error is no terminal, long stages say a line now and then.
+    """
     with progress_bars() as progress:
 
         def stage(name: str, total: int) -> Callable[[int], None]:
             task = progress.add_task(name, total=total)
-            return lambda done: progress.advance(task, done)
+            said = time.monotonic()
+
+            def advance(done: int) -> None:
+                nonlocal said
+                progress.advance(task, done)
+                if not progress.console.is_terminal and time.monotonic() - said > LINE_S:
+                    said = time.monotonic()
+                    so_far = f"{name}: {progress.tasks[task].completed:g} of {total}"
+                    progress.console.print(so_far, highlight=False, markup=False)
+
+            return advance
 
         yield stage

@@ -17,8 +17,6 @@ if TYPE_CHECKING:
     from ..analysis.sweep import Tally
     from ..analysis.sweep_cell import Runner
 
-_LINE_S = 30.0  # between two lines where there is no terminal
-
 
 def sweep(
     study: Annotated[Path, typer.Argument(metavar="STUDY", help="The study.toml of the grid.", show_default=False)],
@@ -94,7 +92,7 @@ def _counts(tally: "Tally") -> str:
 @contextmanager
 def _progress(console: "Console") -> Iterator[tuple[Callable[["Tally"], None], list["Tally"]]]:
     """A function that shows a tally, and a list that holds the last one; a bar, or lines where there is no terminal."""
-    from .progress import progress_bars
+    from .progress import LINE_S, progress_bars
 
     bars = progress_bars()
     seen: list[Tally] = []
@@ -109,7 +107,7 @@ def _progress(console: "Console") -> Iterator[tuple[Callable[["Tally"], None], l
             bars.start()
             failed = f", {tally.failed} failed" if tally.failed else ""
             bars.update(task, description=f"Cells{failed}", total=tally.cells, completed=ended)
-        elif time.monotonic() - said > _LINE_S or ended == tally.cells:
+        elif time.monotonic() - said > LINE_S or ended == tally.cells:
             said = time.monotonic()
             console.print(_counts(tally), highlight=False)
 
