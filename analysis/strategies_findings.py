@@ -38,7 +38,9 @@ def source_findings(source: Mapping[str, Any]) -> list[str]:
 
 
 def findings(sources: Sequence[Mapping[str, Any]]) -> list[str]:
-    """What holds across the data, in sentences."""
+    """What holds across the data, in sentences; none where there are no data."""
+    if not sources:
+        return []
     said = random_findings(sources)
     for name in INFORMED:
         gains = [

@@ -6,6 +6,7 @@ from typing import Any
 
 from ..models.storage import complete_folder
 from . import figure_strategies
+from .figure_strategies_regret import regret
 from .figure_strategies_trust import trust
 from .pictures import Picture
 from .report import write_page
@@ -27,7 +28,7 @@ def write_strategies(folder: Path, summary: Mapping[str, Any], force: bool = Fal
 
 
 def pictures(summary: Mapping[str, Any]) -> Iterator[Picture]:
-    """The figures of each kind of data, numbered from 1, and the one across them, `trust`."""
+    """The figures of each kind of data, numbered from 1, the one across them, `trust`, and `regret`."""
     for number, source in enumerate(summary["sources"], 1):
         name = source["name"]
         yield Picture(
@@ -59,7 +60,14 @@ def pictures(summary: Mapping[str, Any]) -> Iterator[Picture]:
             "to a quarter of a class; a dot ends each; dashed is the fixation point.",
             figure_strategies.trajectories(source),
         )
-    yield Picture(
+    if summary["sources"]:
+        yield _trust(summary)
+    if summary["regret"]:
+        yield _regret(summary["regret"])
+
+
+def _trust(summary: Mapping[str, Any]) -> Picture:
+    return Picture(
         "trust",
         "What is left where the model is too sure",
         f"After {summary['look']} taps. A: P(wrong object) of the fixation point less that of info-what, against the "
@@ -67,4 +75,15 @@ def pictures(summary: Mapping[str, Any]) -> Iterator[Picture]:
         "model promised beyond what the taps told, of both. On the dashed lines both are misled alike. With 95 % "
         "intervals; miscalibration beyond 10 000 is left out.",
         trust(summary["sources"]),
+    )
+
+
+def _regret(summary: Mapping[str, Any]) -> Picture:
+    return Picture(
+        "regret",
+        "Cost above the least possible",
+        "Cost of each strategy under four kinds of stopping rules above that of the exact rule, in the last column "
+        "above a bound that no strategy stays below, with 95 % intervals. Of the fixation points the best and the "
+        "worst with the best threshold. Logarithmic; what is less than the left end is drawn there.",
+        regret(summary),
     )

@@ -21,7 +21,10 @@ _PACKAGES = ("solidtouch", "numpy", "scipy", "numba", "xarray", "matplotlib")
 
 
 def summarise(
-    studies: Sequence[StrategyStudy], settings: StrategySettings, described: Mapping[str, Any]
+    studies: Sequence[StrategyStudy],
+    settings: StrategySettings,
+    described: Mapping[str, Any],
+    regret: Mapping[str, Any] | None = None,
 ) -> dict[str, Any]:
     """What `strategies.json` holds.
 
@@ -29,6 +32,7 @@ def summarise(
         studies: One for each kind of data.
         settings: What was asked for.
         described: `title` and `command`.
+        regret: See `regret_summary.summarise_regret`; `None` where it was not asked for.
     """
     sources = [summarise_source(one) for one in studies]
     return {
@@ -42,7 +46,8 @@ def summarise(
         "look": LOOK,
         "rules": rules(settings),
         "sources": sources,
-        "findings": findings(sources),
+        "regret": regret,
+        "findings": [*findings(sources), *(regret["findings"] if regret else ())],
     }
 
 
@@ -53,8 +58,9 @@ def rules(settings: StrategySettings) -> list[str]:
         f"{settings.deadline} taps; what has not stopped by then takes the most probable classes. Errors are of the "
         "trials that answer, taps and way of all; those that gave up have a column of their own.",
         "Strategies that look ahead enumerate training taps, evenly chosen of all classes, "
-        f"about {settings.pool} of them; they never see a test tap. Two taps ahead aim for every third place only and "
-        "draw four first taps.",
+        f"about {settings.pool} of them; they never see a test tap. Two taps ahead look at the "
+        "three places that are best one tap ahead, draw eight first taps, and aim for every third place with the "
+        "second.",
         f"Equal taps are mean numbers of taps along the curve of a stopping rule, between its levels by interpolation. "
         f'Differences are those to the strategy "{BASE}" on the same trials, below zero where it is beaten.',
         "Intervals in brackets are 95 % each, t-intervals over units; sure is what holds for all strategies and "

@@ -11,11 +11,10 @@ from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
-from scipy.stats import norm
 
 from ..inference.fixation_choice import FixationChoice, choose_fixation
 from ..inference.held_out import Estimate, Parts
-from ..inference.online_learning import Learner, beliefs, recommended
+from ..inference.online_learning import Learner, beliefs, interval, recommended
 from ..inference.threshold_choice import ThresholdChoice, check_cost, choose_threshold
 from ..models.classes import ClassGrid
 from ..models.errors import InputError
@@ -175,13 +174,12 @@ def learned_setting(learner: Learner, setting: Setting) -> Setting:
 
 def learned_sentence(learner: Learner, grid: ClassGrid) -> str:
     """What a learner recommends, with an interval."""
-    arm, (mean, deviation) = recommended(learner), beliefs(learner)
-    half = norm.ppf(0.5 + CONFIDENCE / 2) * deviation[arm]
-    low, high = max(1.0, mean[arm] - half), mean[arm] + half
+    arm, (mean, _) = recommended(learner), beliefs(learner)
+    low, high = interval(learner, arm, CONFIDENCE)
     return (
         f"After {learner.episodes} episodes: fixation point {grid.where_label(int(learner.fixation[arm]))} (class "
         f"{learner.fixation[arm]}) and threshold {learner.theta[arm]:g}, believed to cost {mean[arm]:.1f} taps an "
-        f"episode ({CONFIDENCE:.0%} interval {low:.1f} to {high:.1f}); it was played in "
+        f"episode ({CONFIDENCE:.0%} interval {max(1.0, low):.1f} to {high:.1f}); it was played in "
         f"{learner.count[arm]} of them, and {np.count_nonzero(learner.count)} of {len(learner.count)} pairs were tried."
     )
 

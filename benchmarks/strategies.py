@@ -1,7 +1,8 @@
 """Strategies of moving and rules of stopping on simulated data sets and on recordings that have a tap in every cell.
 
 `python benchmarks/strategies.py --recorded FOLDER --document docs/strategies.md` writes the tables and figures of that
-page; `--summary strategies.json` takes the numbers of a finished `solidtouch strategies` instead of playing.
+page; `--summary strategies.json` takes the numbers of finished `solidtouch strategies` instead of playing, and writes
+what these have.
 """
 
 import argparse
@@ -11,7 +12,10 @@ from pathlib import Path
 from typing import Any
 
 from solidtouch.analysis import figure_strategies
+from solidtouch.analysis.figure_strategies_regret import regret
 from solidtouch.analysis.figure_strategies_trust import trust
+from solidtouch.analysis.regret import RegretSettings, regret_study
+from solidtouch.analysis.regret_summary import summarise_regret
 from solidtouch.analysis.report import factor, interval, number, percent
 from solidtouch.analysis.strategies_data import Bench, recorded_bench, simulated_bench
 from solidtouch.analysis.strategies_findings import FIXED, PAPER, TAPS, random_findings
@@ -26,6 +30,7 @@ RECORDED = {"barrett_ballcyl.npz": (None, None), "eflesh_grid.npz": ("3mm", "3mm
 PRESETS = ("ideal", "paper", "nodrift", "broken", "model")
 SHOWN = "preset paper"
 BLOCKS = ("strategies-findings", "strategies-shown", "strategies-equal", "strategies-rules", "strategies-trust")
+REGRET = "regret"
 _NAMES = {PAPER: "in the mean, by threshold", FIXED: "each"}
 
 
@@ -128,6 +133,51 @@ def benches(data_sets: int, seed: int, folder: Path | None) -> Iterator[Bench]:
             yield recorded_bench(folder / name, *cells)
 
 
+def regrets(summary: Mapping[str, Any]) -> str:
+    """What strategies cost more than need be: how it is told, and a table for each case and cost of taps."""
+    return "\n\n".join([" ".join(summary["rules"]), *(_prices(case, summary["kinds"]) for case in summary["cases"])])
+
+
+def _prices(case: Mapping[str, Any], kinds: Sequence[str]) -> str:
+    """A case in a sentence, and its table; the cheapest is bold."""
+    lines = []
+    for name in case["strategies"]:
+        own = [price for price in case["prices"] if price["strategy"] == name]
+        lines.append([name, *(f"**{price['shown']}**" if price["best"] else price["shown"] for price in own)])
+    return f"*{case['described']}.* {case['said']} {case['caption']}:\n\n{table(['strategy', *kinds], lines)}"
+
+
+def played(options: argparse.Namespace) -> dict[str, Any]:
+    """The summary of a comparison that is made now."""
+    settings = StrategySettings(trials=options.trials, seed=options.seed)
+    lost = RegretSettings(seed=options.seed)
+    with bars() as progress:
+        found = [
+            strategy_study(b, settings, progress) for b in benches(options.data_sets, options.seed, options.recorded)
+        ]
+        above = summarise_regret(regret_study(lost, progress), lost)
+    return summarise(found, settings, {"title": "Strategies", "command": "benchmarks/strategies.py"}, above)
+
+
+def compared(sources: Sequence[Mapping[str, Any]]) -> dict[str, str]:
+    """What stands in the page of the data that were compared, by block."""
+    paper = _shown_source(sources)
+    texts = (told(sources), shown(paper), equal(sources), rules(paper), trusted(sources))
+    return dict(zip(BLOCKS, texts, strict=True))
+
+
+def publish_figures(sources: Sequence[Mapping[str, Any]], document: Path) -> None:
+    """The figures of the data that were compared."""
+    paper = _shown_source(sources)
+    for name in ("curves", "equal_taps", "stopping", "trajectories"):
+        publish(getattr(figure_strategies, name)(paper), document, f"strategies-{name.replace('_', '-')}")
+    publish(trust([source for source in sources if source["simulated"]] or sources), document, "strategies-trust")
+
+
+def _shown_source(sources: Sequence[Mapping[str, Any]]) -> Mapping[str, Any]:
+    return next((source for source in sources if source["name"] == SHOWN), sources[0])
+
+
 def main() -> None:
     """Runs the study as the command line says."""
     parser = argparse.ArgumentParser(description=__doc__)
@@ -138,36 +188,24 @@ def main() -> None:
     parser.add_argument("--summary", type=Path, nargs="+", help="strategies.json of finished comparisons")
     parser.add_argument("--document", type=Path, help="a page whose tables are replaced")
     options = parser.parse_args()
-    for name in BLOCKS:
+    for name in (*BLOCKS, REGRET):
         check_block(options.document, name)
     if options.summary:
-        sources = [one for path in options.summary for one in json.loads(path.read_text("utf-8"))["sources"]]
+        summaries = [json.loads(path.read_text("utf-8")) for path in options.summary]
     else:
-        settings = StrategySettings(trials=options.trials, seed=options.seed)
-        with bars() as progress:
-            found = [
-                strategy_study(b, settings, progress)
-                for b in benches(options.data_sets, options.seed, options.recorded)
-            ]
-        summary = summarise(found, settings, {"title": "Strategies", "command": "benchmarks/strategies.py"})
-        write_json("strategies", summary)
-        sources = summary["sources"]
-    paper = next((source for source in sources if source["name"] == SHOWN), sources[0])
-    texts = (told(sources), shown(paper), equal(sources), rules(paper), trusted(sources))
-    for name, text in zip(BLOCKS, texts, strict=True):
+        summaries = [played(options)]
+        write_json("strategies", summaries[0])
+    sources = [source for one in summaries for source in one["sources"]]
+    lost = next((one["regret"] for one in summaries if one.get("regret")), None)
+    texts = (compared(sources) if sources else {}) | ({REGRET: regrets(lost)} if lost else {})
+    for name, text in texts.items():
         print(text, end="\n\n")
         if options.document is not None:
             write_block(options.document, name, text)
-    if options.document is not None:
-        publish(figure_strategies.curves(paper), options.document, "strategies-curves")
-        publish(figure_strategies.equal_taps(paper), options.document, "strategies-equal-taps")
-        publish(figure_strategies.stopping(paper), options.document, "strategies-stopping")
-        publish(figure_strategies.trajectories(paper), options.document, "strategies-trajectories")
-        publish(
-            trust([source for source in sources if source["simulated"]] or sources),
-            options.document,
-            "strategies-trust",
-        )
+    if options.document is not None and sources:
+        publish_figures(sources, options.document)
+    if options.document is not None and lost:
+        publish(regret(lost), options.document, "strategies-regret")
 
 
 if __name__ == "__main__":

@@ -120,15 +120,12 @@ def tune(
         from ..models.novelty import with_scores
         from ..models.power import check_saturation, parse_power
         from ..models.setting import Setting
-        from ..models.storage import check_netcdf_name, check_writable
+        from ..models.storage import check_netcdf_name
     from .progress import bars
 
-    check_writable(out, force)
     if model_file is not None:
         check_netcdf_name(model_file)
-        check_writable(model_file, force)
-    if targets is not None:
-        check_writable(targets, force)
+    _check_files({"--out": out, "--model-file": model_file, "--targets": targets}, state, force)
     price = Price(cost_error, wrong, target_error)
     check_saturation(float("inf") if saturation is None else saturation)
     fitting = {"bins": bins, "pseudocount": pseudocount, "value_range": value_range, "saturation": saturation}
@@ -171,6 +168,19 @@ def tune(
         print(f"The model of all training taps is {model_file}")
     best.save(out, force)
     print(f"The setting is {out}")
+
+
+def _check_files(files: "dict[str, Path | None]", state: Path | None, force: bool) -> None:
+    """Refuses files that cannot be written, or two that are one; what a learner knows may be there already."""
+    from ..models.storage import check_writable
+
+    for path in files.values():
+        if path is not None:
+            check_writable(path, force)
+    seen: dict[Path, str] = {}
+    for name, path in {**files, "--state": state}.items():
+        if path is not None and (other := seen.setdefault(path.resolve(), name)) != name:
+            raise InputError(f"{other} and {name} are the same file, {path}.")
 
 
 def _check_words(context: Context, online: int | None, rig: str | None, target_error: float | None) -> None:

@@ -81,6 +81,8 @@ def learned(
 
     def hear(learner: "Learner", _: int) -> None:
         heard[0] = learner
+        if course.rig is not None and course.state is not None:
+            save_learner(learner, course.state, force=True)
         bar(1)
 
     options: dict[str, Any] = {"wrong": price.wrong, "theta_x": setting.theta_x, "deadline": setting.deadline}

@@ -118,7 +118,8 @@ def solved(problem: RiskProblem, depth: int, leaf: Leaf) -> ExactRule:
     if depth == 1:
         first = leaf(joint_after_taps(problem.channel, problem.prior[np.newaxis]))
         return ExactRule(problem, problem.tap_cost + float(first.sum()), [], [])
-    belief, root = merged(after[0])
+    possible = probability[0] > 0
+    belief, root = merged(after[0, possible])
     levels = [_level(problem, belief)]
     while len(levels) < depth - 1:
         last = levels[-1]
@@ -130,7 +131,7 @@ def solved(problem: RiskProblem, depth: int, leaf: Leaf) -> ExactRule:
         further = _leaves(problem, level, leaf) if not choices else _mean(level, choices[-1].value)
         choices.append(_choice(problem, level, further))
     choices.reverse()
-    value = problem.tap_cost + float(probability[0] @ choices[0].value[root])
+    value = problem.tap_cost + float(probability[0, possible] @ choices[0].value[root])
     return ExactRule(problem, value, [level.belief for level in levels], choices)
 
 

@@ -5,7 +5,7 @@ nor training taps on line. `table_learning` makes such tables.
 """
 
 from pathlib import Path
-from typing import Literal, NamedTuple, Self
+from typing import Annotated, Literal, NamedTuple, Self
 
 import msgspec
 import numpy as np
@@ -87,10 +87,10 @@ class _File(msgspec.Struct, forbid_unknown_fields=True):
     """What such a file holds."""
 
     solidtouch: Literal["table of targets"]
-    target: list[int]
+    target: list[Annotated[int, msgspec.Meta(ge=0, lt=1 << 31)]]
     loss: list[list[float | None]]
     error: list[list[float | None]]
-    trials: list[list[int]]
+    trials: list[list[Annotated[int, msgspec.Meta(ge=0, lt=1 << 62)]]]
     where_value: list[float]
     kind: Loss
     taps: int

@@ -54,7 +54,7 @@ def tap_outcomes(log_likelihood: ArrayLike) -> TapOutcomes:
     if not (largest < np.inf).all():
         raise InputError("A log-likelihood of the pool is NaN or +inf.")
     possible = largest > -np.inf
-    given = np.ascontiguousarray(np.moveaxis(log_likelihood, 0, -1))
+    given = np.array(np.moveaxis(log_likelihood, 0, -1), order="C")
     given -= np.where(possible, largest, 0.0)[..., np.newaxis]
     np.exp(given, out=given)
     given /= np.where(possible, given.sum(axis=-1), 1.0)[..., np.newaxis]

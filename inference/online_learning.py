@@ -22,10 +22,12 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import product
 from pathlib import Path
-from typing import Any, Literal, Self, get_args
+from typing import Annotated, Any, Literal, Self, get_args
 
+import msgspec
 import numpy as np
 from numpy.typing import NDArray
+from scipy.stats import norm, t
 
 from ..models.errors import InputError
 from ..models.json_object import read_object
@@ -184,7 +186,7 @@ def learn(
 
 
 def beliefs(learner: Learner) -> tuple[Floats, Floats]:
-    """Posterior mean and standard deviation of the cost of each arm, each of shape (A,).
+    """Posterior mean and standard deviation of the mean cost of each arm, each of shape (A,).
 
     Raises:
         InputError: It has been told of less than two episodes.
@@ -194,8 +196,28 @@ def beliefs(learner: Learner) -> tuple[Floats, Floats]:
     if learner.method == "gp":
         mean, covariance = _process(learner)
         return mean, np.sqrt(np.maximum(np.diag(covariance), 0.0))
-    mean, scale, _ = _posterior(learner)
-    return mean, scale
+    mean, scale, freedom = _posterior(learner)
+    return mean, scale * np.sqrt(freedom / (freedom - 2.0))
+
+
+def interval(learner: Learner, arm: int, level: float) -> tuple[float, float]:
+    """Ends of a credible interval of an arm's mean cost: of the normal posterior of `gp`, of Student's of `thompson`.
+
+    Args:
+        learner: What is known.
+        arm: Which.
+        level: Such as 0.95.
+
+    Raises:
+        InputError: As `beliefs`.
+    """
+    mean, scale = beliefs(learner)
+    quantile = norm.ppf((1 + level) / 2)
+    if learner.method == "thompson":
+        _, scale, freedom = _posterior(learner)
+        quantile = t.ppf((1 + level) / 2, freedom[arm])
+    half = float(quantile * scale[arm])
+    return float(mean[arm]) - half, float(mean[arm]) + half
 
 
 def recommended(learner: Learner) -> int:
@@ -238,20 +260,40 @@ def load_learner(path: str | Path) -> Learner:
     if values.get("format") != FORMAT:
         raise InputError(f"{path} is no learner: its key format is not {FORMAT}.")
     try:
-        learner = Learner(
-            method=values["method"],
-            seed=int(values["seed"]),
-            smoothness=None if values["smoothness"] is None else Smoothness(**values["smoothness"]),
-            **{name: np.array(values[name], dtype=kind) for name, kind in _COLUMNS.items()},
-            setup={str(name): str(value) for name, value in values["setup"].items()},
-        )
-    except KeyError as error:
-        raise InputError(f"{path} is no whole learner: its key {error.args[0]} is missing.") from error
-    except (AttributeError, TypeError, ValueError) as error:
+        file = msgspec.convert({name: value for name, value in values.items() if name != "format"}, _File)
+        smoothness = None if file.smoothness is None else Smoothness(**file.smoothness)
+    except (msgspec.ValidationError, TypeError) as error:
         raise InputError(f"{path} is no whole learner: {error}.") from error
-    if learner.method not in METHODS or len({getattr(learner, name).shape for name in _COLUMNS}) != 1:
-        raise InputError(f"{path} is no whole learner: its method or the length of a list is wrong.")
+    learner = Learner(
+        method=file.method,
+        seed=file.seed,
+        smoothness=smoothness,
+        **{name: np.array(getattr(file, name), dtype=kind) for name, kind in _COLUMNS.items()},
+        setup=file.setup,
+    )
+    shapes = {getattr(learner, name).shape for name in _COLUMNS}
+    finite = all(np.isfinite(column).all() for column in (learner.theta, learner.mean, learner.squares))
+    if len(shapes) != 1 or not finite or not len(learner.theta):
+        raise InputError(f"{path} is no whole learner: the length of a list is wrong, or a number is not finite.")
     return learner
+
+
+type _Count = Annotated[int, msgspec.Meta(ge=0, lt=1 << 53)]
+type _Positive = Annotated[float, msgspec.Meta(gt=1e-12, lt=1e12)]
+
+
+class _File(msgspec.Struct, forbid_unknown_fields=True):
+    """What such a file holds beside its format."""
+
+    method: Method
+    seed: _Count
+    fixation: list[_Count]
+    theta: list[float]
+    count: list[_Count]
+    mean: list[float]
+    squares: list[Annotated[float, msgspec.Meta(ge=0)]]
+    smoothness: dict[str, _Positive] | None
+    setup: dict[str, str]
 
 
 _COLUMNS: dict[str, Any] = {

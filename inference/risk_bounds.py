@@ -72,7 +72,7 @@ def known_place(problem: RiskProblem, taps: int, parts: int) -> KnownPlace:
 
 
 def known_place_bound(problem: RiskProblem, depth: int, parts: int = 40) -> float:
-    """Lower bound on the cost of any strategy: the place becomes known after `depth` taps; deeper is never lower.
+    """Lower bound on the cost of any strategy: the place becomes known after `depth` taps; deeper is higher as a rule.
 
     Raises:
         InputError: As `known_place`.

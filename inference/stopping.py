@@ -52,12 +52,22 @@ class StopRule(Protocol):
 
 
 def what_above(threshold: float) -> StopRule:
-    """The belief in an object exceeds theta_W; Eq. 7. A threshold of 1 or more never does."""
+    """The belief in an object exceeds theta_W; Eq. 7. A threshold of 1 or more never does.
+
+    Raises:
+        InputError: The threshold is no number.
+    """
+    _check_threshold(threshold)
     return lambda moment: _decide_where((moment.what.max(axis=-1) > threshold) & (threshold < 1))
 
 
 def where_above(threshold: float) -> StopRule:
-    """The belief in a place exceeds a threshold; Eq. 8 as a stopping rule."""
+    """The belief in a place exceeds a threshold; Eq. 8 as a stopping rule.
+
+    Raises:
+        InputError: The threshold is no number.
+    """
+    _check_threshold(threshold)
     return lambda moment: _decide_where((moment.where_belief > threshold) & (threshold < 1))
 
 
@@ -71,10 +81,10 @@ def after(taps: int) -> StopRule:
     """A fixed number of taps.
 
     Raises:
-        InputError: It is below one.
+        InputError: It is no whole number from one on.
     """
-    if taps < 1:
-        raise InputError(f"At least one tap is needed to decide, got {taps}.")
+    if not (taps >= 1 and float(taps).is_integer()):
+        raise InputError(f"At least one tap is needed to decide, and a whole number of them, got {taps}.")
     return lambda moment: _decide_where(moment.number >= taps)
 
 
@@ -147,8 +157,10 @@ def each_error(error: float, M: int) -> StopRule:
     By Ville's inequality P_w(wrong) <= (M - 1) (1 - theta) / theta, so theta_W = (M - 1) / (M - 1 + error).
 
     Raises:
-        InputError: The error is no share.
+        InputError: The error is no share, or there is no object.
     """
+    if M < 1:
+        raise InputError(f"There must be an object to be wrong about, got {M}.")
     return what_above((M - 1) / (M - 1 + _share(error)))
 
 
@@ -158,7 +170,7 @@ def lookahead(cost: float) -> StopRule:
     Raises:
         InputError: The cost is not above 0, or when called where nobody has computed the gain.
     """
-    if not cost > 0:
+    if not 0 < cost < np.inf:
         raise InputError(f"A tap must cost something, got {cost}.")
 
     def rule(moment: Moment) -> NDArray[np.int8]:
@@ -175,10 +187,10 @@ def or_give_up(rule: StopRule, taps: int, belief: float = 0.0) -> StopRule:
     With `belief` 0 everything is decided then; with 1 nothing is.
 
     Raises:
-        InputError: The number of taps is below one.
+        InputError: The number of taps is below one, or the belief is none.
     """
-    if taps < 1:
-        raise InputError(f"At least one tap is needed to give up, got {taps}.")
+    if not (taps >= 1 and 0 <= belief <= 1):
+        raise InputError(f"To give up takes a tap or more and a belief from 0 to 1, got {taps} and {belief}.")
 
     def either(moment: Moment) -> NDArray[np.int8]:
         late = np.where(moment.what.max(axis=-1) > belief, DECIDE, GIVE_UP)
@@ -190,6 +202,11 @@ def or_give_up(rule: StopRule, taps: int, belief: float = 0.0) -> StopRule:
 
 def _decide_where(stop: NDArray[np.bool_]) -> NDArray[np.int8]:
     return np.where(stop, DECIDE, GO_ON).astype(np.int8)
+
+
+def _check_threshold(threshold: float) -> None:
+    if np.isnan(threshold):
+        raise InputError("A threshold on a belief must be a number, got NaN.")
 
 
 def _share(error: float) -> float:

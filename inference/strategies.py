@@ -33,6 +33,7 @@ FORMS = (
 _INFORMATION = re.compile(r"info-(what|where|joint)(?:-per-(mm|s))?")
 _WITH_NUMBER = ("fixation", "step", "two-taps")
 _REACH = 1
+_LARGEST = 1000  # number in a name
 
 
 class Strategy(NamedTuple):
@@ -138,6 +139,6 @@ def _number(name: str, kind: str, text: str) -> float:
         number = -1.0
     if kind == "fixation" and not 0 <= number <= 1:
         raise InputError(f"The theta_X of a strategy must lie between 0 and 1, got {name!r}.")
-    if kind != "fixation" and number < 1:
-        raise InputError(f"The number of a strategy must be a whole number from 1 on, got {name!r}.")
+    if kind != "fixation" and not 1 <= number <= _LARGEST:
+        raise InputError(f"The number of a strategy must be a whole number from 1 to {_LARGEST}, got {name!r}.")
     return number

@@ -22,6 +22,7 @@ from .reference import Border
 from .trial_plan import plan_trials
 
 TRIALS = 4000
+_DEAREST = 1e9  # taps for an error of 1
 
 
 class ThresholdChoice(NamedTuple):
@@ -132,8 +133,8 @@ def check_cost(cost_error: float) -> float:
     """The price of an error in taps, if it is one.
 
     Raises:
-        InputError: It is negative or no number.
+        InputError: It is negative, no number, or so large that taps no longer count.
     """
-    if not 0 <= cost_error < np.inf:
-        raise InputError(f"The cost of an error must be a number of taps, 0 or more, got {cost_error}.")
+    if not 0 <= cost_error <= _DEAREST:
+        raise InputError(f"The cost of an error must be a number of taps, 0 to {_DEAREST:g}, got {cost_error}.")
     return float(cost_error)

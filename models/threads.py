@@ -5,6 +5,7 @@ from collections import deque
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import contextmanager
+from threading import Event
 
 from .errors import InputError
 
@@ -22,8 +23,14 @@ def cores(workers: int | None) -> int:
     return workers
 
 
-def in_order[T](tasks: Iterable[Callable[[], T]], workers: int) -> Iterator[T]:
-    """The results of tasks in their order, a few of them in progress at a time."""
+def in_order[T](tasks: Iterable[Callable[[], T]], workers: int, unwanted: Event | None = None) -> Iterator[T]:
+    """The results of tasks in their order, a few of them in progress at a time.
+
+    Args:
+        tasks: What to do.
+        workers: How many threads.
+        unwanted: Set when no more results are wanted, as after Ctrl-C; long tasks look at it, as they are waited for.
+    """
     if workers == 1:
         yield from (task() for task in tasks)
         return
@@ -37,6 +44,8 @@ def in_order[T](tasks: Iterable[Callable[[], T]], workers: int) -> Iterator[T]:
             while waiting:
                 yield waiting.popleft().result()
         finally:
+            if unwanted is not None:
+                unwanted.set()
             for future in waiting:
                 future.cancel()
 

@@ -1,6 +1,7 @@
 """The page of strategies has the places that its benchmark fills, and the benchmark's tables hold what was measured."""
 
 import importlib
+import json
 import sys
 from pathlib import Path
 
@@ -24,7 +25,7 @@ def benchmark():
 def test_every_block_has_its_place(benchmark):
     """So that minutes of trials are not for nothing."""
     page = ROOT / "docs" / "strategies.md"
-    for name in (*benchmark.BLOCKS, "regret"):
+    for name in (*benchmark.BLOCKS, benchmark.REGRET):
         benchmark.check_block(page, name)
     with pytest.raises(ValueError, match="no lines <!-- begin nothing -->"):
         benchmark.check_block(page, "nothing")
@@ -48,3 +49,46 @@ def test_sure_differences_are_bold_and_unknown_ones_a_dash(benchmark):
     lines = benchmark.equal(sources).split("\n\n")[0].splitlines()
     assert lines[2] == "| random | **0.500 [0.300, 0.700]** | 0.500 [0.300, 0.700] | - |"
     assert lines[3] == "| null decisions, all | 12.5 % | 12.5 % | 12.5 % |"
+
+
+def test_regrets_are_told_as_on_the_page(benchmark):
+    """A case in a sentence, then a row for each strategy; the cheapest is bold."""
+    case = {
+        "described": "3 places",
+        "said": "The exact rule costs 1 mm.",
+        "caption": "Cost above it",
+        "strategies": ["passive", "risk"],
+        "prices": [
+            {"strategy": "passive", "best": False, "shown": "0.2500 (0.9)"},
+            {"strategy": "risk", "best": True, "shown": "0.100 [0.070, 0.130]"},
+        ],
+    }
+    text = benchmark.regrets({"rules": ["One.", "Two."], "kinds": ["best theta"], "cases": [case]})
+    assert text.splitlines() == [
+        "One. Two.",
+        "",
+        "*3 places.* The exact rule costs 1 mm. Cost above it:",
+        "",
+        "| strategy | best theta |",
+        "| --- | --- |",
+        "| passive | 0.2500 (0.9) |",
+        "| risk | **0.100 [0.070, 0.130]** |",
+    ]
+
+
+def test_only_what_summaries_have_is_written(benchmark, tmp_path, monkeypatch, capsys):
+    """A summary of regret alone changes nothing of the other blocks."""
+    blocks = "\n".join(
+        f"<!-- begin {name} -->\nold\n<!-- end {name} -->" for name in (*benchmark.BLOCKS, benchmark.REGRET)
+    )
+    page, numbers = tmp_path / "page.md", tmp_path / "strategies.json"
+    page.write_text(blocks)
+    numbers.write_text(json.dumps({"sources": [], "regret": {"rules": ["New."], "kinds": [], "cases": []}}))
+    drawn = []
+    monkeypatch.setattr(benchmark, "regret", lambda summary: summary)
+    monkeypatch.setattr(benchmark, "publish", lambda *words: drawn.append(words[-1]))
+    monkeypatch.setattr(sys, "argv", ["strategies.py", "--summary", str(numbers), "--document", str(page)])
+    benchmark.main()
+    assert page.read_text().count("old") == len(benchmark.BLOCKS)
+    assert "<!-- begin regret -->\nNew." in page.read_text()
+    assert drawn == ["strategies-regret"]

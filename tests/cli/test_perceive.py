@@ -210,7 +210,7 @@ def test_the_picture_is_kept(command, folder, tmp_path):
         (["--give-up", "soon"], "--give-up: Giving up is after so many taps"),
         (["--give-up", "9", "--deadline", "8"], "--give-up 9 comes after the deadline of 8 taps"),
         (["--move", "lazy"], "--move: There is no control strategy 'lazy'"),
-        (["--move", "step:0"], "--move: The number of a strategy must be a whole number from 1 on, got 'step:0'"),
+        (["--move", "step:0"], "--move: The number of a strategy must be a whole number from 1 to 1000, got 'step:0'"),
         (["--move", "info-what"], "--move info-what needs --training with the taps that trained the model"),
         (["--move", "table"], "--move table needs --targets with a learned table"),
         (["--move", "random", "--training", "taps.nc"], "--training goes with a --move that looks ahead"),

@@ -4,6 +4,7 @@ import json
 
 import pytest
 import typer
+from solidtouch.analysis import regret, regret_cases
 from solidtouch.cli.strategies import strategies
 from solidtouch.models.errors import InputError
 from typer.testing import CliRunner
@@ -28,6 +29,7 @@ def test_a_recording_gives_a_folder_with_the_page(call, make_taps, tmp_path):
     summary = json.loads((out / "strategies.json").read_text())
     assert [source["name"] for source in summary["sources"]] == ["taps"]
     assert summary["trials"] == 50
+    assert summary["regret"] is None
     assert "<h2" in (out / "report.html").read_text()
 
 
@@ -44,6 +46,7 @@ def test_a_folder_is_not_replaced_without_force(call, tmp_path):
     ("words", "message"),
     [
         (("--presets", "none"), "--presets none needs a file"),
+        (("--presets", "none", "--no-regret"), "or --regret"),
         (("--presets", "paper,paper"), "names one twice"),
         (("--presets", "papr"), "There is no preset 'papr'"),
         (("nothing.nc", "--presets", "none"), "nothing.nc"),
@@ -57,13 +60,32 @@ def test_what_cannot_be_compared_is_refused_in_a_sentence(call, tmp_path, words,
     assert not (tmp_path / "out").exists()
 
 
+def test_regret_can_be_had_alone(call, tmp_path, monkeypatch):
+    """Here of cases of two taps: page, numbers, a figure, and findings in the terminal."""
+    tiny = regret_cases.Case("5mm", range(3), (1, 3), 1, 4, 2)
+    fewer = {"SMALL": (tiny,), "LARGE": tiny._replace(exact=False), "QUICK_TRIALS": 20, "_GRID_STEPS": 5}
+    for name, value in fewer.items():
+        monkeypatch.setattr(regret, name, value)
+    monkeypatch.setattr(regret_cases, "DRAWN", 100)
+    out = tmp_path / "out"
+    result = call("--presets", "none", "--regret", "--quick", "--seed", 3, "--out", out)
+    assert result.exit_code == 0, result.output
+    assert "Regret where only a bound is known" in " ".join(result.output.split())
+    summary = json.loads((out / "strategies.json").read_text())
+    assert (summary["sources"], summary["regret"]["trials"], summary["regret"]["seed"]) == ([], 20, 3)
+    assert {path.name for path in out.iterdir()} == {"regret.png", "regret.svg", "report.html", "strategies.json"}
+    assert 'id="regret"' in (out / "report.html").read_text()
+
+
 @pytest.mark.slow
 def test_a_quick_look_at_simulated_data(call, tmp_path):
     """Three data sets of two presets, all strategies."""
     out = tmp_path / "out"
     result = call("--quick", "--presets", "nodrift,model", "--out", out)
     assert result.exit_code == 0, result.output
-    first, second = json.loads((out / "strategies.json").read_text())["sources"]
+    summary = json.loads((out / "strategies.json").read_text())
+    assert summary["regret"]["trials"] == regret.QUICK_TRIALS
+    first, second = summary["sources"]
     assert first["simulated"]
     assert len(first["strategies"]) == 12
     assert second["border"] == "clamp"

@@ -184,7 +184,7 @@ def test_what_was_learned_is_kept_when_it_is_interrupted(make_taps, recorded, tm
 @pytest.mark.parametrize(
     ("words", "said"),
     [
-        (("--cost-error", -1), "cost of an error must be a number of taps, 0 or more"),
+        (("--cost-error", -1), "cost of an error must be a number of taps, 0 to 1e+09"),
         (("--target-error", 2), "wanted error must lie between 0 and 1"),
         (("--theta", 1.5), "threshold must be a number from 0 to 1"),
         (("--rig", "simulated"), "--rig goes with --online only"),
@@ -196,6 +196,7 @@ def test_what_was_learned_is_kept_when_it_is_interrupted(make_taps, recorded, tm
         (("--target-error", 0.1, "--cost-error", 9), "does not go with --cost-error"),
         (("--target-error", 0.1), "at least 5 training sessions, got 2"),
         (("--object", "rod"), "--object goes with --rig only"),
+        (("--cost-error", 1e300), "cost of an error must be a number of taps"),
         (("--split", "leave-one-session-out"), "has no one training part"),
         (("--thresholds", "0.5,x"), "--thresholds needs numbers"),
         (("--online", 9, "--thresholds", "0.5,1"), "must lie between 0 and 1"),
@@ -252,3 +253,12 @@ def test_a_setting_is_not_replaced_without_force(call, recorded, tmp_path):
     result = call(recorded, "--out", tmp_path / "setting.json")
     assert "--force" in str(result.exception)
     assert (tmp_path / "setting.json").read_text() == "mine"
+
+
+def test_files_that_are_one_are_refused(call, recorded, tmp_path):
+    """Before the setting could replace what was learned."""
+    same = tmp_path / "same.json"
+    for words in (("--online", 5, "--state", same), ("--targets", tmp_path / "." / "same.json")):
+        result = call(recorded, "--out", same, *COMMON, *words)
+        assert "are the same file" in str(result.exception)
+        assert not same.exists()

@@ -9,6 +9,7 @@ from solidtouch.inference.bayes_risk import exact_rule, solved
 from solidtouch.inference.control import fixation, passive, random_place, random_step
 from solidtouch.inference.exact_cost import Acts, course, expected_cost, sampled_costs
 from solidtouch.inference.expected_gain import gain_watch, risk_mover
+from solidtouch.inference.risk_bounds import alpha_cost_bound, known_place_bound, qmdp
 from solidtouch.inference.risk_problem import merged, risk_problem
 from solidtouch.models.errors import InputError
 
@@ -55,6 +56,22 @@ def test_the_exact_rule_costs_what_trying_everything_finds(rng, taps):
     problem = problem._replace(channel=channel / channel.sum(axis=-1, keepdims=True))
 
     assert exact_rule(problem).value == pytest.approx(brute_tap(problem, problem.prior, taps), abs=1e-12)
+
+
+@pytest.mark.parametrize("taps", [1, 2, 3])
+def test_symbols_that_never_come_change_nothing(rng, taps):
+    """Neither one that no class gives nor one of a class that cannot be."""
+    prior = np.array([[0.3, 0.2], [0.5, 0.0], [0.0, 0.0]])
+    problem = problem_of(rng, taps, prior=prior)
+    wider = np.concatenate([problem.channel, np.zeros((L, M, 2))], axis=2)
+    wider[1, 1] = np.eye(wider.shape[2])[-1]
+    wide = problem._replace(channel=wider)
+
+    assert exact_rule(wide).value == pytest.approx(brute_tap(wide, prior, taps), abs=1e-12)
+    assert expected_cost(wide, exact_rule(wide)).total == pytest.approx(exact_rule(wide).value, abs=1e-12)
+    for depth in range(1, taps + 1):
+        assert known_place_bound(wide, depth) <= exact_rule(wide).value + 1e-12
+        assert alpha_cost_bound(wide, qmdp(wide), depth) <= exact_rule(wide).value + 1e-12
 
 
 def test_other_sizes_are_solved_alike(rng):

@@ -208,3 +208,12 @@ def test_chunks_change_nothing(pool, rng, monkeypatch, about, chunk):
 def test_what_makes_no_sense_is_refused(pool, call, message):
     with pytest.raises(InputError, match=message):
         call(tap_outcomes(pool))
+
+
+@pytest.mark.parametrize("shape", [(1, 2, 3), (4, 1, 1), (5, 3, 2)])
+def test_the_likelihoods_stay_as_they_were(rng, shape):
+    """Also of a single tap or class, whose axes are in order already."""
+    log_likelihood = rng.normal(size=shape)
+    before = log_likelihood.copy()
+    tap_outcomes(log_likelihood)
+    assert log_likelihood.tolist() == before.tolist()

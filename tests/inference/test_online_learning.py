@@ -24,6 +24,7 @@ from solidtouch.inference.online_learning import (
     Learner,
     beliefs,
     choose,
+    interval,
     learn,
     load_learner,
     recommended,
@@ -152,6 +153,29 @@ def test_a_lucky_arm_is_not_recommended():
     assert recommended(learner) == 1
 
 
+@pytest.mark.parametrize("episodes", [3, 12, 60])
+def test_intervals_of_arms_apart_are_those_of_students_posterior(rng, episodes):
+    """Against draws from it; where little was played they are wider than normal ones."""
+    learner = Learner.new("thompson", (0, 1), (0.9,))
+    for episode in range(episodes):
+        learner = told(learner, episode % 2, rng.normal(10.0, 2.0))
+    low, high = interval(learner, 0, 0.95)
+    mean, deviation = (values[0] for values in beliefs(learner))
+    freedom = 4.0 + learner.count[0]
+    drawn = mean + deviation * np.sqrt((freedom - 2) / freedom) * rng.standard_t(freedom, 400_000)
+
+    assert np.quantile(drawn, [0.025, 0.975]) == pytest.approx([low, high], abs=0.02 * deviation)
+    assert drawn.std() == pytest.approx(deviation, rel=0.02)
+
+
+def test_the_interval_of_a_process_is_normal():
+    learner = Learner.new("gp", FIXATIONS, THETA)
+    for episode in range(20):
+        learner = told(learner, episode % A, float(episode % 5))
+    mean, deviation = (values[2] for values in beliefs(learner))
+    assert interval(learner, 2, 0.95) == pytest.approx((mean - 1.959964 * deviation, mean + 1.959964 * deviation))
+
+
 def test_the_process_is_conditioned_on_every_cost(rng):
     """Means and numbers of costs say as much as the costs themselves, conditioned on one by one."""
     x = places([0, 0, 1, 1, 2], [0.5, 0.9, 0.5, 0.99, 0.9])
@@ -250,10 +274,22 @@ def test_bad_arguments_are_refused():
     ("change", "said"),
     [
         ({"format": 2}, "its key format is not 1"),
-        ({"method": "ucb"}, "its method or the length of a list is wrong"),
-        ({"count": [1]}, "its method or the length of a list is wrong"),
-        ({"mean": "none"}, "no whole learner"),
+        ({"method": "ucb"}, "no whole learner: .*ucb"),
+        ({"count": [1]}, "the length of a list is wrong"),
+        ({"count": [-1] * 12}, "no whole learner: .*count"),
+        ({"count": [1.5] * 12}, "no whole learner: .*count"),
+        ({"count": [10**30] * 12}, "no whole learner: .*count"),
+        ({"seed": 1e400}, "no whole learner: .*seed"),
+        ({"seed": -1}, "no whole learner: .*seed"),
+        ({"mean": "none"}, "no whole learner: .*mean"),
+        ({"mean": [float("nan")] * 12}, "a number is not finite"),
+        ({"squares": [float("inf")] * 12}, "a number is not finite"),
+        ({"squares": [-1.0] * 12}, "no whole learner: .*squares"),
+        ({"smoothness": "rough"}, "no whole learner: .*smoothness"),
         ({"smoothness": {"fixation": 1.0}}, "no whole learner"),
+        ({"smoothness": {"fixation": -1.0, "theta": 1.0, "size": 1.0, "noise": 1.0}}, "no whole learner"),
+        ({"smoothness": {"fixation": 1e300, "theta": 1.0, "size": 1.0, "noise": 1.0}}, "no whole learner"),
+        ({"setup": None}, "no whole learner: .*setup"),
     ],
 )
 def test_a_file_that_holds_no_learner_is_refused(tmp_path, change, said):

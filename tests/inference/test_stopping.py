@@ -265,8 +265,15 @@ def test_msprt_with_the_divergences_of_a_place_decides(played):
 @pytest.mark.parametrize(
     ("call", "message"),
     [
-        (lambda: after(0), "At least one tap is needed to decide, got 0"),
-        (lambda: or_give_up(after(1), 0), "At least one tap is needed to give up, got 0"),
+        (lambda: after(0), "At least one tap is needed to decide, .* got 0"),
+        (lambda: after(1.5), "a whole number of them, got 1.5"),
+        (lambda: after(float("nan")), "got nan"),
+        (lambda: or_give_up(after(1), 0), "To give up takes a tap or more .* got 0"),
+        (lambda: or_give_up(after(1), 2, float("nan")), "a belief from 0 to 1, got 2 and nan"),
+        (lambda: what_above(float("nan")), "must be a number, got NaN"),
+        (lambda: where_above(float("nan")), "must be a number, got NaN"),
+        (lambda: lookahead(float("inf")), "A tap must cost something"),
+        (lambda: each_error(0.1, 0), "must be an object to be wrong about, got 0"),
         (lambda: msprt([1.0, 0.0], 0.1), "divergences above 0"),
         (lambda: msprt([1.0, 1.0], 0.0), "finite costs"),
         (lambda: mean_error(0.0), "share between 0 and 1, got 0.0"),

@@ -91,9 +91,11 @@ def test_compiled_trials_know_the_paper_and_nothing_else():
         ("fixation:THETA_X", "theta_X of a strategy must lie between 0 and 1, got 'fixation:THETA_X'"),
         ("fixation:1.5", "between 0 and 1, got 'fixation:1.5'"),
         ("fixation:nan", "between 0 and 1"),
-        ("step:0", "whole number from 1 on, got 'step:0'"),
-        ("step:1.5", "whole number from 1 on, got 'step:1.5'"),
-        ("two-taps:", "whole number from 1 on"),
+        ("step:0", "whole number from 1 to 1000, got 'step:0'"),
+        ("step:1.5", "whole number from 1 to 1000, got 'step:1.5'"),
+        ("two-taps:", "whole number from 1 to 1000"),
+        ("two-taps:100000", "whole number from 1 to 1000"),
+        (f"step:{10**24}", "whole number from 1 to 1000"),
     ],
 )
 def test_unknown_names_are_refused(name, message):
