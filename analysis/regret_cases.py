@@ -19,11 +19,11 @@ from ..inference.control_table import TargetTable
 from ..inference.expected_gain import gain_watch, risk_mover
 from ..inference.risk_problem import RiskProblem, risk_problem
 from ..inference.stopping import StopRule, Watch, after, divergences, lookahead, msprt, what_above
+from ..inference.stopping_rules import error_loss
 from ..inference.strategies import make_policy
 from ..inference.table_learning import learn_table
 from ..inference.tap_symbols import TapSymbols, quantised
 from ..models.histogram import HistogramModel, fit
-from .strategies_curves import loss_matrix
 from .strategies_study import BASE, STRATEGIES
 
 SEED = 4
@@ -91,7 +91,7 @@ def problem_of(world: World, tap_cost: float) -> RiskProblem:
     grid = world.model.grid
     return risk_problem(
         world.symbols.channel,
-        loss_matrix(grid),
+        error_loss(grid),
         tap_cost=tap_cost,
         class_cost=WAY_COST * float(np.diff(grid.where_value).mean()),
         most_taps=world.case.taps,

@@ -19,7 +19,8 @@ NEAR = 0.05
 """Of the least cost, within which a strategy is named as near it."""
 RULES = (
     f"A millimetre of error costs 1, one of way {WAY_COST:g}, taps as said; the first tap is always made, and who "
-    "stops decides for the rod of least expected error. Taps are symbols of a right model; the border is clamp.",
+    "stops decides for the rod of least expected error; nobody gives up. Taps are symbols of a right model; the border "
+    "is clamp.",
     '"Best theta" and "best number" are the threshold and the number of taps, in brackets, that are cheapest for that '
     "strategy; lookahead and MSPRT are as they come. Where costs are drawn, half of the trials choose thresholds, "
     "numbers and the strategy in bold, and the other half price them, the same trials for all; errors are those "

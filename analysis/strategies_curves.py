@@ -27,6 +27,7 @@ from ..inference.stopping import (
     what_above,
     where_above,
 )
+from ..inference.stopping_rules import error_loss
 from ..models.classes import ClassGrid
 from ..models.model import TapModel
 from .open_effects import Interval, Means, interval, jackknife
@@ -67,7 +68,7 @@ def families(model: TapModel, at: int, deadline: int) -> tuple[Family, ...]:
         deadline: Of a trial.
     """
     theta = "theta"
-    loss = float(loss_matrix(model.grid).max(initial=0.0))
+    loss = float(error_loss(model.grid).max(initial=0.0))
     apart = np.maximum(divergences(model, at), _LEAST)
     half = deadline // 2
     return (
@@ -82,11 +83,6 @@ def families(model: TapModel, at: int, deadline: int) -> tuple[Family, ...]:
             f"what, at {half} taps give up", theta, THRESHOLDS, lambda level: or_give_up(what_above(level), half, 1.0)
         ),
     )
-
-
-def loss_matrix(grid: ClassGrid) -> NDArray[np.float64]:
-    """Error of each decision (row) for each object (column), shape (M, M)."""
-    return np.array([grid.what_error(np.full(grid.M, m), np.arange(grid.M)) for m in range(grid.M)])
 
 
 def decided_sums(record: Record, family: Family, grid: ClassGrid) -> NDArray[np.float64]:

@@ -7,6 +7,7 @@ import math
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
+from .report import number
 from .sensitivity_findings import listed
 from .study import SHOWN_THETA
 
@@ -27,13 +28,9 @@ def source_findings(source: Mapping[str, Any]) -> list[str]:
     for family, words in RULES.items():
         for quantity, word in (("what_error", "object"), ("where_error", "position")):
             found = (_sure(first["equal"][family], f"{quantity}_difference", sign) for sign in (-1, 1))
-            better, worse = map(_named, found)
-            said.append(
-                f"{words} the {word} error is surely smaller than with the fixation point under {better}, "
-                f"surely larger under {worse}."
-            )
+            said.append(f"{words} {_told(f'the {word} error', *map(_named, found))}.")
     ways = {name: _at_theta(first, name)["way"] for name in first["strategies"]}
-    far = listed([f"{name} {way:.3g}" for name, way in ways.items() if way])
+    far = listed([f"{name} {number(way)}" for name, way in ways.items() if way])
     return [*said, f"Way of a decision at threshold {SHOWN_THETA:g} in {source['where_unit']}: {far}."]
 
 
@@ -41,7 +38,7 @@ def findings(sources: Sequence[Mapping[str, Any]]) -> list[str]:
     """What holds across the data, in sentences; none where there are no data."""
     if not sources:
         return []
-    said = random_findings(sources)
+    said = [better_finding(sources), *random_findings(sources)]
     for name in INFORMED:
         gains = [
             f"{source['name']} at power {power['power']} {_words(row, 'gain')}"
@@ -52,6 +49,21 @@ def findings(sources: Sequence[Mapping[str, Any]]) -> list[str]:
         ]
         said.append(f"P(wrong object) of the fixation point less that of {name} after {LOOK} taps: {'; '.join(gains)}.")
     return said
+
+
+def better_finding(sources: Sequence[Mapping[str, Any]]) -> str:
+    """Whether anything surely errs less in the object than the fixation point, on any data."""
+    found = [
+        f"{name} on {source['name']}"
+        for source in sources
+        for name in dict.fromkeys(
+            name
+            for family in RULES
+            for name in _sure(source["powers"][0]["equal"][family], "what_error_difference", -1)
+        )
+    ]
+    what = "surely errs less in the object than the paper's fixation point at equal taps"
+    return f"{listed(found)}: this {what}." if found else f"No strategy {what}, on any of these data."
 
 
 def random_findings(sources: Sequence[Mapping[str, Any]]) -> list[str]:
@@ -89,8 +101,16 @@ def _sure(rows: Sequence[Mapping[str, Any]], key: str, sign: int) -> dict[str, l
 
 
 def _named(found: Mapping[str, Sequence[int]]) -> str:
-    words = [f"{name} ({', '.join(map(str, taps))} taps)" for name, taps in found.items()]
-    return listed(words) if words else "none"
+    return listed([f"{name} ({', '.join(map(str, taps))} taps)" for name, taps in found.items()])
+
+
+def _told(error: str, better: str, worse: str) -> str:
+    """How an error compares with that of the fixation point under strategies that surely differ."""
+    if not better and not worse:
+        return f"{error} surely differs from that with the fixation point under no strategy"
+    first, second = ("smaller", "larger") if better else ("larger", "smaller")
+    these, others = (better, worse or "no other") if better else (worse, "no other")
+    return f"{error} is surely {first} than with the fixation point under {these}, surely {second} under {others}"
 
 
 def _at_theta(power: Mapping[str, Any], strategy: str) -> Mapping[str, Any]:

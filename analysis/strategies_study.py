@@ -1,8 +1,10 @@
 """Strategies of moving under rules of stopping, all on the same trials and taps."""
 
 from collections.abc import Callable, Mapping, Sequence
+from concurrent.futures import CancelledError
 from dataclasses import dataclass
 from functools import partial
+from threading import Event
 from typing import NamedTuple
 
 import numpy as np
@@ -16,6 +18,7 @@ from ..inference.lockstep import Record, play
 from ..inference.recorded_stops import stops
 from ..inference.reference import Border
 from ..inference.stopping import Watch, what_above
+from ..inference.stopping_rules import error_loss
 from ..inference.strategies import make_policy, parse_strategy
 from ..inference.table_learning import learn_table
 from ..inference.trial_plan import plan_trials, tap_table
@@ -24,7 +27,7 @@ from ..models.threads import cores, in_order, one_blas_thread
 from .figure_style import short_unit
 from .open_effects import Means
 from .stages import Progress
-from .strategies_curves import Family, decided_sums, families, group_means, loss_matrix, nats
+from .strategies_curves import Family, decided_sums, families, group_means, nats
 from .strategies_data import Bench, Unit, pool_of
 from .study import SHOWN_THETA
 
@@ -120,9 +123,19 @@ def strategy_study(bench: Bench, settings: StrategySettings, progress: Progress)
     """
     names = [(power, playable(bench, settings.strategies, i == 0)) for i, power in enumerate(bench.powers)]
     advance = progress(bench.name, bench.folds * sum(len(chosen) for _, chosen in names))
-    tasks = [partial(_play_fold, bench, number, names, settings, advance) for number in range(bench.folds)]
+    unwanted = Event()
+
+    def go_on(_: int = 0) -> None:
+        if unwanted.is_set():
+            raise CancelledError
+
+    def done(number: int) -> None:
+        go_on()
+        advance(number)
+
+    tasks = [partial(_play_fold, bench, number, names, settings, done, go_on) for number in range(bench.folds)]
     with one_blas_thread():
-        folds = list(in_order(tasks, cores(settings.workers)))
+        folds = list(in_order(tasks, cores(settings.workers), unwanted))
     return StrategyStudy(bench, tuple(_joined([fold[i] for fold in folds]) for i in range(len(names))))
 
 
@@ -148,9 +161,10 @@ def _play_fold(
     names: Sequence[tuple[str, Sequence[str]]],
     settings: StrategySettings,
     advance: Callable[[int], None],
+    go_on: Callable[[int], None],
 ) -> list[Played]:
     unit = bench.load(number)
-    return [_play_power(bench, unit, number, power, chosen, settings, advance) for power, chosen in names]
+    return [_play_power(bench, unit, number, power, chosen, settings, advance, go_on) for power, chosen in names]
 
 
 def _play_power(
@@ -161,6 +175,7 @@ def _play_power(
     strategies: Sequence[str],
     settings: StrategySettings,
     advance: Callable[[int], None],
+    go_on: Callable[[int], None],
 ) -> Played:
     seed = settings.seed + number
     model = unit.model(power, bench.grid, seed)
@@ -171,7 +186,16 @@ def _play_power(
     means, told, paths = {}, {}, {}
     for name in strategies:
         policy = _policy(name, bench, unit, model, outcomes, seed)
-        record = play(table, plan, policy, border=bench.border, deadline=settings.deadline, seed=seed, watch=watch)
+        record = play(
+            table,
+            plan,
+            policy,
+            border=bench.border,
+            deadline=settings.deadline,
+            seed=seed,
+            watch=watch,
+            progress=go_on,
+        )
         for family in rules:
             means[name, family.name] = group_means(decided_sums(record, family, bench.grid), bench.groups)
         told[name] = group_means(nats(record), bench.groups)
@@ -194,7 +218,7 @@ def _policy(name: str, bench: Bench, unit: Unit, model: TapModel, outcomes: TapO
 
 def _watch(model: TapModel, outcomes: TapOutcomes, border: Border) -> Watch:
     """Records what the next tap is expected to tell of the object, and to save of the loss of the decision."""
-    gain = gain_watch(outcomes, loss_matrix(model.grid), border=border)
+    gain = gain_watch(outcomes, error_loss(model.grid), border=border)
 
     def watch(beliefs: NDArray[np.float64], moves: NDArray[np.int64]) -> Mapping[str, NDArray[np.float64]]:
         expected = information_of_moves(outcomes, beliefs, moves[:, np.newaxis], border, "what")[:, 0]

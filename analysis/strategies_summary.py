@@ -9,14 +9,21 @@ import numpy as np
 
 from ..inference.control import default_fixation
 from .figure_style import short_unit
-from .open_effects import Means, interval, jackknife
+from .open_effects import Interval, Means, interval, jackknife
 from .sensitivity_summary import as_factor, as_numbers
 from .strategies_curves import AT_TAPS, QUANTITIES, at_taps, curve, differences, quantities
 from .strategies_findings import FIXED, LOOK, PAPER, RULES, TAPS, findings, source_findings
 from .strategies_study import BASE, Played, StrategySettings, StrategyStudy
+from .strategies_words import RULE_WORDS, STRATEGY_WORDS
 from .study import SHOWN_THETA
 
 _GIVEN_UP, _WRONG = QUANTITIES.index("given_up"), QUANTITIES.index("wrong")
+_AMOUNT, _SHARE = (0.0, np.inf), (0.0, 1.0)
+_LIMITS = {
+    **dict.fromkeys(("what_error", "where_error", "taps", "way", "expected"), _AMOUNT),
+    **dict.fromkeys(("wrong", "given_up", "unstopped"), _SHARE),
+}
+_ALIKE = 1e-12  # width of an interval that rounding leaves
 _PACKAGES = ("solidtouch", "numpy", "scipy", "numba", "xarray", "matplotlib")
 
 
@@ -45,6 +52,8 @@ def summarise(
         "theta": SHOWN_THETA,
         "look": LOOK,
         "rules": rules(settings),
+        "strategy_words": STRATEGY_WORDS,
+        "rule_words": {name.replace(" N ", f" {settings.deadline // 2} "): text for name, text in RULE_WORDS.items()},
         "sources": sources,
         "regret": regret,
         "findings": [*findings(sources), *(regret["findings"] if regret else ())],
@@ -63,11 +72,16 @@ def rules(settings: StrategySettings) -> list[str]:
         "second.",
         f"Equal taps are mean numbers of taps along the curve of a stopping rule, between its levels by interpolation. "
         f'Differences are those to the strategy "{BASE}" on the same trials, below zero where it is beaten.',
-        "Intervals in brackets are 95 % each, t-intervals over units; sure is what holds for all strategies and "
-        "numbers of taps of a table together with 95 % (Bonferroni).",
+        "Intervals in brackets are 95 % each, t-intervals over units, cut where errors, ways and shares end; a number "
+        "without brackets has none, as its units are too few or all alike. A dash says that the curve does not come to "
+        "so many taps. Sure is what holds for all strategies and numbers of taps of a table together with 95 % "
+        "(Bonferroni); of many tables one may still be wrong.",
         f"Miscalibration is P(wrong object) over the mean of 1 - belief after {LOOK} taps, 1 where beliefs are right. "
-        "Expected is the information about the object that the model promises of the taps behind the first, as the "
-        "strategies compute it; told is by how much the log belief in the true object really grew, in nats.",
+        "Promised is the information about the object that strategies expect of the taps behind the first, as they "
+        "compute it; told is by how much the log belief in the true object really grew, in nats. Taps that are typical "
+        "of their class are frequent among training taps and count twice, so less is promised than told even where the "
+        "model is right, and least where objects differ most: what counts is the difference to the fixation point, and "
+        "how much larger it is than for a right model.",
     ]
 
 
@@ -104,10 +118,36 @@ def _power(played: Played, *, first: bool) -> dict[str, Any]:
             family.name: {name: _curve(played.means[name, family.name], family.levels) for name in strategies}
             for family in shown
         },
+        "shown": _shown(played) if first else [],
         "equal": {family: _equal(played, family, strategies) for family in RULES},
         "rules": _rules(played) if first else [],
         "trust": [_trust(played, name) for name in strategies],
     }
+
+
+def _shown(played: Played) -> list[dict[str, Any]]:
+    """Taps and way of each strategy at the shown threshold less those of the fixation point, paired."""
+    levels = next(family.levels for family in played.families if family.name == PAPER)
+    at = int(np.argmin(np.abs(np.array(levels) - SHOWN_THETA)))
+    base, rows = played.means[BASE, PAPER][:, at], []
+    for name in played.nats:
+        values, errors = jackknife(
+            [played.means[name, PAPER][:, at], base], lambda new, old: quantities(new) - quantities(old)
+        )
+        row: dict[str, Any] = {"strategy": name}
+        for quantity in ("taps", "way"):
+            i = QUANTITIES.index(quantity)
+            row |= _numbers(interval(values[i], errors[i], len(base), 1), f"{quantity}_difference")
+        rows.append(row)
+    return rows
+
+
+def _numbers(value: Interval, name: str) -> dict[str, float | None]:
+    """The numbers of an interval, cut where the quantity ends; no interval where all units are alike."""
+    low, high = _LIMITS.get(name, (-np.inf, np.inf))
+    if value.high - value.low <= _ALIKE:
+        value = Interval(value.value, *[np.nan] * 4)
+    return as_numbers(Interval(value.value, *(float(np.clip(end, low, high)) for end in value[1:])), name)
 
 
 def _curve(means: Means, levels: Sequence[float]) -> list[dict[str, float | None]]:
@@ -116,7 +156,7 @@ def _curve(means: Means, levels: Sequence[float]) -> list[dict[str, float | None
     for level, row in zip(levels, curve(means), strict=True):
         point: dict[str, float | None] = {"level": float(level)}
         for quantity, value in zip(QUANTITIES, row, strict=True):
-            numbers = as_numbers(value, quantity)
+            numbers = _numbers(value, quantity)
             point |= {f"{quantity}{end}": numbers[f"{quantity}{end}"] for end in ("", "_low", "_high")}
         rows.append(point)
     return rows
@@ -150,8 +190,8 @@ def _against(means: Means, base: Means, count: int) -> list[dict[str, Any]]:
     for i, taps in enumerate(TAPS):
         row: dict[str, Any] = {"taps": taps}
         for j, quantity in enumerate(AT_TAPS):
-            row |= as_numbers(interval(values[i, j], errors[i, j], len(means), 1), quantity)
-            row |= as_numbers(changes[i][j], f"{quantity}_difference")
+            row |= _numbers(interval(values[i, j], errors[i, j], len(means), 1), quantity)
+            row |= _numbers(changes[i][j], f"{quantity}_difference")
         rows.append(row)
     return rows
 
@@ -177,5 +217,5 @@ def _trust(played: Played, name: str) -> dict[str, Any]:
     names = ("factor", "base_factor", "factor_ratio", "gain", "expected", "told", "excess", "base_excess")
     for key, value, error in zip((*names, "excess_difference"), values, errors, strict=True):
         found = interval(value, error, n, 1)
-        row |= as_numbers(as_factor(found) if "factor" in key else found, key)
+        row |= _numbers(as_factor(found) if "factor" in key else found, key)
     return row

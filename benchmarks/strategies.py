@@ -17,8 +17,8 @@ from solidtouch.analysis.figure_strategies_trust import trust
 from solidtouch.analysis.regret import RegretSettings, regret_study
 from solidtouch.analysis.regret_summary import summarise_regret
 from solidtouch.analysis.report import factor, interval, number, percent
-from solidtouch.analysis.strategies_data import Bench, recorded_bench, simulated_bench
-from solidtouch.analysis.strategies_findings import FIXED, PAPER, TAPS, random_findings
+from solidtouch.analysis.strategies_data import RIGHT, Bench, recorded_bench, simulated_bench
+from solidtouch.analysis.strategies_findings import FIXED, PAPER, TAPS, better_finding, random_findings
 from solidtouch.analysis.strategies_study import BASE, StrategySettings, strategy_study
 from solidtouch.analysis.strategies_summary import summarise
 from solidtouch.analysis.study import SHOWN_THETA
@@ -37,19 +37,22 @@ _NAMES = {PAPER: "in the mean, by threshold", FIXED: "each"}
 def told(sources: Sequence[Mapping[str, Any]]) -> str:
     """What units are, and how random moves fare, as a list."""
     units = [f"{source['name']}: {source['units']}" for source in sources]
-    return "\n".join(f"- {sentence}" for sentence in (*units, *random_findings(sources)))
+    said = (*units, better_finding(sources), *random_findings(sources))
+    return "\n".join(f"- {sentence}" for sentence in said)
 
 
 def shown(source: Mapping[str, Any]) -> str:
     """What each strategy comes to at the shown threshold of the paper's rule."""
-    names = ("what_error", "where_error", "taps", "way")
-    lines = []
-    for strategy, points in source["powers"][0]["curves"][PAPER].items():
-        point = next(point for point in points if point["level"] == SHOWN_THETA)
+    names = ("what_error", "where_error", "taps", "taps_difference", "way")
+    first, lines = source["powers"][0], []
+    paired = {row["strategy"]: row for row in first["shown"]}
+    for strategy, points in first["curves"][PAPER].items():
+        point = next(point for point in points if point["level"] == SHOWN_THETA) | paired[strategy]
         shares = [percent(point[share]) for share in ("given_up", "unstopped")]
         lines.append([strategy, *(interval(point, name) for name in names), *shares])
     head = ["strategy", f"object error ({source['what_unit']})", f"position error ({source['where_unit']})", "taps"]
-    return table([*head, f"way ({source['where_unit']})", "null decisions", "at the deadline"], lines)
+    head += ["less fixation", f"way ({source['where_unit']})", "null decisions", "at the deadline"]
+    return table(head, lines)
 
 
 def equal(sources: Sequence[Mapping[str, Any]]) -> str:
@@ -99,8 +102,8 @@ def rules(source: Mapping[str, Any]) -> str:
         if row["what_error"] is not None
     ]
     unit = source["what_unit"]
-    head = ["rule", "mean taps", f"object error of the answers ({unit})", f"less the paper's rule ({unit})"]
-    return table([*head, "null decisions"], lines)
+    head = [f"rule, {source['name']}", "mean taps", f"object error of the answers ({unit})"]
+    return table([*head, f"less the paper's rule ({unit})", "null decisions"], lines)
 
 
 def trusted(sources: Sequence[Mapping[str, Any]]) -> str:
@@ -162,7 +165,9 @@ def played(options: argparse.Namespace) -> dict[str, Any]:
 def compared(sources: Sequence[Mapping[str, Any]]) -> dict[str, str]:
     """What stands in the page of the data that were compared, by block."""
     paper = _shown_source(sources)
-    texts = (told(sources), shown(paper), equal(sources), rules(paper), trusted(sources))
+    right = [source for source in sources if source["name"] == f"preset {RIGHT}"]
+    by_rule = "\n\n".join(rules(source) for source in (paper, *right))
+    texts = (told(sources), shown(paper), equal(sources), by_rule, trusted(sources))
     return dict(zip(BLOCKS, texts, strict=True))
 
 

@@ -14,7 +14,6 @@ from solidtouch.analysis.strategies_curves import (
     differences,
     families,
     group_means,
-    loss_matrix,
     nats,
     quantities,
     travelled,
@@ -25,6 +24,7 @@ from solidtouch.inference.information import information_of_moves, tap_outcomes
 from solidtouch.inference.lockstep import Record, play
 from solidtouch.inference.montecarlo import THRESHOLDS, run_trials
 from solidtouch.inference.stopping import or_give_up, what_above
+from solidtouch.inference.stopping_rules import error_loss
 from solidtouch.inference.trial_plan import plan_trials, tap_table
 from solidtouch.models.classes import ClassGrid
 
@@ -213,4 +213,4 @@ def test_where_the_model_is_right_taps_tell_what_is_expected_of_them(drawn):
 
 
 def test_losses_are_errors_of_objects():
-    np.testing.assert_array_equal(loss_matrix(GRID), [[0, 2, 6], [2, 0, 4], [6, 4, 0]])
+    np.testing.assert_array_equal(error_loss(GRID), [[0, 2, 6], [2, 0, 4], [6, 4, 0]])

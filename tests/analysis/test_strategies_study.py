@@ -186,18 +186,71 @@ def test_figures_show_every_strategy(summary):
     assert len(marks) == len(known)
 
 
+def test_interrupted_data_sets_do_not_go_on(bench):
+    """Not a strategy more is played by those that are under way."""
+    played = []
+
+    def progress(name, total):
+        def advance(number):
+            played.append(number)
+            raise KeyboardInterrupt
+
+        return advance
+
+    with pytest.raises(KeyboardInterrupt):
+        strategy_study(bench, replace(SETTINGS, workers=2), progress)
+    assert len(played) <= 2
+
+
 def test_what_is_sure_is_told(summary):
     """Of strategies and numbers of taps, by the intervals that hold together."""
     source = json.loads(json.dumps(summary["sources"][0]))
     for row in source["powers"][0]["equal"][FIXED]:
         for end, value in (("", 1.0), ("_low", 0.7), ("_high", 1.3), ("_least", 0.5), ("_most", 1.5)):
             row[f"what_error_difference{end}"] = value if row["strategy"] == "random" else 0.0
-    assert "surely larger under random (2, 3, 5, 10 taps)" in source_findings(source)[2]
+    after = (
+        "error is surely larger than with the fixation point under random (2, 3, 5, 10 taps), surely smaller under no"
+    )
+    assert after in source_findings(source)[2]
+    assert findings([source])[0].startswith("No strategy surely errs less")
     assert any("random moves err surely more at 2, 3, 5 and 10 taps" in said for said in findings([source]))
     for row in source["powers"][0]["equal"][FIXED]:
         row["what_error_difference_least"] = -0.1
-    assert "surely larger under none" in source_findings(source)[2]
+    assert "the object error surely differs from that with the fixation point under no" in source_findings(source)[2]
     assert any("more by their own interval at 2, 3, 5 and 10 taps" in said for said in findings([source]))
+    for row in source["powers"][0]["equal"][FIXED]:
+        row["what_error_difference_most"] = -0.1 if row["strategy"] in ("table", "info-what") else 0.1
+    names = [name for name in ("info-what", "table") if name in source["strategies"]]
+    assert findings([source])[0].startswith(" and ".join(f"{name} on {source['name']}" for name in names))
+
+
+def test_intervals_end_where_quantities_do_and_are_left_out_where_all_units_are_alike(summary):
+    """A share is none below 0; what has no spread is no certainty."""
+    for source in summary["sources"]:
+        for power in source["powers"]:
+            points = [point for curves in power["curves"].values() for of in curves.values() for point in of]
+            points += power["equal"][FIXED]
+            for point in points:
+                for name in ("what_error", "taps", "way", "wrong"):
+                    low, high = (point.get(f"{name}{end}") for end in ("_low", "_high"))
+                    assert (low is None) == (high is None)
+                    if low is not None:
+                        assert 0 <= low < high
+                        assert name != "wrong" or high <= 1
+
+
+def test_taps_and_way_at_the_shown_threshold_are_paired(summary):
+    """The difference is that of the means; its interval is not that of two independent ones."""
+    power = summary["sources"][0]["powers"][0]
+    at = {
+        name: next(point for point in points if point["level"] == summary["theta"])
+        for name, points in power["curves"][PAPER].items()
+    }
+    for row in power["shown"]:
+        for name in ("taps", "way"):
+            expected = at[row["strategy"]][name] - at[BASE][name]
+            assert row[f"{name}_difference"] == pytest.approx(expected, abs=1e-9)
+    assert any(row["taps_difference_low"] is not None for row in power["shown"])
 
 
 def test_data_that_allow_no_comparison_are_refused(make_taps, tmp_path):
