@@ -11,14 +11,14 @@ from ..models.classes import ClassGrid
 from ..models.digest import tap_digests
 from ..models.errors import InputError
 from ..models.importers import load_taps
+from ..models.joining import check_alike, numbered
 from ..models.splits import rank_in_class
-from ..models.taps import TapSet, check_compatible, concatenate
+from ..models.taps import TapSet, concatenate
 
 _HALVED = (
     "Taps that tune and taps that measure are the odd and the even ones of the same session, so what is tuned suits "
     "that session better than it would a new one."
 )
-_TABLES = ("where_value", "where_edges", "what_value", "taxel_position", "time")
 
 
 class AuditParts(NamedTuple):
@@ -78,19 +78,16 @@ def audit_parts(taps: Sequence[TapSet], names: Sequence[str], grid: ClassGrid) -
     if not taps:
         raise InputError("An audit needs a file of taps or several.")
     warnings = []
-    for other, name in zip(taps[1:], names[1:], strict=True):
-        check_compatible(taps[0], other, names[0], name)
-        if other.what_name != taps[0].what_name:
-            raise InputError(f"{name} has other objects than {names[0]}.")
-    numbered, session_names = _numbered(taps, names)
+    check_alike(taps, names)
+    parts, session_names = numbered(taps, names)
     if len(taps) == 1:
-        train, tune, measure, description, halved = _of_one(numbered[0], session_names, grid)
+        train, tune, measure, description, halved = _of_one(parts[0], session_names, grid)
     elif len(taps) == 2:
-        train, (tune, measure), halved = numbered[0], _halves(numbered[1], grid), True
+        train, (tune, measure), halved = parts[0], _halves(parts[1], grid), True
         description = f"{names[0]} trains; {names[1]}, halved by trial, tunes and measures."
         tune = (tune,)
     else:
-        train, tune, measure, halved = numbered[0], tuple(numbered[1:-1]), numbered[-1], False
+        train, tune, measure, halved = parts[0], tuple(parts[1:-1]), parts[-1], False
         description = f"{names[0]} trains, {_listed(names[1:-1])}, {names[-1]} measures."
     if halved:
         warnings.append(_HALVED)
@@ -101,31 +98,6 @@ def audit_parts(taps: Sequence[TapSet], names: Sequence[str], grid: ClassGrid) -
         if copies:
             warnings.append(f"{copies} of the {len(measure)} measuring taps stand among the {kind} taps too.")
     return AuditParts(train, tune, measure, session_names, description, tuple(warnings), halved)
-
-
-def _numbered(taps: Sequence[TapSet], names: Sequence[str]) -> tuple[list[TapSet], tuple[str, ...]]:
-    """The tap sets with session numbers that are theirs alone, and what these are called."""
-    parts, called = [], []
-    for part, name in zip(_with_one_table(taps), names, strict=True):
-        sessions, index = np.unique(part.session, return_inverse=True)
-        parts.append(TapSet(part.dataset.assign_coords(session=("tap", index + len(called)))))
-        called += [name] if len(sessions) == 1 and len(taps) > 1 else [f"{name} session {s}" for s in sessions]
-    return parts, tuple(called)
-
-
-def _with_one_table(taps: Sequence[TapSet]) -> list[TapSet]:
-    """The tap sets with the tables of the first, which give the classes, and without arrays that not all have."""
-    first = taps[0].dataset
-    tables = {name: first[name].variable for name in _TABLES if name in first.variables}
-    shared = set.intersection(*(set(part.dataset.data_vars) for part in taps))
-    return [
-        TapSet(
-            part.dataset.drop_vars([*_TABLES, *(set(part.dataset.data_vars) - shared)], errors="ignore").assign_coords(
-                tables
-            )
-        )
-        for part in taps
-    ]
 
 
 def _of_one(

@@ -17,10 +17,12 @@ _LABELS = "Labels"
 
 
 def convert(
-    source_file: Annotated[
-        Path,
+    sources: Annotated[
+        list[Path],
         typer.Argument(
-            metavar="IN", help=".npz, .csv, .mat, .nc, .mcap, or a folder of .csv files.", show_default=False
+            metavar="IN...",
+            help=".npz, .csv, .mat, .nc, .mcap, or a folder of .csv files; of several each is a session.",
+            show_default=False,
         ),
     ],
     target: Annotated[Path, typer.Argument(metavar="OUT", help="The .nc file to write.", show_default=False)],
@@ -70,11 +72,9 @@ def convert(
 ) -> None:
     """Imports recorded taps, or cuts recorded streams into taps, as one .nc file."""
     from ..models.errors import InputError
-    from ..models.importers import read_recording
-    from ..models.recording import naming
+    from ..models.joining import joined
     from ..models.relabel import relabel
     from ..models.storage import check_netcdf_name, check_writable
-    from ..models.taps import TapSet
 
     check_netcdf_name(target)
     check_writable(target, force)
@@ -90,16 +90,8 @@ def convert(
     given = [option for option, value in cutting.items() if value is not None]
     if given and not segment:
         raise InputError(f"{given[0]} prepares continuous streams and needs --segment.")
-    if source_file.suffix.lower() == ".nc" and not segment:
-        taps = TapSet.load(source_file)
-    elif source_file.suffix.lower() == ".mcap" and not segment:
-        taps = _recorded(source_file)
-    else:
-        recording = read_recording(source_file)
-        with naming(source_file):
-            taps = _segmented(recording, cutting, rate) if segment else recording.tapset()
-        for name in recording.left_out:
-            typer.echo(f"Left out, no row per tap: {name}.")
+    parts = [_taps(path, cutting if segment else None, rate) for path in sources]
+    taps = joined(parts, [str(path) for path in sources])
     labelled = relabel(
         taps,
         sensor=sensor,
@@ -113,6 +105,24 @@ def convert(
     labelled.save(target, force)
     n, j, k = labelled.taps.shape
     typer.echo(f"{target}: {n} taps of {j} samples from {k} taxels.")
+
+
+def _taps(path: Path, cutting: dict[str, Any] | None, rate_hz: float | None) -> "TapSet":
+    """The taps of a file, cut from its streams where it is said how; says what was left out."""
+    from ..models.importers import read_recording
+    from ..models.recording import naming
+    from ..models.taps import TapSet
+
+    if path.suffix.lower() == ".nc" and cutting is None:
+        return TapSet.load(path)
+    if path.suffix.lower() == ".mcap" and cutting is None:
+        return _recorded(path)
+    recording = read_recording(path)
+    with naming(path):
+        taps = recording.tapset() if cutting is None else _segmented(recording, cutting, rate_hz)
+    for name in recording.left_out:
+        typer.echo(f"Left out, no row per tap: {name}.")
+    return taps
 
 
 def _recorded(path: Path) -> "TapSet":

@@ -66,6 +66,8 @@ def strategies(
     regret = bool(names) if regret is None else regret
     if not names and not files and not regret:
         raise InputError("--presets none needs a file of recorded taps, or --regret.")
+    if "" in names:
+        raise InputError(f"--presets needs names between its commas, got {presets!r}.")
     if len(set(names)) < len(names):
         raise InputError(f"--presets names one twice: {presets}.")
     with loading():

@@ -66,6 +66,42 @@ def test_a_rate_given_goes_before_that_of_the_file(stream, tmp_path):
     assert TapSet.load(tmp_path / "taps.nc").preprocessing.rate_hz == 40.0
 
 
+def test_several_files_become_sessions_of_one(make_taps, tmp_path):
+    """As a set with these sessions; in their order, also where all call themselves session 0."""
+    whole = make_taps(sessions=3)
+    files = []
+    for session in range(3):
+        part = whole.select(whole.session == session)
+        files.append(tmp_path / f"{session}.nc")
+        TapSet(part.dataset.assign_coords(session=("tap", np.zeros(len(part), int)))).save(files[-1])
+    text = run("convert", *files, tmp_path / "all.nc", "--sensor", "tip")
+    taps = TapSet.load(tmp_path / "all.nc")
+
+    assert f"{len(whole)} taps of" in text
+    assert taps.taps.tolist() == np.concatenate([whole.taps[whole.session == s] for s in range(3)]).tolist()
+    assert taps.session.tolist() == sorted(whole.session.tolist())
+    assert taps.grid().where_value.tolist() == whole.grid().where_value.tolist()
+    assert taps.dataset.attrs["sensor"] == "tip"
+
+
+def test_files_of_other_places_have_the_places_of_all(make_taps, tmp_path):
+    whole = make_taps(sessions=2)
+    where, _ = whole.indices(whole.grid())
+    whole.select((whole.session == 0) & (where > 0)).save(tmp_path / "a.nc")
+    whole.select((whole.session == 1) & (where < 2)).save(tmp_path / "b.nc")
+    run("convert", tmp_path / "a.nc", tmp_path / "b.nc", tmp_path / "all.nc")
+
+    assert TapSet.load(tmp_path / "all.nc").grid().where_value.tolist() == whole.grid().where_value.tolist()
+
+
+def test_the_same_taps_twice_are_no_two_sessions(make_taps, tmp_path):
+    make_taps(sessions=1).save(tmp_path / "a.nc")
+    make_taps(sessions=2).save(tmp_path / "b.nc")
+    with pytest.raises(InputError, match=r"taps of .*b\.nc stand in .*a\.nc too"):
+        run("convert", tmp_path / "a.nc", tmp_path / "b.nc", tmp_path / "all.nc")
+    assert not (tmp_path / "all.nc").exists()
+
+
 def test_tap_sets_can_be_relabelled_in_place(make_taps, tmp_path):
     make_taps().save(tmp_path / "a.nc")
     run("convert", tmp_path / "a.nc", tmp_path / "a.nc", "--force", "--licence", "MIT")

@@ -96,7 +96,7 @@ def test_bad_arguments_are_refused(parts):
     """Each in a sentence."""
     with pytest.raises(InputError, match=r"cost of an error must be a number of taps, 0 to 1e\+09, got -1"):
         choose_threshold(parts, THETA, -1.0)
-    with pytest.raises(InputError, match="0 to .* got nan"):
+    with pytest.raises(InputError, match=r"0 to .* got nan"):
         choose_threshold(parts, THETA, float("nan"))
     with pytest.raises(InputError, match="from 0 to 2, got 7"):
         choose_threshold(parts, THETA, 1.0, fixation=7)
