@@ -1,8 +1,11 @@
 """How an episode moves, from what the command line says."""
 
+import sys
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import NamedTuple
+
+import numpy as np
 
 from ..inference.control import MovePolicy, check_fixation
 from ..inference.control_information import training_outcomes
@@ -12,6 +15,7 @@ from ..inference.reference import Border
 from ..inference.stopping_rules import parse_stopping
 from ..inference.strategies import make_policy, parse_strategy
 from ..inference.trial_plan import trial_chances
+from ..models.digest import tap_digests
 from ..models.errors import InputError
 from ..models.importers import load_taps
 from ..models.model import TapModel
@@ -54,7 +58,14 @@ def load_outcomes(model: TapModel, training: Sequence[Path] | None, move: str, s
             "--training goes with a --move that looks ahead, info-what and its like or two-taps, or --stop lookahead."
         )
     with naming(f"--training {', '.join(map(str, training))}"):
-        return training_outcomes(model, concatenate([load_taps(file) for file in training]))
+        taps = concatenate([load_taps(file) for file in training])
+        outcomes = training_outcomes(model, taps)
+    known = int(np.isin(model.training, tap_digests(taps.taps)).sum())
+    if known < len(model.training):
+        print(
+            f"Note: --training holds {known} of the {len(model.training)} taps that trained the model.", file=sys.stderr
+        )
+    return outcomes
 
 
 def choose_moves(

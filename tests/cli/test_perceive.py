@@ -329,6 +329,20 @@ def test_random_moves_differ_between_episodes_and_seeds(command, folder):
     assert moves("--seed", 5)[0] != first
 
 
+def test_some_of_the_training_taps_are_enough_and_it_is_said(command, folder, session, tmp_path):
+    """All of them say nothing."""
+    model = load_model(folder / "model.nc")
+    known = session.select(np.isin(tap_digests(session.taps), model.training))
+    known.select(np.arange(len(known)) % 2 == 0).save(tmp_path / "half.nc")
+    base = ("perceive", folder / "model.nc", "--engine", "filter", "--deadline", 2, "--move", "info-what", "--training")
+    part, whole = command(*base, tmp_path / "half.nc"), command(*base, folder / "taps.nc")
+
+    assert f"Note: --training holds {len(known) // 2} of the {len(known)} taps that trained" in " ".join(
+        part.err.split()
+    )
+    assert "Note: --training" not in whole.err
+
+
 def test_taps_that_did_not_train_move_nothing(command, folder, tmp_path):
     """Nor are those of other sessions looked at."""
     simulate_session(preset("paper"), 4, 1).save(tmp_path / "other.nc")
