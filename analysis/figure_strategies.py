@@ -44,17 +44,19 @@ _LOOKS: dict[str, dict[str, Any]] = {
 }
 """Strategies: each mark is used once, each colour and line once in a group."""
 _GROUPS = {
-    "none looks ahead": ("passive", "random", "step", "fixation:0.8"),
+    "without looking ahead": ("passive", "random", "step", "fixation:0.8"),
     "one tap ahead": ("info-what", "info-where", "info-joint"),
-    "way counts, two taps, learned": ("info-what-per-mm", "info-what-per-s", "two-taps", "table"),
+    "way counts, two taps, table": ("info-what-per-mm", "info-what-per-s", "two-taps", "table"),
 }
 _PANELS = (("what_error", "taps"), ("where_error", "taps"), ("what_error", "way"), ("where_error", "way"))
 """Rows of `curves`: what is shown and what it is shown against."""
 _RULES = tuple(zip((_BLUE, _ORANGE, _GREEN, _PURPLE), ("s", "D", "^", "P"), strict=True))
+_FEW_TICKS = (1, 1.2, 1.5, 2, 2.5)
 _TICKS = (1, 2, 3, 5, 10, 20, 50, 100, 200, 500, 1000)
 _ROW = 0.19  # inches
 _COLUMNS = 4
 _STRIP, _APART = 0.05, 0.05  # where intervals begin right of a panel, and steps between them, in its widths
+_LONG = 4.0  # the largest point so often is as far as a panel goes for intervals
 _NOTE: dict[str, Any] = {"fontsize": 6, "color": "#555555"}
 
 
@@ -66,18 +68,19 @@ def curves(source: Mapping[str, Any]) -> Figure:
     figure, axes = new_figure(TWO_COLUMNS, 7.4, len(_PANELS), len(groups), sharey="row")
     letters = iter(ascii_uppercase)
     for panels, (quantity, across) in zip(axes, _PANELS, strict=True):
+        panels[0].set_ylim(0, _top(drawn.values(), quantity))
         for panel, names in zip(panels, groups.values(), strict=True):
             for place, name in enumerate((BASE, *names)):
                 plot_curve(panel, drawn[name], across, quantity, _look(name))
                 plot_end(panel, drawn[name], quantity, place, _look(name))
             label_panel(panel, next(letters))
             _across(panel, drawn.values(), across)
-        panels[0].set_ylim(0, _top(drawn.values(), quantity))
         words = "object error" if quantity == "what_error" else "position error"
         panels[0].set_ylabel(axis_label(words, source[quantity.replace("error", "unit")]).replace(" (", "\n("))
     most = max(map(len, groups.values()))
     for panel, (title, names) in zip(axes[0], groups.items(), strict=True):
         _group_key(panel, title, (BASE, *names), 1 + most)
+        _name_strip(panel)
     for row, label in ((1, "mean number of taps"), (3, axis_label("mean way of the sensor", source["where_unit"]))):
         axes[row, (len(groups) - 1) // 2].set_xlabel(label)
         for above in axes[row - 1]:
@@ -104,25 +107,33 @@ def plot_curve(axes: Axes, points: Points, across: str, quantity: str, look: Map
 
 
 def plot_end(axes: Axes, points: Points, quantity: str, place: int, look: Mapping[str, Any]) -> Axes:
-    """Draws the last known point of a curve with its 95 % interval, if there is one, in a strip right of the panel."""
+    """Draws the last known point of a curve with its 95 % interval, if there is one, in a strip right of the panel.
+
+    What the panel cuts off has an arrowhead.
+    """
     known = [point for point in points if point[quantity] is not None]
     if not known or known[-1][f"{quantity}_low"] is None:
         return axes
     last, at = known[-1], 1 + _STRIP + place * _APART
     strip: dict[str, Any] = {"transform": axes.get_yaxis_transform(), "clip_on": False}
-    ends = [max(last[f"{quantity}_low"], 0), last[f"{quantity}_high"]]
-    axes.plot([at, at], ends, color=look["color"], linewidth=0.8, **strip)
+    low, high, top = max(last[f"{quantity}_low"], 0), last[f"{quantity}_high"], axes.get_ylim()[1]
+    axes.plot([at, at], [low, min(high, top)], color=look["color"], linewidth=0.8, **strip)
+    if high > top:
+        axes.scatter([at], [top], s=9, marker="^", color=look["color"], linewidths=0, **strip)
     axes.plot([at], [last[quantity]], **{**look, "linestyle": "none", "markersize": 2.6}, **strip)
     return axes
 
 
+def _name_strip(axes: Axes) -> None:
+    axes.text(1 + 0.5 * _STRIP, 1.03, "95 %", transform=axes.transAxes, **_NOTE)
+
+
 def _top(drawn: Iterable[Points], quantity: str) -> float:
-    """The end of an axis that holds all points, and the intervals of the last ones."""
-    most = 0.0
-    for points in drawn:
-        known = [point for point in points if point[quantity] is not None]
-        most = max([most, *(p[quantity] for p in known), *(p[f"{quantity}_high"] or 0.0 for p in known[-1:])])
-    return 1.06 * most or 1.0
+    """The end of an axis that holds all points, and the intervals of the last ones unless they are very long."""
+    known = [[point for point in points if point[quantity] is not None] for points in drawn]
+    most = max([0.0, *(point[quantity] for points in known for point in points)])
+    ends = [point[f"{quantity}_high"] or 0.0 for points in known for point in points[-1:]]
+    return 1.06 * max(most, min(_LONG * most, max([0.0, *ends]))) or 1.0
 
 
 def _across(axes: Axes, drawn: Iterable[Points], across: str) -> None:
@@ -136,9 +147,9 @@ def _across(axes: Axes, drawn: Iterable[Points], across: str) -> None:
 
 def _taps_axis(axes: Axes, most: float) -> None:
     """Logarithmic, with round numbers."""
-    ticks = [tick for tick in _TICKS if tick <= 1.02 * most]
+    ticks = [tick for tick in (_FEW_TICKS if most < 3 else _TICKS) if tick <= 1.02 * most]
     axes.set_xscale("log")
-    axes.set_xticks(ticks, [str(tick) for tick in ticks])
+    axes.set_xticks(ticks, [f"{tick:g}" for tick in ticks])
     axes.minorticks_off()
     axes.set_xlim(0.93, max(1.07 * most, 1.3))
 
@@ -178,20 +189,23 @@ _TOGETHER, _OWN = ("_least", "_most"), ("_low", "_high")
 
 
 def _ends(rows: Points, name: str) -> tuple[float, float]:
-    """Ends of an axis that holds all differences with their own intervals, and what holds together up to twice that."""
+    """Ends of an axis that holds all differences with their own intervals, and most of what holds together."""
     own, together = (
-        [0.0, *(row[name + end] for row in rows for end in ends if row[name + end] is not None)]
+        [row[name + end] for row in rows for end in ends if row[name + end] is not None]
         for ends in (("", *_OWN), _TOGETHER)
     )
-    low = min(*own, max(*(2 * end for end in (min(own), 0.0)), min(together)))
-    return low, 0.0
+    low, high = min([0.0, *own]), max([0.0, *own])
+    more = 0.5 * (high - low)
+    low, high = max(min([low, *together]), low - more), min(max([high, *together]), high + more)
+    pad = 0.06 * (high - low) or 0.1
+    return low - pad, high + pad
 
 
 def _differences(axes: Axes, rows: Points) -> None:
     """Draws a panel of differences, a row for each strategy."""
     axes.axvline(0, color=OTHERS, linewidth=0.8, zorder=0)
     if all(row[_DIFFERENCE] is None for row in rows):
-        axes.text(0.5, 0.5, "not reached", transform=axes.transAxes, ha="center", **_NOTE)
+        axes.text(0.5, 0.5, "not reached", transform=axes.transAxes, ha="center", backgroundcolor="white", **_NOTE)
         return
     for y, row in enumerate(rows):
         plot_interval(axes, row, _DIFFERENCE, y, _look(row["strategy"])["color"])
@@ -245,18 +259,21 @@ def stopping(source: Mapping[str, Any]) -> Figure:
     looks = {rule: _rule_look(number) for number, rule in enumerate(others)}
     top = _top(drawn.values(), "what_error")
     for panel, rule in zip(panels, others, strict=True):
+        panel.set_ylim(0, top)
         for place, (points, look) in enumerate(((drawn[PAPER], _PAPER_LOOK), (drawn[rule], looks[rule]))):
             plot_curve(panel, points, "taps", "what_error", look)
             plot_end(panel, points, "what_error", place, look)
-        panel.set_ylim(0, top)
         panel.tick_params(labelleft=panel in axes[:, 0])
     _null_decisions(last, {rule: drawn[rule] for rule in others}, looks)
     titles = [*(rule.replace(", ", ",\n") for rule in others), "null decisions"]
     for panel, letter, title in zip((*panels, last), ascii_uppercase, titles, strict=False):
         label_panel(panel, letter, title)
+        panel.title.set_fontsize(7)
         _across(panel, drawn.values(), "taps")
     for panel in axes.flat[len(titles) :]:
         panel.set_visible(False)
+    for panel in axes[0]:
+        _name_strip(panel)
     for panel in axes[:, 0]:
         panel.set_ylabel(axis_label("object error", source["what_unit"]))
     figure.supxlabel("mean number of taps", fontsize=8)
@@ -275,10 +292,10 @@ def _rule_look(number: int) -> dict[str, Any]:
 def _null_decisions(axes: Axes, drawn: Mapping[str, Points], looks: Mapping[str, Mapping[str, Any]]) -> None:
     """Draws the share of null decisions of the rules that ever give up."""
     giving = {rule: points for rule, points in drawn.items() if any(point["given_up"] for point in points)}
+    axes.set_ylim(0, min(_top(giving.values(), "given_up"), 1.02))
     for place, (rule, points) in enumerate(giving.items()):
         plot_curve(axes, points, "taps", "given_up", looks[rule])
         plot_end(axes, points, "given_up", place, looks[rule])
-    axes.set_ylim(0, min(_top(giving.values(), "given_up"), 1.02))
     axes.set_ylabel("share of trials")
     if not giving:
         axes.text(0.5, 0.5, "no rule gives up", transform=axes.transAxes, ha="center", **_NOTE)
@@ -311,9 +328,13 @@ def trajectories(source: Mapping[str, Any]) -> Figure:
     for panel in axes.flat[len(names) :]:
         panel.set_visible(False)
     _taps_axis(axes[0, 0], max(len(path) for paths in source["paths"].values() for path in paths))
-    low, high = axes[0, 0].get_ylim()
-    axes[0, 0].set_ylim(low, high + 0.16 * (high - low))
-    figure.supxlabel("tap", fontsize=8)
+    axes[0, 0].set_xlim(left=0.72)
+    low, high = grid.where_value.min(), grid.where_value.max()
+    reach = high - low or 1.0
+    axes[0, 0].set_ylim(low - 0.08 * reach, high + 0.25 * reach)
+    figure.supxlabel(
+        "tap (grey: share of trials that make it; strokes at the left: decided with the first)", fontsize=8
+    )
     figure.supylabel(axis_label("position", source["where_unit"]), fontsize=8)
     return figure
 
@@ -334,7 +355,7 @@ def plot_paths(axes: Axes, paths: NDArray[np.integer], grid: ClassGrid) -> Axes:
     edges = np.arange(paths.shape[1] + 1) + 0.5
     share = (paths >= 0).mean(axis=0)
     axes.stairs(share, edges, fill=True, color="#e4e4e4", transform=axes.get_xaxis_transform(), zorder=-1)
-    told = f"of {len(paths)} decide {(made == 1).sum()} at tap 1, {(made <= LOOK).sum()} by {LOOK}"
+    told = f"decided: {(made == 1).sum()} at tap 1, {(made <= LOOK).sum()} by {LOOK}"
     axes.text(0.98, 0.97, told, transform=axes.transAxes, ha="right", va="top", **_NOTE)
     return axes
 

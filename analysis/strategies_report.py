@@ -35,21 +35,25 @@ def pictures(summary: Mapping[str, Any]) -> Iterator[Picture]:
             f"curves-{number}",
             f"Error against taps and way: {name}",
             "Object and position errors along the belief thresholds of the paper, against the mean number of taps and "
-            "the mean way of the sensor. Bars are 95 % intervals of the last points.",
+            "the mean way of the sensor (linear up to its first number), each group of strategies beside the fixation "
+            "point. Right of each panel stand the last points with their 95 % intervals, in the order of the key; an "
+            "arrowhead is where one is cut.",
             figure_strategies.curves(source),
         )
         yield Picture(
             f"equal-taps-{number}",
             f"Strategies at equal taps: {name}",
             "Object error less that of the fixation point, paired, at equal mean numbers of taps. Thick lines are "
-            "95 % intervals, thin ones hold all together.",
+            "95 % intervals, thin ones, where there are any, hold all together; hollow points have none. An arrowhead "
+            "is where a thin line is cut.",
             figure_strategies.equal_taps(source),
         )
         yield Picture(
             f"stopping-{number}",
             f"Rules of stopping: {name}",
-            "Object error of the trials that answer (A) and share of null decisions (B) along the levels of each rule, "
-            "with the fixation point. Bars are 95 % intervals of the last points.",
+            "Object error of the trials that answer along the levels of each rule, in colour, and of the paper's, in "
+            "grey, with the fixation point; in the last panel the share of null decisions of the rules that give up. "
+            "Right of each panel stand the last points with their 95 % intervals; an arrowhead is where one is cut.",
             figure_strategies.stopping(source),
         )
         yield Picture(
@@ -57,7 +61,8 @@ def pictures(summary: Mapping[str, Any]) -> Iterator[Picture]:
             f"Trajectories: {name}",
             f"Position against taps in {len(next(iter(source['paths'].values())))} trials of one data set up to their "
             f"decision at threshold {summary['theta']:g}, from the same starts. Lines on one position are spread by up "
-            "to a quarter of a class; a dot ends each; dashed is the fixation point.",
+            "to a quarter of a class and a dot ends each; strokes at the left are trials that decide with their first "
+            "tap, grey is the share of trials that make a tap, dashed the fixation point.",
             figure_strategies.trajectories(source),
         )
     if summary["sources"]:
@@ -72,8 +77,8 @@ def _trust(summary: Mapping[str, Any]) -> Picture:
         "What is left where the model is too sure",
         f"After {summary['look']} taps. A: P(wrong object) of the fixation point less that of info-what, against the "
         "miscalibration of the fixation point. B: miscalibration of both. C: information about the object that the "
-        "model promised beyond what the taps told, of both. On the dashed lines both are misled alike. With 95 % "
-        "intervals; miscalibration beyond 10 000 is left out.",
+        "model promised beyond what the taps told, of both. On the dashed lines both are alike. With 95 % "
+        "intervals, cut ones with an arrowhead; hollow points lie beyond the axis, and what is not known is counted.",
         trust(summary["sources"]),
     )
 
