@@ -149,11 +149,13 @@ def interval(row: Mapping[str, Any], name: str) -> str:
 def factor(values: Sequence[float | None] | None) -> str:
     """A factor with the ends of its interval, capped where size says nothing.
 
-    >>> factor((1.234, 0.5, 14461493.0)), factor((None, None, None))
-    ('1.2 [0.5, >99]', '–')
+    >>> factor((1.234, 0.5, 14461493.0)), factor((1.0, None, None)), factor((None, None, None))
+    ('1.2 [0.5, >99]', '1', '–')
     """
     if not values or not _is_number(values[0]):
         return _MISSING
+    if not _is_number(values[1]) or not _is_number(values[2]):
+        return number(values[0], 2)
     value, low, high = (">99" if _is_number(v) and v > _MOST_FACTOR else number(v, 2) for v in values)
     return f"{value} [{low}, {high}]"
 
