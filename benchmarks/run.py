@@ -24,12 +24,30 @@ def main() -> None:
     parser.add_argument("--quick", action="store_true", help="tiny sizes: whether everything runs, not how fast")
     parser.add_argument("--out", type=Path, default=Path("runs/benchmarks"), help="folder for what is measured")
     parser.add_argument("--document", type=Path, help="a page whose tables and picture are replaced")
+    parser.add_argument("--only", choices=WORKS, help="one work, into the place of its name in the page")
     options = parser.parse_args()
     os.environ.update(dict.fromkeys(ONE_THREAD, "1"))  # read when NumPy and its libraries are loaded, below
     from rows import on_cores  # noqa: PLC0415
 
     with on_cores(1):
-        run(options.quick, options.out, options.document)
+        if options.only is not None:
+            run_one(options.only, options.quick, options.document)
+        else:
+            run(options.quick, options.out, options.document)
+
+
+def run_one(work: str, quick: bool, document: Path | None) -> None:
+    """Measures one work, prints it with the machine, and writes it into a page."""
+    from report import all_works, check_places, insert, machine_list  # noqa: PLC0415
+    from rows import machine  # noqa: PLC0415
+
+    if document is not None:
+        check_places(document, [work])
+    where = "\n".join(machine_list(machine()).splitlines()[:2])  # processor and vector instructions
+    text = f"{where}\n\n{all_works(_say(work, import_module(work).rows)(quick))}"
+    print(text)
+    if document is not None:
+        insert(document, {work: text})
 
 
 def run(quick: bool, out: Path, document: Path | None) -> None:

@@ -55,6 +55,19 @@ def test_all_benchmarks_run_and_fill_their_page(tmp_path):
     assert (tmp_path / "images" / "performance.svg").is_file()
 
 
+def test_one_work_can_be_measured_into_another_page(tmp_path):
+    """With the machine; the rest of the page stays."""
+    page = tmp_path / "page.md"
+    page.write_text("before\n<!-- begin information -->\nold\n<!-- end information -->\nafter\n", encoding="utf-8")
+    run("run.py", "--quick", "--only", "information", "--document", page)
+    text = page.read_text(encoding="utf-8")
+
+    assert text.startswith("before\n<!-- begin information -->\n- processor: ")
+    assert text.endswith("<!-- end information -->\nafter\n")
+    assert "old" not in text
+    assert "| solidtouch, on line, two taps ahead, about what |" in text
+
+
 @pytest.mark.parametrize("policy", ["passive", "active"])
 @pytest.mark.parametrize("shape", [(1, 1), (1, 4), (5, 1), (3, 7), (16, 5), (16, 8), (16, 9)])
 def test_all_ways_of_playing_trials_decide_as_the_reference_does(parts, shape, policy):
