@@ -3,6 +3,8 @@
 
 VENV := .venv
 PY := $(VENV)/bin/python
+# Files of tests on all cores, but not on so many that memory runs short.
+SIDE_BY_SIDE := -n auto --maxprocesses 4 --dist loadfile
 
 .PHONY: run test test-all check format bench bench-quick studies audit-studies reference-studies strategy-studies fuzz faults kills rig-demo lock clean help
 
@@ -10,7 +12,7 @@ run: $(VENV)/.ready-run
 	@$(VENV)/bin/solidtouch reproduce
 
 test: $(VENV)/.ready-dev
-	@$(PY) -m pytest -m "not slow"
+	@$(PY) -m pytest -m "not slow" $(SIDE_BY_SIDE)
 
 test-all: $(VENV)/.ready-dev
 	@$(PY) -m pytest

@@ -53,7 +53,7 @@ def in_processes(workers: int) -> Runner:
                         outcomes = worker.hear()
                     except (EOFError, OSError):
                         crew.remove(worker)
-                        outcomes = _mourn(worker, queue)
+                        outcomes = _mourn(worker, queue, alone=not any(other.ready for other in crew))
                     else:
                         queue.finished(outcomes)
                     yield from outcomes
@@ -122,11 +122,17 @@ def _heard(crew: list[_Worker]) -> list[_Worker]:
     return [worker for worker in crew if worker.pipe in pipes]
 
 
-def _mourn(worker: _Worker, queue: CellQueue) -> list[Outcome]:
+def _mourn(worker: _Worker, queue: CellQueue, *, alone: bool) -> list[Outcome]:
+    """What becomes of the work of a process that died; one that was killed while others work is replaced.
+
+    Raises:
+        InputError: It ended before it was ready, and nobody killed it or no other is ready.
+    """
     code = worker.end()
-    if not worker.ready:
+    killed = code is not None and code < 0
+    if not worker.ready and (alone or not killed):
         raise InputError(f"A worker process ended before it was ready to work, exit code {code}.")
-    how = f"signal {-code}" if code is not None and code < 0 else f"exit code {code}"
+    how = f"signal {-(code or 0)}" if killed else f"exit code {code}"
     if worker.batch is None:
         return []
     return queue.died(worker.batch, f"The worker process died ({how}); the machine may have run out of memory.")

@@ -72,9 +72,9 @@ def test_both_choices_end_in_a_setting_and_in_words(parts):
 
 def test_a_target_that_three_sessions_cannot_promise_is_refused(parts):
     with pytest.raises(InputError, match="at least 5 training sessions, got 3"):
-        check_price(Price(target=0.1), parts)
+        check_price(Price(target=0.1), len(parts.parts))
     with pytest.raises(InputError, match="must lie between 0 and 1, got 0"):
-        check_price(Price(target=0.0))
+        check_price(Price(target=0.0), 9)
 
 
 def test_figures_show_every_curve(parts):

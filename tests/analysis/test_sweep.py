@@ -311,6 +311,21 @@ def test_several_processes_give_the_same_bits_as_one(make_study, tmp_path):
     xr.testing.assert_identical(results(tmp_path / "two.zarr"), results(tmp_path / "one.zarr"))
 
 
+def test_a_worker_that_is_killed_before_it_is_ready_is_replaced(make_study, tmp_path):
+    """While another one works; alone it would be killed again and again."""
+    killed = []
+
+    def kill_the_other(tally):
+        for child in multiprocessing.active_children():
+            if tally.done == 1 and not killed:
+                os.kill(child.pid, signal.SIGKILL)
+                killed.append(child.pid)
+
+    late = make_study(GRID, trials=50)
+    assert sweep(late, tmp_path / "s.zarr", in_processes(2), progress=kill_the_other) == Tally(DISTINCT, DISTINCT, 0)
+    assert killed
+
+
 def cells(make_study, grid="seed = [0, 1, 2, 3, 4, 5]\npolicy = [0.5]"):
     path = make_study(grid)
     whole = CellGrid.of(load_study(path), ("rods",))
