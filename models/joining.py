@@ -26,10 +26,15 @@ def joined(taps: Sequence[TapSet], names: Sequence[str]) -> TapSet:
         return taps[0]
     check_alike(taps, names)
     _check_apart(taps, names)
-    tables = [part.dataset.get("where_value") for part in taps]
-    if not all(table is not None and table.equals(tables[0]) for table in tables):
+    places = {_places(part) for part in taps}
+    if len(places) > 1:
         taps = [TapSet(part.dataset.drop_vars(_PLACES, errors="ignore")) for part in taps]
     return concatenate(numbered(taps, names)[0])
+
+
+def _places(taps: TapSet) -> tuple[float, ...]:
+    """Of the table of positions, none where there is no table."""
+    return tuple(taps.dataset["where_value"].values.tolist()) if "where_value" in taps.dataset else ()
 
 
 def _check_apart(taps: Sequence[TapSet], names: Sequence[str]) -> None:
