@@ -282,6 +282,7 @@ def test_sequences_that_underflow_are_halved(case, monkeypatch):
     assert check.notes == ("4 taps are too many; continued with 2 taps.", "2 taps are too many; continued with 1 taps.")
 
 
+@pytest.mark.slow
 def test_sequences_that_outweigh_their_stand_in_for_zero_are_halved(make_model):
     """On taps that contradict each other by hundreds of units, the whole check still passes."""
     model = make_model(1, 2, 1, 20, 2, power="none")

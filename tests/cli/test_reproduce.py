@@ -187,6 +187,7 @@ def test_a_learned_power_is_told(command, tmp_path, make_taps):
     assert 1e-4 <= float(sentence.rsplit(": ", 1)[1].rstrip(".")) <= 1
 
 
+@pytest.mark.slow
 def test_one_where_class_leaves_the_active_part_out(command, tmp_path, make_taps):
     """A sentence says so, and the error in the object has no position beside it."""
     make_taps(L=1).save(tmp_path / "taps.nc")

@@ -283,6 +283,7 @@ def test_length_scales_are_those_of_the_curves(rng):
 # Tails
 
 
+@pytest.mark.slow
 def test_student_finds_the_degrees_of_freedom(rng):
     """Of heavy tails and of none; levels and scales of each class as well."""
     taps = planted(rng, 40, K=2, J=10)
