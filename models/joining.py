@@ -26,15 +26,18 @@ def joined(taps: Sequence[TapSet], names: Sequence[str]) -> TapSet:
         return taps[0]
     check_alike(taps, names)
     _check_apart(taps, names)
-    places = {_places(part) for part in taps}
-    if len(places) > 1:
-        taps = [TapSet(part.dataset.drop_vars(_PLACES, errors="ignore")) for part in taps]
+    taps = _with_all_places(taps)
     return concatenate(numbered(taps, names)[0])
 
 
-def _places(taps: TapSet) -> tuple[float, ...]:
-    """Of the table of positions, none where there is no table."""
-    return tuple(taps.dataset["where_value"].values.tolist()) if "where_value" in taps.dataset else ()
+def _with_all_places(taps: Sequence[TapSet]) -> Sequence[TapSet]:
+    """The tap sets, with the positions of all where their tables differ, and then without edges between them."""
+    tables = [part.dataset["where_value"] for part in taps]
+    if all(table.equals(tables[0]) for table in tables):
+        return taps
+    every = np.unique(np.concatenate([table.values for table in tables]))
+    column = ("where_class", every, tables[0].attrs)
+    return [TapSet(part.dataset.drop_vars(_PLACES, errors="ignore").assign_coords(where_value=column)) for part in taps]
 
 
 def _check_apart(taps: Sequence[TapSet], names: Sequence[str]) -> None:

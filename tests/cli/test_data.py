@@ -85,13 +85,24 @@ def test_several_files_become_sessions_of_one(make_taps, tmp_path):
 
 
 def test_files_of_other_places_have_the_places_of_all(make_taps, tmp_path):
-    whole = make_taps(sessions=2)
+    """Each with a table of its own."""
+    whole = make_taps(sessions=2, L=3)
     where, _ = whole.indices(whole.grid())
-    whole.select((whole.session == 0) & (where > 0)).save(tmp_path / "a.nc")
-    whole.select((whole.session == 1) & (where < 2)).save(tmp_path / "b.nc")
+    value = whole.grid().where_value
+    for name, chosen, table in (
+        ("a", (whole.session == 0) & (where > 0), value[1:]),
+        ("b", (whole.session == 1) & (where < 2), value[:2]),
+    ):
+        part = whole.select(chosen).dataset.drop_vars(("where_value", "where_edges"), errors="ignore")
+        column = ("where_class", table, whole.dataset["where_value"].attrs)
+        TapSet(part.assign_coords(where_value=column)).save(tmp_path / f"{name}.nc")
     run("convert", tmp_path / "a.nc", tmp_path / "b.nc", tmp_path / "all.nc")
+    taps = TapSet.load(tmp_path / "all.nc")
 
-    assert TapSet.load(tmp_path / "all.nc").grid().where_value.tolist() == whole.grid().where_value.tolist()
+    assert TapSet.load(tmp_path / "a.nc").grid().where_value.tolist() == value[1:].tolist()
+    assert taps.grid().where_value.tolist() == value.tolist()
+    assert (taps.indices(taps.grid())[0] >= 0).all()
+    assert taps.where_unit == whole.where_unit
 
 
 def test_the_same_taps_twice_are_no_two_sessions(make_taps, tmp_path):

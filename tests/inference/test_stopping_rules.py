@@ -9,6 +9,7 @@ from solidtouch.hardware.replay import ReplayRig, uniforms
 from solidtouch.inference.control import fixation, passive
 from solidtouch.inference.engine import make_engine
 from solidtouch.inference.episode import perceive, steps
+from solidtouch.inference.expected_gain import expected_gain
 from solidtouch.inference.information import tap_outcomes
 from solidtouch.inference.lockstep import play
 from solidtouch.inference.recorded_stops import stops
@@ -139,6 +140,19 @@ def test_a_rule_that_looks_ahead_needs_somebody_who_does(model, recorded):
     rig = ReplayRig(taps, model.grid, int(plan.where[0]), int(plan.what[0]), uniforms(np.random.default_rng(0)))
     with pytest.raises(InputError, match="nobody has watched"):
         perceive(rig, make_engine("filter", model), lookahead(0.1), passive)
+
+
+def test_the_gain_is_that_of_the_error_under_the_border(model, recorded):
+    """And borders differ in what a move to the end leaves."""
+    taps, *_ = recorded
+    outcomes, moves = tap_outcomes(tap_table(model, model.usable(taps)).log_likelihood), np.full(20, 3)
+    beliefs = np.random.default_rng(2).dirichlet(np.full(15, 0.5), size=20).reshape(-1, 5, 3)
+    found = {border: gain_of(outcomes, model.grid, border)(beliefs, moves)["gain"] for border in ("clamp", "uniform")}
+
+    assert not np.allclose(found["clamp"], found["uniform"])
+    for border, gain in found.items():
+        expected = expected_gain(outcomes, beliefs, moves[:, np.newaxis], error_loss(model.grid), border)[:, 0]
+        np.testing.assert_allclose(gain, expected, atol=1e-12)
 
 
 def test_loss_is_the_error_of_the_classes(model):
