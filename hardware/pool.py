@@ -47,10 +47,21 @@ def tap_pool(where: ArrayLike, what: ArrayLike, shape: tuple[int, int]) -> TapPo
     inside = np.flatnonzero((where >= 0) & (what >= 0))
     if not len(inside):
         raise InputError("No tap lies inside the class grid.")
-    cell = where[inside] * M + what[inside]
+    return pool_of(inside, where[inside] * M + what[inside], shape)
+
+
+def pool_of(taps: NDArray[np.intp], cell: NDArray[np.intp], shape: tuple[int, int]) -> TapPool:
+    """The pool of some taps, which may be the same several times.
+
+    Args:
+        taps: Tap indices, shape (n,).
+        cell: l M + m of each, shape (n,).
+        shape: (L, M).
+    """
+    L, M = shape
     count = np.bincount(cell, minlength=L * M).reshape(L, M)
     first = np.cumsum(count).reshape(L, M) - count
     distance = np.abs(np.arange(L)[:, np.newaxis] - np.arange(L)).astype(np.float64)
     nearest = np.where(count.T > 0, distance[:, np.newaxis, :], np.inf).argmin(axis=-1)
     nearest[:, count.sum(axis=0) == 0] = -1
-    return TapPool(inside[np.argsort(cell, kind="stable")], first, count, nearest)
+    return TapPool(taps[np.argsort(cell, kind="stable")], first, count, nearest)

@@ -304,8 +304,11 @@ def play(
     z, k, on = np.empty((rows, L)), np.empty((rows, L), np.int64), np.empty((rows, L))
     where, what, ones = np.empty(L), np.empty(rows), np.ones((rows, L))
     old_z, old_k = np.empty(L), np.empty(L, np.int64)
+    order, taken, drawn = pool.order.copy(), np.zeros(L, np.int64), 0
+    front, chosen, visited = np.empty((3, rule.deadline), np.int64)
     moving = rule.theta_x < 1
-    impossible = best_where = 0
+    impossible = best_where = best_what = stood = 0
+    belief = 0.0
     word = word1 = word2 = word3 = np.uint64(0)
     for i in range(first, last):
         for m in range(rows):
@@ -316,6 +319,10 @@ def play(
         held = plan.what[i]
         at = pool.nearest[plan.where[i], held]
         clamped, substituted = 0, np.int64(at != plan.where[i])
+        while drawn > 0:  # a trial depends on its stream only, so what the last one shuffled is put back
+            drawn -= 1
+            order[front[drawn]], order[chosen[drawn]] = order[chosen[drawn]], order[front[drawn]]
+            taken[visited[drawn]] = 0
         stream = np.uint64(plan.stream[i])
         decided = 0
         for tap in range(rule.deadline):
@@ -330,8 +337,30 @@ def play(
                 word = word2
             else:
                 word = word3
-            number = np.int64((word * np.uint64(pool.count[at, held])) >> HALF)
-            index = pool.order[pool.first[at, held] + number]
+            left = pool.count[at, held] - taken[at]
+            if left == 0:
+                best_where = largest(where, L)
+                while decided < H:
+                    h = rule.column[decided]
+                    trials.taps[i, h] = tap
+                    trials.what[i, h] = best_what
+                    trials.where[i, h] = best_where
+                    trials.true_where[i, h] = stood
+                    trials.stopped[i, h] = False
+                    trials.clamped[i, h] = clamped
+                    trials.substituted[i, h] = substituted
+                    trials.belief[i, h] = belief
+                    trials.used_up[i, h] = True
+                    decided += 1
+                break
+            place = pool.first[at, held] + taken[at] + np.int64((word * np.uint64(left)) >> HALF)
+            index = order[place]
+            if rule.fresh:  # a step of the shuffle of Fisher and Yates
+                front[drawn], chosen[drawn], visited[drawn] = pool.first[at, held] + taken[at], place, at
+                order[place], order[front[drawn]] = order[front[drawn]], index
+                taken[at] += 1
+                drawn += 1
+                stood = at
 
             # Written out here: handed to a function, the arrays' reference counts would cost as much as the work.
             least *= table.least[index]

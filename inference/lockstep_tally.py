@@ -28,7 +28,8 @@ def trials_of(record: Record, thresholds: ArrayLike) -> Trials:
         at = rows, taps - 1
         parts = (record.what, record.where, record.at)
         counts = (record.clamped, record.substituted, record.what_belief)
-        columns.append((taps, *(part[at] for part in parts), answer == DECIDE, *(part[at] for part in counts)))
+        never = np.zeros(len(taps), np.bool_)
+        columns.append((taps, *(part[at] for part in parts), answer == DECIDE, *(part[at] for part in counts), never))
     return Trials(*(np.stack(column, axis=1) for column in zip(*columns, strict=True)))
 
 

@@ -8,12 +8,14 @@ are cut into pieces and wherever these are played.
 """
 
 from collections.abc import Callable
+from copy import copy
 from functools import partial
 from typing import NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ..hardware.pool import TapPool
 from ..models.errors import InputError
 from ..models.power import check_saturation
 from ..models.threads import cores, in_order
@@ -41,6 +43,7 @@ class Trials(NamedTuple):
         clamped: Moves before the decision that the end of the range cut short.
         substituted: Times before the decision that a class without a tap was replaced by the nearest with one.
         belief: Belief in the decided what class.
+        used_up: Whether a trial on fresh taps ended because it had had all stored taps of the class, see `Rule.fresh`.
     """
 
     taps: NDArray[np.int64]
@@ -51,6 +54,7 @@ class Trials(NamedTuple):
     clamped: NDArray[np.int64]
     substituted: NDArray[np.int64]
     belief: NDArray[np.float64]
+    used_up: NDArray[np.bool_]
 
 
 class Rule(NamedTuple):
@@ -64,6 +68,9 @@ class Rule(NamedTuple):
         deadline: Taps after which the most probable classes are taken.
         key0: First key word of the seed.
         key1: Second key word.
+        fresh: Whether no tap is drawn twice in a trial. A trial that has had all stored taps of the class where it
+            stands then ends with the most probable classes, as at the deadline. Otherwise taps are drawn with
+            replacement.
     """
 
     thresholds: NDArray[np.float64]
@@ -73,6 +80,7 @@ class Rule(NamedTuple):
     deadline: int
     key0: np.uint64
     key1: np.uint64
+    fresh: bool = False
 
 
 class Player(Protocol):
@@ -99,6 +107,7 @@ def run_trials(
     border: Border = "uniform",
     deadline: int = DEADLINE,
     seed: int = 0,
+    fresh: bool = False,
     device: str = "cpu",
     workers: int | None = None,
     progress: Callable[[int], None] | None = None,
@@ -115,6 +124,7 @@ def run_trials(
         border: Reading of Eq. 9.
         deadline: Taps after which the most probable classes are taken.
         seed: Of the draws of taps.
+        fresh: Whether no tap is drawn twice in a trial, see `Rule.fresh`; on the processor only.
         device: `"cpu"` for compiled loops, `"gpu"` or `"xla-cpu"` for arrays on what JAX finds.
         workers: Threads on the processor; `None` for as many as it has cores. Changes the speed only.
         progress: Called with the number of trials finished since the last call.
@@ -123,7 +133,7 @@ def run_trials(
         InputError: An argument is out of range, or there is no such device.
         ZeroEvidenceError: A tap was impossible under every class still believed in.
     """
-    rule = make_rule(thresholds, theta_x, border, deadline, seed)
+    rule = make_rule(thresholds, theta_x, border, deadline, seed)._replace(fresh=fresh)
     play = make_player(table, rule, device)
     plan = checked_plan(plan, table.pool)
     n = len(plan.where)
@@ -177,7 +187,9 @@ def make_player(table: TapTable, rule: Rule, device: str = "cpu") -> Player:
     check_saturation(table.saturation)
     refuse_border(rule.border, hypotheses, M)
     if device == "cpu":
-        return _LoopPlayer(table, rule)
+        return LoopPlayer(table, rule)
+    if rule.fresh:
+        raise InputError(f"Trials on fresh taps are played on the cpu only, not on {device!r}.")
     if device in ("gpu", "xla-cpu"):
         from .device import ArrayPlayer  # noqa: PLC0415 - JAX takes half a second to import
 
@@ -185,8 +197,12 @@ def make_player(table: TapTable, rule: Rule, device: str = "cpu") -> Player:
     raise InputError(f"The device must be cpu, gpu or xla-cpu, got {device!r}.")
 
 
-class _LoopPlayer:
-    """Trials one after the other in compiled loops."""
+class LoopPlayer:
+    """Trials one after the other in compiled loops.
+
+    Attributes:
+        at_once: How many trials it is best given at a time.
+    """
 
     def __init__(self, table: TapTable, rule: Rule) -> None:
         self._likelihoods = likelihoods(table.log_likelihood)
@@ -194,7 +210,14 @@ class _LoopPlayer:
         self._saturation = float(table.saturation)
         self.at_once = max(1, min(_AT_ONCE, _TAPS_AT_ONCE // rule.deadline))
 
+    def on(self, pool: TapPool) -> "LoopPlayer":
+        """The same on another selection of the same taps, whose likelihoods are not prepared again."""
+        other = copy(self)
+        other._pool = pool
+        return other
+
     def __call__(self, plan: TrialPlan, first: int, last: int, trials: Trials) -> int:
+        """See `Player`."""
         return kernel.play(
             self._likelihoods, self._pool, self._prior, self._saturation, plan, self._rule, first, last, trials
         )
@@ -215,6 +238,7 @@ def empty_trials(n: int, H: int) -> Trials:
         clamped=integers(),
         substituted=integers(),
         belief=np.zeros((n, H)),
+        used_up=np.zeros((n, H), dtype=np.bool_),
     )
 
 

@@ -22,12 +22,14 @@ class TapTable(NamedTuple):
         pool: Which taps belong to which class; its arrays have the shape (L, M).
         log_prior: Log belief before the first tap, shape (L, S M).
         saturation: How many taps' evidence a sequence of them carries at most, see `saturation`.
+        session: Of each tap, shape (N,); `None` where all are of one.
     """
 
     log_likelihood: NDArray[np.float64]
     pool: TapPool
     log_prior: NDArray[np.float64]
     saturation: float = np.inf
+    session: NDArray[np.integer] | None = None
 
 
 class TrialPlan(NamedTuple):
@@ -55,7 +57,7 @@ def tap_table(model: TapModel, taps: TapSet) -> TapTable:
     """
     where, what = taps.indices(model.grid)
     pool = tap_pool(where, what, model.grid.shape)
-    return TapTable(model.log_likelihood(taps.taps), pool, model.log_prior, model.saturation)
+    return TapTable(model.log_likelihood(taps.taps), pool, model.log_prior, model.saturation, taps.session)
 
 
 def plan_trials(

@@ -52,6 +52,7 @@ def trials():
         clamped=np.array([[0, 2], [0, 0], [0, 1], [0, 0], [0, 0]]),
         substituted=np.array([[0, 0], [1, 3], [0, 0], [0, 0], [0, 0]]),
         belief=np.ones((5, 2)),
+        used_up=np.zeros((5, 2), dtype=bool),
     )
 
 
