@@ -128,7 +128,7 @@ def summarise(audit: Audit, settings: AuditSettings, about: Mapping[str, Any]) -
 def _other_sessions(audit: Audit) -> str:
     """What the tuning sessions say of errors, where they are others than the measuring one."""
     errors = audit.recalibrated.tuning
-    if audit.parts.halved or audit.measured.judged.taps is not None:
+    if audit.parts.halved:
         return ""
     span = f"{min(errors):.1%}" + f" to {max(errors):.1%}" * (len(errors) > 1)
     who = "the tuning session" if len(errors) == 1 else f"the {len(errors)} tuning sessions"

@@ -1,7 +1,8 @@
 """What an audit says in words: a verdict, the first cause, and the remedy to choose.
 
-Nothing here is measured. A fault is a miscalibration factor whose interval lies above 1, and above what replaying the
-same taps alone explains: decisions are more often wrong than they are believed to be. Only a fault asks for a remedy.
+Nothing here is measured. A fault is a miscalibration factor above what a right model gives on as many taps, by a Monte
+Carlo test at 5 % for both directions together: decisions are more often wrong than they are believed to be. Only a
+fault asks for a remedy.
 One is chosen if its gain in log score is surely above zero, at a level that holds for all remedies together, and if it
 does not surely err more at the reaction time of the setting as it is; of several, the one that buys most per tap.
 """
@@ -16,6 +17,7 @@ from .causes import CAUSES, FEWEST_CLASSES, tells
 from .causes import first_cause as largest_cause
 from .leakage import Leakage
 from .remedy_scores import Judged, Measured, Scored
+from .right_model import LEVEL
 
 type Calibration = Literal["overconfident", "right", "cautious", "not enough data to tell"]
 
@@ -46,16 +48,17 @@ class Cause(NamedTuple):
 
 
 def calibration(judged: Judged) -> Calibration:
-    """How beliefs compare with outcomes, by the miscalibration factor and its interval.
+    """How beliefs compare with outcomes: a Monte Carlo test of the miscalibration factor at `right_model.LEVEL`.
 
-    To be too sure takes more than trials that repeat their taps would make of right beliefs.
+    The reference is what a right model gives on as many taps. Where beliefs are not right in the reference, as no whole
+    number of samples is worth the exponent, the interval of the factor must lie on the same side of 1 as well.
     """
     value, low, high = judged.factor
     if value is None or low is None or high is None:
         return "not enough data to tell"
-    if low > max(1.0, judged.replay):
+    if judged.beside.above <= LEVEL / 2 and (value if judged.exact else low) > 1:
         return "overconfident"
-    if high < 1:
+    if judged.beside.below <= LEVEL / 2 and (value if judged.exact else high) < 1:
         return "cautious"
     return "right" if high <= _WIDE * max(low, 1 / _WIDE) else "not enough data to tell"
 
@@ -177,27 +180,26 @@ def verdict(cause: Cause, measured: Measured, theta: float, titles: Mapping[str,
 
 
 def _calibration_sentence(state: Calibration, measured: Measured, theta: float) -> str:
-    judged = measured.judged
+    judged, beside = measured.judged, measured.judged.beside
     value, low, high = judged.factor
     if value is None or low is None or high is None or judged.wrong is None:
-        return f"Whether beliefs are right cannot be told: at threshold {theta:g} no trial stops, or too few do."
-    if judged.taps is None:
-        at, when = f"in the measuring session at threshold {theta:g}, {measured.policy}", "at stopping"
-    else:
-        at, when = f"after {judged.taps} tap{'s' * (judged.taps > 1)}, passive", "then"
+        return f"Whether beliefs are right cannot be judged: no decision at threshold {theta:g} leaves any doubt."
     beginning = {
-        "overconfident": "Beliefs are too sure",
-        "cautious": "Beliefs are not too sure",
+        "overconfident": "Beliefs are overconfident",
+        "cautious": "Beliefs are cautious",
         "right": "Beliefs are as right as they say",
-        "not enough data to tell": "There are not enough data to tell whether beliefs are right",
+        "not enough data to tell": "There are not enough data to judge whether beliefs are right",
     }[state]
     told = (
-        f"{beginning}: {at}, {judged.wrong:.1%} of the decisions are wrong, {_times(value)} ({_times(low)} to "
-        f"{_times(high)}) times as often as the beliefs {when} say."
+        f"{beginning}: in the measuring session at threshold {theta:g}, {measured.policy}, {judged.wrong:.1%} of the "
+        f"decisions are wrong, {_times(value)} ({_times(low)} to {_times(high)}) times as often as the beliefs say"
     )
-    if judged.taps is not None:
-        told += f" Trials that stop at threshold {theta:g} would repeat the few measuring taps of a class."
-    return told
+    if np.isfinite(beside.median):
+        told += (
+            f"; a right model on {judged.taps} taps per class gives {_times(beside.median)} ({_times(beside.low)} to "
+            f"{_times(beside.high)})"
+        )
+    return f"{told}. {judged.few}".strip()
 
 
 def _times(factor: float) -> str:
@@ -218,8 +220,6 @@ def _remedy_sentence(score: Scored, measured: Measured, title: str, unit: str) -
         f"The remedy that buys most per tap is “{score.name}” ({title}): {gain / n:.2g} nats of log score per tap "
         f"({low / n:.2g} to {high / n:.2g}, over {n} tap{'s' * (n > 1)})"
     )
-    if measured.judged.taps is not None:
-        return told + "." + close
     if score.error_change is not None and score.error is not None:
         change, c_low, c_high = score.error_change
         told += (
@@ -228,8 +228,8 @@ def _remedy_sentence(score: Scored, measured: Measured, title: str, unit: str) -
         )
     if score.taps is not None and score.factor[0] is not None:
         told += f"; at the same threshold it takes {score.taps:.1f} taps, with a factor of {_times(score.factor[0])}"
-    if measured.judged.taps is None and score.factor[1] is not None and score.factor[1] > measured.judged.replay:
-        return told + ". Beliefs stay too sure with it." + close
+    if score.factor[1] is not None and score.factor[1] > max(1.0, measured.judged.beside.high):
+        return told + ". Beliefs stay overconfident with it." + close
     return told + "." + close
 
 

@@ -19,7 +19,7 @@ from ..models.errors import InputError
 from ..models.taps import TapSet
 from .compare_checks import REPLICATES, predictive_checks
 from .compare_classes import class_scores
-from .compare_decisions import at_equal_taps, decision_curves, play_models, policies
+from .compare_decisions import at_equal_taps, decision_curves, planned, play_models
 from .compare_taps import (
     SessionFold,
     TapScores,
@@ -133,8 +133,8 @@ def compare(train: TapSet, test: TapSet, grid: ClassGrid, settings: CompareSetti
             checks = predictive_checks(fits, known, settings.seed, progress=advance)
     with clock.stage("Scoring classes", len(fits)) as advance:
         tables = _tables(fits, shared, advance)
-        classes = class_scores(tables, settings.seed, session=shared.session)
-    with clock.stage("Playing trials", len(tables) * len(policies(grid)) * settings.trials) as advance:
+        classes = class_scores(tables, settings.seed)
+    with clock.stage("Playing trials", planned(len(tables), grid, settings.trials)) as advance:
         played = play_models(
             tables,
             grid,

@@ -1,7 +1,7 @@
 """Models compared by what they say of the class after a fixed number of contacts, without stopping rule or moves.
 
-All models see the same sequences of test taps. Sequences of one class share taps and err together, so intervals are
-bootstrap intervals over classes; the resamples are the same for all models, so that differences pair.
+All models see the same sequences of distinct test taps, and the same sequences from resamples of these taps, so that
+differences pair; see `inference.resampling` for what is drawn anew and how that gives intervals.
 """
 
 from collections.abc import Mapping, Sequence
@@ -9,17 +9,17 @@ from typing import NamedTuple
 
 import numpy as np
 import xarray as xr
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from ..hardware.pool import TapPool
 from ..inference.reference import ZeroEvidenceError
+from ..inference.resampling import CONFIDENCE, resampled_pools, spread
 from ..inference.saturation import share, temper
 from ..inference.trial_plan import TapTable
 from ..models.errors import InputError
 from ..models.states import log_fold
-from .compare_pairing import RESAMPLES, check_tables, reference_name, with_intervals
+from .compare_pairing import check_tables, reference_name, with_intervals
 from .contacts import CONTACTS
-from .metrics import CONFIDENCE
 
 MEANS = {
     "log_score_joint": "mean log belief in the true class",
@@ -36,9 +36,10 @@ CALIBRATIONS = {
     "calibration_where": "calibration error of the belief in the most probable position",
 }
 CALIBRATION_BINS = 10
-_DRAWS = 50  # per class
+_DRAWS, _RESAMPLE_DRAWS = 50, 5  # per class
 # Share of the classes that must have n distinct test taps: with fewer, dropping the hard ones would look like growth.
 _ENOUGH = 0.9
+_RESAMPLES = 100
 _AT_ONCE = 1 << 21  # numbers
 
 
@@ -49,14 +50,12 @@ class _Sequences(NamedTuple):
         taps: Shape (sequences, n).
         where: Their where class, shape (sequences,).
         what: Their what class, shape (sequences,).
-        unit: Which class that is among those with sequences, from 0, shape (sequences,).
         weight: How many test taps each stands for, shape (sequences,).
     """
 
     taps: NDArray[np.intp]
     where: NDArray[np.intp]
     what: NDArray[np.intp]
-    unit: NDArray[np.intp]
     weight: NDArray[np.float64]
 
 
@@ -78,15 +77,14 @@ def class_scores(
     tables: Mapping[str, TapTable],
     seed: int,
     contacts: Sequence[int] = CONTACTS,
-    session: ArrayLike | None = None,
     reference: str | None = None,
-    resamples: int = RESAMPLES,
+    resamples: int = _RESAMPLES,
 ) -> xr.Dataset:
     """Scores of every model after each number of contacts, with intervals and paired differences to one of them.
 
-    One contact uses every test tap once; more are drawn without replacement, some 50 times per class. Classes count
-    by their test taps. A number that less than nine tenths of the classes have test taps for is left out. What is
-    drawn for one number does not depend on the others.
+    One contact uses every test tap once; more are drawn without replacement, some 50 times per class, from one session
+    each. Classes count by their test taps. A number that less than nine tenths of the classes have test taps for in
+    some session is left out. What is drawn for one number does not depend on the others.
 
     A log score is -inf where the belief in the true class of some sequence is 0, and stays so: nothing is dropped or
     floored, and `impossible` tells how many these are. Its interval ends in -inf where resamples do; the difference
@@ -100,10 +98,8 @@ def class_scores(
         tables: The same test taps as every model sees them, by the model's name.
         seed: Of the draws and the resamples.
         contacts: Numbers of contacts.
-        session: Session of each test tap, shape (N,); the taps of a sequence are then of one session, and a class
-            has enough taps where one of its sessions has.
         reference: Model that the others are compared with, by default the first.
-        resamples: Bootstrap resamples of the classes.
+        resamples: Of the test taps.
 
     Returns:
         Dims (model, contacts): `MEANS` (log scores in nats) and `CALIBRATIONS`, each with `_low`, `_high`,
@@ -115,24 +111,29 @@ def class_scores(
         ZeroEvidenceError: Taps were impossible under every class of a model.
     """
     check_tables(tables)
+    if resamples < 1:
+        raise InputError(f"Intervals need at least one resample, got {resamples}.")
     names = list(tables)
     base = names.index(reference_name(names, reference))
-    pool, N = tables[names[0]].pool, len(tables[names[0]].log_likelihood)
-    session = np.zeros(N, dtype=np.intp) if session is None else np.asarray(session)
-    if session.shape != (N,) or resamples < 1:
-        raise InputError(f"{N} test taps need {N} sessions and a resample, got {session.shape} and {resamples}.")
+    table = tables[names[0]]
+    N = len(table.log_likelihood)
+    session = np.zeros(N, dtype=np.intp) if table.session is None else np.asarray(table.session)
+    pools = list(resampled_pools(table, resamples, seed))
     answered, samples, classes, count = [], [], [], []
     for n in dict.fromkeys(contacts):
-        generator = np.random.default_rng([seed, n])
-        sequences = _draw(pool, session, n, generator)
+        sequences = _draw(pools[0], session, n, np.random.default_rng([seed, n]))
         if sequences is None:
             continue
-        C = int(sequences.unit[-1]) + 1
-        drawn = generator.multinomial(C, np.full(C, 1 / C), size=resamples)
-        weights = np.concatenate([np.ones((1, C)), drawn.astype(np.float64)])
-        samples.append([_resampled(_scores(name, tables[name], sequences), sequences, weights) for name in names])
+        generator = np.random.default_rng([seed, n, 1])
+        drawn = (sequences, *(_draw(pool, session, n, generator, _RESAMPLE_DRAWS) for pool in pools[1:]))
+        samples.append(
+            [
+                [_summary(_scores(name, tables[name], some), some) for some in drawn if some is not None]
+                for name in names
+            ]
+        )
         answered.append(n)
-        classes.append(C)
+        classes.append(len(np.unique(np.stack([sequences.where, sequences.what]), axis=1).T))
         count.append(len(sequences.taps))
     if not answered:
         raise InputError(f"Too few classes have test taps for sequences of {', '.join(map(str, contacts))} taps.")
@@ -147,10 +148,20 @@ def class_scores(
             "calibration_bins": CALIBRATION_BINS,
         },
     )
+    how = spread(table)
     for i, (name, meaning) in enumerate((MEANS | CALIBRATIONS).items()):
         attributes = {"long_name": meaning, "units": "nat" if name.startswith("log_score") else ""}
         result.update(
-            with_intervals(name, joined[..., i], ("model", "contacts"), base, attributes, biased=name in CALIBRATIONS)
+            with_intervals(
+                name,
+                joined[..., i],
+                ("model", "contacts"),
+                base,
+                attributes,
+                how,
+                limits=_limits(name),
+                biased=name in CALIBRATIONS,
+            )
         )
     return result
 
@@ -158,37 +169,49 @@ def class_scores(
 def class_interval_sentence() -> str:
     """What the intervals of `class_scores` mean, in a sentence."""
     return (
-        f"Intervals are {CONFIDENCE:.0%} bootstrap intervals that take classes as the units, as sequences of one err "
-        "together; they do not hold how another recording would differ."
+        f"Intervals are {CONFIDENCE:.0%} bootstrap intervals: test taps are drawn anew within class and session, and "
+        "sessions where several test, the same for all models."
     )
 
 
-def _draw(pool: TapPool, session: NDArray[np.generic], n: int, generator: np.random.Generator) -> _Sequences | None:
+def _limits(name: str) -> tuple[float, float]:
+    """Least and greatest value of a score."""
+    if name.startswith("log_score"):
+        return -np.inf, 0.0
+    return 0.0, 2.0 if name.startswith("brier") else 1.0
+
+
+def _draw(
+    pool: TapPool, session: NDArray[np.generic], n: int, generator: np.random.Generator, draws: int = _DRAWS
+) -> _Sequences | None:
     """Sequences of n taps, class by class; `None` where too few classes have so many."""
     if n < 1:
         raise InputError(f"A sequence has at least one contact, got {n}.")
     parts: list[_Sequences] = []
-    unit = 0
     for l, m in np.argwhere(pool.count > 0):
         first = pool.first[l, m]
         own = pool.order[first : first + pool.count[l, m]]
         groups = [group for s in np.unique(session[own]) if len(group := own[session[own] == s]) >= n]
         total = sum(map(len, groups))
         for group in groups:
-            taps = group[:, np.newaxis] if n == 1 else _without_replacement(group, n, total, generator)
-            where, what, units = np.repeat([[l], [m], [unit]], len(taps), axis=1)
-            parts.append(_Sequences(taps, where, what, units, np.full(len(taps), len(group) / len(taps))))
-        unit += bool(groups)
-    if not unit or unit < _ENOUGH * np.count_nonzero(pool.count):
+            taps = (
+                group[:, np.newaxis]
+                if n == 1
+                else _without_replacement(group, n, -(-draws * len(group) // total), generator)
+            )
+            where, what = np.repeat([[l], [m]], len(taps), axis=1)
+            parts.append(_Sequences(taps, where, what, np.full(len(taps), len(group) / len(taps))))
+    classes = len({(int(part.where[0]), int(part.what[0])) for part in parts})
+    if not classes or classes < _ENOUGH * np.count_nonzero(pool.count):
         return None
     return _Sequences(*(np.concatenate(column) for column in zip(*parts, strict=True)))
 
 
 def _without_replacement(
-    group: NDArray[np.intp], n: int, total: int, generator: np.random.Generator
+    group: NDArray[np.intp], n: int, draws: int, generator: np.random.Generator
 ) -> NDArray[np.intp]:
-    draws = -(-_DRAWS * len(group) // total)
-    return np.stack([generator.choice(group, size=n, replace=False) for _ in range(draws)])
+    """Several draws of n different ones, shape (draws, n)."""
+    return generator.permuted(np.broadcast_to(group, (draws, len(group))), axis=1)[:, :n]
 
 
 def _scores(name: str, table: TapTable, sequences: _Sequences) -> _Scores:
@@ -240,24 +263,14 @@ def _score(
     )
 
 
-def _resampled(scores: _Scores, sequences: _Sequences, weights: NDArray[np.float64]) -> NDArray[np.float64]:
-    """`MEANS` and `CALIBRATIONS` under each weighting of the classes (R, C), shape (R, 10)."""
-    C = weights.shape[1]
-    taps = weights @ np.bincount(sequences.unit, sequences.weight, C)
-    columns = [_mean(value, sequences, weights) / taps for value in scores.values.T]
+def _summary(scores: _Scores, sequences: _Sequences) -> NDArray[np.float64]:
+    """`MEANS` and `CALIBRATIONS` of sequences, shape (10,)."""
+    weight = sequences.weight / sequences.weight.sum()
+    columns = [weight @ scores.values]
     for top, hit in zip(scores.top.T, scores.hit.T, strict=True):
-        cell = sequences.unit * CALIBRATION_BINS + _bins(top, sequences.weight)
-        gap = np.bincount(cell, sequences.weight * (hit - top), C * CALIBRATION_BINS).reshape(C, CALIBRATION_BINS)
-        columns.append(np.abs(weights @ gap).sum(axis=1) / taps)
-    return np.stack(columns, axis=1)
-
-
-def _mean(value: NDArray[np.float64], sequences: _Sequences, weights: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Weighted sum over classes, -inf exactly where a class that takes part holds -inf; shape (R,)."""
-    C, endless = weights.shape[1], np.isneginf(value)
-    total = weights @ np.bincount(sequences.unit, sequences.weight * np.where(endless, 0.0, value), C)
-    total[weights @ np.bincount(sequences.unit, endless, C) > 0] = -np.inf
-    return total
+        gap = np.bincount(_bins(top, weight), weight * (hit - top), CALIBRATION_BINS)
+        columns.append(np.abs(gap).sum(keepdims=True))
+    return np.concatenate(columns)
 
 
 def _bins(belief: NDArray[np.float64], weight: NDArray[np.float64]) -> NDArray[np.intp]:

@@ -1,10 +1,12 @@
 """Models compared by what they decide: the same trials, passive and active, played by every model.
 
-`play_models` plays and resamples once; `decision_curves` and `at_equal_taps` are two views of that. Trials pair across
-models and policies: they have the same starts and random numbers, and every resample takes the same trials.
+`play_models` plays once, on the test taps and on resamples of them; `decision_curves` and `at_equal_taps` are two views
+of that. Trials pair across models and policies: they have the same resamples, starts and random numbers. No trial draws
+a tap twice, see `inference.resampling`.
 """
 
 from collections.abc import Callable, Mapping
+from functools import partial
 
 import numpy as np
 import xarray as xr
@@ -12,13 +14,13 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..inference.control import check_fixation
 from ..inference.episode import DEADLINE
-from ..inference.montecarlo import Trials, run_trials
+from ..inference.montecarlo import Trials
 from ..inference.reference import Border, ZeroEvidenceError
-from ..inference.trial_plan import TapTable, TrialPlan, plan_trials
+from ..inference.resampling import CONFIDENCE, RESAMPLES, Spread, planned_trials, play_resamples, spread
+from ..inference.trial_plan import TapTable, TrialPlan
 from ..models.classes import ClassGrid
 from ..models.errors import InputError
-from .compare_pairing import RESAMPLES, check_tables, interval, reference_name, with_intervals
-from .metrics import CONFIDENCE
+from .compare_pairing import check_tables, reference_name, with_intervals
 from .study import can_act
 
 MEANS = {
@@ -28,12 +30,12 @@ MEANS = {
     "stopped_fraction": "fraction of trials that cross the threshold before the deadline",
     "doubt": "mean of 1 - belief in the decided object",
     "what_wrong": "fraction of trials that decide for a wrong object",
+    "used_up": "fraction of trials that end because the stored taps of a class are used up",
 }
 MISCALIBRATION = "fraction of wrong objects over the mean of 1 - belief"
 ERRORS = ("what_error", "where_error", "what_wrong")
 _ROUND = (1.0, 1.5, 2.0, 3.0, 5.0, 7.0)
-# Trials are resampled in at most so many batches of neighbours, which are as independent as single ones.
-_BATCHES = 4096
+_LIMITS = {"taps": (1.0, np.inf), "stopped_fraction": (0.0, 1.0), "what_wrong": (0.0, 1.0), "used_up": (0.0, 1.0)}
 
 
 def policies(grid: ClassGrid) -> tuple[str, ...]:
@@ -55,24 +57,24 @@ def play_models(
     resamples: int = RESAMPLES,
     progress: Callable[[int], None] | None = None,
 ) -> xr.Dataset:
-    """Means over the same trials, and over the same bootstrap resamples of them, for every model.
+    """Means over the same trials on the test taps, and over the same trials on resamples of them, for every model.
 
     Args:
         tables: The same test taps as every model sees them, by the model's name.
         grid: The classes.
         thresholds: theta_W, shape (H,), any order; sorted in the result.
-        trials: Of each model and policy, starting anywhere.
+        trials: Of each model and policy, starting anywhere; resamples take fewer.
         seed: Of the trials and the resamples.
         fixation: Where class that active trials aim for; `None` for the middle.
         border: Reading of Eq. 9.
         deadline: Taps after which the most probable classes are taken.
         theta_x: Threshold for a move of the active policy.
         resamples: How many.
-        progress: Called with the number of trials finished since the last call; in all there are
-            `len(tables) * len(policies(grid)) * trials`.
+        progress: Called with the number of trials finished since the last call, see `planned`.
 
     Returns:
-        `MEANS` over (model, policy, theta, resample); resample 0 holds the trials as they were played.
+        `MEANS` over (model, policy, theta, resample); resample 0 holds the taps as they are. Attribute `factor` and
+        `few` of `resampling.Spread`.
 
     Raises:
         InputError: The tables do not hold the same taps or are not of this grid, or a setting is out of range.
@@ -83,27 +85,29 @@ def play_models(
     if resamples < 1:
         raise InputError(f"Intervals need at least one resample, got {resamples}.")
     thresholds = np.sort(np.atleast_1d(np.asarray(thresholds, dtype=np.float64)))
-    plan = plan_trials(next(iter(tables.values())).pool, trials, seed, check_fixation(fixation, grid.L))
-    weights = _weights(trials, resamples, seed)
     means = np.empty((len(tables), len(policies(grid)), len(MEANS), len(thresholds), 1 + resamples))
     for i, (name, table) in enumerate(tables.items()):
         for j, policy in enumerate(policies(grid)):
             try:
-                played = run_trials(
+                kept = play_resamples(
                     table,
-                    plan,
                     thresholds,
+                    partial(_means, grid),
+                    trials=trials,
                     theta_x=theta_x if policy == "active" else 1.0,
+                    fixation=check_fixation(fixation, grid.L),
                     border=border,
                     deadline=deadline,
                     seed=seed,
+                    resamples=resamples,
                     progress=progress,
                 )
             except ZeroEvidenceError as error:
                 raise ZeroEvidenceError(f"Model {name!r}, {policy}: {error}") from error
-            means[i, j] = _means(_values(played, plan, grid), weights).T.reshape(means.shape[2:])
+            means[i, j] = np.stack(kept, axis=-1)
     dims = ("model", "policy", "theta", "resample")
     units = {"what_error": grid.what_error_unit, "where_error": grid.where_unit, "taps": "taps"}
+    how = spread(next(iter(tables.values())))
     return xr.Dataset(
         {
             name: (dims, means[:, :, i], {"long_name": meaning, "units": units.get(name, "")})
@@ -120,8 +124,15 @@ def play_models(
             "trials": trials,
             "seed": seed,
             "resamples": resamples,
+            "factor": how.factor,
+            "few": how.few,
         },
     )
+
+
+def planned(models: int, grid: ClassGrid, trials: int, resamples: int = RESAMPLES) -> int:
+    """How many trials `play_models` plays."""
+    return models * len(policies(grid)) * planned_trials(trials, resamples)
 
 
 def decision_curves(played: xr.Dataset, reference: str | None = None) -> xr.Dataset:
@@ -193,13 +204,15 @@ def at_equal_taps(played: xr.Dataset, taps: ArrayLike | None = None, reference: 
 def decision_interval_sentence() -> str:
     """What the intervals of `decision_curves` and `at_equal_taps` mean, in a sentence."""
     return (
-        f"Intervals are {CONFIDENCE:.0%} bootstrap intervals over the Monte Carlo trials on these test taps, the same "
-        "trials for all models; they hold the sampling of trials only, not how another recording would differ."
+        f"Intervals are {CONFIDENCE:.0%} bootstrap intervals: test taps are drawn anew within class and session, and "
+        "sessions where several test, and the trials are played on them, the same for all models. No trial uses a tap "
+        "twice, so errors are those on fresh taps; a trial that has had all stored taps of a class ends there. They do "
+        "not hold how models fitted to other training taps would differ."
     )
 
 
-def _values(trials: Trials, plan: TrialPlan, grid: ClassGrid) -> NDArray[np.float64]:
-    """`MEANS` of every trial and threshold, quantity by quantity, shape (n, 6 H)."""
+def _means(grid: ClassGrid, trials: Trials, plan: TrialPlan) -> NDArray[np.float64]:
+    """`MEANS` at every threshold, shape (7, H)."""
     what = plan.what[:, np.newaxis]
     values = {
         "what_error": grid.what_error(trials.what, what),
@@ -208,22 +221,9 @@ def _values(trials: Trials, plan: TrialPlan, grid: ClassGrid) -> NDArray[np.floa
         "stopped_fraction": trials.stopped,
         "doubt": np.maximum(1.0 - trials.belief, 0.0),
         "what_wrong": trials.what != what,
+        "used_up": trials.used_up,
     }
-    return np.concatenate([values[name].astype(np.float64) for name in MEANS], axis=1)
-
-
-def _weights(n: int, resamples: int, seed: int) -> NDArray[np.float64]:
-    """How often the original and each resample take every batch of trials, shape (1 + resamples, batches)."""
-    G, generator = min(n, _BATCHES), np.random.default_rng([seed, 1])
-    drawn = [np.bincount(generator.integers(G, size=G), minlength=G) for _ in range(resamples)]
-    return np.array([np.ones(G), *drawn], dtype=np.float64)
-
-
-def _means(values: NDArray[np.float64], weights: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Means of trials (n, V) under weights of batches (R, G), shape (R, V)."""
-    n, G = len(values), weights.shape[1]
-    first = -(-np.arange(G) * n // G)
-    return weights @ np.add.reduceat(values, first) / (weights @ np.diff(first, append=n))[:, np.newaxis]
+    return np.stack([values[name].mean(axis=0) for name in MEANS])
 
 
 def _compared(
@@ -239,7 +239,18 @@ def _compared(
     coords = {name: played[name].values for name in ("model", "policy")}
     result = xr.Dataset(coords={**coords, dim: points}, attrs={**played.attrs, "reference": reference})
     for name, values in samples.items():
-        result.update(with_intervals(name, values, ("model", "policy", dim), names.index(reference), attributes[name]))
+        most = 1.0 if attributes[name].get("units") == "P(wrong)" else np.inf
+        result.update(
+            with_intervals(
+                name,
+                values,
+                ("model", "policy", dim),
+                names.index(reference),
+                attributes[name],
+                Spread(played.attrs["factor"]),
+                limits=_LIMITS.get(name, (0.0, most)),
+            )
+        )
     return result
 
 
@@ -252,7 +263,8 @@ def _reached(times: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[n
     Returns:
         Each of shape (model, policy); where the fastest is the slower there is no such time.
     """
-    return interval(times.min(axis=2))[1], interval(times.max(axis=2))[0]
+    raw = Spread(1.0)
+    return raw.interval(times.min(axis=2))[1], raw.interval(times.max(axis=2))[0]
 
 
 def _round_times(fastest: NDArray[np.float64], slowest: NDArray[np.float64], base: int) -> NDArray[np.float64]:

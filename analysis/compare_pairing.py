@@ -7,13 +7,12 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
+from ..inference.resampling import Spread
 from ..inference.trial_plan import TapTable
 from ..models.errors import InputError
-from .metrics import CONFIDENCE
 
 RESAMPLES = 1000
-# Of the resamples: an interval from fewer would be that of the lucky ones.
-_DEFINED = 0.95
+"""Where resampling costs no trials."""
 
 
 def check_tables(tables: Mapping[str, TapTable]) -> tuple[int, int]:
@@ -58,27 +57,15 @@ def reference_name(names: Sequence[str], reference: str | None) -> str:
     return reference
 
 
-def interval(samples: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Percentile interval over resamples, shape (..., R), as two resamples, so that it may end in an infinity.
-
-    NaN resamples are left out; where they are more than one in twenty, the interval is NaN.
-    """
-    defined = (~np.isnan(samples)).sum(axis=-1, keepdims=True)
-    ordered, last = np.sort(samples, axis=-1), np.maximum(defined - 1, 0)
-    tail = (1 - CONFIDENCE) / 2
-    index = np.floor(tail * last).astype(np.intp), np.ceil((1 - tail) * last).astype(np.intp)
-    low, high = (np.take_along_axis(ordered, i, axis=-1)[..., 0] for i in index)
-    enough = defined[..., 0] >= max(1.0, _DEFINED * samples.shape[-1])
-    return np.where(enough, low, np.nan), np.where(enough, high, np.nan)
-
-
 def with_intervals(
     name: str,
     samples: NDArray[np.float64],
     dims: tuple[str, ...],
     reference: int,
     attributes: Mapping[str, Any],
+    spread: Spread,
     *,
+    limits: tuple[float, float] = (-np.inf, np.inf),
     biased: bool = False,
 ) -> xr.Dataset:
     """A quantity of every model and its difference to the reference model, each with an interval.
@@ -89,9 +76,11 @@ def with_intervals(
         dims: Of the axes but the last.
         reference: Index of the reference model.
         attributes: Of the variables.
-        biased: Whether the quantity lies between 0 and 1 and noise makes it larger. Resampling adds as much noise
-            again, so percentile intervals miss the small values and mirrored ones (basic bootstrap) the large; the
-            interval spans both. It held the truth in 84 to 97 of 100 simulated comparisons.
+        spread: How resamples turn into intervals.
+        limits: Least and greatest possible value.
+        biased: Whether noise makes the quantity larger, as it does a calibration error. A resample adds as much noise
+            again, so that its excess over the estimate says how much too large that may be: the interval reaches
+            down by so much more.
 
     Returns:
         `<name>`, `<name>_low`, `<name>_high`, and the same of `<name>_difference`, which is NaN where both models
@@ -99,14 +88,16 @@ def with_intervals(
     """
     with np.errstate(invalid="ignore"):
         difference = samples - samples[reference]
+    span = limits[1] - limits[0]
     result = {}
-    for label, values in ((name, samples), (f"{name}_difference", difference)):
-        estimate = values[..., 0]
-        low, high = interval(values[..., 1:])
+    for label, values, (least, most) in (
+        (name, samples, limits),
+        (f"{name}_difference", difference, (-span, span)),
+    ):
+        low, high = spread.interval(values, least, most)
         if biased:
-            mirrored = np.clip([2 * estimate - high, 2 * estimate - low], 0.0 if label == name else -1.0, 1.0)
-            low, high = np.minimum(mirrored[0], low), np.maximum(mirrored[1], high)
-        undefined = np.isnan(estimate)
-        low, high = np.where(undefined, np.nan, low), np.where(undefined, np.nan, high)
-        result |= {label: estimate, f"{label}_low": low, f"{label}_high": high}
+            excess = np.nan_to_num(np.nanmean(values[..., 1:], axis=-1) - values[..., 0])
+            low = np.maximum(low - np.maximum(excess, 0.0), least)
+            high = np.minimum(high - np.minimum(excess, 0.0), most)
+        result |= {label: values[..., 0], f"{label}_low": low, f"{label}_high": high}
     return xr.Dataset({key: (dims, values, dict(attributes)) for key, values in result.items()})

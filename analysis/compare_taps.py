@@ -14,6 +14,7 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
+from ..inference.resampling import Spread
 from ..models.catalogue import Fitted
 from ..models.classes import ClassGrid
 from ..models.errors import InputError
@@ -223,7 +224,8 @@ def mean_scores(scores: Mapping[str, TapScores], reference: str, name: str, seed
     sums = np.array([np.bincount(scores[n].cluster, scores[n].values, minlength=C) for n in names])
     samples = (sums @ weights.T) / (weights @ size)
     attributes = {"long_name": "mean log probability of a tap's bins", "units": "nat per tap"}
-    result = with_intervals(name, samples, ("model",), names.index(reference), attributes)
+    spread = Spread(float(np.sqrt(C / max(C - 1, 1))))
+    result = with_intervals(name, samples, ("model",), names.index(reference), attributes, spread)
     return result.assign_coords(model=np.array(names, dtype=np.str_)).assign_attrs(taps=N, reference=reference)
 
 

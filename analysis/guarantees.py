@@ -13,32 +13,21 @@ Trials start in classes with a test tap, alike, and the prior must say so: it do
 paper's root and the border `uniform` are outside the proofs, and no recorded tap was drawn from a fitted model.
 """
 
+from functools import partial
+
 import numpy as np
 import xarray as xr
 from numpy.typing import ArrayLike, NDArray
 
 from ..inference.control import check_fixation
 from ..inference.episode import DEADLINE
+from ..inference.montecarlo import Trials
 from ..inference.reference import Border
-from ..inference.trial_plan import TapTable, plan_trials
+from ..inference.resampling import CONFIDENCE, RESAMPLES, play_resamples, spread
+from ..inference.trial_plan import TapTable, TrialPlan
 from ..models.classes import ClassGrid
 from ..models.errors import InputError
-from .metrics import CONFIDENCE
-from .reliability import (
-    EVERYTHING,
-    RESAMPLES,
-    TRIALS,
-    Decisions,
-    Subject,
-    Units,
-    decided_about,
-    independent_decisions,
-    plain,
-    play,
-    resampled_interval,
-    resampling,
-    widened,
-)
+from .reliability import EVERYTHING, TRIALS, Subject, decided_about, independent_decisions, plain, widened
 
 PROMISED = "power none, border clamp"
 USED = "as used"
@@ -94,18 +83,25 @@ def guarantees(
     subjects = [decided_about(table, grid) for table in (correct, used)]
     first = subjects[0]
     M = len(first.names)
-    plan = plan_trials(first.table.pool, trials, seed, check_fixation(fixation, grid.L) if grid.M > 1 else 0)
-    units = resampling(plan, first.table.pool, resamples, seed)
     limit = np.array([1 - thresholds, *[(M - 1) * (1 - thresholds) / thresholds] * M]).T
     shape = 2, len(first.policies), len(thresholds), 1 + M
     found = {name: np.full(shape, np.nan) for name in _COUNTED}
     for i, (subject, edge) in enumerate(zip(subjects, ("clamp", border), strict=True)):
         for j, policy in enumerate(first.policies):
-            moves = 1.0 if policy == "passive" else theta_x
-            played = play(subject.table, plan, thresholds, moves, border=edge, deadline=deadline, seed=seed)
-            for h, decisions in enumerate(played):
-                for name, values in _counted(decisions, units, subject).items():
-                    found[name][i, j, h] = values
+            kept = play_resamples(
+                subject.table,
+                thresholds,
+                partial(_counts, M),
+                trials=trials,
+                theta_x=1.0 if policy == "passive" else theta_x,
+                fixation=check_fixation(fixation, grid.L) if grid.M > 1 else 0,
+                border=edge,
+                deadline=deadline,
+                seed=seed,
+                resamples=resamples,
+            )
+            for name, values in _described(np.stack(kept, axis=-1), subject).items():
+                found[name][i, j] = values
     data = {name: (_DIMS, values) for name, values in found.items()}
     result = xr.Dataset(
         {**data, "limit": (("theta", "what"), limit)},
@@ -149,29 +145,41 @@ def guarantee_sentence(data: xr.Dataset) -> str:
     return (
         "With a right model, power none and border clamp at most 1 - theta of the stopped trials are wrong, and of "
         f"each {data.attrs['decides']} at most (M - 1) (1 - theta) / theta stop for another. Intervals are "
-        f"{CONFIDENCE:.0%} bootstrap intervals over the starts of trials on these test taps."
+        f"{CONFIDENCE:.0%} bootstrap intervals: test taps are drawn anew within class and session."
     )
 
 
-def _counted(decisions: Decisions, units: Units, subject: Subject) -> dict[str, NDArray[np.float64]]:
-    """`_COUNTED` of all objects together and of each, shape (1 + M,)."""
-    stopped = decisions.stopped
-    missed = stopped & (decisions.decided != decisions.true)
-    doubt = np.clip(1 - decisions.belief, 0.0, 1.0)
-    columns = []
-    for m in (None, *range(len(subject.names))):
-        own = np.ones_like(stopped) if m is None else decisions.true == m
-        among = stopped if m is None else own
-        n, ended = int(among.sum()), own & stopped
-        if not n:
-            columns.append([np.nan] * (len(_COUNTED) - 1) + [0.0 if own.any() else np.nan])
-            continue
-        U = len(units.true)
-        size = units.weights @ np.bincount(units.unit[among], minlength=U)
-        with np.errstate(invalid="ignore", divide="ignore"):
-            share = units.weights @ np.bincount(units.unit[own & missed], minlength=U) / size
-        independent = independent_decisions(subject.table.pool, m, n, float(decisions.taps[among].mean()))
-        low, high = widened(*resampled_interval(share, units, n, independent), independent)
-        uncertain = doubt[ended].mean() if ended.any() else np.nan
-        columns.append([share[0], low, high, uncertain, decisions.taps[own].mean(), ended.sum() / own.sum()])
-    return dict(zip(_COUNTED, np.array(columns).T, strict=True))
+def _counts(M: int, trials: Trials, plan: TrialPlan) -> NDArray[np.float64]:
+    """Trials with each object: all, stopped, stopped for another, doubt of the stopped, taps of all; (H, M, 5)."""
+    stopped, missed = trials.stopped, trials.stopped & (trials.what != plan.what[:, np.newaxis])
+    doubt = np.where(stopped, np.clip(1 - trials.belief, 0.0, 1.0), 0.0)
+    columns = np.ones_like(doubt), stopped, missed, doubt, trials.taps
+    return np.array([[np.bincount(plan.what, one, M) for one in np.transpose(column)] for column in columns]).transpose(
+        1, 2, 0
+    )
+
+
+def _described(counts: NDArray[np.float64], subject: Subject) -> dict[str, NDArray[np.float64]]:
+    """`_COUNTED` of all objects together and of each, shape (H, 1 + M), from counts (H, M, 5, 1 + R)."""
+    how, pool = spread(subject.table), subject.table.pool
+    every = np.concatenate([counts.sum(axis=1, keepdims=True), counts], axis=1)
+    all_, stopped, missed, doubt, taps = np.moveaxis(every, 2, 0)
+    among = all_.copy()
+    among[:, 0] = stopped[:, 0]
+    with np.errstate(invalid="ignore", divide="ignore"):
+        share, per_trial = missed / among, taps[..., 0] / all_[..., 0]
+        uncertain, ended = doubt[..., 0] / stopped[..., 0], stopped[..., 0] / all_[..., 0]
+    objects = (None, *range(len(subject.names)))
+    independent = np.array(
+        [
+            [
+                independent_decisions(pool, m, n, np.nan_to_num(t, nan=1.0))
+                for m, n, t in zip(objects, *row, strict=True)
+            ]
+            for row in zip(among[..., 0], per_trial, strict=True)
+        ]
+    )
+    low, high = widened(*how.interval(share, 0.0, 1.0), independent)
+    nothing = np.isnan(share[..., 0])
+    low, high = np.where(nothing, np.nan, low), np.where(nothing, np.nan, high)
+    return dict(zip(_COUNTED, (share[..., 0], low, high, uncertain, per_trial, ended), strict=True))

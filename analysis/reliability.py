@@ -8,11 +8,13 @@ is about a half when all is well.
 With a single object there is nothing to tell but the place: decisions are for the place then, stop by the belief in it,
 and places stand where objects stand otherwise. The finger does not move in these trials, nor where there is one place.
 
-Errors persist: an object that is taken for another mostly always is. So everything is also told object by object, and
-intervals take the trials that start in one class as a unit; objects are those that there are and are not resampled.
+Trials draw no tap twice, see `inference.resampling`: drawing the same few stored taps again makes right beliefs too
+sure by a factor of three and more. Errors persist: an object that is taken for another mostly always is. So everything
+is also told object by object; objects are those that there are and are not resampled.
 """
 
 from collections.abc import Sequence
+from functools import partial
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -22,18 +24,17 @@ from numpy.typing import ArrayLike, NDArray
 from ..hardware.pool import TapPool
 from ..inference.control import check_fixation
 from ..inference.episode import DEADLINE
-from ..inference.montecarlo import run_trials
+from ..inference.montecarlo import Trials, run_trials
 from ..inference.reference import Border
+from ..inference.resampling import CONFIDENCE, RESAMPLES, Spread, play_resamples, spread
 from ..inference.trial_plan import TapTable, TrialPlan, plan_trials
 from ..models.classes import ClassGrid
 from ..models.errors import InputError
 from .compare_decisions import policies
-from .compare_pairing import interval
-from .metrics import CONFIDENCE, confusion
+from .metrics import confusion
 
 CONTACTS = (1, 2, 5, 10, 20, 50)
 TRIALS = 4000
-RESAMPLES = 400
 BINS = 10
 EVERYTHING = "all"
 """Label of all objects together."""
@@ -52,7 +53,7 @@ RATIOS = {
     "over_promise": "wrong decisions over 1 - threshold",
 }
 CALIBRATION = {"calibration_error": "mean distance of belief and fraction right"}
-_FEWEST = 5  # start places of an object below which single trials are the units of the bootstrap
+_ENOUGH = 0.9  # of the classes must have as many taps as are looked at after
 _LEAST_DOUBT = np.finfo(np.float64).eps  # 1 - belief is not known better
 
 
@@ -90,20 +91,18 @@ class Decisions(NamedTuple):
     taps: NDArray[np.int64]
 
 
-class Units(NamedTuple):
-    """What is resampled.
+class Sums(NamedTuple):
+    """What is kept of trials, by threshold, `COUNTED` and true object.
 
     Attributes:
-        unit: Of each trial, shape (n,).
-        true: Object of each unit, shape (U,).
-        weights: How often the original and each resample take a unit, shape (1 + R, U).
-        single: Whether units are single trials.
+        sums: Of 1 and of `MEANS`, shape (H, 2, M, 6).
+        curve: Of 1, wrong and doubt by bin of belief, for all objects and each, shape (H, 2, 1 + M, BINS, 3).
+        used_up: Share of trials that ended because the stored taps of a class were used up, shape (H,).
     """
 
-    unit: NDArray[np.intp]
-    true: NDArray[np.intp]
-    weights: NDArray[np.float64]
-    single: bool
+    sums: NDArray[np.float64]
+    curve: NDArray[np.float64]
+    used_up: NDArray[np.float64]
 
 
 def reliability(
@@ -119,6 +118,7 @@ def reliability(
     fixation: int | None = None,
     theta_x: float = 0.0,
     resamples: int = RESAMPLES,
+    only: str | None = None,
 ) -> xr.Dataset:
     """How the belief in decisions compares with how often they are right.
 
@@ -133,15 +133,17 @@ def reliability(
         deadline: Taps after which the most probable is decided.
         fixation: Where class that active trials aim for; `None` for the middle.
         theta_x: Threshold for a move of active trials.
-        resamples: Of the units, for the intervals.
+        resamples: Of the test taps, for the intervals.
+        only: The policy to play; `None` for passive, and active where the finger can move.
 
     Returns:
         Dim `setting` with the coordinates `policy`, `theta` (NaN after fixed numbers of taps) and `contacts` (0 at
         stopping); see `at_stopping` and `after_contacts`. Over (setting, counted, what), where what is `EVERYTHING` and
-        then each object: `MEANS`, `RATIOS` and `CALIBRATION`, each with `_low` and `_high`, `trials` counted, the
-        `fraction` of them, and `replay`, see `replayed`. Over (..., bin), bins of about equally many trials by belief,
-        equal beliefs in one bin: `curve_belief`, `curve_right` with `_low` and `_high`, and `curve_trials`. Over
-        (setting, counted, true, decided): the `confusion`. NaN where nothing was counted, infinite ratios where
+        then each object: `MEANS`, `RATIOS` and `CALIBRATION`, each with `_low` and `_high`, `trials` counted and the
+        `fraction` of them. Over (..., bin), bins of about equally many trials by belief, equal beliefs in one bin:
+        `curve_belief`, `curve_right` with `_low` and `_high`, and `curve_trials`. Over (setting, counted, true,
+        decided): the `confusion`. Over (setting): `used_up`, the share of trials that the stored taps ended, and `few`,
+        whether there are too few of them, see `resampling.spread`. NaN where nothing was counted, infinite ratios where
         decisions are wrong of which the belief is 1.
 
     Raises:
@@ -154,24 +156,36 @@ def reliability(
         raise InputError(f"Reliability at stopping needs thresholds below 1, got {thresholds.tolist()}.")
     if resamples < 1 or min(contacts, default=1) < 1:
         raise InputError(f"There must be a resample and a tap, got {resamples} and contacts {list(contacts)}.")
-    plan = plan_trials(subject.table.pool, trials, seed, check_fixation(fixation, grid.L) if grid.M > 1 else 0)
-    units = resampling(plan, subject.table.pool, resamples, seed)
+    aim = check_fixation(fixation, grid.L) if grid.M > 1 else 0
+    plan = plan_trials(subject.table.pool, trials, seed, aim)
+    options = {"trials": trials, "fixation": aim, "border": border, "seed": seed, "resamples": resamples}
     settings: list[tuple[str, float, int]] = []
     rows: list[dict[str, NDArray[Any]]] = []
-    for policy in subject.policies:
+    for policy in subject.policies if only is None else (only,):
         still = policy == "passive"
-        stops = [(float("nan"), n) for n in dict.fromkeys(contacts)] if still else []
-        played = play(
-            subject.table, plan, thresholds, 1.0 if still else theta_x, border=border, deadline=deadline, seed=seed
-        )
-        for (theta, n), decisions in zip([(t, 0) for t in thresholds.tolist()], played, strict=True):
-            settings.append((policy, theta, n))
-            rows.append(_described(decisions, theta, units, subject))
-        for theta, n in stops:
-            (decisions,) = play(subject.table, plan, (1.0,), 1.0, border=border, deadline=n, seed=seed)
-            settings.append((policy, theta, n))
-            rows.append(_described(decisions._replace(stopped=np.ones(trials, dtype=bool)), theta, units, subject))
+        moves = 1.0 if still else theta_x
+        stops = [(thresholds, deadline), *((np.ones(1), n) for n in _answerable(subject.table.pool, contacts) if still)]
+        for theta, most in stops:
+            fixed = bool((theta == 1).all())
+            played = play(subject.table, plan, theta, moves, border=border, deadline=most, seed=seed, fresh=True)
+            if fixed:
+                played = [one._replace(stopped=np.ones(trials, dtype=bool)) for one in played]
+            edges = [[_edges(one, counted, len(subject.names)) for counted in (True, False)] for one in played]
+            kept = play_resamples(
+                subject.table, theta, partial(_sums, edges, fixed), theta_x=moves, deadline=most, **options
+            )
+            joined = Sums(*(np.stack(part, axis=-1) for part in zip(*kept, strict=True)))
+            for h, decisions in enumerate(played):
+                settings.append((policy, float("nan") if fixed else float(theta[h]), most if fixed else 0))
+                one = Sums(*(part[h] for part in joined))
+                rows.append(_described(decisions, one, settings[-1][1], subject))
     return _dataset(settings, rows, subject, {"trials": trials, "seed": seed, "deadline": deadline, "border": border})
+
+
+def _answerable(pool: TapPool, contacts: Sequence[int]) -> list[int]:
+    """The numbers of taps that nearly every class has."""
+    count = pool.count[pool.count > 0]
+    return [n for n in dict.fromkeys(contacts) if (count >= n).mean() >= _ENOUGH]
 
 
 def decided_about(table: TapTable, grid: ClassGrid) -> Subject:
@@ -189,7 +203,9 @@ def decided_about(table: TapTable, grid: ClassGrid) -> Subject:
     order, first, count, _ = table.pool
     places = tuple(grid.where_label(l) for l in range(grid.L))
     pool = TapPool(order, first.T.copy(), count.T.copy(), np.where(count.T > 0, 0, -1))
-    turned = TapTable(_turned(table.log_likelihood), pool, _turned(table.log_prior[np.newaxis])[0])
+    turned = table._replace(
+        log_likelihood=_turned(table.log_likelihood), pool=pool, log_prior=_turned(table.log_prior[np.newaxis])[0]
+    )
     return Subject("place", places, turned, ("passive",))
 
 
@@ -202,33 +218,19 @@ def play(
     border: Border,
     deadline: int,
     seed: int,
+    fresh: bool = False,
 ) -> list[Decisions]:
     """Plays trials and gives how they end at each threshold."""
-    trials = run_trials(table, plan, thresholds, theta_x=theta_x, border=border, deadline=deadline, seed=seed)
+    trials = run_trials(
+        table, plan, thresholds, theta_x=theta_x, border=border, deadline=deadline, seed=seed, fresh=fresh
+    )
+    return decisions_of(trials, plan)
+
+
+def decisions_of(trials: Trials, plan: TrialPlan) -> list[Decisions]:
+    """How trials end at each threshold."""
     columns = trials.what.T, trials.belief.T, trials.stopped.T, trials.taps.T
     return [Decisions(plan.what, *column) for column in zip(*columns, strict=True)]
-
-
-def resampling(plan: TrialPlan, pool: TapPool, resamples: int, seed: int) -> Units:
-    """Units of trials and their resamples: each object keeps its units' number.
-
-    Units are the classes that trials start in, or single trials where an object has taps at fewer than five places; of
-    these `resampled_interval` takes no more for independent than the test taps allow.
-    """
-    M = pool.nearest.shape[1]
-    few = (pool.count > 0).sum(axis=0)
-    label = plan.where * M + plan.what
-    single = bool(few[few > 0].min() < _FEWEST)
-    if single:
-        label = np.arange(len(plan.what))
-    _, first, unit = np.unique(label, return_index=True, return_inverse=True)
-    true = plan.what[first]
-    generator = np.random.default_rng([seed, 2])
-    weights = np.ones((1 + resamples, len(true)))
-    for m in np.unique(true):
-        own = np.flatnonzero(true == m)
-        weights[1:, own] = generator.multinomial(len(own), np.full(len(own), 1 / len(own)), size=resamples)
-    return Units(unit, true, weights, single)
 
 
 def independent_decisions(pool: TapPool, m: int | None, trials: int, taps: float) -> float:
@@ -242,41 +244,6 @@ def independent_decisions(pool: TapPool, m: int | None, trials: int, taps: float
     """
     count = pool.count.sum() if m is None else pool.count[:, m].sum()
     return float(max(1.0, min(trials, count / max(taps, 1.0))))
-
-
-def resampled_interval(
-    samples: NDArray[np.float64], units: Units, n: int, independent: float
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """The percentile interval over resamples, or a wider one where the units repeat each other.
-
-    Args:
-        samples: The estimate and, behind that, R resamples, shape (..., 1 + R).
-        units: That were resampled.
-        n: Trials that count.
-        independent: Number of independent ones: where units are single trials, deviations of resamples are enlarged to
-            what so many would have.
-    """
-    estimate, drawn = samples[..., :1], samples[..., 1:]
-    if units.single and n > independent:
-        with np.errstate(invalid="ignore"):
-            drawn = np.maximum(estimate + np.sqrt(n / independent) * (drawn - estimate), 0.0)
-    return interval(drawn)
-
-
-def replayed(pool: TapPool, m: int | None, taps: float) -> float:
-    """How much the evidence of a decision varies more than that of fresh taps because stored ones are drawn again.
-
-    The sum of n draws from N taps of a class, which are drawn from a distribution themselves, has 1 + (n - 1) / N times
-    the variance of n fresh ones. A right model is too sure then: well above 1 the factor says as much of the number of
-    test taps as of the model.
-
-    Args:
-        pool: The test taps.
-        m: Of which object; `None` for all.
-        taps: Mean number of taps of a decision.
-    """
-    count = pool.count if m is None else pool.count[:, m]
-    return float(1 + max(taps - 1, 0.0) / count[count > 0].mean())
 
 
 def share_beyond(independent: float) -> float:
@@ -332,11 +299,12 @@ def headline(data: xr.Dataset, policy: str, theta: float) -> dict[str, Any]:
         "theta": float(at["theta"]),
         "decides": str(data.attrs["decides"]),
         "stopped": plain(float(at["fraction"].sel(counted="stopped", what=EVERYTHING))),
-        "replay": plain(float(at["replay"].sel(counted="stopped", what=EVERYTHING))),
+        "used_up": plain(float(at["used_up"])),
+        "few": str(at["few"].values),
         **{key: value(key, "stopped", EVERYTHING) for key in keys},
         "all trials": {key: value(key, "all", EVERYTHING) for key in keys},
         "each": {
-            name: {key: value(key, "stopped", name) for key in ("factor", "over_promise", "wrong", "doubt")}
+            name: {key: value(key, "all", name) for key in ("factor", "over_promise", "wrong", "doubt")}
             for name in names[1:]
         },
         "confusion": at["confusion"].sel(counted="all").values.tolist(),
@@ -351,9 +319,9 @@ def plain(value: float) -> float | None:
 def interval_sentence(data: xr.Dataset) -> str:
     """What the intervals of `reliability` mean, in a sentence."""
     return (
-        f"Intervals are {CONFIDENCE:.0%} bootstrap intervals that take {data.attrs['units']} as the units, and reach "
-        "at least as far as the number of decisions that the test taps make without using one twice allows; they do "
-        "not hold how another recording would differ."
+        f"Intervals are {CONFIDENCE:.0%} bootstrap intervals: test taps are drawn anew within class and session"
+        f"{', and sessions too' if data.attrs['sessions'] > 1 else '; another session may differ by more'}. No trial "
+        "uses a tap twice, so errors are those on fresh taps; one that has had all stored taps of a class ends there."
     )
 
 
@@ -362,122 +330,119 @@ def _turned(values: NDArray[np.float64]) -> NDArray[np.float64]:
     return np.ascontiguousarray(values.swapaxes(1, 2)).reshape(len(values), 1, -1)
 
 
-def _described(decisions: Decisions, theta: float, units: Units, subject: Subject) -> dict[str, NDArray[Any]]:
+def _edges(decisions: Decisions, stopped_only: bool, M: int) -> list[NDArray[np.float64]]:
+    """Lower ends of the bins of belief, for all objects and each."""
+    counted = decisions.stopped if stopped_only else np.ones(len(decisions.true), dtype=bool)
+    groups = (counted, *(counted & (decisions.true == m) for m in range(M)))
+    return [bin_edges(decisions.belief[group]) for group in groups]
+
+
+def _sums(
+    edges: Sequence[Sequence[Sequence[NDArray[np.float64]]]], fixed: bool, trials: Trials, plan: TrialPlan
+) -> Sums:
+    """What is kept of trials; those of a fixed number of taps all count as stopped."""
+    M = len(edges[0][0]) - 1
+    sums, curve = np.zeros((len(edges), 2, M, 1 + len(MEANS))), np.zeros((len(edges), 2, 1 + M, BINS, 3))
+    for h, decisions in enumerate(decisions_of(trials, plan)):
+        values = np.stack([np.ones(len(decisions.true)), *_values(decisions).values()])
+        for c, counted in enumerate((np.ones_like(decisions.stopped) if fixed else decisions.stopped, slice(None))):
+            true, own = decisions.true[counted], values[:, counted]
+            sums[h, c] = np.stack([np.bincount(true, row, M) for row in own], axis=-1)
+            for g in range(1 + M):
+                group = slice(None) if g == 0 else true == g - 1
+                ends = edges[h][c][g]
+                if len(ends):
+                    belief = decisions.belief[counted][group]
+                    place = np.maximum(np.searchsorted(ends, belief, side="right") - 1, 0)
+                    curve[h, c, g] = np.stack([np.bincount(place, row[group], BINS) for row in own[:3]], axis=-1)
+    return Sums(sums, curve, trials.used_up.mean(axis=0))
+
+
+def _described(decisions: Decisions, joined: Sums, theta: float, subject: Subject) -> dict[str, NDArray[Any]]:
     """Everything about the decisions of one setting, arrays over (counted, what, ...)."""
-    M = len(subject.names)
-    rows = []
-    for stopped_only in (True, False):
-        counted = decisions.stopped if stopped_only else np.ones(len(decisions.true), dtype=bool)
-        rows.append([_group(decisions, counted, m, theta, units, subject.table.pool) for m in (None, *range(M))])
-    joined = {key: np.array([[cell[key] for cell in row] for row in rows]) for key in rows[0][0]}
-    joined["confusion"] = np.array(
-        [
-            confusion(decisions.true[counted], decisions.decided[counted], M)
-            for counted in (decisions.stopped, np.ones(len(decisions.true), dtype=bool))
-        ]
-    )
-    return joined
-
-
-def _group(
-    decisions: Decisions, counted: NDArray[np.bool_], m: int | None, theta: float, units: Units, pool: TapPool
-) -> dict[str, Any]:
-    """Of the decisions that count about one object, or all: means, ratios, calibration error and curve."""
-    own = np.ones_like(counted) if m is None else decisions.true == m
-    chosen = np.flatnonzero(counted & own)
-    n = len(chosen)
-    nothing = np.full(BINS, np.nan)
-    found: dict[str, Any] = {"trials": n, "fraction": n / own.sum() if own.any() else np.nan, "replay": np.nan}
-    if not n:
-        found |= {name + end: np.nan for name in (MEANS | RATIOS | CALIBRATION) for end in ("", "_low", "_high")}
-        found |= {f"curve_{name}": nothing for name in ("belief", "right", "right_low", "right_high")}
-        return found | {"curve_trials": np.zeros(BINS)}
-
-    unit, U, weights = units.unit[chosen], len(units.true), units.weights
-    values = _values(decisions, chosen)
-    sums = np.stack([np.bincount(unit, values[name], U) for name in MEANS], axis=1)
-    count = weights @ np.bincount(unit, minlength=U)
+    pool, M, everyone = subject.table.pool, len(subject.names), np.ones(len(decisions.true), dtype=bool)
+    how = spread(subject.table, float(joined.used_up[0]))
+    total = np.concatenate([joined.sums.sum(axis=1, keepdims=True), joined.sums], axis=1)  # (2, 1 + M, 6, 1 + R)
+    size = total[:, :, 0]
     with np.errstate(divide="ignore", invalid="ignore"):
-        samples = dict(zip(MEANS, (weights @ sums / count[:, np.newaxis]).T, strict=True))
+        samples = {name: total[:, :, 1 + i] / size for i, name in enumerate(MEANS)}
         samples["factor"] = samples["wrong"] / samples["doubt"]
         samples["over_promise"] = samples["wrong"] / (1 - theta)
-    independent = independent_decisions(pool, m, n, samples["taps"][0])
-    beyond = share_beyond(independent)
-    found["replay"] = replayed(pool, m, samples["taps"][0])
+        fraction = size[..., 0] / size[1, :, 0]
+    taps = samples["taps"][..., 0]
+    independent = np.array(
+        [
+            [independent_decisions(pool, m, n, t) for m, n, t in zip((None, *range(M)), counts, means, strict=True)]
+            for counts, means in zip(size[..., 0], np.nan_to_num(taps, nan=1.0), strict=True)
+        ]
+    )
+    found: dict[str, Any] = {"trials": size[..., 0], "fraction": fraction, "used_up": joined.used_up[0], "few": how.few}
     for name in MEANS | RATIOS:
-        estimate, (low, high) = samples[name][0], resampled_interval(samples[name], units, n, independent)
-        if name == "wrong":
-            low, high = widened(low, high, independent)
-        elif name in RATIOS and np.isfinite(estimate):
-            unit_of = samples["doubt"][0] if name == "factor" else 1 - theta
-            low, high = np.where(np.isnan(low), 0.0, low), np.where(np.isnan(high), np.inf, high)
-            low, high = np.minimum(low, (1 - beyond) / unit_of), np.maximum(high, beyond / unit_of)
-        found |= _with_ends(name, estimate, low, high)
-    return found | _curve(values, unit, units, count, independent)
+        low, high = how.interval(samples[name], 1.0 if name == "taps" else 0.0)
+        if name in ("wrong", *RATIOS):
+            unit = {"wrong": 1.0, "factor": samples["doubt"][..., 0], "over_promise": 1 - theta}[name]
+            with np.errstate(divide="ignore", invalid="ignore"):
+                low, high = (end / unit for end in widened(low * unit, high * unit, independent))
+        found |= _with_ends(name, samples[name][..., 0], low, high)
+    found |= _curve(joined.curve, size, independent, how)
+    found["confusion"] = np.array(
+        [confusion(decisions.true[some], decisions.decided[some], M) for some in (decisions.stopped, everyone)]
+    )
+    return found
 
 
-def _values(decisions: Decisions, chosen: NDArray[np.intp]) -> dict[str, NDArray[np.float64]]:
+def _values(decisions: Decisions) -> dict[str, NDArray[np.float64]]:
     """`MEANS` of single decisions."""
-    wrong = (decisions.decided != decisions.true)[chosen].astype(np.float64)
-    doubt = np.clip(1 - decisions.belief[chosen], 0.0, 1.0)
+    wrong = (decisions.decided != decisions.true).astype(np.float64)
+    doubt = np.clip(1 - decisions.belief, 0.0, 1.0)
     return {
         "wrong": wrong,
         "doubt": doubt,
         "log_loss": -np.where(wrong > 0, np.log(np.maximum(doubt, _LEAST_DOUBT)), np.log1p(-doubt)),
         "brier": (wrong - doubt) ** 2,
-        "taps": decisions.taps[chosen].astype(np.float64),
+        "taps": decisions.taps.astype(np.float64),
     }
 
 
 def _curve(
-    values: dict[str, NDArray[np.float64]],
-    unit: NDArray[np.intp],
-    units: Units,
-    count: NDArray[np.float64],
-    independent: float,
+    curve: NDArray[np.float64], size: NDArray[np.float64], independent: NDArray[np.float64], how: Spread
 ) -> dict[str, Any]:
-    """The reliability curve of some decisions, and their calibration error."""
-    belief, U, weights = 1 - values["doubt"], len(units.true), units.weights
-    cell = unit * BINS + equal_bins(belief)
-    size, wrong, doubt = (
-        np.bincount(cell, value, U * BINS).reshape(U, BINS)
-        for value in (np.ones_like(belief), values["wrong"], values["doubt"])
-    )
-    trials = size.sum(axis=0)
+    """Reliability curves from bins (2, 1 + M, BINS, 3, 1 + R), and their calibration errors."""
+    count, wrong, doubt = np.moveaxis(curve, 3, 0)
     with np.errstate(divide="ignore", invalid="ignore"):
-        errors = np.abs(weights @ (wrong - doubt)).sum(axis=1) / count
-        right = 1 - (weights @ wrong) / (weights @ size)
-        middle = 1 - doubt.sum(axis=0) / trials
+        errors = np.abs(wrong - doubt).sum(axis=2) / size
+        right = 1 - wrong / count
+        middle = (1 - doubt / count)[..., 0]
+        trials = count[..., 0]
+        share = trials / trials.sum(axis=2, keepdims=True)
+    low, high = how.interval(right, 0.0, 1.0)
+    low, high = widened(low, high, np.maximum(1.0, independent[..., np.newaxis] * np.nan_to_num(share)))
     empty = trials == 0
-    low, high = widened(
-        *resampled_interval(right.T, units, len(unit), independent),
-        np.maximum(1.0, independent * trials / trials.sum()),
-    )
-    e_low, e_high = resampled_interval(errors, units, len(unit), independent)
+    e_low, e_high = how.interval(errors, 0.0, 1.0)
     # Noise makes it larger, in a resample once more: see `compare_pairing.with_intervals`.
-    mirrored = np.clip([2 * errors[0] - e_high, 2 * errors[0] - e_low], 0.0, 1.0)
+    excess = np.maximum(np.nan_to_num(errors[..., 1:].mean(axis=-1) - errors[..., 0]), 0.0)
     return {
-        **_with_ends("calibration_error", errors[0], np.fmin(mirrored[0], e_low), np.fmax(mirrored[1], e_high)),
+        **_with_ends("calibration_error", errors[..., 0], np.maximum(e_low - excess, 0.0), e_high),
         "curve_belief": middle,
-        "curve_right": right[0],
+        "curve_right": right[..., 0],
         "curve_right_low": np.where(empty, np.nan, low),
         "curve_right_high": np.where(empty, np.nan, high),
         "curve_trials": trials,
     }
 
 
-def equal_bins(belief: NDArray[np.float64], bins: int = BINS) -> NDArray[np.intp]:
-    """The bin of each belief, about equally many in each and equal beliefs in one, in increasing order; shape (n,)."""
+def bin_edges(belief: NDArray[np.float64], bins: int = BINS) -> NDArray[np.float64]:
+    """Lower ends of bins of about equally many beliefs, equal ones in one bin, increasing; at most `bins`."""
     ordered = np.sort(belief)
-    edges = np.unique(ordered[np.arange(bins) * len(ordered) // bins])
-    return np.searchsorted(edges, belief, side="right") - 1
+    return np.unique(ordered[np.arange(bins) * len(ordered) // bins]) if len(ordered) else ordered
 
 
-def _with_ends(name: str, estimate: Any, low: Any, high: Any) -> dict[str, float]:
+def _with_ends(
+    name: str, estimate: NDArray[np.float64], low: NDArray[np.float64], high: NDArray[np.float64]
+) -> dict[str, NDArray[np.float64]]:
     """An estimate and its interval, which is NaN where the estimate is."""
-    if np.isnan(estimate):
-        low = high = np.nan
-    return {name: float(estimate), f"{name}_low": float(low), f"{name}_high": float(high)}
+    ends = (np.where(np.isnan(estimate), np.nan, end) for end in (low, high))
+    return {name: estimate} | dict(zip((f"{name}_low", f"{name}_high"), ends, strict=True))
 
 
 def _dataset(
@@ -487,15 +452,14 @@ def _dataset(
     attributes: dict[str, Any],
 ) -> xr.Dataset:
     meanings = MEANS | RATIOS | CALIBRATION
-    dims = {"confusion": ("setting", "counted", "true", "decided")}
+    dims = {"confusion": ("setting", "counted", "true", "decided"), "used_up": ("setting",), "few": ("setting",)}
     data = {}
     for key in rows[0]:
         own = dims.get(key, ("setting", "counted", "what", *(("bin",) if key.startswith("curve") else ())))
         units = {"log_loss": "nat", "taps": "taps"}.get(key, "")
         data[key] = (own, np.array([row[key] for row in rows]), {"long_name": meanings.get(key, key), "units": units})
     policy, theta, contacts = zip(*settings, strict=True)
-    few = (subject.table.pool.count > 0).sum(axis=0)
-    units = "single trials" if few[few > 0].min() < _FEWEST else "the classes in which trials start"
+    session = subject.table.session
     return xr.Dataset(
         data,
         {
@@ -507,5 +471,5 @@ def _dataset(
             "true": np.array(subject.names, dtype=np.str_),
             "decided": np.array(subject.names, dtype=np.str_),
         },
-        {**attributes, "decides": subject.kind, "units": units},
+        {**attributes, "decides": subject.kind, "sessions": 1 if session is None else len(np.unique(session))},
     )

@@ -3,34 +3,37 @@
 Two currencies. Beliefs: the mean log belief in the true object (or place, where there is one object) after a fixed
 number of taps, a proper score, on the same sequences for every remedy. Decisions: the error at the mean reaction time
 that the setting as it is needs at its threshold, in the same trials. A gain in the first divided by the number of taps
-is what a remedy buys per tap.
+is what a remedy buys per tap. All remedies share the resamples of the taps, see `inference.resampling`.
 """
 
 from collections.abc import Callable, Mapping, Sequence
+from functools import partial
 from typing import Any, NamedTuple
 
 import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
+from scipy.stats import norm
 
 from ..hardware.pool import TapPool, tap_pool
+from ..inference.control import check_fixation
 from ..inference.montecarlo import THRESHOLDS
+from ..inference.resampling import CONFIDENCE, Spread, resampled_pools, spread
 from ..inference.saturation import share, temper
 from ..inference.trial_plan import TapTable, tap_table
 from ..models.classes import ClassGrid
 from ..models.errors import InputError
+from ..models.model import TapModel
 from ..models.setting import Setting
 from ..models.taps import TapSet
 from .compare_decisions import at_equal_taps, play_models
-from .compare_pairing import RESAMPLES
-from .metrics import CONFIDENCE
-from .reliability import CONTACTS, EVERYTHING, after_contacts, headline, plain, reliability, replayed
+from .reliability import headline, reliability
 from .remedies import Remedy
+from .right_model import SIMULATIONS, Beside, compare, exact, simulate
 from .study import can_act
 
-_SEQUENCES = 20  # of each class
-_RESAMPLES = 400
-_MOST_REPLAY = 2.0  # up to which trials at stopping say something about beliefs
+_SEQUENCES, _RESAMPLE_SEQUENCES = 20, 5  # of each class
+_RESAMPLES = 100
 
 
 class Scored(NamedTuple):
@@ -62,21 +65,25 @@ class Scored(NamedTuple):
 
 
 class Judged(NamedTuple):
-    """By what the beliefs of the setting as it is are called right or wrong.
-
-    At stopping, unless trials would repeat their few taps there: after as many taps as classes have, passive, then.
+    """By what the beliefs of the setting as it is are called right or wrong: all decisions at its threshold.
 
     Attributes:
         factor: Miscalibration with its interval.
         wrong: Fraction of wrong decisions.
-        replay: By how much trials repeat their taps, see `reliability.replayed`.
-        taps: After how many taps; `None` at stopping.
+        beside: The factor beside what a right model gives on as many taps.
+        exact: Whether beliefs are right in that reference, see `right_model.exact`.
+        each: The factor of each object with its interval, and beside what a right model gives.
+        taps: Of a class, the median.
+        few: Why intervals may be off, see `resampling.Spread`.
     """
 
     factor: tuple[float | None, float | None, float | None]
     wrong: float | None
-    replay: float
-    taps: int | None
+    beside: Beside
+    exact: bool
+    each: dict[str, tuple[tuple[float | None, float | None, float | None], Beside]]
+    taps: int
+    few: str = ""
 
 
 class Measured(NamedTuple):
@@ -117,7 +124,7 @@ def measure(
         n: Taps of the sequences by which beliefs are scored, at most as many as classes have.
         trials: Of each remedy.
         seed: Of every random draw.
-        advance: Told of every remedy.
+        advance: Told how much of `count_measurements` is done.
     """
     base = remedies[0]
     shared = _known_to_all(remedies, taps)
@@ -132,37 +139,41 @@ def measure(
     played = _play(alike, base.grid, base.setting, trials, seed)
     time = float(played["taps"].sel(model=base.name, policy=policy, theta=base.setting.threshold)[0])
     at_time = at_equal_taps(played, [time]).sel(policy=policy).isel(taps=0)
-    scores = []
+    scores, own = [], {}
     for remedy in remedies:
+        table = tables[remedy.name]
         if remedy.grid is base.grid:
             errors = at_time.sel(model=remedy.name)
         else:
-            finer = _play({remedy.name: tables[remedy.name]}, remedy.grid, remedy.setting, trials, seed)
+            finer = _play({remedy.name: table}, remedy.grid, remedy.setting, trials, seed)
             errors = _against(at_time.sel(model=base.name), finer, policy, time)
-        where, what = shared.indices(remedy.grid)
-        drawn = _sequences(where * remedy.grid.M + what, n, seed)
-        beliefs = [_log_belief(tables[one.name], one, base.grid, shared, drawn) for one in (remedy, base)]
-        found = headline(_reliability(tables[remedy.name], remedy, (), trials, seed), policy, remedy.setting.threshold)
+        log_beliefs = partial(_log_beliefs, grid=base.grid, taps=shared, n=n, seed=seed, pool_of=table)
+        if not own or remedy.grid is not base.grid:
+            own[id(remedy.grid)] = log_beliefs(tables[base.name], base)
+        beliefs = own[id(remedy.grid)] if remedy is base else log_beliefs(table, remedy)
+        found = headline(
+            _reliability(table, remedy.grid, remedy.setting, policy, trials, seed), policy, remedy.setting.threshold
+        )
         scores.append(
             Scored(
                 remedy.name,
-                *_gains(beliefs, drawn.unit, len(remedies) - 1, seed, is_base=remedy is base),
+                *_gains(beliefs, own[id(remedy.grid)], spread(table), len(remedies) - 1, is_base=remedy is base),
                 _triple(errors, "what_error"),
                 None if remedy is base else _triple(errors, "what_error_difference"),
                 None if remedy is base else _triple(errors, "where_error_difference"),
                 found["all trials"]["taps"][0],
-                tuple(found["factor"]),
+                tuple(found["all trials"]["factor"]),
                 found["stopped"],
             )
         )
         advance(1)
-    judged = _judged(tables[base.name], base, policy, trials, seed)
+    judged = judge(base.model, tables[base.name], base.grid, base.setting, policy, trials, seed, advance)
     return Measured(scores, n, time, policy, judged, played, tables[base.name])
 
 
 def count_measurements(remedies: Sequence[Remedy]) -> int:
     """How often `measure` reports progress."""
-    return 2 * len(remedies)
+    return 2 * len(remedies) + SIMULATIONS
 
 
 def lost(measured: Measured) -> dict[str, Any]:
@@ -187,18 +198,6 @@ def lost(measured: Measured) -> dict[str, Any]:
     reached = curve["taps"].values[curve["what_error"].values <= base[0]]
     taps = measured.taps - float(reached.min()) if len(reached) else None
     return {"model": name, "error": -change, "low": -high, "high": -low, "taps": taps}
-
-
-class _Sequences(NamedTuple):
-    """Sequences of n taps of one class.
-
-    Attributes:
-        taps: Shape (Q, n).
-        unit: Class of each, shape (Q,).
-    """
-
-    taps: NDArray[np.intp]
-    unit: NDArray[np.intp]
 
 
 def _known_to_all(remedies: Sequence[Remedy], taps: TapSet) -> TapSet:
@@ -262,29 +261,44 @@ def _triple(data: xr.Dataset, name: str) -> tuple[float, float, float] | None:
     return values if np.isfinite(values).all() else None
 
 
-def _sequences(own: NDArray[np.intp], n: int, seed: int) -> _Sequences:
-    """Some of each class, with replacement where it has fewer than n taps."""
+def _sequences(pool: TapPool, n: int, each: int, generator: np.random.Generator) -> NDArray[np.intp]:
+    """Sequences of n taps of a class, some of each, with replacement where it has fewer; shape (Q, n)."""
+    taps = []
+    for l, m in np.argwhere(pool.count > 0):
+        first, count = int(pool.first[l, m]), int(pool.count[l, m])
+        members = np.broadcast_to(pool.order[first : first + count], (each, count))
+        if count >= n:
+            taps.append(generator.permuted(members, axis=1)[:, :n])
+        else:
+            taps.append(generator.choice(members[0], size=(each, n)))
+    return np.concatenate(taps)
+
+
+def _log_beliefs(
+    table: TapTable, remedy: Remedy, *, grid: ClassGrid, taps: TapSet, n: int, seed: int, pool_of: TapTable
+) -> NDArray[np.float64]:
+    """Mean log belief in what is true after n taps: of the taps as they are, then of resamples; shape (1 + R,)."""
     generator = np.random.default_rng([seed, 7])
-    taps, unit = [], []
-    for c in np.unique(own):
-        members = np.flatnonzero(own == c)
-        for _ in range(_SEQUENCES):
-            taps.append(generator.choice(members, size=n, replace=len(members) < n))
-            unit.append(c)
-    return _Sequences(np.array(taps), np.array(unit))
+    means = []
+    for number, pool in enumerate(resampled_pools(pool_of, _RESAMPLES, seed)):
+        drawn = _sequences(pool, n, _RESAMPLE_SEQUENCES if number else _SEQUENCES, generator)
+        means.append(_log_belief(table, remedy, grid, taps, drawn).mean())
+    return np.array(means)
 
 
 def _log_belief(
-    table: TapTable, remedy: Remedy, grid: ClassGrid, taps: TapSet, drawn: _Sequences
+    table: TapTable, remedy: Remedy, grid: ClassGrid, taps: TapSet, drawn: NDArray[np.intp]
 ) -> NDArray[np.float64]:
     """Log belief in the true object, or where there is one in the true place of `grid`, after each sequence, (Q,)."""
     where, what = taps.indices(grid)
     M = remedy.grid.M
-    total = np.stack([table.log_likelihood[sequence].sum(axis=0) for sequence in drawn.taps]) + table.log_prior
-    n = drawn.taps.shape[1]
+    total = np.repeat(table.log_prior[np.newaxis], len(drawn), axis=0)
+    for tap in drawn.T:
+        total += table.log_likelihood[tap]
+    n = drawn.shape[1]
     log_belief = temper(total, share(n, remedy.model.saturation)).copy()
     log_belief -= _log_sum(log_belief.reshape(len(total), -1))[:, None, None]
-    first = drawn.taps[:, 0]
+    first = drawn[:, 0]
     if M > 1:
         each = log_belief.reshape(len(total), remedy.grid.L, -1, M)[np.arange(len(total)), :, :, what[first]]
     else:
@@ -299,52 +313,92 @@ def _log_sum(values: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def _gains(
-    beliefs: list[NDArray[np.float64]], unit: NDArray[np.intp], remedies: int, seed: int, *, is_base: bool
+    beliefs: NDArray[np.float64], base: NDArray[np.float64], how: Spread, remedies: int, *, is_base: bool
 ) -> tuple[tuple[float, float, float], tuple[float, float, float] | None, float | None]:
-    """Mean log belief and its gain, with intervals over classes, and the end of the latter that holds for all."""
-    _, index = np.unique(unit, return_inverse=True)
-    C = int(index.max()) + 1
-    means = np.stack(
-        [np.bincount(index, value) / np.bincount(index) for value in (beliefs[0], beliefs[0] - beliefs[1])]
-    )
-    weights = np.random.default_rng([seed, 8]).multinomial(C, np.full(C, 1 / C), size=RESAMPLES) / C
-    samples = weights @ means.T
-    tail = (1 - CONFIDENCE) / 2
-    low, high = np.quantile(samples, [tail, 1 - tail], axis=0)
-    score, gain = ((float(means[i].mean()), float(low[i]), float(high[i])) for i in (0, 1))
+    """Mean log belief and its gain, with intervals, and the end of the latter that holds for all remedies."""
+    score = _with_ends(beliefs, how)
     if is_base:
         return score, None, None
-    return score, gain, float(np.quantile(samples[:, 1], tail / remedies))
+    gains = beliefs - base
+    sure = gains[0] - norm.ppf(1 - (1 - CONFIDENCE) / 2 / remedies) * how.factor * gains[1:].std()
+    return score, _with_ends(gains, how), float(sure)
 
 
-def _reliability(table: TapTable, remedy: Remedy, contacts: Sequence[int], trials: int, seed: int) -> xr.Dataset:
-    """Of trials at the setting's threshold, and after numbers of taps."""
-    setting = remedy.setting
+def _with_ends(samples: NDArray[np.float64], how: Spread) -> tuple[float, float, float]:
+    low, high = how.interval(samples)
+    return float(samples[0]), float(low), float(high)
+
+
+def _reliability(table: TapTable, grid: ClassGrid, setting: Setting, policy: str, trials: int, seed: int) -> xr.Dataset:
+    """Of trials of a policy at the setting's threshold."""
     return reliability(
         table,
-        remedy.grid,
+        grid,
         [setting.threshold],
         seed,
         trials=trials,
-        contacts=contacts,
+        contacts=(),
         border=setting.border,
         deadline=setting.deadline,
         fixation=setting.fixation,
         theta_x=setting.theta_x,
+        resamples=_RESAMPLES,
+        only=policy,
     )
 
 
-def _judged(table: TapTable, base: Remedy, policy: str, trials: int, seed: int) -> Judged:
-    """By what the beliefs of the setting as it is are judged."""
-    n = max(contact for contact in (1, *CONTACTS) if contact <= taps_per_class(table.pool))
-    data = _reliability(table, base, (n,), trials, seed)
-    found = headline(data, policy, base.setting.threshold)
-    replay = replayed(table.pool, None, found["all trials"]["taps"][0] or 1.0)
-    if replay <= _MOST_REPLAY:
-        return Judged(tuple(found["factor"]), found["wrong"][0], replay, None)
-    at = after_contacts(data).sel(what=EVERYTHING).isel(contacts=0)
-    factor = plain(float(at["factor"])), plain(float(at["factor_low"])), plain(float(at["factor_high"]))
-    return Judged(factor, plain(float(at["wrong"])), replayed(table.pool, None, n), n)
+def judge(
+    model: TapModel,
+    table: TapTable,
+    grid: ClassGrid,
+    setting: Setting,
+    policy: str,
+    trials: int,
+    seed: int,
+    advance: Callable[[int], None] = lambda _: None,
+) -> Judged:
+    """Compares beliefs with outcomes, and with those of a right model on as many taps.
+
+    Args:
+        model: In use.
+        table: The measuring taps as it sees them.
+        grid: The classes.
+        setting: How trials move and stop.
+        policy: `"passive"` or `"active"`.
+        trials: Of the measuring taps; half as many of each simulated data set.
+        seed: Of every random draw.
+        advance: Told of every simulated data set, of `right_model.SIMULATIONS`.
+    """
+    found = headline(_reliability(table, grid, setting, policy, trials, seed), policy, setting.threshold)
+    reference = simulate(
+        model,
+        table,
+        [setting.threshold],
+        theta_x=1.0 if policy == "passive" else setting.theta_x,
+        fixation=check_fixation(setting.fixation, grid.L) if grid.M > 1 else 0,
+        border=setting.border,
+        deadline=setting.deadline,
+        trials=trials // 2,
+        seed=seed,
+        progress=advance,
+    ).factor[:, 0]
+
+    def beside(value: float | None, column: int) -> Beside:
+        return compare(np.nan if value is None else value, reference[:, column])
+
+    every = found["all trials"]
+    return Judged(
+        tuple(every["factor"]),
+        every["wrong"][0],
+        beside(every["factor"][0], 0),
+        exact(model),
+        {
+            name: (tuple(one["factor"]), beside(one["factor"][0], 1 + m))
+            for m, (name, one) in enumerate(found["each"].items())
+        },
+        taps_per_class(table.pool),
+        found["few"],
+    )
 
 
 def taps_per_class(pool: TapPool) -> int:

@@ -56,7 +56,7 @@ class Spread(NamedTuple):
 
         Args:
             samples: The estimate and, behind that, R resamples, shape (..., 1 + R). NaN resamples are left out; where
-                they are more than one in twenty, the interval is NaN.
+                they are more than one in twenty, the interval is NaN. Infinite ones may be its ends.
             least: What the quantity cannot be below.
             most: Nor above.
 
@@ -64,15 +64,23 @@ class Spread(NamedTuple):
             Each of shape (...).
         """
         estimate, drawn = samples[..., 0], samples[..., 1:]
-        defined = np.isfinite(drawn).sum(axis=-1)
-        enough = np.isfinite(estimate) & (defined >= max(1.0, _DEFINED * drawn.shape[-1]))
-        held = np.where(enough[..., None] & np.isfinite(drawn), drawn, np.nan)
-        held[~enough] = 0.0
-        deviation = self.factor * (held - np.nanmean(held, axis=-1, keepdims=True))
+        defined = ~np.isnan(drawn)
+        enough = ~np.isnan(estimate) & (defined.sum(axis=-1) >= max(1.0, _DEFINED * drawn.shape[-1]))
+        finite = np.isfinite(drawn)
+        count = np.maximum(finite.sum(axis=-1), 1)
+        center = np.where(finite, drawn, 0.0).sum(axis=-1) / count
+        ordered = np.sort(drawn, axis=-1)  # NaN last
+        last = np.maximum(defined.sum(axis=-1) - 1, 0)
         tail = (1 - CONFIDENCE) / 2
-        ends = estimate + np.nanquantile(deviation, [tail, 1 - tail], axis=-1)
-        low, high = (np.where(enough, np.clip(end, least, most), np.nan) for end in ends)
-        return low, high
+        places = np.floor(tail * last).astype(np.intp), np.ceil((1 - tail) * last).astype(np.intp)
+        ends = []
+        for place in places:
+            end = np.take_along_axis(ordered, place[..., np.newaxis], axis=-1)[..., 0]
+            with np.errstate(invalid="ignore"):
+                moved = estimate + self.factor * (end - center)
+            end = np.where(np.isfinite(estimate) & np.isfinite(end), moved, end)
+            ends.append(np.where(enough, np.clip(end, least, most), np.nan))
+        return ends[0], ends[1]
 
 
 def spread(table: TapTable, used_up: float = 0.0) -> Spread:
@@ -150,7 +158,7 @@ def play_resamples[T](
         resamples: How many.
         resample_trials: On each of them, at most `trials`.
         workers: Threads; `None` for as many as there are cores. Changes the speed only.
-        progress: Told how many more trials were played; in all `trials` and `resamples` times `resample_trials`.
+        progress: Told how many more trials were played, of `planned_trials`.
 
     Returns:
         What `reduce` gave, of the taps as they are first; resamples follow in an order that the seed alone decides.
@@ -179,6 +187,11 @@ def play_resamples[T](
         if progress is not None:
             progress(n)
     return kept
+
+
+def planned_trials(trials: int, resamples: int = RESAMPLES, resample_trials: int = RESAMPLE_TRIALS) -> int:
+    """How many trials `play_resamples` plays."""
+    return trials + resamples * min(trials, resample_trials)
 
 
 class _Group(NamedTuple):

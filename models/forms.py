@@ -82,11 +82,13 @@ class TableForm(NamedTuple):
         edges = np.broadcast_to(edges, (K, B + 1))
         centre = 0.5 * (edges[:, :-1] + edges[:, 1:])
         cumulative = np.exp(self.log_prob).cumsum(axis=-1)
+        uniform = generator.random((len(where), K, J))
         taps = np.empty((len(where), J, K))
-        for n, (l, h) in enumerate(zip(where, what, strict=True)):
+        for l, h in np.unique(np.stack([where, what], axis=-1), axis=0):
+            own = (where == l) & (what == h)
             for k in range(K):
                 row = cumulative[l, h, k]
-                taps[n, :, k] = centre[k, np.searchsorted(row, generator.random(J) * row[-1], side="right")]
+                taps[own, :, k] = centre[k, np.searchsorted(row, uniform[own, k] * row[-1], side="right")]
         return taps
 
 

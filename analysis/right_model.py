@@ -1,0 +1,173 @@
+"""What decisions would be like if the measurement model were right, on as many taps as there are.
+
+The reference of every verdict on beliefs: data sets of the same design, as many taps of each class, are drawn from the
+fitted model and played in the same way. Where what was observed exceeds what they give in all but a few of them,
+the model is not right; how few taps there are, how they are drawn and how trials stop is in the reference as well.
+
+An exponent below 1 says that the J samples of a tap are worth fewer independent ones. So that beliefs are right in the
+reference, a tap then has as many different samples as the exponent counts, each of them repeated: at the paper's root
+J one sample of each taxel, J times. Below one sample nothing makes beliefs right, and the reference is cautious.
+"""
+
+from collections.abc import Callable
+from dataclasses import replace
+from functools import partial
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ..inference.montecarlo import LoopPlayer, empty_trials, make_rule, refuse_impossible
+from ..inference.reference import Border
+from ..inference.trial_plan import TapTable, plan_trials
+from ..models.forms import GaussianForm
+from ..models.model import TapModel
+from ..models.threads import cores, in_order
+from .reliability import decided_about
+
+type Floats = NDArray[np.float64]
+
+SIMULATIONS = 199
+LEVEL = 0.05
+"""Of a verdict in either direction, both sides together."""
+_PURPOSE = 0x7219
+
+
+class Reference(NamedTuple):
+    """Decisions of S simulated data sets at H thresholds, for all objects and each.
+
+    Attributes:
+        factor: Wrong decisions over the doubt in them, all decisions counted, shape (S, H, 1 + M); NaN without doubt.
+        missed: Share of the trials that stopped for another object; overall of those that stopped, shape (S, H, 1 + M).
+    """
+
+    factor: Floats
+    missed: Floats
+
+
+class Beside(NamedTuple):
+    """An observed value beside what a right model gives.
+
+    Attributes:
+        value: What was observed.
+        median: What a right model gives.
+        low: Lower end of where 95 % of its data sets lie.
+        high: Upper end.
+        above: P-value of the test that the value is not above what a right model gives.
+        below: Likewise below.
+    """
+
+    value: float
+    median: float
+    low: float
+    high: float
+    above: float
+    below: float
+
+
+def simulate(
+    model: TapModel,
+    table: TapTable,
+    thresholds: ArrayLike,
+    *,
+    theta_x: float,
+    fixation: int,
+    border: Border,
+    deadline: int,
+    trials: int,
+    seed: int,
+    simulations: int = SIMULATIONS,
+    progress: Callable[[int], None] | None = None,
+) -> Reference:
+    """Data sets drawn from a fitted model and played like the one at hand.
+
+    Args:
+        model: The model in use, with its power and saturation.
+        table: The taps at hand, of which only the number in each class matters.
+        thresholds: theta_W, shape (H,).
+        theta_x: Threshold for a move; 1 never moves.
+        fixation: Class that the sensor aims for.
+        border: Reading of Eq. 9.
+        deadline: Taps after which the most probable is decided.
+        trials: In each data set.
+        seed: Of all random numbers.
+        simulations: Data sets.
+        progress: Told of every data set.
+    """
+    thresholds = np.asarray(thresholds, dtype=np.float64)
+    drawn = equivalent(model)
+    rule = make_rule(thresholds, theta_x, border, deadline, seed)._replace(fresh=True)
+    draw = partial(_draw, drawn, table)
+
+    def one(number: int) -> tuple[Floats, Floats]:
+        generator = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(_PURPOSE, number)))
+        subject = decided_about(draw(generator), drawn.grid)
+        plan = plan_trials(subject.table.pool, trials, seed, fixation, first_stream=number * trials)
+        played = empty_trials(trials, len(thresholds))
+        refuse_impossible(LoopPlayer(subject.table, rule)(plan, 0, trials, played), trials)
+        return described(played.what, plan.what, played.belief, played.stopped, len(subject.names))
+
+    found = []
+    for result in in_order((partial(one, number) for number in range(simulations)), cores(None)):
+        found.append(result)
+        if progress is not None:
+            progress(1)
+    factor, missed = zip(*found, strict=True)
+    return Reference(np.array(factor), np.array(missed))
+
+
+def described(
+    decided: NDArray[np.integer], true: NDArray[np.integer], belief: Floats, stopped: NDArray[np.bool_], M: int
+) -> tuple[Floats, Floats]:
+    """`Reference` of one data set, shapes (H, 1 + M); all arrays have the shape (n, H) but `true` (n,)."""
+    wrong = decided != true[:, np.newaxis]
+    columns = np.ones(belief.shape), wrong, np.clip(1 - belief, 0.0, 1.0), stopped, stopped & wrong
+    sums = np.array([[np.bincount(true, one, M) for one in np.transpose(column)] for column in columns])
+    count, mistakes, doubt, ended, missed = np.concatenate([sums.sum(axis=2, keepdims=True), sums], axis=2)
+    among = count.copy()
+    among[:, 0] = ended[:, 0]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        return mistakes / doubt, missed / among
+
+
+def exact(model: TapModel) -> bool:
+    """Whether beliefs are right in the reference, the border aside."""
+    worth = model.exponent * model.preprocessing.samples
+    return bool(worth >= 1 and np.isclose(worth, round(worth)))
+
+
+def equivalent(model: TapModel) -> TapModel:
+    """The model of taps with as many samples as its exponent counts, under which it means the same."""
+    J = model.preprocessing.samples
+    worth = model.exponent * J
+    # Samples of a model of their times cannot be fewer.
+    samples = J if isinstance(model.form, GaussianForm) else int(np.clip(round(worth), 1, J))
+    record = replace(model.preprocessing, samples=samples)
+    return replace(model, preprocessing=record, power=worth / samples)  # pyright: ignore[reportArgumentType]
+
+
+def compare(value: float, reference: Floats) -> Beside:
+    """A Monte Carlo test of a value against simulated ones, shape (S,); those that are NaN count for either side."""
+    known = reference[~np.isnan(reference)]
+    S, free = len(reference), len(reference) - len(known)
+    if np.isnan(value) or not len(known):
+        return Beside(value, np.nan, np.nan, np.nan, 1.0, 1.0)
+    median, low, high = np.quantile(known, [0.5, 0.025, 0.975])
+    above, below = ((1 + free + (sign * known >= sign * value).sum()) / (1 + S) for sign in (1, -1))
+    return Beside(float(value), float(median), float(low), float(high), float(above), float(below))
+
+
+def _draw(model: TapModel, table: TapTable, generator: np.random.Generator) -> TapTable:
+    """A table of taps drawn from the model, as many of each class, all in one state of it."""
+    pool = table.pool
+    count = pool.count.ravel()
+    where, what = (np.repeat(index.ravel(), count) for index in np.indices(pool.count.shape))
+    state = int(generator.choice(len(model.states.gain), p=np.exp(model.states.log_prior)))
+    hypothesis = state * model.grid.M + what
+    taps = model.form.sample(where, hypothesis, model.edges, model.preprocessing.samples, generator)
+    first = (np.cumsum(count) - count).reshape(pool.count.shape)
+    return table._replace(
+        log_likelihood=model.log_likelihood(taps),
+        pool=pool._replace(order=np.arange(len(taps)), first=first),
+        session=None,
+    )
