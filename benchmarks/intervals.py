@@ -1,0 +1,219 @@
+"""Whether 95 % intervals of decisions hold the truth in 95 % of the data sets.
+
+Taps are drawn from histograms with 12 symbols, Dirichlet 1, seen by the very histograms (`right`), by two models whose
+log-likelihoods are the right ones and noise of the same size (`noisy`, `noisy too`), which err equally often, and by
+the first of these at half the power (`remedied`). Data sets are drawn anew. The truth of a quantity is its mean over
+all data sets, which is what fresh taps give, as no trial uses a tap twice; of a ratio, the ratio of the means; of the
+difference of two models of equal error, 0.
+
+`python benchmarks/intervals.py --document docs/intervals.md` writes the tables of that page.
+"""
+
+import argparse
+from collections import defaultdict
+from collections.abc import Iterator
+from concurrent.futures import ProcessPoolExecutor
+from functools import partial
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+import xarray as xr
+from solidtouch.analysis.compare_classes import class_scores
+from solidtouch.analysis.compare_decisions import at_equal_taps, decision_curves, play_models
+from solidtouch.analysis.reliability import EVERYTHING, at_stopping, reliability
+from solidtouch.hardware.pool import tap_pool
+from solidtouch.inference.resampling import Spread
+from solidtouch.inference.trial_plan import TapTable
+from solidtouch.models.classes import ClassGrid
+from solidtouch.models.threads import cores
+from studies import check_block, share_interval, table, write_block, write_json
+
+SIZES = {"6 x 3": (6, 3), "16 x 5": (16, 5)}
+TAPS = (5, 20, 60)
+SYMBOLS, TAXELS, THETA = 12, 2, 0.9
+NOISE = 0.5
+TRIALS = 4000
+CONTACTS = (1, 5)
+MODELS = ("right", "noisy", "noisy too", "remedied")
+EQUAL = "two models of equal error"
+BLOCK = "coverage"
+_LEAST, _MOST = 0.92, 0.98
+
+
+class Seen(NamedTuple):
+    """A quantity of one data set.
+
+    Attributes:
+        value: Its estimate.
+        low: Lower end of its interval.
+        high: Upper end.
+        parts: Numerator and denominator of a ratio, else `None`.
+    """
+
+    value: float
+    low: float
+    high: float
+    parts: tuple[float, float] | None = None
+
+
+def grid_of(L: int, M: int) -> ClassGrid:
+    """Positions 1 mm apart, objects without sizes."""
+    return ClassGrid(np.arange(L) + 0.5, "mm", np.arange(L + 1.0), tuple((f"object {m}",) for m in range(M)))
+
+
+def draw(L: int, M: int, taps: int, seed: int) -> tuple[dict[str, TapTable], ClassGrid]:
+    """A data set as every model sees it; the histograms are those of seed 0 always."""
+    log_prob = np.log(np.random.default_rng(L * M).dirichlet(np.ones(SYMBOLS), size=(L * M, TAXELS)))
+    generator = np.random.default_rng([seed, taps, L])
+    own = np.repeat(np.arange(L * M), taps)
+    uniform = generator.random((len(own), TAXELS, 1))
+    symbol = np.minimum((uniform > np.exp(log_prob).cumsum(axis=-1)[own]).sum(axis=-1), SYMBOLS - 1)
+    right = sum(log_prob[:, k, symbol[:, k]].T for k in range(TAXELS)).reshape(-1, L, M)
+    noisy = [right + NOISE * generator.normal(size=right.shape) for _ in range(2)]
+    pool, flat = tap_pool(*np.divmod(own, M), (L, M)), np.full((L, M), -np.log(L * M))
+    seen = dict(zip(MODELS, (right, *noisy, noisy[0] / 2), strict=True))
+    return {name: TapTable(values, pool, flat) for name, values in seen.items()}, grid_of(L, M)
+
+
+def quantities(L: int, M: int, taps: int, seed: int) -> dict[str, Seen]:
+    """Everything that is said of one data set, with intervals."""
+    tables, grid = draw(L, M, taps, seed)
+    played = play_models(tables, grid, (0.5, 0.7, 0.8, THETA, 0.95), TRIALS, seed, border="clamp")
+    found: dict[str, Seen] = {}
+    curves = decision_curves(played, "noisy").sel(theta=THETA)
+    base = played["taps"].sel(model="noisy", theta=THETA).isel(resample=0)
+    for policy in ("passive", "active"):
+        at = curves.sel(policy=policy)
+        for model in ("right", "noisy"):
+            for name, words in (("what_wrong", "error at stopping"), ("taps", "taps to decision")):
+                found[f"{words}, {policy}, {model}"] = seen(at.sel(model=model), name)
+        equal = at_equal_taps(played, [float(base.sel(policy=policy))], "noisy").sel(policy=policy).isel(taps=0)
+        found[f"error at equal taps, {policy}, noisy"] = seen(equal.sel(model="noisy"), "what_wrong")
+        for model, words in (("noisy too", EQUAL), ("remedied", "a remedy and none")):
+            name = "what_wrong_difference"
+            found[f"difference at stopping, {words}, {policy}"] = seen(at.sel(model=model), name)
+            found[f"difference at equal taps, {words}, {policy}"] = seen(equal.sel(model=model), name)
+    for model in ("right", "noisy"):
+        wrong = played["what_wrong"].sel(model=model, theta=THETA)
+        samples = (wrong.sel(policy="active") - wrong.sel(policy="passive")).values
+        low, high = Spread(played.attrs["factor"]).interval(samples)
+        found[f"difference of active and passive, {model}"] = Seen(float(samples[0]), float(low), float(high))
+        calibration = reliability(tables[model], grid, [THETA], seed, trials=TRIALS, contacts=(), border="clamp")
+        for policy in ("passive", "active"):
+            at = at_stopping(calibration, policy).isel(theta=0).sel(counted="all", what=EVERYTHING)
+            parts = float(at["wrong"]), float(at["doubt"])
+            found[f"miscalibration factor, {policy}, {model}"] = seen(at, "factor")._replace(parts=parts)
+    scores = class_scores({name: tables[name] for name in MODELS[1:]}, seed, CONTACTS, "noisy")
+    for n in scores["contacts"].values:
+        at = scores.sel(contacts=n)
+        for name, words in (("accuracy_what", "accuracy"), ("log_score_what", "log score")):
+            found[f"{words} after {n} taps"] = seen(at.sel(model="noisy"), name)
+            for model, other in (("noisy too", EQUAL), ("remedied", "a remedy and none")):
+                found[f"difference of {words} after {n} taps, {other}"] = seen(
+                    at.sel(model=model), f"{name}_difference"
+                )
+    return found
+
+
+def seen(at: xr.Dataset, name: str) -> Seen:
+    """A quantity with its interval."""
+    return Seen(float(at[name]), float(at[f"{name}_low"]), float(at[f"{name}_high"]))
+
+
+class Coverage(NamedTuple):
+    """What came of one quantity and size.
+
+    Attributes:
+        truth: Its truth.
+        bias: Mean of the estimates less the truth, in their standard deviation; 0 but for ratios.
+        width: Mean half width of the interval over 1.96 standard deviations of the estimates.
+        hits: Intervals that hold the truth.
+        n: Data sets with an interval.
+    """
+
+    truth: float
+    bias: float
+    width: float
+    hits: int
+    n: int
+
+
+def coverage(name: str, sets: list[Seen]) -> Coverage:
+    """How often the intervals of data sets hold the truth."""
+    known = [one for one in sets if np.isfinite([one.value, one.low, one.high]).all()]
+    value, low, high = np.array([one[:3] for one in known]).T
+    parts = [one.parts for one in known if one.parts is not None]
+    truth = 0.0 if EQUAL in name else value.mean()
+    if parts:
+        truth = np.sum(parts, axis=0)[0] / np.sum(parts, axis=0)[1]
+    spread = value.std(ddof=1)
+    hits = int(((low <= truth + 1e-12) & (truth <= high + 1e-12)).sum())
+    return Coverage(truth, (value.mean() - truth) / spread, ((high - low) / 2 / 1.96 / spread).mean(), hits, len(known))
+
+
+def run(
+    data_sets: int, seed: int, sizes: dict[str, tuple[int, int]], taps: tuple[int, ...]
+) -> Iterator[tuple[Any, ...]]:
+    """Size, taps per class, quantity and its coverage, all data sets of a size and number of taps at once."""
+    with ProcessPoolExecutor(cores(None)) as pool:
+        for size, (L, M) in sizes.items():
+            for n in taps:
+                gathered: dict[str, list[Seen]] = defaultdict(list)
+                for one in pool.map(partial(quantities, L, M, n), range(seed, seed + data_sets)):
+                    for name, value in one.items():
+                        gathered[name].append(value)
+                yield from ((size, n, name, coverage(name, sets)) for name, sets in gathered.items())
+
+
+def verdict(found: Coverage) -> str:
+    """Whether the coverage may lie between 92 and 98 %, is above or below."""
+    share = found.hits / found.n
+    return "" if _LEAST <= share <= _MOST else ("too wide" if share > _MOST else "too narrow")
+
+
+def document(rows: list[tuple[Any, ...]]) -> str:
+    """The table of the page: a row for each quantity, a column for each size and number of taps."""
+    by_name: dict[str, dict[tuple[str, int], Coverage]] = defaultdict(dict)
+    for size, n, name, found in rows:
+        by_name[name][size, n] = found
+    columns = list(dict.fromkeys((size, n) for size, n, _, _ in rows))
+    cells = [
+        [
+            name,
+            *(
+                f"{share_interval(one.hits, one.n)} {verdict(one)}".strip() if (one := found.get(c)) else "–"
+                for c in columns
+            ),
+        ]
+        for name, found in by_name.items()
+    ]
+    return table(["quantity", *(f"{size}, {n} taps" for size, n in columns)], cells)
+
+
+def main() -> None:
+    """Measures and writes."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--data-sets", type=int, default=300)
+    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--sizes", nargs="*", choices=SIZES, default=list(SIZES))
+    parser.add_argument("--taps", nargs="*", type=int, default=list(TAPS))
+    parser.add_argument("--document", type=Path)
+    options = parser.parse_args()
+    check_block(options.document, BLOCK)
+    rows = []
+    for row in run(options.data_sets, options.seed, {name: SIZES[name] for name in options.sizes}, tuple(options.taps)):
+        size, n, name, found = row
+        print(
+            f"{size:6} {n:3} {name:64} {share_interval(found.hits, found.n)} truth {found.truth:.4g} "
+            f"bias {found.bias:+.2f} width {found.width:.2f} {verdict(found)}",
+            flush=True,
+        )
+        rows.append(row)
+    write_json("intervals", [[size, n, name, *found] for size, n, name, found in rows])
+    if options.document is not None:
+        write_block(options.document, BLOCK, document(rows))
+
+
+if __name__ == "__main__":
+    main()
