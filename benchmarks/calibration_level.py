@@ -10,7 +10,6 @@ which power none takes for J.
 
 import argparse
 from collections import Counter
-from concurrent.futures import ProcessPoolExecutor
 from dataclasses import replace
 from functools import partial
 from itertools import product
@@ -28,8 +27,7 @@ from solidtouch.models.histogram import HistogramModel
 from solidtouch.models.preprocessing import Preprocessing
 from solidtouch.models.setting import Setting
 from solidtouch.models.taps import TapSet
-from solidtouch.models.threads import cores
-from studies import check_block, share_interval, table, write_block, write_json
+from studies import check_block, processes, share_interval, table, write_block, write_json
 
 SIZES = {"6 x 3": (6, 3), "16 x 5": (16, 5)}
 SAMPLES, TAPS, THETAS, POLICIES = (1, 5), (5, 20, 60), (0.9, 0.99), ("passive", "active")
@@ -114,7 +112,7 @@ def main() -> None:
     for block in (LEVEL_BLOCK, POWER_BLOCK):
         check_block(options.document, block)
     rows: list[tuple[Case, Counter[str]]] = []
-    with ProcessPoolExecutor(cores(None)) as pool:
+    with processes() as pool:
         for case in cases(options.sizes, options.powers):
             seeds = range(options.seed, options.seed + options.data_sets)
             found = Counter(pool.map(partial(verdict, case), seeds, chunksize=4))

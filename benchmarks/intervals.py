@@ -12,7 +12,6 @@ difference of two models of equal error, 0.
 import argparse
 from collections import defaultdict
 from collections.abc import Iterator
-from concurrent.futures import ProcessPoolExecutor
 from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -26,8 +25,7 @@ from solidtouch.hardware.pool import tap_pool
 from solidtouch.inference.resampling import Spread
 from solidtouch.inference.trial_plan import TapTable
 from solidtouch.models.classes import ClassGrid
-from solidtouch.models.threads import cores
-from studies import check_block, share_interval, table, write_block, write_json
+from studies import check_block, processes, share_interval, table, write_block, write_json
 
 SIZES = {"6 x 3": (6, 3), "16 x 5": (16, 5)}
 TAPS = (5, 20, 60)
@@ -156,7 +154,7 @@ def run(
     data_sets: int, seed: int, sizes: dict[str, tuple[int, int]], taps: tuple[int, ...]
 ) -> Iterator[tuple[Any, ...]]:
     """Size, taps per class, quantity and its coverage, all data sets of a size and number of taps at once."""
-    with ProcessPoolExecutor(cores(None)) as pool:
+    with processes() as pool:
         for size, (L, M) in sizes.items():
             for n in taps:
                 gathered: dict[str, list[Seen]] = defaultdict(list)

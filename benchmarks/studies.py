@@ -1,10 +1,13 @@
 """What the studies of models share: tables in Markdown, intervals, progress, and their places in a page."""
 
 import json
+import os
 import re
 import shutil
 import sys
 from collections.abc import Callable, Iterable, Iterator, Sequence
+from concurrent.futures import ProcessPoolExecutor
+from multiprocessing import get_context
 from pathlib import Path
 from typing import Any
 
@@ -28,6 +31,20 @@ def until_interrupted[T](name: str, tasks: Sequence[Callable[[], T]]) -> Iterato
             yield task()
     except KeyboardInterrupt:
         print("Interrupted; what follows is of the finished part.", file=sys.stderr)
+
+
+def processes() -> ProcessPoolExecutor:
+    """A process for each core, kept to it: what they run would otherwise start as many threads each."""
+    free = list(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else []
+    queue = get_context("spawn").Queue()
+    for core in free:
+        queue.put(core)
+    return ProcessPoolExecutor(len(free) or None, get_context("spawn"), _keep_to_core, (queue,) if free else ())
+
+
+def _keep_to_core(queue: Any = None) -> None:
+    if queue is not None:
+        os.sched_setaffinity(0, {queue.get()})
 
 
 def table(head: Sequence[str], lines: Iterable[Sequence[str]]) -> str:
