@@ -1,6 +1,7 @@
 """The test taps that trials are played on, and plans of trials, each of which depends on its random stream only."""
 
 from collections.abc import Sequence
+from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
@@ -88,10 +89,18 @@ def plan_trials(
     if not len(cells):
         raise InputError(f"There is no test tap in where class {where} to start from.")
     stream = first_stream + np.arange(trials)
-    word = draws.words(seed, stream, kernel.STARTS, 0, 1)[:, 0]
+    word = _start_words(seed, first_stream, trials)
     start = cells[draws.below(word, np.uint64(len(cells))).astype(np.intp)]
     where_class, what_class = (np.ascontiguousarray(column) for column in start.T)
     return TrialPlan(where_class, what_class, np.full(trials, fixation, dtype=np.intp), stream)
+
+
+@lru_cache(maxsize=512)
+def _start_words(seed: int, first_stream: int, trials: int) -> NDArray[np.uint64]:
+    """The random words that choose where trials start; resamples of every model and policy ask for the same ones."""
+    word = draws.words(seed, first_stream + np.arange(trials), kernel.STARTS, 0, 1)[:, 0]
+    word.flags.writeable = False
+    return word
 
 
 def join_plans(plans: Sequence[TrialPlan]) -> TrialPlan:
