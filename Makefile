@@ -6,7 +6,7 @@ PY := $(VENV)/bin/python
 # Files of tests on all cores, but not on so many that memory runs short.
 SIDE_BY_SIDE := -n auto --maxprocesses 4 --dist loadfile
 
-.PHONY: run test test-all check format bench bench-quick studies audit-studies reference-studies strategy-studies fuzz faults kills rig-demo lock clean help
+.PHONY: run test test-all check format bench bench-quick studies audit-studies reference-studies strategy-studies fuzz faults kills mutants rig-demo lock clean help
 
 run: $(VENV)/.ready-run
 	@$(VENV)/bin/solidtouch reproduce
@@ -62,6 +62,9 @@ faults: $(VENV)/.ready-run
 kills: $(VENV)/.ready-run
 	@$(PY) benchmarks/kills.py
 
+mutants: $(VENV)/.ready-dev
+	@$(PY) benchmarks/mutants.py --document docs/mutants.md $(if $(NUMBER),--number $(NUMBER))
+
 rig-demo: $(VENV)/.ready-run
 	@PATH="$(CURDIR)/$(VENV)/bin:$$PATH" docs/examples/rig-demo.sh
 
@@ -87,6 +90,7 @@ help:
 	@echo "make rig-demo  emulated devices: collect, fit and perceive over serial ports"
 	@echo "make faults  random faults of the emulated rig, and what came of them"
 	@echo "make kills   kill a data collection at random moments, and what was lost"
+	@echo "make mutants  plant small errors and count those that tests notice, into docs/mutants.md; takes hours, resumes"
 	@echo "make fuzz    a million random and mutated inputs for the decoders"
 	@echo "make lock    choose the newest dependencies and pin them in constraints.txt"
 	@echo "make clean   remove what the others made"

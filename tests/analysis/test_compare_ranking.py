@@ -23,6 +23,14 @@ def test_ranks_follow_the_direction_of_the_level():
     assert ranks == [[3, 1], [1, 2], [2, None]]
 
 
+def test_equal_models_share_the_better_rank():
+    """Two winners are both first, the next is third, and the sentence names both."""
+    tied = level("taps", {"a": -9.0, "b": -8.0, "c": -8.0, "d": -10.0})
+    assert [tied.rank(name) for name in "abcd"] == [3, 1, 1, 4]
+    assert tied.best == ["b", "c"]
+    assert findings([tied], "a")[0].startswith("b is best at taps: -8 nat (equally good: c), against -9 nat of a")
+
+
 def test_sentences_name_the_best_and_what_it_costs_elsewhere():
     """The best at taps is followed through the other levels, the reference is given beside every winner."""
     sentences = findings([TAPS, ERROR], "a")

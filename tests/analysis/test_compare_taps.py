@@ -136,6 +136,39 @@ def test_means_are_those_of_taps_and_differences_pair():
         assert float(means[f"x_difference{end}"].sel(model="b")) == pytest.approx(1.0)
 
 
+def test_taps_of_a_session_and_class_are_drawn_together():
+    """Ten taps that err alike are worth one: intervals stay the same, however often a cluster's tap is repeated."""
+    values = np.random.default_rng(3).normal(size=(2, 8))
+    one, ten = (
+        mean_scores(
+            {n: TapScores(v.repeat(k), np.arange(8).repeat(k)) for n, v in zip("ab", values, strict=True)},
+            "a",
+            "x",
+            seed=4,
+        )
+        for k in (1, 10)
+    )
+    assert float((one["x_high"] - one["x_low"]).min()) > 0.3
+    for name in one:
+        np.testing.assert_allclose(one[name], ten[name], err_msg=name)
+
+
+def test_clusters_are_sessions_and_classes():
+    """Taps share a cluster where they share both, and clusters of different folds stay apart."""
+    taps = make_taps(0, 2)
+    fitted = fit_model("histogram", taps, taps.grid(), SETTINGS)
+    fold = session_folds(taps, make_taps(1, 2, first=2))[0][-1]._replace(test=taps)
+    part = score_fold(fitted, fold, 0)["plug_in"]
+    label = 2 * taps.session + taps.indices(taps.grid())[1]
+    assert len(np.unique(part.cluster)) == len(np.unique(label)) == 4
+    assert len(np.unique(np.stack([part.cluster, label]), axis=1).T) == 4
+
+    none = TapScores(np.empty(0), np.empty(0, dtype=np.intp))
+    joined = join_scores([part, none, part, part])
+    assert len(joined.values) == 3 * len(taps)
+    assert len(np.unique(joined.cluster)) == joined.cluster.max() + 1 == 12
+
+
 def test_checks_show_what_a_model_leaves_out():
     """The profile lies far off for exchangeable samples, the correlation in time for independent residuals."""
     taps = make_taps(0, 2, rho=0.8)

@@ -3,6 +3,7 @@
 import multiprocessing
 import os
 import re
+import shutil
 import signal
 import subprocess
 import sys
@@ -19,7 +20,9 @@ from solidtouch.analysis.sweep_cell import Outcome, run_cell, try_cell
 from solidtouch.analysis.sweep_cells import CellGrid, Effort
 from solidtouch.analysis.sweep_data import Sources
 from solidtouch.analysis.sweep_local import in_processes, in_this_process
+from solidtouch.analysis.sweep_quantities import QUANTITIES
 from solidtouch.analysis.sweep_result import open_sweep
+from solidtouch.analysis.sweep_store import DONE, SweepStore
 from solidtouch.analysis.sweep_study import load_study
 from solidtouch.analysis.tallied import tally_means
 from solidtouch.inference.information import tap_outcomes
@@ -373,35 +376,104 @@ def command(path: Path, out: Path, *words: str) -> list[str]:
     return [sys.executable, "-m", "solidtouch.cli", "sweep", str(path), "--out", str(out), *words]
 
 
-def stamps(out: Path) -> dict[str, tuple[int, int]]:
-    """The files that say which cells are done, and which writing they come from."""
-    files = (out / "status").glob("c.*") if out.exists() else ()
-    return {file.name: (file.stat().st_ino, file.stat().st_mtime_ns) for file in files}
+class Killed(BaseException):
+    """What SIGKILL would do here."""
+
+
+def finished(out: Path, grid: CellGrid) -> set[int]:
+    """Numbers of the distinct cells that are done in a store."""
+    done = SweepStore(out, grid).status()[grid.distinct] == DONE
+    return set(grid.distinct[done].tolist())
+
+
+def chunks(out: Path, grid: CellGrid) -> dict[str, tuple[int, int]]:
+    """Which writing the files of finished cells come from; of cells that stand for several places the one computed.
+
+    The other places of a cell are written before its own, so a resumed sweep may write them again.
+    """
+    done = finished(out, grid) if out.exists() else ()
+    names = ["c." + ".".join(map(str, grid.index(number))) for number in done]
+    files = [out / name for chunk in names for name in (f"status/{chunk}", f"result/{chunk}.0.0")]
+    return {str(file): ((stat := file.stat()).st_ino, stat.st_mtime_ns) for file in files}
+
+
+def test_a_sweep_killed_at_any_write_loses_and_repeats_nothing(make_study, tmp_path, monkeypatch):
+    """A cell is done with its last file, and never computed or written again from then on; the passive one has four."""
+    path = make_study('policy = ["passive", "active"]\nfixation = [0, 2]\nborder = ["uniform", "clamp"]')
+    grid, replace = CellGrid.of(load_study(path), ("rods",)), Path.replace
+    computed: list[int] = []
+    left = 0
+
+    def numbered(todo, effort, _load):
+        """The outcome of a cell is its number."""
+        for cell in todo:
+            computed.append(cell.number)
+            value = np.full(len(effort.thresholds), float(cell.number))
+            yield Outcome(cell.number, dict.fromkeys(QUANTITIES, value), 0.5)
+
+    def dying(temporary, target):
+        nonlocal left
+        left -= 1
+        if left < 0:
+            temporary.write_bytes(temporary.read_bytes()[:1])
+            raise Killed
+        return replace(temporary, target)
+
+    sweep(path, tmp_path / "empty.zarr", lambda *_: (cell for cell in ()))
+    monkeypatch.setattr(Path, "replace", dying)
+    assert (len(grid), len(grid.distinct)) == (8, 5)
+    for writes in range(2 * len(grid)):
+        out = shutil.copytree(tmp_path / "empty.zarr", tmp_path / f"{writes}.zarr")
+        computed.clear()
+        left = writes
+        with pytest.raises(Killed):
+            sweep(path, out, numbered)
+        done, before = finished(out, grid), chunks(out, grid)
+        assert done == set(computed[:-1])
+        computed.clear()
+        left = 2 * len(grid)
+        assert sweep(path, out, numbered) == Tally(5, 5, 0)
+        assert computed == sorted(set(grid.distinct.tolist()) - done)
+        assert before.items() <= chunks(out, grid).items()
+        for number in grid.distinct.tolist():
+            for place in grid.places(number):
+                file = out / "result" / ("c." + ".".join(map(str, grid.index(place))) + ".0.0")
+                assert np.frombuffer(file.read_bytes())[0] == number
+        assert SweepStore(out, grid).status().tolist() == [DONE] * len(grid)
+
+
+DIES = """
+import os, signal, sys
+from solidtouch.analysis.sweep_store import SweepStore
+from solidtouch.cli.main import run
+write, left = SweepStore.write, [int(sys.argv.pop(1))]
+def dying(store, outcome):
+    if not left[0]:
+        os.kill(os.getpid(), signal.SIGKILL)
+    left[0] -= 1
+    write(store, outcome)
+SweepStore.write = dying
+run()
+"""
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("workers", [1, 2])
 def test_a_sweep_killed_again_and_again_loses_and_repeats_nothing(make_study, tmp_path, workers):
-    path = make_study(GRID, trials=20000)
-    out, before, kills = tmp_path / "s.zarr", {}, 0
-    while True:
-        process = subprocess.Popen(
-            command(path, out, f"--workers={workers}"), stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL
-        )
-        began = time.monotonic()
-        while process.poll() is None and len(stamps(out)) < len(before) + 3 + 3 * kills:
-            time.sleep(0.001)
-            assert time.monotonic() - began < 30
-        process.kill()
-        code, after = process.wait(), stamps(out)
-        assert code in (0, -signal.SIGKILL)
+    """The command itself, killed after 3, 4 and 5 more cells; its workers end with it."""
+    path, out, before = make_study(GRID, trials=20000), tmp_path / "s.zarr", {}
+    grid = CellGrid.of(load_study(path), ("rods",))
+    for more in (3, 4, 5, DISTINCT):
+        done = len(before) // 2
+        words = [sys.executable, "-c", DIES, str(more), *command(path, out, f"--workers={workers}")[3:]]
+        code = subprocess.run(words, capture_output=True, check=False, timeout=120).returncode
+        after = chunks(out, grid)
+        assert code == (0 if more == DISTINCT else -signal.SIGKILL)
+        assert len(after) // 2 == (DISTINCT if more == DISTINCT else done + more)
         assert before.items() <= after.items()
-        if code == 0:
-            break
-        before, kills = after, kills + 1
+        before = after
     sweep(path, tmp_path / "whole.zarr", in_this_process)
 
-    assert kills > 1
     xr.testing.assert_identical(results(out), results(tmp_path / "whole.zarr"))
 
 

@@ -93,6 +93,24 @@ def test_sessions_differ_by_gain_and_mounting_only(small):
         np.testing.assert_array_equal(first, second)
 
 
+def test_nuisances_are_as_large_as_their_settings_say(small):
+    """Standard deviations over sessions; twice of them is twice the displacement and the square of the gain."""
+    names = ("mounting_x_mm", "mounting_y_mm", "rail_sd_counts")
+    names += ("sensitivity_log_sd", "session_gain_log_sd", "session_taxel_gain_log_sd")
+    one = replace(small, **{name: 0.1 * (i + 1) for i, name in enumerate(names)})
+    two = replace(one, **{name: 2 * getattr(one, name) for name in names})
+    a, b = session_nuisances(one, 0, 1), session_nuisances(two, 0, 1)
+
+    np.testing.assert_allclose(b.mounting_x_mm, 2 * a.mounting_x_mm)
+    np.testing.assert_allclose(b.mounting_y_mm, 2 * a.mounting_y_mm)
+    np.testing.assert_allclose(b.rail_counts - one.rail_counts, 2 * (a.rail_counts - one.rail_counts))
+    relative_a, relative_b = (n.gain_counts_per_mm / one.gain_counts_per_mm for n in (a, b))
+    np.testing.assert_allclose(relative_b, relative_a**2)
+    sessions = [session_nuisances(one, 0, session) for session in range(400)]
+    assert np.std([n.mounting_x_mm for n in sessions]) == pytest.approx(one.mounting_x_mm, rel=0.1)
+    assert np.std([n.mounting_y_mm for n in sessions]) == pytest.approx(one.mounting_y_mm, rel=0.1)
+
+
 def session_contrast(name):
     """Mean squared difference of the middle taxel's class means between two sessions, over that between halves."""
     settings = replace(PRESETS[name], rods=PAPER_RODS[2:3], start_mm=5.0, end_mm=11.0, position_spread_mm=0.0)

@@ -28,6 +28,17 @@ def test_a_value_off_for_one_reading_is_named(tap, j, jump):
     assert "taxel 1 jumped" in implausible(tap, LEAD, LIMIT)
 
 
+@pytest.mark.parametrize("sign", [1, -1])
+@pytest.mark.parametrize("step", [1, -1])
+def test_a_steady_rise_to_the_turning_point_is_plausible(sign, step):
+    """On one side the line through two neighbours ends in it, and what lies beyond it is the jump."""
+    tap = sign * np.array([0.0, 40, 80, 120, 100, 100, 100])[::step, np.newaxis]
+    assert implausible(tap, 0, LIMIT) is None
+
+    tap[3] += sign * 16
+    assert implausible(tap, 0, LIMIT) == "taxel 0 jumped by 16 for one reading"
+
+
 @pytest.mark.parametrize("shift", [20.0, -20.0])
 def test_a_taxel_that_rests_elsewhere_afterwards_is_named(tap, shift):
     tap[12:, 3] += shift

@@ -238,6 +238,20 @@ def test_table_samples_have_the_probabilities(rng):
         assert np.all(np.abs(share - p) < 5 * np.sqrt(p * (1 - p) / (n * J)))
 
 
+def test_impossible_bins_are_never_drawn():
+    """Not even by a random number of exactly 0."""
+
+    class Zeros:
+        def random(self, size):
+            return np.zeros(size)
+
+    with np.errstate(divide="ignore"):
+        form = TableForm(np.log(np.array([0.0, 0.0, 0.7, 0.3])).reshape(1, 1, 1, 4))
+    one = np.zeros(1, dtype=int)
+
+    assert form.sample(one, one, np.arange(5.0), 2, Zeros()).tolist() == [[[2.5], [2.5]]]
+
+
 # States
 
 

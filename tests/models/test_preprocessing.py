@@ -213,6 +213,15 @@ def test_the_next_contact_needs_a_fall_below_half_the_level(between, starts):
     assert [tap.start for tap in taps] == starts
 
 
+@pytest.mark.parametrize(("last", "starts"), [(1.99, [1, 3]), (2.0, [1]), (3.99, [1])])
+def test_a_tap_that_ends_above_half_the_level_does_not_arm_the_trigger(last, starts):
+    """Its last sample counts like any frame behind it."""
+    cutter = TapCutter(Preprocessing(samples=2, trigger="contact", trigger_level=4.0))
+    taps = cutter.push(np.array([[0.0], [4.0], [last], [4.0], [4.0]]))
+
+    assert [tap.start for tap in taps] == starts
+
+
 PRESSES = st.builds(
     lambda samples, tare, highpass, pre: Preprocessing(
         samples=samples,

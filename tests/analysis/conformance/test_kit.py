@@ -4,6 +4,7 @@ import json
 
 import numpy as np
 import pytest
+from solidtouch.analysis.conformance import kit
 from solidtouch.analysis.conformance.catalogue import catalogue, expected
 from solidtouch.analysis.conformance.kit import export_kit
 from solidtouch.analysis.conformance.run import Asked, check_answers
@@ -80,13 +81,27 @@ def test_an_index_lists_the_cases_that_the_precision_can_do(tmp_path):
     }
 
 
+def test_arrays_hold_the_case_and_its_right_answers(tmp_path, monkeypatch):
+    """Every answer of every tap, as in the JSON, where any case counts as large."""
+    monkeypatch.setattr(kit, "_LARGE", 0)
+    case = catalogue()["root-j"]
+    export_kit(tmp_path / "kit", [case])
+    right = [answer for answer in expected(case) if "posterior" in answer.values]
+    with np.load(tmp_path / "kit" / "root-j.npz") as arrays:
+        np.testing.assert_array_equal(arrays["taps"], case.taps)
+        np.testing.assert_array_equal(arrays["expected_tap"], [answer.tap for answer in right])
+        assert {"expected_posterior", "expected_log_likelihood", "expected_move"} <= set(arrays)
+        for name in right[0].values:
+            np.testing.assert_array_equal(arrays[f"expected_{name}"], [answer.values[name] for answer in right])
+
+
 @pytest.mark.slow
 def test_large_cases_come_as_arrays_too(tmp_path):
-    case = catalogue()["long-and-back"]
+    case = catalogue()["episode-paper-size"]
     export_kit(tmp_path / "kit", [case])
-    with np.load(tmp_path / "kit" / "long-and-back.npz") as arrays:
+    with np.load(tmp_path / "kit" / "episode-paper-size.npz") as arrays:
         np.testing.assert_array_equal(arrays["taps"], case.taps)
-        np.testing.assert_array_equal(arrays["expected_tap"], case.answered)
+        np.testing.assert_array_equal(arrays["expected_tap"], np.arange(len(case.taps)) + 1)
         assert (arrays["border"], arrays["index_base"], arrays["theta_x"]) == (case.border, 0, case.theta_x)
         assert arrays["tolerance_posterior"].shape == (2,)
         np.testing.assert_array_equal(arrays["expected_posterior"][-1], expected(case)[-1].values["posterior"])

@@ -3,6 +3,7 @@
 from dataclasses import replace
 from math import inf
 
+import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -64,6 +65,15 @@ def test_readings_come_at_the_period_without_drifting():
     assert due == pytest.approx([3.0 + 0.02 * n for n in range(1, 1001)], abs=1e-9)
 
 
+def test_a_board_left_streaming_streams_the_finger():
+    """Every 20 ms from then on, its own triangle alone."""
+    bench = Bench()
+    bench.board.leave_streaming(3.0)
+
+    assert bench.board.next_event_s() == pytest.approx(3.02)
+    assert bench.taxels() == [0xF0] * 12
+
+
 def test_commands_while_streaming():
     """`0x4D` goes on at the new period without triangles, `0x50` stops, `0x07 01` stops."""
     bench = Bench(SET_BOARD, FINGER_ON, START)
@@ -109,6 +119,17 @@ def test_commands_cut_short_or_out_of_range_are_ignored(command):
     bench = Bench(SET_BOARD, FINGER_ON, START, command)
 
     assert bench.board.next_event_s() == pytest.approx(0.02)
+
+
+def test_taxels_at_twice_their_range_are_marked():
+    """Under load from twice 0xF0 steps of 4 counts on, and without load from twice the 15 steps above it on."""
+    bench = Bench(SET_BOARD, "50 00 00 02 01 00 22", START)
+    inside, beyond = [0, 1919, -119], [1920, -120, 5000]
+    values = bench.finger.read(0.0) + np.array([*inside, *beyond, *[0] * 6])
+    bench.finger.read = lambda _: values
+    (_, tail), *_ = bench.board.tick()
+
+    assert int.from_bytes(tail.data[6:], "big") >> 4 == 0b111000
 
 
 def test_touch_lowers_what_is_sent():

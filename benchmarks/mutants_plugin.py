@@ -1,0 +1,11 @@
+"""Plugin of pytest for `mutants`: the same examples every time, and none made smaller after a failure."""
+
+from hypothesis import Phase, settings
+
+
+def pytest_collection() -> None:
+    """Before tests are imported, after `conftest.py` has chosen its profile."""
+    settings.register_profile(
+        "mutants", deadline=None, derandomize=True, database=None, phases=(Phase.explicit, Phase.generate)
+    )
+    settings.load_profile("mutants")

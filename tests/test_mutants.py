@@ -1,0 +1,126 @@
+"""The errors that `make mutants` plants, and that it tells caught ones from survivors."""
+
+import ast
+import importlib
+import json
+from pathlib import Path
+from types import SimpleNamespace
+
+import pytest
+
+FOLDER = Path(__file__).parents[1] / "benchmarks"
+SOURCE = '''"""A docstring with 1 < 2."""
+
+from math import inf
+
+_LIMIT = 3
+
+
+def count(values: list[int], least: int = 2, *, deep: bool = False) -> "int | float":
+    """Not changed: 5 > 4."""
+    if not values:
+        raise ValueError(f"{least + 1} values are needed.", 7)
+    total = max(0, min(values) - least)
+    total += values[-1]
+    values.append(total)
+    return total if deep and total >= least else inf
+'''
+
+
+@pytest.fixture(scope="module")
+def parts():
+    """The modules of the run."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.syspath_prepend(FOLDER)
+        yield SimpleNamespace(**{name: importlib.import_module(name) for name in ("mutants", "mutation")})
+
+
+def test_errors_are_planted_in_code_alone(parts):
+    """One change each, valid Python, and nothing in text, annotations, messages or named constants."""
+    found = list(parts.mutation.mutants("models/count.py", SOURCE))
+    assert {(one.old, one.new) for one in found} == {
+        ("2", "3"),
+        ("2", "1"),
+        ("False", "True"),
+        ("not values", "values"),
+        ("max", "min"),
+        ("min", "max"),
+        ("0", "1"),
+        ("min(values) - least", "(min(values) + least)"),
+        ("total += values[-1]", "total -= values[-1]"),
+        ("total += values[-1]", "pass"),
+        ("-1", "1"),
+        ("1", "2"),
+        ("1", "0"),
+        ("values.append(total)", "pass"),
+        ("total if deep and total >= least else inf", "(inf if deep and total >= least else total)"),
+        ("deep and total >= least", "(deep or total >= least)"),
+        ("total >= least", "(total > least)"),
+    }
+    assert len({one.key for one in found}) == len(found)
+    for one in found:
+        planted = one.planted(SOURCE)
+        assert ast.dump(ast.parse(planted)) != ast.dump(ast.parse(SOURCE))
+        assert planted.count("\n") == SOURCE.count("\n")
+
+
+def test_an_edit_elsewhere_keeps_the_names_of_errors(parts):
+    """So that a sample and its results outlive other changes."""
+    before = {one.key for one in parts.mutation.mutants("models/count.py", SOURCE)}
+    after = {
+        one.key for one in parts.mutation.mutants("models/count.py", SOURCE + "\n\ndef more(a):\n    return a + 1\n")
+    }
+    assert before < after
+
+
+def test_samples_grow_and_mix_kinds(parts):
+    """The first of many are those of a small one; no figure, and all packages take part."""
+    few, many = parts.mutants.sample(20), parts.mutants.sample(120)
+    assert many[:20] == few
+    assert len({one.kind for one in few}) > 10
+    assert {one.module.partition("/")[0] for one in many} == {"models", "hardware", "inference", "analysis"}
+    assert not [one for one in many if "figure" in one.module]
+
+
+def test_tests_of_a_module_come_first(parts):
+    """The mirrored file, then those that import the module, then those of its users; loops need caches of their own."""
+    tests = parts.mutants.Tests()
+    own, later = tests.of("hardware.tap_quality")
+    assert own[0].name == "test_tap_quality.py"
+    assert later
+    assert not set(own) & set(later)
+    assert {"inference.kernel", "models.counting"} <= tests.frozen
+    assert "hardware.tap_quality" not in tests.frozen
+
+
+@pytest.mark.slow
+def test_a_caught_error_is_told_from_a_survivor(parts, tmp_path):
+    """A limit that is checked where it should not be is noticed, a pair of parentheses is not."""
+    module = "hardware/tap_quality.py"
+    found = parts.mutation.mutants(module, (FOLDER.parent / module).read_text(encoding="utf-8"))
+    caught = next(one for one in found if one.kind == "removed sign or not")
+    harmless = caught._replace(old=caught.old, new=f"({caught.old})", key="0" * 12)
+    parts.mutants.judge_all([caught, harmless], tmp_path / "results.jsonl", 2, 60.0)
+    rows = parts.mutants._known(tmp_path / "results.jsonl")
+
+    assert rows[caught.key]["outcome"] == "caught"
+    assert rows[caught.key]["test"].startswith("tests/hardware/test_tap_quality.py::")
+    assert rows[harmless.key]["outcome"] == "survived"
+    table = parts.mutants.report(list(rows.values()), {harmless.key: "Parentheses."})
+    assert "| hardware | 2 | 1 | 0 | 1 | 0 | 1.000" in table
+    assert "| Parentheses. |" in table
+
+
+def test_the_table_tells_first_results_from_those_after_new_tests(parts, tmp_path):
+    """A survivor that a new test catches counts as caught now, not at first."""
+    mutant = next(parts.mutation.mutants("models/count.py", SOURCE))
+    results = tmp_path / "results.jsonl"
+    results.write_text("".join(json.dumps(mutant._asdict() | {"outcome": o}) + "\n" for o in ("survived", "caught")))
+    (line,) = [
+        line
+        for line in parts.mutants.report([*parts.mutants._known(results).values()], {}).splitlines()
+        if "| all" in line
+    ]
+
+    assert line.startswith("| all | 1 | 1 | 0 | 0 | 0 | 0.000")
+    assert "| 1.000" in line
