@@ -13,6 +13,7 @@ from ..models.experiment import load_experiment
 from ..models.histogram import trim
 from ..models.importers import load_taps
 from ..models.recording import naming
+from ..models.seeds import data_set_seed
 from ..models.splits import Fold
 from .study import can_act
 
@@ -109,8 +110,9 @@ def recorded_source(path: str | Path, where_cell: str | None = None, what_cell: 
 
 def _simulate(name: str, seed: int, number: int, highpass_hz: float) -> Fold:
     settings = replace(preset(name), highpass_hz=highpass_hz)
-    train, test = (simulate_session(settings, seed + number, session) for session in (0, 1))
-    return Fold(train, test, f"seed {seed + number}")
+    own = data_set_seed(seed, number)
+    train, test = (simulate_session(settings, own, session) for session in (0, 1))
+    return Fold(train, test, f"data set {number}")
 
 
 def _one_fold(what: str) -> str:

@@ -22,6 +22,7 @@ from ..models.errors import InputError
 from ..models.histogram import fit
 from ..models.model import TapModel
 from ..models.power import TAPS
+from ..models.seeds import data_set_seed
 from ..models.taps import TapSet
 from .calibration_chain import right_model
 from .open_sources import BATCHES, recorded_source
@@ -184,14 +185,16 @@ def simulate_grid(name: str) -> ClassGrid:
 
 
 def _simulate(name: str, seed: int, number: int) -> Unit:
-    train, test, tune = (simulate_session(PRESETS[name], seed + number, session) for session in range(3))
+    own = data_set_seed(seed, number)
+    train, test, tune = (simulate_session(PRESETS[name], own, session) for session in range(3))
     return Unit(train, test, tune)
 
 
 def _draw(seed: int, number: int) -> Unit:
-    model = right_model(seed + number, SAMPLES)
-    train = draw_session(model, _TRAINING_TAPS, seed + number, 0)
-    return Unit(train, draw_session(model, _TEST_TAPS, seed + number, 1), right=model)
+    own = data_set_seed(seed, number)
+    model = right_model(own, SAMPLES)
+    train = draw_session(model, _TRAINING_TAPS, own, 0)
+    return Unit(train, draw_session(model, _TEST_TAPS, own, 1), right=model)
 
 
 def _empty_cells(taps: TapSet, grid: ClassGrid) -> int:

@@ -12,6 +12,7 @@ import numpy as np
 from ..hardware.sensor import TouchSensor
 from ..models.classes import ClassGrid
 from ..models.errors import InputError
+from ..models.seeds import Purpose, generator
 from .recording import objects
 
 if TYPE_CHECKING:
@@ -79,7 +80,7 @@ class Wish(NamedTuple):
             InputError: The start is neither a class of the grid nor a place.
         """
         if self.start is None:
-            return float(grid.where_value[np.random.default_rng([self.seed, episode, 0]).integers(grid.L)])
+            return float(grid.where_value[generator(self.seed, Purpose.START, episode).integers(grid.L)])
         if re.fullmatch(r"\d+", self.start) and int(self.start) < grid.L:
             return float(grid.where_value[int(self.start)])
         number = re.fullmatch(r"(-?\d+(?:\.\d+)?)\s*([^\d\s.].*)", self.start)
@@ -102,7 +103,7 @@ class Wish(NamedTuple):
             InputError: There is no such object.
         """
         if self.what is None:
-            drawn = np.random.default_rng([self.seed, episode, 1])
+            drawn = generator(self.seed, Purpose.OBJECT, episode)
             return int(drawn.choice(range(len(names)) if there is None else there))
         if self.what in names:
             return list(names).index(self.what)
@@ -180,8 +181,8 @@ def _replayed(path: str, grid: ClassGrid, wish: Wish) -> Source:
         if start < 0:
             raise InputError(f"--start {wish.start} lies in no class of the model.")
         what = wish.object(names, episode, there)
-        generator = np.random.default_rng([wish.seed, episode, 2])
-        sensor = ReplayRig(taps, whole, start, what, uniforms(generator))
+        chance = uniforms(generator(wish.seed, Purpose.REPLAY, episode))
+        sensor = ReplayRig(taps, whole, start, what, chance)
         return Placed(sensor, lambda: Truth(names[what], float(grid.where_value[sensor.where_index])))
 
     return Source(f"taps of {Path(path).name}", place)
