@@ -82,13 +82,16 @@ def simulated_source(name: str, data_sets: int, seed: int) -> Source:
     return Source(title, True, data_sets, load, grid, settings.preprocessing.samples, units)
 
 
-def recorded_source(path: str | Path, where_cell: str | None = None, what_cell: str | None = None) -> Source:
+def recorded_source(
+    path: str | Path, where_cell: str | None = None, what_cell: str | None = None, training_taps: bool = False
+) -> Source:
     """A recording, whose sessions are left out in turn where there are three or more.
 
     Args:
         path: As for `load_taps`.
         where_cell: Width of the where cells with unit.
         what_cell: Width of the what cells.
+        training_taps: Whether to keep test taps that stand among the training taps.
 
     Raises:
         InputError: It cannot be read or divided.
@@ -96,7 +99,7 @@ def recorded_source(path: str | Path, where_cell: str | None = None, what_cell: 
     sessions = len(set(load_taps(path).session.tolist()))
     with naming(path):
         method = "leave-one-session-out" if sessions >= _FEWEST_SESSIONS else None
-        parts, grid = load_experiment([path], where_cell, what_cell, method)
+        parts, grid = load_experiment([path], where_cell, what_cell, method, training_taps=training_taps)
         grid, _ = trim(grid, [fold.train for fold in parts.folds])
     folds = list(parts.folds)
     units = (
@@ -105,6 +108,7 @@ def recorded_source(path: str | Path, where_cell: str | None = None, what_cell: 
         else _one_fold(parts.description)
     )
     samples = folds[0].train.preprocessing.samples
+    units = f"{units} {parts.warning}".strip()
     return Source(Path(path).stem, False, len(folds), lambda number, _: folds[number], grid, samples, units)
 
 

@@ -127,18 +127,21 @@ def simulated_bench(name: str, data_sets: int, seed: int) -> Bench:
     return Bench(f"preset {name}", True, data_sets, load, grid, units, powers, border)
 
 
-def recorded_bench(path: str | Path, where_cell: str | None = None, what_cell: str | None = None) -> Bench:
+def recorded_bench(
+    path: str | Path, where_cell: str | None = None, what_cell: str | None = None, training_taps: bool = False
+) -> Bench:
     """A recording, whose sessions are left out in turn where there are three or more.
 
     Args:
         path: As for `load_taps`.
         where_cell: Width of the where cells with unit.
         what_cell: Width of the what cells.
+        training_taps: Whether to keep test taps that stand among the training taps.
 
     Raises:
         InputError: It cannot be read or divided, has a single place or object, or cells without a tap.
     """
-    source = recorded_source(path, where_cell, what_cell)
+    source = recorded_source(path, where_cell, what_cell, training_taps)
     if not can_act(source.grid):
         raise InputError(f"{path} has a single place or a single object, so there is no move to choose.")
     sessions = []

@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from ..hardware.journal import Journal
     from ..hardware.rig import Rig
     from ..hardware.simulation_settings import RigSettings
+    from ..models.taps import TapSet
 
 _ROUNDING = 1e-6  # of a cell
 _SIMULATED, _REPLAY, _PRESET, _SESSION = "simulated", "replay:", "paper", 1000  # a session that no data set has
@@ -116,7 +117,12 @@ class Wish(NamedTuple):
 
 @contextmanager
 def open_source(
-    rig: str, grid: ClassGrid, wish: Wish, home: bool = False, journal: "Journal | None" = None
+    rig: str,
+    grid: ClassGrid,
+    wish: Wish,
+    home: bool = False,
+    journal: "Journal | None" = None,
+    fresh: "Callable[[TapSet], TapSet] | None" = None,
 ) -> Iterator[Source]:
     """The rig that `--rig` names, brought to rest when the block ends.
 
@@ -126,15 +132,16 @@ def open_source(
         wish: Where episodes begin.
         home: Whether to home a real stage first.
         journal: Hears what happens on a real rig.
+        fresh: Gives the recorded taps that are played; default all.
 
     Raises:
-        InputError: There is no such rig, or it cannot stand where it is wanted.
+        InputError: There is no such rig, it cannot stand where it is wanted, or as `fresh`.
         RigError: A device failed.
     """
     if rig == _SIMULATED or rig.startswith(f"{_SIMULATED}:"):
         yield _simulated(rig, grid, wish)
     elif rig.startswith(_REPLAY):
-        yield _replayed(rig.removeprefix(_REPLAY), grid, wish)
+        yield _replayed(rig.removeprefix(_REPLAY), grid, wish, fresh)
     elif rig.endswith(".toml"):
         with _real(rig, grid, wish, home, journal) as source:
             yield source
@@ -161,11 +168,13 @@ def _simulated(rig: str, grid: ClassGrid, wish: Wish) -> Source:
     return Source(f"simulated rig, preset {name}", place)
 
 
-def _replayed(path: str, grid: ClassGrid, wish: Wish) -> Source:
+def _replayed(path: str, grid: ClassGrid, wish: Wish, fresh: "Callable[[TapSet], TapSet] | None") -> Source:
     from ..hardware.replay import ReplayRig, uniforms
     from ..models.importers import load_taps
 
     taps = load_taps(path)
+    if fresh is not None:
+        taps = fresh(taps)
     known = {name for members in grid.what_members for name in members}
     new = [name for name in taps.what_name if name not in known]
     # Objects that the model does not know stand behind those that it does: perception should call them unknown.

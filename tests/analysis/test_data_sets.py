@@ -3,9 +3,7 @@
 import pytest
 from solidtouch.analysis import reproduce, sensitivity, strategies_study
 from solidtouch.analysis.open_sources import simulated_source
-from solidtouch.analysis.results import Request
 from solidtouch.analysis.strategies_data import RIGHT, simulated_bench
-from solidtouch.analysis.study import Settings
 from solidtouch.models.digest import tap_digests
 from solidtouch.models.seeds import data_set_seed
 
@@ -56,22 +54,11 @@ def seen(monkeypatch):
 
     monkeypatch.setattr(sensitivity, "play_reading", last)
     monkeypatch.setattr(strategies_study, "plan_trials", last)
-    monkeypatch.setattr(reproduce, "study", lambda fold, grid, settings, *_: seeds.append(settings.seed))
     return seeds
 
 
-def test_trials_of_reproduce_have_the_seed_of_their_data_set(seen, tmp_path):
-    """The first that of the command."""
-    parts = reproduce.simulated_split("ideal", 2, 3)
-    request = Request(parts, parts.folds[0].train.grid(), Settings(trials=1, seed=3))
-    with pytest.raises(AttributeError):  # there are no studies to go on with
-        reproduce.reproduce(request, tmp_path / "run")
-
-    assert seen == [3, data_set_seed(3, 1)]
-
-
 def test_trials_of_sensitivity_have_the_seed_of_their_data_set(seen):
-    """In every reading."""
+    """The first that of the command, in every reading."""
     source, settings = simulated_source("ideal", 2, 3), sensitivity.SensitivitySettings(trials=10, seed=3)
     for number in range(2):
         with pytest.raises(_EnoughError):

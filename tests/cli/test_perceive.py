@@ -154,7 +154,7 @@ def test_an_object_that_the_model_does_not_know_is_unknown(command, tmp_path, se
     type(session)(dataset).save(tmp_path / "taps.nc")
 
     base = ["perceive", tmp_path / "model.nc", "--rig", f"replay:{tmp_path / 'taps.nc'}", "--engine", "numpy"]
-    base += ["--start", 7, "--json", "--unknown", 0.05]
+    base += ["--start", 7, "--json", "--unknown", 0.05, "--training-taps"]
     strange, usual = (records(command(*base, "--object", what).out) for what in ("12 mm rod", "6 mm rod"))
 
     assert strange[0]["unusual"]
