@@ -145,8 +145,9 @@ def _simulated(entry: DataEntry, seed: int) -> tuple[tuple[Fold, ...], ClassGrid
 
 
 def _recorded(entry: DataEntry, paths: tuple[Path, ...]) -> tuple[Split, ClassGrid]:
-    sessions = (None if given is None else ",".join(map(str, given)) for given in (entry.train, entry.test))
-    return load_experiment(paths, entry.where_cell, entry.what_cell, entry.split, *sessions, bool(entry.training_taps))
+    train, test = (None if given is None else ",".join(map(str, given)) for given in (entry.train, entry.test))
+    cells = entry.where_cell, entry.what_cell
+    return load_experiment(paths, *cells, entry.split, train, test, training_taps=bool(entry.training_taps))
 
 
 def _digest(paths: tuple[Path, ...]) -> str:

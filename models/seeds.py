@@ -34,6 +34,7 @@ class Purpose(IntEnum):
     SEQUENCES = 15  # for learned powers; taps of a sequence, session
     ARM = 16  # of a learner on line; episode
     SYMBOLS = 17
+    RESAMPLES = 0x5A3B  # of test taps
     # analysis
     EPISODES = 18  # of the cross-check
     CALIBRATION = 19  # route, policy

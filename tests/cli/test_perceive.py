@@ -379,7 +379,7 @@ def fine(folder, session):
 @pytest.mark.parametrize("rig", RIGS)
 def test_a_finer_grid_perceives(command, fine, folder, rig):
     """The simulated rig moves in its steps, from a place between those of coarser ones."""
-    words_ = words(folder, rig)
+    words_ = [*words(folder, rig), *["--training-taps"] * (rig == "replayed")]
     still = ["--start", "2.25mm", "--object", "8 mm rod", "--theta", "1", "--deadline", 5, "--json"]
     done = command("perceive", fine, *words_, *still, "--engine", "numpy", "--shadow", "--fixation", 20)
     *taps, decision = records(done.out)
