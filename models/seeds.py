@@ -35,6 +35,7 @@ class Purpose(IntEnum):
     ARM = 16  # of a learner on line; episode
     SYMBOLS = 17
     RESAMPLES = 0x5A3B  # of test taps
+    RIGHT_MODEL = 0x7219  # data drawn from it; number of the data set
     # analysis
     EPISODES = 18  # of the cross-check
     CALIBRATION = 19  # route, policy
