@@ -18,6 +18,7 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
+from ..models import seeds
 from ..models.errors import InputError
 from ..models.histogram import HistogramModel, fit
 from ..models.taps import TapSet
@@ -78,7 +79,7 @@ def audit_checks(
     used = count_replicates(taps, replicates)
     values = np.empty((used, len(observed)))
     for r in range(used):
-        generator = np.random.default_rng([seed, 6, r])
+        generator = seeds.generator(seed, seeds.Purpose.REPLICATES, r)
         made = replicate(_draw(fitted.counts, generator), fitted, labels, generator)
         values[r] = [STATISTICS[name].of(made) for name in observed]
         if progress is not None:

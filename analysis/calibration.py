@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..inference.reference import Border
+from ..models import seeds
 from ..models.errors import InputError
 from ..models.histogram import HistogramModel
 from ..models.model import TapModel
@@ -135,8 +136,9 @@ def calibrate(
     rows: list[Row] = []
     for route, n in trials.items():
         for policy in POLICIES:
-            generator = np.random.default_rng((seed, ROUTES.index(route), POLICIES.index(policy)))
-            seen = judged(route, world, policy, n, moments, generator, progress)
+            key = ROUTES.index(route), POLICIES.index(policy)
+            chance = seeds.generator(seed, seeds.Purpose.CALIBRATION, *key)
+            seen = judged(route, world, policy, n, moments, chance, progress)
             rows += [
                 Row(route, policy, moment, quantity, n, p_values(one), error_factor(one))
                 for (moment, quantity), one in seen.items()

@@ -27,6 +27,7 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
+from ..models.seeds import Purpose, generator
 from ..models.taps import TapSet
 from .evidence import Evidence
 from .evidence_classes import evidence_classes
@@ -108,7 +109,7 @@ def split_variance(
             for one in classes
         ],
     )
-    weights = np.random.default_rng([seed, 5]).multinomial(C, np.full(C, 1 / C), size=resamples)
+    weights = generator(seed, Purpose.CAUSES).multinomial(C, np.full(C, 1 / C), size=resamples)
     results = [_combine(known, values, w / C, n, covariate) for w in [np.ones(C), *weights]]
     attributes = {
         "taps": n,

@@ -13,6 +13,7 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
+from ..models import seeds
 from ..models.bins import find_bins
 from ..models.catalogue import Fitted
 from ..models.classes import ClassGrid
@@ -302,7 +303,7 @@ def predictive_checks(
     for i, fitted in enumerate(models.values()):
         if fitted.posterior is None:
             continue
-        generator = np.random.default_rng([seed, i])
+        generator = seeds.generator(seed, seeds.Purpose.CHECKS, i)
         for r in range(replicates):
             made = replicate(fitted.posterior.draw(generator), fitted.model, labels, generator)
             result[i, :, r] = [STATISTICS[name].of(made) for name in observed]

@@ -21,6 +21,7 @@ from ..models.errors import InputError
 from ..models.model_draws import drawn
 from ..models.posterior import HistogramPosterior
 from ..models.predictive import integrated, plug_in
+from ..models.seeds import Purpose, generator
 from ..models.taps import TapSet, concatenate
 from .compare_pairing import RESAMPLES, with_intervals
 
@@ -158,8 +159,8 @@ def score_fold(fitted: Fitted, fold: SessionFold, seed: int) -> dict[str, TapSco
     cluster = np.asarray(cluster, dtype=np.intp).ravel()
     scores = {"plug_in": TapScores(plug_in(fitted, taps.taps, own), cluster)}
     if fitted.posterior is not None:
-        generator = np.random.default_rng(seed)
-        scores["integrated"] = TapScores(integrated(fitted, taps.taps, own, generator), cluster)
+        chance = generator(seed, Purpose.SCORES)
+        scores["integrated"] = TapScores(integrated(fitted, taps.taps, own, chance), cluster)
     return scores
 
 
@@ -219,7 +220,7 @@ def mean_scores(scores: Mapping[str, TapScores], reference: str, name: str, seed
     first = scores[names[0]]
     C, N = int(first.cluster.max()) + 1, len(first.values)
     size = np.bincount(first.cluster, minlength=C)
-    drawn_times = np.random.default_rng(seed).multinomial(C, np.full(C, 1 / C), size=RESAMPLES).astype(np.float64)
+    drawn_times = generator(seed, Purpose.CLUSTERS).multinomial(C, np.full(C, 1 / C), size=RESAMPLES).astype(np.float64)
     weights = np.concatenate([np.ones((1, C)), drawn_times])
     sums = np.array([np.bincount(scores[n].cluster, scores[n].values, minlength=C) for n in names])
     samples = (sums @ weights.T) / (weights @ size)

@@ -20,6 +20,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..models.errors import InputError
 from ..models.scaling import sum_by
+from ..models.seeds import Purpose, derived_seed
 from ..models.threads import one_blas_thread
 
 if TYPE_CHECKING:
@@ -296,7 +297,7 @@ def _sample(cells: "Cells", amplitude: float, seed: int) -> xr.DataTree:
             chain_method="vectorized",
             progress_bar=False,
         )
-        sampler.run(jax.random.key(seed), cells)
+        sampler.run(jax.random.key(derived_seed(seed, Purpose.COMPONENTS)), cells)
         sites = {name: np.asarray(values) for name, values in sampler.get_samples(group_by_chain=True).items()}
         diverging = np.asarray(sampler.get_extra_fields(group_by_chain=True)["diverging"])
     shared = sites["session"] ** 2 + sites["mounting"] ** 2

@@ -10,6 +10,7 @@ from scipy.stats import norm, t
 from ..inference.reference import ZeroEvidenceError
 from ..inference.saturation import share, temper
 from ..inference.trial_plan import TapTable
+from ..models import seeds
 from ..models.states import fold
 from .metrics import CONFIDENCE
 
@@ -49,7 +50,7 @@ def accuracy(table: TapTable, seed: int, contacts: Sequence[int] = CONTACTS) -> 
     Raises:
         ZeroEvidenceError: Taps were impossible under every class.
     """
-    generator = np.random.default_rng(seed)
+    generator = seeds.generator(seed, seeds.Purpose.CONTACTS)
     rows = []
     for n in contacts:
         cells = np.argwhere(table.pool.count >= n)

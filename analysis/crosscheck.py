@@ -17,6 +17,7 @@ from ..inference.engine import Engine, make_engine
 from ..inference.montecarlo import THRESHOLDS
 from ..inference.reference import Border
 from ..inference.trial_plan import plan_trials, tap_table
+from ..models import seeds
 from ..models.model import TapModel
 from ..models.states import fold
 from ..models.taps import TapSet
@@ -124,7 +125,7 @@ def crosscheck(
     """
     from ..models.touch import KERNEL_BORDERS  # noqa: PLC0415 - NumPyro takes seconds to import
 
-    generator = np.random.default_rng(seed)
+    generator = seeds.generator(seed, seeds.Purpose.EPISODES)
     names = ("numpy", "numpyro", "filter") if border in KERNEL_BORDERS else ("numpy", "filter")
     engines = [make_engine(name, model, border) for name in names]
     notes = [] if len(names) == 3 else [f"Border {border} is no Markov kernel, so the NumPyro routes were left out."]

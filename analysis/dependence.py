@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.stats import false_discovery_control, rankdata
 
+from ..models import seeds
 from ..models.compiled import compiled
 from ..models.errors import InputError
 from .compare_pairing import RESAMPLES
@@ -228,7 +229,7 @@ def permuted(
     ]
     most = max(permutations)
     for s, own in enumerate(strata):
-        generator = np.random.default_rng([seed, s])
+        generator = seeds.generator(seed, seeds.Purpose.PERMUTATIONS, s)
         statistics = prepare(own)
         block = max(1, _BLOCK // max(1, columns * len(own)))
         for start in range(0, 1 + most, block):
@@ -283,7 +284,7 @@ def false_discovery(p: Floats) -> Floats:
 
 def bootstrap_weights(strata: int, seed: int) -> Floats:
     """How often each stratum is in each resample of strata, shape (RESAMPLES, strata)."""
-    generator = np.random.default_rng([seed, strata, 1])
+    generator = seeds.generator(seed, seeds.Purpose.STRATA, strata)
     return generator.multinomial(strata, np.full(strata, 1 / strata), size=RESAMPLES).astype(np.float64)
 
 

@@ -5,6 +5,7 @@ from typing import NamedTuple, Self
 import numpy as np
 from numpy.typing import NDArray
 
+from ..models import seeds
 from ..models.taps import TapSet
 from .evidence import Evidence
 from .evidence_classes import EvidenceClass, centred, evidence_classes, orthonormal, rank_in_session
@@ -172,7 +173,7 @@ def covariate_p(classes: list[EvidenceClass], evidence: Evidence, seed: int, per
 
     The statistic is the sum over classes of the variance explained over that of evidence. NaN where there is none.
     """
-    generator = np.random.default_rng([seed, 9])
+    generator = seeds.generator(seed, seeds.Purpose.COVARIATE)
     statistic, seen = np.zeros(permutations + 1), False
     for one in classes:
         basis = orthonormal(centred(one.columns, one.stratum))
@@ -188,7 +189,7 @@ def covariate_p(classes: list[EvidenceClass], evidence: Evidence, seed: int, per
 def _half_p(
     taps: TapSet, evidence: Evidence, classes: list[EvidenceClass], half: int, permutations: int, seed: int
 ) -> float:
-    generator = np.random.default_rng([seed, 6, half])
+    generator = seeds.generator(seed, seeds.Purpose.HALVES, half)
     statistic, seen = np.zeros(permutations + 1), False
     for one in classes:
         shared, total = SharedEvidence.of(one, half), evidence.values[one.members].sum(axis=(1, 2))

@@ -22,6 +22,7 @@ import xarray as xr
 from numpy.typing import NDArray
 from scipy.stats import norm
 
+from ..models import seeds
 from ..models.catalogue import FitSettings, fit_model
 from ..models.classes import ClassGrid
 from ..models.errors import InputError
@@ -141,7 +142,7 @@ def leakage(train: TapSet, test: TapSet, grid: ClassGrid, seed: int = 0) -> Leak
     }
     cell = np.ravel_multi_index(test.indices(grid), grid.shape)
     chance = {name: _chance(test, grid, name, len(trained)) for name in quantities}
-    told = _told(correct, chance, cell, np.random.default_rng(seed))
+    told = _told(correct, chance, cell, seeds.generator(seed, seeds.Purpose.LEAKAGE))
     former = _former_taps(train)
     blocks = _blocks(train, test, grid, quantities)
     explains: dict[str, Verdict] = {

@@ -13,6 +13,7 @@ from ..models.experiment import load_experiment
 from ..models.histogram import trim
 from ..models.importers import load_taps
 from ..models.recording import naming
+from ..models.seeds import data_set_seed
 from ..models.splits import Fold
 from .study import can_act
 
@@ -81,13 +82,16 @@ def simulated_source(name: str, data_sets: int, seed: int) -> Source:
     return Source(title, True, data_sets, load, grid, settings.preprocessing.samples, units)
 
 
-def recorded_source(path: str | Path, where_cell: str | None = None, what_cell: str | None = None) -> Source:
+def recorded_source(
+    path: str | Path, where_cell: str | None = None, what_cell: str | None = None, training_taps: bool = False
+) -> Source:
     """A recording, whose sessions are left out in turn where there are three or more.
 
     Args:
         path: As for `load_taps`.
         where_cell: Width of the where cells with unit.
         what_cell: Width of the what cells.
+        training_taps: Whether to keep test taps that stand among the training taps.
 
     Raises:
         InputError: It cannot be read or divided.
@@ -95,7 +99,7 @@ def recorded_source(path: str | Path, where_cell: str | None = None, what_cell: 
     sessions = len(set(load_taps(path).session.tolist()))
     with naming(path):
         method = "leave-one-session-out" if sessions >= _FEWEST_SESSIONS else None
-        parts, grid = load_experiment([path], where_cell, what_cell, method)
+        parts, grid = load_experiment([path], where_cell, what_cell, method, training_taps=training_taps)
         grid, _ = trim(grid, [fold.train for fold in parts.folds])
     folds = list(parts.folds)
     units = (
@@ -104,13 +108,15 @@ def recorded_source(path: str | Path, where_cell: str | None = None, what_cell: 
         else _one_fold(parts.description)
     )
     samples = folds[0].train.preprocessing.samples
+    units = f"{units} {parts.warning}".strip()
     return Source(Path(path).stem, False, len(folds), lambda number, _: folds[number], grid, samples, units)
 
 
 def _simulate(name: str, seed: int, number: int, highpass_hz: float) -> Fold:
     settings = replace(preset(name), highpass_hz=highpass_hz)
-    train, test = (simulate_session(settings, seed + number, session) for session in (0, 1))
-    return Fold(train, test, f"seed {seed + number}")
+    own = data_set_seed(seed, number)
+    train, test = (simulate_session(settings, own, session) for session in (0, 1))
+    return Fold(train, test, f"data set {number}")
 
 
 def _one_fold(what: str) -> str:

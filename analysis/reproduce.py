@@ -11,6 +11,7 @@ from ..hardware.presets import preset
 from ..inference.control import check_fixation
 from ..inference.engine import make_engine
 from ..models.histogram import trim
+from ..models.seeds import data_set_seed
 from ..models.splits import Fold, Split
 from ..models.storage import complete_folder
 from . import metrics
@@ -27,7 +28,7 @@ from .summary import results_tree, summarise
 def simulated_split(name: str, data_sets: int, seed: int, progress: Progress = no_progress) -> Split:
     """Simulated data sets of two sessions each: the first trains, the second tests.
 
-    Data set d is what `solidtouch simulate --seed (seed + d)` writes.
+    Data set d is what `solidtouch simulate --seed SEED --data-set d` writes.
 
     Raises:
         InputError: There is no such preset.
@@ -36,8 +37,9 @@ def simulated_split(name: str, data_sets: int, seed: int, progress: Progress = n
     advance = progress("Simulating taps", data_sets)
     folds = []
     for d in range(data_sets):
-        train, test = (simulate_session(settings, seed + d, session) for session in (0, 1))
-        folds.append(Fold(train, test, f"seed {seed + d}"))
+        own = data_set_seed(seed, d)
+        train, test = (simulate_session(settings, own, session) for session in (0, 1))
+        folds.append(Fold(train, test, f"data set {d}"))
         advance(1)
     return Split(tuple(folds), "sessions", "In every simulated data set session 0 trains and session 1 tests.")
 
@@ -78,7 +80,8 @@ def _run(request: Request, clock: Clock) -> Results:
     with clock.stage("Playing trials", planned(grid, settings) * len(folds)) as advance:
         # Data sets must not share random numbers, or their spread would miss the sampling of trials.
         studies = [
-            study(fold, grid, replace(settings, seed=settings.seed + d), advance) for d, fold in enumerate(folds)
+            study(fold, grid, replace(settings, seed=data_set_seed(settings.seed, d)), advance)
+            for d, fold in enumerate(folds)
         ]
     first = studies[0]
     with clock.stage("Cross-checking engines", request.episodes) as advance:

@@ -20,6 +20,7 @@ from numpy.typing import ArrayLike, NDArray
 from ..inference.montecarlo import LoopPlayer, empty_trials, make_rule, refuse_impossible
 from ..inference.reference import Border
 from ..inference.trial_plan import TapTable, plan_trials
+from ..models import seeds
 from ..models.forms import GaussianForm
 from ..models.model import TapModel
 from ..models.threads import cores, in_order
@@ -30,7 +31,6 @@ type Floats = NDArray[np.float64]
 SIMULATIONS = 199
 LEVEL = 0.05
 """Of a verdict in either direction, both sides together."""
-_PURPOSE = 0x7219
 
 
 class Reference(NamedTuple):
@@ -100,7 +100,7 @@ def simulate(
     draw = partial(_draw, drawn, table)
 
     def one(number: int) -> tuple[Floats, Floats]:
-        generator = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(_PURPOSE, number)))
+        generator = seeds.generator(seed, seeds.Purpose.RIGHT_MODEL, number)
         subject = decided_about(draw(generator), drawn.grid)
         plan = plan_trials(subject.table.pool, trials, seed, fixation, first_stream=number * trials)
         played = empty_trials(trials, len(thresholds))

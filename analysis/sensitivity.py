@@ -13,6 +13,7 @@ from ..inference.montecarlo import THRESHOLDS, Trials, run_trials
 from ..inference.trial_plan import TapTable, TrialPlan, plan_trials, tap_table
 from ..models.classes import ClassGrid
 from ..models.model import TapModel
+from ..models.seeds import data_set_seed
 from ..models.splits import Fold
 from ..models.taps import TapSet
 from ..models.threads import cores, in_order, one_blas_thread
@@ -245,6 +246,7 @@ class _Bench:
 
 def _play_fold(source: Source, number: int, readings: Sequence[Reading], settings: SensitivitySettings) -> _Played:
     bench, grid, means, impossible = _Bench(source, number), source.grid, [], []
+    seed = data_set_seed(settings.seed, number)
     group = np.arange(settings.trials) * source.batches // settings.trials
     size = np.bincount(group, minlength=source.batches)[:, np.newaxis, np.newaxis]
     for reading in readings:
@@ -252,7 +254,7 @@ def _play_fold(source: Source, number: int, readings: Sequence[Reading], setting
         policies = []
         for policy in source.policies:
             theta_x = 1.0 if policy == "passive" else reading.theta_x
-            sums = play_reading(reading, table, test, grid, theta_x, settings.trials, settings.seed + number)
+            sums = play_reading(reading, table, test, grid, theta_x, settings.trials, seed)
             total = np.zeros((source.batches, *sums.shape[1:]))
             np.add.at(total, group, sums)
             policies.append(total / size)

@@ -22,6 +22,7 @@ from ..models.errors import InputError
 from ..models.histogram import fit
 from ..models.model import TapModel
 from ..models.power import TAPS
+from ..models.seeds import data_set_seed
 from ..models.taps import TapSet
 from .calibration_chain import right_model
 from .open_sources import BATCHES, recorded_source
@@ -126,18 +127,21 @@ def simulated_bench(name: str, data_sets: int, seed: int) -> Bench:
     return Bench(f"preset {name}", True, data_sets, load, grid, units, powers, border)
 
 
-def recorded_bench(path: str | Path, where_cell: str | None = None, what_cell: str | None = None) -> Bench:
+def recorded_bench(
+    path: str | Path, where_cell: str | None = None, what_cell: str | None = None, training_taps: bool = False
+) -> Bench:
     """A recording, whose sessions are left out in turn where there are three or more.
 
     Args:
         path: As for `load_taps`.
         where_cell: Width of the where cells with unit.
         what_cell: Width of the what cells.
+        training_taps: Whether to keep test taps that stand among the training taps.
 
     Raises:
         InputError: It cannot be read or divided, has a single place or object, or cells without a tap.
     """
-    source = recorded_source(path, where_cell, what_cell)
+    source = recorded_source(path, where_cell, what_cell, training_taps)
     if not can_act(source.grid):
         raise InputError(f"{path} has a single place or a single object, so there is no move to choose.")
     sessions = []
@@ -184,14 +188,16 @@ def simulate_grid(name: str) -> ClassGrid:
 
 
 def _simulate(name: str, seed: int, number: int) -> Unit:
-    train, test, tune = (simulate_session(PRESETS[name], seed + number, session) for session in range(3))
+    own = data_set_seed(seed, number)
+    train, test, tune = (simulate_session(PRESETS[name], own, session) for session in range(3))
     return Unit(train, test, tune)
 
 
 def _draw(seed: int, number: int) -> Unit:
-    model = right_model(seed + number, SAMPLES)
-    train = draw_session(model, _TRAINING_TAPS, seed + number, 0)
-    return Unit(train, draw_session(model, _TEST_TAPS, seed + number, 1), right=model)
+    own = data_set_seed(seed, number)
+    model = right_model(own, SAMPLES)
+    train = draw_session(model, _TRAINING_TAPS, own, 0)
+    return Unit(train, draw_session(model, _TEST_TAPS, own, 1), right=model)
 
 
 def _empty_cells(taps: TapSet, grid: ClassGrid) -> int:

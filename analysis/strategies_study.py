@@ -23,6 +23,7 @@ from ..inference.strategies import make_policy, parse_strategy
 from ..inference.table_learning import learn_table
 from ..inference.trial_plan import plan_trials, tap_table
 from ..models.model import TapModel
+from ..models.seeds import data_set_seed
 from ..models.threads import cores, in_order, one_blas_thread
 from .figure_style import short_unit
 from .open_effects import Means
@@ -177,7 +178,7 @@ def _play_power(
     advance: Callable[[int], None],
     go_on: Callable[[int], None],
 ) -> Played:
-    seed = settings.seed + number
+    seed = data_set_seed(settings.seed, number)
     model = unit.model(power, bench.grid, seed)
     table, outcomes = tap_table(model, model.usable(unit.test)), pool_of(model, unit.train, settings.pool)
     plan = plan_trials(table.pool, settings.trials, seed)

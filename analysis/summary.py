@@ -103,8 +103,8 @@ def _sources(request: Request) -> list[dict[str, Any]]:
     if request.simulated:
         taps = sum(len(fold.train) + len(fold.test) for fold in folds)
         row = _source(f"preset {request.simulated}", taps, folds[0].train, folds[0].test)
-        names = _span([fold.name for fold in folds])
-        return [row | {"description": f"{folds[0].train.dataset.attrs['sensor']}; {len(folds)} data sets, {names}"}]
+        sets = f"{len(folds)} data set{'s' * (len(folds) > 1)} of seed {request.settings.seed}"
+        return [row | {"description": f"{folds[0].train.dataset.attrs['sensor']}; {sets}"}]
     first = folds[0]
     if len(request.files) == 1:
         return [_source(request.files[0], len(first.train) + len(first.test), first.train, first.test)]

@@ -44,6 +44,7 @@ def sweep(
     *,
     retry_failed: bool = False,
     progress: Callable[[Tally], None] = lambda tally: None,  # noqa: ARG005
+    note: Callable[[str], None] = lambda line: None,  # noqa: ARG005
 ) -> Tally:
     """Begins a study, or continues it.
 
@@ -53,6 +54,7 @@ def sweep(
         run: Where to compute.
         retry_failed: Whether cells that failed before are tried again.
         progress: Told how far it is, at the start and after every cell.
+        note: Told what there is to say of the data, such as taps that were left out.
 
     Returns:
         How far it came.
@@ -66,6 +68,8 @@ def sweep(
         sources = Sources(study, path.parent)
         grid = CellGrid.of(study, tuple(sources.keys))
         store = _store(path, out, study, sources, grid)
+    for line in sources.notes:
+        note(line)
     with locked(out):
         status = store.status()[grid.distinct]
         wanted = (status == PENDING) | (retry_failed & (status == FAILED))

@@ -18,6 +18,7 @@ from ..inference.strategies import make_policy, parse_strategy
 from ..inference.table_learning import held_out_tables, learn_table
 from ..inference.tally import Tally, tally_trials
 from ..inference.trial_plan import TapTable, tap_table
+from ..models.seeds import Purpose, derived_seed
 from .sweep_cells import Cell, Effort
 from .sweep_data import DataSet
 from .sweep_models import FitSettings, fit_cell
@@ -102,7 +103,8 @@ def _policy(cell: Cell, data: DataSet) -> MovePolicy:
     targets = None
     if strategy.kind == "table":
         fitted = partial(fit_cell, settings=cell.fit_settings)
-        targets = learn_table(held_out_tables(data.fold.train, data.grid, fitted), data.grid, border=cell.border)
+        tables = held_out_tables(data.fold.train, data.grid, fitted)
+        targets = learn_table(tables, data.grid, border=cell.border, seed=_trial_seed(cell))
     return make_policy(cell.strategy, data.grid, border=cell.border, outcomes=outcomes, table=targets)
 
 
@@ -127,5 +129,5 @@ def _outcomes(data: DataSet, settings: FitSettings) -> TapOutcomes:
 
 def _trial_seed(cell: Cell) -> int:
     """Of the cell's trials: data sets must not share random numbers, all other cells of one seed do."""
-    digest = hashlib.sha256(f"{cell.seed} {cell.data}".encode()).digest()
-    return int.from_bytes(digest[:7], "little")
+    name = hashlib.sha256(cell.data.encode()).digest()
+    return derived_seed(cell.seed, Purpose.CELL, *(int.from_bytes(name[i : i + 4], "little") for i in (0, 4)))

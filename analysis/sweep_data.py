@@ -11,7 +11,7 @@ from ..models.classes import ClassGrid
 from ..models.errors import InputError
 from ..models.experiment import load_experiment
 from ..models.recording import naming
-from ..models.splits import Fold
+from ..models.splits import Fold, Split
 from .sweep_study import DataEntry, StudyFile
 
 
@@ -48,6 +48,7 @@ class Source:
         entry: Where it stands in the study.
         paths: Its files; none where it is simulated.
         number: Seed of a simulated, fold of a recorded one.
+        note: What its split cannot show, and which taps were left out; empty if nothing.
     """
 
     name: str
@@ -55,6 +56,7 @@ class Source:
     entry: DataEntry
     paths: tuple[Path, ...]
     number: int
+    note: str = ""
 
     def load(self) -> DataSet:
         """The taps.
@@ -65,9 +67,13 @@ class Source:
         from ..models.histogram import trim  # noqa: PLC0415 - NumPyro takes seconds to import
 
         with naming(f"data {self.name}"):
-            parts, grid = _recorded(self.entry, self.paths) if self.paths else _simulated(self.entry, self.number)
-            grid, _ = trim(grid, [fold.train for fold in parts])
-        return DataSet(self.name, self.key, parts[self.number if self.paths else 0], grid)
+            if self.paths:
+                parts, grid = _recorded(self.entry, self.paths)
+                folds = parts.folds
+            else:
+                folds, grid = _simulated(self.entry, self.number)
+            grid, _ = trim(grid, [fold.train for fold in folds])
+        return DataSet(self.name, self.key, folds[self.number if self.paths else 0], grid)
 
 
 class Sources:
@@ -87,6 +93,11 @@ class Sources:
         self._last: DataSet | None = None
         if len(self._sources) < len(found):
             raise InputError("data: two data sets have the same name.")
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """What there is to say of data sets, one sentence or more for each entry of the study."""
+        return tuple({f"Data {one.entry.name}: {one.note}": None for one in self._sources.values() if one.note})
 
     @property
     def keys(self) -> dict[str, str]:
@@ -120,10 +131,11 @@ def _sources(entry: DataEntry, folder: Path) -> list[Source]:
         return [Source(n, f"preset {entry.preset} seed {seed} {cells}", entry, (), seed) for seed, n in names.items()]
     paths = tuple(folder / file for file in entry.files or ())
     with naming(f"data {entry.name}"):
-        folds, _ = _recorded(entry, paths)
-        content = f"files {_digest(paths)} {entry.split} {entry.train} {entry.test} {cells}"
-    names = [entry.name] if len(folds) == 1 else [f"{entry.name}, {fold.name}" for fold in folds]
-    return [Source(name, f"{content} fold {i}", entry, paths, i) for i, name in enumerate(names)]
+        parts, _ = _recorded(entry, paths)
+        kept = " with training taps" * bool(entry.training_taps)
+        content = f"files {_digest(paths)} {entry.split} {entry.train} {entry.test}{kept} {cells}"
+    names = [entry.name] if len(parts.folds) == 1 else [f"{entry.name}, {fold.name}" for fold in parts.folds]
+    return [Source(name, f"{content} fold {i}", entry, paths, i, parts.warning) for i, name in enumerate(names)]
 
 
 def _simulated(entry: DataEntry, seed: int) -> tuple[tuple[Fold, ...], ClassGrid]:
@@ -132,10 +144,10 @@ def _simulated(entry: DataEntry, seed: int) -> tuple[tuple[Fold, ...], ClassGrid
     return (Fold(train, test, f"seed {seed}"),), train.grid(entry.where_cell, entry.what_cell)
 
 
-def _recorded(entry: DataEntry, paths: tuple[Path, ...]) -> tuple[tuple[Fold, ...], ClassGrid]:
-    sessions = (None if given is None else ",".join(map(str, given)) for given in (entry.train, entry.test))
-    parts, grid = load_experiment(paths, entry.where_cell, entry.what_cell, entry.split, *sessions)
-    return parts.folds, grid
+def _recorded(entry: DataEntry, paths: tuple[Path, ...]) -> tuple[Split, ClassGrid]:
+    train, test = (None if given is None else ",".join(map(str, given)) for given in (entry.train, entry.test))
+    cells = entry.where_cell, entry.what_cell
+    return load_experiment(paths, *cells, entry.split, train, test, training_taps=bool(entry.training_taps))
 
 
 def _digest(paths: tuple[Path, ...]) -> str:

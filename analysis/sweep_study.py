@@ -40,6 +40,7 @@ class DataEntry(_Table, frozen=True):
         test: Sessions to test.
         where_cell: Width of the where cells with unit, such as `"3mm"`.
         what_cell: Width of the what cells.
+        training_taps: Whether to play test taps that stand among the training taps; default no.
     """
 
     name: Text
@@ -51,6 +52,7 @@ class DataEntry(_Table, frozen=True):
     test: tuple[Natural, ...] | None = None
     where_cell: str | None = None
     what_cell: str | None = None
+    training_taps: bool | None = None
 
 
 class Axes(_Table, frozen=True):
@@ -131,7 +133,7 @@ def _check_data(key: str, entry: DataEntry) -> None:
     if (entry.preset is None) == (entry.files is None):
         raise InputError(f"{key}: it needs either preset or files.")
     if entry.preset is not None:
-        _check_without(key, entry, ("split", "train", "test"), "files")
+        _check_without(key, entry, ("split", "train", "test", "training_taps"), "files")
         _check_once(f"{key}.seeds", entry.seeds or ())
         with naming(f"{key}.preset"):
             preset(entry.preset)

@@ -19,6 +19,7 @@ from solidtouch.inference.control_two_taps import DRAWS, FURTHER, two_tap_values
 from solidtouch.inference.information import TapOutcomes, moves_to_all
 from solidtouch.inference.lockstep import play
 from solidtouch.inference.trial_plan import plan_trials, tap_table
+from solidtouch.models.seeds import Purpose, data_set_seed, generator
 from solidtouch.models.threads import one_blas_thread
 from studies import check_block, mean_interval, table, until_interrupted, write_block, write_json
 
@@ -50,16 +51,17 @@ def beliefs_of(number: int, count: int) -> tuple[TapOutcomes, NDArray[np.float64
     """Training taps of a data set, and beliefs after one to `MOST` taps of trials that fixate."""
     bench = simulated_bench(PRESET, number + 2, 0)
     unit = bench.load(number)
-    model = unit.model("J", bench.grid, number)
+    seed = data_set_seed(0, number)
+    model = unit.model("J", bench.grid, seed)
     table = tap_table(model, model.usable(unit.test))
-    plan = plan_trials(table.pool, count, number)
+    plan = plan_trials(table.pool, count, seed)
     kept = []
 
     def watch(beliefs: NDArray[np.float64], _: NDArray[np.int64]) -> dict[str, NDArray[np.float64]]:
         kept.append(beliefs)
         return {}
 
-    play(table, plan, fixation((bench.grid.L - 1) // 2), border=BORDER, deadline=MOST, seed=number, watch=watch)
+    play(table, plan, fixation((bench.grid.L - 1) // 2), border=BORDER, deadline=MOST, seed=seed, watch=watch)
     which = np.arange(count) % MOST
     return pool_of(model, unit.train, POOL), np.array(kept)[which, np.arange(count)]
 
@@ -69,7 +71,7 @@ def judged(number: int, count: int) -> dict[str, Judged]:
     outcomes, beliefs = beliefs_of(number, count)
     L, _, N = outcomes.given.shape
     deltas, every = moves_to_all(beliefs), np.arange(L)
-    chance = np.random.default_rng(number).random(count)
+    chance = generator(0, Purpose.STUDY, number).random(count)
     values = partial(two_tap_values, outcomes, beliefs, deltas, every, chance, ABOUT, BORDER)
     exact, _ = values(N)
 

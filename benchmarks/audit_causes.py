@@ -32,6 +32,7 @@ from solidtouch.hardware.simulation_settings import RigSettings
 from solidtouch.models.classes import ClassGrid
 from solidtouch.models.histogram import HistogramModel, fit
 from solidtouch.models.model import TapModel
+from solidtouch.models.seeds import Purpose, data_set_seed, derived_seed
 from solidtouch.models.setting import Setting
 from solidtouch.models.taps import TapSet, concatenate
 from studies import check_block, share_interval, table, until_interrupted, write_block, write_json
@@ -184,18 +185,18 @@ def main() -> None:
     options = parser.parse_args()
     for name in ("knobs", "unbroken", "alone"):
         check_block(options.document, name)
-    seeds = range(options.seed, options.seed + options.data_sets)
+    seeds = [data_set_seed(options.seed, d) for d in range(options.data_sets)]
     knob_tasks = [partial(turned, knob, seed) for knob in knobs() for seed in seeds]
     model = source(options.seed)
     few = small(model)
     level_tasks = [
-        partial(unbroken, few, samples, 1000 + options.seed + r)
+        partial(unbroken, few, samples, derived_seed(options.seed, Purpose.REPEAT, r))
         for samples in SAMPLES
         for r in range(options.repetitions)
     ]
     alone_tasks = [
         task
-        for seed in range(options.seed, options.seed + options.alone)
+        for seed in (data_set_seed(options.seed, d) for d in range(options.alone))
         for task in (
             *(
                 partial(well_alone, f"model, J=4, power {power}", partial(drawn_files, model, 4, seed), power, seed)

@@ -27,6 +27,7 @@ from solidtouch.hardware.model_rig import draw_session
 from solidtouch.hardware.presets import preset
 from solidtouch.inference.trial_plan import tap_table
 from solidtouch.models.histogram import HistogramModel, fit
+from solidtouch.models.seeds import Purpose, data_set_seed, derived_seed
 from studies import check_block, table, until_interrupted, write_block, write_json
 
 SAMPLES = (1, 2, 3, 4, 5)
@@ -70,9 +71,10 @@ def drawn(model: HistogramModel, samples: int, sizes: Sizes, seed: int) -> Drawn
     own, parts = of_samples(model, samples), []
     for pool in range(sizes.pools):
         taps = draw_session(own, sizes.taps_per_class, seed, 100 * samples + pool)
+        trial_seed = derived_seed(seed, Purpose.REPEAT, pool)
         seen = tap_table(own, taps)
         parts.append(
-            guarantees(seen, seen, own.grid, THETAS, seed + pool, trials=sizes.trials, deadline=DEADLINE, resamples=1)
+            guarantees(seen, seen, own.grid, THETAS, trial_seed, trials=sizes.trials, deadline=DEADLINE, resamples=1)
         )
     pools = over("pool", parts)
     taps = pools["taps"].sel(setup=PROMISED, what="all").mean("pool").values
@@ -83,11 +85,12 @@ def on_rig(name: str, sizes: Sizes, seed: int) -> xr.Dataset:
     """Guarantees on simulated data sets of a rig, with the dim `pool` for the data sets."""
     parts = []
     for number in range(sizes.data_sets):
-        train, test = (simulate_session(preset(name), seed + number, session) for session in (0, 1))
+        own = data_set_seed(seed, number)
+        train, test = (simulate_session(preset(name), own, session) for session in (0, 1))
         model = fit(train, train.grid())
         test = model.usable(test)
         tables = tap_table(replace(model, power="none"), test), tap_table(model, test)
-        parts.append(guarantees(*tables, model.grid, THETAS, seed, trials=sizes.rig_trials, resamples=1))
+        parts.append(guarantees(*tables, model.grid, THETAS, own, trials=sizes.rig_trials, resamples=1))
     return over("pool", parts)
 
 

@@ -26,6 +26,7 @@ from solidtouch.hardware.presets import preset
 from solidtouch.hardware.simulation_settings import RigSettings, Rod
 from solidtouch.models.histogram import HistogramModel, fit
 from solidtouch.models.preprocessing import Preprocessing
+from solidtouch.models.seeds import data_set_seed
 from solidtouch.models.taps import TapSet
 from solidtouch.models.threads import one_blas_thread
 from studies import (
@@ -214,12 +215,12 @@ def main() -> None:
         model = fitted_model()
         levels = {}
         for J in SAMPLES:
-            tasks = [partial(level_of, model, J, options.seed + i) for i in range(20 * repetitions)]
+            tasks = [partial(level_of, model, J, data_set_seed(options.seed, i)) for i in range(20 * repetitions)]
             levels[J] = list(until_interrupted(f"level, {J} samples", tasks))
         points = [(NOTHING, 0.0), *((knob, value) for knob, values in KNOBS.items() for value in values)]
         power = {}
         for knob, value in points:
-            tasks = [partial(power_at, knob, value, options.seed + i) for i in range(repetitions)]
+            tasks = [partial(power_at, knob, value, data_set_seed(options.seed, i)) for i in range(repetitions)]
             power[knob, value] = list(until_interrupted(f"{knob} {value:g}", tasks))
     levels = {J: outcomes for J, outcomes in levels.items() if outcomes}
     power = {point: outcomes for point, outcomes in power.items() if outcomes}

@@ -21,6 +21,7 @@ from solidtouch.hardware.data_collection import simulate_session
 from solidtouch.hardware.presets import preset
 from solidtouch.hardware.simulation_settings import RigSettings
 from solidtouch.models.histogram import fit
+from solidtouch.models.seeds import data_set_seed
 from studies import check_block, share_interval, table, until_interrupted, write_block, write_json
 
 TUNING = 5
@@ -144,7 +145,7 @@ def page(results: Results, seed: int, trials: int) -> str:
     """What the page says of the results."""
     n = max(map(len, results.values()))
     return (
-        f"{n} data sets of each rig, seeds from {seed}: one session trains, {TUNING} tune, {FRESH} are fresh; {trials} "
+        f"{n} data sets of each rig, seed {seed}: one session trains, {TUNING} tune, {FRESH} are fresh; {trials} "
         "trials in each. *Fresh in interval* and *falsely* (called reachable, and exceeded) count the first fresh "
         "session of each data set; *of fresh* and *false share* count all of them. *Left out in turn* is the error of "
         f"tuning sessions under thresholds that the other four chose.\n\n{result_table(results)}"
@@ -157,11 +158,11 @@ def main() -> None:
     parser.add_argument("--data-sets", type=int, default=40, help="of each rig")
     parser.add_argument("--rigs", nargs="*", choices=list(rigs()), default=list(rigs()))
     parser.add_argument("--trials", type=int, default=1000, help="in each session")
-    parser.add_argument("--seed", type=int, default=300, help="of the first data set")
+    parser.add_argument("--seed", type=int, default=300)
     parser.add_argument("--document", type=Path, help="a page whose table is replaced")
     options = parser.parse_args()
     check_block(options.document, "target-error")
-    seeds = range(options.seed, options.seed + options.data_sets)
+    seeds = [data_set_seed(options.seed, d) for d in range(options.data_sets)]
     tasks: list[Callable[[], tuple[str, dict[str, list[Outcome]]]]] = [
         partial(_named, name, seed, options.trials) for seed in seeds for name in options.rigs
     ]
@@ -171,9 +172,9 @@ def main() -> None:
     if not results:
         return
     measured = [
-        {"rig": name, "policy": policy, "data_set": seed, **one._asdict()}
+        {"rig": name, "policy": policy, "data_set": number, **one._asdict()}
         for name, sets in results.items()
-        for seed, found in zip(seeds, sets, strict=False)
+        for number, found in enumerate(sets)
         for policy, each in found.items()
         for one in each
     ]

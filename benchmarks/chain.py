@@ -35,6 +35,7 @@ from solidtouch.analysis.figure_calibration import CalibrationPanel, calibration
 from solidtouch.inference.control import default_fixation
 from solidtouch.inference.reference import Border
 from solidtouch.models.histogram import HistogramModel
+from solidtouch.models.seeds import Purpose, derived_seed, generator
 from studies import check_block, publish, share_interval, table, until_interrupted, write_block, write_json
 
 KINDS = ("rank", "credible set", "decisions", "decisions by belief")
@@ -132,7 +133,13 @@ def planted_errors(model: HistogramModel) -> list[Planted]:
 def rate(truth: HistogramModel, error: Planted, trials: int, repetitions: int, seed: int) -> Rate:
     """Repeats a calibration with new random numbers."""
     results = [
-        calibrate(truth, {ARRAYS: trials}, believed=error.believed, border=error.border, seed=seed + i)
+        calibrate(
+            truth,
+            {ARRAYS: trials},
+            believed=error.believed,
+            border=error.border,
+            seed=derived_seed(seed, Purpose.REPEAT, i),
+        )
         for i in range(repetitions)
     ]
     kinds = [{test for _, test in result.failed} for result in results]
@@ -143,7 +150,7 @@ def rate(truth: HistogramModel, error: Planted, trials: int, repetitions: int, s
 def panel(error: Planted, truth: HistogramModel, trials: int, seed: int) -> CalibrationPanel:
     """Active trials of one filter: credible sets after two taps, factors at all moments."""
     world, moments = World(truth, error.believed, error.border), Moments().names
-    found = judged(ARRAYS, world, ACTIVE, trials, Moments(), np.random.default_rng(seed))
+    found = judged(ARRAYS, world, ACTIVE, trials, Moments(), generator(seed, Purpose.STUDY))
     names = list(dict.fromkeys(quantity for _, quantity in found))
     band = simultaneous_band(trials)
     curves = {name: spread(found[moments[1], name].credible) for name in names}
@@ -231,7 +238,7 @@ def study_right(truth: HistogramModel, sizes: Sizes, seed: int, document: Path |
 def study_planted(truth: HistogramModel, sizes: Sizes, seed: int, document: Path | None) -> None:
     """Rates at which errors are found, and the figure."""
     errors = planted_errors(truth)
-    tasks = tasks_of(truth, errors, sizes, 1000 * seed)
+    tasks = tasks_of(truth, errors, sizes, seed)
     rates = list(until_interrupted("Planted errors", tasks))
     if not rates:
         return

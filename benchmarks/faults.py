@@ -28,6 +28,7 @@ from solidtouch.hardware.errors import RigError
 from solidtouch.hardware.journal import NoJournal
 from solidtouch.hardware.open_rig import build_rig, connected
 from solidtouch.hardware.rig import Rig
+from solidtouch.models import seeds
 
 _OPERATOR_S = 1.0
 _SETTLED_S = 1.0
@@ -189,7 +190,7 @@ class Truth:
 
 def run(seed: int, taps: int, folder: Path) -> Outcome:
     """That many accepted taps under random faults."""
-    generator = np.random.default_rng([seed, 17])
+    generator = seeds.generator(seed, seeds.Purpose.STUDY)
     outcome, reports = Outcome(), Reports()
     started_s = time.monotonic()
     with (

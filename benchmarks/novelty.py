@@ -21,6 +21,7 @@ from solidtouch.inference.control import MovePolicy, default_fixation, fixation,
 from solidtouch.inference.engine import make_engine
 from solidtouch.inference.episode import steps
 from solidtouch.inference.novelty import Novelty, UnknownTest, can_tell
+from solidtouch.models import seeds
 from solidtouch.models.classes import ClassGrid
 from solidtouch.models.experiment import load_experiment
 from solidtouch.models.histogram import HistogramModel, fit, trim
@@ -133,7 +134,7 @@ def trained(seed: int) -> Trained:
 def episodes(seed: int, n: int) -> Iterator[tuple[str, list[Ending]]]:
     """Episodes of one data set, by name."""
     models = trained(seed)
-    generator = np.random.default_rng(seed)
+    generator = seeds.generator(seed, seeds.Purpose.STUDY)
     starts = [(float(generator.uniform(0, 16)), int(generator.integers(5)), run) for run in range(n)]
 
     def run(name: str, model: HistogramModel, policy: MovePolicy, make: Callable[[float, int, int], TouchSensor]):
@@ -198,7 +199,7 @@ def row(name: str, test: TapSet, grid: ClassGrid, cases: Sequence[Case], runs: i
         p.append(p_values(case.model, chosen))
         policy = passive if grid.L == 1 else fixation(default_fixation(grid.L))
         for run in range(runs):
-            generator = np.random.default_rng([case.what, run])
+            generator = seeds.generator(0, seeds.Purpose.STUDY, case.what, run)
             start = int(generator.integers(grid.L))
             sensor = ReplayRig(test, grid, start, case.what, uniforms(generator))
             ended.append(ending(case.model, sensor, policy, deadline=10))
@@ -221,13 +222,14 @@ def share(hits: Sequence[bool] | NDArray[np.bool_]) -> str:
 
 def simulated(data_sets: int, runs: int) -> None:
     """The tables of simulated taps and episodes."""
+    own = [seeds.data_set_seed(0, d) for d in range(data_sets)]
     print("| single taps | taps | p < .01 | p < .1 | median p |\n|---|---|---|---|---|")
-    for rows in zip(*(single_taps(seed) for seed in range(data_sets)), strict=True):
+    for rows in zip(*(single_taps(seed) for seed in own), strict=True):
         p = np.concatenate([p for _, p in rows])
         print(f"| {rows[0][0]} | {len(p)} | {np.mean(p < 0.01):.3f} | {np.mean(p < 0.1):.3f} | {np.median(p):.2f} |")
     head = f"| episodes, alpha {ALPHA} | episodes | called unknown | least, most data set | taps |"
     print(f"\n{head}\n|---|---|---|---|---|")
-    for rows in zip(*(episodes(seed, runs) for seed in range(data_sets)), strict=True):
+    for rows in zip(*(episodes(seed, runs) for seed in own), strict=True):
         ends = [end for _, part in rows for end in part]
         rates = [np.mean([end.unknown for end in part]) for _, part in rows]
         extremes = f"{min(rates):.2f}, {max(rates):.2f}"

@@ -22,6 +22,7 @@ from solidtouch.hardware.data_collection import simulate_session
 from solidtouch.hardware.fingertip_layout import ICUB_FINGERTIP
 from solidtouch.hardware.presets import preset
 from solidtouch.hardware.simulation_settings import PAPER_RODS
+from solidtouch.models import seeds
 from solidtouch.models.catalogue import FitSettings, Fitted, fit_model
 from solidtouch.models.classes import ClassGrid
 from solidtouch.models.fit_curves import CurvePosterior
@@ -127,7 +128,7 @@ def sources(models: Sequence[str], sizes: Sizes, seed: int) -> list[Source]:
 
 def replicate(source: Source, models: Sequence[str], sizes: Sizes, seed: int, number: int) -> Replicate:
     """One data set from a model, and what all models make of it."""
-    generator = np.random.default_rng([seed, MODELS.index(source.name), number])
+    generator = seeds.generator(seed, seeds.Purpose.STUDY, MODELS.index(source.name), number)
     posterior = source.fitted.posterior
     if posterior is None:
         raise ValueError(f"{source.name} has no posterior to draw parameters from.")
@@ -141,7 +142,7 @@ def replicate(source: Source, models: Sequence[str], sizes: Sizes, seed: int, nu
         fitted = fit_model(name, train, source.grid, settings)
         if not fitted.convergence.converged:
             unfinished.append(name)
-        scores[name] = session_score(fitted, left_out, np.random.default_rng([seed, number]))
+        scores[name] = session_score(fitted, left_out, seeds.generator(seed, seeds.Purpose.SCORES, number))
         if name == source.name:
             covered = coverage(source, truth, fitted, generator)
     return Replicate(source.name, scores, len(left_out), covered, unfinished)

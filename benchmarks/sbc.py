@@ -29,6 +29,7 @@ from solidtouch.models.posterior import HistogramPosterior, Posterior
 from solidtouch.models.preprocessing import Preprocessing
 from solidtouch.models.priors import CellPrior, Taps
 from solidtouch.models.scaling import Scaling
+from solidtouch.models.seeds import Purpose, derived_seed, generator
 from solidtouch.models.shapes import Frame, Parameters
 from solidtouch.models.taps import TapSet
 from studies import check_block, publish, table, until_interrupted, write_block, write_json
@@ -148,7 +149,7 @@ def _from_story(
         return values
 
     with jax.enable_x64(True):
-        values = jax.jit(jax.vmap(one))(jax.random.split(jax.random.key(seed), n))
+        values = jax.jit(jax.vmap(one))(jax.random.split(jax.random.key(derived_seed(seed, Purpose.STUDY)), n))
         drawn = {name: np.asarray(value) for name, value in values.items()}
     return _as_fitted(drawn), drawn["sample"]
 
@@ -188,7 +189,7 @@ def _histogram_study(sizes: Sizes) -> Study:
             return {name: sites[name]["value"] for name in ("p", "bins")}
 
         with jax.enable_x64(True):
-            values = jax.jit(jax.vmap(one))(jax.random.split(jax.random.key(seed), n))
+            values = jax.jit(jax.vmap(one))(jax.random.split(jax.random.key(derived_seed(seed, Purpose.STUDY)), n))
             return {"log_prob": np.log(np.asarray(values["p"]))}, np.asarray(values["bins"], dtype=np.float64)
 
     def fit(samples: NDArray[np.float64]) -> Posterior:
@@ -267,11 +268,11 @@ def _log_density(
 
 def ranks_of(study: Study, truth: Parameters, samples: NDArray[np.float64], seed: int) -> dict[str, int]:
     """How many of `DRAWS` draws from the posterior lie below the truth."""
-    posterior, generator = study.fit(samples), np.random.default_rng(seed)
+    posterior, chance = study.fit(samples), generator(seed, Purpose.STUDY)
     true = study.quantities(truth, samples)
     below = dict.fromkeys(true, 0)
     for _ in range(DRAWS):
-        drawn = study.quantities(posterior.draw(generator), samples)
+        drawn = study.quantities(posterior.draw(chance), samples)
         for name, value in true.items():
             below[name] += drawn[name] < value
     return below
@@ -286,7 +287,7 @@ def run(study: Study, repetitions: int, seed: int) -> Ranks:
             study,
             {name: value[i].astype(np.float64) for name, value in parameters.items()},
             samples[i],
-            seed + i,
+            derived_seed(seed, Purpose.REPEAT, i),
         )
         for i in range(repetitions)
     ]

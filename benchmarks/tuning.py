@@ -26,6 +26,7 @@ from solidtouch.inference.held_out import held_out
 from solidtouch.inference.montecarlo import run_trials
 from solidtouch.inference.trial_plan import plan_trials, tap_table
 from solidtouch.models.histogram import fit
+from solidtouch.models.seeds import data_set_seed
 from solidtouch.models.setting import Setting
 from solidtouch.models.taps import TapSet, concatenate
 from studies import check_block, mean_interval, publish, table, until_interrupted, write_block, write_json
@@ -147,7 +148,7 @@ def texts(results: Mapping[str, Sequence[Found]], seed: int, trials: int, episod
     """What stands in the page, by block."""
     n = max(map(len, results.values()))
     choice = (
-        f"{n} data sets of each preset, seeds from {seed}; {trials} trials in each part of the training taps and "
+        f"{n} data sets of each preset, seed {seed}; {trials} trials in each part of the training taps and "
         f"{4 * trials} in the new session; an error of 1 mm is worth {COST:g} taps. Intervals are 95 % t-intervals of "
         f"the mean over data sets.\n\n{choice_table(results)}\n\n{promise_table(results)}"
     )
@@ -166,12 +167,12 @@ def main() -> None:
     parser.add_argument("--presets", nargs="*", choices=PRESETS, default=list(PRESETS))
     parser.add_argument("--trials", type=int, default=1000, help="in each part of the training taps")
     parser.add_argument("--episodes", type=int, default=1000, help="of every learner")
-    parser.add_argument("--seed", type=int, default=500, help="of the first data set")
+    parser.add_argument("--seed", type=int, default=500)
     parser.add_argument("--document", type=Path, help="a page whose tables and figures are replaced")
     options = parser.parse_args()
     for name in BLOCKS:
         check_block(options.document, name)
-    seeds = range(options.seed, options.seed + options.data_sets)
+    seeds = [data_set_seed(options.seed, d) for d in range(options.data_sets)]
     tasks: list[Callable[[], tuple[str, Found]]] = [
         partial(_named, name, seed, options.trials, options.episodes) for seed in seeds for name in options.presets
     ]

@@ -20,6 +20,7 @@ from .options import (
     Seed,
     SplitMethod,
     TestSessions,
+    TrainingTaps,
     TrainSessions,
     ValueRange,
     WhatCell,
@@ -42,6 +43,7 @@ def crosscheck(
     split: SplitMethod = None,
     train: TrainSessions = None,
     test: TestSessions = None,
+    training_taps: TrainingTaps = False,
     bins: Bins = 100,
     pseudocount: Pseudocount = 0.01,
     power: Power = "J",
@@ -72,7 +74,7 @@ def crosscheck(
         seed=seed,
         unconverged=allow_unconverged,
     )
-    parts, grid = load_experiment(data, where_cell, what_cell, split, train, test)
+    parts, grid = load_experiment(data, where_cell, what_cell, split, train, test, training_taps)
     grid, _ = trim(grid, [fold.train for fold in parts.folds])
     fold = parts.folds[0]
 
@@ -93,6 +95,8 @@ def crosscheck(
 
     console = Console()
     console.print(parts.description, highlight=False)
+    if parts.warning:
+        console.print(f"Warning: {parts.warning}", highlight=False)
     if not (_check_all(check, console) if model == _ALL else _check_one(check, model, console)):
         raise typer.Exit(1)
 

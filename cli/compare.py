@@ -22,6 +22,7 @@ from .options import (
     Seed,
     SplitMethod,
     TestSessions,
+    TrainingTaps,
     TrainSessions,
     ValueRange,
     WhatCell,
@@ -48,6 +49,7 @@ def compare(
     split: SplitMethod = None,
     train: TrainSessions = None,
     test: TestSessions = None,
+    training_taps: TrainingTaps = False,
     bins: Bins = 100,
     pseudocount: Pseudocount = 0.01,
     power: Power = "J",
@@ -92,7 +94,7 @@ def compare(
     names = _names(models)
     folder = out or Path("runs") / f"{datetime.now().astimezone():%Y-%m-%d-%H%M%S}-compare"
     check_folder(folder, force)
-    parts, grid = load_experiment(data, where_cell, what_cell, split, train, test)
+    parts, grid = load_experiment(data, where_cell, what_cell, split, train, test, training_taps)
     if len(parts.folds) != 1:
         raise InputError(
             f"--split {parts.method} makes {len(parts.folds)} training sets; compare takes one, and leaves out each "

@@ -95,7 +95,7 @@ def fit(
         offset_sd=offset_sd,
         seed=seed,
     )
-    parts, grid = load_experiment(data, where_cell, what_cell, split, train, test)
+    parts, grid = load_experiment(data, where_cell, what_cell, split, train, test, training_taps=True)
     if len(parts.folds) != 1:
         raise InputError(f"--split {parts.method} makes {len(parts.folds)} models; fit writes one, so choose another.")
     fold = parts.folds[0]

@@ -96,6 +96,9 @@ Border = Annotated[
     typer.Option("--border", help="What a move does to belief that leaves the range."),
 ]
 Seed = Annotated[int, typer.Option("--seed", min=0, max=2**63 - 1, help="Of every random draw.")]
+TrainingTaps = Annotated[
+    bool, typer.Option("--training-taps", help="Also play test taps that trained the model; default leaves them out.")
+]
 Deadline = Annotated[
     int, typer.Option("--deadline", min=1, max=10**6, help="Taps after which the most probable classes are taken.")
 ]

@@ -1,5 +1,6 @@
 """`solidtouch perceive`: an episode of perception on any rig, shown as it goes on."""
 
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
@@ -7,8 +8,9 @@ from typer import Argument, Context, Option
 
 from ..models.errors import InputError
 from .interrupt import loading, terminable
-from .options import Border, Force, Seed, SettingFile, chosen, given
+from .options import Border, Force, Seed, SettingFile, TrainingTaps, chosen, given
 from .recording import check_record, kept, recording
+from .untrained import check_training_taps, untrained
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -82,12 +84,14 @@ def perceive(
         Path | None, Option("--record", metavar="FILE.mcap", help="Record everything that a rig.toml rig does.")
     ] = None,
     home: Annotated[bool, Option("--home", help="Home the stage first: it moves to its limit switches.")] = False,
+    training_taps: TrainingTaps = False,
     border: Border = "uniform",
     setting: SettingFile = None,
     seed: Seed = 0,
     force: Force = False,
 ) -> None:
     """Perceives an object by tapping: which it is and where it is touched, live."""
+    check_training_taps(training_taps, rig)
     _check_together(passive, fixation, theta_x, move, stop, given(context, "theta"))
     read = None
     if setting is not None:
@@ -128,8 +132,7 @@ def perceive(
         name = move or ("passive" if passive else f"fixation:{theta_x!r}")
         wanted = {"fixation": None if passive else fixation, "training": training, "targets": targets}
         moves, ends = _plan(fitted, border, name, stop, theta=theta, give_up=give_up, deadline=deadline, **wanted)
-        novelty = _novelty(fitted, unknown)
-        engines = _engines(engine, fitted, border, shadow)
+        novelty, engines = _novelty(fitted, unknown), _engines(engine, fitted, border, shadow)
         warm_up_s = warm_up(engines)
     timed = TimedEngine(engines)
     endings: list[Ending] = []
@@ -140,7 +143,8 @@ def perceive(
     ):
         if rig.endswith(".toml"):
             shown.note(f"Connecting to the rig of {rig}; the finger must touch nothing.")
-        with open_source(rig, fitted.grid, Wish(start, what, seed), home, recorder) as source:
+        fresh = partial(untrained, fitted, keep=training_taps)
+        with open_source(rig, fitted.grid, Wish(start, what, seed), home, recorder, fresh) as source:
             shown.note(
                 f"{source.name}, engine {timed.name}, warmed up in {warm_up_s:.1f} s; behind object and place stands "
                 f"the belief in each, and moves are in where classes"

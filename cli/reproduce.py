@@ -27,6 +27,7 @@ from .options import (
     SettingFile,
     SplitMethod,
     TestSessions,
+    TrainingTaps,
     TrainSessions,
     ValueRange,
     WhatCell,
@@ -67,6 +68,7 @@ def reproduce(
     split: SplitMethod = None,
     train: TrainSessions = None,
     test: TestSessions = None,
+    training_taps: TrainingTaps = False,
     bins: Bins = 100,
     pseudocount: Pseudocount = 0.01,
     power: Power = "J",
@@ -83,7 +85,7 @@ def reproduce(
     if test_data and not data:
         raise InputError(f"{test_data[0]} is not expected here; recorded taps are named with --data.")
     simulated_only = {"--preset": preset, "--data-sets": data_sets}
-    recorded_only = {"--split": split, "--train": train, "--test": test}
+    recorded_only = {"--split": split, "--train": train, "--test": test, "--training-taps": training_taps or None}
     for option, value in (simulated_only if files else recorded_only).items():
         if value is not None:
             raise InputError(f"{option} goes with {'simulated' if files else 'recorded'} taps only.")
@@ -128,7 +130,9 @@ def reproduce(
     check_folder(folder, force)
     with bars() as progress:
         if files:
-            parts, grid = load_experiment(files, **cells, method=split, train=train, test=test)
+            parts, grid = load_experiment(
+                files, **cells, method=split, train=train, test=test, training_taps=training_taps
+            )
         else:
             parts = simulated_split(preset, data_sets or (_QUICK_DATA_SETS if quick else _DATA_SETS), seed, progress)
             grid = parts.folds[0].train.grid(**cells)

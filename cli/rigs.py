@@ -12,12 +12,14 @@ import numpy as np
 from ..hardware.sensor import TouchSensor
 from ..models.classes import ClassGrid
 from ..models.errors import InputError
+from ..models.seeds import Purpose, generator
 from .recording import objects
 
 if TYPE_CHECKING:
     from ..hardware.journal import Journal
     from ..hardware.rig import Rig
     from ..hardware.simulation_settings import RigSettings
+    from ..models.taps import TapSet
 
 _ROUNDING = 1e-6  # of a cell
 _SIMULATED, _REPLAY, _PRESET, _SESSION = "simulated", "replay:", "paper", 1000  # a session that no data set has
@@ -79,7 +81,7 @@ class Wish(NamedTuple):
             InputError: The start is neither a class of the grid nor a place.
         """
         if self.start is None:
-            return float(grid.where_value[np.random.default_rng([self.seed, episode, 0]).integers(grid.L)])
+            return float(grid.where_value[generator(self.seed, Purpose.START, episode).integers(grid.L)])
         if re.fullmatch(r"\d+", self.start) and int(self.start) < grid.L:
             return float(grid.where_value[int(self.start)])
         number = re.fullmatch(r"(-?\d+(?:\.\d+)?)\s*([^\d\s.].*)", self.start)
@@ -102,7 +104,7 @@ class Wish(NamedTuple):
             InputError: There is no such object.
         """
         if self.what is None:
-            drawn = np.random.default_rng([self.seed, episode, 1])
+            drawn = generator(self.seed, Purpose.OBJECT, episode)
             return int(drawn.choice(range(len(names)) if there is None else there))
         if self.what in names:
             return list(names).index(self.what)
@@ -115,7 +117,12 @@ class Wish(NamedTuple):
 
 @contextmanager
 def open_source(
-    rig: str, grid: ClassGrid, wish: Wish, home: bool = False, journal: "Journal | None" = None
+    rig: str,
+    grid: ClassGrid,
+    wish: Wish,
+    home: bool = False,
+    journal: "Journal | None" = None,
+    fresh: "Callable[[TapSet], TapSet] | None" = None,
 ) -> Iterator[Source]:
     """The rig that `--rig` names, brought to rest when the block ends.
 
@@ -125,15 +132,16 @@ def open_source(
         wish: Where episodes begin.
         home: Whether to home a real stage first.
         journal: Hears what happens on a real rig.
+        fresh: Gives the recorded taps that are played; default all.
 
     Raises:
-        InputError: There is no such rig, or it cannot stand where it is wanted.
+        InputError: There is no such rig, it cannot stand where it is wanted, or as `fresh`.
         RigError: A device failed.
     """
     if rig == _SIMULATED or rig.startswith(f"{_SIMULATED}:"):
         yield _simulated(rig, grid, wish)
     elif rig.startswith(_REPLAY):
-        yield _replayed(rig.removeprefix(_REPLAY), grid, wish)
+        yield _replayed(rig.removeprefix(_REPLAY), grid, wish, fresh)
     elif rig.endswith(".toml"):
         with _real(rig, grid, wish, home, journal) as source:
             yield source
@@ -160,11 +168,13 @@ def _simulated(rig: str, grid: ClassGrid, wish: Wish) -> Source:
     return Source(f"simulated rig, preset {name}", place)
 
 
-def _replayed(path: str, grid: ClassGrid, wish: Wish) -> Source:
+def _replayed(path: str, grid: ClassGrid, wish: Wish, fresh: "Callable[[TapSet], TapSet] | None") -> Source:
     from ..hardware.replay import ReplayRig, uniforms
     from ..models.importers import load_taps
 
     taps = load_taps(path)
+    if fresh is not None:
+        taps = fresh(taps)
     known = {name for members in grid.what_members for name in members}
     new = [name for name in taps.what_name if name not in known]
     # Objects that the model does not know stand behind those that it does: perception should call them unknown.
@@ -180,8 +190,8 @@ def _replayed(path: str, grid: ClassGrid, wish: Wish) -> Source:
         if start < 0:
             raise InputError(f"--start {wish.start} lies in no class of the model.")
         what = wish.object(names, episode, there)
-        generator = np.random.default_rng([wish.seed, episode, 2])
-        sensor = ReplayRig(taps, whole, start, what, uniforms(generator))
+        chance = uniforms(generator(wish.seed, Purpose.REPLAY, episode))
+        sensor = ReplayRig(taps, whole, start, what, chance)
         return Placed(sensor, lambda: Truth(names[what], float(grid.where_value[sensor.where_index])))
 
     return Source(f"taps of {Path(path).name}", place)

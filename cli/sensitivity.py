@@ -10,7 +10,7 @@ from typer import Argument, Option
 
 from ..models.errors import InputError
 from .interrupt import loading
-from .options import Force, Seed, WhatCell, WhereCell, Workers
+from .options import Force, Seed, TrainingTaps, WhatCell, WhereCell, Workers
 
 _FEWEST_TRIALS, _QUICK_DATA_SETS, _QUICK_TRIALS = 50, 4, 300
 
@@ -31,6 +31,7 @@ def sensitivity(
     preset: Annotated[str, Option(help="Settings of the simulated rig.")] = "paper",
     where_cell: WhereCell = None,
     what_cell: WhatCell = None,
+    training_taps: TrainingTaps = False,
     trials: Annotated[int, Option(min=_FEWEST_TRIALS, max=10**6, help="Of each data set, policy and option.")] = 1000,
     strongest: Annotated[int, Option(min=0, max=18, help="Choices of which all pairs are tried.")] = 5,
     quick: Annotated[
@@ -69,7 +70,7 @@ def sensitivity(
     folder = out or Path("runs") / f"{datetime.now().astimezone():%Y-%m-%d-%H%M%S}-sensitivity"
     check_folder(folder, force)
     sources = [simulated_source(preset, data_sets, seed)] if data_sets else []
-    sources += [recorded_source(path, where_cell, what_cell) for path in files or ()]
+    sources += [recorded_source(path, where_cell, what_cell, training_taps) for path in files or ()]
     settings = SensitivitySettings(trials=trials, seed=seed, strongest=strongest, workers=workers)
     with bars() as progress:
         studies = [run(source, settings, progress) for source in sources]

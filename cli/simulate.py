@@ -7,7 +7,9 @@ from typing import TYPE_CHECKING, Annotated
 from typer import Option
 
 from ..models.errors import InputError
+from ..models.seeds import data_set_seed
 from ..models.storage import check_writable
+from .options import Seed
 
 if TYPE_CHECKING:
     from ..models.taps import TapSet
@@ -21,7 +23,10 @@ def simulate(
         str, Option(help="Which rig: paper, ideal, broken, hold2, nodrift, or model (needs --model).")
     ] = "paper",
     sessions: Annotated[int, Option(help="How many sessions.")] = 2,
-    seed: Annotated[int, Option(help="Which data set; its sessions share the sensor.")] = 0,
+    seed: Seed = 0,
+    data_set: Annotated[
+        int, Option(min=0, help="Data set of this seed, as numbered by reproduce; its sessions share the sensor.")
+    ] = 0,
     force: Annotated[bool, Option("--force", help="Overwrite existing files.")] = False,
     model: Annotated[Path | None, Option(help="Fitted model of any kind that preset model draws from.")] = None,
     samples: Annotated[int | None, Option(help="Samples of a tap with preset model; default the model's.")] = None,
@@ -32,18 +37,18 @@ def simulate(
 
     if sessions < 1:
         raise InputError(f"--sessions must be at least 1, got {sessions}.")
-    if seed < 0:
-        raise InputError(f"--seed must not be negative, got {seed}.")
     drawn = preset == _MODEL
     if not drawn and any(option is not None for option in (model, samples, taps_per_class)):
         raise InputError("--model, --samples and --taps-per-class go with --preset model only.")
-    make = _from_model(model, samples, taps_per_class, seed) if drawn else _from_rig(preset, seed)
+    own = data_set_seed(seed, data_set)
+    make = _from_model(model, samples, taps_per_class, own) if drawn else _from_rig(preset, own)
     paths = [_folder(out) / f"session-{session}.nc" for session in range(sessions)]
     for path in paths:
         check_writable(path, force)
     for session, path in enumerate(track(paths, description=f"Simulating {preset}", transient=True)):
         make(session).save(path, force)
-    print(f"{sessions} session{'s' * (sessions > 1)} of preset {preset}, seed {seed}, in {out}")
+    number = f", data set {data_set} (its own seed is {own})" if data_set else ""
+    print(f"{sessions} session{'s' * (sessions > 1)} of preset {preset}, seed {seed}{number}, in {out}")
 
 
 def _from_rig(name: str, seed: int) -> Callable[[int], "TapSet"]:

@@ -10,7 +10,7 @@ from typer import Argument, Option
 
 from ..models.errors import InputError
 from .interrupt import loading
-from .options import Force, Seed, WhatCell, WhereCell, Workers
+from .options import Force, Seed, TrainingTaps, WhatCell, WhereCell, Workers
 
 _FEWEST_TRIALS, _QUICK_DATA_SETS, _QUICK_TRIALS = 50, 3, 50
 
@@ -38,6 +38,7 @@ def strategies(
     ] = 10,
     where_cell: WhereCell = None,
     what_cell: WhatCell = None,
+    training_taps: TrainingTaps = False,
     trials: Annotated[int, Option(min=_FEWEST_TRIALS, max=10**6, help="Of each data set and strategy.")] = 100,
     quick: Annotated[
         bool,
@@ -86,7 +87,7 @@ def strategies(
     folder = out or Path("runs") / f"{datetime.now().astimezone():%Y-%m-%d-%H%M%S}-strategies"
     check_folder(folder, force)
     benches = [simulated_bench(name, data_sets, seed) for name in names]
-    benches += [recorded_bench(path, where_cell, what_cell) for path in files or ()]
+    benches += [recorded_bench(path, where_cell, what_cell, training_taps) for path in files or ()]
     settings = StrategySettings(trials=trials, seed=seed, workers=workers)
     with bars() as progress:
         studies = [strategy_study(bench, settings, progress) for bench in benches]

@@ -4,6 +4,7 @@ import os
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -49,9 +50,10 @@ def sweep(
     out = study.with_suffix(".zarr") if out is None else out
     console = Console(stderr=True)
     with terminable(), _progress(console) as (tallied, seen):
-        runner = _runner(scheduler, workers, patience, lambda line: console.print(line, highlight=False, markup=False))
+        say = partial(console.print, highlight=False, markup=False)
+        runner = _runner(scheduler, workers, patience, say)
         try:
-            tally = run_sweep(study, out, runner, retry_failed=retry_failed, progress=tallied)
+            tally = run_sweep(study, out, runner, retry_failed=retry_failed, progress=tallied, note=say)
         except BaseException:
             if seen:
                 console.print(

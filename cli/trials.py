@@ -1,6 +1,5 @@
 """`solidtouch trials`: any number of perception trials on recorded taps, with results on the way."""
 
-import sys
 from functools import partial
 from importlib.metadata import version
 from pathlib import Path
@@ -10,7 +9,8 @@ from typer import Argument, Option
 
 from ..models.errors import InputError
 from .interrupt import loading, terminable
-from .options import Border, Deadline, Force, Seed, TestSessions, Workers, parse_thresholds
+from .options import Border, Deadline, Force, Seed, TestSessions, TrainingTaps, Workers, parse_thresholds
+from .untrained import untrained
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -19,9 +19,6 @@ if TYPE_CHECKING:
     from rich.table import Table
 
     from ..inference.tally import Tally
-    from ..models.model import TapModel
-    from ..models.taps import TapSet
-
 
 _WIDEST = 500  # characters
 
@@ -29,7 +26,8 @@ _WIDEST = 500  # characters
 def trials(
     model: Annotated[Path, Argument(metavar="MODEL", help="A fitted model, from `fit`.", show_default=False)],
     taps: Annotated[
-        Path, Argument(metavar="TAPS", help="Test taps, which must not have trained it.", show_default=False)
+        Path,
+        Argument(metavar="TAPS", help="Test taps; those that trained the model are left out.", show_default=False),
     ],
     number: Annotated[int, Option("--trials", metavar="N", min=1, help="How many.")] = 100_000,
     passive: Annotated[bool, Option("--passive", help="Never move.")] = False,
@@ -43,6 +41,7 @@ def trials(
     thresholds: Annotated[str | None, Option(help="Belief thresholds, such as 0.5,0.9,0.99.")] = None,
     deadline: Deadline = 100,
     test: TestSessions = None,
+    training_taps: TrainingTaps = False,
     border: Border = "uniform",
     seed: Seed = 0,
     device: Annotated[
@@ -80,8 +79,7 @@ def trials(
     fitted = load_model(model)
     grid = fitted.grid
     recorded = select_sessions(load_taps(taps), parse_sessions(test, "--test"), "--test")
-    tested = fitted.usable(recorded)
-    _warn_of_training(fitted, tested)
+    tested = fitted.usable(untrained(fitted, recorded, training_taps))
     table = tap_table(fitted, tested)
     chosen = THRESHOLDS if thresholds is None else parse_thresholds(thresholds)
     if start is not None and not 0 <= start < grid.L:
@@ -111,16 +109,6 @@ def trials(
                 with complete_file(out, force) as temporary:
                     labelled = tally_dataset(shown.tally, grid, chosen).assign_attrs(about)
                     labelled.to_netcdf(temporary, engine="h5netcdf")
-
-
-def _warn_of_training(model: "TapModel", taps: "TapSet") -> None:
-    known = model.trained_with(taps)
-    if known:
-        print(
-            f"Warning: {known} of the {len(taps)} taps trained the model, so errors on new ones will be larger; --test "
-            "names the sessions to play on.",
-            file=sys.stderr,
-        )
 
 
 def _title(about: dict[str, Any]) -> str:

@@ -20,6 +20,7 @@ from .options import (
     Seed,
     SplitMethod,
     TestSessions,
+    TrainingTaps,
     TrainSessions,
     ValueRange,
     WhatCell,
@@ -28,6 +29,7 @@ from .options import (
     parse_thresholds,
 )
 from .tune_online import Course, learned
+from .untrained import check_training_taps
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -75,6 +77,7 @@ def tune(
     ] = None,
     what: Annotated[str | None, Option("--object", help="What is before a real rig, by name or number.")] = None,
     home: Annotated[bool, Option("--home", help="Of --rig: home the stage first.")] = False,
+    training_taps: TrainingTaps = False,
     state: Annotated[
         Path | None, Option(metavar="FILE.json", help="Of --online: keep what is learned here, and go on from it.")
     ] = None,
@@ -110,6 +113,7 @@ def tune(
     Of three files or more all but the last train.
     """
     _check_words(context, online, rig, target_error)
+    check_training_taps(training_taps, rig)
     with loading():
         from ..analysis.study import Settings
         from ..analysis.tuning import Price, check_objects, check_price
@@ -154,7 +158,7 @@ def tune(
             return held_out(taps, grid, study.fit, progress("Fitting models", models))
 
         if online is not None:
-            course = Course(learner, chosen, online, seed, state, rig, what, home)
+            course = Course(learner, chosen, online, seed, state, rig, what, home, training_taps)
             fitted = partial(study.fit, taps, grid)
             best = learned(course, setting, price, taps, grid, fitted, parts, progress("Learning", online))
         else:
@@ -220,7 +224,7 @@ def _training(
         taps = concatenate([divided.train, *divided.tune])
         told = f"{len(data) - 1} files train; {data[-1].name} is kept for tests."
     else:
-        parts, grid = load_experiment(data, where_cell, what_cell, method, train, test)
+        parts, grid = load_experiment(data, where_cell, what_cell, method, train, test, training_taps=True)
         if len(parts.folds) != 1:
             raise InputError(f"--split {parts.method} has no one training part; choose another.")
         taps, told = parts.folds[0].train, parts.description

@@ -3,6 +3,7 @@
 from collections.abc import Callable
 from contextlib import ExitStack
 from dataclasses import asdict
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -10,6 +11,7 @@ import numpy as np
 
 from ..models.errors import InputError
 from .interrupt import loading
+from .untrained import untrained
 
 if TYPE_CHECKING:
     from ..analysis.tuning import Price
@@ -33,6 +35,7 @@ class Course(NamedTuple):
         rig: As of `perceive`, or `None` for held-out taps.
         what: The object before a real rig, by name or number.
         home: Whether to home a real stage first.
+        training_taps: Whether a replay also plays taps that train the model.
     """
 
     method: str
@@ -43,6 +46,7 @@ class Course(NamedTuple):
     rig: str | None
     what: str | None
     home: bool = False
+    training_taps: bool = False
 
 
 def learned(
@@ -163,7 +167,8 @@ def _live(
     engine = make_engine("filter", model, setting.border)
     warm_up(engine)
     wish = Wish(None, course.what, course.seed)
-    source = stack.enter_context(open_source(str(course.rig), model.grid, wish, course.home))
+    fresh = partial(untrained, model, keep=course.training_taps)
+    source = stack.enter_context(open_source(str(course.rig), model.grid, wish, course.home, fresh=fresh))
 
     def cost(episode: int, arm: int) -> float:
         placed = source.place(episode)

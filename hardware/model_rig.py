@@ -11,6 +11,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ..models import seeds
 from ..models.classes import ClassGrid
 from ..models.errors import InputError
 from ..models.forms import GaussianForm
@@ -18,7 +19,6 @@ from ..models.histogram import HistogramModel
 from ..models.model import TapModel
 from ..models.preprocessing import Preprocessing
 from ..models.taps import TapSet
-from .nuisances import Purpose, seed_sequence
 from .sensor import check_class, clipped_move
 
 
@@ -160,7 +160,7 @@ def draw_taps(
     """
     tables = bin_tables(probabilities, edges, grid.shape)
     classes = _classes(grid, taps_per_class, trained)
-    generator = np.random.default_rng(seed_sequence(seed, Purpose.MODEL, session))
+    generator = seeds.generator(seed, seeds.Purpose.MODEL, session)
     shape = taps_per_class, preprocessing.samples, len(tables.centre)
     taps = np.concatenate([tables.values(l, m, generator.random(shape)) for l, m in classes])
     told = f"every sample drawn independently from a fitted model, seed {seed}, session {session}"
@@ -195,7 +195,7 @@ def draw_session(
             f"{samples} cannot be drawn from it."
         )
     classes = _classes(model.grid, taps_per_class, model.trained)
-    generator = np.random.default_rng(seed_sequence(seed, Purpose.MODEL, session))
+    generator = seeds.generator(seed, seeds.Purpose.MODEL, session)
     state = int(generator.choice(len(model.states.gain), p=np.exp(model.states.log_prior)))
     where, what = np.repeat(classes, taps_per_class, axis=0).T
     taps = model.form.sample(where, state * model.grid.M + what, model.edges, record.samples, generator)

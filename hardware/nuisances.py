@@ -1,34 +1,16 @@
 """What differs between sensors and between sessions, drawn reproducibly.
 
-Every purpose has its own random generator, found from the seed and a key and not from an order of calls. So session
-`r` of seed `s` is the same however many sessions or taps are made, and presets differ by their sizes only, not by
-other random numbers.
+Session `r` of seed `s` is the same however many sessions or taps are made (see `models.seeds`), and presets differ by
+their sizes only, not by other random numbers.
 """
 
-from enum import IntEnum
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from ..models.seeds import Purpose, generator
 from .simulation_settings import RigSettings
-
-
-class Purpose(IntEnum):
-    """What random numbers are for; the first number of a generator's key. The values must never change."""
-
-    SENSOR = 0
-    SESSION = 1
-    MOUNTING = 2
-    COLLECTION = 3
-    LIVE = 4
-    MODEL = 5
-    EMULATED = 6
-
-
-def seed_sequence(seed: int, purpose: Purpose, *key: int) -> np.random.SeedSequence:
-    """Entropy for one purpose of one data set; further numbers tell sessions, rods and runs apart."""
-    return np.random.SeedSequence(seed, spawn_key=(int(purpose), *key))
 
 
 class Nuisances(NamedTuple):
@@ -53,13 +35,10 @@ def session_nuisances(settings: RigSettings, seed: int, session: int) -> Nuisanc
     Sensitivity and idle reading belong to the sensor and stay; gains drift and rods are mounted anew.
     """
     K = len(settings.taxels)
-    sensor = np.random.default_rng(seed_sequence(seed, Purpose.SENSOR)).standard_normal((2, K))
-    drift = np.random.default_rng(seed_sequence(seed, Purpose.SESSION, session)).standard_normal(1 + K)
+    sensor = generator(seed, Purpose.SENSOR).standard_normal((2, K))
+    drift = generator(seed, Purpose.SESSION, session).standard_normal(1 + K)
     mounting = np.array(
-        [
-            np.random.default_rng(seed_sequence(seed, Purpose.MOUNTING, session, m)).standard_normal(2)
-            for m in range(len(settings.rods))
-        ]
+        [generator(seed, Purpose.MOUNTING, session, m).standard_normal(2) for m in range(len(settings.rods))]
     )
     log_gain = (
         settings.sensitivity_log_sd * sensor[0]

@@ -12,6 +12,7 @@ from msgspec import Meta, Struct
 from ..models.errors import InputError
 from ..models.recording import naming
 from ..models.rig_recording import TapLabel
+from ..models.seeds import Purpose, generator
 from .rig_settings import Count, Positive, RangeSettings, parse_settings, read_settings
 
 _ROUNDING = 1e-6
@@ -84,7 +85,7 @@ class Plan(_Table, frozen=True):
         for what in range(len(self.objects)):
             places = np.repeat(self.positions_mm, self.taps_per_position)
             if self.order == "shuffled":
-                np.random.default_rng([self.seed, self.session, what]).shuffle(places)
+                generator(self.seed, Purpose.ORDER, self.session, what).shuffle(places)
             for where_mm in places.tolist():
                 yield TapLabel(trial, what, where_mm, self.session)
                 trial += 1

@@ -4,7 +4,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..models.preprocessing import TapCutter
-from .nuisances import Purpose, seed_sequence, session_nuisances
+from ..models.seeds import Purpose, seed_sequence
+from .nuisances import session_nuisances
 from .physics import peak_depth_mm, press_profile, taxel_indentation_mm
 from .signal_chain import SignalChain
 from .simulation_settings import RigSettings

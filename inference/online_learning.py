@@ -31,6 +31,7 @@ from scipy.stats import norm, t
 
 from ..models.errors import InputError
 from ..models.json_object import read_object
+from ..models.seeds import Purpose, generator
 from ..models.storage import complete_file
 from .gaussian_process import Smoothness, arm_posterior, fitted_smoothness, places
 
@@ -125,7 +126,7 @@ class Learner:
 
 def choose(learner: Learner) -> int:
     """The arm of the next episode."""
-    rng = np.random.default_rng([learner.seed, learner.episodes])
+    rng = generator(learner.seed, Purpose.ARM, learner.episodes)
     if learner.episodes < _FEWEST:
         return int(rng.integers(len(learner.theta)))
     if learner.method == "gp":

@@ -19,6 +19,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..hardware.pool import TapPool, pool_of
+from ..models import seeds
 from ..models.threads import cores, in_order
 from .episode import DEADLINE
 from .montecarlo import LoopPlayer, Trials, empty_trials, make_rule, refuse_impossible
@@ -32,7 +33,6 @@ CONFIDENCE = 0.95
 FEW = 10
 """Taps of a class below which intervals are not known to hold, see docs/intervals.md."""
 RESAMPLE_TRIALS = 1000
-_PURPOSE = 0x5A3B  # of the seed, see docs/random-numbers.md
 _USED_UP = 0.05  # share of trials that the stored taps end, above which there are too few of them
 _DEFINED = 0.95  # of the resamples: an interval from fewer would be that of the lucky ones
 
@@ -118,7 +118,7 @@ def resampled_pools(table: TapTable, resamples: int, seed: int) -> Iterator[TapP
     cell = np.repeat(np.arange(len(count)), count)
     taps = np.concatenate([pool.order[f : f + n] for f, n in zip(pool.first.flat, count, strict=True)])
     groups = _groups(cell, _session(table)[taps])
-    generator = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(_PURPOSE,)))
+    generator = seeds.generator(seed, seeds.Purpose.RESAMPLES)
     for _ in range(resamples):
         sessions = generator.integers(len(groups), size=len(groups)) if len(groups) > 1 else (0,)
         drawn = np.concatenate([groups[s].drawn(generator) for s in sessions])

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from ..models.classes import ClassGrid
 from ..models.errors import InputError
 from ..models.model import TapModel
+from ..models.seeds import Purpose, derived_seed
 from ..models.states import log_fold
 from ..models.taps import TapSet
 from . import draws, kernel
@@ -85,7 +86,8 @@ def learn_table(
     total = np.zeros((3, L, L))
     for number, table in enumerate(tables):
         refuse_border(border_number(border), table.log_prior.shape[1], grid.M)
-        for here, target, value in _tried(table, border, loss, taps, trials, seed + number):
+        own = derived_seed(seed, Purpose.TARGETS, number)
+        for here, target, value in _tried(table, border, loss, taps, trials, own):
             for power in range(3):
                 np.add.at(total[power, :, target], here, value**power)
     count, first, second = total

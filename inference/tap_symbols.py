@@ -14,6 +14,7 @@ from ..hardware.model_rig import draw_session
 from ..hardware.pool import tap_pool
 from ..models.errors import InputError
 from ..models.model import TapModel
+from ..models.seeds import Purpose, generator
 from .trial_plan import TapTable
 
 type Floats = NDArray[np.float64]
@@ -64,10 +65,10 @@ def quantised(model: TapModel, symbols: int, seed: int, taps: int = 1000, starts
     if posterior.shape[1:] != (L, M):
         raise InputError("Taps of models with states of the session do not become symbols.")
     posterior = posterior.reshape(-1, L * M) / posterior.sum(axis=(1, 2))[:, np.newaxis]
-    generator = np.random.default_rng(seed)
+    chance = generator(seed, Purpose.SYMBOLS)
     channels = []
     for _ in range(starts):
-        symbol = _groups(posterior, symbols, generator)
+        symbol = _groups(posterior, symbols, chance)
         S = int(symbol.max()) + 1
         counts = np.bincount((where * M + what) * S + symbol, minlength=L * M * S).reshape(L, M, S)
         channel = counts / counts.sum(axis=-1, keepdims=True)

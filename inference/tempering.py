@@ -22,6 +22,7 @@ from ..models.classes import ClassGrid
 from ..models.errors import InputError
 from ..models.model import TapModel
 from ..models.power import learned_taps
+from ..models.seeds import Purpose, generator
 from ..models.taps import TapSet
 from .saturation import share
 
@@ -424,7 +425,7 @@ def _check_length(n: int) -> None:
 
 
 def _generator(seed: int, n: int, session: int) -> np.random.Generator:
-    return np.random.default_rng([seed, n, session & 0xFFFFFFFF])
+    return generator(seed, Purpose.SEQUENCES, n, session & 0xFFFFFFFF)
 
 
 def _listed(sessions: Sequence[int]) -> str:

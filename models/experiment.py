@@ -8,7 +8,7 @@ import numpy as np
 from .classes import ClassGrid
 from .errors import InputError
 from .importers import load_taps
-from .splits import Split, split, two_files
+from .splits import Split, split, two_files, untrained
 
 
 def load_experiment(
@@ -18,6 +18,7 @@ def load_experiment(
     method: str | None = None,
     train: str | None = None,
     test: str | None = None,
+    training_taps: bool = False,
 ) -> tuple[Split, ClassGrid]:
     """The split and the class grid of an experiment on recorded taps.
 
@@ -28,13 +29,14 @@ def load_experiment(
         method: As `split`.
         train: Sessions to train with, such as `"0,1"`.
         test: Sessions to test.
+        training_taps: Whether to keep test taps that stand among the training taps; the split's warning names them.
 
     Returns:
         The split, and the grid of the tables of the (first) file; classes without a training tap are in it.
 
     Raises:
         InputError: No file or more than two, an option that does not go with two files, or as `load_taps`,
-            `TapSet.grid`, `split` and `two_files`.
+            `TapSet.grid`, `split`, `two_files` and `untrained`.
     """
     if not 1 <= len(data) <= 2:
         raise InputError(f"One data file or two, TRAIN and TEST, are needed, got {len(data)}.")
@@ -51,7 +53,7 @@ def load_experiment(
         for verb, side in (("train with", fold.train), ("test", fold.test)):
             if not np.any(np.minimum(*side.indices(grid)) >= 0):
                 raise InputError(f"There is no tap left to {verb}: none of {data[-1]} falls into a class of {data[0]}.")
-    return parts, grid
+    return untrained(parts, training_taps), grid
 
 
 def parse_sessions(text: str | None, option: str) -> list[int] | None:

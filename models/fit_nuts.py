@@ -15,6 +15,7 @@ from numpyro.infer import MCMC, NUTS
 
 from .convergence import Convergence
 from .priors import Taps
+from .seeds import Purpose, derived_seed
 from .shapes import Parameters
 
 type Sites = dict[str, NDArray[np.float64]]
@@ -89,7 +90,7 @@ def sample_story(
             chain_method="vectorized",
             progress_bar=False,
         )
-        sampler.run(jax.random.key(seed), *arguments)
+        sampler.run(jax.random.key(derived_seed(seed, Purpose.CHAINS)), *arguments)
         sites = {name: np.asarray(values) for name, values in sampler.get_samples(group_by_chain=True).items()}
         diverging = int(np.asarray(sampler.get_extra_fields()["diverging"]).sum())
     flat = az.from_dict({"posterior": {name: values for name, values in sites.items() if values.size}})

@@ -12,11 +12,11 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from .bins import find_bins
-from .digest import tap_digests
 from .errors import InputError
 from .forms import in_states
 from .power import check_saturation, likelihood_exponent
 from .states import States
+from .training import training_taps
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -176,8 +176,8 @@ class TapModel(ABC):
             raise InputError(f"The taps were prepared otherwise than the model's: {'; '.join(differences)}.")
 
     def trained_with(self, taps: "TapSet") -> int:
-        """How many of these taps trained it, so far as it knows."""
-        return int(np.isin(tap_digests(taps.taps), self.training).sum())
+        """How many of these taps trained it, so far as it knows; see `training.training_taps`."""
+        return int(training_taps(taps, self.training).sum())
 
     def usable(self, taps: "TapSet") -> "TapSet":
         """The taps whose class was trained.

@@ -18,6 +18,7 @@ from .model import TapModel
 from .model_file import DIMS, Draws
 from .own import OwnTaps
 from .parametric import FORMS, ParametricModel
+from .seeds import Purpose, generator
 from .shapes import Parameters
 from .taps import TapSet
 from .threads import cores, in_order, one_blas_thread
@@ -85,7 +86,7 @@ def drawn(fitted: Fitted, taps: TapSet, draws: int, seed: int) -> Iterator[tuple
     own = OwnTaps(taps.taps, taps.indices(model.grid), model.edges, model.states)
 
     def draw(number: int) -> tuple[Parameters, NDArray[np.float64]]:
-        parameters = posterior.draw(np.random.default_rng([seed, number]))
+        parameters = posterior.draw(generator(seed, Purpose.PARAMETERS, number))
         return parameters, own.log_probability(form_of(model, parameters))
 
     with one_blas_thread():

@@ -1,15 +1,17 @@
 """Which taps train and which test; the split stands in every result."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal, get_args
 
 import numpy as np
 from numpy.typing import NDArray
 
 from .classes import ClassGrid
+from .digest import tap_digests
 from .errors import InputError
 from .taps import TapSet, check_compatible
+from .training import without_training
 
 Method = Literal["sessions", "leave-one-session-out", "halves", "parity"]
 METHODS: tuple[str, ...] = get_args(Method)
@@ -22,7 +24,7 @@ _SAME_SESSION = (
 
 @dataclass(frozen=True, eq=False)
 class Fold:
-    """One training and one test set without a common tap.
+    """One training and one test set; see `untrained` for taps in both.
 
     Attributes:
         train: What the model is fitted to.
@@ -90,6 +92,25 @@ def split(
     return _within_classes(taps, grid, method)
 
 
+def untrained(parts: Split, keep: bool = False) -> Split:
+    """The split without test taps that stand among the training taps of their fold; its warning says which.
+
+    Args:
+        parts: The split.
+        keep: Whether to keep these taps, with the warning.
+
+    Raises:
+        InputError: No tap is left to test.
+    """
+    folds, told = [], [parts.warning] if parts.warning else []
+    for fold in parts.folds:
+        taps, sentence = without_training(fold.test, tap_digests(fold.train.taps), keep)
+        folds.append(replace(fold, test=taps))
+        if sentence:
+            told.append(sentence if len(parts.folds) == 1 else f"{fold.name.capitalize()}: {sentence}")
+    return replace(parts, folds=tuple(folds), warning=" ".join(told))
+
+
 def two_files(train: TapSet, test: TapSet) -> Split:
     """One fold from two tap sets.
 
@@ -97,10 +118,7 @@ def two_files(train: TapSet, test: TapSet) -> Split:
         InputError: They differ in taxels, unit of position or preprocessing.
     """
     check_compatible(train, test)
-    known = {tap.tobytes() for tap in train.taps}
-    copies = sum(tap.tobytes() in known for tap in test.taps)
-    warning = f"{copies} of the {len(test)} test taps stand in the training file too." if copies else ""
-    return Split((Fold(train, test, "test file"),), "files", "The first file trains, the second tests.", warning)
+    return Split((Fold(train, test, "test file"),), "files", "The first file trains, the second tests.")
 
 
 def select_sessions(taps: TapSet, chosen: Sequence[int] | None, option: str) -> TapSet:

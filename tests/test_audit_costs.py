@@ -130,7 +130,7 @@ def test_a_data_set_of_the_paper_is_played_with_both_policies(parts):
     assert not any(one.reachable for one in found["passive"][:3])
     assert all(len(one.fresh) == study.FRESH for one in found["active"])
     page = study.page({"paper": [found, found]}, 3, 60)
-    assert page.startswith("2 data sets of each rig, seeds from 3")
+    assert page.startswith("2 data sets of each rig, seed 3")
     assert "| paper | passive | 0.05, 0.1, 0.2" in page
     assert "of 2 |" in page
 

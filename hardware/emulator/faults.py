@@ -8,9 +8,8 @@ from collections import Counter
 from collections.abc import Iterator
 from typing import Any, NamedTuple
 
-import numpy as np
-
 from ...models.errors import InputError
+from ...models.seeds import Purpose, generator
 
 
 class Fault(NamedTuple):
@@ -112,7 +111,7 @@ class Switches:
     """
 
     def __init__(self, seed: int = 0) -> None:
-        self.generator = np.random.default_rng(seed)
+        self.generator = generator(seed, Purpose.FAULTS)
         self.struck: list[Struck] = []
         self._on: dict[str, _Switch] = {}
 

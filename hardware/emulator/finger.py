@@ -7,7 +7,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...models.errors import InputError
-from ..nuisances import Purpose, seed_sequence, session_nuisances
+from ...models.seeds import Purpose, seed_sequence
+from ..nuisances import session_nuisances
 from ..physics import peak_depth_mm
 from ..signal_chain import SensorNoise, converted
 from ..simulation_settings import RigSettings

@@ -154,7 +154,7 @@ def test_an_object_that_the_model_does_not_know_is_unknown(command, tmp_path, se
     type(session)(dataset).save(tmp_path / "taps.nc")
 
     base = ["perceive", tmp_path / "model.nc", "--rig", f"replay:{tmp_path / 'taps.nc'}", "--engine", "numpy"]
-    base += ["--start", 7, "--json", "--unknown", 0.05]
+    base += ["--start", 7, "--json", "--unknown", 0.05, "--training-taps"]
     strange, usual = (records(command(*base, "--object", what).out) for what in ("12 mm rod", "6 mm rod"))
 
     assert strange[0]["unusual"]
@@ -379,7 +379,7 @@ def fine(folder, session):
 @pytest.mark.parametrize("rig", RIGS)
 def test_a_finer_grid_perceives(command, fine, folder, rig):
     """The simulated rig moves in its steps, from a place between those of coarser ones."""
-    words_ = words(folder, rig)
+    words_ = [*words(folder, rig), *["--training-taps"] * (rig == "replayed")]
     still = ["--start", "2.25mm", "--object", "8 mm rod", "--theta", "1", "--deadline", 5, "--json"]
     done = command("perceive", fine, *words_, *still, "--engine", "numpy", "--shadow", "--fixation", 20)
     *taps, decision = records(done.out)

@@ -1,7 +1,10 @@
 """`solidtouch simulate`, called as a function."""
 
+import re
+
 import numpy as np
 import pytest
+from solidtouch.analysis.reproduce import simulated_split
 from solidtouch.cli.simulate import simulate
 from solidtouch.hardware.data_collection import simulate_session
 from solidtouch.hardware.model_rig import draw_taps
@@ -75,10 +78,27 @@ def test_taps_are_drawn_from_any_model(tmp_path, make_taps, name):
     assert f"drawn from a fitted {name} model" in drawn.dataset.attrs["source"]
 
 
+def test_a_data_set_of_reproduce_can_be_made_again(command, tmp_path):
+    """By its number, and by the seed that is printed."""
+    fold = simulated_split("ideal", 3, 5).folds[2]
+    done = command("simulate", "--preset", "ideal", "--seed", 5, "--data-set", 2, "--out", tmp_path / "a")
+    own = re.search(r"data set 2 \(its own seed is (\d+)\)", done.out)[1]
+    simulate(tmp_path / "b", preset="ideal", sessions=1, seed=int(own))
+
+    for session, taps in enumerate((fold.train, fold.test)):
+        np.testing.assert_array_equal(TapSet.load(tmp_path / "a" / f"session-{session}.nc").taps, taps.taps)
+    np.testing.assert_array_equal(TapSet.load(tmp_path / "b" / "session-0.nc").taps, fold.train.taps)
+
+
+def test_seeds_that_no_data_set_has_are_refused(command, tmp_path):
+    """By the command line."""
+    assert command("simulate", "--seed", -1, "--out", tmp_path / "a").code == 2
+    assert command("simulate", "--data-set", -1, "--out", tmp_path / "a").code == 2
+
+
 REFUSED = {
     "unknown preset": ({"preset": "papr"}, "the presets are paper, ideal, broken, hold2, nodrift, model"),
     "no session": ({"sessions": 0}, "--sessions must be at least 1, got 0"),
-    "negative seed": ({"seed": -1}, "--seed must not be negative"),
     "model without a file": ({"preset": "model"}, "name its file with --model"),
     "file without preset model": ({"samples": 3}, "go with --preset model only"),
 }

@@ -61,15 +61,16 @@ def test_the_file_holds_the_trials_of_the_plan(files, command, tmp_path):
     assert int(kept["confusion"].sel(theta=0.9).sum()) == 500
 
 
-def test_taps_that_trained_the_model_are_named(files, command, tmp_path):
-    """Also where they come in another file, among others."""
+def test_single_taps_that_trained_the_model_are_left_out(files, command, tmp_path):
+    """Where they come in another file, among others."""
     folder, _, test = files
     train = simulate_session(preset("paper"), 2, 0)
     concatenate([train.select(np.arange(7)), test]).save(tmp_path / "both.nc")
     words = "trials", folder / "model.nc", tmp_path / "both.nc", "--trials", 5
+    done = command(*words)
 
-    assert "Warning: 7 of the 1607 taps trained the model" in command(*words).err
-    assert "Warning" not in command("trials", folder / "model.nc", folder / "taps.nc", "--trials", 5).err
+    assert "Note: all 7 taps of session 0 trained the model and are left out" in done.err
+    assert "on 1600 of both.nc" in " ".join(done.out.split())
 
 
 def test_the_code_for_graphics_processors_counts_the_same(files, command):

@@ -13,6 +13,7 @@ from solidtouch.inference.trial_plan import TapTable, plan_trials, tap_table, tr
 from solidtouch.models.classes import ClassGrid
 from solidtouch.models.errors import InputError
 from solidtouch.models.histogram import fit
+from solidtouch.models.seeds import Purpose, derived_seed
 
 L, M, N = 4, 2, 48
 GRID = ClassGrid(1.5 * np.arange(L), "mm", None, (("a",), ("b",)))
@@ -46,9 +47,10 @@ def test_losses_are_those_of_single_episodes(table, border, loss, taps):
     trials, seed = 12, 3
     learned = learn_table([table], GRID, border=border, loss=loss, taps=taps, trials=trials, seed=seed)
     expected = [[[] for _ in range(L)] for _ in range(L)]
-    plan = plan_trials(table.pool, trials, seed)
+    own = derived_seed(seed, Purpose.TARGETS, 0)
+    plan = plan_trials(table.pool, trials, own)
     for where, what, stream in zip(plan.where, plan.what, plan.stream, strict=True):
-        uniforms = trial_uniforms(seed, int(stream), BEFORE + taps)
+        uniforms = trial_uniforms(own, int(stream), BEFORE + taps)
         belief = np.exp(table.log_prior)
         for before in range(BEFORE):
             belief, _ = reference.update(belief, table.log_likelihood[table.pool.pick(where, what, uniforms[before])])

@@ -221,11 +221,3 @@ def test_recorded_data_are_split_by_session(name, method, train, test, shared_da
     parts = split(taps, taps.grid())
 
     assert (parts.method, len(parts.folds[0].train), len(parts.folds[0].test)) == (method, train, test)
-
-
-def test_test_taps_that_train_too_are_counted(make_taps):
-    """A file tested on itself, and one that shares nothing."""
-    taps, other = make_taps(seed=1), make_taps(seed=2)
-
-    assert two_files(taps, taps).warning == f"{len(taps)} of the {len(taps)} test taps stand in the training file too."
-    assert two_files(taps, other).warning == ""
