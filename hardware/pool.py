@@ -43,7 +43,7 @@ def tap_pool(where: ArrayLike, what: ArrayLike, shape: tuple[int, int]) -> TapPo
         InputError: No tap lies inside the grid.
     """
     where, what = np.asarray(where, dtype=np.intp), np.asarray(what, dtype=np.intp)
-    L, M = shape
+    _, M = shape
     inside = np.flatnonzero((where >= 0) & (what >= 0))
     if not len(inside):
         raise InputError("No tap lies inside the class grid.")
