@@ -44,6 +44,10 @@ audit-studies: $(VENV)/.ready-run
 	@$(PY) benchmarks/audit_guarantees.py --document docs/audit-studies.md
 	@$(PY) benchmarks/audit_target.py --document docs/audit-studies.md
 
+interval-studies: $(VENV)/.ready-run
+	@$(PY) benchmarks/calibration_level.py --document docs/intervals.md
+	@$(PY) benchmarks/intervals.py --document docs/intervals.md
+
 reference-studies: $(VENV)/.ready-run
 	@$(PY) benchmarks/chain.py --document docs/calibration.md
 	@$(PY) benchmarks/open_choices.py --document docs/open-choices.md $(if $(RECORDED),--recorded "$(RECORDED)")
@@ -85,6 +89,7 @@ help:
 	@echo "make bench   time everything beside baselines and limits, into docs/performance.md; bench-quick only tries it"
 	@echo "make studies whether models are recognised, fits calibrated, and what sessions gain, into docs/model-studies.md"
 	@echo "make audit-studies  level and power of the audit, and whether its promises hold, into docs/audit-studies.md"
+	@echo "make interval-studies  coverage of intervals and level of the verdict on beliefs, into docs/intervals.md; hours"
 	@echo "make reference-studies  calibration of the whole chain, and what each open choice of the paper is worth"
 	@echo "make strategy-studies  how to move and when to stop: strategies, regret against the exact rule, tuning"
 	@echo "make rig-demo  emulated devices: collect, fit and perceive over serial ports"

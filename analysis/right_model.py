@@ -77,6 +77,7 @@ def simulate(
     trials: int,
     seed: int,
     simulations: int = SIMULATIONS,
+    draw: Callable[[np.random.Generator], TapTable] | None = None,
     progress: Callable[[int], None] | None = None,
 ) -> Reference:
     """Data sets drawn from a fitted model and played like the one at hand.
@@ -92,12 +93,13 @@ def simulate(
         trials: In each data set.
         seed: Of all random numbers.
         simulations: Data sets.
+        draw: Makes one; `None` draws as many taps of each class from `equivalent` of the model.
         progress: Told of every data set.
     """
     thresholds = np.asarray(thresholds, dtype=np.float64)
     drawn = equivalent(model)
     rule = make_rule(thresholds, theta_x, border, deadline, seed)._replace(fresh=True)
-    draw = partial(_draw, drawn, table)
+    draw = partial(drawn_table, drawn, table) if draw is None else draw
 
     def one(number: int) -> tuple[Floats, Floats]:
         generator = seeds.generator(seed, seeds.Purpose.RIGHT_MODEL, number)
@@ -157,7 +159,7 @@ def compare(value: float, reference: Floats) -> Beside:
     return Beside(float(value), float(median), float(low), float(high), float(above), float(below))
 
 
-def _draw(model: TapModel, table: TapTable, generator: np.random.Generator) -> TapTable:
+def drawn_table(model: TapModel, table: TapTable, generator: np.random.Generator) -> TapTable:
     """A table of taps drawn from the model, as many of each class, all in one state of it."""
     pool = table.pool
     count = pool.count.ravel()

@@ -1,9 +1,11 @@
 """How often the calibration verdict of an audit is false where the model is right, and how often it finds a fault.
 
 Taps are drawn from the very histograms that judge them, 12 symbols, Dirichlet 1, border clamp, as many of each class as
-the row says. A verdict `overconfident` is false at any power up to the right one, `cautious` at power none. `learned`
-is the exponent of `tempering.best_power` on as many other taps. Planted dependence repeats one sample of a tap J times,
-which power none takes for J.
+the row says. A verdict `overconfident` is false at any power up to the right one, `cautious` at power none. Planted
+dependence repeats one sample of a tap J times, which power none takes for J. All data sets of a row are judged by one
+reference, of many more simulated data sets than an audit has: what a right model gives does not depend on the taps at
+hand, only on their number. `learned` is the exponent of `tempering.best_power` on as many other taps; there every data
+set has its own reference and intervals, as in an audit.
 
 `python benchmarks/calibration_level.py --document docs/intervals.md` writes the tables of that page.
 """
@@ -14,57 +16,52 @@ from dataclasses import replace
 from functools import partial
 from itertools import product
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from intervals import SYMBOLS, grid_of
 from solidtouch.analysis.audit_verdict import calibration
-from solidtouch.analysis.remedy_scores import judge
+from solidtouch.analysis.remedy_scores import Judged, judge
+from solidtouch.analysis.right_model import compare, simulate
 from solidtouch.hardware.model_rig import draw_session
 from solidtouch.inference.tempering import best_power
-from solidtouch.inference.trial_plan import tap_table
+from solidtouch.inference.trial_plan import TapTable, tap_table
 from solidtouch.models.histogram import HistogramModel
 from solidtouch.models.preprocessing import Preprocessing
+from solidtouch.models.seeds import Purpose, derived_seed
 from solidtouch.models.setting import Setting
-from solidtouch.models.taps import TapSet
 from studies import check_block, processes, share_interval, table, write_block, write_json
 
 SIZES = {"6 x 3": (6, 3), "16 x 5": (16, 5)}
 SAMPLES, TAPS, THETAS, POLICIES = (1, 5), (5, 20, 60), (0.9, 0.99), ("passive", "active")
-LEARNED = "learned"
-TRIALS = 2000
-LEVEL_BLOCK, POWER_BLOCK = "level", "power"
+TRIALS, DEADLINE = 1000, 100
+LEVEL_BLOCK, POWER_BLOCK, LEARNED_BLOCK = "level", "power", "learned"
+STATES = ("overconfident", "cautious")
 _TAXELS = {1: 2, 5: 1}  # so that decisions take several taps
 _CONTACTS = 10  # after which exponents are learned
 
 
-class Case(NamedTuple):
-    """One row.
+class Design(NamedTuple):
+    """What a data set is drawn from, and how it is judged.
 
     Attributes:
         size: Key of `SIZES`.
         samples: J.
         taps: Of each class.
-        theta: Threshold.
-        power: `"none"`, `"J"` or `LEARNED`.
-        policy: `"passive"` or `"active"`.
+        power: `"none"` or `"J"`.
         planted: Whether one sample of a tap is repeated J times.
     """
 
     size: str
     samples: int
     taps: int
-    theta: float
     power: str
-    policy: str
     planted: bool = False
 
 
-def cases(sizes: list[str], powers: list[str]) -> list[Case]:
-    """All rows; with one sample power J is power none."""
-    rows = [
-        Case(*row) for row in product(sizes, SAMPLES, TAPS, THETAS, powers, POLICIES) if row[1] > 1 or row[4] != "J"
-    ]
+def designs(sizes: list[str]) -> list[Design]:
+    """All of them; with one sample power J is power none."""
+    rows = [Design(*row) for row in product(sizes, SAMPLES, TAPS, ("none", "J")) if row[1] > 1 or row[3] != "J"]
     return [*rows, *(row._replace(planted=True) for row in rows if row.samples > 1 and row.power == "none")]
 
 
@@ -77,53 +74,95 @@ def right_model(size: str, samples: int) -> HistogramModel:
     return HistogramModel(grid_of(L, M), np.arange(SYMBOLS + 1.0), counts, 0.0, "none", Preprocessing(samples))
 
 
-def verdict(case: Case, seed: int) -> str:
-    """What the audit calls the beliefs in one data set."""
-    model = right_model(case.size, case.samples)
-    number = 10 * seed
-    taps = draw_session(model, case.taps, number, case.taps)
-    if case.planted:
-        taps = TapSet(taps.dataset.assign(taps=taps.dataset["taps"].isel(sample=[0] * case.samples)))
-    if case.power == LEARNED:
-        learned = best_power(model, [draw_session(model, case.taps, number + 1, case.taps)], _CONTACTS, seed)
-        model = replace(model, power=learned.power)
-    else:
-        model = replace(model, power=case.power)
-    setting = Setting(threshold=case.theta, border="clamp", passive=case.policy == "passive")
-    return calibration(judge(model, tap_table(model, taps), model.grid, setting, case.policy, TRIALS, seed))
+def verdicts(design: Design, data_sets: int, references: int, seed: int) -> dict[tuple[str, float], Counter[str]]:
+    """What an audit calls the beliefs in the data sets of a design, by policy and threshold."""
+    right = right_model(design.size, design.samples)
+    used = replace(right, power=design.power)
+    table_ = tap_table(used, draw_session(right, design.taps, seed))
+    found = {}
+    for policy in POLICIES:
+        options: dict[str, Any] = {
+            "theta_x": 1.0 if policy == "passive" else 0.0,
+            "fixation": (used.grid.L - 1) // 2,
+            "border": "clamp",
+            "deadline": DEADLINE,
+            "trials": TRIALS,
+        }
+        reference = simulate(used, table_, THETAS, seed=2 * seed + 1, simulations=references, **options).factor
+        draw = partial(drawn, design, right, used, table_)
+        factor = simulate(used, table_, THETAS, seed=2 * seed, simulations=data_sets, draw=draw, **options).factor
+        for h, theta in enumerate(THETAS):
+            beside = (compare(value, reference[:, h, 0]) for value in factor[:, h, 0])
+            # At these powers the interval of the factor has no part in a verdict.
+            judged = (Judged((one.value,) * 3, 0.0, one, True, {}, design.taps) for one in beside)
+            found[policy, theta] = Counter(
+                calibration(one if np.isfinite(one.beside.value) else one._replace(factor=(None,) * 3))
+                for one in judged
+            )
+    return found
 
 
-def counted(case: Case, found: Counter[str]) -> list[str]:
-    """A row of the table."""
-    n = found.total()
-    told = [share_interval(found[state], n) for state in ("overconfident", "cautious")]
-    return [case.size, *map(str, case[1:6]), *told]
+def drawn(
+    design: Design, right: HistogramModel, used: HistogramModel, like: TapTable, generator: np.random.Generator
+) -> TapTable:
+    """A data set of a design as the model in use sees it."""
+    where, what = (np.repeat(index.ravel(), like.pool.count.ravel()) for index in np.indices(like.pool.count.shape))
+    taps = right.form.sample(where, what, right.edges, design.samples, generator)
+    if design.planted:
+        taps = np.repeat(taps[:, :1], design.samples, axis=1)
+    return like._replace(log_likelihood=used.log_likelihood(taps))
+
+
+def learned(size: str, taps: int, policy: str, seed: int) -> str:
+    """What an audit calls the beliefs of a learned exponent in one data set."""
+    right = right_model(size, SAMPLES[-1])
+    train, test = (draw_session(right, taps, derived_seed(seed, Purpose.REPEAT, i), 0) for i in range(2))
+    model = replace(right, power=best_power(right, [train], _CONTACTS, seed).power)
+    setting = Setting(threshold=THETAS[0], border="clamp", passive=policy == "passive")
+    return calibration(judge(model, tap_table(model, test), model.grid, setting, policy, TRIALS, seed))
+
+
+def shares(found: Counter[str]) -> list[str]:
+    """How often each verdict was given."""
+    return [share_interval(found[state], found.total()) for state in STATES]
 
 
 def main() -> None:
     """Measures and writes."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--data-sets", type=int, default=200)
+    parser.add_argument("--data-sets", type=int, default=400)
+    parser.add_argument("--references", type=int, default=1999)
+    parser.add_argument("--learned", type=int, default=200, help="data sets with a learned exponent; 0 for none")
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--sizes", nargs="*", choices=SIZES, default=list(SIZES))
-    parser.add_argument("--powers", nargs="*", choices=("none", "J", LEARNED), default=["none", "J", LEARNED])
     parser.add_argument("--document", type=Path)
     options = parser.parse_args()
-    for block in (LEVEL_BLOCK, POWER_BLOCK):
+    for block in (LEVEL_BLOCK, POWER_BLOCK, LEARNED_BLOCK):
         check_block(options.document, block)
-    rows: list[tuple[Case, Counter[str]]] = []
+    lines: dict[str, list[list[str]]] = {LEVEL_BLOCK: [], POWER_BLOCK: [], LEARNED_BLOCK: []}
+    measured = []
+
+    def note(block: str, row: list[Any], found: Counter[str]) -> None:
+        lines[block].append([*map(str, row), *shares(found)])
+        measured.append([block, *row, dict(found)])
+        print(block, *lines[block][-1], flush=True)
+        write_json("calibration_level", measured)
+
     with processes() as pool:
-        for case in cases(options.sizes, options.powers):
-            seeds = range(options.seed, options.seed + options.data_sets)
-            found = Counter(pool.map(partial(verdict, case), seeds, chunksize=4))
-            rows.append((case, found))
-            print(*counted(case, found), "planted" if case.planted else "", flush=True)
-            write_json("calibration_level", [[*case, dict(found)] for case, found in rows])
+        task = partial(verdicts, data_sets=options.data_sets, references=options.references, seed=options.seed)
+        rows = designs(options.sizes)
+        for design, found in zip(rows, pool.map(task, rows), strict=True):
+            for (policy, theta), counts in found.items():
+                row = [design.size, design.samples, design.taps, theta, design.power, policy]
+                note(POWER_BLOCK if design.planted else LEVEL_BLOCK, row, counts)
+        for size, taps, policy in product(options.sizes if options.learned else (), TAPS, POLICIES):
+            seeds = range(options.seed, options.seed + options.learned)
+            found = Counter(pool.map(partial(learned, size, taps, policy), seeds, chunksize=4))
+            note(LEARNED_BLOCK, [size, SAMPLES[-1], taps, THETAS[0], "learned", policy], found)
     if options.document is not None:
-        head = ["size", "J", "taps per class", "threshold", "power", "policy", "overconfident", "cautious"]
-        for block, planted in ((LEVEL_BLOCK, False), (POWER_BLOCK, True)):
-            lines = [counted(case, found) for case, found in rows if case.planted == planted]
-            write_block(options.document, block, table(head, lines))
+        head = ["size", "J", "taps per class", "threshold", "power", "policy", *STATES]
+        for block, some in lines.items():
+            write_block(options.document, block, table(head, some))
 
 
 if __name__ == "__main__":
