@@ -6,7 +6,7 @@ PY := $(VENV)/bin/python
 # Files of tests on all cores, but not on so many that memory runs short.
 SIDE_BY_SIDE := -n auto --maxprocesses 4 --dist loadfile
 
-.PHONY: run test test-all check format bench bench-quick studies audit-studies reference-studies strategy-studies fuzz faults kills mutants rig-demo lock clean help
+.PHONY: run test test-all check format bench bench-quick studies audit-studies interval-studies reference-studies strategy-studies fuzz faults kills mutants rig-demo lock clean help
 
 run: $(VENV)/.ready-run
 	@$(VENV)/bin/solidtouch reproduce
