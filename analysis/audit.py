@@ -23,7 +23,7 @@ from .dependence_taxels import taxel_dependence
 from .dependence_times import time_dependence
 from .evidence import evidence
 from .evidence_variance import session_p
-from .guarantees import guarantees
+from .guarantees import Promise, exceeded, guarantees
 from .leakage import Leakage, leakage
 from .reliability import reliability
 from .remedies import Refused, Remedy, count_remedies, make_remedies
@@ -105,6 +105,7 @@ class Audit(NamedTuple):
         measured: What they buy.
         reliability: Of the setting as it is.
         guarantees: Likewise.
+        exceeded: Which promises are, at the threshold in use.
         recalibrated: Another threshold.
         target: The threshold for a wanted error, with the model of the chosen remedy; `None` where none was wanted.
         samples_per_bin: Training samples in each bin that a histogram uses, the median over histograms.
@@ -128,6 +129,7 @@ class Audit(NamedTuple):
     measured: Measured
     reliability: xr.Dataset
     guarantees: xr.Dataset
+    exceeded: dict[str, Promise]
     recalibrated: Recalibrated
     target: TargetError | None
     samples_per_bin: float
@@ -199,7 +201,7 @@ def audit(parts: AuditParts, grid: ClassGrid, settings: AuditSettings, progress:
             theta_x=setting.theta_x,
         )
         advance(1)
-        promised = _promises(base, parts.measure, grid, settings)
+        promised, broken = _promises(base, parts.measure, grid, settings, measured.policy)
         advance(1)
     with clock.stage("Tuning thresholds", 2) as advance:
         recalibrated = _recalibrate(base, parts, settings)
@@ -225,6 +227,7 @@ def audit(parts: AuditParts, grid: ClassGrid, settings: AuditSettings, progress:
         measured=measured,
         reliability=reliable,
         guarantees=promised,
+        exceeded=broken,
         recalibrated=recalibrated,
         target=target,
         samples_per_bin=samples_per_bin(base.model),
@@ -294,12 +297,16 @@ def _split(
     )
 
 
-def _promises(base: Remedy, taps: TapSet, grid: ClassGrid, settings: AuditSettings) -> xr.Dataset:
+def _promises(
+    base: Remedy, taps: TapSet, grid: ClassGrid, settings: AuditSettings, policy: str
+) -> tuple[xr.Dataset, dict[str, Promise]]:
+    """See `guarantees`, and which promises are exceeded by trials of a policy at the threshold in use."""
     usable = base.model.usable(taps)
     setting = settings.setting
     correct = replace(base.model, power="none", saturation=np.inf)  # pyright: ignore[reportArgumentType]
-    return guarantees(
-        tap_table(correct, usable),
+    table = tap_table(correct, usable)
+    found = guarantees(
+        table,
         tap_table(base.model, usable),
         grid,
         sorted({*THETAS, setting.threshold}),
@@ -309,6 +316,16 @@ def _promises(base: Remedy, taps: TapSet, grid: ClassGrid, settings: AuditSettin
         deadline=setting.deadline,
         fixation=setting.fixation,
         theta_x=setting.theta_x,
+    )
+    return found, exceeded(
+        found,
+        correct,
+        table,
+        policy,
+        setting.threshold,
+        fixation=setting.fixation,
+        theta_x=setting.theta_x,
+        trials=settings.trials // 2,
     )
 
 

@@ -20,10 +20,10 @@ from .audit_verdict import (
     worthwhile,
 )
 from .causes import PART_WORDS, PARTS, SIZES
-from .guarantees import broken, guarantee_sentence
+from .guarantees import Promise, broken, guarantee_sentence
 from .leakage import Leakage
 from .reliability import after_contacts, headline, interval_sentence, plain
-from .remedy_scores import Scored, lost
+from .remedy_scores import Judged, Scored, lost
 
 _SIZE_WORDS = {
     "design_effect": "design effect of the evidence of a tap, median over classes",
@@ -58,7 +58,7 @@ def summarise(audit: Audit, settings: AuditSettings, about: Mapping[str, Any]) -
             "verdict": {
                 "state": state,
                 "sentences": sentences,
-                "evidence": {"judged": measured.judged._asdict(), "first_cause": cause.name, "remedy": chosen},
+                "evidence": {"judged": _judged(measured.judged), "first_cause": cause.name, "remedy": chosen},
             },
             "first_cause": {
                 "name": cause.name,
@@ -79,6 +79,7 @@ def summarise(audit: Audit, settings: AuditSettings, about: Mapping[str, Any]) -
                 "factor": measured.judged.factor,
                 "state": state,
                 "evidence": {
+                    "judged": _judged(measured.judged),
                     "at_stopping": at_rest,
                     "other_policy": {
                         str(policy): headline(audit.reliability, str(policy), setting.threshold)
@@ -87,6 +88,7 @@ def summarise(audit: Audit, settings: AuditSettings, about: Mapping[str, Any]) -
                     },
                     "after_taps": _after_taps(audit.reliability),
                     "guarantees": broken(audit.guarantees, measured.policy, setting.threshold),
+                    "exceeded": {name: _promise(promise) for name, promise in audit.exceeded.items()},
                     "guarantee_sentence": guarantee_sentence(audit.guarantees),
                     "intervals": interval_sentence(audit.reliability),
                     "lost": lost(measured),
@@ -123,6 +125,17 @@ def summarise(audit: Audit, settings: AuditSettings, about: Mapping[str, Any]) -
             "version": version("solidtouch"),
         }
     )
+
+
+def _judged(judged: Judged) -> dict[str, Any]:
+    """By what beliefs were called right or wrong, the factor of each object beside what a right model gives."""
+    each = {name: {"factor": factor, "beside": beside._asdict()} for name, (factor, beside) in judged.each.items()}
+    return judged._asdict() | {"beside": judged.beside._asdict(), "each": each}
+
+
+def _promise(promise: Promise) -> dict[str, Any]:
+    beside = promise.beside
+    return {"exceeded": promise.exceeded, "beside": None if beside is None else beside._asdict()}
 
 
 def _other_sessions(audit: Audit) -> str:

@@ -35,6 +35,7 @@ CALIBRATIONS = {
     "calibration_what": "calibration error of the belief in the most probable object",
     "calibration_where": "calibration error of the belief in the most probable position",
 }
+_UNKNOWN = np.full(len(MEANS) + len(CALIBRATIONS), np.nan)  # of a resample in which too few classes have the taps
 CALIBRATION_BINS = 10
 _DRAWS, _RESAMPLE_DRAWS = 50, 5  # per class
 # Share of the classes that must have n distinct test taps: with fewer, dropping the hard ones would look like growth.
@@ -128,7 +129,7 @@ def class_scores(
         drawn = (sequences, *(_draw(pool, session, n, generator, _RESAMPLE_DRAWS) for pool in pools[1:]))
         samples.append(
             [
-                [_summary(_scores(name, tables[name], some), some) for some in drawn if some is not None]
+                [_UNKNOWN if some is None else _summary(_scores(name, tables[name], some), some) for some in drawn]
                 for name in names
             ]
         )

@@ -16,7 +16,16 @@ from ..inference.control import check_fixation
 from ..inference.episode import DEADLINE
 from ..inference.montecarlo import Trials
 from ..inference.reference import Border, ZeroEvidenceError
-from ..inference.resampling import CONFIDENCE, RESAMPLES, Spread, planned_trials, play_resamples, spread
+from ..inference.resampling import (
+    CONFIDENCE,
+    RESAMPLES,
+    Spread,
+    planned_trials,
+    play_resamples,
+    spread,
+    taps_per_class,
+    too_few,
+)
 from ..inference.trial_plan import TapTable, TrialPlan
 from ..models.classes import ClassGrid
 from ..models.errors import InputError
@@ -73,8 +82,8 @@ def play_models(
         progress: Called with the number of trials finished since the last call, see `planned`.
 
     Returns:
-        `MEANS` over (model, policy, theta, resample); resample 0 holds the taps as they are. Attribute `factor` and
-        `few` of `resampling.Spread`.
+        `MEANS` over (model, policy, theta, resample); resample 0 holds the taps as they are. Attributes `factor`, see
+        `resampling.Spread`, and `taps_per_class`.
 
     Raises:
         InputError: The tables do not hold the same taps or are not of this grid, or a setting is out of range.
@@ -107,7 +116,7 @@ def play_models(
             means[i, j] = np.stack(kept, axis=-1)
     dims = ("model", "policy", "theta", "resample")
     units = {"what_error": grid.what_error_unit, "where_error": grid.where_unit, "taps": "taps"}
-    how = spread(next(iter(tables.values())))
+    table = next(iter(tables.values()))
     return xr.Dataset(
         {
             name: (dims, means[:, :, i], {"long_name": meaning, "units": units.get(name, "")})
@@ -124,8 +133,8 @@ def play_models(
             "trials": trials,
             "seed": seed,
             "resamples": resamples,
-            "factor": how.factor,
-            "few": how.few,
+            "factor": spread(table).factor,
+            "taps_per_class": taps_per_class(table.pool),
         },
     )
 
@@ -199,6 +208,25 @@ def at_equal_taps(played: xr.Dataset, taps: ArrayLike | None = None, reference: 
     result["common"] = (("policy", "taps"), common)
     result["taps"].attrs = {"long_name": MEANS["taps"], "units": "taps"}
     return result
+
+
+def too_few_taps(curves: xr.Dataset, theta: float) -> list[str]:
+    """Where there are too few test taps for what is said of decisions, a sentence for each policy.
+
+    Args:
+        curves: From `decision_curves`.
+        theta: Threshold that is shown; what counts is the model whose trials use up most taps there.
+    """
+    used_up = curves["used_up"].sel(theta=theta).max("model")
+    said = {
+        str(policy): too_few(int(curves.attrs["taps_per_class"]), float(used_up.sel(policy=policy)))
+        for policy in curves["policy"].values
+    }
+    return [
+        f"{policy.capitalize()} decisions at threshold {theta:g}: {sentence}"
+        for policy, sentence in said.items()
+        if sentence
+    ]
 
 
 def decision_interval_sentence() -> str:

@@ -11,7 +11,7 @@ import xarray as xr
 from ..models.catalogue import CATALOGUE, split_name
 from .compare import CompareSettings, Comparison
 from .compare_classes import class_interval_sentence
-from .compare_decisions import decision_interval_sentence
+from .compare_decisions import decision_interval_sentence, too_few_taps
 from .compare_ranking import findings, levels, rank_rows
 from .figure_style import short_unit
 from .study import SHOWN_THETA
@@ -27,7 +27,7 @@ _CLASS_SCORES = (
     "accuracy_where",
     "accuracy_what",
 )
-_DECISIONS = ("what_error", "where_error", "taps", "stopped_fraction", "what_wrong", "miscalibration")
+_DECISIONS = ("what_error", "where_error", "taps", "stopped_fraction", "used_up", "what_wrong", "miscalibration")
 
 
 def summarise(
@@ -55,7 +55,11 @@ def summarise(
         "models": [_model(comparison, name, power) for name in names],
         "refused": [{"name": name, "reason": reason} for name, reason in comparison.refused.items()],
         "sessions": comparison.sessions,
-        "warnings": [*described["warnings"], *([comparison.sessions] if comparison.left_out_sessions is None else [])],
+        "warnings": [
+            *described["warnings"],
+            *([comparison.sessions] if comparison.left_out_sessions is None else []),
+            *too_few_taps(comparison.curves, _shown(comparison.curves)),
+        ],
         "taps": _taps(comparison),
         "contacts": [int(n) for n in comparison.classes["contacts"].values],
         "classes": _classes(comparison.classes),

@@ -14,6 +14,7 @@ paper's root and the border `uniform` are outside the proofs, and no recorded ta
 """
 
 from functools import partial
+from typing import NamedTuple
 
 import numpy as np
 import xarray as xr
@@ -27,7 +28,10 @@ from ..inference.resampling import CONFIDENCE, RESAMPLES, play_resamples, spread
 from ..inference.trial_plan import TapTable, TrialPlan
 from ..models.classes import ClassGrid
 from ..models.errors import InputError
+from ..models.model import TapModel
+from .calibration_tests import rejected
 from .reliability import EVERYTHING, TRIALS, Subject, decided_about, independent_decisions, plain, widened
+from .right_model import LEVEL, SIMULATIONS, Beside, compare, simulate
 
 PROMISED = "power none, border clamp"
 USED = "as used"
@@ -140,12 +144,80 @@ def broken(data: xr.Dataset, policy: str, theta: float) -> dict[str, dict[str, l
     }
 
 
+class Promise(NamedTuple):
+    """Whether a promise is exceeded by more than so few taps explain.
+
+    Attributes:
+        exceeded: Whether it is.
+        beside: The factor beside what a right model gives; `None` where nothing had to be simulated, as no interval
+            lies above its limit.
+    """
+
+    exceeded: bool
+    beside: Beside | None = None
+
+
+def exceeded(
+    data: xr.Dataset,
+    model: TapModel,
+    table: TapTable,
+    policy: str,
+    theta: float,
+    *,
+    fixation: int | None = None,
+    theta_x: float = 0.0,
+    trials: int = TRIALS // 2,
+    simulations: int = SIMULATIONS,
+) -> dict[str, Promise]:
+    """Which promises at the threshold next to one are exceeded, with power none and border clamp.
+
+    The interval of the factor must lie above 1, and a Monte Carlo test against a right model on as many taps must
+    reject, at `right_model.LEVEL` for all objects together and each (Holm). Only where an interval does is simulated.
+
+    Args:
+        data: From `guarantees`.
+        model: At power none.
+        table: The test taps as it sees them.
+        policy: `"passive"` or `"active"`.
+        theta: The threshold.
+        fixation: As in `guarantees`.
+        theta_x: As in `guarantees`.
+        trials: In each simulated data set.
+        simulations: At least; as many more as Holm's first step needs.
+
+    Returns:
+        By object, `EVERYTHING` first.
+    """
+    at = data.sel(setup=PROMISED, policy=policy).sel(theta=theta, method="nearest")
+    names, above = [str(name) for name in at["what"].values], ~at["holds"].values & np.isfinite(at["wrong_low"].values)
+    if not above.any():
+        return dict.fromkeys(names, Promise(exceeded=False))
+    reference = simulate(
+        model,
+        table,
+        [float(at["theta"])],
+        theta_x=1.0 if policy == "passive" else theta_x,
+        fixation=check_fixation(fixation, model.grid.L) if model.grid.M > 1 else 0,
+        border="clamp",
+        deadline=int(data.attrs["deadline"]),
+        trials=trials,
+        seed=int(data.attrs["seed"]),
+        simulations=max(simulations, int(np.ceil(len(names) / LEVEL)) - 1),
+    ).missed[:, 0]
+    factor, limit = at["factor"].values, at["limit"].values
+    beside = [compare(value, missed / most) for value, missed, most in zip(factor, reference.T, limit, strict=True)]
+    sure = above & rejected([one.above for one in beside], LEVEL)
+    return {name: Promise(bool(yes), one) for name, yes, one in zip(names, sure, beside, strict=True)}
+
+
 def guarantee_sentence(data: xr.Dataset) -> str:
-    """What is promised and what the intervals mean, in two sentences."""
+    """What is promised, what the intervals mean and what counts as exceeded, in three sentences."""
     return (
         "With a right model, power none and border clamp at most 1 - theta of the stopped trials are wrong, and of "
         f"each {data.attrs['decides']} at most (M - 1) (1 - theta) / theta stop for another. Intervals are "
-        f"{CONFIDENCE:.0%} bootstrap intervals: test taps are drawn anew within class and session."
+        f"{CONFIDENCE:.0%} bootstrap intervals: test taps are drawn anew within class and session. A promise counts as "
+        "exceeded where the interval lies above 1 and a right model on as many taps exceeds it by so much in less than "
+        f"{LEVEL:.0%} of its data sets, after Holm over all objects."
     )
 
 

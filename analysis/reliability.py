@@ -53,6 +53,7 @@ RATIOS = {
     "over_promise": "wrong decisions over 1 - threshold",
 }
 CALIBRATION = {"calibration_error": "mean distance of belief and fraction right"}
+_MOST = {"wrong": 1.0, "doubt": 1.0, "brier": 1.0}
 _ENOUGH = 0.9  # of the classes must have as many taps as are looked at after
 _LEAST_DOUBT = np.finfo(np.float64).eps  # 1 - belief is not known better
 
@@ -128,7 +129,7 @@ def reliability(
         thresholds: theta_W, shape (H,), all below 1.
         seed: Of the trials and the resamples.
         trials: Of each policy.
-        contacts: Numbers of taps after which passive trials are looked at besides; taps are drawn with replacement.
+        contacts: Numbers of taps after which passive trials are looked at besides, where nearly all classes have them.
         border: Reading of Eq. 9.
         deadline: Taps after which the most probable is decided.
         fixation: Where class that active trials aim for; `None` for the middle.
@@ -378,7 +379,7 @@ def _described(decisions: Decisions, joined: Sums, theta: float, subject: Subjec
     )
     found: dict[str, Any] = {"trials": size[..., 0], "fraction": fraction, "used_up": joined.used_up[0], "few": how.few}
     for name in MEANS | RATIOS:
-        low, high = how.interval(samples[name], 1.0 if name == "taps" else 0.0)
+        low, high = how.interval(samples[name], 1.0 if name == "taps" else 0.0, _MOST.get(name, np.inf))
         if name in ("wrong", *RATIOS):
             unit = {"wrong": 1.0, "factor": samples["doubt"][..., 0], "over_promise": 1 - theta}[name]
             with np.errstate(divide="ignore", invalid="ignore"):

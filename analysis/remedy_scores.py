@@ -18,7 +18,7 @@ from scipy.stats import norm
 from ..hardware.pool import TapPool, tap_pool
 from ..inference.control import check_fixation
 from ..inference.montecarlo import THRESHOLDS
-from ..inference.resampling import CONFIDENCE, Spread, resampled_pools, spread
+from ..inference.resampling import CONFIDENCE, Spread, resampled_pools, spread, taps_per_class
 from ..inference.saturation import share, temper
 from ..inference.trial_plan import TapTable, tap_table
 from ..models.classes import ClassGrid
@@ -399,8 +399,3 @@ def judge(
         taps_per_class(table.pool),
         found["few"],
     )
-
-
-def taps_per_class(pool: TapPool) -> int:
-    """Taps of a class, the median over those that have some."""
-    return max(1, int(np.median(pool.count[pool.count > 0])))

@@ -133,16 +133,18 @@ def described(
 
 
 def exact(model: TapModel) -> bool:
-    """Whether beliefs are right in the reference, the border aside."""
-    worth = model.exponent * model.preprocessing.samples
-    return bool(worth >= 1 and np.isclose(worth, round(worth)))
+    """Whether beliefs are right in the reference, the border aside; a saturation makes them cautious there."""
+    J = model.preprocessing.samples
+    worth = model.exponent * J
+    fewest = J if isinstance(model.form, GaussianForm) else 1  # samples of a model of their times cannot be fewer
+    whole = bool(np.isclose(worth, round(worth))) and fewest <= round(worth) <= J
+    return whole and bool(np.isinf(model.saturation))
 
 
 def equivalent(model: TapModel) -> TapModel:
     """The model of taps with as many samples as its exponent counts, under which it means the same."""
     J = model.preprocessing.samples
     worth = model.exponent * J
-    # Samples of a model of their times cannot be fewer.
     samples = J if isinstance(model.form, GaussianForm) else int(np.clip(round(worth), 1, J))
     record = replace(model.preprocessing, samples=samples)
     return replace(model, preprocessing=record, power=worth / samples)  # pyright: ignore[reportArgumentType]

@@ -90,18 +90,31 @@ def spread(table: TapTable, used_up: float = 0.0) -> Spread:
         table: Test taps.
         used_up: Share of the trials that ended because all taps of a class were drawn.
     """
-    count = table.pool.count[table.pool.count > 0]
-    taps, sessions = int(np.median(count)), len(np.unique(_session(table)[table.pool.order]))
+    taps, sessions = taps_per_class(table.pool), len(np.unique(_session(table)[table.pool.order]))
     n = sessions if sessions > 1 else taps
-    few = ""
+    return Spread(float(np.sqrt(n / max(n - 1, 1))), too_few(taps, used_up))
+
+
+def taps_per_class(pool: TapPool) -> int:
+    """Taps of a class, the median over those that have some."""
+    return max(1, int(np.median(pool.count[pool.count > 0])))
+
+
+def too_few(taps: int, used_up: float = 0.0) -> str:
+    """Why intervals may be off, in a sentence; empty where they hold.
+
+    Args:
+        taps: Of a class.
+        used_up: Share of the trials that ended because all taps of a class were drawn.
+    """
     if used_up > _USED_UP:
-        few = (
+        return (
             f"There are too few test taps: {used_up:.0%} of the decisions were made because the {taps} or so of a "
             "class were used up, not because the belief was high enough; intervals may be too wide."
         )
-    elif taps < FEW:
-        few = f"There are too few test taps, {taps} or so of each class: intervals are rough."
-    return Spread(float(np.sqrt(n / max(n - 1, 1))), few)
+    if taps < FEW:
+        return f"There are too few test taps, {taps} or so of each class: intervals are rough."
+    return ""
 
 
 def resampled_pools(table: TapTable, resamples: int, seed: int) -> Iterator[TapPool]:

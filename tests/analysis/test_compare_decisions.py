@@ -3,19 +3,21 @@
 import numpy as np
 import pytest
 import xarray as xr
-from solidtouch.analysis import compare_decisions
 from solidtouch.analysis.compare_decisions import (
     ERRORS,
     MEANS,
     at_equal_taps,
     decision_curves,
     decision_interval_sentence,
+    planned,
     play_models,
     policies,
+    too_few_taps,
 )
 from solidtouch.hardware.pool import tap_pool
 from solidtouch.inference.montecarlo import run_trials
 from solidtouch.inference.reference import ZeroEvidenceError
+from solidtouch.inference.resampling import resampled_pools
 from solidtouch.inference.trial_plan import TapTable, plan_trials
 from solidtouch.models.classes import ClassGrid
 from solidtouch.models.errors import InputError
@@ -51,10 +53,10 @@ def played(tables):
     return play_models(tables, grid_of(L, M), THRESHOLDS, TRIALS, 7, fixation=2, deadline=DEADLINE, resamples=RESAMPLES)
 
 
-def by_hand(table, theta_x, grid, thresholds=THRESHOLDS, trials=TRIALS):
+def by_hand(table, theta_x, grid, thresholds=THRESHOLDS, trials=TRIALS, first_stream=0):
     """Every mean of the trials as one would play them without this module, one trial at a time."""
-    thresholds, plan = np.sort(thresholds), plan_trials(table.pool, trials, 7, 2)
-    outcome = run_trials(table, plan, thresholds, theta_x=theta_x, deadline=DEADLINE, seed=7)
+    thresholds, plan = np.sort(thresholds), plan_trials(table.pool, trials, 7, 2, first_stream=first_stream)
+    outcome = run_trials(table, plan, thresholds, theta_x=theta_x, deadline=DEADLINE, seed=7, fresh=True)
     rows = {name: np.zeros((trials, len(thresholds))) for name in MEANS}
     for i in range(trials):
         for h in range(len(thresholds)):
@@ -65,6 +67,7 @@ def by_hand(table, theta_x, grid, thresholds=THRESHOLDS, trials=TRIALS):
             rows["stopped_fraction"][i, h] = outcome.stopped[i, h]
             rows["doubt"][i, h] = 1 - outcome.belief[i, h]
             rows["what_wrong"][i, h] = outcome.what[i, h] != plan.what[i]
+            rows["used_up"][i, h] = outcome.used_up[i, h]
     return rows
 
 
@@ -80,9 +83,9 @@ def test_means_are_those_of_the_trials_played_alone(played, tables, policy, thet
         np.testing.assert_allclose(means, rows[name].mean(axis=0), rtol=1e-12, err_msg=name)
 
 
-def test_resamples_draw_the_same_trials_for_all_models_policies_and_thresholds(tables):
-    """Some weighting of the trials, with whole numbers that add up to their number, gives all the means at once."""
-    few = 7
+def test_resamples_are_the_same_taps_and_trials_for_all_models_and_policies(tables):
+    """Each as one would play it on the resampled pool; a model beside itself differs by nothing."""
+    few = 40
     played = play_models(
         {**tables, "again": tables["weak"]},
         grid_of(L, M),
@@ -91,63 +94,49 @@ def test_resamples_draw_the_same_trials_for_all_models_policies_and_thresholds(t
         7,
         fixation=2,
         deadline=DEADLINE,
-        resamples=30,
+        resamples=3,
     )
-    rng = np.random.default_rng([7, 1])
-    weights = np.array([np.bincount(rng.integers(few, size=few), minlength=few) for _ in range(30)])
-
-    for name, table in tables.items():
-        for policy, theta_x in (("passive", 1.0), ("active", 0.0)):
-            rows = by_hand(table, theta_x, grid_of(L, M), trials=few)
-            for key in MEANS:
-                resampled = played[key].sel(model=name, policy=policy).isel(resample=slice(1, None))
-                np.testing.assert_allclose(resampled, (weights @ rows[key] / few).T, atol=1e-12, err_msg=key)
+    for number, pool in enumerate(resampled_pools(tables["weak"], 3, 7)):
+        for name, table in tables.items():
+            for policy, theta_x in (("passive", 1.0), ("active", 0.0)):
+                rows = by_hand(table._replace(pool=pool), theta_x, grid_of(L, M), trials=few, first_stream=few * number)
+                for key in MEANS:
+                    resampled = played[key].sel(model=name, policy=policy).isel(resample=number)
+                    np.testing.assert_allclose(resampled, rows[key].mean(axis=0), atol=1e-12, err_msg=key)
     curves = decision_curves(played.sel(model=["weak", "again"]))
     for key in MEANS:
         assert (curves[f"{key}_difference_low"].values == 0).all()
         assert (curves[f"{key}_difference_high"].values == 0).all()
 
 
-def test_many_trials_are_resampled_in_batches_of_neighbours():
-    """Ten trials in four batches of two or three; a resample divides by the trials that it took."""
-    values, weights = np.arange(20.0).reshape(10, 2) ** 2, np.array([[1, 1, 1, 1], [2, 0, 0, 2], [0, 3, 1, 0]])
-    batches = [values[:3], values[3:5], values[5:8], values[8:]]
-    expected = [
-        np.concatenate([rows for rows, times in zip(batches, row, strict=True) for _ in range(times)]).mean(axis=0)
-        for row in weights
-    ]
+def test_intervals_are_as_wide_as_the_taps_leave_a_mean():
+    """At one place with one tap per decision: the error is a mean over taps, 1.96 standard errors on each side.
 
-    np.testing.assert_allclose(compare_decisions._means(values, weights.astype(float)), expected)
+    The thousand trials of a resample add what they scatter by themselves.
+    """
+    repeats = 40
+    table = table_of(1, 2, skill=0.5, repeats=repeats)
+    played = play_models({"one": table}, grid_of(1, 2), (0.5,), 4000, 0, deadline=1, resamples=1500)
+    curves = decision_curves(played).isel(model=0, policy=0, theta=0)
+    right = table.log_likelihood[:, 0].argmax(axis=1) == np.repeat([0, 1], repeats)
+    variance = np.mean([own.var(ddof=1) for own in np.split(right.astype(float), 2)]) / (2 * repeats)
+    half = 1.96 * np.sqrt(variance + right.mean() * (1 - right.mean()) / 1000)
 
-
-def test_batches_leave_intervals_as_they_are(tables, monkeypatch):
-    """Trials are independent, so resamples of batches vary as much as those of trials."""
-
-    def width():
-        played = play_models(tables, grid_of(L, M), (0.9,), 3000, 7, deadline=DEADLINE, resamples=1000)
-        curves = decision_curves(played)
-        return (curves.what_error_high - curves.what_error_low).sum().item()
-
-    single = width()
-    monkeypatch.setattr(compare_decisions, "_BATCHES", 700)
-
-    assert width() == pytest.approx(single, rel=0.1)
+    assert curves.what_wrong.item() == pytest.approx(1 - right.mean(), abs=0.03)
+    assert (curves.what_wrong_high - curves.what_wrong_low).item() == pytest.approx(2 * half, rel=0.1)
 
 
-def test_intervals_are_as_wide_as_the_standard_error_says(tables):
-    """1.96 standard errors on each side, for a mean of independent trials and for a paired difference."""
-    grid, n = grid_of(L, M), 2000
-    played = play_models(tables, grid, (0.9,), n, 7, fixation=2, deadline=DEADLINE, resamples=2000)
-    curves = decision_curves(played).sel(policy="passive").isel(theta=0)
-    weak, good = (by_hand(table, 1.0, grid, (0.9,), n)["taps"][:, 0] for table in tables.values())
-    pairs = {"taps": good, "taps_difference": good - weak}
+def test_too_few_taps_are_named(played):
+    """By the trials that use them up at the threshold shown, or by their number alone; else nothing is said."""
+    curves = decision_curves(played)
+    share = float(curves.used_up.sel(theta=0.999, policy="passive").max())
 
-    for name, values in pairs.items():
-        at = curves.sel(model="good")
-        half = 1.96 * values.std() / np.sqrt(n)
-        assert at[name].item() == pytest.approx(values.mean())
-        assert at[f"{name}_high"] - at[name] == pytest.approx(half, rel=0.12)
-        assert at[name] - at[f"{name}_low"] == pytest.approx(half, rel=0.12)
+    assert share > 0.05
+    passive, _active = too_few_taps(curves, 0.999)
+    assert passive.startswith("Passive decisions at threshold 0.999: There are too few test taps: ")
+    assert f"{share:.0%} of the decisions were made because the 6 or so of a class were used up" in passive
+    assert all("6 or so of each class: intervals are rough" in sentence for sentence in too_few_taps(curves, 0.4))
+    assert too_few_taps(curves.assign_attrs(taps_per_class=30), 0.4) == []
 
 
 def test_the_miscalibration_is_the_wrong_fraction_over_the_doubt(played):
@@ -157,10 +146,14 @@ def test_the_miscalibration_is_the_wrong_fraction_over_the_doubt(played):
     ratio = (played.what_wrong / played.doubt).sel(cell).values
 
     assert curves.miscalibration.sel(cell).item() == ratio[0]
-    assert curves.miscalibration_low.sel(cell).item() in ratio[1:]
-    assert (ratio[1:] < curves.miscalibration_low.sel(cell).item()).sum() == 1
+    low, high = np.sort(ratio[1:])[[1, 58]]  # of 60
+    for end, value in (("low", low), ("high", high)):
+        expected = ratio[0] + np.sqrt(6 / 5) * (value - ratio[1:].mean())
+        assert curves[f"miscalibration_{end}"].sel(cell).item() == pytest.approx(max(expected, 0.0))
     assert curves.attrs["reference"] == "good"
-    assert (curves.miscalibration_difference.sel(model="good") == 0).all()
+    own = curves.miscalibration_difference.sel(model="good")
+    assert (own.where(np.isfinite(curves.miscalibration.sel(model="good")), 0) == 0).all()
+    assert np.isfinite(own).any()
 
 
 def test_a_miscalibration_without_wrong_decisions_is_undefined():
@@ -227,7 +220,8 @@ def fake(taps, error):
 
     data = {name: (dims, spread(error), {"units": "mm"}) for name in MEANS} | {"taps": (dims, spread(taps))}
     names = np.array([f"model {i}" for i in range(len(taps))])
-    return xr.Dataset(data, {"model": names, "policy": ["passive"], "theta": np.linspace(0.1, 0.9, taps.shape[1])})
+    coords = {"model": names, "policy": ["passive"], "theta": np.linspace(0.1, 0.9, taps.shape[1])}
+    return xr.Dataset(data, coords, {"factor": 1.0})
 
 
 def test_errors_at_equal_times_lie_on_the_line_between_thresholds():
@@ -290,7 +284,8 @@ def test_progress_counts_every_trial(tables):
     seen = []
     play_models(tables, grid_of(L, M), (0.5,), 33, 0, resamples=3, progress=seen.append)
 
-    assert sum(seen) == 33 * len(tables) * len(policies(grid_of(L, M)))
+    assert sum(seen) == 4 * 33 * len(tables) * len(policies(grid_of(L, M)))
+    assert sum(seen) == planned(len(tables), grid_of(L, M), 33, 3)
 
 
 def test_units_and_settings_are_with_the_numbers(played):
@@ -299,7 +294,9 @@ def test_units_and_settings_are_with_the_numbers(played):
 
     assert (curves.what_error.attrs["units"], curves.where_error.attrs["units"]) == ("cm", "mm")
     assert (curves.attrs["trials"], curves.attrs["seed"], curves.attrs["resamples"]) == (TRIALS, 7, RESAMPLES)
-    assert "not how another recording would differ" in decision_interval_sentence()
+    assert curves.attrs["taps_per_class"] == 6
+    assert "test taps are drawn anew within class and session" in decision_interval_sentence()
+    assert "not hold how models fitted to other training taps would differ" in decision_interval_sentence()
 
 
 def test_bad_arguments_are_refused(tables, played):
