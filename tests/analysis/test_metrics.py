@@ -53,6 +53,7 @@ def trials():
         substituted=np.array([[0, 0], [1, 3], [0, 0], [0, 0], [0, 0]]),
         belief=np.ones((5, 2)),
         used_up=np.zeros((5, 2), dtype=bool),
+        no_class_left=taps == 20,
     )
 
 
