@@ -312,7 +312,8 @@ def _script(engine: Engine, taps: TapSet, length: int, generator: np.random.Gene
             rig.move(deltas[-1])
             log_belief = engine.shift(log_belief, deltas[-1])
     T = len(recorded)
-    script = Script(np.array(recorded).reshape(T, *tap.shape), targets[:T], np.array(deltas, dtype=np.intp), impossible)
+    samples = np.array(recorded).reshape(T, *taps.taps.shape[1:])
+    script = Script(samples, targets[:T], np.array(deltas, dtype=np.intp), impossible)
     return script, _trace(engine, log_beliefs, log_evidence)
 
 

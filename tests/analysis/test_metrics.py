@@ -70,6 +70,7 @@ EXPECTED = {
     "clamped_fraction": [[0.0, 2 / 3], [0.0, 0.0]],
     "substituted_fraction": [[1 / 3, 1 / 3], [0.0, 0.0]],
     "what_wrong": [[1 / 3, 1 / 3], [1.0, 0.0]],
+    "no_class_left_fraction": [[0.0, 0.0], [0.0, 0.5]],
 }
 
 

@@ -84,7 +84,7 @@ def test_the_reference_moves_belief_as_the_rule_says(rng, pattern, border):
 
         np.testing.assert_allclose(reference.shift(belief, delta, border, trained), expected, rtol=0, atol=1e-15)
         np.testing.assert_allclose(np.exp(logs), expected, rtol=0, atol=1e-14)
-        if border != "uniform" and border != "prior":
+        if border not in ("uniform", "prior"):
             np.testing.assert_allclose(expected.sum(axis=0), belief.sum(axis=0), rtol=1e-12)
 
 
