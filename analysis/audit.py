@@ -148,7 +148,6 @@ def audit(parts: AuditParts, grid: ClassGrid, settings: AuditSettings, progress:
 
     Raises:
         InputError: A setting is wrong, or the taps cannot be audited at all.
-        ZeroEvidenceError: A tap is impossible under every class.
     """
     setting, seed = settings.setting, settings.seed
     if settings.target_error is not None and len(parts.tune) < FEWEST:

@@ -9,7 +9,7 @@ import xarray as xr
 
 from ..inference.episode import DEADLINE
 from ..inference.montecarlo import THRESHOLDS
-from ..inference.reference import Border
+from ..inference.reference import Border, ZeroEvidenceError
 from ..inference.tempering import fit_tempered
 from ..inference.trial_plan import TapTable, tap_table
 from ..models.bins import bin_edges
@@ -133,7 +133,12 @@ def compare(train: TapSet, test: TapSet, grid: ClassGrid, settings: CompareSetti
             checks = predictive_checks(fits, known, settings.seed, progress=advance)
     with clock.stage("Scoring classes", len(fits)) as advance:
         tables = _tables(fits, shared, advance)
-        classes = class_scores(tables, settings.seed)
+        try:
+            classes = class_scores(tables, settings.seed)
+        except ZeroEvidenceError as error:
+            if settings.fit.pseudocount > 0:
+                raise
+            raise ZeroEvidenceError(f"{error} A --pseudocount above 0 makes every tap possible.") from error
     with clock.stage("Playing trials", planned(len(tables), grid, settings.trials)) as advance:
         played = play_models(
             tables,

@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 from ..inference.control import check_fixation
 from ..inference.episode import DEADLINE
 from ..inference.montecarlo import Trials
-from ..inference.reference import Border, ZeroEvidenceError
+from ..inference.reference import Border
 from ..inference.resampling import (
     CONFIDENCE,
     RESAMPLES,
@@ -87,7 +87,6 @@ def play_models(
 
     Raises:
         InputError: The tables do not hold the same taps or are not of this grid, or a setting is out of range.
-        ZeroEvidenceError: A tap was impossible under every class that a model still believed in.
     """
     if check_tables(tables) != grid.shape:
         raise InputError(f"The tables hold other classes than the grid of {grid.L} x {grid.M}.")
@@ -95,24 +94,21 @@ def play_models(
         raise InputError(f"Intervals need at least one resample, got {resamples}.")
     thresholds = np.sort(np.atleast_1d(np.asarray(thresholds, dtype=np.float64)))
     means = np.empty((len(tables), len(policies(grid)), len(MEANS), len(thresholds), 1 + resamples))
-    for i, (name, table) in enumerate(tables.items()):
+    for i, table in enumerate(tables.values()):
         for j, policy in enumerate(policies(grid)):
-            try:
-                kept = play_resamples(
-                    table,
-                    thresholds,
-                    partial(_means, grid),
-                    trials=trials,
-                    theta_x=theta_x if policy == "active" else 1.0,
-                    fixation=check_fixation(fixation, grid.L),
-                    border=border,
-                    deadline=deadline,
-                    seed=seed,
-                    resamples=resamples,
-                    progress=progress,
-                )
-            except ZeroEvidenceError as error:
-                raise ZeroEvidenceError(f"Model {name!r}, {policy}: {error}") from error
+            kept = play_resamples(
+                table,
+                thresholds,
+                partial(_means, grid),
+                trials=trials,
+                theta_x=theta_x if policy == "active" else 1.0,
+                fixation=check_fixation(fixation, grid.L),
+                border=border,
+                deadline=deadline,
+                seed=seed,
+                resamples=resamples,
+                progress=progress,
+            )
             means[i, j] = np.stack(kept, axis=-1)
     dims = ("model", "policy", "theta", "resample")
     units = {"what_error": grid.what_error_unit, "where_error": grid.where_unit, "taps": "taps"}

@@ -21,6 +21,7 @@ from ..models import seeds
 from ..models.model import TapModel
 from ..models.states import fold
 from ..models.taps import TapSet
+from .no_class_left import impossible_cause
 from .trial_check import TrialDifferences, belief_gap, compare_trials
 
 if TYPE_CHECKING:
@@ -39,12 +40,14 @@ class Script(NamedTuple):
     Attributes:
         taps: Prepared samples, shape (T, J, K).
         targets: The where class aimed for after each tap, shape (T,).
-        deltas: Moves between the taps, shape (T - 1,).
+        deltas: Moves between the taps, shape (T - 1,), or (T,) where a tap follows that leaves no class.
+        impossible: Samples of this tap, shape (J, K).
     """
 
     taps: NDArray[np.float64]
     targets: NDArray[np.intp]
     deltas: NDArray[np.intp]
+    impossible: NDArray[np.float64] | None
 
 
 class Row(NamedTuple):
@@ -110,6 +113,8 @@ def crosscheck(
 ) -> CrossCheck:
     """Compares all routes over random episodes with a move after every tap.
 
+    An episode ends before a tap that is impossible under every class still believed in; all routes must find it so.
+
     Args:
         model: The fitted measurement model.
         taps: Test taps of trained classes.
@@ -131,10 +136,14 @@ def crosscheck(
     notes = [] if len(names) == 3 else [f"Border {border} is no Markov kernel, so the NumPyro routes were left out."]
     comparison = _Comparison(model.grid.M)
     sequence = _SequenceRoute(model, border, min(sequence_taps, length) if "numpyro" in names else 0, notes)
+    ended = 0
     for _ in range(episodes):
         script, expected = _script(engines[0], taps, length, generator)
+        ended += script.impossible is not None
         for engine in engines[1:]:
-            comparison.add(f"numpy, {engine.name}", expected, _follow(engine, script), script.targets)
+            actual, same_end = _follow(engine, script)
+            comparison.add(f"numpy, {engine.name}", expected, actual, script.targets)
+            comparison.differing_decisions += not same_end
         sequence.add(comparison, expected, script)
         if progress is not None:
             progress()
@@ -143,6 +152,11 @@ def crosscheck(
     plan = plan._replace(fixation=generator.integers(model.grid.L, size=episodes))
     for device, differences in compare_trials(engines[0], table, taps, plan, border, length, NEAR_TIE).items():
         comparison.add_trials(f"numpy, {device} trials", differences)
+    if ended:
+        notes.append(
+            f"{ended} of {episodes} episodes end early, before a tap that is impossible under every class still "
+            f"believed in. {impossible_cause(model)}"
+        )
     return CrossCheck(
         comparison.rows(),
         episodes,
@@ -189,14 +203,14 @@ class _SequenceRoute:
         """Enumerates the first taps of an episode; halves their number, for good, while they underflow."""
         from ..inference.enumeration import SequenceUnderflowError, enumerate_sequence  # noqa: PLC0415
 
-        while self.taps:
-            T = self.taps
+        while self.taps and len(script.taps):
+            T = min(self.taps, len(script.taps))
             try:
                 posterior = enumerate_sequence(
                     self.model, script.taps[:T], script.deltas[: T - 1].tolist(), self.border
                 )
             except SequenceUnderflowError as error:
-                self.taps //= 2
+                self.taps = T // 2
                 rest = f"continued with {self.taps} taps" if self.taps else "left this route out"
                 self.notes.append(f"{str(error).rstrip('.')}; {rest}.")
                 continue
@@ -283,20 +297,29 @@ def _script(engine: Engine, taps: TapSet, length: int, generator: np.random.Gene
     rig = ReplayRig(taps, grid, int(where[start]), int(what[start]), uniforms(generator))
     targets = generator.integers(grid.L, size=length)
     log_belief, recorded, deltas, log_beliefs, log_evidence = engine.model.log_prior, [], [], [], []
+    impossible = None
     for t in range(length):
-        recorded.append(rig.tap())
-        log_belief, evidence = engine.update(log_belief, recorded[-1])
+        tap = rig.tap()
+        try:
+            log_belief, evidence = engine.update(log_belief, tap)
+        except reference.ZeroEvidenceError:
+            impossible = tap
+            break
+        recorded.append(tap)
         log_beliefs.append(log_belief)
         log_evidence.append(evidence)
         if t < length - 1:
             deltas.append(_move(np.exp(log_belief), int(targets[t])))
             rig.move(deltas[-1])
             log_belief = engine.shift(log_belief, deltas[-1])
-    script = Script(np.array(recorded), targets, np.array(deltas, dtype=np.intp))
-    return script, _Trace(np.array(log_beliefs), np.array(log_evidence))
+    T = len(recorded)
+    samples = np.array(recorded).reshape(T, *taps.taps.shape[1:])
+    script = Script(samples, targets[:T], np.array(deltas, dtype=np.intp), impossible)
+    return script, _trace(engine, log_beliefs, log_evidence)
 
 
-def _follow(engine: Engine, script: Script) -> _Trace:
+def _follow(engine: Engine, script: Script) -> tuple[_Trace, bool]:
+    """What another engine makes of an episode, and whether it ends there for it too."""
     log_belief, log_beliefs, log_evidence = engine.model.log_prior, [], []
     for t, tap in enumerate(script.taps):
         if t:
@@ -304,7 +327,19 @@ def _follow(engine: Engine, script: Script) -> _Trace:
         log_belief, evidence = engine.update(log_belief, tap)
         log_beliefs.append(log_belief)
         log_evidence.append(evidence)
-    return _Trace(np.array(log_beliefs), np.array(log_evidence))
+    if script.impossible is None:
+        return _trace(engine, log_beliefs, log_evidence), True
+    if log_beliefs:
+        log_belief = engine.shift(log_belief, int(script.deltas[-1]))
+    try:
+        engine.update(log_belief, script.impossible)
+    except reference.ZeroEvidenceError:
+        return _trace(engine, log_beliefs, log_evidence), True
+    return _trace(engine, log_beliefs, log_evidence), False
+
+
+def _trace(engine: Engine, log_beliefs: list[NDArray[np.float64]], log_evidence: list[float]) -> _Trace:
+    return _Trace(np.array(log_beliefs).reshape(-1, *engine.model.log_prior.shape), np.array(log_evidence))
 
 
 def _move(belief: NDArray[np.float64], target: int) -> int:

@@ -77,7 +77,6 @@ def guarantees(
 
     Raises:
         InputError: The tables hold different taps, there is nothing to decide, or a setting is out of range.
-        ZeroEvidenceError: A tap was impossible under every class that was still believed in.
     """
     thresholds = np.unique(np.asarray(thresholds, dtype=np.float64))
     if not len(thresholds) or not ((thresholds > 0) & (thresholds < 1)).all():

@@ -91,7 +91,7 @@ def record(seen: Seen) -> dict[str, Any]:
         "where": float(seen.grid.where_value[step.where]),
         "where_index": step.where,
         "where_belief": _rounded(step.where_marginal.max()),
-        "log_evidence": _rounded(step.log_evidence),
+        "log_evidence": None if step.no_class_left else _rounded(step.log_evidence),
         "p": None if seen.p is None else _rounded(seen.p),
         "unusual": seen.p is not None and seen.p < FLAGGED,
         "arrived": step.arrived,
@@ -196,6 +196,11 @@ def _next(seen: Seen) -> str:
     step = seen.step
     if seen.unknown:
         return "unknown: nothing that the model knows"
+    if step.no_class_left:
+        return (
+            "no class left: this tap is impossible under every class still believed in; before it "
+            f"{seen.what_name} was the most probable"
+        )
     if step.gave_up:
         return f"given up: no decision, {seen.what_name} is the most probable"
     if step.decision is not None:

@@ -17,7 +17,7 @@ from ..inference.trial_plan import TrialPlan
 from ..models.classes import ClassGrid
 
 QUANTITIES = ("what_error", "where_error", "taps")
-FRACTIONS = ("stopped_fraction", "clamped_fraction", "substituted_fraction", "what_wrong")
+FRACTIONS = ("stopped_fraction", "clamped_fraction", "substituted_fraction", "what_wrong", "no_class_left_fraction")
 CONFIDENCE = 0.95
 
 
@@ -45,6 +45,7 @@ def outcomes(trials: Trials, plan: TrialPlan, place: ArrayLike, grid: ClassGrid,
         "clamped_fraction": (trials.clamped > 0).astype(np.float64),
         "substituted_fraction": (trials.substituted > 0).astype(np.float64),
         "what_wrong": (trials.what != what).astype(np.float64),
+        "no_class_left_fraction": trials.no_class_left.astype(np.float64),
     }
     count = np.bincount(place, minlength=grid.L).astype(np.float64)
     dataset = xr.Dataset(

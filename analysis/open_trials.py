@@ -150,7 +150,7 @@ def _move(state: _State, plan: TrialPlan, table: TapTable, rule: Rule, reading: 
     log_belief = state.log_belief.copy()
     moved = shift != 0
     if moved.any():
-        log_belief[moved] = shift_beliefs(log_belief[moved], shift[moved], reading.border)
+        log_belief[moved] = shift_beliefs(log_belief[moved], shift[moved], reading.border, table.trained)
     return state._replace(
         log_belief=log_belief,
         at=at,

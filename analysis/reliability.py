@@ -149,7 +149,6 @@ def reliability(
 
     Raises:
         InputError: There is nothing to decide, or a setting is out of range.
-        ZeroEvidenceError: A tap was impossible under every class that was still believed in.
     """
     subject = decided_about(table, grid)
     thresholds = np.unique(np.asarray(thresholds, dtype=np.float64))
@@ -205,7 +204,10 @@ def decided_about(table: TapTable, grid: ClassGrid) -> Subject:
     places = tuple(grid.where_label(l) for l in range(grid.L))
     pool = TapPool(order, first.T.copy(), count.T.copy(), np.where(count.T > 0, 0, -1))
     turned = table._replace(
-        log_likelihood=_turned(table.log_likelihood), pool=pool, log_prior=_turned(table.log_prior[np.newaxis])[0]
+        log_likelihood=_turned(table.log_likelihood),
+        pool=pool,
+        log_prior=_turned(table.log_prior[np.newaxis])[0],
+        given_trained=None,
     )
     return Subject("place", places, turned, ("passive",))
 

@@ -58,7 +58,6 @@ def reproduce(request: Request, folder: Path, force: bool = False, progress: Pro
 
     Raises:
         InputError: The folder cannot be written, or the data or settings cannot be used.
-        ZeroEvidenceError: A test tap is impossible under every class.
     """
     with complete_folder(folder, force) as temporary:
         clock = Clock(progress)

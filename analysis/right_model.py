@@ -17,7 +17,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..inference.montecarlo import LoopPlayer, empty_trials, make_rule, refuse_impossible
+from ..inference.montecarlo import LoopPlayer, empty_trials, make_rule
 from ..inference.reference import Border
 from ..inference.trial_plan import TapTable, plan_trials
 from ..models import seeds
@@ -106,7 +106,7 @@ def simulate(
         subject = decided_about(draw(generator), drawn.grid)
         plan = plan_trials(subject.table.pool, trials, seed, fixation, first_stream=number * trials)
         played = empty_trials(trials, len(thresholds))
-        refuse_impossible(LoopPlayer(subject.table, rule)(plan, 0, trials, played), trials)
+        LoopPlayer(subject.table, rule)(plan, 0, trials, played)
         return described(played.what, plan.what, played.belief, played.stopped, len(subject.names))
 
     found = []

@@ -178,7 +178,7 @@ def pool_of(model: TapModel, train: TapSet, taps: int) -> TapOutcomes:
     for l, m in np.argwhere(model.trained):
         own = np.flatnonzero((where == l) & (what == m))
         chosen.append(own[np.unique(np.linspace(0, len(own) - 1, min(each, len(own))).round().astype(np.intp))])
-    return tap_outcomes(model.log_likelihood(train.taps[np.sort(np.concatenate(chosen))]))
+    return tap_outcomes(model.log_likelihood(train.taps[np.sort(np.concatenate(chosen))]), model.trained)
 
 
 def simulate_grid(name: str) -> ClassGrid:

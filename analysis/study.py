@@ -128,7 +128,6 @@ def study(fold: Fold, grid: ClassGrid, settings: Settings, progress: Callable[[i
 
     Raises:
         InputError: No test tap belongs to a trained class, or a setting is out of range.
-        ZeroEvidenceError: A test tap is impossible under every class.
     """
     model = settings.fit(fold.train, grid)
     test = model.usable(fold.test)

@@ -18,6 +18,7 @@ from . import metrics
 from .contacts import accuracy_interval_sentence
 from .crosscheck import CrossCheck
 from .figure_style import short_unit
+from .no_class_left import no_class_left_sentence
 from .paper import compare
 from .results import Request, Results
 from .study import Settings, can_act
@@ -190,6 +191,9 @@ def _warnings(request: Request, results: Results) -> list[str]:
         sentences.append(
             "Some moves led to a class without a test tap; the nearest class with one was used, as the table counts."
         )
+    none_left = max(float(part["no_class_left_fraction"].max()) for part in substituted)
+    if none_left > 0:
+        sentences.append(no_class_left_sentence(none_left, results.studies[0].model))
     if not results.check.passed:
         sentences.append("The engines disagree: see the cross-check below before using any number.")
     return [*sentences, *results.check.notes]

@@ -77,7 +77,6 @@ def run_cell(cell: Cell, effort: Effort, data: DataSet) -> dict[str, NDArray[np.
 
     Raises:
         InputError: The settings do not go with the data.
-        ZeroEvidenceError: A test tap is impossible under every class.
     """
     counts = _counts(cell, effort, data)
     means = tally_means(counts, data.grid)

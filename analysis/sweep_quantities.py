@@ -11,6 +11,7 @@ QUANTITIES = {
     "stopped_fraction": "fraction of trials that cross the threshold before the deadline",
     "clamped_fraction": "fraction of trials in which the end of the range cut a move short before the decision",
     "substituted_fraction": "fraction of trials in which a class without a test tap was replaced before the decision",
+    "no_class_left_fraction": "fraction of trials that met a tap impossible under every class still believed in",
     "belief": "mean belief in the decided object",
     "trials": "number of trials, the same at every threshold",
     "seconds": "time that the cell took, the same at every threshold",

@@ -20,7 +20,8 @@ def tally_means(tally: Tally, grid: ClassGrid) -> dict[str, NDArray[np.float64]]
 
     Returns:
         `UNCERTAIN` quantities with their standard errors over trials as `<name>_se` (NaN for a single trial), and
-        `what_wrong`, `stopped_fraction`, `clamped_fraction`, `substituted_fraction` and `belief`.
+        `what_wrong`, `stopped_fraction`, `clamped_fraction`, `substituted_fraction`, `no_class_left_fraction` and
+        `belief`.
     """
     n = tally.trials
     what, where = np.arange(grid.M), np.arange(grid.L)
@@ -37,7 +38,7 @@ def tally_means(tally: Tally, grid: ClassGrid) -> dict[str, NDArray[np.float64]]
         means[name] = mean
         means[f"{name}_se"] = np.sqrt(variance / (n - 1)) if n > 1 else np.full_like(mean, np.nan)
     means["what_wrong"] = 1 - np.trace(tally.what, axis1=1, axis2=2) / n
-    for name in ("stopped", "clamped", "substituted"):
+    for name in ("stopped", "clamped", "substituted", "no_class_left"):
         means[f"{name}_fraction"] = getattr(tally, name) / n
     means["belief"] = tally.belief / n
     return means

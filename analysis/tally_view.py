@@ -37,12 +37,14 @@ def tally_table(tally: Tally, grid: ClassGrid, thresholds: Sequence[float], what
     )
     units = {"what_error": grid.what_error_unit, "where_error": short_unit(grid.where_unit)}
     names = {name: axis_label(name.replace("_", " "), unit).replace(" (", "\n(") for name, unit in units.items()}
-    for heading in ("theta", *names.values(), "taps", "wrong", "belief", "stopped"):
+    rest = {"what_wrong": "wrong", "belief": "belief", "stopped_fraction": "stopped"}
+    if tally.no_class_left.any():
+        rest["no_class_left_fraction"] = "no class\nleft"
+    for heading in ("theta", *names.values(), "taps", *rest.values()):
         table.add_column(heading, justify="right", no_wrap=True)
     for h, theta in enumerate(thresholds):
         uncertain = [_with_half(means[name][h], means[f"{name}_se"][h]) for name in UNCERTAIN]
-        rest = [f"{means[name][h]:.4f}" for name in ("what_wrong", "belief", "stopped_fraction")]
-        table.add_row(f"{theta:g}", *uncertain, *rest)
+        table.add_row(f"{theta:g}", *uncertain, *(f"{means[name][h]:.4f}" for name in rest))
     return table
 
 

@@ -187,7 +187,6 @@ def target_error(
 
     Raises:
         InputError: There are too few sessions, one of them trained the model, or a setting is out of range.
-        ZeroEvidenceError: A tap was impossible under every class that was still believed in.
     """
     if len(sessions) < FEWEST:
         raise InputError(
@@ -261,7 +260,6 @@ def session_curves(
 
     Raises:
         InputError: There is nothing to decide, or a setting is out of range.
-        ZeroEvidenceError: A tap was impossible under every class that was still believed in.
     """
     aim = check_fixation(fixation, grid.L) if grid.M > 1 else 0
     theta = np.union1d(threshold_grid(grid.M if grid.M > 1 else grid.L), [default])

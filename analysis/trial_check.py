@@ -68,6 +68,7 @@ class _Decision(NamedTuple):
     where: int
     true_where: int
     stopped: bool
+    no_class_left: bool
     belief: float
 
 
@@ -82,9 +83,11 @@ def _play(engine: Engine, taps: TapSet, plan: TrialPlan, deadline: int) -> tuple
         undecided = np.abs(belief - np.array(THRESHOLDS[len(decisions) :]))
         margins.append(min(belief_gap(step.where_marginal), belief_gap(step.what_marginal), *undecided))
         for theta in THRESHOLDS[len(decisions) :]:
-            if not belief > theta and step.number < deadline:
+            stopped = belief > theta and not step.no_class_left
+            if not (stopped or step.no_class_left) and step.number < deadline:
                 break
-            decisions.append(_Decision(step.number, step.what, step.where, rig.where_index, belief > theta, belief))
+            where_and_how = rig.where_index, stopped, step.no_class_left
+            decisions.append(_Decision(step.number, step.what, step.where, *where_and_how, belief))
         if len(decisions) == len(THRESHOLDS):
             break
     return decisions, margins

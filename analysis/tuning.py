@@ -111,7 +111,6 @@ def tune(
 
     Raises:
         InputError: There is one object only, or a setting is out of range.
-        ZeroEvidenceError: A tap was impossible under every class that was still believed in.
     """
     check_objects(parts.grid)
     check_price(price, len(parts.parts) if parts.by_session else 1)

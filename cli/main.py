@@ -107,7 +107,7 @@ def run() -> None:
 
         if not isinstance(error, ZeroEvidenceError):
             raise
-        print(f"solidtouch: {error} A --pseudocount above 0 makes every tap possible.", file=sys.stderr)
+        print(f"solidtouch: {error}", file=sys.stderr)
         sys.exit(2)
     except SystemExit as stop:
         if stop.code in (INTERRUPTED, TERMINATED):

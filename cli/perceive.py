@@ -261,6 +261,8 @@ def _reason(seen: "Seen") -> str:
     """Why an episode ended with this step."""
     if seen.unknown:
         return "unknown"
+    if seen.step.no_class_left:
+        return "no class left"
     if seen.step.gave_up:
         return "gave up"
     if seen.step.decision is None:
@@ -319,4 +321,6 @@ def _summary(endings: "list[Ending]") -> str:
     right = f", {sum(judged)} of {len(judged)} objects right" if judged else ""
     given_up = sum(ending.answer is None for ending in endings)
     null = f", {given_up} null decision{'s' * (given_up > 1)}" if given_up else ""
-    return f"{len(endings)} episodes of {taps:.1f} taps on average{right}{null}."
+    left = sum(ending.reason == "no class left" for ending in endings)
+    none = f", {left} with no class left" if left else ""
+    return f"{len(endings)} episodes of {taps:.1f} taps on average{right}{null}{none}."

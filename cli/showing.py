@@ -17,7 +17,8 @@ class Ending(NamedTuple):
 
     Attributes:
         seen: Its last step.
-        reason: `"threshold"`, `"rule"` where another rule decided, `"deadline"`, `"gave up"` or `"unknown"`.
+        reason: `"threshold"`, `"rule"` where another rule decided, `"deadline"`, `"gave up"`, `"no class left"` or
+            `"unknown"`.
         truth: What is known of the object and the place.
     """
 

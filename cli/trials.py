@@ -63,11 +63,11 @@ def trials(
         check_netcdf_name(out)
         check_writable(out, force)
     with loading():
+        from ..analysis.no_class_left import no_class_left_sentence
         from ..analysis.tallied import tally_dataset
         from ..analysis.tally_view import tally_table
         from ..inference.control import check_fixation
         from ..inference.montecarlo import THRESHOLDS
-        from ..inference.reference import ZeroEvidenceError
         from ..inference.tally import tally_trials
         from ..inference.trial_plan import tap_table
         from ..models.experiment import parse_sessions
@@ -101,14 +101,14 @@ def trials(
     with terminable(), _Shown(table_of, number) as shown:
         try:
             play(device=device, workers=workers, progress=shown.update)
-        except ZeroEvidenceError:
-            shown.tally = None
-            raise
         finally:
             if out is not None and shown.tally is not None:
                 with complete_file(out, force) as temporary:
                     labelled = tally_dataset(shown.tally, grid, chosen).assign_attrs(about)
                     labelled.to_netcdf(temporary, engine="h5netcdf")
+    none_left = 0 if shown.tally is None else shown.tally.no_class_left.max() / shown.tally.trials
+    if none_left > 0:
+        print(no_class_left_sentence(none_left, fitted))
 
 
 def _title(about: dict[str, Any]) -> str:

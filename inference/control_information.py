@@ -46,7 +46,7 @@ def training_outcomes(model: TapModel, taps: TapSet) -> TapOutcomes:
         raise InputError(
             f"Where to move is judged by training taps, and none of these {len(taps)} taps trained the model."
         )
-    return tap_outcomes(state_mean(model, model.log_likelihood(taps.select(trained).taps)))
+    return tap_outcomes(state_mean(model, model.log_likelihood(taps.select(trained).taps)), model.trained)
 
 
 def state_mean(model: TapModel, log_likelihood: Floats) -> Floats:

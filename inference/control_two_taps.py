@@ -107,7 +107,7 @@ def two_tap_values(
     beliefs = np.asarray(beliefs, dtype=np.float64)
     first = information_of_moves(outcomes, beliefs, deltas, border, about)
     L, M, N = outcomes.given.shape
-    moved = believable(shifted(beliefs, deltas, border).reshape(-1, L, M), outcomes.possible)
+    moved = believable(shifted(beliefs, deltas, border, outcomes.trained).reshape(-1, L, M), outcomes.possible)
     D, drawn = first.shape[-1], min(Q, N)
     places = (np.arange(drawn) + _more_chances(chance, D * drawn).reshape(-1, drawn)) / drawn
     told, left, weight = (np.empty((len(moved), drawn)) for _ in range(3))

@@ -15,6 +15,7 @@ from jax.scipy.special import logsumexp
 
 from ..models.errors import InputError
 from . import draws, kernel
+from .hole_moves import holes
 from .montecarlo import Rule, Trials
 from .reference import BORDERS
 from .trial_plan import TapTable, TrialPlan
@@ -34,8 +35,15 @@ def update(log_belief: jax.Array, log_likelihood: jax.Array) -> tuple[jax.Array,
     return log_joint - jnp.where(jnp.isneginf(log_evidence), 0.0, log_evidence), log_evidence
 
 
-def shift(log_belief: jax.Array, delta: jax.Array, border: int, states: int = 1) -> jax.Array:
-    """Log belief (L, S M) after a move by `delta` where classes; Eq. 9, borders as in `kernel.shift`, S is `states`."""
+def shift(
+    log_belief: jax.Array, delta: jax.Array, border: int, states: int = 1, trained: jax.Array | None = None
+) -> jax.Array:
+    """Log belief (L, S M) after a move by `delta` where classes; Eq. 9, borders as in `kernel.shift`, S is `states`.
+
+    On a grid with holes belief stays in `trained` classes, shape (L, M); `None` for a full grid, which is faster.
+    """
+    if trained is not None:
+        return _shift_around(log_belief, delta, border, trained)
     L, M = log_belief.shape[0], log_belief.shape[1] // states
     name = BORDERS[border]
     source = jnp.arange(L) - delta
@@ -61,6 +69,36 @@ def shift(log_belief: jax.Array, delta: jax.Array, border: int, states: int = 1)
     return _normalised(jnp.where(kept, moved, spread))
 
 
+def _shift_around(log_belief: jax.Array, delta: jax.Array, border: int, trained: jax.Array) -> jax.Array:
+    """`shift` on a grid with holes, as sums over all positions that land on one."""
+    L, M = trained.shape
+    name, place = BORDERS[border], jnp.arange(L)
+    target = (place + delta) % L if name == "circular" else place + delta
+    end = jnp.clip(target, 0, L - 1)
+    lands = trained & ((target == end)[:, None] & trained[end])
+    goes = jnp.broadcast_to(target[:, None], (L, M))
+    if name == "clamp":
+        distance = jnp.where(trained, jnp.abs(place[:, None] - place)[:, :, None], L)
+        goes, lands = distance.argmin(axis=1)[end], trained
+    reaches = (goes[:, None] == place[:, None]) & lands[:, None]
+    vacated = trained & ~reaches.any(axis=0)
+    lost = trained & ~lands
+    if name == "circular":
+        number, room = jnp.cumsum(lost, axis=0), jnp.cumsum(vacated, axis=0)
+        reaches |= lost[:, None] & vacated & (number[:, None] == room)
+    before = log_belief.reshape(L, -1, M)
+    moved = logsumexp(jnp.where(reaches[:, :, None], before[:, None], -jnp.inf), axis=0)
+    out = jnp.where(lost[:, None], before, -jnp.inf)
+    if name == "uniform":
+        filling = logsumexp(out, axis=(0, 2), keepdims=True) - jnp.log(jnp.maximum(vacated.sum(), 1))
+    elif name == "uniform_what":
+        filling = logsumexp(out, axis=0, keepdims=True) - jnp.log(jnp.maximum(vacated.sum(axis=0), 1))
+    else:
+        filling = -jnp.log(trained.sum()) if name == "prior" else -jnp.inf
+    filled = jnp.where(vacated[:, None], jnp.logaddexp(moved, filling), moved)
+    return _normalised(filled.reshape(L, -1))
+
+
 def temper(log_belief: jax.Array, share: jax.Array) -> jax.Array:
     """What is read from a log belief (L, S M): the belief to the power `share`, normalised; see `saturation`."""
     return jnp.where(share < 1, _normalised(share * log_belief), log_belief)
@@ -83,6 +121,7 @@ class _Tables(NamedTuple):
     theta_x: jax.Array
     key: tuple[jax.Array, jax.Array]
     saturation: jax.Array
+    trained: jax.Array | None
 
 
 class _Plan(NamedTuple):
@@ -105,6 +144,7 @@ class _Record(NamedTuple):
     clamped: jax.Array
     substituted: jax.Array
     belief: jax.Array
+    no_class_left: jax.Array
 
 
 class _Slot(NamedTuple):
@@ -117,7 +157,6 @@ class _Slot(NamedTuple):
     clamped: jax.Array
     substituted: jax.Array
     decided: jax.Array
-    impossible: jax.Array
     record: _Record
 
 
@@ -145,6 +184,7 @@ class ArrayPlayer:
             ) from error
         self._saturates = bool(table.saturation < rule.deadline)
         self.at_once, self._slots, self._rule = _AT_ONCE[platform], _SLOTS[platform], rule
+        trained = holes(table.trained)
         pool, put = table.pool, partial(jax.device_put, device=self._device)
         with jax.enable_x64(True):
             self._tables = _Tables(
@@ -158,15 +198,16 @@ class ArrayPlayer:
                 theta_x=put(np.float64(rule.theta_x)),
                 key=(put(rule.key0), put(rule.key1)),
                 saturation=put(np.float64(table.saturation)),
+                trained=None if trained is None else put(trained),
             )
 
-    def __call__(self, plan: TrialPlan, first: int, last: int, trials: Trials) -> int:
+    def __call__(self, plan: TrialPlan, first: int, last: int, trials: Trials) -> None:
         """See `montecarlo.Player`."""
         rule, n = self._rule, last - first
         with jax.enable_x64(True):
             rows = TrialPlan(*(column[first:last] for column in plan))
             part = _Plan(**jax.device_put(rows._asdict(), self._device))
-            record, impossible = _play(
+            record = _play(
                 self._tables,
                 part,
                 min(self._slots, n),
@@ -177,36 +218,34 @@ class ArrayPlayer:
             )
             for name, values in zip(_Record._fields, jax.device_get(record), strict=True):
                 getattr(trials, name)[first:last][:, rule.column] = values
-        return int(impossible)
 
 
 @partial(jax.jit, static_argnums=(2, 3, 4, 5, 6))
 def _play(
     tables: _Tables, plan: _Plan, slots: int, border: int, deadline: int, moving: bool, saturates: bool
-) -> tuple[_Record, jax.Array]:
-    """All trials of a plan; their decisions and the number that met an impossible tap."""
+) -> _Record:
+    """The decisions of all trials of a plan."""
     n, H = len(plan.where), len(tables.thresholds)
     step = jax.vmap(partial(_tap, tables, plan, border=border, deadline=deadline, moving=moving, saturates=saturates))
     fresh = jax.vmap(partial(_fresh, tables, plan))
 
-    def busy(carry: tuple[_Slot, _Record, jax.Array, jax.Array]) -> jax.Array:
+    def busy(carry: tuple[_Slot, _Record, jax.Array]) -> jax.Array:
         return (carry[0].trial < n).any()
 
-    def turn(carry: tuple[_Slot, _Record, jax.Array, jax.Array]) -> tuple[_Slot, _Record, jax.Array, jax.Array]:
-        state, records, following, impossible = carry
+    def turn(carry: tuple[_Slot, _Record, jax.Array]) -> tuple[_Slot, _Record, jax.Array]:
+        state, records, following = carry
         state, _ = jax.lax.scan(lambda now, _: (step(now), None), state, length=_ROUND)
-        ended = (state.trial < n) & ((state.decided == H) | state.impossible)
+        ended = (state.trial < n) & (state.decided == H)
         rows = jnp.where(ended, state.trial, n)
         records = jax.tree.map(lambda all_, new: all_.at[rows].set(new, mode="drop"), records, state.record)
         trial = jnp.minimum(following + jnp.cumsum(ended) - 1, n)
-        impossible += (ended & state.impossible).sum()
         state = jax.tree.map(partial(_choose, ended), fresh(trial), state)
-        return state, records, following + ended.sum(), impossible
+        return state, records, following + ended.sum()
 
     start = fresh(jnp.arange(slots))
     records = jax.tree.map(lambda field: jnp.zeros((n, *field.shape[1:]), field.dtype), start.record)
-    _, records, _, impossible = jax.lax.while_loop(busy, turn, (start, records, jnp.asarray(slots), jnp.asarray(0)))
-    return records, impossible
+    _, records, _ = jax.lax.while_loop(busy, turn, (start, records, jnp.asarray(slots)))
+    return records
 
 
 def _choose(condition: jax.Array, new: jax.Array, old: jax.Array) -> jax.Array:
@@ -227,7 +266,6 @@ def _fresh(tables: _Tables, plan: _Plan, trial: jax.Array) -> _Slot:
         clamped=zero,
         substituted=(at != plan.where[row]).astype(jnp.int64),
         decided=zero,
-        impossible=jnp.asarray(False),
         record=_Record(
             taps=none,
             what=none,
@@ -237,6 +275,7 @@ def _fresh(tables: _Tables, plan: _Plan, trial: jax.Array) -> _Slot:
             clamped=none,
             substituted=none,
             belief=none.astype(jnp.float64),
+            no_class_left=none.astype(bool),
         ),
     )
 
@@ -251,28 +290,30 @@ def _tap(
     number = draws.below(word, tables.size[slot.at, held].astype(jnp.uint64)).astype(jnp.int64)
     index = tables.order[tables.first[slot.at, held] + number]
     log_belief, log_evidence = update(slot.log_belief, tables.log_likelihood[index])
-    read = temper(log_belief, tables.saturation / (slot.tap + 1)) if saturates else log_belief
+    none_left = jnp.isneginf(log_evidence)
+    log_belief = jnp.where(none_left, slot.log_belief, log_belief)
+    read = temper(log_belief, tables.saturation / (slot.tap + 1 - none_left)) if saturates else log_belief
     belief = jnp.exp(read)
     where, what = belief.sum(1), belief.sum(0)
     M = tables.nearest.shape[1]
     states = len(what) // M
     if states > 1:
         what = what.reshape(states, M).sum(0)
-    impossible = slot.impossible | (jnp.isneginf(log_evidence) & (slot.decided < len(tables.thresholds)))
-    slot = _decide(tables, slot._replace(log_belief=log_belief), where, what, deadline)
-    slot = slot._replace(tap=slot.tap + 1, impossible=impossible)
+    slot = _decide(tables, slot._replace(log_belief=log_belief), where, what, deadline, none_left)
+    slot = slot._replace(tap=slot.tap + 1)
     return _move(tables, slot, where, plan.fixation[row], held, border, states) if moving else slot
 
 
-def _decide(tables: _Tables, slot: _Slot, where: jax.Array, what: jax.Array, deadline: int) -> _Slot:
-    """Notes the thresholds that are crossed for the first time, or all that are left at the deadline."""
+def _decide(
+    tables: _Tables, slot: _Slot, where: jax.Array, what: jax.Array, deadline: int, none_left: jax.Array
+) -> _Slot:
+    """Notes the thresholds that are crossed for the first time, or all others at the deadline or with no class left."""
     order = jnp.arange(len(tables.thresholds))
-    above = what.max() > tables.thresholds
-    reached = jnp.where(slot.tap == deadline - 1, len(order), above.sum())
+    above = (what.max() > tables.thresholds) & ~none_left
+    reached = jnp.where(none_left | (slot.tap == deadline - 1), len(order), above.sum())
     new = (order >= slot.decided) & (order < reached)
-    now = _Record(
-        slot.tap + 1, what.argmax(), where.argmax(), slot.at, above, slot.clamped, slot.substituted, what.max()
-    )
+    counts, best = (slot.clamped, slot.substituted), what.max()
+    now = _Record(slot.tap + 1, what.argmax(), where.argmax(), slot.at, above, *counts, best, none_left)
     record = jax.tree.map(lambda old, value: jnp.where(new, value, old), slot.record, now)
     return slot._replace(decided=jnp.maximum(slot.decided, reached), record=record)
 
@@ -286,7 +327,7 @@ def _move(
     reached = jnp.clip(commanded, 0, len(where) - 1)
     landed = tables.nearest[reached, held]
     return slot._replace(
-        log_belief=shift(slot.log_belief, delta, border, states),
+        log_belief=shift(slot.log_belief, delta, border, states, tables.trained),
         at=landed,
         clamped=slot.clamped + (reached != commanded),
         substituted=slot.substituted + (landed != reached),

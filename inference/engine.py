@@ -93,7 +93,7 @@ class NumpyEngine:
     def shift(self, log_belief: NDArray[np.float64], delta: int) -> NDArray[np.float64]:
         """Eq. 9, and no move changes what is believed of the states."""
         if self._states == 1:
-            return reference.shift_log(log_belief, delta, self.border)
+            return reference.shift_log(log_belief, delta, self.border, self.model.trained)
         parts = np.split(log_belief, self._states, axis=1)
         return np.concatenate([self._shift_state(part, delta) for part in parts], axis=1)
 
@@ -113,7 +113,9 @@ class NumpyEngine:
     def _shift_state(self, part: NDArray[np.float64], delta: int) -> NDArray[np.float64]:
         """The log belief in one state, shape (L, M), moved within the state."""
         mass = np.logaddexp.reduce(part.ravel())
-        return part if np.isneginf(mass) else reference.shift_log(part - mass, delta, self.border) + mass
+        if np.isneginf(mass):
+            return part
+        return reference.shift_log(part - mass, delta, self.border, self.model.trained) + mass
 
 
 def make_engine(name: str, model: TapModel, border: Border = "uniform") -> Engine:

@@ -20,6 +20,7 @@ from numpyro.infer.util import log_density
 
 from ..models.errors import InputError
 from ..models.forms import TableForm
+from ..models.hole_kernel import hole_kernel
 from ..models.model import TapModel
 from ..models.touch import (
     KERNEL_BORDERS,
@@ -140,6 +141,18 @@ def _predict(log_belief: jax.Array, where_kernel: jax.Array, redraws_what: jax.A
     return jnp.logaddexp(same_what, new_what).reshape(log_belief.shape)
 
 
+@partial(jax.jit, static_argnames="M")
+def _predict_around(
+    log_belief: jax.Array, where_kernel: jax.Array, redrawn: jax.Array, vacated: jax.Array, M: int
+) -> jax.Array:
+    """The same through a `HoleKernel`."""
+    before = log_belief.reshape(len(log_belief), -1, M)
+    kept = jnp.where(redrawn[:, None], -jnp.inf, before)
+    drawn = logsumexp(jnp.where(redrawn[:, None], before, -jnp.inf), axis=(0, 2), keepdims=True)
+    same_what = logsumexp(jnp.log(jnp.moveaxis(where_kernel, 2, 1))[:, :, None] + kept[:, None], axis=0)
+    return jnp.logaddexp(same_what, drawn + jnp.log(vacated)[:, None]).reshape(log_belief.shape)
+
+
 @dataclass(frozen=True)
 class NumpyroEngine:
     """The one-tap NumPyro model, enumerated everywhere and recursed in the log domain, in float64.
@@ -181,10 +194,15 @@ class NumpyroEngine:
 
     def shift(self, log_belief: NDArray[np.float64], delta: int) -> NDArray[np.float64]:
         """Eq. 9 as the transition of the sequence model."""
+        trained, M = self.model.trained, self.model.grid.M
+        if not trained.all():
+            around = hole_kernel(trained, int(delta), self.border)
+            with jax.enable_x64(True):
+                return np.asarray(_predict_around(jnp.asarray(log_belief), *(jnp.asarray(part) for part in around), M))
         kernel = move_kernel(len(log_belief), int(delta), self.border)
         with jax.enable_x64(True):
             arrays = jnp.asarray(log_belief), jnp.asarray(kernel.where), jnp.asarray(kernel.redraws_what)
-            return np.asarray(_predict(*arrays, self.model.grid.M))
+            return np.asarray(_predict(*arrays, M))
 
 
 def check_kernel_border(border: str) -> None:
@@ -231,17 +249,18 @@ def enumerate_sequence(
     likeliest = log_likelihood.max(axis=(1, 2))
     if np.isneginf(likeliest).any():
         raise ZeroEvidenceError("A tap is impossible under every class.")
-    kernels = [move_kernel(L, 0, border), *(move_kernel(L, int(delta), border) for delta in deltas)]
+    where_kernels, what_kernels = _kernels(model, [0, *(int(delta) for delta in deltas)], border)
     with jax.enable_x64(True):
         tables = touch_tables(model)
         prior = split_prior(jnp.asarray(model.log_prior).reshape(L, H // M, M))
+        full = model.trained.all()
         arguments = (
-            _floored(tables.log_trained),
+            _floored(tables.log_trained if full else jnp.zeros((L, M))),  # else kernels see to it, and twice underflows
             jnp.asarray(model.exponent),
             type(prior)(*(_floored(part) for part in prior)),
             _sequence_taps(model, tables, taps, log_likelihood),
-            _floored(jnp.log(jnp.asarray([kernel.where for kernel in kernels]))),
-            _floored(jnp.log(jnp.asarray([_what_kernel(kernel, M) for kernel in kernels]))),
+            _floored(jnp.log(jnp.asarray(where_kernels))),
+            _floored(jnp.log(jnp.asarray(what_kernels))),
         )
         log_evidence, posterior = _sequence(arguments, jnp.tril(jnp.ones((T, T), dtype=bool)))
         log_evidence, posterior = np.asarray(log_evidence), np.moveaxis(np.asarray(posterior), 2, 3)
@@ -261,13 +280,14 @@ def _sequence_taps(
 ) -> CountedTaps | WeighedTaps:
     """Taps (T, J, K) as the sequence model observes them, with a stand-in for log 0.
 
-    Counts serve where they can: for samples that are independent, without states, and where `log_likelihood`
-    (T, L, H) spreads so little over the classes that the stand-in is far below all of it.
+    Counts serve where they can: on full grids, for samples that are independent, without states, and where
+    `log_likelihood` (T, L, H) spreads so little over the classes that the stand-in is far below all of it.
     """
     form, seen = tables.form, observed(model, taps)
     (L, H), M = form.shape, model.grid.M
     likeliest = log_likelihood.max(axis=(1, 2))
-    if isinstance(form, TableForm) and H == M and _spread(log_likelihood) < -_IMPOSSIBLE - 50:
+    full = model.trained.all()
+    if full and isinstance(form, TableForm) and H == M and _spread(log_likelihood) < -_IMPOSSIBLE - 50:
         # So low that one sample there outweighs all others of its tap.
         impossible_bin = (_IMPOSSIBLE + likeliest.min()) / model.exponent
         counts = (seen[..., None] == np.arange(form.log_prob.shape[-1])).sum(axis=1)
@@ -275,7 +295,11 @@ def _sequence_taps(
         return CountedTaps(log_prob, jnp.asarray(counts, dtype=float))
     least = (_IMPOSSIBLE + likeliest)[:, None, None] / model.exponent
     weights = jnp.maximum(log_likelihoods(tables, jnp.asarray(seen)), jnp.asarray(least))
-    return WeighedTaps(jnp.moveaxis(weights.reshape(len(taps), L, H // M, M), 2, 1))
+    weights = weights.reshape(len(taps), L, H // M, M)
+    if not full:  # paths through holes must not weigh more than others, whatever stands in their tables
+        most = jnp.asarray(likeliest)[:, None, None, None] / model.exponent
+        weights = jnp.where(jnp.asarray(model.trained)[:, None], weights, most)
+    return WeighedTaps(jnp.moveaxis(weights, 2, 1))
 
 
 @jax.jit
@@ -291,6 +315,17 @@ def _sequence(arguments: tuple, prefixes: jax.Array) -> tuple[jax.Array, jax.Arr
         return jnp.asarray(enumerated_log_density(model, (*arguments, used, probe), {}, {})[0])
 
     return jax.vmap(partial(jax.value_and_grad(log_evidence), jnp.zeros((T, *log_what.shape))))(prefixes)
+
+
+def _kernels(
+    model: TapModel, deltas: Sequence[int], border: Border
+) -> tuple[list[NDArray[np.float64]], list[NDArray[np.float64]]]:
+    """Of each move p(where' | ...) and p(what' | where, what), as `tap_sequence` takes them."""
+    if model.trained.all():
+        kernels = [move_kernel(model.grid.L, delta, border) for delta in deltas]
+        return [kernel.where for kernel in kernels], [_what_kernel(kernel, model.grid.M) for kernel in kernels]
+    around = [hole_kernel(model.trained, delta, border) for delta in deltas]
+    return [kernel.where_kernel() for kernel in around], [kernel.what_kernel() for kernel in around]
 
 
 def _what_kernel(kernel: MoveKernel, M: int) -> NDArray[np.float64]:

@@ -33,6 +33,8 @@ class Step(NamedTuple):
         move: The move that will follow in where classes, or `None` where the episode ends.
         log_state: Log belief in the states of the episode after the tap, shape (S,); one zero for a model without.
         gave_up: Whether the episode ends here without an answer.
+        no_class_left: Whether the tap is impossible under every class still believed in: the episode ends here
+            undecided, the belief is that before the tap, and `log_evidence` is -inf.
     """
 
     number: int
@@ -45,6 +47,7 @@ class Step(NamedTuple):
     move: int | None
     log_state: NDArray[np.float64] = np.zeros(1)
     gave_up: bool = False
+    no_class_left: bool = False
 
     @property
     def where_marginal(self) -> NDArray[np.float64]:
@@ -77,9 +80,11 @@ class Episode(NamedTuple):
         realised: Moves really made, clipped at the ends of the range, shape (T - 1,).
         what: The decided what class.
         where: The decided where class, at the place of the last tap.
-        stopped: Whether the rule decided; otherwise the deadline came or it gave up, and the decisions are the most
-            probable classes at that time.
+        stopped: Whether the rule decided; otherwise the deadline came, it gave up or no class was left, and the
+            decisions are the most probable classes at that time.
         gave_up: Whether it ended without an answer, a null decision.
+        no_class_left: Whether it ended with a tap that is impossible under every class still believed in; the last
+            belief is that before this tap.
     """
 
     log_beliefs: NDArray[np.float64]
@@ -90,6 +95,7 @@ class Episode(NamedTuple):
     where: int
     stopped: bool
     gave_up: bool = False
+    no_class_left: bool = False
 
     @property
     def taps(self) -> int:
@@ -120,7 +126,6 @@ def perceive(
 
     Raises:
         InputError: The deadline is below one tap, or the sensor prepares its taps otherwise than the model's.
-        ZeroEvidenceError: A tap is impossible under every class.
     """
     return collect(steps(sensor, engine, stop, move, deadline, chance=chance, watch=watch))
 
@@ -145,6 +150,7 @@ def steps(
     that `saturation` reads from it.
 
     The move is made when the next step is asked for, so who stops asking ends the episode where the sensor stands.
+    A tap that is impossible under every class still believed in ends it too, see `Step.no_class_left`.
 
     Args:
         sensor: Where taps come from.
@@ -161,7 +167,6 @@ def steps(
     Raises:
         InputError: The deadline is below one tap, the rule needs a gain that nobody watches, or the sensor prepares its
             taps otherwise than the model's.
-        ZeroEvidenceError: A tap is impossible under every class.
     """
     if deadline < 1:
         raise InputError(f"The deadline must be at least one tap, got {deadline}.")
@@ -172,7 +177,16 @@ def steps(
     rule = stop if callable(stop) else what_above(stop)
     for number in range(1, deadline + 1):
         tap = sensor.tap()
-        carried, log_evidence = engine.update(predicted, tap)
+        before = temper(predicted, share(number - 1, saturation))
+        log_predicted = log_fold(before, M)
+        try:
+            carried, log_evidence = engine.update(predicted, tap)
+        except reference.ZeroEvidenceError:
+            if doubt is not None:
+                doubt(tap, arrived)
+            beliefs = log_predicted, log_predicted, -np.inf
+            yield Step(number, tap, arrived, *beliefs, None, None, _log_states(before, M), no_class_left=True)
+            return
         read = temper(carried, share(number, saturation))
         log_belief = log_fold(read, M)
         belief = np.exp(log_belief)
@@ -189,7 +203,7 @@ def steps(
             number,
             tap,
             arrived,
-            log_fold(temper(predicted, share(number - 1, saturation)), M),
+            log_predicted,
             log_belief,
             log_evidence,
             int(np.argmax(reference.what_marginal(belief))) if answer == DECIDE else None,
@@ -231,4 +245,5 @@ def collect(made: Iterator[Step]) -> Episode:
         where=last.where,
         stopped=last.decision is not None,
         gave_up=last.gave_up,
+        no_class_left=last.no_class_left,
     )

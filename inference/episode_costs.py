@@ -52,7 +52,6 @@ def episode_cost(
 
     Raises:
         InputError: An argument is out of range.
-        ZeroEvidenceError: A tap is impossible under every class.
     """
     grid = engine.model.grid
     check_cost(cost_error)
@@ -97,7 +96,6 @@ def trial_costs(
 
     Raises:
         InputError: An argument is out of range.
-        ZeroEvidenceError: A tap was impossible under every class that was still believed in.
     """
     check_cost(cost_error)
     points, point = np.unique(np.asarray(fixations), return_inverse=True)
@@ -128,7 +126,6 @@ def held_out_costs(
 
     Raises:
         InputError: An argument is out of range.
-        ZeroEvidenceError: A tap was impossible under every class that was still believed in.
     """
     number = learner.episodes + np.arange(episodes)
     costs = np.empty((len(learner.theta), episodes))

@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..models.errors import InputError
 from .control import MovePolicy, best_move
+from .hole_moves import Mask
 from .information import TapOutcomes, believable, moves_to_all, shifted, tap_outcomes
 from .lockstep import log_sum
 from .reference import Border
@@ -67,7 +68,7 @@ def expected_steps(beliefs: ArrayLike, deltas: ArrayLike) -> NDArray[np.float64]
     return (made * where[..., np.newaxis, :]).sum(axis=-1)
 
 
-def representative_outcomes(log_likelihood: ArrayLike) -> TapOutcomes:
+def representative_outcomes(log_likelihood: ArrayLike, trained: Mask | None = None) -> TapOutcomes:
     """Taps of a pool that has as many of each class, as outcomes that stand for all taps there could be.
 
     A tap that many classes give is more often in the pool, so each is weighed by one over how probable it was to get
@@ -77,15 +78,16 @@ def representative_outcomes(log_likelihood: ArrayLike) -> TapOutcomes:
 
     Args:
         log_likelihood: As in `tap_outcomes`, shape (N, L, M).
+        trained: As in `tap_outcomes`.
 
     Raises:
         InputError: As `tap_outcomes`.
     """
     log_likelihood = np.asarray(log_likelihood, dtype=np.float64)
     if log_likelihood.ndim != 3:
-        return tap_outcomes(log_likelihood)
+        return tap_outcomes(log_likelihood, trained)
     pooled = log_sum(log_likelihood, (1, 2))
-    return tap_outcomes(log_likelihood - np.where(np.isneginf(pooled), 0.0, pooled))
+    return tap_outcomes(log_likelihood - np.where(np.isneginf(pooled), 0.0, pooled), trained)
 
 
 def expected_gain(
@@ -116,7 +118,7 @@ def expected_gain(
     beliefs = np.asarray(beliefs, dtype=np.float64)
     if beliefs.shape[-2:] != (L, M):
         raise InputError(f"The taps tell {L} x {M} classes apart, the beliefs have shape {beliefs.shape}.")
-    moved = shifted(beliefs, deltas, border)
+    moved = shifted(beliefs, deltas, border, outcomes.trained)
     rows = believable(moved.reshape(-1, L, M), outcomes.possible)
     step = max(1, _CHUNK // (N * M))
     parts = [_loss_after(outcomes, rows[i : i + step], loss) for i in range(0, len(rows), step)]

@@ -5,6 +5,7 @@ classes.
 """
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
@@ -13,6 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 from ..models.errors import InputError
 from ..models.model import TapModel
 from . import kernel
+from .hole_moves import nearest_trained
 from .reference import BORDERS, Border, ZeroEvidenceError
 
 _UNIT = kernel.UNIT * np.log(2.0)
@@ -46,6 +48,26 @@ class ScaledBelief(NamedTuple):
     z: NDArray[np.float64]
     k: NDArray[np.int64]
     least: float
+
+
+class Classes(NamedTuple):
+    """Which classes belief may be in.
+
+    Attributes:
+        holes: Whether some may hold none.
+        trained: Which may, shape (M, L).
+        nearest: The nearest such position of the same object, shape (M, L).
+    """
+
+    holes: bool
+    trained: NDArray[np.bool_]
+    nearest: NDArray[np.int64]
+
+
+def classes(trained: NDArray[np.bool_]) -> Classes:
+    """The kernel's classes from the trained ones, shape (L, M)."""
+    nearest = nearest_trained(trained).T
+    return Classes(not trained.all(), np.ascontiguousarray(trained.T), np.ascontiguousarray(nearest, np.int64))
 
 
 def likelihoods(log_likelihood: ArrayLike) -> Likelihoods:
@@ -115,6 +137,10 @@ class FilterEngine:
         if self.border == "prior":
             refuse_border(kernel.PRIOR, self.model.log_prior.shape[1], self.model.grid.M)
 
+    @cached_property
+    def _classes(self) -> Classes:
+        return classes(self.model.trained)
+
     def update(self, log_belief: NDArray[np.float64], tap: ArrayLike) -> tuple[NDArray[np.float64], float]:
         """Eq. 1 as a product of counts with log tables, then Eq. 3 and 4 compiled.
 
@@ -137,7 +163,7 @@ class FilterEngine:
         if delta == 0:
             return log_belief
         belief = _Working(log_belief)
-        belief.shift(delta, border_number(self.border), self.model.grid.M)
+        belief.shift(delta, border_number(self.border), self._classes)
         belief.settle()
         return belief.log()
 
@@ -158,10 +184,13 @@ class _Working:
         """Whether a class is left."""
         return kernel.settle(self.z, self.k, self.on) > 0
 
-    def shift(self, delta: int, border: int, M: int) -> None:
+    def shift(self, delta: int, border: int, classes: Classes) -> None:
         total = self.multiply(np.ones_like(self.z))
-        room = np.empty(len(self.where)), np.empty(len(self.where), dtype=np.int64)
-        kernel.shift(self.z, self.k, self.on, delta, border, M, total, *room)
+        belief, room = (self.z, self.k, self.on), (np.empty(len(self.where)), np.empty(len(self.where), np.int64))
+        if classes.holes:
+            kernel.shift_around(*belief, delta, border, classes.trained, classes.nearest, total, *room)
+        else:
+            kernel.shift(*belief, delta, border, len(classes.trained), total, *room)
 
     def log(self) -> NDArray[np.float64]:
         """The normalised log belief, shape (L, S M)."""

@@ -78,7 +78,6 @@ def choose_fixation(
 
     Raises:
         InputError: No position has taps in all parts, or a setting is out of range.
-        ZeroEvidenceError: A tap was impossible under every class that was still believed in.
     """
     tried = _positions(parts, passive)
 

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..models.errors import InputError
+from .hole_moves import Mask, holes, moved
 from .reference import BORDERS, Border
 
 type About = Literal["joint", "where", "what"]
@@ -29,18 +30,21 @@ class TapOutcomes(NamedTuple):
         given: P(tap | class), sum over the taps one, shape (L, M, N); zero where no tap is possible.
         entropy: H(tap | class) in nats, shape (L, M).
         possible: Whether some tap is possible, shape (L, M).
+        trained: Which classes belief may move into, shape (L, M); `None` for all.
     """
 
     given: NDArray[np.float64]
     entropy: NDArray[np.float64]
     possible: NDArray[np.bool_]
+    trained: Mask | None = None
 
 
-def tap_outcomes(log_likelihood: ArrayLike) -> TapOutcomes:
+def tap_outcomes(log_likelihood: ArrayLike, trained: Mask | None = None) -> TapOutcomes:
     """The taps of a pool as outcomes of the next tap.
 
     Args:
         log_likelihood: log P(z | class) of each tap, shape (N, L, M), -inf where it is impossible.
+        trained: Which classes belief may move into, shape (L, M); default all.
 
     Raises:
         InputError: There is no tap, or a value is NaN or +inf.
@@ -59,7 +63,7 @@ def tap_outcomes(log_likelihood: ArrayLike) -> TapOutcomes:
     np.exp(given, out=given)
     given /= np.where(possible, given.sum(axis=-1), 1.0)[..., np.newaxis]
     given[given < _NEGLIGIBLE] = 0.0
-    return TapOutcomes(given, np.array([_entropy(row) for row in given]), possible)
+    return TapOutcomes(given, np.array([_entropy(row) for row in given]), possible, trained)
 
 
 def moves_to_all(beliefs: ArrayLike) -> NDArray[np.intp]:
@@ -68,13 +72,16 @@ def moves_to_all(beliefs: ArrayLike) -> NDArray[np.intp]:
     return np.arange(where_belief.shape[-1]) - where_belief.argmax(axis=-1)[..., np.newaxis]
 
 
-def shifted(beliefs: ArrayLike, deltas: ArrayLike, border: Border = "uniform") -> NDArray[np.float64]:
+def shifted(
+    beliefs: ArrayLike, deltas: ArrayLike, border: Border = "uniform", trained: Mask | None = None
+) -> NDArray[np.float64]:
     """Beliefs after each of several moves; Eq. 9, as `reference.shift`.
 
     Args:
         beliefs: Shape (..., L, M).
         deltas: Where classes moved, D whole numbers of all or of each belief, shape (D,) or (..., D).
         border: As in `reference.shift`.
+        trained: As in `reference.shift`.
 
     Returns:
         Shape (..., D, L, M).
@@ -88,8 +95,9 @@ def shifted(beliefs: ArrayLike, deltas: ArrayLike, border: Border = "uniform") -
     L, M = beliefs.shape[-2:]
     shape = (*beliefs.shape[:-2], deltas.shape[-1])
     each = np.broadcast_to(deltas, shape).reshape(-1, shape[-1])[..., np.newaxis]
-    moved = _moved(beliefs.reshape(-1, L, M), each, border)
-    return (moved / moved.sum(axis=(-2, -1), keepdims=True)).reshape(*shape, L, M)
+    rows, trained = beliefs.reshape(-1, L, M), holes(trained)
+    after = _moved(rows, each, border) if trained is None else _moved_around(rows, each, border, trained)
+    return (after / after.sum(axis=(-2, -1), keepdims=True)).reshape(*shape, L, M)
 
 
 def _moved(beliefs: NDArray[np.float64], deltas: NDArray[np.intp], border: Border) -> NDArray[np.float64]:
@@ -100,16 +108,27 @@ def _moved(beliefs: NDArray[np.float64], deltas: NDArray[np.intp], border: Borde
     if border == "circular":
         return beliefs[rows, source % L]
     kept = ((source >= 0) & (source < L))[..., np.newaxis]
-    moved = np.where(kept, beliefs[rows, source.clip(0, L - 1)], 0.0)
+    staying = np.where(kept, beliefs[rows, source.clip(0, L - 1)], 0.0)
     lost = ((target < 0) | (target >= L)).astype(np.float64) @ beliefs
     if border == "clamp":
         end = (np.arange(L) == np.where(deltas > 0, L - 1, 0)).astype(np.float64)
-        return moved + end[..., np.newaxis] * lost[:, :, np.newaxis]
+        return staying + end[..., np.newaxis] * lost[:, :, np.newaxis]
     vacated = np.minimum(np.abs(deltas), L).clip(1)
     if border == "uniform":
         lost = np.broadcast_to(lost.sum(axis=-1, keepdims=True) / M, lost.shape)
     free = np.full_like(lost, 1 / (L * M)) if border == "prior" else lost / vacated
-    return np.where(kept, moved, free[:, :, np.newaxis])
+    return np.where(kept, staying, free[:, :, np.newaxis])
+
+
+def _moved_around(
+    beliefs: NDArray[np.float64], deltas: NDArray[np.intp], border: Border, trained: Mask
+) -> NDArray[np.float64]:
+    """The same on a grid with holes."""
+    after = np.empty((*deltas.shape[:2], *trained.shape))
+    for delta in np.unique(deltas):
+        row, move = np.nonzero(deltas[..., 0] == delta)
+        after[row, move] = moved(beliefs[row], int(delta), border, trained, np.add)
+    return after
 
 
 def information(outcomes: TapOutcomes, beliefs: ArrayLike, about: About = "joint") -> NDArray[np.float64]:
@@ -164,7 +183,7 @@ def information_of_moves(
     Raises:
         InputError: As `shifted` and `information`.
     """
-    return information(outcomes, shifted(beliefs, deltas, border), about)
+    return information(outcomes, shifted(beliefs, deltas, border, outcomes.trained), about)
 
 
 def believable(beliefs: NDArray[np.float64], possible: NDArray[np.bool_]) -> NDArray[np.float64]:

@@ -20,12 +20,13 @@ from ..models.compiled import compiled
 
 if TYPE_CHECKING:
     from ..hardware.pool import TapPool
-    from .filter import Likelihoods, ScaledBelief
+    from .filter import Classes, Likelihoods, ScaledBelief
     from .montecarlo import Rule, Trials
     from .trial_plan import TrialPlan
 
 type Floats = NDArray[np.float64]
 type Integers = NDArray[np.int64]
+type Flags = NDArray[np.bool_]
 
 UNIT = 256
 _DOWN, _UP = 2.0**-UNIT, 2.0**UNIT
@@ -270,32 +271,121 @@ def shift(
 
 
 @compiled
+def _lands(trained: Flags, m: int, place: int) -> bool:
+    """Whether a place lies in the range and is trained for an object."""
+    return 0 <= place < trained.shape[1] and trained[m, place]
+
+
+@compiled
+def shift_around(
+    z: Floats,
+    k: Integers,
+    on: Floats,
+    delta: int,
+    border: int,
+    trained: Flags,
+    nearest: Integers,
+    total: float,
+    old_z: Floats,
+    old_k: Integers,
+) -> float:
+    """`shift` on a grid with holes: belief stays in trained classes.
+
+    Args:
+        z: Belief, 0 in untrained classes, changed in place, with `k` and `on`.
+        k: Its units.
+        on: 1 where k = 0, else 0.
+        delta: Where classes moved, not 0.
+        border: Number of the border.
+        trained: Which classes belief may be in, shape (M, L).
+        nearest: The nearest trained position of the object, shape (M, L).
+        total: Of the belief.
+        old_z: Room for L numbers.
+        old_k: Room for L integers.
+
+    Returns:
+        The smallest z above 0; infinity where there is none.
+    """
+    rows, L = z.shape
+    M = len(trained)
+    least = np.inf
+    for first in range(0, rows, M):
+        new_z, new_k = 0.0, 0
+        vacated = 0
+        for m in range(M):
+            for l in range(L):
+                if trained[m, l] and not _lands(trained, m, l + delta):
+                    new_z, new_k = add(new_z, new_k, z[first + m, l], k[first + m, l])
+                    vacated += 1
+        if vacated > 0:
+            new_z /= vacated
+        if border == PRIOR:
+            new_z, new_k = total / trained.sum(), 0
+        for m in range(M):
+            row = first + m
+            if border == UNIFORM_WHAT:
+                new_z, new_k, vacated = 0.0, 0, 0
+                for l in range(L):
+                    if trained[m, l] and not _lands(trained, m, l + delta):
+                        new_z, new_k = add(new_z, new_k, z[row, l], k[row, l])
+                        vacated += 1
+                if vacated > 0:
+                    new_z /= vacated
+            for l in range(L):
+                old_z[l], old_k[l] = z[row, l], k[row, l]
+                z[row, l], k[row, l] = 0.0, 0
+            behind = -1  # the last class whose belief wraps onto an untrained one
+            for l in range(L):
+                if not trained[m, l]:
+                    continue
+                if border == CLAMP:
+                    at = nearest[m, min(max(l + delta, 0), L - 1)]
+                    z[row, at], k[row, at] = add(z[row, at], k[row, at], old_z[l], old_k[l])
+                elif border == CIRCULAR:
+                    source = (l - delta) % L
+                    if not trained[m, source]:
+                        behind += 1
+                        while not trained[m, behind] or trained[m, (behind + delta) % L]:
+                            behind += 1
+                        source = behind
+                    z[row, l], k[row, l] = old_z[source], old_k[source]
+                elif _lands(trained, m, l - delta):
+                    z[row, l], k[row, l] = old_z[l - delta], old_k[l - delta]
+                else:
+                    z[row, l], k[row, l] = new_z, new_k
+            for l in range(L):
+                on[row, l] = 1.0 if k[row, l] == 0 else 0.0
+                if z[row, l] > 0:
+                    least = min(least, z[row, l])
+    return least
+
+
+@compiled
 def play(
     table: "Likelihoods",
     pool: "TapPool",
     prior: "ScaledBelief",
+    classes: "Classes",
     saturation: float,
     plan: "TrialPlan",
     rule: "Rule",
     first: int,
     last: int,
     trials: "Trials",
-) -> int:
+) -> None:
     """Plays trials `first` to `last` - 1 of a plan and decides them at every threshold.
 
     Args:
         table: The test taps.
         pool: Which of them belong to which class.
         prior: Belief before the first tap.
+        classes: Which classes belief may be in.
         saturation: Taps after which beliefs are read to a power, see `saturation.share`.
         plan: The trials.
         rule: How they move and stop.
         first: First row of the plan.
         last: Behind the last one.
         trials: Its rows are filled in.
-
-    Returns:
-        How many trials met a tap that was impossible under every class still believed in.
     """
     rows, L = prior.z.shape
     M = pool.nearest.shape[1]
@@ -307,7 +397,7 @@ def play(
     order, taken, drawn = pool.order.copy(), np.zeros(L, np.int64), 0
     front, chosen, visited = np.empty((3, rule.deadline), np.int64)
     moving = rule.theta_x < 1
-    impossible = best_where = best_what = stood = 0
+    best_where = best_what = stood = 0
     belief = 0.0
     word = word1 = word2 = word3 = np.uint64(0)
     for i in range(first, last):
@@ -366,28 +456,39 @@ def play(
             least *= table.least[index]
             if least < _LEAST:
                 least = settle(z, k, on) * table.least[index]
-            total = multiply(z, on, table.rows[index], where, what)
-            wide = table.wide[index]
-            if wide:
-                for m in range(rows):
-                    for l in range(L):
-                        k[m, l] += table.units[index, m, l]
-            if wide or total < _LEAST_TOTAL:
-                least = settle(z, k, on)
-                if least == 0:
-                    impossible += 1
+            none_left = True
+            for m in range(rows):
+                for l in range(L):
+                    if z[m, l] > 0 and table.rows[index, m, l] > 0:
+                        none_left = False
+                        break
+                if not none_left:
                     break
+            known = tap + 1  # taps that the belief knows of
+            if none_left:
+                known = tap
+                least = settle(z, k, on)
                 total = multiply(z, on, ones, where, what)
+            else:
+                total = multiply(z, on, table.rows[index], where, what)
+                wide = table.wide[index]
+                if wide:
+                    for m in range(rows):
+                        for l in range(L):
+                            k[m, l] += table.units[index, m, l]
+                if wide or total < _LEAST_TOTAL:
+                    least = settle(z, k, on)
+                    total = multiply(z, on, ones, where, what)
             read = total
-            if tap + 1 > saturation:
-                read = temper(z, k, total, saturation / (tap + 1), where, what)
+            if known > saturation:
+                read = temper(z, k, total, saturation / known, where, what)
 
             for s in range(1, states):
                 for m in range(M):
                     what[m] += what[s * M + m]
             best_what = largest(what, M)
             belief = what[best_what] / read
-            last_tap = tap == rule.deadline - 1
+            last_tap = none_left or tap == rule.deadline - 1
             if moving or last_tap or belief > rule.thresholds[decided]:
                 best_where = largest(where, L)
             while decided < H and (belief > rule.thresholds[decided] or last_tap):
@@ -396,7 +497,8 @@ def play(
                 trials.what[i, h] = best_what
                 trials.where[i, h] = best_where
                 trials.true_where[i, h] = at
-                trials.stopped[i, h] = belief > rule.thresholds[decided]
+                trials.stopped[i, h] = belief > rule.thresholds[decided] and not none_left
+                trials.no_class_left[i, h] = none_left
                 trials.clamped[i, h] = clamped
                 trials.substituted[i, h] = substituted
                 trials.belief[i, h] = belief
@@ -407,10 +509,15 @@ def play(
             if moving and where[best_where] > rule.theta_x * read:
                 delta = plan.fixation[i] - best_where
                 if delta != 0:
-                    least = min(least, shift(z, k, on, delta, rule.border, M, total, old_z, old_k))
+                    if classes.holes:
+                        new = shift_around(
+                            z, k, on, delta, rule.border, classes.trained, classes.nearest, total, old_z, old_k
+                        )
+                    else:
+                        new = shift(z, k, on, delta, rule.border, M, total, old_z, old_k)
+                    least = min(least, new)
                     commanded = at + delta
                     reached = min(max(commanded, 0), L - 1)
                     at = pool.nearest[reached, held]
                     clamped += reached != commanded
                     substituted += at != reached
-    return impossible

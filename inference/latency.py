@@ -49,9 +49,10 @@ class TimedEngine:
     def update(self, log_belief: NDArray[np.float64], tap: ArrayLike) -> tuple[NDArray[np.float64], float]:
         """Eq. 3 and 4."""
         began = time.perf_counter()
-        answer = self._engine.update(log_belief, tap)
-        self._seconds.append(time.perf_counter() - began)
-        return answer
+        try:
+            return self._engine.update(log_belief, tap)
+        finally:
+            self._seconds.append(time.perf_counter() - began)
 
     def shift(self, log_belief: NDArray[np.float64], delta: int) -> NDArray[np.float64]:
         """Eq. 9."""

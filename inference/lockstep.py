@@ -14,11 +14,12 @@ from numpy.typing import NDArray
 
 from ..models.errors import InputError
 from ..models.states import log_fold
-from . import draws, kernel
+from . import draws, hole_moves, kernel
 from .control import MovePolicy
 from .episode import DEADLINE
 from .filter import border_number, refuse_border
-from .reference import Border, ZeroEvidenceError
+from .hole_moves import Mask, holes
+from .reference import Border
 from .saturation import share, temper
 from .stopping import Watch
 from .trial_plan import TapTable, TrialPlan, checked_plan
@@ -42,6 +43,8 @@ class Record(NamedTuple):
         length: Taps made, shape (n,).
         held: Class of the object, shape (n,).
         watched: What a `Watch` said, by name, shapes (n, T).
+        no_class_left: Whether the last tap was impossible under every class still believed in, shape (n,); what is
+            recorded of it is then the belief before it.
     """
 
     what_marginal: Floats
@@ -55,6 +58,7 @@ class Record(NamedTuple):
     length: Integers
     held: Integers
     watched: dict[str, Floats]
+    no_class_left: NDArray[np.bool_]
 
     @property
     def what(self) -> Integers:
@@ -116,7 +120,6 @@ def play(
 
     Raises:
         InputError: An argument is out of range.
-        ZeroEvidenceError: A tap was impossible under every class still believed in.
     """
     if deadline < 1:
         raise InputError(f"Trials need a deadline of at least one tap, got {deadline}.")
@@ -140,13 +143,19 @@ def play(
     for t in range(deadline):
         held = plan.what[state.row]
         tap = drawn_taps(table, state.at, held, numbers[state.row, t])
-        state = state._replace(log_belief=updated(state.log_belief, table.log_likelihood[tap]))
-        belief = np.exp(log_fold(temper(state.log_belief, share(t + 1, table.saturation)), M))
+        log_belief, none_left = updated(state.log_belief, table.log_likelihood[tap])
+        state = state._replace(log_belief=log_belief)
+        read = temper(log_belief, share(t + 1, table.saturation))
+        if none_left.any():
+            read = np.where(none_left[:, np.newaxis, np.newaxis], temper(log_belief, share(t, table.saturation)), read)
+            record.no_class_left[state.row[none_left]] = True
+        belief = np.exp(log_fold(read, M))
         moves = np.asarray(policy(belief, chance[state.row, t]), dtype=np.int64)
         _write(record, state, t, belief, moves)
         if watch is not None:
             _write_watched(record, state.row, t, watch(belief, moves), deadline)
         ended = belief.sum(axis=1).max(axis=1) > enough if enough < 1 else np.zeros(len(belief), np.bool_)
+        ended |= none_left
         if t == deadline - 1:
             ended[:] = True
         record.length[state.row[ended]] = t + 1
@@ -159,20 +168,17 @@ def play(
     return _filled(record)
 
 
-def updated(log_belief: Floats, log_likelihood: Floats) -> Floats:
-    """Log posteriors of n beliefs (n, L, H) after a tap each; Eq. 3.
+def updated(log_belief: Floats, log_likelihood: Floats) -> tuple[Floats, NDArray[np.bool_]]:
+    """Log posteriors of n beliefs (n, L, H) after a tap each, Eq. 3, and which taps left no class, shape (n,).
 
-    Raises:
-        ZeroEvidenceError: A tap is impossible under every class.
+    A tap that is impossible under every class still believed in leaves the belief as it was.
     """
     joint = log_belief + log_likelihood
     total = log_sum(joint, (1, 2))
-    impossible = np.isneginf(total).sum()
-    if impossible:
-        raise ZeroEvidenceError(
-            f"In {impossible} of {len(joint)} trials a tap was impossible under every class that was still believed in."
-        )
-    return joint - total
+    none_left = np.isneginf(total)
+    if none_left.any():
+        joint, total = np.where(none_left, log_belief, joint), np.where(none_left, 0.0, total)
+    return joint - total, none_left[:, 0, 0]
 
 
 def drawn_taps(table: TapTable, at: Integers, held: Integers, word: NDArray[np.uint64]) -> Integers:
@@ -182,8 +188,11 @@ def drawn_taps(table: TapTable, at: Integers, held: Integers, word: NDArray[np.u
     return pool.order[pool.first[at, held] + number]
 
 
-def shifted(log_belief: Floats, delta: Integers, border: Border, M: int) -> Floats:
-    """`Engine.shift` of n log beliefs (n, L, S M), each by its own move (n,), in each state apart."""
+def shifted(log_belief: Floats, delta: Integers, border: Border, M: int, trained: Mask | None = None) -> Floats:
+    """`Engine.shift` of n log beliefs (n, L, S M), each by its own move (n,), in each state apart.
+
+    Belief stays in `trained` classes (L, M); default all.
+    """
     moved = delta != 0
     if not moved.any():
         return log_belief
@@ -191,13 +200,16 @@ def shifted(log_belief: Floats, delta: Integers, border: Border, M: int) -> Floa
     part = log_belief[moved]
     n, L, H = part.shape
     states = np.moveaxis(part.reshape(n, L, H // M, M), 2, 1).reshape(-1, L, M)
-    after = shift_beliefs(states, np.repeat(delta[moved], H // M), border)
+    after = shift_beliefs(states, np.repeat(delta[moved], H // M), border, trained)
     result[moved] = np.moveaxis(after.reshape(n, H // M, L, M), 1, 2).reshape(n, L, H)
     return result
 
 
-def shift_beliefs(log_belief: Floats, delta: Integers, border: Border) -> Floats:
+def shift_beliefs(log_belief: Floats, delta: Integers, border: Border, trained: Mask | None = None) -> Floats:
     """`reference.shift_log` of n beliefs (n, L, M), each by its own move (n,); all but `prior` keep the sum."""
+    trained = holes(trained)
+    if trained is not None:
+        return _shift_around(log_belief, delta, border, trained)
     n, L, M = log_belief.shape
     classes = np.arange(L)
     source = classes - delta[:, np.newaxis]
@@ -224,6 +236,15 @@ def shift_beliefs(log_belief: Floats, delta: Integers, border: Border) -> Floats
     return after - log_sum(after, (1, 2)) if border == "prior" else after
 
 
+def _shift_around(log_belief: Floats, delta: Integers, border: Border, trained: Mask) -> Floats:
+    """The same on a grid with holes."""
+    after = np.empty(log_belief.shape)
+    for move in np.unique(delta):
+        rows = delta == move
+        after[rows] = hole_moves.moved(log_belief[rows], int(move), border, trained, np.logaddexp)
+    return after - log_sum(after, (1, 2)) if border == "prior" else after
+
+
 def log_sum(log_values: Floats, axes: tuple[int, ...]) -> Floats:
     """Log of the sum over some axes, which are kept; -inf of nothing."""
     top = log_values.max(axis=axes, keepdims=True)
@@ -238,7 +259,7 @@ def _moved(state: _State, delta: Integers, held: Integers, table: TapTable, bord
     reached = np.clip(state.at + delta, 0, L - 1)
     at = table.pool.nearest[reached, held]
     return state._replace(
-        log_belief=shifted(state.log_belief, delta, border, M),
+        log_belief=shifted(state.log_belief, delta, border, M, table.trained),
         at=at,
         travelled=state.travelled + np.abs(at - state.at),
         clamped=state.clamped + (reached != state.at + delta),
@@ -262,6 +283,7 @@ def _empty(n: int, T: int, M: int, held: Integers) -> Record:
         length=np.zeros(n, np.int64),
         held=np.asarray(held, np.int64),
         watched={},
+        no_class_left=np.zeros(n, np.bool_),
     )
 
 

@@ -28,8 +28,9 @@ def trials_of(record: Record, thresholds: ArrayLike) -> Trials:
         at = rows, taps - 1
         parts = (record.what, record.where, record.at)
         counts = (record.clamped, record.substituted, record.what_belief)
-        never = np.zeros(len(taps), np.bool_)
-        columns.append((taps, *(part[at] for part in parts), answer == DECIDE, *(part[at] for part in counts), never))
+        never, none_left = np.zeros(len(taps), np.bool_), record.no_class_left & (answer != DECIDE)
+        shown = (part[at] for part in parts)
+        columns.append((taps, *shown, answer == DECIDE, *(part[at] for part in counts), never, none_left))
     return Trials(*(np.stack(column, axis=1) for column in zip(*columns, strict=True)))
 
 
@@ -62,7 +63,6 @@ def tally_policy(
 
     Raises:
         InputError: An argument is out of range.
-        ZeroEvidenceError: A tap was impossible under every class still believed in.
     """
     thresholds = np.atleast_1d(np.asarray(thresholds, dtype=np.float64))
     if trials < 1 or not len(thresholds) or np.isnan(thresholds).any():

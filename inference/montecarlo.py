@@ -21,8 +21,8 @@ from ..models.power import check_saturation
 from ..models.threads import cores, in_order
 from . import draws, kernel
 from .episode import DEADLINE
-from .filter import border_number, likelihoods, refuse_border, scaled_belief
-from .reference import BORDERS, Border, ZeroEvidenceError
+from .filter import border_number, classes, likelihoods, refuse_border, scaled_belief
+from .reference import BORDERS, Border
 from .trial_plan import TapTable, TrialPlan, checked_plan
 
 # The paper's range of belief thresholds; its spacing is not given.
@@ -44,6 +44,8 @@ class Trials(NamedTuple):
         substituted: Times before the decision that a class without a tap was replaced by the nearest with one.
         belief: Belief in the decided what class.
         used_up: Whether a trial on fresh taps ended because it had had all stored taps of the class, see `Rule.fresh`.
+        no_class_left: Whether the trial ended undecided with a tap that was impossible under every class still believed
+            in; the decision is what was most probable before that tap, which `taps` counts.
     """
 
     taps: NDArray[np.int64]
@@ -55,6 +57,7 @@ class Trials(NamedTuple):
     substituted: NDArray[np.int64]
     belief: NDArray[np.float64]
     used_up: NDArray[np.bool_]
+    no_class_left: NDArray[np.bool_]
 
 
 class Rule(NamedTuple):
@@ -89,12 +92,8 @@ class Player(Protocol):
     at_once: int
     """How many trials it is best given at a time."""
 
-    def __call__(self, plan: TrialPlan, first: int, last: int, trials: Trials) -> int:
-        """Plays rows `first` to `last` - 1 of a plan and fills in these rows of `trials`.
-
-        Returns:
-            How many trials met a tap that was impossible under every class still believed in.
-        """
+    def __call__(self, plan: TrialPlan, first: int, last: int, trials: Trials) -> None:
+        """Plays rows `first` to `last` - 1 of a plan and fills in these rows of `trials`."""
         ...
 
 
@@ -114,7 +113,8 @@ def run_trials(
 ) -> Trials:
     """Plays the planned trials and decides each at every threshold.
 
-    Agrees trial by trial with `episode.perceive` on a `ReplayRig` that is given `trial_uniforms`.
+    Agrees trial by trial with `episode.perceive` on a `ReplayRig` that is given `trial_uniforms`. Trials in which no
+    class is left are counted in `Trials.no_class_left` and end nothing else.
 
     Args:
         table: Test taps.
@@ -131,7 +131,6 @@ def run_trials(
 
     Raises:
         InputError: An argument is out of range, or there is no such device.
-        ZeroEvidenceError: A tap was impossible under every class still believed in.
     """
     rule = make_rule(thresholds, theta_x, border, deadline, seed)._replace(fresh=fresh)
     play = make_player(table, rule, device)
@@ -142,12 +141,9 @@ def run_trials(
     step = play.at_once if threads == 1 else max(1, min(play.at_once, -(-n // (_PIECES * threads))))
     pieces = [(first, min(first + step, n)) for first in range(0, n, step)]
     tasks = (partial(play, plan, first, last, trials) for first, last in pieces)
-    impossible = 0
-    for (first, last), count in zip(pieces, in_order(tasks, threads), strict=True):
-        impossible += count
+    for (first, last), _ in zip(pieces, in_order(tasks, threads), strict=True):
         if progress is not None:
             progress(last - first)
-    refuse_impossible(impossible, n)
     return trials
 
 
@@ -207,7 +203,7 @@ class LoopPlayer:
     def __init__(self, table: TapTable, rule: Rule) -> None:
         self._likelihoods = likelihoods(table.log_likelihood)
         self._pool, self._prior, self._rule = table.pool, scaled_belief(table.log_prior), rule
-        self._saturation = float(table.saturation)
+        self._classes, self._saturation = classes(table.trained), float(table.saturation)
         self.at_once = max(1, min(_AT_ONCE, _TAPS_AT_ONCE // rule.deadline))
 
     def on(self, pool: TapPool) -> "LoopPlayer":
@@ -216,11 +212,10 @@ class LoopPlayer:
         other._pool = pool
         return other
 
-    def __call__(self, plan: TrialPlan, first: int, last: int, trials: Trials) -> int:
+    def __call__(self, plan: TrialPlan, first: int, last: int, trials: Trials) -> None:
         """See `Player`."""
-        return kernel.play(
-            self._likelihoods, self._pool, self._prior, self._saturation, plan, self._rule, first, last, trials
-        )
+        known = self._likelihoods, self._pool, self._prior, self._classes, self._saturation
+        kernel.play(*known, plan, self._rule, first, last, trials)
 
 
 def empty_trials(n: int, H: int) -> Trials:
@@ -239,17 +234,5 @@ def empty_trials(n: int, H: int) -> Trials:
         substituted=integers(),
         belief=np.zeros((n, H)),
         used_up=np.zeros((n, H), dtype=np.bool_),
+        no_class_left=np.zeros((n, H), dtype=np.bool_),
     )
-
-
-def refuse_impossible(count: int, played: int) -> None:
-    """Raises ZeroEvidenceError if trials met an impossible tap.
-
-    Args:
-        count: How many did.
-        played: Of how many.
-    """
-    if count:
-        raise ZeroEvidenceError(
-            f"In {count} of {played} trials a tap was impossible under every class that was still believed in."
-        )

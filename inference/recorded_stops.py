@@ -22,12 +22,15 @@ class Stops(NamedTuple):
 
 
 def stops(rule: StopRule, record: Record) -> Stops:
-    """Where a rule stops recorded trials; those that it never stops end with the record."""
+    """Where a rule stops recorded trials; those that it never stops end with the record.
+
+    No rule is asked about a tap that left no class.
+    """
     T = record.where.shape[1]
     gain = record.watched.get("gain", np.full(record.where.shape, np.nan))
     number = np.broadcast_to(np.arange(1, T + 1), record.where.shape)
     said = np.asarray(rule(Moment(record.what_marginal, record.where_belief, number, gain)))
-    said = np.where(number > record.length[:, np.newaxis], GO_ON, said)
+    said = np.where(number > (record.length - record.no_class_left)[:, np.newaxis], GO_ON, said)
     stopped = said != GO_ON
     first = np.where(stopped.any(axis=1), stopped.argmax(axis=1), record.length - 1)
     return Stops(first + 1, said[np.arange(len(first)), first].astype(np.int8))

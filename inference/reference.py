@@ -165,48 +165,54 @@ def where_decision(belief: ArrayLike, threshold: float) -> int | None:
     return _decision(where_marginal(belief), threshold)
 
 
-def shift(belief: ArrayLike, delta: int, border: Border = "uniform") -> NDArray[np.float64]:
+def shift(
+    belief: ArrayLike, delta: int, border: Border = "uniform", trained: ArrayLike | None = None
+) -> NDArray[np.float64]:
     """The belief after the sensor moved by `delta` where classes; Eq. 9.
 
     Belief about class l becomes belief about l + delta. The paper assumes what falls outside the range to be
-    "uniformly distributed"; the readings are
+    "uniformly distributed", and that every object was trained at every position. Here belief is lost if it would land
+    outside the range or on an untrained class of its object, and trained classes that receive none are vacated. Of each
+    object as many classes are vacated as lose their belief. The readings are
 
-    - `"uniform"`: the mass pushed out is spread evenly over all vacated cells, all objects alike;
+    - `"uniform"`: the lost belief is spread evenly over all vacated classes, all objects alike;
     - `"uniform_what"`: the same for each object apart, which keeps the what marginal;
-    - `"prior"`: vacated cells get 1/N, then everything is normalised;
-    - `"clamp"`: the mass pushed out piles up on the end class, as for a sensor that stops there;
-    - `"circular"`: it comes in at the other end.
+    - `"prior"`: vacated classes get 1 over the number of trained classes, then everything is normalised;
+    - `"clamp"`: positions beyond the end count as the end class, as for a sensor that stops there, and belief goes to
+      the nearest trained position of its object, the lower of two equally near;
+    - `"circular"`: belief comes in at the other end; what would land on untrained classes goes to the vacated ones of
+      its object, both in order of position.
 
     Args:
-        belief: Joint belief, shape (L, M).
+        belief: Joint belief, shape (L, M), 0 in untrained classes.
         delta: Where classes moved, any whole number.
         border: One of the readings above.
+        trained: Which classes belief may be in, shape (L, M); default all.
 
     Returns:
         The shifted belief, shape (L, M), sum one.
 
     Raises:
-        ValueError: The border is unknown.
+        ValueError: The border is unknown, or there is belief in an untrained class.
     """
     belief = np.asarray(belief, dtype=np.float64)
-    L, M = belief.shape
     _check_border(border)
-    shifted = np.zeros((L, M))
-    vacated = np.ones(L, dtype=bool)
-    pushed_out = np.zeros(M)
-    for l in range(L):
-        target = _target(l, delta, L, border)
-        if 0 <= target < L:
-            shifted[target] += belief[l]
-            vacated[target] = False
-        else:
-            pushed_out += belief[l]
-    if border == "uniform" and vacated.any():
-        shifted[vacated] = pushed_out.sum() / (vacated.sum() * M)
-    if border == "uniform_what" and vacated.any():
-        shifted[vacated] = pushed_out / vacated.sum()
-    if border == "prior":
-        shifted[vacated] = 1.0 / (L * M)
+    trained = _trained(trained, belief > 0)
+    shifted, lost, vacated = np.zeros(belief.shape), np.zeros(belief.shape[1]), trained.copy()
+    for m in range(belief.shape[1]):
+        for l, target in _targets(trained[:, m], int(delta), border):
+            if target is None:
+                lost[m] += belief[l, m]
+            else:
+                shifted[target, m] += belief[l, m]
+                vacated[target, m] = False
+    if vacated.any():
+        if border == "uniform":
+            shifted[vacated] = lost.sum() / vacated.sum()
+        if border == "uniform_what":
+            shifted = np.where(vacated, lost / np.maximum(vacated.sum(axis=0), 1), shifted)
+        if border == "prior":
+            shifted[vacated] = 1.0 / trained.sum()
     return shifted / shifted.sum()
 
 
@@ -237,39 +243,42 @@ def update_log(log_prior: ArrayLike, log_likelihood: ArrayLike) -> tuple[NDArray
     return log_joint - log_evidence, log_evidence
 
 
-def shift_log(log_belief: ArrayLike, delta: int, border: Border = "uniform") -> NDArray[np.float64]:
+def shift_log(
+    log_belief: ArrayLike, delta: int, border: Border = "uniform", trained: ArrayLike | None = None
+) -> NDArray[np.float64]:
     """`shift` on log beliefs; Eq. 9.
 
     Args:
-        log_belief: Log of the joint belief, shape (L, M).
+        log_belief: Log of the joint belief, shape (L, M), -inf in untrained classes.
         delta: Where classes moved.
         border: As in `shift`.
+        trained: As in `shift`.
 
     Returns:
         The shifted log belief, shape (L, M).
 
     Raises:
-        ValueError: The border is unknown.
+        ValueError: As `shift`.
     """
     log_belief = np.asarray(log_belief, dtype=np.float64)
-    L, M = log_belief.shape
     _check_border(border)
-    shifted = np.full((L, M), -np.inf)
-    vacated = np.ones(L, dtype=bool)
-    pushed_out = np.full(M, -np.inf)
-    for l in range(L):
-        target = _target(l, delta, L, border)
-        if 0 <= target < L:
-            shifted[target] = np.logaddexp(shifted[target], log_belief[l])
-            vacated[target] = False
-        else:
-            pushed_out = np.logaddexp(pushed_out, log_belief[l])
-    if border == "uniform" and vacated.any():
-        shifted[vacated] = _log_sum(pushed_out) - np.log(vacated.sum() * M)
-    if border == "uniform_what" and vacated.any():
-        shifted[vacated] = pushed_out - np.log(vacated.sum())
-    if border == "prior":
-        shifted[vacated] = -np.log(L * M)
+    trained = _trained(trained, log_belief > -np.inf)
+    shifted, lost = np.full(log_belief.shape, -np.inf), np.full(log_belief.shape[1], -np.inf)
+    vacated = trained.copy()
+    for m in range(log_belief.shape[1]):
+        for l, target in _targets(trained[:, m], int(delta), border):
+            if target is None:
+                lost[m] = np.logaddexp(lost[m], log_belief[l, m])
+            else:
+                shifted[target, m] = np.logaddexp(shifted[target, m], log_belief[l, m])
+                vacated[target, m] = False
+    if vacated.any():
+        if border == "uniform":
+            shifted[vacated] = _log_sum(lost) - np.log(vacated.sum())
+        if border == "uniform_what":
+            shifted = np.where(vacated, lost - np.log(np.maximum(vacated.sum(axis=0), 1)), shifted)
+        if border == "prior":
+            shifted[vacated] = -np.log(trained.sum())
     return shifted - _log_sum(shifted)
 
 
@@ -278,13 +287,31 @@ def _check_border(border: str) -> None:
         raise ValueError(f"border must be one of {', '.join(BORDERS)}, got {border!r}.")
 
 
-def _target(l: int, delta: int, L: int, border: str) -> int:
-    """Where class l comes to lie; outside 0 .. L - 1 if it leaves the range."""
+def _trained(trained: ArrayLike | None, believed: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """Which classes belief may be in."""
+    trained = np.ones(believed.shape, dtype=bool) if trained is None else np.asarray(trained, dtype=bool)
+    if trained.shape != believed.shape or (believed & ~trained).any():
+        raise ValueError(f"There is belief of shape {believed.shape} outside the trained classes {trained.shape}.")
+    return trained
+
+
+def _targets(trained: NDArray[np.bool_], delta: int, border: str) -> list[tuple[int, int | None]]:
+    """Each trained position of one object and where its belief comes to lie, `None` where it is lost."""
+    L, places = len(trained), np.flatnonzero(trained)
+    targets: dict[int, int | None] = {}
+    for l in places.tolist():
+        target = l + delta
+        if border == "circular":
+            target %= L
+        if border == "clamp":
+            end = min(max(target, 0), L - 1)
+            target = int(places[np.argmin(np.abs(places - end))])
+        targets[l] = target if 0 <= target < L and trained[target] else None
     if border == "circular":
-        return (l + int(delta)) % L
-    if border == "clamp":
-        return min(max(l + int(delta), 0), L - 1)
-    return l + int(delta)
+        lost = [l for l in targets if targets[l] is None]
+        vacated = [l for l in targets if l not in targets.values()]
+        targets.update(zip(lost, vacated, strict=True))
+    return list(targets.items())
 
 
 def _decision(marginal: NDArray[np.float64], threshold: float) -> int | None:

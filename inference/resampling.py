@@ -22,7 +22,7 @@ from ..hardware.pool import TapPool, pool_of
 from ..models import seeds
 from ..models.threads import cores, in_order
 from .episode import DEADLINE
-from .montecarlo import LoopPlayer, Trials, empty_trials, make_rule, refuse_impossible
+from .montecarlo import LoopPlayer, Trials, empty_trials, make_rule
 from .reference import Border
 from .trial_plan import TapTable, TrialPlan, checked_plan, plan_trials
 
@@ -186,7 +186,7 @@ def play_resamples[T](
     def one(pool: TapPool, n: int, stream: int) -> T:
         plan = plan_trials(pool, n, seed, fixation, first_stream=stream)
         played = empty_trials(n, len(rule.thresholds))
-        refuse_impossible(player.on(pool)(checked_plan(plan, pool), 0, n, played), n)
+        player.on(pool)(checked_plan(plan, pool), 0, n, played)
         return reduce(played, plan)
 
     sizes = (trials, *[fewer] * resamples)

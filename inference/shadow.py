@@ -50,17 +50,18 @@ class ShadowEngine:
 
         Raises:
             EnginesDisagree: A posterior differs by more than 1e-9, or one engine holds the tap for impossible.
+            ZeroEvidenceError: Both do.
         """
         followed = self._follow(log_belief)
         self._taps += 1
-        log_posterior, log_evidence = self._first.update(log_belief, tap)
-        try:
-            other, _ = self._second.update(followed, tap)
-        except ZeroEvidenceError as error:
-            raise EnginesDisagree(
-                f"Engine {self._second.name} holds tap {self._taps} for impossible, {self._first.name} does not."
-            ) from error
-        return self._agreed(log_posterior, other, "after"), log_evidence
+        first = self._posterior(self._first, log_belief, tap)
+        second = self._posterior(self._second, followed, tap)
+        if first is None and second is None:
+            raise ZeroEvidenceError("The tap is impossible under every class that is still believed in.")
+        if first is None or second is None:
+            holds, other = (self._first, self._second) if first is None else (self._second, self._first)
+            raise EnginesDisagree(f"Engine {holds.name} holds tap {self._taps} for impossible, {other.name} does not.")
+        return self._agreed(first[0], second[0], "after"), first[1]
 
     def shift(self, log_belief: NDArray[np.float64], delta: int) -> NDArray[np.float64]:
         """Eq. 9 twice.
@@ -70,6 +71,16 @@ class ShadowEngine:
         """
         other = self._second.shift(self._follow(log_belief), delta)
         return self._agreed(self._first.shift(log_belief, delta), other, "after the move that follows")
+
+    @staticmethod
+    def _posterior(
+        engine: "Engine", log_belief: NDArray[np.float64], tap: ArrayLike
+    ) -> tuple[NDArray[np.float64], float] | None:
+        """The update of one engine, `None` after a tap that is impossible under every class."""
+        try:
+            return engine.update(log_belief, tap)
+        except ZeroEvidenceError:
+            return None
 
     def _follow(self, log_belief: NDArray[np.float64]) -> NDArray[np.float64]:
         """The second engine's version of a belief; a belief that did not come from here starts an episode."""

@@ -64,6 +64,7 @@ def learn_table(
 
     Each trial starts anywhere and taps there up to `BEFORE` times; after each of these taps every target is tried.
     A target's mean loss is drawn towards that over all estimates, which decides where an estimate hardly ever occurs.
+    A tap that is impossible under every class still believed in leaves the belief as it was.
 
     Args:
         tables: Taps under models that they did not train, see `held_out_tables`.
@@ -76,7 +77,6 @@ def learn_table(
 
     Raises:
         InputError: An argument is out of range.
-        ZeroEvidenceError: A tap was impossible under every class still believed in.
     """
     if loss not in _LOSSES:
         raise InputError(f"The loss must be one of {', '.join(_LOSSES)}, got {loss!r}.")
@@ -118,16 +118,16 @@ def _tried(
     carried = np.broadcast_to(table.log_prior, (trials, *table.log_prior.shape))
     for before in range(BEFORE):
         tap = drawn_taps(table, plan.where, plan.what, words[:, before])
-        carried = updated(carried, table.log_likelihood[tap])
+        carried, _ = updated(carried, table.log_likelihood[tap])
         belief = np.exp(log_fold(temper(carried, share(before + 1, table.saturation)), M))
         here = where_beliefs(belief).argmax(axis=-1)
         for target in range(L):
             delta = target - here
             at = table.pool.nearest[np.clip(plan.where + delta, 0, L - 1), plan.what]
-            log_belief = shifted(carried, delta, border, M)
+            log_belief = shifted(carried, delta, border, M, table.trained)
             for more in range(taps):
                 tap = drawn_taps(table, at, plan.what, words[:, BEFORE + more])
-                log_belief = updated(log_belief, table.log_likelihood[tap])
+                log_belief, _ = updated(log_belief, table.log_likelihood[tap])
             read = log_fold(temper(log_belief, share(before + 1 + taps, table.saturation)), M)
             yield here, target, _losses(np.exp(read).sum(axis=1), plan.what, loss)
 

@@ -14,7 +14,7 @@ from ..models.compiled import compiled
 from ..models.errors import InputError
 from ..models.threads import cores, in_order
 from .episode import DEADLINE
-from .montecarlo import Player, Rule, Trials, empty_trials, make_player, make_rule, refuse_impossible
+from .montecarlo import Player, Rule, Trials, empty_trials, make_player, make_rule
 from .reference import Border
 from .trial_plan import TapTable, TrialPlan, plan_trials
 
@@ -30,6 +30,7 @@ class Tally(NamedTuple):
         clamped: How many had a move cut short by the end of the range, shape (H,).
         substituted: How many had a class without a tap replaced, shape (H,).
         belief: Sum of the beliefs in what was decided, shape (H,).
+        no_class_left: How many ended as no class was left, see `Trials`, shape (H,).
     """
 
     what: NDArray[np.int64]
@@ -39,6 +40,7 @@ class Tally(NamedTuple):
     clamped: NDArray[np.int64]
     substituted: NDArray[np.int64]
     belief: NDArray[np.float64]
+    no_class_left: NDArray[np.int64]
 
     @property
     def trials(self) -> int:
@@ -60,6 +62,7 @@ class Tally(NamedTuple):
             clamped=counts(),
             substituted=counts(),
             belief=np.zeros(H),
+            no_class_left=counts(),
         )
 
     def plus(self, other: Self) -> Self:
@@ -107,7 +110,6 @@ def tally_trials(
 
     Raises:
         InputError: An argument is out of range, or there is no such device.
-        ZeroEvidenceError: A tap was impossible under every class still believed in.
     """
     if trials < 1:
         raise InputError(f"There must be at least one trial, got {trials}.")
@@ -132,7 +134,7 @@ def _piece(
 ) -> Tally:
     plan = plan_trials(table.pool, n, seed, fixation, where, stream)
     trials = empty_trials(n, len(rule.thresholds))
-    refuse_impossible(play(plan, 0, n, trials), n)
+    play(plan, 0, n, trials)
     L, M = table.pool.nearest.shape
     return tally(trials, plan, (L, M))
 
@@ -163,6 +165,7 @@ def _count(trials: Trials, held: NDArray[np.intp], counts: Tally) -> None:
             counts.clamped[h] += trials.clamped[i, h] > 0
             counts.substituted[h] += trials.substituted[i, h] > 0
             counts.belief[h] += trials.belief[i, h]
+            counts.no_class_left[h] += trials.no_class_left[i, h]
 
 
 def _padded(taps: NDArray[np.int64], columns: int) -> NDArray[np.int64]:

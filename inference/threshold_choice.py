@@ -86,7 +86,6 @@ def choose_threshold(
 
     Raises:
         InputError: The price is negative, or a setting is out of range.
-        ZeroEvidenceError: A tap was impossible under every class that was still believed in.
     """
     check_cost(cost_error)
     theta = np.unique(np.asarray(thresholds, dtype=np.float64))

@@ -24,6 +24,7 @@ class TapTable(NamedTuple):
         log_prior: Log belief before the first tap, shape (L, S M).
         saturation: How many taps' evidence a sequence of them carries at most, see `saturation`.
         session: Of each tap, shape (N,); `None` where all are of one.
+        given_trained: Which classes belief may move into, shape (L, M); `None` for those with a prior above 0.
     """
 
     log_likelihood: NDArray[np.float64]
@@ -31,6 +32,15 @@ class TapTable(NamedTuple):
     log_prior: NDArray[np.float64]
     saturation: float = np.inf
     session: NDArray[np.integer] | None = None
+    given_trained: NDArray[np.bool_] | None = None
+
+    @property
+    def trained(self) -> NDArray[np.bool_]:
+        """Which classes belief may move into, shape (L, M)."""
+        if self.given_trained is not None:
+            return self.given_trained
+        L, M = self.pool.nearest.shape
+        return (self.log_prior > -np.inf).reshape(L, -1, M).any(axis=1)
 
 
 class TrialPlan(NamedTuple):
@@ -58,7 +68,9 @@ def tap_table(model: TapModel, taps: TapSet) -> TapTable:
     """
     where, what = taps.indices(model.grid)
     pool = tap_pool(where, what, model.grid.shape)
-    return TapTable(model.log_likelihood(taps.taps), pool, model.log_prior, model.saturation, taps.session)
+    return TapTable(
+        model.log_likelihood(taps.taps), pool, model.log_prior, model.saturation, taps.session, model.trained
+    )
 
 
 def plan_trials(

@@ -227,7 +227,8 @@ def tap_sequence(
         exponent: Power of the likelihood.
         prior: Before the first tap.
         taps: What is observed.
-        log_where_kernel: log p(where_t | where_{t-1}), shape (T, L, L); entry 0 is not used.
+        log_where_kernel: log p(where_t | where_{t-1}), shape (T, L, L), or on a grid with holes
+            log p(where_t | where_{t-1}, what_{t-1}, what_t), shape (T, L, M, M, L); entry 0 is not used.
         log_what_kernel: log p(what_t | where_{t-1}, what_{t-1}), shape (T, L, M, M); entry 0 is not used.
         used: Whether each tap is observed, shape (T,).
         probe: Zeros, shape (T, S, L, M).
@@ -239,9 +240,12 @@ def tap_sequence(
             where = numpyro.sample("where_0", dist.CategoricalLogits(logits=Vindex(prior.log_where)[session]))
             what = numpyro.sample("what_0", dist.CategoricalLogits(logits=Vindex(prior.log_what)[session, where]))
         else:
-            before = where
-            where = numpyro.sample(f"where_{t}", dist.CategoricalLogits(logits=Vindex(log_where_kernel[t])[before]))
-            what = numpyro.sample(f"what_{t}", dist.CategoricalLogits(logits=Vindex(log_what_kernel[t])[before, what]))
+            known: Any = (where,)
+            what_before = what
+            what = numpyro.sample(f"what_{t}", dist.CategoricalLogits(logits=Vindex(log_what_kernel[t])[where, what]))
+            if log_where_kernel.ndim > 3:
+                known = (where, what_before, what)
+            where = numpyro.sample(f"where_{t}", dist.CategoricalLogits(logits=Vindex(log_where_kernel[t])[known]))
         numpyro.factor(f"probe_{t}", Vindex(probe[t])[session, where, what])
         with numpyro.handlers.mask(mask=used[t]):
             numpyro.factor(f"trained_{t}", Vindex(log_trained)[where, what])

@@ -14,10 +14,15 @@ _EDGES = np.array([0.0, 8.0])
 _ALL = (1, 2, 3, 4, 5, 6, 7, 8, 9, 10)
 
 
+_KNOWN = np.array([[1, 1, 0], [0, 1, 0], [1, 1, 1], [1, 0, 0], [0, 1, 0]], dtype=bool)
+"""Classes of the cases with holes: one object with three of five places, one with all but one, one with one only."""
+
+
 def cases() -> Iterator[Case]:
     """All of them."""
     for border in BORDERS:
         yield from _shifts(border)
+        yield from _holes(border)
     yield from _episodes()
 
 
@@ -69,6 +74,35 @@ def _shifts(border: str) -> Iterator[Case]:
         **(plain | {"prior": certain}),
         moves=[0, -2, 1, 3],
         taps=4,
+    )
+
+
+def _holes(border: str) -> Iterator[Case]:
+    """Grids on which some classes were never trained."""
+    word = border.replace("_", "-")
+    weights = np.where(_KNOWN, np.arange(1.0, 1.0 + 3 * _PLACES).reshape(_PLACES, 3) ** 2, 0.0)
+    yield make(
+        f"shift-{word}-holes",
+        f"Untrained classes, and moves under border {border}; taps tell nothing else.",
+        (9,),
+        _SHIFTED,
+        prior=weights / weights.sum(),
+        probabilities=np.where(_KNOWN[..., np.newaxis, np.newaxis], 1.0, 0.0),
+        edges=_EDGES,
+        border=border,
+        moves=[0, 1, -1, 2, -3, 4, -4, 2 * _PLACES + 1, -_PLACES],
+        taps=9,
+    )
+    yield make(
+        f"episode-{word}-holes",
+        f"Every second class is untrained; eight taps with their moves under border {border}.",
+        _ALL,
+        Scene(L=6, M=3, K=3, J=2, B=6),
+        holes=[(l, m) for l in range(6) for m in range(3) if (l + m) % 2],
+        start=(1, 1),
+        border=border,
+        own_moves=True,
+        taps=8,
     )
 
 

@@ -192,37 +192,55 @@ class Exact:
         index = self.where_index(belief, where)
         return self.case.fixation - index if self.exceeds(where[index], self.case.theta_x) else 0
 
+    @cached_property
+    def trained(self) -> list[list[bool]]:
+        """Which classes belief may be in; those whose probabilities are all 0 were never trained."""
+        if self.case.probabilities is None:
+            return [[True] * self.M for _ in range(self.L)]
+        return [[any(p > 0 for taxel in cell for p in taxel) for cell in row] for row in self.case.probabilities]
+
     def shift(self, belief: Matrix, move: int) -> Matrix:
         """Eq. 9."""
-        L, M, border = self.L, self.M, self.border
-        if border == "circular":
-            return [belief[(l - move) % L] for l in range(L)]
-        shifted: Matrix = [[MP.mpf(0)] * M for _ in range(L)]
-        lost = [MP.mpf(0)] * M
-        for l, row in enumerate(belief):
-            place = min(max(l + move, 0), L - 1) if border == "clamp" else l + move
-            if 0 <= place < L:
-                shifted[place] = [a + b for a, b in zip(shifted[place], row, strict=True)]
-            else:
-                lost = [a + b for a, b in zip(lost, row, strict=True)]
-        vacated = [l for l in range(L) if not 0 <= l - move < L]
-        if border != "clamp":
-            for l in vacated:
-                shifted[l] = self.vacated_row(lost, len(vacated))
+        shifted: Matrix = [[MP.mpf(0)] * self.M for _ in range(self.L)]
+        lost, vacated = [MP.mpf(0)] * self.M, [list[int]() for _ in range(self.M)]
+        for m in range(self.M):
+            known = [l for l in range(self.L) if self.trained[l][m]]
+            lands = self.landing(known, move)
+            vacated[m] = [l for l in known if l not in lands]
+            if self.border == "circular":
+                free = iter(vacated[m])
+                lands = [next(free) if place is None else place for place in lands]
+            for l, place in zip(known, lands, strict=True):
+                if place is None:
+                    lost[m] += belief[l][m]
+                else:
+                    shifted[place][m] += belief[l][m]
+        if self.border in ("uniform", "uniform_what", "prior"):
+            for m, places in enumerate(vacated):
+                for l in places:
+                    shifted[l][m] = self.vacated_cell(lost, [len(places) for places in vacated], m)
         return self.divided(shifted)[0]
+
+    def landing(self, known: list[int], move: int) -> list[int | None]:
+        """Where belief about each known position of an object comes to lie, `None` where it would be no such one."""
+        if self.border == "clamp":
+            ends = [min(max(l + move, 0), self.L - 1) for l in known]
+            return [min(known, key=lambda l, end=end: (abs(l - end), l)) for end in ends]
+        targets = [(l + move) % self.L if self.border == "circular" else l + move for l in known]
+        return [place if place in known else None for place in targets]
 
     @property
     def border(self) -> str:
         """The reading of Eq. 9."""
         return self.case.border
 
-    def vacated_row(self, lost: list[Number], vacated: int) -> list[Number]:
-        """What the cells of a vacated place get; `vacated` is how many places there are."""
+    def vacated_cell(self, lost: list[Number], vacated: list[int], m: int) -> Number:
+        """What a vacated class of object m gets, from what each object lost and how many classes it has vacated."""
         if self.border == "uniform":
-            return [MP.fsum(lost) / (vacated * self.M)] * self.M
+            return MP.fsum(lost) / sum(vacated)
         if self.border == "uniform_what":
-            return [p / vacated for p in lost]
-        return [MP.mpf(1) / (self.L * self.M)] * self.M
+            return lost[m] / vacated[m]
+        return MP.mpf(1) / sum(map(sum, self.trained))
 
     def edges_told(self) -> NDArray[np.float64]:
         """Edges as an answer has them: once where they are the same for all taxels."""

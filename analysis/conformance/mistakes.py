@@ -101,10 +101,14 @@ class _HighFixation(_LowFixation):
 
 
 class _Renormalised(Exact):
-    def vacated_row(self, lost: list[Number], vacated: int) -> list[Number]:
-        if self.border == "prior":
-            return super().vacated_row(lost, vacated)
-        return [MP.mpf(0)] * self.M
+    def vacated_cell(self, lost: list[Number], vacated: list[int], m: int) -> Number:
+        return super().vacated_cell(lost, vacated, m) if self.border == "prior" else MP.mpf(0)
+
+
+class _HolesEntered(Exact):
+    @cached_property
+    def trained(self) -> list[list[bool]]:
+        return [[True] * self.M for _ in range(self.L)]
 
 
 class _LinearBelief(Exact):
@@ -285,6 +289,7 @@ MISTAKES = (
     Mistake("belief-forgotten", "every tap begins from the prior in place of the belief so far", (_Forgotten,)),
     Mistake("ties-to-highest", "of equal beliefs the highest index counts in place of the lowest", (_HighestTie,)),
     Mistake("transposed-tap", "the samples of a tap are read as [K][J] in place of [J][K]", (_Transposed,)),
+    Mistake("holes-entered", "belief moves into untrained classes, where the next tap destroys it", (_HolesEntered,)),
     Mistake(
         "stays-when-decided",
         "there is no move any more once an object is decided",

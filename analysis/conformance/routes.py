@@ -88,7 +88,8 @@ def _route(name: str, model: TapModel, case: Case) -> Route:
         return Route(make_engine("numpy", model, case.border), _equations(model, case))
     if name == "montecarlo":
         return Route(make_engine("filter", model, case.border), model.log_likelihood)
-    if case.probabilities is not None and not np.allclose(case.probabilities.sum(axis=-1), 1.0, rtol=0, atol=1e-12):
+    sums = np.ones(1) if case.probabilities is None else case.probabilities[model.trained].sum(axis=-1)
+    if not np.allclose(sums, 1.0, rtol=0, atol=1e-12):
         raise InputError("Tables that do not sum to one are no probabilities, so the NumPyro models cannot take them.")
     return Route(make_engine("numpyro", model, case.border), _enumerated(model))
 
@@ -114,9 +115,8 @@ def _enumerated(model: TapModel) -> Callable[[NDArray[np.float64]], NDArray[np.f
 
     def of(taps: NDArray[np.float64]) -> NDArray[np.float64]:
         with jax.enable_x64(True):
-            return model.exponent * np.asarray(
-                log_likelihoods(touch_tables(model), jax.numpy.asarray(observed(model, taps)))
-            )
+            found = log_likelihoods(touch_tables(model), jax.numpy.asarray(observed(model, taps)))
+        return np.where(model.trained, model.exponent * np.asarray(found), -np.inf)
 
     return of
 

@@ -90,12 +90,19 @@ def make(name: str, about: str, equations: tuple[int, ...], scene: Scene | None 
         equations: That it is about.
         scene: The world; default one of pairwise different sizes.
         **changes: `taps` (their number), `start` (place and object), `own_moves` (or given `moves`, or neither for
-            none), and any field of `Case`.
+            none), `holes` (untrained classes, which make the counts probabilities), and any field of `Case`.
     """
     scene = scene or Scene()
     random = numbers(name)
     if not {"counts", "probabilities", "training"} & set(changes):
         changes["counts"] = scene.counts(random)
+    holes = changes.pop("holes", ())
+    if holes:
+        tables = reference.histogram_probabilities(changes.pop("counts"))
+        for l, m in holes:
+            tables[l, m] = 0.0
+        known = tables.any(axis=(2, 3))
+        changes |= {"probabilities": tables, "prior": known / known.sum()}
     if "training" not in changes:
         changes.setdefault("edges", scene.edges)
     L, M = scene.L, scene.M
@@ -122,8 +129,12 @@ def _active(
     """Taps of a finger that moves as the reference does, at first in class `start`; its range ends at the ends."""
     power: Power = fields.get("power", "J")
     border: Border = fields.get("border", "uniform")
-    log_prob = np.log(reference.histogram_probabilities(fields["counts"], fields.get("pseudocount", 0.01)))
-    log_belief, place = np.log(fields["prior"]), start[0]
+    tables = fields.get("probabilities")
+    if tables is None:
+        tables = reference.histogram_probabilities(fields["counts"], fields.get("pseudocount", 0.01))
+    trained = tables.any(axis=(2, 3))
+    with np.errstate(divide="ignore"):
+        log_prob, log_belief, place = np.log(tables), np.log(fields["prior"]), start[0]
     drawn, moves = [], [0]
     for _ in range(taps):
         drawn.append(scene.tap(place, start[1], random))
@@ -131,7 +142,7 @@ def _active(
         log_belief, _ = reference.update_log(log_belief, reference.tap_log_likelihood(bins, log_prob, power))
         where = reference.where_decision(np.exp(log_belief), fields.get("theta_x", 0.0))
         move = 0 if where is None else reference.fixation_move(where, fields["fixation"])
-        log_belief = reference.shift_log(log_belief, move, border)
+        log_belief = reference.shift_log(log_belief, move, border, trained)
         place = min(max(place + move, 0), scene.L - 1)
         moves.append(move)
     return np.array(drawn), np.array(moves[:-1], dtype=np.intp)

@@ -41,7 +41,8 @@ def trial_difference(case: Case, expected: Sequence[Answer], tolerances: dict[st
     pool = TapPool(
         order, np.zeros(shape, np.intp), np.full(shape, _ROOM), np.tile(np.arange(shape[0])[:, np.newaxis], shape[1])
     )
-    table = TapTable(case_model(case).log_likelihood(case.taps), pool, log_prior)
+    model = case_model(case)
+    table = TapTable(model.log_likelihood(case.taps), pool, log_prior, given_trained=model.trained)
     plan = TrialPlan(*(np.array([value]) for value in (0, 0, case.fixation, stream)))
     thresholds = np.array(case.thresholds)
     trials = run_trials(

@@ -44,6 +44,7 @@ typedef struct { /* what is known before the first tap */
     double *edges;   /* [K][B + 1] */
     real *log_prob;  /* [L][M][K][B], logarithm of Eq. 2 */
     real *log_prior; /* [L][M] */
+    bool *trained;   /* [L][M], which classes belief may be in */
     real exponent;   /* of the likelihood in Eq. 1 */
     Border border;
     double *thresholds; /* [H], theta_W */
@@ -58,7 +59,7 @@ typedef struct { /* what changes with every tap */
     real *log_likelihood; /* [L][M] */
     real *posterior;      /* [L][M] */
     real *where, *what;   /* [L], [M] */
-    real *shifted, *lost; /* [L][M], [M], used inside shift */
+    real *shifted, *lost, *vacated; /* [L][M], [M], [M], used inside shift */
 } State;
 
 /* ---- Bad input: one sentence that says where, and exit code 2 ---- */
@@ -211,22 +212,43 @@ static long long fixation_move(const Model *m, long long where)
     return where < 0 ? 0 : m->fixation - where;
 }
 
-/* Where the belief about place l comes to lie after a move by d; outside 0 .. L - 1 if it leaves the range. */
-static long long target(const Model *m, size_t l, long long d)
+/* The trained place of object w nearest to place l, the lower of two equally near; -1 if there is none. */
+static long long nearest(const Model *m, long long l, size_t w)
 {
-    const long long L = (long long)m->L, to = (long long)l + d;
-    if (m->border == CIRCULAR) return (to % L + L) % L;
-    if (m->border == CLAMP) return to < 0 ? 0 : to >= L ? L - 1 : to;
-    return to;
+    const long long L = (long long)m->L, M = (long long)m->M;
+    for (long long away = 0; away < L; away++) {
+        if (l - away >= 0 && m->trained[(l - away) * M + (long long)w]) return l - away;
+        if (l + away < L && m->trained[(l + away) * M + (long long)w]) return l + away;
+    }
+    return -1;
 }
 
-/* Log belief of object w at each of the vacated places; what was lost to the range is given for each object. */
-static real vacated_cell(const Model *m, const real *lost, size_t vacated, size_t w)
+/* Where the belief about place l and object w comes to lie after a move by d; -1 if it is lost. */
+static long long target(const Model *m, size_t l, size_t w, long long d)
 {
+    const long long L = (long long)m->L;
+    long long to = (long long)l + d;
+    if (m->border == CIRCULAR) to = (to % L + L) % L;
+    if (m->border == CLAMP) to = nearest(m, to < 0 ? 0 : to >= L ? L - 1 : to, w);
+    return to >= 0 && to < L && m->trained[(size_t)to * m->M + w] ? to : -1;
+}
+
+/* Whether no belief comes to lie on a trained class after a move by d, under borders other than "clamp". */
+static bool is_vacated(const Model *m, size_t l, size_t w, long long d)
+{
+    return m->trained[l * m->M + w] && target(m, l, w, -d) < 0;
+}
+
+/* Log belief in each vacated class of object w; what was lost and how many classes are vacated is given by object. */
+static real vacated_cell(const Model *m, const real *lost, const real *vacated, size_t w)
+{
+    real classes = 0;
+    for (size_t c = 0; c < (m->border == UNIFORM ? m->M : m->L * m->M); c++)
+        classes += m->border == UNIFORM ? vacated[c] : (real)m->trained[c];
     switch (m->border) {
-    case UNIFORM: return log_sum(lost, m->M) - log((real)vacated * (real)m->M);
-    case UNIFORM_WHAT: return lost[w] - log((real)vacated);
-    case PRIOR: return -log((real)m->L * (real)m->M);
+    case UNIFORM: return log_sum(lost, m->M) - log(classes);
+    case UNIFORM_WHAT: return lost[w] - log(vacated[w]);
+    case PRIOR: return -log(classes);
     default: return -INFINITY;
     }
 }
@@ -234,20 +256,28 @@ static real vacated_cell(const Model *m, const real *lost, size_t vacated, size_
 /* Eq. 9: belief about place l becomes belief about place l + d. */
 static void shift(const Model *m, State *s, long long d)
 {
-    const size_t L = m->L, M = m->M, steps = (size_t)(d < 0 ? -d : d), vacated = steps < L ? steps : L;
+    const size_t L = m->L, M = m->M;
     if (d == 0) return;
     for (size_t c = 0; c < L * M; c++) s->shifted[c] = -INFINITY;
-    for (size_t w = 0; w < M; w++) s->lost[w] = -INFINITY;
-    for (size_t l = 0; l < L; l++) {
-        const long long to = target(m, l, d);
-        real *row = to >= 0 && to < (long long)L ? s->shifted + (size_t)to * M : s->lost;
-        for (size_t w = 0; w < M; w++) row[w] = log_add(row[w], s->log_belief[l * M + w]);
+    for (size_t w = 0; w < M; w++) {
+        size_t free = 0; /* under "circular" the vacated place that the next lost belief goes to */
+        s->lost[w] = -INFINITY;
+        s->vacated[w] = 0;
+        for (size_t l = 0; l < L; l++) {
+            if (!m->trained[l * M + w]) continue;
+            const long long to = target(m, l, w, d);
+            real *cell = to < 0 ? s->lost + w : s->shifted + (size_t)to * M + w;
+            if (to < 0 && m->border == CIRCULAR) {
+                while (!is_vacated(m, free, w, d)) free++;
+                cell = s->shifted + free++ * M + w;
+            }
+            s->vacated[w] += to < 0; /* as many as are lost */
+            *cell = log_add(*cell, s->log_belief[l * M + w]);
+        }
     }
-    if (m->border != CLAMP && m->border != CIRCULAR) {
-        const size_t first = d > 0 ? 0 : L - vacated;
-        for (size_t c = first * M; c < (first + vacated) * M; c++)
-            s->shifted[c] = vacated_cell(m, s->lost, vacated, c % M);
-    }
+    if (m->border != CLAMP && m->border != CIRCULAR)
+        for (size_t c = 0; c < L * M; c++)
+            if (is_vacated(m, c / M, c % M, d)) s->shifted[c] = vacated_cell(m, s->lost, s->vacated, c % M);
     const real total = log_sum(s->shifted, L * M); /* log 1 and rounding, except under border "prior" */
     for (size_t c = 0; c < L * M; c++) s->log_belief[c] = s->shifted[c] - total;
 }
@@ -481,7 +511,8 @@ static bool read_line(Line *line)
 
 static void free_model(Model *m)
 {
-    free(m->name), free(m->edges), free(m->log_prob), free(m->log_prior), free(m->thresholds);
+    free(m->name), free(m->edges), free(m->log_prob), free(m->log_prior), free(m->trained);
+    free(m->thresholds);
     memset(m, 0, sizeof *m);
 }
 
@@ -490,13 +521,14 @@ static void new_state(const Model *m, State *s)
 {
     const size_t N = m->L * m->M;
     free(s->log_belief);
-    s->log_belief = allocate(4 * N + m->L + 2 * m->M, sizeof(real));
+    s->log_belief = allocate(4 * N + m->L + 3 * m->M, sizeof(real));
     s->log_likelihood = s->log_belief + N;
     s->posterior = s->log_likelihood + N;
     s->shifted = s->posterior + N;
     s->where = s->shifted + N;
     s->what = s->where + m->L;
     s->lost = s->what + m->M;
+    s->vacated = s->lost + m->M;
     begin(m, s);
 }
 
@@ -518,6 +550,15 @@ static char *copy_text(const char *text, size_t length)
 
 /* ---- The model: compiled in, or from the header line of a case ---- */
 
+/* Classes whose probabilities are all 0 were never trained. */
+static void find_trained(Model *m)
+{
+    const size_t table = m->K * m->B;
+    m->trained = allocate(m->L * m->M, sizeof(bool));
+    for (size_t i = 0; i < m->L * m->M * table; i++)
+        if (m->log_prob[i] > -INFINITY) m->trained[i / table] = true;
+}
+
 #ifdef MODEL_HEADER
 
 static void compiled_model(Model *m)
@@ -531,6 +572,7 @@ static void compiled_model(Model *m)
     memcpy(m->log_prob, solidtouch_log_prob, sizeof solidtouch_log_prob);
     m->log_prior = allocate(m->L * m->M, sizeof(real));
     memcpy(m->log_prior, solidtouch_log_prior, sizeof solidtouch_log_prior);
+    find_trained(m);
     m->exponent = (real)SOLIDTOUCH_EXPONENT;
     m->border = border_called(SOLIDTOUCH_BORDER, strlen(SOLIDTOUCH_BORDER));
     m->thresholds = allocate(1, sizeof(double));
@@ -680,6 +722,7 @@ static void read_measurement_model(Model *m, const Object *header)
         for (size_t i = 0; i < cells; i += m->B)
             histogram_log_probabilities(table + i, pseudocount, m->B, m->log_prob + i);
     }
+    find_trained(m);
     free(table);
 }
 

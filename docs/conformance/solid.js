@@ -92,6 +92,10 @@ class Perception {
       this.logTable = each(counts, (rows) => rows.map((histogram) => logProbabilities(histogram, pseudocount)));
     }
 
+    // Classes whose probabilities are all 0 were never trained; [M][L].
+    const possible = (histogram) => histogram.some((p) => p > -Infinity);
+    this.trained = range(M).map((m) => this.logTable.map((place) => place[m].some(possible)));
+
     const prior = numbers(header, 'prior', [L, M], 0);
     if (!(Math.abs(sum(prior.flat()) - 1) < 1e-6)) throw new BadInput('the sum of "prior" must be 1.');
     this.logPrior = each(prior, Math.log);
@@ -161,29 +165,46 @@ class Perception {
     return top + this.total - before;
   }
 
+  // Where belief about each place of an object comes to lie after a move by d; -1 where it is lost, and untrained places.
+  landing(trained, d) {
+    const { L, border } = this;
+    const near = (place) => {
+      const away = trained.map((known, p) => (known ? Math.abs(p - place) : Infinity));
+      return away.indexOf(Math.min(...away));
+    };
+    const to = trained.map((known, p) => {
+      let place = p + d;
+      if (border === 'circular') place = ((place % L) + L) % L;
+      if (border === 'clamp') place = near(Math.min(Math.max(place, 0), L - 1));
+      return known && trained[place] ? place : -1;
+    });
+    if (border === 'circular') {
+      const free = range(L).filter((p) => trained[p] && !to.includes(p));
+      return to.map((place, p) => (trained[p] && place < 0 ? free.shift() : place));
+    }
+    return to;
+  }
+
   // Eq. 9: what becomes of the belief about place p is found where p + d lies.
   shift(d) {
     if (d === 0) return;
-    const { L, M, border } = this;
+    const { L, M, border, trained } = this;
     const old = each(this.weights, (weight) => weight - this.total);
-    const places = range(L);
-    const landing = places.map((p) => {
-      if (border === 'circular') return (((p + d) % L) + L) % L;
-      return border === 'clamp' ? Math.min(Math.max(p + d, 0), L - 1) : p + d;
-    });
-    const lost = places.filter((p) => landing[p] < 0 || landing[p] >= L);
+    const landing = trained.map((known) => this.landing(known, d));
+    const lost = range(M).map((m) => logSum(range(L).filter((p) => landing[m][p] < 0).map((p) => old[p][m])));
+    const isVacated = (p, m) => trained[m][p] && !landing[m].includes(p);
+    const room = range(M).map((m) => range(L).filter((p) => isVacated(p, m)).length);
     const fill = {
-      uniform: () => logSum(lost.flatMap((p) => old[p])) - Math.log(lost.length * M),
-      uniform_what: (m) => logSum(lost.map((p) => old[p][m])) - Math.log(lost.length),
-      prior: () => -Math.log(L * M),
+      uniform: () => logSum(lost) - Math.log(sum(room)),
+      uniform_what: (m) => lost[m] - Math.log(room[m]),
+      prior: () => -Math.log(trained.flat().filter((known) => known).length),
       clamp: () => -Infinity,
       circular: () => -Infinity,
     }[border];
-    const sources = places.map(() => []);
-    places.forEach((p) => sources[landing[p]]?.push(p));
-    this.weights = sources.map((from) =>
-      range(M).map((m) => (from.length ? logSum(from.map((p) => old[p][m])) : fill(m))),
-    );
+    this.weights = each(this.weights, (_, p, m) => {
+      if (isVacated(p, m)) return fill(m);
+      return logSum(range(L).filter((from) => landing[m][from] === p).map((from) => old[from][m]));
+    });
     this.total = logSum(this.weights.flat());
   }
 

@@ -53,6 +53,7 @@ def trials():
         substituted=np.array([[0, 0], [1, 3], [0, 0], [0, 0], [0, 0]]),
         belief=np.ones((5, 2)),
         used_up=np.zeros((5, 2), dtype=bool),
+        no_class_left=taps == 20,
     )
 
 
@@ -69,6 +70,7 @@ EXPECTED = {
     "clamped_fraction": [[0.0, 2 / 3], [0.0, 0.0]],
     "substituted_fraction": [[1 / 3, 1 / 3], [0.0, 0.0]],
     "what_wrong": [[1 / 3, 1 / 3], [1.0, 0.0]],
+    "no_class_left_fraction": [[0.0, 0.0], [0.0, 0.5]],
 }
 
 

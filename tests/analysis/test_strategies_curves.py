@@ -50,6 +50,7 @@ def record():
         length=np.full(2, T),
         held=np.array([1, 0]),
         watched={"expected": np.array([[0.1, 0.2, 0.4], [0.0, 0.3, 0.0]])},
+        no_class_left=np.zeros(2, bool),
     )
 
 

@@ -8,8 +8,7 @@ from solidtouch.hardware.model_rig import ModelRig
 from solidtouch.inference import reference
 from solidtouch.inference.control import fixation, passive
 from solidtouch.inference.engine import make_engine
-from solidtouch.inference.episode import DEADLINE, perceive, steps
-from solidtouch.inference.reference import ZeroEvidenceError
+from solidtouch.inference.episode import DEADLINE, collect, perceive, steps
 from solidtouch.models.errors import InputError
 from solidtouch.models.preprocessing import Preprocessing
 
@@ -158,14 +157,21 @@ def test_a_deadline_below_one_tap_is_refused(model, engine, deadline):
     assert sensor.done == []
 
 
-def test_an_impossible_tap_ends_the_episode_with_a_typed_error(make_model):
-    """No decision is made up."""
+@pytest.mark.parametrize("name", ["numpy", "numpyro", "filter"])
+def test_an_impossible_tap_ends_the_episode_undecided(make_model, name):
+    """With what was believed before it; the finger stays and whoever doubts is told of the tap."""
     model = make_model(1, 2, 1, 1, 2, pseudocount=0.0)
     model.counts[0] = [[[1, 0]], [[0, 1]]]
+    doubted = []
     sensor = ScriptedSensor(model, [np.array([[-1.0]]), np.array([[1.0]])])
+    *_, last = steps(sensor, make_engine(name, model), 1.0, passive, doubt=lambda *tap: bool(doubted.append(tap)))
+    episode = collect(iter([last]))
 
-    with pytest.raises(ZeroEvidenceError, match="impossible under every class"):
-        perceive(sensor, make_engine("numpy", model), 1.0, passive)
+    assert last.no_class_left
+    assert (last.number, last.decision, last.move, last.log_evidence) == (2, None, None, -np.inf)
+    assert last.what_marginal.tolist() == [1.0, 0.0]
+    assert len(doubted) == 2
+    assert (episode.no_class_left, episode.stopped, episode.what, episode.gave_up) == (True, False, 0, False)
 
 
 def test_a_sensor_that_prepares_its_taps_otherwise_is_refused(model, engine, taps):

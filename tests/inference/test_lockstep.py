@@ -14,7 +14,7 @@ from solidtouch.inference.episode import perceive
 from solidtouch.inference.lockstep import log_sum, play, shift_beliefs
 from solidtouch.inference.montecarlo import run_trials
 from solidtouch.inference.recorded_stops import stops
-from solidtouch.inference.reference import BORDERS, ZeroEvidenceError
+from solidtouch.inference.reference import BORDERS
 from solidtouch.inference.stopping import DECIDE, GO_ON, what_above
 from solidtouch.inference.trial_plan import TapTable, TrialPlan, tap_table, trial_chances, trial_uniforms
 from solidtouch.models.errors import InputError
@@ -191,7 +191,7 @@ def test_random_numbers_belong_to_the_trial_not_to_the_batch(tables, plan):
     rows = np.random.default_rng(1).permutation(TRIALS)[:13]
     part = TrialPlan(*(column[rows] for column in plan))
     whole, some = (play(tables["plain"], p, random_place(), deadline=9, seed=SEED) for p in (plan, part))
-    for name in whole._fields[:-1]:
+    for name in whole._fields[:-2]:
         np.testing.assert_allclose(getattr(some, name), getattr(whole, name)[rows], rtol=1e-12, err_msg=name)
 
 
@@ -246,16 +246,21 @@ def test_progress_counts_every_trial_once(tables, plan):
     assert len(told) > 1
 
 
-def test_impossible_taps_are_counted(plan):
-    """As `run_trials` does."""
+def test_trials_in_which_no_class_is_left_end():
+    """As those of `run_trials` do, with the belief before that tap."""
     log_likelihood = np.zeros((2, L, M))
     log_likelihood[1] = -np.inf
     log_likelihood[1, 0, 0] = 0.0
     prior = np.where(np.arange(L)[:, np.newaxis] > 0, np.full((L, M), -np.log((L - 1) * M)), -np.inf)
     pool = tap_pool(np.array([0, 1]), np.array([0, 1]), (L, M))
     start = np.array([0, 1])
-    with pytest.raises(ZeroEvidenceError, match="In 1 of 2 trials"):
-        play(TapTable(log_likelihood, pool, prior), TrialPlan(start, start, start, start), passive)
+    table, plan = TapTable(log_likelihood, pool, prior), TrialPlan(start, start, start, start)
+    record = play(table, plan, passive, deadline=3)
+
+    assert record.no_class_left.tolist() == [False, True]
+    assert record.length.tolist() == [3, 1]
+    np.testing.assert_allclose(record.what_marginal[1], np.exp(prior).sum(axis=0)[np.newaxis].repeat(3, axis=0))
+    assert stops(what_above(-1.0), record).answer.tolist() == [DECIDE, GO_ON]
 
 
 @pytest.mark.parametrize(

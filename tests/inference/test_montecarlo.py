@@ -12,7 +12,7 @@ from solidtouch.inference.control import fixation
 from solidtouch.inference.engine import make_engine
 from solidtouch.inference.episode import perceive
 from solidtouch.inference.montecarlo import run_trials
-from solidtouch.inference.reference import BORDERS, ZeroEvidenceError
+from solidtouch.inference.reference import BORDERS
 from solidtouch.inference.trial_plan import TapTable, TrialPlan, join_plans, plan_trials, tap_table, trial_uniforms
 from solidtouch.models.errors import InputError
 from solidtouch.models.taps import TapSet
@@ -106,6 +106,7 @@ def test_trials_are_episodes_on_the_same_taps(model, taps, plan, play, theta_x, 
             belief = np.exp(episode.log_beliefs[-1]).sum(axis=0).max()
 
             assert expected == tuple(field[i, h] for field in trials[:7])
+            assert not trials.no_class_left[i, h]
             assert belief == pytest.approx(trials.belief[i, h], abs=1e-9)
 
 
@@ -241,15 +242,24 @@ def impossible_table():
 
 @pytest.mark.parametrize("where_to", ["cpu", "xla-cpu"])
 @pytest.mark.parametrize("deadline", [2, 60])
-def test_an_impossible_tap_is_a_typed_error(where_to, deadline):
-    """The number of trials that saw one is named; it may be the last tap before the deadline."""
+def test_an_impossible_tap_ends_the_trial_undecided(where_to, deadline):
+    """With what was most probable before it, which may be the last tap before the deadline."""
     table = impossible_table()
     plan = TrialPlan(*np.array([[0] * 64, [1] * 64, [0] * 64, range(64)]))
-    with pytest.raises(ZeroEvidenceError, match="of 64 trials a tap was impossible under every class") as found:
-        run_trials(table, plan, (1.0,), theta_x=1.0, deadline=deadline, device=where_to)
-    differ = [len({int(2 * u) for u in trial_uniforms(0, stream, deadline)}) > 1 for stream in range(64)]
+    trials = run_trials(table, plan, (1.0, 0.4), theta_x=1.0, deadline=deadline, device=where_to)
+    drawn = [(2 * trial_uniforms(0, stream, deadline)).astype(int) for stream in range(64)]
+    differ = np.array([len(set(taps)) > 1 for taps in drawn])
+    first_other = np.array([(taps != taps[0]).argmax() + 1 for taps in drawn])
 
-    assert str(found.value).startswith(f"In {sum(differ)} of")
+    assert 0 < differ.sum() < 64 or deadline > 2
+    assert trials.no_class_left[:, 0].tolist() == differ.tolist()
+    assert trials.taps[:, 0].tolist() == np.where(differ, first_other, deadline).tolist()
+    assert trials.what[:, 0].tolist() == [taps[0] for taps in drawn]  # what the first tap left possible
+    assert trials.belief[:, 0] == pytest.approx(1)
+    assert not trials.stopped[:, 0].any()
+    assert (trials.taps[:, 1] == 1).all()  # a threshold crossed before keeps its decision
+    assert trials.stopped[:, 1].all()
+    assert not trials.no_class_left[:, 1].any()
 
 
 @pytest.mark.parametrize("where_to", ["cpu", "xla-cpu"])
@@ -259,8 +269,12 @@ def test_a_first_tap_may_be_impossible(where_to):
     table = table._replace(pool=tap_pool([0], [0], (1, 2)))
     table.log_likelihood[0] = [[0.0, -np.inf]]
     plan = TrialPlan(*np.zeros((4, 3), dtype=int))
-    with pytest.raises(ZeroEvidenceError, match="In 3 of 3 trials"):
-        run_trials(table, plan, (-1.0, 0.5), theta_x=1.0, deadline=1, device=where_to)
+    trials = run_trials(table, plan, (-1.0, 0.5), theta_x=1.0, deadline=1, device=where_to)
+
+    assert trials.no_class_left.all()
+    assert (trials.taps == 1).all()
+    assert (trials.what == 1).all()  # by the prior
+    assert not trials.stopped.any()
 
 
 def test_taps_after_the_decision_do_not_matter():

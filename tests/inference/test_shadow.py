@@ -113,15 +113,17 @@ def test_a_belief_that_is_no_number_disagrees(model, draw_samples, value):
         follow(ShadowEngine(make_engine("numpy", model), Skewed(model, per_tap=value)), draw_samples(model, 1), [])
 
 
-def test_an_impossible_tap_for_one_of_them_disagrees(model, draw_samples):
+@pytest.mark.parametrize("first", [True, False])
+def test_an_impossible_tap_for_one_of_them_disagrees(model, draw_samples, first):
+    engines = (make_engine("numpy", model), Skewed(model, fails=True))
     with pytest.raises(EnginesDisagree, match="skewed holds tap 1 for impossible, numpy does not"):
-        follow(ShadowEngine(make_engine("numpy", model), Skewed(model, fails=True)), draw_samples(model, 1), [])
+        follow(ShadowEngine(*engines[:: -1 if first else 1]), draw_samples(model, 1), [])
 
 
 def test_an_impossible_tap_for_both_is_no_disagreement(model, draw_samples):
-    """The first says so."""
+    shadow = ShadowEngine(Skewed(model, fails=True), Skewed(model, fails=True))
     with pytest.raises(ZeroEvidenceError, match="impossible"):
-        follow(ShadowEngine(Skewed(model, fails=True), make_engine("numpy", model)), draw_samples(model, 1), [])
+        follow(shadow, draw_samples(model, 1), [])
 
 
 def test_an_episode_runs_with_a_shadow(model, draw_samples):

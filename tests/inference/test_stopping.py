@@ -72,6 +72,7 @@ def record_of(what, where, length, **watched):
         np.array(length),
         nothing[:, 0],
         {k: np.array(v) for k, v in watched.items()},
+        np.zeros(len(length), bool),
     )
 
 

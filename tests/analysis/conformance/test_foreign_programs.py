@@ -44,6 +44,7 @@ NAMES = [
     "belief-forgotten",
     "ties-to-highest",
     "transposed-tap",
+    "holes-entered",
     "stays-when-decided",
 ]
 
@@ -141,6 +142,13 @@ def cases():
     yield {**case, "probabilities": probabilities.tolist()}, lines
     probabilities[:, :, 1, 3] = 0
     yield {**case, "probabilities": probabilities.tolist(), "case": 'evidence "zero" \\ ü'}, lines
+    for border in BORDERS:
+        case, lines = random_case(f"holes {border}", border=border, sizes=(6, 3, 2, 5, 6), seed=9)
+        known = np.indices((6, 3)).sum(axis=0) % 2 == 0
+        known[4, 0], known[1, 2] = False, True
+        probabilities = rng.dirichlet(np.ones(6), size=(6, 3, 2)) * known[..., np.newaxis, np.newaxis]
+        del case["counts"], case["pseudocount"]
+        yield {**case, "probabilities": probabilities.tolist(), "prior": (known / known.sum()).tolist()}, lines
     yield trained(rng)
 
 
@@ -191,6 +199,7 @@ def tables(case):
 def expected(case, taps):
     """The answers, equation by equation."""
     log_prob, edges, answers = tables(case)
+    known = (log_prob > -np.inf).any(axis=(2, 3))
     with np.errstate(divide="ignore"):
         log_belief = np.log(case["prior"])
     for line in taps:
@@ -198,7 +207,7 @@ def expected(case, taps):
         bins = np.stack([reference.bin_index(samples[:, k], edges[k]) for k in range(case["K"])], axis=1)
         log_likelihood = reference.tap_log_likelihood(bins, log_prob, case["power"])
         try:
-            log_belief = reference.shift_log(log_belief, line["move"], case["border"])
+            log_belief = reference.shift_log(log_belief, line["move"], case["border"], known)
             log_belief, log_evidence = reference.update_log(log_belief, log_likelihood)
         except ZeroEvidenceError:
             answers.append({"tap": line["tap"], "error": "zero_evidence"})
@@ -510,6 +519,7 @@ SHORT = (
     "marginals-not-joint",
     "shift-uniform",
     "shift-clamp",
+    "shift-uniform-holes",
     "episode-uniform",
     "episode-other-moves",
     "ties",

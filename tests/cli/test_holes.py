@@ -1,0 +1,108 @@
+"""Commands on recordings in which objects were not tapped at every position."""
+
+import json
+
+import numpy as np
+import pytest
+from solidtouch.analysis.crosscheck import crosscheck
+from solidtouch.inference.montecarlo import run_trials
+from solidtouch.inference.reference import BORDERS
+from solidtouch.inference.trial_plan import plan_trials, tap_table
+from solidtouch.models.histogram import fit, trim
+from solidtouch.models.importers import load_taps
+from solidtouch.models.splits import split
+
+RECORDED = ("barrett_boxes", "barrett_ballcyl", "braille_icub", "eflesh_grid", "icub_grasp")
+
+
+def cut(taps, grid, pattern):
+    """The taps without those of some classes: every second one, half the positions of an object, or a single class."""
+    where, what = taps.indices(grid)
+    gone = {
+        "checkerboard": (where + what) % 2 == 1,
+        "half": (what == 0) & (where % 2 == 1),
+        "one": (what == grid.M - 1) & (where == grid.L // 2),
+    }
+    return taps.select(~gone[pattern])
+
+
+@pytest.fixture
+def boards(make_taps, tmp_path):
+    """Three files of a session each, 6 positions and 3 objects, every second class empty."""
+    files = []
+    for s in range(3):
+        taps = make_taps(L=6, M=3, J=5, K=4, sessions=1, repeats=20, seed=s, session=np.full(360, s))
+        files.append(tmp_path / f"session-{s}.nc")
+        cut(taps, taps.grid(), "checkerboard").save(files[-1])
+    return files
+
+
+@pytest.mark.slow
+def test_reproduce_and_audit_run_through_on_a_checkerboard(command, boards, tmp_path):
+    """Nothing is impossible, with the pseudocount as it is."""
+    done = command("reproduce", "--data", *boards[:2], "--quick", "--trials", 60, "--out", tmp_path / "run")
+    summary = json.loads((tmp_path / "run" / "summary.json").read_text(encoding="utf-8"))
+
+    assert done.code == 0
+    assert summary["crosscheck"]["passed"]
+    assert {row["no_class_left_fraction"] for row in summary["results"]} == {0.0}
+    assert "no class left" not in (tmp_path / "run" / "report.html").read_text(encoding="utf-8")
+    assert command("audit", *boards, "--out", tmp_path / "audit").code == 0
+
+
+def test_trials_without_a_pseudocount_count_those_with_no_class_left(command, boards, tmp_path):
+    """And say what would help; with one there are none and nothing is said."""
+    for pseudocount, says in ((0, True), (0.01, False)):
+        model = tmp_path / f"{pseudocount}.nc"
+        command("fit", boards[0], boards[1], "--pseudocount", pseudocount, "--out", model)
+        done = command("trials", model, boards[1], "--trials", 200, "--deadline", 10)
+
+        assert done.code == 0
+        assert ("no class" in done.out) == says
+        assert ("a --pseudocount above 0 makes every tap possible" in " ".join(done.out.split())) == says
+
+
+def test_perceive_ends_with_no_class_left(command, boards, tmp_path):
+    """A sentence and exit code 0, as for a deadline; JSON has no infinity."""
+    model = tmp_path / "model.nc"
+    command("fit", boards[0], boards[1], "--pseudocount", 0, "--out", model)
+    words = ("perceive", model, "--rig", f"replay:{boards[1]}", "--engine", "numpy", "--theta", 1, "--episodes", 3)
+    done, as_json = command(*words), command(*words, "--json")
+    lines = [json.loads(line) for line in as_json.out.splitlines()]
+
+    assert (done.code, as_json.code) == (0, 0)
+    assert "(no class left)" in done.out
+    assert any(line.get("reason") == "no class left" for line in lines)
+    assert any(line.get("log_evidence", 0) is None for line in lines)
+
+
+@pytest.mark.parametrize("pattern", ["checkerboard", "half", "one"])
+@pytest.mark.parametrize("name", RECORDED)
+def test_recorded_sets_with_holes_are_played(shared_data, name, pattern):
+    """Under every border, and belief stays in trained classes: no trial is left without a class."""
+    taps = load_taps(shared_data / f"{name}.npz")
+    if (pattern != "one" and taps.grid().L == 1) or taps.grid().L < 2:
+        pytest.skip("one position only: there is nowhere to move")
+    fold = split(cut(taps, taps.grid(), pattern), taps.grid()).folds[0]
+    grid, _ = trim(taps.grid(), [fold.train])
+    model = fit(fold.train, grid)
+    table = tap_table(model, model.usable(fold.test))
+    plan = plan_trials(table.pool, 300, 0, grid.L // 2)
+
+    assert not model.trained.all()
+    for border in BORDERS:
+        trials = run_trials(table, plan, (0.9, 1.0), theta_x=0.0, border=border, deadline=15)
+        assert not trials.no_class_left.any()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", RECORDED[:1] + RECORDED[3:4])
+def test_all_routes_agree_on_a_recorded_set_with_holes(shared_data, name):
+    taps = load_taps(shared_data / f"{name}.npz")
+    if taps.grid().L < 2:
+        pytest.skip("one position only: there is nowhere to move")
+    fold = split(cut(taps, taps.grid(), "checkerboard"), taps.grid()).folds[0]
+    grid, _ = trim(taps.grid(), [fold.train])
+    model = fit(fold.train, grid)
+
+    assert crosscheck(model, model.usable(fold.test), episodes=3, length=10, sequence_taps=5).passed
