@@ -42,7 +42,8 @@ class Spread(NamedTuple):
 
     Attributes:
         factor: By which deviations of resamples are enlarged: n of n draws with replacement vary less than the
-            quantity itself, by n - 1 over n, n being the sessions where several test, else the taps of a class.
+            quantity itself, by n - 1 over n, n being the sessions where several test, else the taps of a class. NaN
+            where n is 1, which gives no interval.
         few: Why intervals may be off, in a sentence; empty where they hold.
     """
 
@@ -101,7 +102,9 @@ def spread(table: TapTable, used_up: float = 0.0) -> Spread:
         )
     elif taps < FEW:
         few = f"There are too few test taps, {taps} or so of each class: intervals are rough."
-    return Spread(float(np.sqrt(n / max(n - 1, 1))), few)
+    if n == 1:
+        few = "There is one test tap of most classes, too few for an interval."
+    return Spread(float(np.sqrt(n / (n - 1))) if n > 1 else np.nan, few)
 
 
 def resampled_pools(table: TapTable, resamples: int, seed: int) -> Iterator[TapPool]:
