@@ -1,88 +1,152 @@
 """Errors, reaction times and their intervals.
 
-Outcomes are xarray datasets with the dims ``place`` (sensing position of passive, fixation point of active trials)
-and ``theta``; several data sets add the dim ``data_set`` in front. Position errors are those between classes, at the
+Outcomes are xarray datasets with the dims ``place`` (sensing position or start of a trial, or fixation point) and
+``theta``; several data sets add the dim ``data_set`` in front. Position errors are those between classes, at the
 place where the sensor stood when it decided, in the unit of the positions.
 """
 
 from collections.abc import Sequence
+from typing import Any, NamedTuple
 
 import numpy as np
 import xarray as xr
 from numpy.typing import ArrayLike, NDArray
-from scipy.stats import norm, t
+from scipy.sparse import csr_array
+from scipy.stats import t
 
 from ..inference.montecarlo import Trials
+from ..inference.resampling import CONFIDENCE, Spread
 from ..inference.trial_plan import TrialPlan
 from ..models.classes import ClassGrid
 
 QUANTITIES = ("what_error", "where_error", "taps")
 FRACTIONS = ("stopped_fraction", "clamped_fraction", "substituted_fraction", "what_wrong", "no_class_left_fraction")
-CONFIDENCE = 0.95
+NO_SPREAD = Spread(1.0)
 
 
-def outcomes(trials: Trials, plan: TrialPlan, place: ArrayLike, grid: ClassGrid, thresholds: ArrayLike) -> xr.Dataset:
+class Means(NamedTuple):
+    """Mean outcomes of trials.
+
+    Attributes:
+        trials: Number of trials at each place, shape (places,).
+        mean: By the name of the quantity, shape (places, H); NaN at places without a trial.
+        noise: Variance of the means of `QUANTITIES` by the sampling of trials on the same taps, likewise.
+    """
+
+    trials: NDArray[np.float64]
+    mean: dict[str, NDArray[np.float64]]
+    noise: dict[str, NDArray[np.float64]]
+
+
+def mean_outcomes(
+    trials: Trials, plan: TrialPlan, place: ArrayLike, grid: ClassGrid, minus: Trials | None = None
+) -> Means:
     """Mean outcome at each place and threshold.
 
     Args:
         trials: n decided trials at H thresholds.
         plan: The same trials as planned.
-        place: Where class that each trial belongs to, shape (n,).
+        place: Class of positions that each trial belongs to, shape (n,).
+        grid: The classes.
+        minus: Other trials of the same plan, whose outcomes are subtracted trial by trial.
+    """
+    place = np.asarray(place, dtype=np.intp)
+    values = _values(trials, plan, grid)
+    if minus is not None:
+        subtracted = _values(minus, plan, grid)
+        values = {name: value - subtracted[name] for name, value in values.items()}
+    # Starts are planned in equal numbers, so only what varies between trials of one start is noise.
+    stratum, key = np.unique(place * grid.L + plan.where, return_inverse=True)
+    of = _sums(key, len(stratum))
+    count = np.bincount(key).astype(np.float64)
+    places = _sums(stratum // grid.L, grid.L)
+    total = places @ count
+    mean, noise = {}, {}
+    with np.errstate(invalid="ignore"):
+        for name, value in values.items():
+            sums = of @ value
+            mean[name] = (places @ sums) / total[:, np.newaxis]
+            if name in QUANTITIES:
+                own = (value - (sums / count[:, np.newaxis])[key]) ** 2
+                variance = (of @ own) / np.maximum(count - 1, 1)[:, np.newaxis]
+                noise[name] = (places @ (variance * count[:, np.newaxis])) / np.maximum(total, 1)[:, np.newaxis] ** 2
+    return Means(total, mean, noise)
+
+
+def outcomes(trials: Trials, plan: TrialPlan, place: ArrayLike, grid: ClassGrid, thresholds: ArrayLike) -> xr.Dataset:
+    """`mean_outcomes` as a dataset, see `outcomes_dataset`."""
+    return outcomes_dataset(mean_outcomes(trials, plan, place, grid), (), grid, thresholds)
+
+
+def outcomes_dataset(means: Means, resampled: Sequence[Means], grid: ClassGrid, thresholds: ArrayLike) -> xr.Dataset:
+    """Mean outcomes with labels.
+
+    Args:
+        means: The means.
+        resampled: The same on resamples of the test taps.
         grid: The classes.
         thresholds: theta_W, shape (H,).
 
     Returns:
-        Dims (place, theta): the means of `QUANTITIES` and `FRACTIONS`, the variance of a single trial as
-        ``<quantity>_variance``, and the number of ``trials`` (place). Places without a trial hold NaN.
+        Dims (place, theta): `Means.mean` by name, `Means.noise` as ``<quantity>_noise``, and the number of ``trials``
+        (place). With resamples also ``<quantity>_resampled`` (resample, place, theta), and the mean of their noise as
+        ``<quantity>_resampled_noise``.
     """
-    place = np.asarray(place)
-    what = plan.what[:, np.newaxis]
-    values = {
-        "what_error": grid.what_error(trials.what, what),
-        "where_error": grid.where_error(trials.where, trials.true_where),
-        "taps": trials.taps.astype(np.float64),
-        "stopped_fraction": trials.stopped.astype(np.float64),
-        "clamped_fraction": (trials.clamped > 0).astype(np.float64),
-        "substituted_fraction": (trials.substituted > 0).astype(np.float64),
-        "what_wrong": (trials.what != what).astype(np.float64),
-        "no_class_left_fraction": trials.no_class_left.astype(np.float64),
-    }
-    count = np.bincount(place, minlength=grid.L).astype(np.float64)
-    dataset = xr.Dataset(
-        {"trials": ("place", count)},
+    cells = ["place", "theta"]
+    columns: dict[str, Any]
+    columns = {"trials": ("place", means.trials)} | {name: (cells, value) for name, value in means.mean.items()}
+    for name, noise in means.noise.items():
+        columns[f"{name}_noise"] = (cells, noise)
+        if resampled:
+            columns[f"{name}_resampled"] = (["resample", *cells], np.stack([part.mean[name] for part in resampled]))
+            columns[f"{name}_resampled_noise"] = (cells, np.mean([part.noise[name] for part in resampled], axis=0))
+    return xr.Dataset(
+        columns,
         {
             "place": ("place", grid.where_value, {"units": grid.where_unit}),
             "theta": ("theta", np.asarray(thresholds, dtype=np.float64)),
         },
         {"what_unit": grid.what_error_unit, "where_unit": grid.where_unit},
     )
-    for name, value in values.items():
-        mean = _mean_by(value, place, count)
-        dataset[name] = (("place", "theta"), mean)
-        if name in QUANTITIES:
-            dataset[f"{name}_variance"] = (("place", "theta"), _mean_by((value - mean[place]) ** 2, place, count))
-    return dataset
 
 
-def by_place(data_sets: xr.Dataset) -> xr.Dataset:
-    """Mean and interval at each place and threshold, over the data sets; dims (place, theta)."""
-    return _with_intervals(data_sets, data_sets["trials"])
+def by_place(data_sets: xr.Dataset, spread: Spread = NO_SPREAD, *, difference: bool = False) -> xr.Dataset:
+    """Mean and interval at each place and threshold; dims (place, theta).
+
+    Args:
+        data_sets: Outcomes with the dim ``data_set``.
+        spread: How resamples of a single data set turn into intervals; several data sets have t-intervals.
+        difference: Whether outcomes are differences, which can be below what an outcome can.
+    """
+    result = data_sets[[*QUANTITIES, *FRACTIONS]].mean("data_set", keep_attrs=True)
+    for name in QUANTITIES:
+        least, most = -np.inf, np.inf
+        if not difference:
+            least = 1.0 if name == "taps" else 0.0
+            most = 1.0 if name == "what_error" and data_sets.attrs.get("what_unit") == "P(wrong)" else np.inf
+        if data_sets.sizes["data_set"] > 1:
+            half = _half_width(data_sets[name])
+            low, high = ((result[name] + sign * half).clip(least, most) for sign in (-1, 1))
+        else:
+            ends = spread.interval(_samples(data_sets.isel(data_set=0), name), least, most)
+            low, high = (xr.DataArray(end, result[name].coords, result[name].dims) for end in ends)
+        result[f"{name}_low"], result[f"{name}_high"] = low, high
+    return result
 
 
-def over_places(data_sets: xr.Dataset) -> xr.Dataset:
-    """Mean and interval at each threshold of the mean over all places, over the data sets; dim theta."""
+def over_places(data_sets: xr.Dataset, spread: Spread = NO_SPREAD, *, difference: bool = False) -> xr.Dataset:
+    """Mean and interval at each threshold of the mean over all places; arguments as `by_place`, dim theta."""
     mean = data_sets.mean("place", skipna=True, keep_attrs=True)
     share = (data_sets["trials"] > 0).sum("place")
-    for name in QUANTITIES:
-        # Places are averaged with equal weight, so their sampling variances add up to this one.
-        variance = (data_sets[f"{name}_variance"] / data_sets["trials"]).sum("place") / share**2
-        mean[f"{name}_variance"] = variance
-    return _with_intervals(mean, xr.ones_like(share, dtype=float))
+    for name in data_sets.data_vars:
+        if str(name).endswith("_noise"):  # places are averaged with equal weight, so their variances add up to this
+            mean[name] = data_sets[name].sum("place") / share**2
+    return by_place(mean, spread, difference=difference)
 
 
-def at_place(data_sets: xr.Dataset, index: int) -> xr.Dataset:
-    """Mean and interval at each threshold for one place; dim theta."""
-    return by_place(data_sets).isel(place=index)
+def at_place(data_sets: xr.Dataset, index: int, spread: Spread = NO_SPREAD) -> xr.Dataset:
+    """Mean and interval at each threshold for one place; arguments as `by_place`, dim theta."""
+    return by_place(data_sets.isel(place=index), spread)
 
 
 def confusion(true: ArrayLike, decided: ArrayLike, M: int) -> NDArray[np.int64]:
@@ -101,43 +165,89 @@ def join(parts: Sequence[xr.Dataset], names: Sequence[str]) -> xr.Dataset:
     return xr.concat(parts, dim=xr.DataArray(list(names), dims="data_set", name="data_set"))
 
 
-def interval_sentence(data_sets: int, kind: str) -> str:
+def interval_sentence(data_sets: int, kind: str, sessions: int = 1, spread: Spread = NO_SPREAD) -> str:
     """What the intervals mean, in a sentence.
 
     Args:
         data_sets: How many data sets were averaged.
-        kind: What one of them is called, such as "simulated data sets".
+        kind: What one of them is called: "simulated data sets" or "folds".
+        sessions: How many sessions test, where there is one data set.
+        spread: How resamples of it turn into intervals.
     """
     if data_sets > 1:
+        shared = "; folds share training sessions, which these intervals ignore" if kind == "folds" else ""
         return (
             f"Intervals are {CONFIDENCE:.0%} t-intervals of the mean over {data_sets} {kind}; they hold the spread "
-            "between data sets as well as that between trials."
+            f"between data sets as well as that between trials{shared}."
         )
+    if np.isnan(spread.factor):
+        return spread.few
+    drawn = (
+        f"the {sessions} test sessions, and the test taps of each class and session,"
+        if sessions > 1
+        else ("the test taps of each class")
+    )
+    limit = "the same model" if sessions > 1 else "the same model and session, not how another session would differ"
     return (
-        f"Intervals are {CONFIDENCE:.0%} normal intervals over the Monte Carlo trials of this one data set; they hold "
-        "the sampling of trials only, not how another recording would differ."
+        f"Intervals are {CONFIDENCE:.0%} intervals from trials on resamples of {drawn} drawn with replacement; they "
+        f"hold how other test taps would differ for {limit}."
     )
 
 
-def _with_intervals(data_sets: xr.Dataset, trials: xr.DataArray) -> xr.Dataset:
-    n = data_sets.sizes["data_set"]
-    result = data_sets[[*QUANTITIES, *FRACTIONS]].mean("data_set", keep_attrs=True)
-    for name in QUANTITIES:
-        if n > 1:
-            seen = data_sets[name].count("data_set")  # a place may lack trials in some of the data sets
-            spread = data_sets[name].std("data_set", ddof=1) / np.sqrt(seen)
-            half = t.ppf(0.5 + CONFIDENCE / 2, seen - 1) * spread
-        else:
-            half = norm.ppf(0.5 + CONFIDENCE / 2) * np.sqrt((data_sets[f"{name}_variance"] / trials).mean("data_set"))
-        least = 1.0 if name == "taps" else 0.0
-        most = 1.0 if name == "what_error" and data_sets.attrs.get("what_unit") == "P(wrong)" else np.inf
-        result[f"{name}_low"] = np.maximum(result[name] - half, least)
-        result[f"{name}_high"] = np.minimum(result[name] + half, most)
-    return result
+def _half_width(values: xr.DataArray) -> xr.DataArray:
+    """Half the t-interval over data sets; a place may lack trials in some of them."""
+    seen = values.count("data_set")
+    return values.std("data_set", ddof=1) * t.ppf(0.5 + CONFIDENCE / 2, seen - 1) / np.sqrt(seen)
 
 
-def _mean_by(values: NDArray[np.float64], place: NDArray[np.intp], count: NDArray[np.float64]) -> NDArray[np.float64]:
-    total = np.zeros((len(count), values.shape[1]))
-    np.add.at(total, place, values)
-    with np.errstate(invalid="ignore"):
-        return total / count[:, np.newaxis]
+def _samples(data: xr.Dataset, name: str) -> NDArray[np.float64]:
+    """The estimate and, behind it, resamples that vary by their taps and by as many trials as the estimate's.
+
+    Resamples have fewer trials than the estimate, so their variance is reduced by the excess of sampling noise.
+    """
+    estimate = data[name].values[..., np.newaxis]
+    if f"{name}_resampled" not in data:
+        return np.concatenate([estimate, np.full_like(estimate, np.nan)], axis=-1)
+    drawn = np.moveaxis(data[f"{name}_resampled"].values, 0, -1)
+    noise = data[f"{name}_noise"].values, data[f"{name}_resampled_noise"].values
+    return np.concatenate([estimate, with_noise(drawn, *noise)], axis=-1)
+
+
+def with_noise(
+    drawn: NDArray[np.float64], wanted: NDArray[np.float64], present: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Resamples brought closer to their mean, or further from it, for another variance by the sampling of trials.
+
+    Args:
+        drawn: Means on R resamples, shape (..., R).
+        wanted: Variance by the sampling of trials that they should have, shape (...).
+        present: The one that they have, likewise.
+    """
+    known = np.isfinite(drawn)
+    number = known.sum(axis=-1, keepdims=True)
+    mean = np.where(known, drawn, 0).sum(axis=-1, keepdims=True) / np.maximum(number, 1)
+    variance = (np.where(known, drawn - mean, 0) ** 2).sum(axis=-1) / np.maximum(number[..., 0] - 1, 1)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        scale = np.sqrt((np.maximum(variance - present, 0) + wanted) / variance)
+    return mean + np.where(variance > 0, scale, 1.0)[..., np.newaxis] * (drawn - mean)
+
+
+def _values(trials: Trials, plan: TrialPlan, grid: ClassGrid) -> dict[str, NDArray[np.float64]]:
+    """Outcomes of single trials, each of shape (n, H)."""
+    what = plan.what[:, np.newaxis]
+    return {
+        "what_error": grid.what_error(trials.what, what),
+        "where_error": grid.where_error(trials.where, trials.true_where),
+        "taps": trials.taps.astype(np.float64),
+        "stopped_fraction": trials.stopped.astype(np.float64),
+        "clamped_fraction": (trials.clamped > 0).astype(np.float64),
+        "substituted_fraction": (trials.substituted > 0).astype(np.float64),
+        "what_wrong": (trials.what != what).astype(np.float64),
+        "no_class_left_fraction": trials.no_class_left.astype(np.float64),
+    }
+
+
+def _sums(group: NDArray[np.intp], groups: int) -> csr_array:
+    """The matrix that adds up rows by their group."""
+    n = len(group)
+    return csr_array((np.ones(n), (group, np.arange(n))), shape=(groups, n))

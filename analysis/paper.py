@@ -4,6 +4,8 @@ from typing import Any
 
 import xarray as xr
 
+from .headline import finite
+
 _HEADLINES = (
     # quantity, curve, variable, the paper's number in mm, where it stands
     ("rod diameter error, passive, mean over positions, best", "passive", "what_error", 2.0, "Sec. 3.2, 3.3"),
@@ -32,9 +34,9 @@ def compare(curves: dict[str, xr.Dataset], centre: xr.Dataset) -> list[dict[str,
             {
                 "quantity": quantity,
                 "paper": value,
-                "ours": float(ours[name]),
-                "ours_low": float(ours[f"{name}_low"]),
-                "ours_high": float(ours[f"{name}_high"]),
+                "ours": finite(ours[name]),
+                "ours_low": finite(ours[f"{name}_low"]),
+                "ours_high": finite(ours[f"{name}_high"]),
                 "unit": "mm",
                 "source": f"{source}; ours at threshold {float(ours['theta']):g}",
             }

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import xarray as xr
 
 from ..models.classes import ClassGrid
-from . import figures, metrics
+from . import figures
 from .results import Request, Results
 from .study import can_act
 
@@ -95,20 +95,20 @@ def _pressure(request: Request, results: Results) -> Picture:
 
 
 def _active_pictures(request: Request, results: Results) -> Iterator[Picture]:
-    if results.active is None or results.paths is None:
+    if results.by_fixation is None or results.paths is None:
         return
     theta = request.settings.thresholds[request.settings.shown]
     yield Picture(
         "fig5_passive",
         "Passive perception by sensing position",
         "Errors and reaction time against the position where the sensor stays, one curve per threshold. " + _BAND,
-        figures.errors_by_position(metrics.by_place(results.passive)),
+        figures.errors_by_position(results.by_position),
     )
     yield Picture(
         "fig5_active",
         "Active perception by fixation point",
         "Errors and reaction time against the fixation point, averaged over starts, one curve per threshold. " + _BAND,
-        figures.errors_by_fixation(metrics.by_place(results.active)),
+        figures.errors_by_fixation(results.by_fixation),
     )
     yield Picture(
         "fig6",

@@ -6,10 +6,13 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import xarray as xr
+
 from ..hardware.data_collection import simulate_session
 from ..hardware.presets import preset
 from ..inference.control import check_fixation
 from ..inference.engine import make_engine
+from ..inference.resampling import RESAMPLES
 from ..models.histogram import trim
 from ..models.seeds import data_set_seed
 from ..models.splits import Fold, Split
@@ -18,6 +21,7 @@ from . import metrics
 from .crosscheck import crosscheck
 from .examples import belief_cases, trajectories
 from .pictures import count, draw
+from .policies import combined
 from .report import write_report
 from .results import Request, Results
 from .stages import Clock, Progress, no_progress
@@ -76,10 +80,11 @@ def _run(request: Request, clock: Clock) -> Results:
     grid, left_out = trim(request.grid, [fold.train for fold in folds])
     check_settings(settings, grid)
     fixation = check_fixation(settings.fixation, grid.L)
-    with clock.stage("Playing trials", planned(grid, settings) * len(folds)) as advance:
+    resamples = RESAMPLES if len(folds) == 1 else 0
+    with clock.stage("Playing trials", planned(grid, settings, resamples) * len(folds)) as advance:
         # Data sets must not share random numbers, or their spread would miss the sampling of trials.
         studies = [
-            study(fold, grid, replace(settings, seed=data_set_seed(settings.seed, d)), advance)
+            study(fold, grid, replace(settings, seed=data_set_seed(settings.seed, d)), advance, resamples)
             for d, fold in enumerate(folds)
         ]
     first = studies[0]
@@ -99,13 +104,16 @@ def _run(request: Request, clock: Clock) -> Results:
         paths = trajectories(first, engine, settings, fixation) if can_act(grid) else None
         advance(1)
     names = [part.name for part in studies]
-    active = [part.active for part in studies if part.active is not None]
+
+    def joined(parts: list[xr.Dataset]) -> xr.Dataset:
+        return metrics.join(parts, names)
+
     return Results(
         grid=grid,
         left_out=_left_out(left_out, studies),
         studies=studies,
-        passive=metrics.join([part.passive for part in studies], names),
-        active=metrics.join(active, names) if active else None,
+        stored=combined([part.played.stored for part in studies], joined),
+        fresh=combined([part.played.fresh for part in studies], joined),
         fixation=fixation,
         cases=cases,
         paths=paths,

@@ -1,12 +1,13 @@
 """What was asked for and what came out: the data that figures, tables and files are made of."""
 
 from dataclasses import dataclass
-from typing import NamedTuple
+from functools import cached_property
 
 import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
+from ..inference.resampling import Spread, spread
 from ..models.classes import ClassGrid
 from ..models.splits import Split
 from . import metrics
@@ -14,6 +15,7 @@ from .contacts import summarise
 from .crosscheck import CrossCheck
 from .examples import Trajectories
 from .figures import BeliefCase
+from .policies import Outcomes
 from .study import Settings, Study
 
 
@@ -42,15 +44,16 @@ class Request:
     sequence_taps: int = 20
 
 
-class Results(NamedTuple):
+@dataclass(frozen=True)
+class Results:
     """Everything that the files are made of.
 
     Attributes:
         grid: The classes that were told apart.
         left_out: Classes without a training tap, by name.
         studies: One per data set.
-        passive: Outcomes by sensing position, all data sets.
-        active: Outcomes by fixation point; `None` where nothing can be acted on.
+        stored: Outcomes with taps drawn with replacement, all data sets.
+        fresh: Outcomes with no tap drawn twice, at the shown threshold.
         fixation: The fixation point of the curves.
         cases: A clear and an ambiguous sequence of beliefs.
         paths: Example trajectories; `None` where nothing can be acted on.
@@ -61,8 +64,8 @@ class Results(NamedTuple):
     grid: ClassGrid
     left_out: tuple[str, ...]
     studies: list[Study]
-    passive: xr.Dataset
-    active: xr.Dataset | None
+    stored: Outcomes[xr.Dataset]
+    fresh: Outcomes[xr.Dataset]
     fixation: int
     cases: tuple[BeliefCase, BeliefCase]
     paths: Trajectories | None
@@ -70,25 +73,62 @@ class Results(NamedTuple):
     elapsed_s: dict[str, float]
 
     @property
+    def spread(self) -> Spread:
+        """How resamples of a single data set turn into intervals."""
+        return self.studies[0].played.spread
+
+    @property
+    def used_up(self) -> float:
+        """Share of the fresh decisions made because all stored taps of a class were drawn, over the data sets."""
+        return float(np.mean([part.played.used_up for part in self.studies]))
+
+    @property
+    def few(self) -> str:
+        """Whether there are too few test taps, in a sentence; empty where there are enough."""
+        return spread(self.studies[0].table, self.used_up).few
+
+    @cached_property
     def curves(self) -> dict[str, xr.Dataset]:
-        """Each policy's errors and reaction time against the threshold, dim theta."""
-        curves = {"passive": metrics.over_places(self.passive)}
-        if self.active is not None:
-            curves["active"] = metrics.at_place(self.active, self.fixation)
-        return curves
+        """Each policy's errors and reaction time against the threshold, dim theta, and their difference."""
+        return self._curves(self.stored)
+
+    @cached_property
+    def fresh_curves(self) -> dict[str, xr.Dataset]:
+        """The same on fresh taps, at the shown threshold."""
+        return self._curves(self.fresh)
+
+    @cached_property
+    def by_position(self) -> xr.Dataset:
+        """Passive outcomes with intervals, dims (place, theta)."""
+        return metrics.by_place(self.stored.passive, self.spread)
+
+    @cached_property
+    def by_fixation(self) -> xr.Dataset | None:
+        """Active outcomes with intervals, likewise; `None` where nothing can be acted on."""
+        fixations = self.stored.fixations
+        return None if fixations is None else metrics.by_place(fixations, self.spread)
+
+    def _curves(self, outcomes: Outcomes[xr.Dataset]) -> dict[str, xr.Dataset]:
+        parts = {"passive": outcomes.passive, "active": outcomes.active, "difference": outcomes.difference}
+        return {
+            name: metrics.over_places(part, self.spread, difference=name == "difference")
+            for name, part in parts.items()
+            if part is not None
+        }
 
     @property
     def confusions(self) -> tuple[NDArray[np.int64], NDArray[np.int64] | None]:
         """Confusion counts (M, M) of passive and active trials over all data sets."""
-        passive = np.sum([part.passive_confusion for part in self.studies], axis=0)
-        active = [part.active_confusion for part in self.studies if part.active_confusion is not None]
+        played = [part.played for part in self.studies]
+        passive = np.sum([part.passive_confusion for part in played], axis=0)
+        active = [part.active_confusion for part in played if part.active_confusion is not None]
         return passive, np.sum(active, axis=0) if active else None
 
-    @property
+    @cached_property
     def accuracy(self) -> list[dict[str, float | int]]:
         """Accuracy for the numbers of contacts that every data set can answer, one row each."""
         pooled = zip(*(part.accuracy for part in self.studies), strict=False)
-        return [summarise(rows) for rows in pooled]
+        return [summarise(rows, self.spread) for rows in pooled]
 
     @property
     def accuracy_dataset(self) -> xr.Dataset:

@@ -5,15 +5,13 @@ from dataclasses import dataclass
 from typing import Literal, NamedTuple
 
 import numpy as np
-import xarray as xr
-from numpy.typing import NDArray
 
 from ..inference.control import check_fixation
 from ..inference.episode import DEADLINE
-from ..inference.montecarlo import THRESHOLDS, Trials, run_trials
+from ..inference.montecarlo import THRESHOLDS
 from ..inference.reference import Border
 from ..inference.tempering import fit_tempered
-from ..inference.trial_plan import TapTable, TrialPlan, join_plans, plan_trials, tap_table
+from ..inference.trial_plan import TapTable, tap_table
 from ..models.catalogue import FitSettings, split_name
 from ..models.classes import ClassGrid
 from ..models.errors import InputError
@@ -22,7 +20,7 @@ from ..models.power import check_saturation
 from ..models.splits import Fold
 from ..models.taps import TapSet
 from .contacts import Accuracy, accuracy
-from .metrics import confusion, outcomes
+from .policies import Played, most_trials, play_policies, resamples_of
 
 SHOWN_THETA = 0.95  # threshold of the confusion matrices and trajectories
 
@@ -32,7 +30,8 @@ class Settings:
     """Everything that changes the numbers of the experiment.
 
     Attributes:
-        trials: Trials per sensing position (passive) and per fixation point (active); all thresholds share them.
+        trials: Trials per position, at which passive ones stay and active ones start, and about as many in all per
+            fixation point other than the default; all thresholds share them.
         thresholds: theta_W.
         theta_x: Threshold on the where belief for a move of the active policy.
         fixation: Fixation point as where index; `None` for the middle.
@@ -98,10 +97,7 @@ class Study(NamedTuple):
         test: Test taps of trained classes.
         dropped: Number of test taps whose class has no training tap.
         table: Their log-likelihoods.
-        passive: Outcomes by sensing position, see `metrics.outcomes`.
-        active: Outcomes by fixation point; `None` with one where or one what class.
-        passive_confusion: Shape (M, M) at the shown threshold.
-        active_confusion: The same at the default fixation point.
+        played: What came of passive and active trials.
         accuracy: After fixed numbers of contacts.
     """
 
@@ -110,14 +106,17 @@ class Study(NamedTuple):
     test: TapSet
     dropped: int
     table: TapTable
-    passive: xr.Dataset
-    active: xr.Dataset | None
-    passive_confusion: NDArray[np.int64]
-    active_confusion: NDArray[np.int64] | None
+    played: Played
     accuracy: list[Accuracy]
 
 
-def study(fold: Fold, grid: ClassGrid, settings: Settings, progress: Callable[[int], None] | None = None) -> Study:
+def study(
+    fold: Fold,
+    grid: ClassGrid,
+    settings: Settings,
+    progress: Callable[[int], None] | None = None,
+    resamples: int = 0,
+) -> Study:
     """Runs the experiment on one training and test set.
 
     Args:
@@ -125,6 +124,7 @@ def study(fold: Fold, grid: ClassGrid, settings: Settings, progress: Callable[[i
         grid: The classes.
         settings: What to do.
         progress: Called with the number of trials finished since the last call; `planned` tells the total.
+        resamples: Of the test taps, for intervals where there is one data set only.
 
     Raises:
         InputError: No test tap belongs to a trained class, or a setting is out of range.
@@ -133,33 +133,10 @@ def study(fold: Fold, grid: ClassGrid, settings: Settings, progress: Callable[[i
     test = model.usable(fold.test)
     table = tap_table(model, test)
     fixation = check_fixation(settings.fixation, grid.L)
-
-    def play(plan: TrialPlan, theta_x: float) -> Trials:
-        return run_trials(
-            table,
-            plan,
-            settings.thresholds,
-            theta_x=theta_x,
-            border=settings.border,
-            deadline=settings.deadline,
-            seed=settings.seed,
-            progress=progress,
-        )
-
-    plan = _passive_plan(table, settings)
-    trials = play(plan, 1.0)
-    passive = outcomes(trials, plan, plan.where, grid, settings.thresholds)
-    passive_confusion = confusion(plan.what, trials.what[:, settings.shown], grid.M)
-    active, active_confusion = None, None
-    if can_act(grid):
-        plan = _active_plan(table, settings, grid.L)
-        trials = play(plan, settings.theta_x)
-        active = outcomes(trials, plan, plan.fixation, grid, settings.thresholds)
-        chosen = plan.fixation == fixation
-        active_confusion = confusion(plan.what[chosen], trials.what[chosen, settings.shown], grid.M)
-    rows = accuracy(table, settings.seed)
+    pools = resamples_of(table, resamples, settings.seed)
+    played = play_policies(table, grid, settings, fixation, acts=can_act(grid), pools=pools, progress=progress)
     dropped = len(fold.test) - len(test)
-    return Study(fold.name, model, test, dropped, table, passive, active, passive_confusion, active_confusion, rows)
+    return Study(fold.name, model, test, dropped, table, played, accuracy(table, settings.seed, pools=pools))
 
 
 def can_act(grid: ClassGrid) -> bool:
@@ -167,9 +144,9 @@ def can_act(grid: ClassGrid) -> bool:
     return grid.L > 1 and grid.M > 1
 
 
-def planned(grid: ClassGrid, settings: Settings) -> int:
-    """At most how many trials `study` plays, for progress bars."""
-    return settings.trials * grid.L * (2 if can_act(grid) else 1)
+def planned(grid: ClassGrid, settings: Settings, resamples: int = 0) -> int:
+    """How many trials `study` plays, or about as many, for progress bars."""
+    return most_trials(grid, settings, can_act(grid), resamples)
 
 
 def check_settings(settings: Settings, grid: ClassGrid) -> None:
@@ -192,19 +169,3 @@ def check_settings(settings: Settings, grid: ClassGrid) -> None:
     _, in_states = split_name(settings.model)
     if in_states and settings.border == "prior":
         raise InputError("--border prior does not go with a model that carries a state; uniform does.")
-
-
-def _passive_plan(table: TapTable, settings: Settings) -> TrialPlan:
-    positions = np.flatnonzero(table.pool.count.sum(axis=1))
-    return join_plans(
-        [
-            plan_trials(table.pool, settings.trials, settings.seed, where=int(l), first_stream=int(l) * settings.trials)
-            for l in positions
-        ]
-    )
-
-
-def _active_plan(table: TapTable, settings: Settings, L: int) -> TrialPlan:
-    """Every fixation point gets trials with the same starts and random streams, so that points compare in pairs."""
-    plan = plan_trials(table.pool, settings.trials, settings.seed)
-    return join_plans([plan._replace(fixation=np.full_like(plan.fixation, index)) for index in range(L)])

@@ -15,9 +15,9 @@ from ..models.power import learned_taps
 from ..models.splits import Fold
 from ..models.taps import TapSet, concatenate
 from . import metrics
-from .contacts import accuracy_interval_sentence
 from .crosscheck import CrossCheck
 from .figure_style import short_unit
+from .headline import curve_rows, difference_rows, finite, headline
 from .no_class_left import no_class_left_sentence
 from .paper import compare
 from .results import Request, Results
@@ -32,7 +32,8 @@ def summarise(request: Request, results: Results) -> dict[str, Any]:
     settings, grid = request.settings, results.grid
     curves = results.curves
     kind = "simulated data sets" if request.simulated else "folds"
-    sizes = results.studies[0].test.dataset.sizes
+    test = results.studies[0].test
+    sizes, sessions = test.dataset.sizes, len(np.unique(test.session))
     return {
         "title": f"Active Bayesian perception: {_subject(request)}",
         "what_was_run": _what_was_run(request, results),
@@ -62,26 +63,18 @@ def summarise(request: Request, results: Results) -> dict[str, Any]:
         },
         "units": {"what": grid.what_error_unit, "where": short_unit(grid.where_unit)},
         "fixation": _fixation(results),
-        "results": [row for policy, curve in curves.items() for row in _rows(policy, curve)],
+        "headline": headline(results, settings.shown),
+        "results": [row for name in ("passive", "active") if name in curves for row in curve_rows(name, curves[name])],
+        "differences": difference_rows(curves.get("difference")),
         "shown_theta": settings.thresholds[settings.shown],
-        "interval": metrics.interval_sentence(len(results.studies), kind),
-        "accuracy": results.accuracy,
-        "accuracy_interval": accuracy_interval_sentence(len(results.studies)),
-        "paper": compare(curves, metrics.at_place(results.passive, results.fixation)) if request.simulated else None,
+        "interval": metrics.interval_sentence(len(results.studies), kind, sessions, results.spread),
+        "accuracy": [{name: finite(value) for name, value in row.items()} for row in results.accuracy],
+        "paper": compare(curves, results.by_position.isel(place=results.fixation)) if request.simulated else None,
         "crosscheck": _check_summary(results.check),
         "warnings": _warnings(request, results),
         "skipped": _skipped(grid),
         "elapsed_s": results.elapsed_s,
     }
-
-
-def _rows(policy: str, curve: xr.Dataset) -> list[dict[str, Any]]:
-    names = [name for name in metrics.QUANTITIES for name in (name, f"{name}_low", f"{name}_high")]
-    return [
-        {"policy": policy, "theta": float(curve["theta"][h])}
-        | {name: float(curve[name][h]) for name in (*names, *metrics.FRACTIONS)}
-        for h in range(curve.sizes["theta"])
-    ]
 
 
 def _check_summary(check: CrossCheck) -> dict[str, Any]:
@@ -126,7 +119,7 @@ def _source(name: str, taps: int, *parts: TapSet) -> dict[str, Any]:
 
 
 def _fixation(results: Results) -> dict[str, Any] | None:
-    if results.active is None:
+    if results.by_fixation is None:
         return None
     return {"index": results.fixation, "value": float(results.grid.where_value[results.fixation])}
 
@@ -146,8 +139,9 @@ def _what_was_run(request: Request, results: Results) -> list[str]:
         "belief in one object exceeds the threshold.",
         f"Passive: {settings.trials} trials at each sensing position. "
         + (
-            f"Active: {settings.trials} trials with random starts at each fixation point; the curves take the point "
-            f"{grid.where_label(results.fixation)}. "
+            "Active: the same trials, with the same objects and random numbers, start at each position and move to the "
+            f"fixation point {grid.where_label(results.fixation)}; about {settings.trials} of them go to each other "
+            "fixation point. "
             if can_act(grid)
             else ""
         )
@@ -186,7 +180,7 @@ def _warnings(request: Request, results: Results) -> list[str]:
     dropped = sum(part.dropped for part in results.studies)
     if dropped:
         sentences.append(f"Test taps of classes without a training tap were left out: {dropped}.")
-    substituted = [part for part in (results.passive, results.active) if part is not None]
+    substituted = [part for part in (results.stored.passive, results.stored.fixations) if part is not None]
     if any(float(part["substituted_fraction"].max()) > 0 for part in substituted):
         sentences.append(
             "Some moves led to a class without a test tap; the nearest class with one was used, as the table counts."
@@ -237,14 +231,15 @@ def results_tree(request: Request, results: Results) -> xr.DataTree:
     """Every curve, labelled, with intervals; groups without an interval hold the single data sets."""
     grid = results.grid
     groups = {
-        "passive/data_sets": results.passive,
-        "passive/by_position": metrics.by_place(results.passive),
+        "passive/data_sets": _without_resamples(results.stored.passive),
+        "passive/by_position": results.by_position,
         "contacts": results.accuracy_dataset,
     }
-    if results.active is not None:
-        groups["active/data_sets"] = results.active
-        groups["active/by_fixation"] = metrics.by_place(results.active)
+    if results.stored.fixations is not None and results.by_fixation is not None:
+        groups["active/data_sets"] = _without_resamples(results.stored.fixations)
+        groups["active/by_fixation"] = results.by_fixation
     groups |= {f"{policy}/curve": curve for policy, curve in results.curves.items()}
+    groups |= {f"{policy}/fresh": curve for policy, curve in results.fresh_curves.items()}
     passive, active = results.confusions
     confusion = {"passive": (("what_true", "what_decided"), passive)}
     if active is not None:
@@ -263,3 +258,7 @@ def results_tree(request: Request, results: Results) -> xr.DataTree:
         "solidtouch": version("solidtouch"),
     }
     return tree
+
+
+def _without_resamples(data_sets: xr.Dataset) -> xr.Dataset:
+    return data_sets.drop_vars([name for name in data_sets.data_vars if "_resampled" in str(name)])

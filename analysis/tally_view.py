@@ -10,11 +10,15 @@ from scipy.special import ndtri
 from ..inference.tally import Tally
 from ..models.classes import ClassGrid
 from .figure_style import axis_label, short_unit
-from .metrics import CONFIDENCE, interval_sentence
+from .metrics import CONFIDENCE
 from .tallied import UNCERTAIN, tally_means
 
 _DECIMALS = 5
 _LEGEND = "wrong: fraction that decide for a wrong object; belief: mean belief in the decided object."
+_INTERVAL = (
+    f"Intervals are {CONFIDENCE:.0%} normal intervals over the Monte Carlo trials of this one data set; they hold the "
+    "sampling of trials only, not how another recording would differ."
+)
 
 
 def tally_table(tally: Tally, grid: ClassGrid, thresholds: Sequence[float], what_for: str) -> Table:
@@ -29,7 +33,7 @@ def tally_table(tally: Tally, grid: ClassGrid, thresholds: Sequence[float], what
     means = tally_means(tally, grid)
     table = Table(
         title=f"{tally.trials:,} {what_for}",
-        caption=f"{_LEGEND} {interval_sentence(1, '')}",
+        caption=f"{_LEGEND} {_INTERVAL}",
         title_justify="left",
         caption_justify="left",
         box=box.SIMPLE,

@@ -162,11 +162,18 @@ def reproduce(
 
 
 def _print_results(summary: dict[str, Any]) -> None:
-    """One line per policy, at the threshold that the figures show."""
+    """One line per policy and one for their difference, at the threshold that the figures show."""
     from ..analysis.figure_style import axis_label
+    from ..analysis.report import interval
 
-    names = {f"{kind}_error": axis_label(f"{kind} error", summary["units"][kind]) for kind in ("what", "where")}
-    for row in summary["results"]:
-        if row["theta"] == summary["shown_theta"]:
-            errors = ", ".join(f"{label} {row[name]:.3g}" for name, label in names.items())
-            print(f"{row['policy']:7} at threshold {row['theta']:g}: {errors}, taps {row['taps']:.3g}")
+    kinds = [kind for kind, size in (("what", "M"), ("where", "L")) if summary["grid"][size] > 1]
+    names = {f"{kind}_error": axis_label(f"{kind} error", summary["units"][kind]) for kind in kinds} | {"taps": "taps"}
+    headline = summary["headline"]
+    for side in (headline["stored"], headline["fresh"]):
+        print(side["meaning"])
+        for row in side["rows"]:
+            policy = f"{row['policy']:7} at threshold {row['theta']:g}"
+            print(f"  {policy}: {', '.join(f'{label} {interval(row, name)}' for name, label in names.items())}")
+    sentences = (headline["few"], headline["still"], summary["interval"])
+    for sentence in dict.fromkeys(sentence for sentence in sentences if sentence):
+        print(sentence)

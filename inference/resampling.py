@@ -42,7 +42,8 @@ class Spread(NamedTuple):
 
     Attributes:
         factor: By which deviations of resamples are enlarged: n of n draws with replacement vary less than the
-            quantity itself, by n - 1 over n, n being the sessions where several test, else the taps of a class.
+            quantity itself, by n - 1 over n, n being the sessions where several test, else the taps of a class. NaN
+            where n is 1, which gives no interval.
         few: Why intervals may be off, in a sentence; empty where they hold.
     """
 
@@ -92,7 +93,7 @@ def spread(table: TapTable, used_up: float = 0.0) -> Spread:
     """
     taps, sessions = taps_per_class(table.pool), len(np.unique(_session(table)[table.pool.order]))
     n = sessions if sessions > 1 else taps
-    return Spread(float(np.sqrt(n / max(n - 1, 1))), too_few(taps, used_up))
+    return Spread(float(np.sqrt(n / (n - 1))) if n > 1 else np.nan, too_few(taps, used_up))
 
 
 def taps_per_class(pool: TapPool) -> int:
@@ -107,6 +108,8 @@ def too_few(taps: int, used_up: float = 0.0) -> str:
         taps: Of a class.
         used_up: Share of the trials that ended because all taps of a class were drawn.
     """
+    if taps == 1:
+        return "There is one test tap of most classes, too few for an interval."
     if used_up > _USED_UP:
         return (
             f"There are too few test taps: {used_up:.0%} of the decisions were made because the {taps} or so of a "

@@ -39,7 +39,7 @@ class Purpose(IntEnum):
     # analysis
     EPISODES = 18  # of the cross-check
     CALIBRATION = 19  # route, policy
-    CONTACTS = 20
+    CONTACTS = 20  # resample, number of contacts
     LEAKAGE = 21
     CAUSES = 22
     COVARIATE = 23

@@ -2,9 +2,10 @@
 
 import numpy as np
 import pytest
-from scipy.stats import norm, t
-from solidtouch.analysis.contacts import Accuracy, accuracy, accuracy_interval_sentence, summarise
+from scipy.stats import t
+from solidtouch.analysis.contacts import Accuracy, accuracy, summarise
 from solidtouch.hardware.pool import tap_pool
+from solidtouch.inference.resampling import Spread, resampled_pools
 from solidtouch.inference.trial_plan import TapTable
 
 L, M = 2, 3
@@ -115,17 +116,60 @@ def test_the_seed_decides_the_draws():
 
 
 def test_summaries_weigh_classes_by_their_taps():
-    """3 taps at 1/3, 1 at 1 and 4 at 1/2 are 4 of 8 right; in one data set the classes vary."""
+    """3 taps at 1/3, 1 at 1 and 4 at 1/2 are 4 of 8 right; without resamples there is no interval."""
     hits = np.array([[1 / 3, 1.0, 0.0], [1.0, 1.0, 0.0], [0.5, 1.0, 1.0]])
     summary = summarise([Accuracy(1, 3, hits, np.array([3.0, 1.0, 4.0]))])
-    deviations = np.array([3 * (1 / 3 - 0.5), 1 * (1.0 - 0.5), 0.0]) / 8
-    half = norm.ppf(0.975) * np.sqrt((deviations**2).sum() * 3 / 2)
 
     assert (summary["contacts"], summary["classes"]) == (1, 3)
     assert (summary["joint"], summary["where"], summary["what"]) == (0.5, 1.0, 0.5)
-    assert summary["joint_low"] == pytest.approx(0.5 - half)
-    assert summary["joint_high"] == pytest.approx(0.5 + half)
+    assert np.isnan(summary["joint_low"])
+
+
+def test_one_data_set_has_intervals_of_resamples():
+    """Deviations of the resampled means, enlarged, and kept between 0 and 1."""
+    resampled = np.column_stack([np.linspace(0.3, 0.5, 5), np.ones(5), np.linspace(0.6, 1.0, 5)])
+    summary = summarise(
+        [Accuracy(1, 1, np.array([[0.5, 1.0, 0.9]]), np.array([4.0]), resampled=resampled)], Spread(1.2)
+    )
+
+    assert summary["joint_low"] == pytest.approx(0.5 - 1.2 * 0.095)
+    assert summary["joint_high"] == pytest.approx(0.5 + 1.2 * 0.095)
     assert (summary["where_low"], summary["where_high"]) == (1.0, 1.0)
+    assert summary["what_high"] == 1.0
+
+
+@pytest.mark.slow
+def test_resamples_vary_as_new_taps_would():
+    """Of 300 sets of 12 taps that are right half the time, intervals of one and of two contacts hold the truth."""
+    rng = np.random.default_rng(5)
+    held = np.zeros((300, 2))
+    truth = 0.6, 0.36 + 2 * 0.6 * 0.4 * 0.7  # a right tap speaks louder than a wrong one, in seven tenths of the pairs
+    for i in range(len(held)):
+        right = rng.random(24) < truth[0]
+        louder = np.where(right, 2.0, np.where(rng.random(24) < 0.7, 1.0, 3.0))
+        taps = [((0, m), for_class(0, m if r else 2, s)) for m, r, s in zip([0, 1] * 12, right, louder, strict=True)]
+        table = table_of(taps)
+        pools = list(resampled_pools(table, 60, i))[1:]
+        for j, row in enumerate(accuracy(table, i, (1, 2), pools)):
+            summary = summarise([row], Spread(np.sqrt(12 / 11)))
+            held[i, j] = summary["joint_low"] <= truth[j] <= summary["joint_high"]
+
+    assert (np.abs(held.mean(axis=0) - 0.95) < 0.05).all()
+
+
+def test_fewer_draws_on_resamples_do_not_widen_intervals(monkeypatch):
+    """Two draws of each class or fifty: the noise of the draws is taken out."""
+    rng = np.random.default_rng(2)
+    taps = [((i % L, i % M), rng.normal(size=(L, M)) + for_class(i % L, i % M, 1.0)) for i in range(60)]
+    table = table_of(taps)
+    pools = list(resampled_pools(table, 300, 0))[1:]
+    widths = []
+    for draws in (1, 300):
+        monkeypatch.setattr("solidtouch.analysis.contacts._RESAMPLED_DRAWS", draws)
+        summary = summarise(accuracy(table, 0, (2,), pools))
+        widths.append(summary["joint_high"] - summary["joint_low"])
+
+    assert widths[0] == pytest.approx(widths[1], rel=0.35)
 
 
 def test_several_data_sets_are_the_units_that_vary():
@@ -141,20 +185,3 @@ def test_several_data_sets_are_the_units_that_vary():
     assert (summary["contacts"], summary["classes"]) == (1, 2)
     assert summary["joint"] == pytest.approx(0.4)
     assert summary["joint_high"] == pytest.approx(0.4 + half)
-    assert "3 data sets" in accuracy_interval_sentence(3)
-    assert "classes as the units" in accuracy_interval_sentence(1)
-
-
-def test_intervals_stay_between_zero_and_one():
-    """However few classes there are."""
-    summary = summarise([Accuracy(5, 2, np.array([[1.0, 0.9, 0.1], [0.6, 1.0, 0.0]]), np.array([1.0, 1.0]))])
-
-    for name in ("joint", "where", "what"):
-        assert 0.0 <= summary[f"{name}_low"] <= summary[name] <= summary[f"{name}_high"] <= 1.0
-
-
-def test_a_single_class_has_no_spread():
-    """Its interval is a point instead of a division by zero."""
-    summary = summarise([Accuracy(2, 1, np.array([[0.75, 1.0, 0.75]]), np.array([6.0]))])
-
-    assert (summary["joint_low"], summary["joint_high"]) == (0.75, 0.75)

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 import xarray as xr
-from scipy.stats import norm, t
+from scipy.stats import t
 from solidtouch.analysis.metrics import (
     QUANTITIES,
     at_place,
@@ -11,10 +11,14 @@ from solidtouch.analysis.metrics import (
     confusion,
     interval_sentence,
     join,
+    mean_outcomes,
     outcomes,
+    outcomes_dataset,
     over_places,
+    with_noise,
 )
 from solidtouch.inference.montecarlo import Trials
+from solidtouch.inference.resampling import Spread
 from solidtouch.inference.trial_plan import TrialPlan
 from solidtouch.models.classes import ClassGrid
 
@@ -92,10 +96,27 @@ def test_outcomes_carry_labels_and_counts(dataset):
     assert (dataset.attrs["what_unit"], dataset.attrs["where_unit"]) == ("mm", "mm")
 
 
-def test_variances_are_those_of_single_trials(dataset):
-    """Mean squared distance from the mean of the place."""
-    np.testing.assert_allclose(dataset["taps_variance"][0], [2 / 3, 26 / 3], rtol=1e-14)
-    np.testing.assert_allclose(dataset["taps_variance"][2], [1.0, 1600.0], rtol=1e-14)
+def test_noise_is_the_variance_of_a_mean_over_trials(dataset):
+    """Variance of single trials over their number; none where there is no trial."""
+    np.testing.assert_allclose(dataset["taps_noise"], [[1 / 3, 13 / 3], [0, 0], [1.0, 1600.0]], rtol=1e-14)
+
+
+def test_starts_in_equal_numbers_are_no_noise(trials, grid):
+    """At one fixation point only what varies between trials of one start counts."""
+    plan = TrialPlan(np.array([0, 0, 1, 1, 2]), WHAT, np.zeros(5, int), np.arange(5))
+    noise = mean_outcomes(trials, plan, plan.fixation, grid).noise["taps"]
+
+    np.testing.assert_allclose(noise[0], [(2 * 0.5 + 2 * 0.5) / 25, (2 * 2.0 + 2 * 40.5) / 25], rtol=1e-14)
+
+
+def test_differences_pair_trial_by_trial(trials, plan, grid):
+    """Trials that all take two taps more differ by 2 without noise, the same trials by nothing at all."""
+    more = mean_outcomes(trials._replace(taps=trials.taps + 2), plan, PLACE, grid, minus=trials)
+    same = mean_outcomes(trials, plan, PLACE, grid, minus=trials)
+
+    np.testing.assert_array_equal(more.mean["taps"][[0, 2]], 2.0)
+    np.testing.assert_array_equal(more.noise["taps"], 0.0)
+    assert all((mean[[0, 2]] == 0).all() for mean in same.mean.values())
 
 
 def test_objects_without_sizes_give_the_share_of_wrong_answers(trials, plan, grid):
@@ -107,28 +128,60 @@ def test_objects_without_sizes_give_the_share_of_wrong_answers(trials, plan, gri
     assert dataset.attrs["what_unit"] == "P(wrong)"
 
 
-def test_one_data_set_has_normal_intervals_over_trials(dataset):
-    """1.96 standard errors to both sides, not below zero."""
-    one = join([dataset], ["only"])
-    z = norm.ppf(0.975)
-    half = z * np.sqrt([2 / 3 / 3, 26 / 3 / 3])
-    result = at_place(one, 0)
+@pytest.fixture
+def resampled(trials, plan, grid):
+    """A data set whose 5 resamples take -2, -1, 0, 1 and 2 taps more at place 0, without noise."""
+    means = mean_outcomes(trials, plan, PLACE, grid)
+    quiet = means._replace(noise={name: 0 * noise for name, noise in means.noise.items()})
+    steps = [np.array([[step], [np.nan], [0.0]]) for step in (-2, -1, 0, 1, 2)]
+    drawn = [quiet._replace(mean=quiet.mean | {"taps": quiet.mean["taps"] + step}) for step in steps]
+    return join([outcomes_dataset(quiet, drawn, grid, THETAS)], ["only"])
+
+
+def test_one_data_set_has_intervals_of_resamples(resampled):
+    """Quantiles of the deviations, enlarged; no interval where resamples lack trials."""
+    result = at_place(resampled, 0, Spread(1.5))
+    half = 1.5 * np.quantile([-2, -1, 0, 1, 2], 0.975)
 
     np.testing.assert_allclose(result["taps"], [2.0, 7.0])
     np.testing.assert_allclose(result["taps_high"], result["taps"] + half)
-    np.testing.assert_allclose(result["taps_low"], result["taps"] - half)
-    assert np.isnan(at_place(one, 1)["taps_high"]).all()
+    np.testing.assert_allclose(result["taps_low"], [1.0, 7.0 - half])
+    assert np.isnan(at_place(resampled, 1)["taps_high"]).all()
 
 
-def test_places_count_alike(dataset):
-    """The mean over places ignores how many trials each had; their sampling variances add up."""
-    one = join([dataset], ["only"])
-    half = norm.ppf(0.975) * np.sqrt((2 / 3 / 3 + 1.0 / 2) / 4)
-    result = over_places(one)
+def test_places_count_alike(resampled):
+    """The mean over places ignores how many trials each had, in every resample too."""
+    half = np.quantile([-1, -0.5, 0, 0.5, 1], 0.975)
+    result = over_places(resampled)
 
     np.testing.assert_allclose(result["taps"], [3.5, 33.5])
     np.testing.assert_allclose(result["stopped_fraction"], [1.0, 0.75])
-    assert float(result["taps_high"][0]) == pytest.approx(3.5 + half)
+    np.testing.assert_allclose(result["taps_high"], result["taps"] + half)
+
+
+def test_differences_can_be_negative(resampled):
+    """An outcome cannot be below its least, a difference can."""
+    low = [at_place(resampled, 0)["taps_low"], by_place(resampled, difference=True)["taps_low"][0]]
+
+    assert float(low[0][0]) == 1.0
+    assert float(low[1][0]) == pytest.approx(2.0 + np.quantile([-2, -1, 0, 1, 2], 0.025))
+
+
+def test_one_data_set_without_resamples_has_no_interval(dataset):
+    result = by_place(join([dataset], ["only"]))
+
+    assert np.isnan(result["taps_low"]).all()
+    np.testing.assert_allclose(result["taps"][0], [2.0, 7.0])
+
+
+def test_resamples_of_few_trials_get_the_noise_of_many():
+    """A variance of 4 of which 3 is noise becomes 1 and the noise that is wanted; the mean stays."""
+    drawn = 5 + 2 * np.random.default_rng(0).standard_normal((3, 100_000))
+    changed = with_noise(drawn, np.array([0.25, 0.0, 8.0]), np.array([3.0, 9.0, 3.0]))
+
+    np.testing.assert_allclose(changed.var(axis=1), [1.25, 0.0, 9.0], atol=0.1)
+    np.testing.assert_allclose(changed.mean(axis=1), drawn.mean(axis=1))
+    assert (with_noise(np.ones((1, 4)), np.ones(1), np.ones(1)) == 1).all()
 
 
 def scaled(dataset, factor):
@@ -178,7 +231,6 @@ def test_intervals_cover_the_truth_as_often_as_they_say(grid):
     data_sets = xr.Dataset(
         {
             **dict.fromkeys(EXPECTED, (("data_set", "place", "theta"), values[:, :, None])),
-            **{f"{name}_variance": (("data_set", "place", "theta"), 0 * values[:, :, None]) for name in QUANTITIES},
             "trials": (("data_set", "place"), np.ones((5, 400))),
         }
     )
@@ -196,6 +248,9 @@ def test_confusion_counts_rows_by_truth(trials):
 
 
 def test_sentences_say_what_the_intervals_hold():
-    """Spread between data sets, or sampling of trials only."""
+    """Spread between data sets, or resampled taps, with sessions where several test."""
     assert "t-intervals of the mean over 12 simulated data sets" in interval_sentence(12, "simulated data sets")
-    assert "95% normal intervals over the Monte Carlo trials of this one data set" in interval_sentence(1, "sessions")
+    assert "share training sessions" in interval_sentence(3, "folds")
+    assert "resamples of the test taps of each class" in interval_sentence(1, "folds")
+    assert "the 2 test sessions, and the test taps of each class and session" in interval_sentence(1, "folds", 2)
+    assert interval_sentence(1, "folds", 1, Spread(np.nan, "One tap.")) == "One tap."

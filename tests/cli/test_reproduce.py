@@ -188,6 +188,57 @@ def test_a_learned_power_is_told(command, tmp_path, make_taps):
     assert 1e-4 <= float(sentence.rsplit(": ", 1)[1].rstrip(".")) <= 1
 
 
+def test_passive_and_active_agree_where_decisions_take_one_tap(command, tmp_path, make_taps):
+    """Recorded taps that are sure, and a quarter of them wrong: the same errors in all digits, and a sentence."""
+    taps = make_taps(L=3, M=3, repeats=12)
+    rng = np.random.default_rng(1)
+    other = np.where(rng.random(len(taps)) < 0.25, rng.permutation(len(taps)), np.arange(len(taps)))
+    swapped = taps.dataset.assign(taps=(taps.dataset["taps"].dims, taps.taps[other]))
+    type(taps)(swapped).save(tmp_path / "taps.nc")
+    words = ("--quick", "--trials", 40, "--power", 1, "--bins", 9, "--pseudocount", 0.5, "--thresholds", "0.3,0.8")
+    done = command("reproduce", "--data", tmp_path / "taps.nc", *words, "--out", tmp_path / "run")
+    summary = summary_of(tmp_path / "run")
+    rows = {(row["policy"], row["theta"]): row for row in summary["results"]}
+    sentence = "taps on average, so the finger has hardly moved: passive and active perception can"
+
+    assert done.code == 0
+    assert rows["active", 0.3] == rows["passive", 0.3] | {"policy": "active"}
+    assert rows["passive", 0.3]["taps"] == 1.0
+    for name in ("what_error", "where_error"):
+        for row in rows.values():
+            assert 0.05 < row[f"{name}_low"] < row[name] < row[f"{name}_high"]
+    for row in summary["differences"]:
+        assert row["what_error_low"] <= row["what_error"] <= row["what_error_high"]
+        assert abs(row["what_error"]) < 0.05
+    assert summary["differences"][0]["what_error_high"] == 0.0
+    assert sentence in summary["headline"]["still"]
+    assert sentence in done.out
+    assert sentence in html.unescape((tmp_path / "run" / "report.html").read_text())
+    printed = [line for line in done.out.splitlines() if "at threshold 0.8" in line]
+    assert [line.split(" at ")[0].strip() for line in printed] == ["passive", "active", "passive - active"] * 2
+    assert all(line.count("[") == 3 for line in printed)
+    assert "resamples of the test taps of each class" in done.out
+    assert [part["policy"] for part in summary["headline"]["fresh"]["rows"]] == [
+        "passive",
+        "active",
+        "passive - active",
+    ]
+
+
+def test_one_test_tap_of_a_class_gives_no_interval(command, tmp_path, make_taps):
+    """Nothing says how other taps would differ; the run says so, in the place of intervals."""
+    make_taps(repeats=1).save(tmp_path / "taps.nc")
+    done = command("reproduce", "--data", tmp_path / "taps.nc", *FAST, "--bins", 9, "--out", tmp_path / "run")
+    summary = summary_of(tmp_path / "run")
+
+    assert done.code == 0
+    assert summary["interval"] == "There is one test tap of most classes, too few for an interval."
+    assert done.out.count(summary["interval"]) == 1
+    assert {row["what_error_low"] for row in summary["results"]} == {None}
+    assert {row["joint_high"] for row in summary["accuracy"]} == {None}
+    assert summary["headline"]["used_up"] > 0
+
+
 @pytest.mark.slow
 def test_one_where_class_leaves_the_active_part_out(command, tmp_path, make_taps):
     """A sentence says so, and the error in the object has no position beside it."""
@@ -309,11 +360,11 @@ def test_data_sets_draw_their_own_random_numbers(command, tmp_path, monkeypatch)
     """The first that of the command; shared ones would hide the sampling of trials from their spread."""
     seeds = []
 
-    def watched(fold, grid, settings, progress):
+    def watched(fold, grid, settings, *more):
         seeds.append(settings.seed)
         if len(seeds) == 2:
             raise InputError("seen enough")
-        return study(fold, grid, settings, progress)
+        return study(fold, grid, settings, *more)
 
     monkeypatch.setattr("solidtouch.analysis.reproduce.study", watched)
     done = command("reproduce", *SMALL, "--seed", 5, "--out", tmp_path / "run")

@@ -1,0 +1,259 @@
+"""Passive and active trials from the same starts with the same random numbers, on test taps and resamples of them."""
+
+from collections.abc import Callable, Sequence
+from functools import partial
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+import xarray as xr
+from numpy.typing import NDArray
+
+from ..hardware.pool import TapPool
+from ..inference.montecarlo import LoopPlayer, Trials, empty_trials, make_rule, refuse_impossible, run_trials
+from ..inference.resampling import RESAMPLE_TRIALS, Spread, resampled_pools, spread
+from ..inference.trial_plan import TapTable, TrialPlan, checked_plan, join_plans, plan_trials
+from ..models.classes import ClassGrid
+from ..models.threads import cores, in_order
+from .metrics import Means, confusion, mean_outcomes, outcomes_dataset
+
+if TYPE_CHECKING:
+    from .study import Settings
+
+type Play = Callable[[TrialPlan, bool, bool], Trials]
+"""Plays a plan; the arguments behind it are whether the sensor moves and whether no tap is drawn twice."""
+
+
+class Outcomes[T](NamedTuple):
+    """What came of trials, by place and threshold.
+
+    Attributes:
+        passive: By sensing position.
+        active: By the position of the start, at the default fixation point; `None` where nothing can be acted on.
+        difference: Passive minus active, trial by trial, by the position of the start; likewise.
+        fixations: By fixation point, averaged over starts; likewise, and for trials on fresh taps.
+    """
+
+    passive: T
+    active: T | None = None
+    difference: T | None = None
+    fixations: T | None = None
+
+
+def combined[T, R](outcomes: Sequence[Outcomes[T]], join: Callable[[list[T]], R]) -> Outcomes[R]:
+    """Several outcomes of the same policies as one, each part made of the same parts by `join`."""
+
+    def part(name: str) -> R | None:
+        parts = [getattr(one, name) for one in outcomes]
+        return None if parts[0] is None else join(parts)
+
+    return Outcomes(join([one.passive for one in outcomes]), part("active"), part("difference"), part("fixations"))
+
+
+class Played(NamedTuple):
+    """Trials on one data set.
+
+    Attributes:
+        stored: With taps drawn with replacement up to the deadline, as in the paper, at all thresholds.
+        fresh: With no tap drawn twice, at the shown threshold.
+        passive_confusion: Shape (M, M) at the shown threshold, of `stored`.
+        active_confusion: The same at the default fixation point; `None` where nothing can be acted on.
+        used_up: Share of the fresh decisions, of the policy with more of them, made because all stored taps of a class
+            were drawn.
+        spread: How resamples turn into intervals.
+    """
+
+    stored: Outcomes[xr.Dataset]
+    fresh: Outcomes[xr.Dataset]
+    passive_confusion: NDArray[np.int64]
+    active_confusion: NDArray[np.int64] | None
+    used_up: float
+    spread: Spread
+
+
+class Plans(NamedTuple):
+    """Which trials are played.
+
+    Attributes:
+        starts: The same number at every position with a test tap, aiming for the default fixation point. Passive
+            trials are the same ones without moves.
+        others: At every other fixation point the first few of each position, in equal numbers; `None` where nothing
+            can be acted on.
+    """
+
+    starts: TrialPlan
+    others: TrialPlan | None
+
+
+def make_plans(
+    pool: TapPool, trials: int, seed: int, fixation: int, acts: bool, first_stream: int = 0, fewest: int = 1
+) -> Plans:
+    """The trials of both policies.
+
+    Args:
+        pool: The test taps.
+        trials: Per position, and at least as many in all per other fixation point.
+        seed: Of the objects that trials start on.
+        fixation: The default fixation point.
+        acts: Whether active trials are wanted.
+        first_stream: Random stream of the first trial at position 0.
+        fewest: Trials per position at the other fixation points, at least.
+
+    Raises:
+        InputError: There are no trials, or a stream is out of range.
+    """
+    positions = np.flatnonzero(pool.count.sum(axis=1))
+    by_position = [
+        plan_trials(pool, trials, seed, fixation, where=int(l), first_stream=first_stream + int(l) * trials)
+        for l in positions
+    ]
+    if not acts:
+        return Plans(join_plans(by_position), None)
+    each = min(trials, max(fewest, -(-trials // len(positions))))
+    few = join_plans([TrialPlan(*(column[:each] for column in plan)) for plan in by_position])
+    others = [few._replace(fixation=np.full_like(few.fixation, l)) for l in range(pool.count.shape[0]) if l != fixation]
+    return Plans(join_plans(by_position), join_plans(others))
+
+
+def most_trials(grid: ClassGrid, settings: "Settings", acts: bool, resamples: int) -> int:
+    """How many trials `play_policies` plays where every position has a test tap."""
+
+    def on_pool(trials: int, fewest: int) -> int:
+        each = min(trials, max(fewest, -(-trials // grid.L)))
+        return grid.L * (4 * trials + (grid.L - 1) * each if acts else 2 * trials)
+
+    return on_pool(settings.trials, 1) + resamples * on_pool(_per_position(grid.L, settings), 2)
+
+
+def play_policies(
+    table: TapTable,
+    grid: ClassGrid,
+    settings: "Settings",
+    fixation: int,
+    *,
+    acts: bool,
+    pools: Sequence[TapPool] = (),
+    progress: Callable[[int], None] | None = None,
+) -> Played:
+    """Plays passive and active trials, on stored and on fresh taps.
+
+    Args:
+        table: Test taps.
+        grid: The classes.
+        settings: What to do.
+        fixation: The default fixation point.
+        acts: Whether active perception means anything.
+        pools: Resamples of the test taps, for intervals.
+        progress: Told how many more trials were played.
+
+    Raises:
+        InputError: A setting is out of range.
+        ZeroEvidenceError: A test tap is impossible under every class.
+    """
+    plans = make_plans(table.pool, settings.trials, settings.seed, fixation, acts)
+    shown = settings.thresholds[settings.shown]
+
+    def play(plan: TrialPlan, moves: bool, fresh: bool) -> Trials:
+        return run_trials(
+            table,
+            plan,
+            shown if fresh else settings.thresholds,
+            theta_x=settings.theta_x if moves else 1.0,
+            border=settings.border,
+            deadline=settings.deadline,
+            seed=settings.seed,
+            fresh=fresh,
+            progress=progress,
+        )
+
+    stored, stored_trials = _outcomes(plans, play, grid, fresh=False)
+    fresh, fresh_trials = _outcomes(plans, play, grid, fresh=True)
+    resampled = _on_resamples(table, grid, settings, fixation, acts, pools, progress)
+
+    def datasets(outcomes: Outcomes[Means], of: int, thresholds: Sequence[float]) -> Outcomes[xr.Dataset]:
+        drawn = [pair[of] for pair in resampled]
+        return combined([outcomes, *drawn], lambda means: outcomes_dataset(means[0], means[1:], grid, thresholds))
+
+    used_up = max(float(trials.used_up.mean()) for trials in fresh_trials)
+    confusions = [confusion(plans.starts.what, trials.what[:, settings.shown], grid.M) for trials in stored_trials]
+    return Played(
+        datasets(stored, 0, settings.thresholds),
+        datasets(fresh, 1, (shown,)),
+        confusions[0],
+        confusions[1] if acts else None,
+        used_up,
+        spread(table, used_up),
+    )
+
+
+def _outcomes(plans: Plans, play: Play, grid: ClassGrid, *, fresh: bool) -> tuple[Outcomes[Means], list[Trials]]:
+    """What came of the trials, and the trials that started everywhere, passive and active."""
+    starts, others = plans
+    passive = play(starts, False, fresh)
+    by_start = partial(mean_outcomes, plan=starts, place=starts.where, grid=grid)
+    if others is None:
+        return Outcomes(by_start(passive)), [passive]
+    if fresh:
+        active = play(starts, True, True)
+        return Outcomes(by_start(passive), by_start(active), by_start(passive, minus=active)), [passive, active]
+    plan = join_plans([starts, others])
+    trials = play(plan, True, False)
+    active = Trials._make(column[: len(starts.where)] for column in trials)
+    fixations = mean_outcomes(trials, plan, plan.fixation, grid)
+    return Outcomes(by_start(passive), by_start(active), by_start(passive, minus=active), fixations), [passive, active]
+
+
+def _on_resamples(
+    table: TapTable,
+    grid: ClassGrid,
+    settings: "Settings",
+    fixation: int,
+    acts: bool,
+    pools: Sequence[TapPool],
+    progress: Callable[[int], None] | None,
+) -> list[tuple[Outcomes[Means], Outcomes[Means]]]:
+    """Outcomes on stored and on fresh taps of each resample, from streams of its own."""
+    if not pools:
+        return []
+    rule = make_rule(settings.thresholds, 1.0, settings.border, settings.deadline, settings.seed)
+    alone = make_rule(settings.thresholds[settings.shown], 1.0, settings.border, settings.deadline, settings.seed)
+    players = {
+        (moves, fresh): LoopPlayer(
+            table, (alone if fresh else rule)._replace(theta_x=settings.theta_x if moves else 1.0, fresh=fresh)
+        )
+        for moves in (False, True)
+        for fresh in (False, True)
+    }
+    trials = _per_position(grid.L, settings)
+
+    def one(number: int, pool: TapPool) -> tuple[tuple[Outcomes[Means], Outcomes[Means]], int]:
+        counted = 0
+
+        def play(plan: TrialPlan, moves: bool, fresh: bool) -> Trials:
+            nonlocal counted
+            n = len(plan.where)
+            played = empty_trials(n, 1 if fresh else len(settings.thresholds))
+            refuse_impossible(players[moves, fresh].on(pool)(checked_plan(plan, pool), 0, n, played), n)
+            counted += n
+            return played
+
+        first = grid.L * (settings.trials + number * trials)
+        plans = make_plans(pool, trials, settings.seed, fixation, acts, first, fewest=2)
+        pair = _outcomes(plans, play, grid, fresh=False)[0], _outcomes(plans, play, grid, fresh=True)[0]
+        return pair, counted
+
+    kept = []
+    for pair, counted in in_order((partial(one, i, pool) for i, pool in enumerate(pools)), cores(None)):
+        kept.append(pair)
+        if progress is not None:
+            progress(counted)
+    return kept
+
+
+def resamples_of(table: TapTable, resamples: int, seed: int) -> list[TapPool]:
+    """Resamples of the test taps, without the taps as they are."""
+    return list(resampled_pools(table, resamples, seed))[1:] if resamples else []
+
+
+def _per_position(L: int, settings: "Settings") -> int:
+    """Trials at each position on a resample."""
+    return min(settings.trials, -(-RESAMPLE_TRIALS // L))
