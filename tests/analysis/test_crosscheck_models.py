@@ -5,7 +5,7 @@ from itertools import product
 
 import numpy as np
 import pytest
-from solidtouch.analysis.crosscheck import crosscheck
+from solidtouch.analysis.crosscheck import STORY, crosscheck
 from solidtouch.inference import enumeration, plain
 from solidtouch.inference.engine import make_engine
 from solidtouch.inference.reference import BORDERS
@@ -112,6 +112,7 @@ def test_all_routes_agree_on_every_model(models, taps, name):
     assert check.passed
     assert (check.sequence_taps, check.notes) == (SEQUENCE, ())
     assert {row.routes for row in check.rows} == {
+        STORY,
         "numpy, numpyro",
         "numpy, filter",
         "numpy, numpyro sequence",
