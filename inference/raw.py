@@ -7,7 +7,9 @@ error in the fit cannot hide by being in all routes alike. It serves as a check;
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from typing import NamedTuple, Self
+from functools import cached_property
+from inspect import signature
+from typing import Any, NamedTuple, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -111,7 +113,13 @@ class RawFilter:
 
     def shift(self, log_belief: NDArray[np.float64], delta: int) -> NDArray[np.float64]:
         """Log belief (L, M) after a move by `delta` where classes; Eq. 9."""
-        return reference.shift_log(log_belief, delta, self.options.border)
+        return reference.shift_log(log_belief, delta, self.options.border, **self._mask)
+
+    @cached_property
+    def _mask(self) -> dict[str, Any]:
+        """The trained classes, for moves that keep belief within them."""
+        known = "trained" in signature(reference.shift_log).parameters
+        return {"trained": self.trained} if known else {}
 
     def trial(
         self,

@@ -155,6 +155,16 @@ def test_an_error_of_a_millionth_in_one_engine_is_found(models, taps, monkeypatc
         assert {"numpy, numpyro", "numpy, filter"} <= failed(crosscheck(model, taps, **sizes))
 
 
+def test_an_error_that_all_engines_share_is_found(models, taps):
+    """In the form of the model: only the story knows better."""
+    for name in ("gaussian", "profile-mvn"):
+        wrong = replace(models[name])
+        wrong.__dict__["plain_form"] = bent(wrong.plain_form)
+        check = crosscheck(wrong, taps, episodes=1, length=LENGTH, sequence_taps=0, border="prior")
+
+        assert failed(check) == {STORY}
+
+
 def test_a_route_that_leaks_between_states_is_found(models, taps, monkeypatch):
     """Moves that mix the belief of two states a little."""
     right = enumeration.NumpyroEngine.shift
