@@ -1,8 +1,12 @@
 """Every way of computing the posterior, run over the same episodes and compared.
 
-Routes: the plain NumPy reference, the enumerated one-tap NumPyro model, the compiled filter of the Monte Carlo, the
-whole-sequence NumPyro model summed by funsor for the first taps of each episode, and whole trials of the Monte Carlo
-in compiled loops and in arrays. Any measurement model goes through all of them.
+Routes from a fitted model: the plain NumPy reference, the enumerated one-tap NumPyro model, the compiled filter of the
+Monte Carlo, the whole-sequence NumPyro model summed by funsor for the first taps of each episode, and whole trials of
+the Monte Carlo in compiled loops and in arrays. Any measurement model goes through all of them.
+
+What they share is checked by two more. For the histogram, `inference.raw` goes from the training taps to episodes and
+trials by the equations of the reference alone. For every model, the NumPyro story gives the likelihood of test taps at
+the fitted parameters, which is compared with that of the compiled loops.
 """
 
 from collections.abc import Callable
@@ -15,14 +19,18 @@ from ..hardware.replay import ReplayRig, uniforms
 from ..inference import reference
 from ..inference.engine import Engine, make_engine
 from ..inference.montecarlo import THRESHOLDS
+from ..inference.raw import LabelledTaps, Options, RawFilter
 from ..inference.reference import Border
 from ..inference.trial_plan import plan_trials, tap_table
 from ..models import seeds
+from ..models.histogram import HistogramModel
 from ..models.model import TapModel
+from ..models.power import learned_taps
 from ..models.states import fold
 from ..models.taps import TapSet
 from .no_class_left import impossible_cause
-from .trial_check import TrialDifferences, belief_gap, compare_trials
+from .study import Settings
+from .trial_check import RAW, TrialDifferences, belief_gap, compare_trials
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -30,7 +38,11 @@ if TYPE_CHECKING:
     from ..inference.enumeration import SequencePosterior
 
 TOLERANCE = 1e-10
+STORY_TOLERANCE = 1e-9
+"""Relative difference allowed between log-likelihoods of a tap, absolute below 1."""
+_STORY_TAPS = 10
 NEAR_TIE = 1e-6
+STORY = "compiled, numpyro story"
 _COMPARED_ABOVE = -600.0  # log posteriors below it are no longer compared with each other
 
 
@@ -104,6 +116,8 @@ def crosscheck(
     model: TapModel,
     taps: TapSet,
     *,
+    train: TapSet | None = None,
+    settings: Settings | None = None,
     border: Border = "uniform",
     episodes: int = 10,
     length: int = 40,
@@ -118,6 +132,8 @@ def crosscheck(
     Args:
         model: The fitted measurement model.
         taps: Test taps of trained classes.
+        train: The training taps; without them the route from raw taps is left out.
+        settings: How the model was fitted, for that route; default `Settings()`.
         border: Reading of Eq. 9; under `"prior"`, which is no kernel, the NumPyro routes are left out.
         episodes: Number of episodes.
         length: Taps of each.
@@ -135,14 +151,22 @@ def crosscheck(
     engines = [make_engine(name, model, border) for name in names]
     notes = [] if len(names) == 3 else [f"Border {border} is no Markov kernel, so the NumPyro routes were left out."]
     comparison = _Comparison(model.grid.M)
+    comparison.add_story(model, taps)
+    raw = None if train is None else _raw_filter(model, train, settings or Settings(), border, notes)
+    if raw is not None:
+        comparison.add_fit(model, raw)
     sequence = _SequenceRoute(model, border, min(sequence_taps, length) if "numpyro" in names else 0, notes)
     ended = 0
     for _ in range(episodes):
         script, expected = _script(engines[0], taps, length, generator)
         ended += script.impossible is not None
         for engine in engines[1:]:
-            actual, same_end = _follow(engine, script)
+            actual, same_end = _follow(engine, engine.model.log_prior, script)
             comparison.add(f"numpy, {engine.name}", expected, actual, script.targets)
+            comparison.differing_decisions += not same_end
+        if raw is not None:
+            actual, same_end = _follow(raw, raw.log_prior, script)
+            comparison.add(f"numpy, {RAW}", expected, actual, script.targets)
             comparison.differing_decisions += not same_end
         sequence.add(comparison, expected, script)
         if progress is not None:
@@ -150,8 +174,8 @@ def crosscheck(
     table = tap_table(model, taps)
     plan = plan_trials(table.pool, episodes, seed)
     plan = plan._replace(fixation=generator.integers(model.grid.L, size=episodes))
-    for device, differences in compare_trials(engines[0], table, taps, plan, border, length, NEAR_TIE).items():
-        comparison.add_trials(f"numpy, {device} trials", differences)
+    for name, differences in compare_trials(engines[0], table, taps, plan, border, length, NEAR_TIE, raw).items():
+        comparison.add_trials(f"numpy, {name} trials", differences)
     if ended:
         notes.append(
             f"{ended} of {episodes} episodes end early, before a tap that is impossible under every class still "
@@ -251,6 +275,29 @@ class _Comparison:
         for t, target in enumerate(targets.tolist()):
             self._compare_choices(np.exp(expected.log_beliefs[t]), posterior.filtered[t], target)
 
+    def add_fit(self, model: TapModel, raw: RawFilter) -> None:
+        """Compares what was fitted with what the training taps give."""
+        if not isinstance(model, HistogramModel):
+            raise TypeError(f"A model of type {type(model).__name__} has no counts.")
+        routes = f"fit, {RAW}"
+        log_prob = np.where(model.trained[..., np.newaxis, np.newaxis], model.log_prob, -np.inf)
+        self._note(routes, "bin edges", model.edges, raw.edges)
+        self._note(routes, "log histograms", log_prob, raw.log_prob)
+        self._note(routes, "prior", np.exp(model.log_prior), np.exp(raw.log_prior))
+        self._note(routes, "exponent", np.array(model.exponent), np.array(raw.exponent))
+
+    def add_story(self, model: TapModel, taps: TapSet) -> None:
+        """Compares log-likelihoods at power 1 under every trained class, by compiled loops and by the NumPyro story."""
+        from ..models.story_likelihood import log_likelihoods  # noqa: PLC0415 - NumPyro takes seconds to import
+
+        seen = taps.taps[np.linspace(0, len(taps) - 1, min(_STORY_TAPS, len(taps))).astype(np.intp)]
+        compiled = np.empty((len(seen), *model.form.shape))
+        model.prepared.log_likelihood(seen, model.edges, 1.0, compiled)
+        possible = ~np.isneginf(model.log_prior)
+        story, compiled = log_likelihoods(model, seen)[:, possible], compiled[:, possible]
+        size = np.maximum(1.0, np.abs(np.where(np.isfinite(compiled), compiled, 1.0)))
+        self._note(STORY, "log likelihood", compiled / size, story / size)
+
     def add_trials(self, routes: str, differences: TrialDifferences) -> None:
         """Counts what differed between trials."""
         self._note(routes, "decided belief", *differences.belief)
@@ -260,9 +307,14 @@ class _Comparison:
     def rows(self) -> tuple[Row, ...]:
         """The findings; log quantities may differ by the tolerance times the number of taps."""
         return tuple(
-            Row(quantity, routes, value, TOLERANCE * (self.taps[routes] if quantity.startswith("log ") else 1))
+            Row(quantity, routes, value, self._allowed(routes, quantity))
             for (routes, quantity), value in self.largest.items()
         )
+
+    def _allowed(self, routes: str, quantity: str) -> float:
+        if routes == STORY:
+            return STORY_TOLERANCE
+        return TOLERANCE * (self.taps.get(routes, 1) if quantity.startswith("log ") else 1)
 
     def _note_beliefs(self, routes: str, expected: NDArray[np.float64], actual: NDArray[np.float64]) -> None:
         self._note(routes, "posterior", expected, actual)
@@ -271,7 +323,9 @@ class _Comparison:
         self._note(routes, "what marginal", expected.sum(axis=1), actual.sum(axis=1))
 
     def _note(self, routes: str, quantity: str, expected: NDArray[np.float64], actual: NDArray[np.float64]) -> None:
-        difference = float(np.abs(expected - actual).max(initial=0.0))
+        with np.errstate(invalid="ignore"):
+            differences = np.where(expected == actual, 0.0, np.abs(expected - actual))  # equal infinities too
+        difference = float(differences.max(initial=0.0))
         # A NaN stays a NaN, so that it cannot pass.
         self.largest[routes, quantity] = float(np.maximum(self.largest.get((routes, quantity), 0.0), difference))
 
@@ -315,12 +369,33 @@ def _script(engine: Engine, taps: TapSet, length: int, generator: np.random.Gene
     T = len(recorded)
     samples = np.array(recorded).reshape(T, *taps.taps.shape[1:])
     script = Script(samples, targets[:T], np.array(deltas, dtype=np.intp), impossible)
-    return script, _trace(engine, log_beliefs, log_evidence)
+    return script, _trace(engine.model.log_prior, log_beliefs, log_evidence)
 
 
-def _follow(engine: Engine, script: Script) -> tuple[_Trace, bool]:
+def _raw_filter(
+    model: TapModel, train: TapSet, settings: Settings, border: Border, notes: list[str]
+) -> RawFilter | None:
+    """The paper's filter from the training taps and the options that the user gave; None for other models."""
+    if model.name != "histogram":
+        return None
+    power = settings.power
+    if learned_taps(power) is not None:
+        power = model.exponent
+        notes.append(f"The route from raw taps takes the learned exponent {power:.4g} from the model.")
+    options = Options(
+        bins=settings.bins,
+        value_range=settings.value_range,
+        pseudocount=settings.pseudocount,
+        power=power,  # pyright: ignore[reportArgumentType]
+        border=border,
+        saturation=np.inf if settings.saturation is None else settings.saturation,
+    )
+    return RawFilter.learn(LabelledTaps(train.taps, *train.indices(model.grid)), model.grid.shape, options)
+
+
+def _follow(engine: Engine | RawFilter, log_prior: NDArray[np.float64], script: Script) -> tuple[_Trace, bool]:
     """What another engine makes of an episode, and whether it ends there for it too."""
-    log_belief, log_beliefs, log_evidence = engine.model.log_prior, [], []
+    log_belief, log_beliefs, log_evidence = log_prior, [], []
     for t, tap in enumerate(script.taps):
         if t:
             log_belief = engine.shift(log_belief, int(script.deltas[t - 1]))
@@ -328,18 +403,18 @@ def _follow(engine: Engine, script: Script) -> tuple[_Trace, bool]:
         log_beliefs.append(log_belief)
         log_evidence.append(evidence)
     if script.impossible is None:
-        return _trace(engine, log_beliefs, log_evidence), True
+        return _trace(log_prior, log_beliefs, log_evidence), True
     if log_beliefs:
         log_belief = engine.shift(log_belief, int(script.deltas[-1]))
     try:
         engine.update(log_belief, script.impossible)
     except reference.ZeroEvidenceError:
-        return _trace(engine, log_beliefs, log_evidence), True
-    return _trace(engine, log_beliefs, log_evidence), False
+        return _trace(log_prior, log_beliefs, log_evidence), True
+    return _trace(log_prior, log_beliefs, log_evidence), False
 
 
-def _trace(engine: Engine, log_beliefs: list[NDArray[np.float64]], log_evidence: list[float]) -> _Trace:
-    return _Trace(np.array(log_beliefs).reshape(-1, *engine.model.log_prior.shape), np.array(log_evidence))
+def _trace(log_prior: NDArray[np.float64], log_beliefs: list[NDArray[np.float64]], log_evidence: list[float]) -> _Trace:
+    return _Trace(np.array(log_beliefs).reshape(-1, *log_prior.shape), np.array(log_evidence))
 
 
 def _move(belief: NDArray[np.float64], target: int) -> int:

@@ -92,6 +92,8 @@ def _run(request: Request, clock: Clock) -> Results:
         check = crosscheck(
             first.model,
             first.test,
+            train=folds[0].train,
+            settings=settings,
             border=settings.border,
             episodes=request.episodes,
             sequence_taps=request.sequence_taps,

@@ -66,7 +66,13 @@ def _routes(stage: Stage, seed: int) -> tuple[str, bool]:
     model = fit(train, train.grid())
     advance = stage("Cross-check", _EPISODES)
     found = crosscheck(
-        model, model.usable(test), episodes=_EPISODES, length=_TAPS, seed=seed, progress=lambda: advance(1)
+        model,
+        model.usable(test),
+        train=train,
+        episodes=_EPISODES,
+        length=_TAPS,
+        seed=seed,
+        progress=lambda: advance(1),
     )
     return _differences(found), found.passed
 

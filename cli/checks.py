@@ -17,6 +17,7 @@ from .options import (
     ModelOrAll,
     Power,
     Pseudocount,
+    Saturation,
     Seed,
     SplitMethod,
     TestSessions,
@@ -48,6 +49,7 @@ def crosscheck(
     pseudocount: Pseudocount = 0.01,
     power: Power = "J",
     value_range: ValueRange = "global",
+    saturation: Saturation = None,
     border: Border = "uniform",
     episodes: Annotated[int, Option(min=1, help="Episodes to compare.")] = 10,
     length: Annotated[int, Option(min=1, help="Taps of each episode.")] = 40,
@@ -71,6 +73,7 @@ def crosscheck(
         pseudocount=pseudocount,
         power=parse_power_choice(power),
         value_range=value_range,
+        saturation=saturation,
         seed=seed,
         unconverged=allow_unconverged,
     )
@@ -85,6 +88,8 @@ def crosscheck(
             return compare(
                 fitted,
                 fitted.usable(fold.test),
+                train=fold.train,
+                settings=settings,
                 border=border,
                 episodes=episodes,
                 length=length,

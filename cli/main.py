@@ -32,7 +32,7 @@ from .validate import validate
 
 app = typer.Typer(
     name="solidtouch",
-    help="Active Bayesian perception for robot touch: where and what, exactly enumerated.",
+    help="Active Bayesian perception for robot touch: exact posteriors over position and object.",
     no_args_is_help=True,
     pretty_exceptions_enable=False,
     add_completion=False,
@@ -75,7 +75,7 @@ def main(
         bool, typer.Option("--version", help="Print the version and stop.", callback=_print_version, is_eager=True)
     ] = False,
 ) -> None:
-    """Active Bayesian perception for robot touch: where and what, exactly enumerated."""
+    """Active Bayesian perception for robot touch: exact posteriors over position and object."""
 
 
 def run() -> None:

@@ -77,12 +77,7 @@ class NumpyEngine:
         model = self.model
         if not isinstance(model, HistogramModel):
             raise TypeError(f"A model of type {type(model).__name__} has no counts.")
-        log_prob = np.full(model.counts.shape, -np.inf)
-        with np.errstate(divide="ignore"):
-            log_prob[model.trained] = np.log(
-                reference.histogram_probabilities(model.counts[model.trained], model.pseudocount)
-            )
-        return log_prob
+        return reference.log_histograms(model.counts, model.pseudocount)
 
     def update(self, log_belief: NDArray[np.float64], tap: ArrayLike) -> tuple[NDArray[np.float64], float]:
         """Eq. 1, 3 and 4."""
@@ -105,7 +100,7 @@ class NumpyEngine:
         """Eq. 1 under the model's assumptions, shape (L, H)."""
         model = self.model
         if isinstance(model, HistogramModel) and self._states == 1:
-            bins = plain.bins(tap, model.edges)
+            bins = reference.tap_bins(tap, model.edges)
             return reference.tap_log_likelihood(bins, self.log_prob, model.exponent)
         log_likelihood = plain.log_likelihood(tap, model.form, model.edges, model.exponent)
         return np.where(np.isneginf(model.log_prior), -np.inf, log_likelihood)

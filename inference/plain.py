@@ -25,15 +25,8 @@ def log_likelihood(
         exponent: Power of the likelihood.
     """
     if isinstance(form, TableForm):
-        return reference.tap_log_likelihood(bins(tap, edges), form.log_prob, exponent)
+        return reference.tap_log_likelihood(reference.tap_bins(tap, edges), form.log_prob, exponent)
     return exponent * _log_mixture(np.asarray(tap, dtype=np.float64), form, edges)
-
-
-def bins(tap: NDArray[np.floating], edges: NDArray[np.float64]) -> NDArray[np.intp]:
-    """The bin of each sample of a tap, shape (J, K)."""
-    if edges.ndim == 1:
-        return reference.bin_index(tap, edges)
-    return np.stack([reference.bin_index(tap[:, k], edges[k]) for k in range(len(edges))], axis=1)
 
 
 def _log_mixture(tap: NDArray[np.float64], form: GaussianForm, edges: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -83,7 +76,7 @@ def _bin_of_each_sample(
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Lower and upper edge of the bin that holds each sample, both (J, K); the end bins reach to infinity."""
     J, K = tap.shape
-    index = bins(tap, edges)
+    index = reference.tap_bins(tap, edges)
     lower, upper = np.empty((J, K)), np.empty((J, K))
     for k in range(K):
         row = (edges if edges.ndim == 1 else edges[k]).copy()

@@ -15,6 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 
 type Power = Literal["J", "JK", "none"] | float
 type Border = Literal["uniform", "uniform_what", "prior", "clamp", "circular"]
+type ValueRange = Literal["global", "taxel"]
 
 POWERS = ("J", "JK", "none")
 BORDERS = ("uniform", "uniform_what", "prior", "clamp", "circular")
@@ -22,6 +23,38 @@ BORDERS = ("uniform", "uniform_what", "prior", "clamp", "circular")
 
 class ZeroEvidenceError(ArithmeticError):
     """A tap is impossible under every class, so no posterior exists."""
+
+
+def bin_edges(samples: ArrayLike, B: int, value_range: ValueRange = "global") -> NDArray[np.float64]:
+    """Edges of B bins of equal width across the range of the training samples; text below Eq. 2.
+
+    A range of 4 B rounding errors or less has no room for B bins. It is widened to either side by half a unit, or by
+    8 B rounding errors if that is more.
+
+    Args:
+        samples: Training samples, shape (N, J, K).
+        B: Number of bins.
+        value_range: `"global"` for one range over all taxels, `"taxel"` for one of each.
+
+    Returns:
+        Edges, shape (B + 1,) or (K, B + 1).
+
+    Raises:
+        ValueError: The range is named otherwise, or B is below 1.
+    """
+    if value_range not in ("global", "taxel") or B < 1:
+        raise ValueError(f"There must be a bin or more over a global or taxel range, got {B} and {value_range!r}.")
+    samples = np.asarray(samples, dtype=np.float64)
+    columns = [samples] if value_range == "global" else [samples[:, :, k] for k in range(samples.shape[2])]
+    edges = []
+    for column in columns:
+        low, high = float(column.min()), float(column.max())
+        rounding = float(np.spacing(max(abs(low), abs(high))))
+        if high - low <= 4 * B * rounding:
+            margin = max(0.5, 8 * B * rounding)
+            low, high = low - margin, high + margin
+        edges.append(np.linspace(low, high, B + 1))
+    return edges[0] if value_range == "global" else np.array(edges)
 
 
 def bin_index(samples: ArrayLike, edges: ArrayLike) -> NDArray[np.intp]:
@@ -89,6 +122,68 @@ def tap_log_likelihood(bins: ArrayLike, log_prob: ArrayLike, power: Power = "J")
         for k in range(K):
             total += log_prob[:, :, k, bins[j, k]]
     return exponent(power, J, K) * total
+
+
+def tap_bins(tap: ArrayLike, edges: ArrayLike) -> NDArray[np.intp]:
+    """`bin_index` of a tap, shape (J, K), with edges of all taxels, shape (B + 1,), or of each, shape (K, B + 1)."""
+    tap, edges = np.asarray(tap), np.asarray(edges)
+    if edges.ndim == 1:
+        return bin_index(tap, edges)
+    return np.stack([bin_index(tap[:, k], edges[k]) for k in range(len(edges))], axis=1)
+
+
+def histogram_counts(
+    samples: ArrayLike, edges: ArrayLike, where: ArrayLike, what: ArrayLike, shape: tuple[int, int]
+) -> NDArray[np.int64]:
+    """Occupation numbers h_k(b) of every class; text above Eq. 2.
+
+    Args:
+        samples: Training taps, shape (N, J, K).
+        edges: As in `tap_bins`.
+        where: Where class of each tap, shape (N,).
+        what: What class of each tap, shape (N,).
+        shape: (L, M).
+
+    Returns:
+        Counts, shape (L, M, K, B).
+    """
+    samples, edges = np.asarray(samples), np.asarray(edges)
+    K, B = samples.shape[2], edges.shape[-1] - 1
+    counts = np.zeros((*shape, K, B), dtype=np.int64)
+    for tap, l, m in zip(samples, np.asarray(where), np.asarray(what), strict=True):
+        bins = tap_bins(tap, edges)
+        for k in range(K):
+            counts[l, m, k] += np.bincount(bins[:, k], minlength=B)
+    return counts
+
+
+def trained_classes(counts: ArrayLike) -> NDArray[np.bool_]:
+    """Which classes have a training tap, shape (L, M), from counts of shape (L, M, K, B)."""
+    return np.asarray(counts).sum(axis=(2, 3)) > 0
+
+
+def log_histograms(counts: ArrayLike, pseudocount: float = 0.01) -> NDArray[np.float64]:
+    """Logarithm of Eq. 2 for every class; -inf throughout for a class without a training tap.
+
+    Args:
+        counts: Occupation numbers, shape (L, M, K, B).
+        pseudocount: As in `histogram_probabilities`.
+
+    Returns:
+        log P_k(b | x_l, w_m), shape (L, M, K, B).
+    """
+    counts = np.asarray(counts)
+    trained = trained_classes(counts)
+    log_prob = np.full(counts.shape, -np.inf)
+    with np.errstate(divide="ignore"):
+        log_prob[trained] = np.log(histogram_probabilities(counts[trained], pseudocount))
+    return log_prob
+
+
+def log_flat_prior(trained: ArrayLike) -> NDArray[np.float64]:
+    """Log belief before the first tap, the same for all trained classes, shape (L, M); text below Eq. 3."""
+    trained = np.asarray(trained, dtype=bool)
+    return np.where(trained, -np.log(trained.sum()), -np.inf)
 
 
 def histogram_probabilities(counts: ArrayLike, pseudocount: float = 0.01) -> NDArray[np.float64]:
@@ -280,6 +375,23 @@ def shift_log(
         if border == "prior":
             shifted[vacated] = -np.log(trained.sum())
     return shifted - _log_sum(shifted)
+
+
+def saturated(log_belief: ArrayLike, taps: int, limit: float) -> NDArray[np.float64]:
+    """What is read from a belief after some taps if they count for `limit` at most; not in the paper.
+
+    The belief to the power min(1, limit / taps), normalised.
+
+    Args:
+        log_belief: Shape (L, M).
+        taps: Taps so far, at least 1.
+        limit: Above 0; infinity for none.
+
+    Returns:
+        The log belief that is read, shape (L, M).
+    """
+    raised = min(1.0, limit / taps) * np.asarray(log_belief, dtype=np.float64)
+    return raised - _log_sum(raised)
 
 
 def _check_border(border: str) -> None:

@@ -6,7 +6,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ...inference import plain, reference
+from ...inference import reference
 from ...inference.engine import Engine, make_engine
 from ...models.classes import ClassGrid
 from ...models.errors import InputError
@@ -103,7 +103,7 @@ def _equations(model: TapModel, case: Case) -> Callable[[NDArray[np.float64]], N
     with np.errstate(divide="ignore"):
         log_prob = np.log(probabilities)
     return lambda taps: np.array(
-        [reference.tap_log_likelihood(plain.bins(tap, model.edges), log_prob, case.power) for tap in taps]
+        [reference.tap_log_likelihood(reference.tap_bins(tap, model.edges), log_prob, case.power) for tap in taps]
     )
 
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from rich.console import Console
 from solidtouch.analysis import trial_check
-from solidtouch.analysis.crosscheck import crosscheck, render
+from solidtouch.analysis.crosscheck import STORY, crosscheck, render
 from solidtouch.hardware.model_rig import draw_taps
 from solidtouch.inference import engine as numpy_engine
 from solidtouch.inference import enumeration
@@ -50,11 +50,11 @@ def test_right_routes_agree(case, border):
     assert check.passed
     assert (check.episodes, check.taps) == (2, LENGTH)
     if border == "prior":
-        assert routes == {"numpy, filter"} | TRIALS
+        assert routes == {STORY, "numpy, filter"} | TRIALS
         assert check.sequence_taps == 0
         assert check.notes == ("Border prior is no Markov kernel, so the NumPyro routes were left out.",)
     else:
-        assert routes == {"numpy, numpyro", "numpy, filter", SEQUENCE_ROUTE} | TRIALS
+        assert routes == {STORY, "numpy, numpyro", "numpy, filter", SEQUENCE_ROUTE} | TRIALS
         assert (check.sequence_taps, check.notes) == (SEQUENCE, ())
 
 

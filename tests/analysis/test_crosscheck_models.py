@@ -5,7 +5,7 @@ from itertools import product
 
 import numpy as np
 import pytest
-from solidtouch.analysis.crosscheck import crosscheck
+from solidtouch.analysis.crosscheck import STORY, crosscheck
 from solidtouch.inference import enumeration, plain
 from solidtouch.inference.engine import make_engine
 from solidtouch.inference.reference import BORDERS
@@ -112,6 +112,7 @@ def test_all_routes_agree_on_every_model(models, taps, name):
     assert check.passed
     assert (check.sequence_taps, check.notes) == (SEQUENCE, ())
     assert {row.routes for row in check.rows} == {
+        STORY,
         "numpy, numpyro",
         "numpy, filter",
         "numpy, numpyro sequence",
@@ -152,6 +153,16 @@ def test_an_error_of_a_millionth_in_one_engine_is_found(models, taps, monkeypatc
         right_likelihood = plain.log_likelihood
         monkeypatch.setattr(plain, "log_likelihood", lambda tap, form, *more: right_likelihood(tap, bent(form), *more))
         assert {"numpy, numpyro", "numpy, filter"} <= failed(crosscheck(model, taps, **sizes))
+
+
+def test_an_error_that_all_engines_share_is_found(models, taps):
+    """In the form of the model: only the story knows better."""
+    for name in ("gaussian", "profile-mvn"):
+        wrong = replace(models[name])
+        wrong.__dict__["plain_form"] = bent(wrong.plain_form)
+        check = crosscheck(wrong, taps, episodes=1, length=LENGTH, sequence_taps=0, border="prior")
+
+        assert failed(check) == {STORY}
 
 
 def test_a_route_that_leaks_between_states_is_found(models, taps, monkeypatch):

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from scipy.special import ndtr
 from scipy.stats import norm
-from solidtouch.inference import plain
+from solidtouch.inference import plain, reference
 from solidtouch.models.binned import BinnedTap
 from solidtouch.models.forms import GaussianForm, TableForm
 from solidtouch.models.states import States
@@ -61,7 +61,7 @@ def test_a_tap_has_the_probability_of_its_bins(rng, shape):
     form, edges = gaussian_form(rng), np.sort(rng.normal(size=shape))
     tap = 2 * rng.normal(size=(J, K))
     actual = plain.log_likelihood(tap, form, edges, 0.3)
-    index = plain.bins(tap, edges)
+    index = reference.tap_bins(tap, edges)
     for l, h in product(range(L), range(H)):
         mixture = 0.0
         for q in range(Q):
