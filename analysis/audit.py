@@ -47,6 +47,7 @@ class AuditSettings:
     Attributes:
         setting: How perception is done now, with the paper's histogram.
         target_error: Wanted P(wrong), for which a threshold is tuned; `None` for none.
+        pre: Samples at the beginning of each tap that are before contact; `None` for what the taps' record says.
         permutations: Of every test.
         trials: Of each remedy and policy.
         seed: Of every random draw.
@@ -54,6 +55,7 @@ class AuditSettings:
 
     setting: Setting = field(default_factory=Setting)
     target_error: float | None = None
+    pre: int | None = None
     permutations: int = 999
     trials: int = 4000
     seed: int = 0
@@ -161,7 +163,7 @@ def audit(parts: AuditParts, grid: ClassGrid, settings: AuditSettings, progress:
     some = evenly(stratum, MOST_TAPS)
     with clock.stage("Looking for leakage", 1) as advance:
         known = [parts.train] if parts.halved else [parts.train, *parts.tune]
-        leaks = leakage(concatenate(known), parts.measure, grid, seed)
+        leaks = leakage(concatenate(known), parts.measure, grid, seed, settings.pre)
         advance(1)
     with clock.stage("Testing taxels", len(np.unique(stratum))) as advance:
         taxels = taxel_dependence(

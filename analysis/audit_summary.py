@@ -52,6 +52,8 @@ def summarise(audit: Audit, settings: AuditSettings, about: Mapping[str, Any]) -
     unit = audit.grid.what_error_unit
     sentences = verdict(cause, measured, setting.threshold, titles, unit)
     sentences[0] += _other_sessions(audit)
+    if audit.leakage.unjudged:
+        sentences.insert(2, audit.leakage.unjudged)
     chosen = recommended(measured)
     return _clean(
         {
@@ -163,7 +165,14 @@ def _leakage(leaks: Leakage) -> dict[str, Any]:
                 },
             }
         )
-    return {"sentences": list(leaks.sentences), "told": rows, "blocks": leaks.blocks, "test_taps": leaks.test_taps}
+    return {
+        "sentences": list(leaks.sentences),
+        "judged": not leaks.unjudged,
+        "before_contact": {"samples": leaks.before.samples, "known_by": leaks.before.known or None},
+        "told": rows,
+        "blocks": leaks.blocks,
+        "test_taps": leaks.test_taps,
+    }
 
 
 def _variance(split: xr.Dataset | None, session_p: float) -> dict[str, Any] | None:

@@ -27,7 +27,7 @@ _WORSE = 0.1  # of the error as it is: what a remedy may add to it
 _TEST_LEVEL = 0.01  # as sure as causes without a test of their own have to be, see `causes`
 LEAKAGE, SPARSE = "leakage", "few samples"
 CAUSE_WORDS = {
-    LEAKAGE: "classes are told without touch",
+    LEAKAGE: "classes are inferred without touch",
     SPARSE: "histograms hold too few samples",
     **CAUSES,
 }

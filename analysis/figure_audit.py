@@ -285,7 +285,7 @@ def plot_factors(axes: Axes, values: Sequence[Interval]) -> Axes:
 
 @styled
 def leakage(result: Leakage) -> Figure | None:
-    """What is told without touch beside what whole taps tell, a panel for each of object, position and both.
+    """What is inferred without touch beside what whole taps achieve, a panel for each of object, position and both.
 
     Args:
         result: From `leakage.leakage`.
@@ -301,7 +301,7 @@ def leakage(result: Leakage) -> Figure | None:
     for i, (panel, name) in enumerate(zip(axes[0], quantities, strict=True)):
         plot_told(panel, told.sel(quantity=name))
         if set(rows) - {*_TOUCHES, "chance"}:
-            panel.set_xlabel(f"{panel.get_xlabel()}\ntold without touch: {result.explains[name]}")
+            panel.set_xlabel(f"{panel.get_xlabel()}\ninferred without touch: {result.explains[name]}")
         label_panel(panel, chr(ord("A") + i) if len(quantities) > 1 else "", _QUANTITIES[name])
     axes[0, 0].set_yticks(range(len(rows)), rows)
     axes[0, 0].set_ylim(len(rows) - 0.4, -0.6)
