@@ -38,7 +38,7 @@ from .sample_covariance import FORMER, GAIN, PATTERNS, TIMING, SampleMoments, la
 CAUSES = {
     "session": "sessions differ",
     "place": "the position inside a class varies",
-    "order": "taps drift within a session",
+    "order": "drift, or an unlabelled condition that follows the order of taps",
     "gain": "taps differ in strength",
     "timing": "taps differ in timing",
     "common": "taxels share noise",
