@@ -5,7 +5,6 @@ from typing import NamedTuple
 
 import numpy as np
 import xarray as xr
-from numpy.typing import NDArray
 
 from ..inference.trial_plan import tap_table
 from ..models.classes import ClassGrid
@@ -19,6 +18,7 @@ from .audit_parts import AuditParts
 from .audit_verdict import recommended
 from .causes import SEQUENCE, split_variance
 from .components import Components, variance_components
+from .dependence_drift import against_drift, contrasts, recorded_time
 from .dependence_taxels import taxel_dependence
 from .dependence_times import time_dependence
 from .evidence import evidence
@@ -29,6 +29,7 @@ from .reliability import reliability
 from .remedies import Refused, Remedy, count_remedies, make_remedies
 from .remedy_scores import Measured, count_measurements, measure
 from .stages import Clock, Progress
+from .strata import evenly, strata
 from .target_error import FEWEST, TargetError, session_curves, target_error
 
 THETAS = (0.5, 0.8, 0.9, 0.95, 0.99)
@@ -94,7 +95,7 @@ class Audit(NamedTuple):
         parts: Which taps did what.
         grid: The classes.
         leakage: What is told without touch.
-        taxels: See `dependence_taxels`.
+        taxels: See `dependence_taxels` and `dependence_drift.against_drift`.
         times: See `dependence_times`.
         by_session: Whether taps were exchanged within sessions only; otherwise sessions had one tap of a class each.
         components: Gains and offsets of taps and sessions.
@@ -165,10 +166,12 @@ def audit(parts: AuditParts, grid: ClassGrid, settings: AuditSettings, progress:
         known = [parts.train] if parts.halved else [parts.train, *parts.tune]
         leaks = leakage(concatenate(known), parts.measure, grid, seed, settings.pre)
         advance(1)
-    with clock.stage("Testing taxels", len(np.unique(stratum))) as advance:
+    with clock.stage("Testing taxels", 2 * len(np.unique(stratum))) as advance:
         taxels = taxel_dependence(
             taps.taps[some], stratum[some], permutations=settings.permutations, seed=seed, progress=advance
         )
+        local = contrasts(taps.taps, stratum, recorded_time(taps), taps.session, MOST_TAPS) if by_session else None
+        taxels = against_drift(taxels, local, permutations=settings.permutations, seed=seed, progress=advance)
     with clock.stage("Testing times", len(np.unique(stratum))) as advance:
         times = time_dependence(
             taps.taps[some], stratum[some], permutations=settings.permutations, seed=seed, progress=advance
@@ -237,19 +240,6 @@ def audit(parts: AuditParts, grid: ClassGrid, settings: AuditSettings, progress:
     )
 
 
-def strata(taps: TapSet, grid: ClassGrid) -> tuple[NDArray[np.intp], bool]:
-    """Groups within which taps can be exchanged, shape (N,), and whether those are of one session each.
-
-    Taps of one class and session; where most of these are single, taps of one class.
-    """
-    where, what = taps.indices(grid)
-    own = where * grid.M + what
-    key = own * (int(taps.session.max()) + 1) + taps.session
-    _, count = np.unique(key, return_counts=True)
-    by_session = bool(np.median(count) > 1)
-    return (key if by_session else own), by_session
-
-
 def samples_per_bin(model: TapModel) -> float:
     """Training samples in each bin that a histogram uses, the median over those of taxels that vary."""
     counts = _histograms(model).counts[model.trained]
@@ -263,17 +253,6 @@ def _histograms(model: TapModel) -> HistogramModel:
     if not isinstance(model, HistogramModel):
         raise TypeError(f"The model {model.name} has no histograms.")
     return model
-
-
-def evenly(key: NDArray[np.intp], most: int) -> NDArray[np.bool_]:
-    """At most so many members of each group, spread evenly over it; a mask, shape (N,)."""
-    chosen = np.zeros(len(key), dtype=bool)
-    for value in np.unique(key):
-        members = np.flatnonzero(key == value)
-        if len(members) > most:
-            members = members[np.linspace(0, len(members) - 1, most).round().astype(np.intp)]
-        chosen[members] = True
-    return chosen
 
 
 def _inside(taps: TapSet, grid: ClassGrid) -> TapSet:
