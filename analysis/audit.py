@@ -1,5 +1,6 @@
 """An audit of the naive-Bayes assumption on recorded taps: where it fails, what that costs and which remedy pays."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
@@ -30,6 +31,7 @@ from .remedies import Refused, Remedy, count_remedies, make_remedies
 from .remedy_scores import Measured, count_measurements, measure
 from .stages import Clock, Progress
 from .strata import evenly, strata
+from .suspects import Suspect, named_suspects
 from .target_error import FEWEST, TargetError, session_curves, target_error
 
 THETAS = (0.5, 0.8, 0.9, 0.95, 0.99)
@@ -49,6 +51,7 @@ class AuditSettings:
         setting: How perception is done now, with the paper's histogram.
         target_error: Wanted P(wrong), for which a threshold is tuned; `None` for none.
         pre: Samples at the beginning of each tap that are before contact; `None` for what the taps' record says.
+        covariates: Extra arrays of the taps that are suspected of making evidence vary.
         permutations: Of every test.
         trials: Of each remedy and policy.
         seed: Of every random draw.
@@ -57,6 +60,7 @@ class AuditSettings:
     setting: Setting = field(default_factory=Setting)
     target_error: float | None = None
     pre: int | None = None
+    covariates: tuple[str, ...] = ()
     permutations: int = 999
     trials: int = 4000
     seed: int = 0
@@ -159,6 +163,7 @@ def audit(parts: AuditParts, grid: ClassGrid, settings: AuditSettings, progress:
             f"{len(parts.tune)}."
         )
     clock = Clock(progress)
+    suspects = named_suspects(parts.all_taps, settings.covariates)
     taps = _inside(parts.all_taps, grid)
     stratum, by_session = strata(taps, grid)
     some = evenly(stratum, MOST_TAPS)
@@ -186,7 +191,7 @@ def audit(parts: AuditParts, grid: ClassGrid, settings: AuditSettings, progress:
         remedies, refused = make_remedies(parts.train, parts.tune, grid, setting, SEQUENCE, seed, advance)
     base = remedies[0]
     with clock.stage("Splitting the variance of evidence", 2) as advance:
-        split, no_split, p = _split(parts, grid, base, settings)
+        split, no_split, p = _split(parts, grid, base, settings, suspects)
         advance(2)
     with clock.stage("Checking predictions", count_replicates(taps)) as advance:
         checks = audit_checks(taps, _histograms(base.model), seed, progress=advance)
@@ -260,7 +265,7 @@ def _inside(taps: TapSet, grid: ClassGrid) -> TapSet:
 
 
 def _split(
-    parts: AuditParts, grid: ClassGrid, base: Remedy, settings: AuditSettings
+    parts: AuditParts, grid: ClassGrid, base: Remedy, settings: AuditSettings, suspects: Sequence[Suspect]
 ) -> tuple[xr.Dataset | None, str, float]:
     """The variance of evidence by cause and the test of sessions, or why there are none."""
     taps = parts.all_taps
@@ -271,7 +276,7 @@ def _split(
     except InputError as error:
         return None, str(error), np.nan
     return (
-        split_variance(taps, found, settings.seed),
+        split_variance(taps, found, settings.seed, suspects=suspects),
         "",
         session_p(taps, found, max(settings.permutations, SESSION_PERMUTATIONS), settings.seed),
     )

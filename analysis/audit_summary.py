@@ -19,7 +19,7 @@ from .audit_verdict import (
     verdict,
     worthwhile,
 )
-from .causes import PART_WORDS, PARTS, SIZES
+from .causes import SIZES, part_words, suspect_part
 from .guarantees import Promise, broken, guarantee_sentence
 from .leakage import Leakage
 from .reliability import after_contacts, headline, interval_sentence, plain
@@ -181,23 +181,31 @@ def _variance(split: xr.Dataset | None, session_p: float) -> dict[str, Any] | No
     unseen = {"place", "order"} - {split.attrs["covariate"]}
     if split.attrs["sessions"] < 2:
         unseen |= {"session", "serial"}
+    suspects = [
+        {"name": name, "p": p, "follows_order": follows}
+        for name, p, follows in zip(
+            *(split.attrs[key] for key in ("suspects", "suspect_p", "suspect_follows_order")), strict=True
+        )
+    ]
+    unseen |= {suspect_part(row["name"]) for row in suspects if not np.isfinite(row["p"])}
+    about = {name: value for name, value in split.attrs.items() if not name.startswith("suspect")}
     rows = [
         {
             "name": part,
-            "words": PART_WORDS[part],
+            "words": part_words(part),
             **{
                 f"share{end}": None if part in unseen else float(split[f"share{end}"].sel(part=part))
                 for end in ("", "_low", "_high", "_sure")
             },
             "ratio": None if part in unseen else float(split["ratio"].sel(part=part)),
         }
-        for part in PARTS
+        for part in map(str, split["part"].values)
     ]
     sizes = [
         {"name": name, "words": _SIZE_WORDS[name], **{f"value{end}": float(split[name + end]) for end in _ENDS}}
         for name in SIZES
     ]
-    return {"parts": rows, "sizes": sizes, "session_p": session_p, **split.attrs}
+    return {"parts": rows, "sizes": sizes, "session_p": session_p, **about, "suspects": suspects}
 
 
 _ENDS = ("", "_low", "_high")

@@ -13,7 +13,7 @@ from typing import Literal, NamedTuple
 import numpy as np
 import xarray as xr
 
-from .causes import CAUSES, FEWEST_CLASSES, tells
+from .causes import CAUSES, FEWEST_CLASSES, part_words, suspect_part, tells
 from .causes import first_cause as largest_cause
 from .leakage import Leakage
 from .remedy_scores import Judged, Measured, Scored
@@ -32,6 +32,7 @@ CAUSE_WORDS = {
     **CAUSES,
 }
 """All that can be named first, in words."""
+_FOLLOWS = 0.5  # of the variance of a suspect within sessions, from which on it follows the order of taps
 _SPARSE = 10.0  # samples per bin that a training histogram uses, below which sampling alone makes beliefs too sure
 
 
@@ -39,7 +40,7 @@ class Cause(NamedTuple):
     """What is named first.
 
     Attributes:
-        name: A key of `CAUSE_WORDS`, or `None`.
+        name: A key of `CAUSE_WORDS`, `causes.suspect_part` of a suspect, or `None`.
         sentence: It in words, with numbers.
     """
 
@@ -117,12 +118,16 @@ def first_cause(
 def _unsupported(split: xr.Dataset, session_p: float) -> list[str]:
     """Causes that have a test of their own which does not reject."""
     tested = {"session": session_p, str(split.attrs["covariate"]): float(split.attrs["covariate_p"])}
-    return [name for name, p in tested.items() if p > _TEST_LEVEL]
+    suspects = zip(split.attrs["suspects"], split.attrs["suspect_p"], strict=True)
+    # A suspect that could not be tested is not accused.
+    return [name for name, p in tested.items() if p > _TEST_LEVEL] + [
+        suspect_part(name) for name, p in suspects if not p <= _TEST_LEVEL
+    ]
 
 
 def cause_words(name: str | None) -> str:
     """A cause in words."""
-    return "nothing" if name is None else CAUSE_WORDS[name]
+    return "nothing" if name is None else CAUSE_WORDS.get(name) or part_words(name)
 
 
 def _share_sentence(split: xr.Dataset, name: str) -> str:
@@ -131,10 +136,18 @@ def _share_sentence(split: xr.Dataset, name: str) -> str:
     alone = float(split["share"].sel(part="independent"))
     effect = float(split["sequence_effect"])
     return (
-        f"First of all {CAUSES[name]}: {share:.0%} ({low:.0%} to {high:.0%}) of the variance of the evidence of {n} "
-        f"taps come from that, {alone:.0%} from what independent samples would have; together it is {effect:.3g} times "
-        "as large as independence says."
+        f"First of all {part_words(name)}: {share:.0%} ({low:.0%} to {high:.0%}) of the variance of the evidence of "
+        f"{n} taps come from that, {alone:.0%} from what independent samples would have; together it is {effect:.3g} "
+        "times as large as independence says." + (_followers(split) if name == "order" else "")
     )
+
+
+def _followers(split: xr.Dataset) -> str:
+    """The suspects that go with the order of taps."""
+    follows = zip(split.attrs["suspects"], split.attrs["suspect_follows_order"], strict=True)
+    names = [f"“{name}”" for name, share in follows if share > _FOLLOWS]
+    verb = "follows" if len(names) == 1 else "follow"
+    return f" {', '.join(names)} {verb} that order, and cannot be told from drift here." if names else ""
 
 
 def _nothing_sentence(split: xr.Dataset | None) -> str:

@@ -158,7 +158,9 @@ def measure(
         scores.append(
             Scored(
                 remedy.name,
-                *_gains(beliefs, own[id(remedy.grid)], rounding, spread(table), len(remedies) - 1, is_base=remedy is base),
+                *_gains(
+                    beliefs, own[id(remedy.grid)], rounding, spread(table), len(remedies) - 1, is_base=remedy is base
+                ),
                 _triple(errors, "what_error"),
                 None if remedy is base else _triple(errors, "what_error_difference"),
                 None if remedy is base else _triple(errors, "where_error_difference"),

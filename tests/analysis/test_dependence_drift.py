@@ -36,7 +36,7 @@ def line(rng, T):
 
 
 def walk(rng, T):
-    return rng.normal(size=(T, K)).cumsum(axis=0)
+    return 8 * rng.normal(size=(T, K)).cumsum(axis=0)
 
 
 def probed(taps, stratum, time, permutations=99, seed=0):
