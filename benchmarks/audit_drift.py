@@ -181,7 +181,7 @@ def taxel_page(found: dict[Course, list[tuple[list[float], list[float]]]]) -> st
         f"{CLASSES} classes, {TAPS} taps each in one session, {SAMPLES} samples, {TAXELS} taxels, normal noise; "
         "drifts have so many standard deviations of the noise, common noise likewise. Rates of rejection by the "
         f"p-value of all pairs at level {ALPHA}, {PERMUTATIONS} permutations, with 95 % Wilson intervals. Without "
-        f"common noise the intervals of all three tests by contrasts reach down to {ALPHA} in {held} of {rows} rows.\n\n"
+        f"common noise intervals of all three tests by contrasts reach down to {ALPHA} in {held} of {rows} rows.\n\n"
         f"{table(head, lines)}"
     )
 
