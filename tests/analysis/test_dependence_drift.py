@@ -136,7 +136,7 @@ def test_strata_of_one_label_and_size_are_permuted_alike(rng, sizes):
     """Then copies of a stratum have the statistic of one alone, twice; strata of other sizes have not."""
     one = rng.normal(size=(sizes[0], 2, 2))
     more = np.concatenate([one, rng.normal(size=(sizes[1] - sizes[0], 2, 2))])
-    alone = taxel_dependence(one, np.zeros(len(one)), permutations=39)
+    alone = taxel_dependence(one, np.zeros(len(one)), permutations=39, together=np.zeros(len(one)))
     stratum = np.repeat([0, 1], sizes)
     both = taxel_dependence(
         np.concatenate([one, more]), stratum, permutations=39, together=np.zeros(len(stratum), dtype=int)
