@@ -1,11 +1,12 @@
 """An audit of the naive-Bayes assumption on recorded taps: where it fails, what that costs and which remedy pays."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
 import numpy as np
 import xarray as xr
+from numpy.typing import NDArray
 
 from ..inference.trial_plan import tap_table
 from ..models.classes import ClassGrid
@@ -16,12 +17,13 @@ from ..models.setting import Setting
 from ..models.taps import TapSet, concatenate
 from .audit_checks import audit_checks, count_replicates
 from .audit_parts import AuditParts
-from .audit_verdict import recommended
+from .audit_verdict import NOT_ENOUGH, calibration, recommended
 from .causes import SEQUENCE, split_variance
 from .components import Components, variance_components
-from .dependence_drift import against_drift, contrasts, recorded_time
+from .dependence_drift import Contrasts, against_drift, contrasts, recorded_time
 from .dependence_taxels import taxel_dependence
 from .dependence_times import time_dependence
+from .detectable import Detectable, enough
 from .evidence import evidence
 from .evidence_variance import session_p
 from .guarantees import Promise, exceeded, guarantees
@@ -110,6 +112,7 @@ class Audit(NamedTuple):
         remedies: The setting as it is first.
         refused: Remedies that the taps do not allow.
         measured: What they buy.
+        enough: What other designs could detect, where data are not enough to tell whether beliefs are right.
         reliability: Of the setting as it is.
         guarantees: Likewise.
         exceeded: Which promises are, at the threshold in use.
@@ -134,6 +137,7 @@ class Audit(NamedTuple):
     remedies: list[Remedy]
     refused: list[Refused]
     measured: Measured
+    enough: list[Detectable]
     reliability: xr.Dataset
     guarantees: xr.Dataset
     exceeded: dict[str, Promise]
@@ -172,11 +176,8 @@ def audit(parts: AuditParts, grid: ClassGrid, settings: AuditSettings, progress:
         leaks = leakage(concatenate(known), parts.measure, grid, seed, settings.pre)
         advance(1)
     with clock.stage("Testing taxels", 2 * len(np.unique(stratum))) as advance:
-        taxels = taxel_dependence(
-            taps.taps[some], stratum[some], permutations=settings.permutations, seed=seed, progress=advance
-        )
         local = contrasts(taps.taps, stratum, recorded_time(taps), taps.session, MOST_TAPS) if by_session else None
-        taxels = against_drift(taxels, local, permutations=settings.permutations, seed=seed, progress=advance)
+        taxels = _taxels(taps.taps[some], stratum[some], local, settings, advance)
     with clock.stage("Testing times", len(np.unique(stratum))) as advance:
         times = time_dependence(
             taps.taps[some], stratum[some], permutations=settings.permutations, seed=seed, progress=advance
@@ -234,6 +235,7 @@ def audit(parts: AuditParts, grid: ClassGrid, settings: AuditSettings, progress:
         remedies=remedies,
         refused=refused,
         measured=measured,
+        enough=_enough(base, measured, settings, clock),
         reliability=reliable,
         guarantees=promised,
         exceeded=broken,
@@ -243,6 +245,37 @@ def audit(parts: AuditParts, grid: ClassGrid, settings: AuditSettings, progress:
         unused=len(parts.measure) - len(base.model.usable(parts.measure)),
         elapsed_s=clock.elapsed_s,
     )
+
+
+def _taxels(
+    taps: NDArray[np.floating],
+    stratum: NDArray[np.intp],
+    local: Contrasts | None,
+    settings: AuditSettings,
+    advance: Callable[[int], None],
+) -> xr.Dataset:
+    """Tests of taxels by whole taps and by contrasts."""
+    permutations, seed = settings.permutations, settings.seed
+    whole = taxel_dependence(taps, stratum, permutations=permutations, seed=seed, progress=advance)
+    return against_drift(whole, local, permutations=permutations, seed=seed, progress=advance)
+
+
+def _enough(base: Remedy, measured: Measured, settings: AuditSettings, clock: Clock) -> list[Detectable]:
+    """What other designs could detect, where data are not enough; the last stage."""
+    if calibration(measured.judged) != NOT_ENOUGH:
+        return []
+    with clock.stage("Asking what data would be enough", 1) as advance:
+        found = enough(
+            base.model,
+            measured.table,
+            base.grid,
+            settings.setting,
+            measured.policy,
+            settings.trials // 2,
+            settings.seed,
+        )
+        advance(1)
+    return found
 
 
 def samples_per_bin(model: TapModel) -> float:

@@ -94,6 +94,9 @@ def summarise(audit: Audit, settings: AuditSettings, about: Mapping[str, Any]) -
                     "guarantee_sentence": guarantee_sentence(audit.guarantees),
                     "intervals": interval_sentence(audit.reliability),
                     "lost": lost(measured),
+                    "enough": [
+                        {**one.design._asdict(), "right": one.right, "detectable": one.factor} for one in audit.enough
+                    ],
                 },
             },
             "remedy": {

@@ -21,6 +21,8 @@ from .right_model import LEVEL
 
 type Calibration = Literal["overconfident", "right", "cautious", "not enough data to tell"]
 
+NOT_ENOUGH: Calibration = "not enough data to tell"
+
 _MUCH = 99.0  # a factor beyond which its size says nothing
 _WIDE = 4.0  # ratio of the ends of an interval around 1 that leaves everything open
 _WORSE = 0.1  # of the error as it is: what a remedy may add to it

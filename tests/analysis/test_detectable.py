@@ -2,8 +2,13 @@
 
 import numpy as np
 import pytest
-from solidtouch.analysis.detectable import LEVEL, POWER, Design, detectable, detectable_factor
+from solidtouch.analysis.detectable import POWER, Design, detectable, detectable_factor, enough
+from solidtouch.analysis.right_model import LEVEL
+from solidtouch.inference.trial_plan import tap_table
 from solidtouch.models.errors import InputError
+from solidtouch.models.preprocessing import Preprocessing
+from solidtouch.models.setting import Setting
+from solidtouch.models.taps import TapSet
 
 
 def factors(rng, expected, cluster=1, f=1.0, n=40_000):
@@ -46,3 +51,23 @@ def test_without_wrong_decisions_nothing_is_detected():
 def test_what_is_no_factor_is_refused(values):
     with pytest.raises(InputError, match="two factors or more"):
         detectable_factor(values)
+
+
+@pytest.fixture
+def few(make_model, rng):
+    """A model of four objects and six taps of each."""
+    model = make_model(L=1, M=4, K=2, J=2, B=5, seed=1)
+    what = np.repeat(np.arange(4), 6)
+    names = [name for (name,) in model.grid.what_members]
+    taps = TapSet.from_arrays(rng.normal(size=(24, 2, 2)), what, names, preprocessing=Preprocessing(samples=2))
+    return model, tap_table(model, taps)
+
+
+def test_a_design_of_a_fitted_model_detects_less_with_more_taps(few):
+    """By simulation from the model itself; as many taps in fewer sessions detect as much."""
+    model, table = few
+    rows = enough(model, table, model.grid, Setting(threshold=0.8, power="none"), "passive", 500, 0, 40)
+    factor = {row.design: row.factor for row in rows}
+    assert len(rows) == 9
+    assert factor[Design(3, 20)] == factor[Design(1, 60)]
+    assert factor[Design(10, 60)] < factor[Design(1, 20)] < factor[Design(1, 6)]
