@@ -40,6 +40,7 @@ studies: $(VENV)/.ready-run
 
 audit-studies: $(VENV)/.ready-run
 	@$(PY) benchmarks/audit_levels.py --document docs/audit-studies.md
+	@$(PY) benchmarks/audit_drift.py --document docs/audit-studies.md
 	@$(PY) benchmarks/audit_causes.py --document docs/audit-studies.md
 	@$(PY) benchmarks/audit_guarantees.py --document docs/audit-studies.md
 	@$(PY) benchmarks/audit_target.py --document docs/audit-studies.md

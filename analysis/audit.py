@@ -1,5 +1,6 @@
 """An audit of the naive-Bayes assumption on recorded taps: where it fails, what that costs and which remedy pays."""
 
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
@@ -16,11 +17,13 @@ from ..models.setting import Setting
 from ..models.taps import TapSet, concatenate
 from .audit_checks import audit_checks, count_replicates
 from .audit_parts import AuditParts
-from .audit_verdict import recommended
+from .audit_verdict import NOT_ENOUGH, calibration, recommended
 from .causes import SEQUENCE, split_variance
 from .components import Components, variance_components
+from .dependence_drift import Contrasts, against_drift, contrasts, recorded_time
 from .dependence_taxels import taxel_dependence
 from .dependence_times import time_dependence
+from .detectable import Detectable, enough
 from .evidence import evidence
 from .evidence_variance import session_p
 from .guarantees import Promise, exceeded, guarantees
@@ -29,6 +32,8 @@ from .reliability import reliability
 from .remedies import Refused, Remedy, count_remedies, make_remedies
 from .remedy_scores import Measured, count_measurements, measure
 from .stages import Clock, Progress
+from .strata import evenly, strata
+from .suspects import Suspect, named_suspects
 from .target_error import FEWEST, TargetError, session_curves, target_error
 
 THETAS = (0.5, 0.8, 0.9, 0.95, 0.99)
@@ -47,6 +52,8 @@ class AuditSettings:
     Attributes:
         setting: How perception is done now, with the paper's histogram.
         target_error: Wanted P(wrong), for which a threshold is tuned; `None` for none.
+        pre: Samples at the beginning of each tap that are before contact; `None` for what the taps' record says.
+        covariates: Extra arrays of the taps that are suspected of making evidence vary.
         permutations: Of every test.
         trials: Of each remedy and policy.
         seed: Of every random draw.
@@ -54,6 +61,8 @@ class AuditSettings:
 
     setting: Setting = field(default_factory=Setting)
     target_error: float | None = None
+    pre: int | None = None
+    covariates: tuple[str, ...] = ()
     permutations: int = 999
     trials: int = 4000
     seed: int = 0
@@ -92,7 +101,7 @@ class Audit(NamedTuple):
         parts: Which taps did what.
         grid: The classes.
         leakage: What is told without touch.
-        taxels: See `dependence_taxels`.
+        taxels: See `dependence_taxels` and `dependence_drift.against_drift`.
         times: See `dependence_times`.
         by_session: Whether taps were exchanged within sessions only; otherwise sessions had one tap of a class each.
         components: Gains and offsets of taps and sessions.
@@ -103,6 +112,7 @@ class Audit(NamedTuple):
         remedies: The setting as it is first.
         refused: Remedies that the taps do not allow.
         measured: What they buy.
+        enough: What other designs could detect, where data are not enough to tell whether beliefs are right.
         reliability: Of the setting as it is.
         guarantees: Likewise.
         exceeded: Which promises are, at the threshold in use.
@@ -127,6 +137,7 @@ class Audit(NamedTuple):
     remedies: list[Remedy]
     refused: list[Refused]
     measured: Measured
+    enough: list[Detectable]
     reliability: xr.Dataset
     guarantees: xr.Dataset
     exceeded: dict[str, Promise]
@@ -156,17 +167,17 @@ def audit(parts: AuditParts, grid: ClassGrid, settings: AuditSettings, progress:
             f"{len(parts.tune)}."
         )
     clock = Clock(progress)
+    suspects = named_suspects(parts.all_taps, settings.covariates)
     taps = _inside(parts.all_taps, grid)
     stratum, by_session = strata(taps, grid)
     some = evenly(stratum, MOST_TAPS)
     with clock.stage("Looking for leakage", 1) as advance:
         known = [parts.train] if parts.halved else [parts.train, *parts.tune]
-        leaks = leakage(concatenate(known), parts.measure, grid, seed)
+        leaks = leakage(concatenate(known), parts.measure, grid, seed, settings.pre)
         advance(1)
-    with clock.stage("Testing taxels", len(np.unique(stratum))) as advance:
-        taxels = taxel_dependence(
-            taps.taps[some], stratum[some], permutations=settings.permutations, seed=seed, progress=advance
-        )
+    with clock.stage("Testing taxels", 2 * len(np.unique(stratum))) as advance:
+        local = contrasts(taps.taps, stratum, recorded_time(taps), taps.session, MOST_TAPS) if by_session else None
+        taxels = _taxels(taps.taps[some], stratum[some], local, settings, advance)
     with clock.stage("Testing times", len(np.unique(stratum))) as advance:
         times = time_dependence(
             taps.taps[some], stratum[some], permutations=settings.permutations, seed=seed, progress=advance
@@ -181,7 +192,7 @@ def audit(parts: AuditParts, grid: ClassGrid, settings: AuditSettings, progress:
         remedies, refused = make_remedies(parts.train, parts.tune, grid, setting, SEQUENCE, seed, advance)
     base = remedies[0]
     with clock.stage("Splitting the variance of evidence", 2) as advance:
-        split, no_split, p = _split(parts, grid, base, settings)
+        split, no_split, p = _split(parts, grid, base, settings, suspects)
         advance(2)
     with clock.stage("Checking predictions", count_replicates(taps)) as advance:
         checks = audit_checks(taps, _histograms(base.model), seed, progress=advance)
@@ -224,6 +235,7 @@ def audit(parts: AuditParts, grid: ClassGrid, settings: AuditSettings, progress:
         remedies=remedies,
         refused=refused,
         measured=measured,
+        enough=_enough(base, measured, settings, clock),
         reliability=reliable,
         guarantees=promised,
         exceeded=broken,
@@ -235,17 +247,35 @@ def audit(parts: AuditParts, grid: ClassGrid, settings: AuditSettings, progress:
     )
 
 
-def strata(taps: TapSet, grid: ClassGrid) -> tuple[NDArray[np.intp], bool]:
-    """Groups within which taps can be exchanged, shape (N,), and whether those are of one session each.
+def _taxels(
+    taps: NDArray[np.floating],
+    stratum: NDArray[np.intp],
+    local: Contrasts | None,
+    settings: AuditSettings,
+    advance: Callable[[int], None],
+) -> xr.Dataset:
+    """Tests of taxels by whole taps and by contrasts."""
+    permutations, seed = settings.permutations, settings.seed
+    whole = taxel_dependence(taps, stratum, permutations=permutations, seed=seed, progress=advance)
+    return against_drift(whole, local, permutations=permutations, seed=seed, progress=advance)
 
-    Taps of one class and session; where most of these are single, taps of one class.
-    """
-    where, what = taps.indices(grid)
-    own = where * grid.M + what
-    key = own * (int(taps.session.max()) + 1) + taps.session
-    _, count = np.unique(key, return_counts=True)
-    by_session = bool(np.median(count) > 1)
-    return (key if by_session else own), by_session
+
+def _enough(base: Remedy, measured: Measured, settings: AuditSettings, clock: Clock) -> list[Detectable]:
+    """What other designs could detect, where data are not enough; the last stage."""
+    if calibration(measured.judged) != NOT_ENOUGH:
+        return []
+    with clock.stage("Asking what data would be enough", 1) as advance:
+        found = enough(
+            base.model,
+            measured.table,
+            base.grid,
+            settings.setting,
+            measured.policy,
+            settings.trials // 2,
+            settings.seed,
+        )
+        advance(1)
+    return found
 
 
 def samples_per_bin(model: TapModel) -> float:
@@ -263,23 +293,12 @@ def _histograms(model: TapModel) -> HistogramModel:
     return model
 
 
-def evenly(key: NDArray[np.intp], most: int) -> NDArray[np.bool_]:
-    """At most so many members of each group, spread evenly over it; a mask, shape (N,)."""
-    chosen = np.zeros(len(key), dtype=bool)
-    for value in np.unique(key):
-        members = np.flatnonzero(key == value)
-        if len(members) > most:
-            members = members[np.linspace(0, len(members) - 1, most).round().astype(np.intp)]
-        chosen[members] = True
-    return chosen
-
-
 def _inside(taps: TapSet, grid: ClassGrid) -> TapSet:
     return taps.select(np.minimum(*taps.indices(grid)) >= 0)
 
 
 def _split(
-    parts: AuditParts, grid: ClassGrid, base: Remedy, settings: AuditSettings
+    parts: AuditParts, grid: ClassGrid, base: Remedy, settings: AuditSettings, suspects: Sequence[Suspect]
 ) -> tuple[xr.Dataset | None, str, float]:
     """The variance of evidence by cause and the test of sessions, or why there are none."""
     taps = parts.all_taps
@@ -290,7 +309,7 @@ def _split(
     except InputError as error:
         return None, str(error), np.nan
     return (
-        split_variance(taps, found, settings.seed),
+        split_variance(taps, found, settings.seed, suspects=suspects),
         "",
         session_p(taps, found, max(settings.permutations, SESSION_PERMUTATIONS), settings.seed),
     )

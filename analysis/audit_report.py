@@ -73,9 +73,9 @@ def _drawn(audit: Audit, summary: Mapping[str, Any]) -> Iterator[tuple[str, str,
         )
     yield (
         "leakage",
-        "What is told without touch",
-        "Accuracy after one tap from what there is without touch, from whole taps, and from taps less their level "
-        "before contact, beside chance.",
+        "What is inferred without touch",
+        "Accuracy after one tap from samples before contact where they are known, from subtracted offsets, which the "
+        "filter never sees, from whole taps, and from taps less their level before contact, beside chance.",
         figure_audit.leakage(audit.leakage),
     )
     yield (

@@ -19,7 +19,7 @@ from .audit_verdict import (
     verdict,
     worthwhile,
 )
-from .causes import PART_WORDS, PARTS, SIZES
+from .causes import SIZES, part_words, suspect_part
 from .guarantees import Promise, broken, guarantee_sentence
 from .leakage import Leakage
 from .reliability import after_contacts, headline, interval_sentence, plain
@@ -52,6 +52,8 @@ def summarise(audit: Audit, settings: AuditSettings, about: Mapping[str, Any]) -
     unit = audit.grid.what_error_unit
     sentences = verdict(cause, measured, setting.threshold, titles, unit)
     sentences[0] += _other_sessions(audit)
+    if audit.leakage.unjudged:
+        sentences.insert(2, audit.leakage.unjudged)
     chosen = recommended(measured)
     return _clean(
         {
@@ -92,6 +94,9 @@ def summarise(audit: Audit, settings: AuditSettings, about: Mapping[str, Any]) -
                     "guarantee_sentence": guarantee_sentence(audit.guarantees),
                     "intervals": interval_sentence(audit.reliability),
                     "lost": lost(measured),
+                    "enough": [
+                        {**one.design._asdict(), "right": one.right, "detectable": one.factor} for one in audit.enough
+                    ],
                 },
             },
             "remedy": {
@@ -163,7 +168,14 @@ def _leakage(leaks: Leakage) -> dict[str, Any]:
                 },
             }
         )
-    return {"sentences": list(leaks.sentences), "told": rows, "blocks": leaks.blocks, "test_taps": leaks.test_taps}
+    return {
+        "sentences": list(leaks.sentences),
+        "judged": not leaks.unjudged,
+        "before_contact": {"samples": leaks.before.samples, "known_by": leaks.before.known or None},
+        "told": rows,
+        "blocks": leaks.blocks,
+        "test_taps": leaks.test_taps,
+    }
 
 
 def _variance(split: xr.Dataset | None, session_p: float) -> dict[str, Any] | None:
@@ -172,23 +184,31 @@ def _variance(split: xr.Dataset | None, session_p: float) -> dict[str, Any] | No
     unseen = {"place", "order"} - {split.attrs["covariate"]}
     if split.attrs["sessions"] < 2:
         unseen |= {"session", "serial"}
+    suspects = [
+        {"name": name, "p": p, "follows_order": follows}
+        for name, p, follows in zip(
+            *(split.attrs[key] for key in ("suspects", "suspect_p", "suspect_follows_order")), strict=True
+        )
+    ]
+    unseen |= {suspect_part(row["name"]) for row in suspects if not np.isfinite(row["p"])}
+    about = {name: value for name, value in split.attrs.items() if not name.startswith("suspect")}
     rows = [
         {
             "name": part,
-            "words": PART_WORDS[part],
+            "words": part_words(part),
             **{
                 f"share{end}": None if part in unseen else float(split[f"share{end}"].sel(part=part))
                 for end in ("", "_low", "_high", "_sure")
             },
             "ratio": None if part in unseen else float(split["ratio"].sel(part=part)),
         }
-        for part in PARTS
+        for part in map(str, split["part"].values)
     ]
     sizes = [
         {"name": name, "words": _SIZE_WORDS[name], **{f"value{end}": float(split[name + end]) for end in _ENDS}}
         for name in SIZES
     ]
-    return {"parts": rows, "sizes": sizes, "session_p": session_p, **split.attrs}
+    return {"parts": rows, "sizes": sizes, "session_p": session_p, **about, "suspects": suspects}
 
 
 _ENDS = ("", "_low", "_high")
@@ -204,6 +224,9 @@ def _taxels(data: xr.Dataset, *, by_session: bool) -> dict[str, Any]:
                 **{f"effect{end}": float(at[f"mean_absolute{end}"]) for end in _ENDS},
                 "effect_null": float(at["mean_absolute_null"]),
                 "family_p": float(at["family_p"]),
+                "drift_p": float(at["drift_p"]),
+                "contrasts": int(at["contrasts"]),
+                "drift_reason": str(at["drift_reason"].values),
                 "pairs": int(at["pairs"]),
                 "rejected_fraction": float(at["rejected_fraction"]),
                 "permutations": int(at["permutations"]),

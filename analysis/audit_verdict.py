@@ -13,7 +13,7 @@ from typing import Literal, NamedTuple
 import numpy as np
 import xarray as xr
 
-from .causes import CAUSES, FEWEST_CLASSES, tells
+from .causes import CAUSES, FEWEST_CLASSES, part_words, suspect_part, tells
 from .causes import first_cause as largest_cause
 from .leakage import Leakage
 from .remedy_scores import Judged, Measured, Scored
@@ -21,17 +21,20 @@ from .right_model import LEVEL
 
 type Calibration = Literal["overconfident", "right", "cautious", "not enough data to tell"]
 
+NOT_ENOUGH: Calibration = "not enough data to tell"
+
 _MUCH = 99.0  # a factor beyond which its size says nothing
 _WIDE = 4.0  # ratio of the ends of an interval around 1 that leaves everything open
 _WORSE = 0.1  # of the error as it is: what a remedy may add to it
 _TEST_LEVEL = 0.01  # as sure as causes without a test of their own have to be, see `causes`
 LEAKAGE, SPARSE = "leakage", "few samples"
 CAUSE_WORDS = {
-    LEAKAGE: "classes are told without touch",
+    LEAKAGE: "classes are inferred without touch",
     SPARSE: "histograms hold too few samples",
     **CAUSES,
 }
 """All that can be named first, in words."""
+_FOLLOWS = 0.5  # of the variance of a suspect within sessions, from which on it follows the order of taps
 _SPARSE = 10.0  # samples per bin that a training histogram uses, below which sampling alone makes beliefs too sure
 
 
@@ -39,7 +42,7 @@ class Cause(NamedTuple):
     """What is named first.
 
     Attributes:
-        name: A key of `CAUSE_WORDS`, or `None`.
+        name: A key of `CAUSE_WORDS`, `causes.suspect_part` of a suspect, or `None`.
         sentence: It in words, with numbers.
     """
 
@@ -117,12 +120,16 @@ def first_cause(
 def _unsupported(split: xr.Dataset, session_p: float) -> list[str]:
     """Causes that have a test of their own which does not reject."""
     tested = {"session": session_p, str(split.attrs["covariate"]): float(split.attrs["covariate_p"])}
-    return [name for name, p in tested.items() if p > _TEST_LEVEL]
+    suspects = zip(split.attrs["suspects"], split.attrs["suspect_p"], strict=True)
+    # A suspect that could not be tested is not accused.
+    return [name for name, p in tested.items() if p > _TEST_LEVEL] + [
+        suspect_part(name) for name, p in suspects if not p <= _TEST_LEVEL
+    ]
 
 
 def cause_words(name: str | None) -> str:
     """A cause in words."""
-    return "nothing" if name is None else CAUSE_WORDS[name]
+    return "nothing" if name is None else CAUSE_WORDS.get(name) or part_words(name)
 
 
 def _share_sentence(split: xr.Dataset, name: str) -> str:
@@ -131,10 +138,18 @@ def _share_sentence(split: xr.Dataset, name: str) -> str:
     alone = float(split["share"].sel(part="independent"))
     effect = float(split["sequence_effect"])
     return (
-        f"First of all {CAUSES[name]}: {share:.0%} ({low:.0%} to {high:.0%}) of the variance of the evidence of {n} "
-        f"taps come from that, {alone:.0%} from what independent samples would have; together it is {effect:.3g} times "
-        "as large as independence says."
+        f"First of all {part_words(name)}: {share:.0%} ({low:.0%} to {high:.0%}) of the variance of the evidence of "
+        f"{n} taps come from that, {alone:.0%} from what independent samples would have; together it is {effect:.3g} "
+        "times as large as independence says." + (_followers(split) if name == "order" else "")
     )
+
+
+def _followers(split: xr.Dataset) -> str:
+    """The suspects that go with the order of taps."""
+    follows = zip(split.attrs["suspects"], split.attrs["suspect_follows_order"], strict=True)
+    names = [f"“{name}”" for name, share in follows if share > _FOLLOWS]
+    verb = "follows" if len(names) == 1 else "follow"
+    return f" {', '.join(names)} {verb} that order, and cannot be told from drift here." if names else ""
 
 
 def _nothing_sentence(split: xr.Dataset | None) -> str:

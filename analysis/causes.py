@@ -9,6 +9,7 @@ comes on top is split in this order:
 2. `place`: what goes with the position of a tap inside its class, whatever its form where sessions repeat positions,
    else as a parabola. Where positions do not vary, what goes with the order of taps in their session is part of
    `order`.
+   Named suspects, extra arrays of the recording, come next, one after the other: what they add to place or order.
 3. What is left of the covariance of samples is split by what the samples themselves say. Their covariance across
    different taxels is regressed on that of a common gain (`gain`: the mean tap times a number, and a constant level of
    that share in each taxel, which a high-pass makes of the strength of former taps), a common shift in time (`timing`:
@@ -22,6 +23,7 @@ Regressing products on products is the method of moments for variance components
 """
 
 from collections.abc import Mapping, Sequence
+from typing import Any
 
 import numpy as np
 import xarray as xr
@@ -34,11 +36,12 @@ from .evidence_classes import evidence_classes
 from .evidence_variance import EvidenceMoments, covariate_p, evidence_moments, responses_to
 from .metrics import CONFIDENCE
 from .sample_covariance import FORMER, GAIN, PATTERNS, TIMING, SampleMoments, lag_steps, sample_moments
+from .suspects import Suspect, suspicion
 
 CAUSES = {
     "session": "sessions differ",
     "place": "the position inside a class varies",
-    "order": "taps drift within a session",
+    "order": "drift, or an unlabelled condition that follows the order of taps",
     "gain": "taps differ in strength",
     "timing": "taps differ in timing",
     "common": "taxels share noise",
@@ -69,7 +72,12 @@ _MOST_CORRECTION = 3.0  # of what the linear response of evidence predicts
 
 
 def split_variance(
-    taps: TapSet, evidence: Evidence, seed: int = 0, n: int = SEQUENCE, resamples: int = _RESAMPLES
+    taps: TapSet,
+    evidence: Evidence,
+    seed: int = 0,
+    n: int = SEQUENCE,
+    resamples: int = _RESAMPLES,
+    suspects: Sequence[Suspect] = (),
 ) -> xr.Dataset:
     """The variance of the evidence of n taps by cause.
 
@@ -79,23 +87,29 @@ def split_variance(
         seed: Of the resampling of classes.
         n: Taps of a sequence, of one class and session.
         resamples: How many.
+        suspects: Arrays that may make evidence vary, see `suspects`.
 
     Returns:
-        Over `part` (see `PARTS`): `share` of the variance of the evidence of a sequence, and `ratio`, this variance
-        over that of a tap with independent samples. Further `design_effect`, the observed over the independent
-        variance of a tap, the median over classes; `sequence_effect`, the same of n taps, over all classes; and
+        Over `part` (see `PARTS`; then `suspect_part` of each suspect): `share` of the variance of the evidence of a
+        sequence, and `ratio`, this variance over that of a tap with independent samples. Further `design_effect`, the
+        observed over the independent variance of a tap, the median over classes; `sequence_effect`, the same of n taps,
+        over all classes; and
         standard deviations: `gain_sd` (relative), `timing_sd` (samples), `common_sd`, `noise_sd` and, from one sample
         to the next, `lasting_sd` (unit of the samples). Each has an interval `_low`, `_high` at 95 % and `_sure`, the
         lower end at 99 %. Without a class that has taps enough all are NaN. Attributes: `taps` n, `classes`,
         `sessions`, `covariate`, `"place"`, `"order"` or nothing, and `covariate_p`, by permutation of taps within
-        halves of sessions, the probability of what it explains if it explained nothing.
+        halves of sessions, the probability of what it explains if it explained nothing; and of suspects in their order
+        `suspects`, their names, `suspect_p` and `suspect_follows_order`, see `suspects.Suspected`.
     """
     samples, session = taps.taps[evidence.tap].astype(np.float64), taps.session[evidence.tap]
-    classes, covariate = evidence_classes(taps, evidence)
+    classes, covariate = evidence_classes(taps, evidence, [suspect.columns for suspect in suspects])
+    named = [suspect.name for suspect in suspects]
+    parts = (*PARTS, *map(suspect_part, named))
     if not classes:
-        return _dataset(
-            [dict.fromkeys(_names(), np.nan)] * 2, taps=n, classes=0, sessions=0, covariate="", covariate_p=np.nan
-        )
+        nothing: dict[str, Any] = {"taps": n, "classes": 0, "sessions": 0, "covariate": "", "covariate_p": np.nan}
+        unknown = [np.nan] * len(named)
+        nothing |= {"suspects": named, "suspect_p": unknown, "suspect_follows_order": unknown}
+        return _dataset([dict.fromkeys(_names(parts), np.nan)] * 2, parts, **nothing)
     steps = lag_steps(samples.shape[1])
     C = len(classes)
     known = _stack(SampleMoments, [sample_moments(one, samples[one.members], steps) for one in classes])
@@ -110,22 +124,49 @@ def split_variance(
         ],
     )
     weights = generator(seed, Purpose.CAUSES).multinomial(C, np.full(C, 1 / C), size=resamples)
-    results = [_combine(known, values, w / C, n, covariate) for w in [np.ones(C), *weights]]
+    results = [_combine(known, values, w / C, n, covariate, named) for w in [np.ones(C), *weights]]
+    totals = [evidence.values[one.members].sum(axis=(1, 2)) for one in classes]
+    found = [
+        suspicion([suspect.columns[evidence.tap][one.members] for one in classes], classes, totals, seed)
+        for suspect in suspects
+    ]
     attributes = {
         "taps": n,
         "classes": C,
         "sessions": len(np.unique(session)),
         "covariate": covariate,
         "covariate_p": covariate_p(classes, evidence, seed),
+        "suspects": named,
+        "suspect_p": [one.p for one in found],
+        "suspect_follows_order": [one.follows_order for one in found],
     }
-    return _dataset(results, **attributes)
+    return _dataset(results, parts, **attributes)
+
+
+def suspect_part(name: str) -> str:
+    """The part of a named suspect."""
+    return f"covariate {name}"
+
+
+def part_words(part: str) -> str:
+    """A part in words, also that of a suspect."""
+    return PART_WORDS.get(part, f"“{part.removeprefix(suspect_part(''))}”")
+
+
+def is_cause(part: str) -> bool:
+    """Whether a part can be named first."""
+    return part in CAUSES or part not in PART_WORDS
 
 
 def tells(split: xr.Dataset) -> bool:
     """Whether shares are known well enough to name a cause: no interval of a sure one goes far beyond the whole."""
-    causes = split.sel(part=list(CAUSES))
+    causes = split.sel(part=_causes(split))
     sure = causes["share_sure"].values > 0
     return not bool((causes["share_high"].values[sure] > _FAR).any())
+
+
+def _causes(split: xr.Dataset) -> list[str]:
+    return [str(part) for part in split["part"].values if is_cause(str(part))]
 
 
 def first_cause(split: xr.Dataset, without: Sequence[str] = (), least_share: float = LEAST_SHARE) -> str | None:
@@ -141,7 +182,7 @@ def first_cause(split: xr.Dataset, without: Sequence[str] = (), least_share: flo
     if not tells(split):
         return None
     few = split.attrs["classes"] < FEWEST_CLASSES
-    names = [name for name in CAUSES if name not in without and (name == "session" or not few)]
+    names = [name for name in _causes(split) if name not in without and (name == "session" or not few)]
     if not names:
         return None
     causes = split.sel(part=names)
@@ -151,13 +192,18 @@ def first_cause(split: xr.Dataset, without: Sequence[str] = (), least_share: flo
 
 
 def _combine(
-    known: SampleMoments, values: EvidenceMoments, weight: NDArray[np.float64], n: int, covariate: str
+    known: SampleMoments,
+    values: EvidenceMoments,
+    weight: NDArray[np.float64],
+    n: int,
+    covariate: str,
+    suspects: Sequence[str],
 ) -> dict[str, float]:
     """All quantities under weights of classes."""
     theta, noise = known.solve(weight)
     # In units of the variance of each class, so that classes count alike.
     scale = weight / values.spread
-    session, serial, explained, whole, independent, excess, _, patterns, lasting = (
+    session, serial, explained, named, whole, independent, excess, _, patterns, lasting = (
         np.tensordot(scale, part, 1) for part in values
     )
     # Taps that share less than nothing by chance cannot take away more than the variance that there is.
@@ -174,6 +220,7 @@ def _combine(
         "timing": patterns[TIMING] * theta[TIMING],
         "common": patterns[PATTERNS:] @ theta[PATTERNS:],
         "noise": lasting @ noise,
+        **{suspect_part(name): float(value) for name, value in zip(suspects, named, strict=True)},
     }
     # Evidence answers to large disturbances otherwise than to small ones, so their sizes give proportions only.
     predicted = sum(max(parts[name], 0.0) for name in _WITHIN)
@@ -198,16 +245,16 @@ def _stack[T: (SampleMoments, EvidenceMoments)](kind: type[T], parts: list[T]) -
     return kind(*(np.stack(part) for part in zip(*parts, strict=True)))
 
 
-def _names() -> list[str]:
-    return [*(f"{quantity} {part}" for quantity in ("share", "ratio") for part in PARTS), *SIZES]
+def _names(parts: Sequence[str]) -> list[str]:
+    return [*(f"{quantity} {part}" for quantity in ("share", "ratio") for part in parts), *SIZES]
 
 
-def _dataset(results: Sequence[Mapping[str, float]], **attributes: float | str) -> xr.Dataset:
+def _dataset(results: Sequence[Mapping[str, float]], names: Sequence[str], **attributes: Any) -> xr.Dataset:
     """Estimates, the first of the results, with intervals by the others."""
-    samples = {name: np.array([result[name] for result in results]) for name in _names()}
-    data = xr.Dataset(coords={"part": list(PARTS)}, attrs=attributes)
+    samples = {name: np.array([result[name] for result in results]) for name in _names(names)}
+    data = xr.Dataset(coords={"part": list(names)}, attrs=attributes)
     for quantity in ("share", "ratio"):
-        parts = [_interval(samples[f"{quantity} {part}"]) for part in PARTS]
+        parts = [_interval(samples[f"{quantity} {part}"]) for part in names]
         for end in parts[0]:
             data[quantity + end] = ("part", np.array([part[end] for part in parts]))
     for name in SIZES:

@@ -211,6 +211,7 @@ def permuted(
     permutations: Sequence[int],
     seed: int,
     progress: Callable[[int], None] | None = None,
+    together: ArrayLike | None = None,
 ) -> list[Permuted]:
     """Statistics of permuted taps, the columns of every stratum permuted independently of each other.
 
@@ -222,14 +223,19 @@ def permuted(
         permutations: P of each statistic; one with fewer takes the first of the others'.
         seed: Of the permutations.
         progress: Told of each finished stratum.
+        together: A label of each stratum, shape (S,): those of one label and as many taps are permuted alike; by
+            default each by itself.
     """
+    stream, purpose = np.arange(len(strata)), seeds.Purpose.PERMUTATIONS
+    if together is not None:
+        stream, purpose = np.asarray(together), seeds.Purpose.ALIKE
     found = [
         Permuted(np.zeros((G, 1 + P)), np.zeros((len(strata), G)), np.zeros((len(strata), G)))
         for G, P in zip(groups, permutations, strict=True)
     ]
     most = max(permutations)
     for s, own in enumerate(strata):
-        generator = seeds.generator(seed, seeds.Purpose.PERMUTATIONS, s)
+        generator = seeds.generator(seed, purpose, int(stream[s]))
         statistics = prepare(own)
         block = max(1, _BLOCK // max(1, columns * len(own)))
         for start in range(0, 1 + most, block):

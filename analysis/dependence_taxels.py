@@ -42,7 +42,7 @@ TESTS = ("rank", "distance", "table")
 EFFECTS = ("rank correlation", "distance correlation, bias-corrected", "mutual information (nats per sample)")
 BINS = 4
 """Quantile bins of the table; fewer, n // 2, in strata of fewer than 8 taps."""
-_LEAST_TAPS = (2, 4, 4)  # of a stratum, below which a test says nothing
+LEAST_TAPS = (2, 4, 4)  # of a stratum, below which a test says nothing
 _MOST_TAPS = 300  # of a stratum whose distances are taken: their number grows with the square
 _DISTANCE_WORK = 2.5e10  # products of distances in all permutations, some seconds
 _FEWEST_PERMUTATIONS = 199
@@ -65,6 +65,7 @@ def taxel_dependence(
     alpha: float = 0.05,
     seed: int = 0,
     progress: Callable[[int], None] | None = None,
+    together: ArrayLike | None = None,
 ) -> xr.Dataset:
     """Tests of dependence of all pairs of taxels, with effect sizes.
 
@@ -77,6 +78,8 @@ def taxel_dependence(
         alpha: Level; false discovery rate of the map.
         seed: Of permutations and resamples.
         progress: Told of each finished stratum.
+        together: A label of each tap, the same throughout a stratum, shape (N,): strata of one label and as many taps
+            are permuted alike, as what disturbs one of them may disturb the others; by default each by itself.
 
     Returns:
         Dims test (`TESTS`), taxel, other (K each). Of every pair, NaN where a taxel is dead or the two never vary
@@ -103,7 +106,8 @@ def taxel_dependence(
         result["reason"].values[:] = _reason(values, strata, live)
         return result
     used = permutations, _distance_permutations(permutations, strata, len(live), len(chosen)), permutations
-    counts, found = _permuted(values[:, :, live], strata, chosen, used, seed, progress)
+    alike = None if together is None else np.unique(together, return_inverse=True)[1][[own[0] for own in strata]]
+    counts, found = _permuted(values[:, :, live], strata, chosen, used, seed, progress, alike)
     for t in range(len(TESTS)):
         _fill(result, t, found[t], counts[t], (first, second))
         result["permutations"].values[t] = used[t]
@@ -144,6 +148,7 @@ def _permuted(
     used: tuple[int, int, int],
     seed: int,
     progress: Callable[[int], None] | None,
+    together: NDArray[np.intp] | None,
 ) -> tuple[list[Floats], list[Permuted]]:
     """Weights of every stratum and pair of live taxels (S, G) and permuted statistics, for each test."""
     first, second = np.triu_indices(values.shape[2], 1)
@@ -160,7 +165,7 @@ def _permuted(
             statistics.append(None if part is None else part.statistic)
         return statistics
 
-    found = permuted(strata, values.shape[2], prepare, [len(first)] * len(TESTS), used, seed, progress)
+    found = permuted(strata, values.shape[2], prepare, [len(first)] * len(TESTS), used, seed, progress, together)
     return counts, found
 
 
@@ -173,7 +178,7 @@ def _ranks(values: Floats) -> _Prepared:
 
 def _distances(values: Floats) -> _Prepared | None:
     """Of values (n, samples, K)."""
-    if len(values) < _LEAST_TAPS[1]:
+    if len(values) < LEAST_TAPS[1]:
         return None
     weight = float(len(values))
     kept = spread_samples(len(values), _MOST_TAPS)
@@ -245,7 +250,7 @@ def quantile_bins(values: Floats, bins: int) -> NDArray[np.uint8]:
 def _tables(values: Floats) -> _Prepared | None:
     """Of values (n, samples, K)."""
     n = len(values)
-    if n < _LEAST_TAPS[2]:
+    if n < LEAST_TAPS[2]:
         return None
     binned = quantile_bins(values, min(BINS, n // 2))
     varies = binned.max(axis=0) > binned.min(axis=0)
@@ -325,7 +330,7 @@ def _fill(
     """Writes what one test found into the result."""
     tested, used = weight.any(axis=0), weight.any(axis=1)
     if not tested.any():
-        result["reason"].values[t] = f"no stratum has {_LEAST_TAPS[t]} taps in which two taxels vary"
+        result["reason"].values[t] = f"no stratum has {LEAST_TAPS[t]} taps in which two taxels vary"
         return
     side, other = (index[tested] for index in pairs)
     weight, total = weight[np.ix_(used, tested)], found.total[tested]

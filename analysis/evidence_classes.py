@@ -1,11 +1,13 @@
 """Taps class by class, with what their place or their order in the session can explain of them."""
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..models.taps import TapSet
+from .dependence_drift import recorded_time
 from .evidence import Evidence
 
 _LEAST_FREEDOM = 3
@@ -21,7 +23,11 @@ class EvidenceClass(NamedTuple):
         stratum: Session and half of each, shape (n,).
         session: Session of each, from 0, shape (n,).
         half: Shape (n,).
+        label: Session and half of each, numbered alike in all classes, shape (n,).
+        time: Number of each in its session, as recorded, shape (n,).
         columns: What place or order can explain, shape (n, q).
+        suspects: What each named suspect can explain of taps within their strata, shape (n, its q); without columns
+            where there are too few taps.
     """
 
     number: int
@@ -29,21 +35,37 @@ class EvidenceClass(NamedTuple):
     stratum: NDArray[np.intp]
     session: NDArray[np.intp]
     half: NDArray[np.intp]
+    label: NDArray[np.intp]
+    time: NDArray[np.intp]
     columns: NDArray[np.float64]
+    suspects: tuple[NDArray[np.float64], ...] = ()
 
-    def without(self, values: NDArray[np.float64], groups: NDArray[np.intp]) -> tuple[NDArray[np.float64], int]:
-        """Values (n, ...) without the means of groups and what the columns explain, and the freedom that is left."""
-        basis = orthonormal(centred(self.columns, groups))
+    def without(
+        self, values: NDArray[np.float64], groups: NDArray[np.intp], suspects: int = 0
+    ) -> tuple[NDArray[np.float64], int]:
+        """Values (n, ...) without the means of groups and what the columns explain, and the freedom that is left.
+
+        The first so many suspects explain as well.
+        """
+        basis = orthonormal(centred(np.concatenate([self.columns, *self.suspects[:suspects]], axis=1), groups))
         flat = centred(values.reshape(len(values), -1), groups)
         residual = (flat - basis @ (basis.T @ flat)).reshape(values.shape)
         return residual, len(values) - int(groups.max()) - 1 - basis.shape[1]
 
 
-def evidence_classes(taps: TapSet, evidence: Evidence) -> tuple[list[EvidenceClass], str]:
+def evidence_classes(
+    taps: TapSet, evidence: Evidence, suspects: Sequence[NDArray[np.float64]] = ()
+) -> tuple[list[EvidenceClass], str]:
     """The classes with taps enough, and whether place, order or nothing explains taps within their sessions.
 
     Classes whose evidence is the same for all taps are left out: they have no variance to split.
+
+    Args:
+        taps: Those of the evidence.
+        evidence: Of these taps.
+        suspects: What each named suspect can explain of all taps, shape (taps, its q).
     """
+    time = recorded_time(taps)[evidence.tap]
     session, place = taps.session[evidence.tap], taps.where[evidence.tap]
     recorded = np.lexsort((taps.trial[evidence.tap], session))
     several = [len(np.unique(place[evidence.own == c])) for c in np.unique(evidence.own)]
@@ -54,14 +76,25 @@ def evidence_classes(taps: TapSet, evidence: Evidence) -> tuple[list[EvidenceCla
         half = evidence.half[members]
         numbers, index = np.unique(session[members], return_inverse=True)
         _, stratum = np.unique(index * 2 + half, return_inverse=True)
-        columns = _place_columns(place[members], len(numbers)) if covariate == "place" else _order_columns(index)
-        columns = np.concatenate([columns * (half == h)[:, None] for h in np.unique(half)], axis=1)
+        columns = _place_columns(place[members], len(numbers)) if covariate == "place" else order_columns(index)
+        columns = _by_half(columns, half)
         strata = int(stratum.max()) + 1
         if len(members) - strata - np.linalg.matrix_rank(centred(columns, stratum)) < _LEAST_FREEDOM:
             columns = columns[:, :0]
+        named = [_by_half(columns_of[evidence.tap][members], half) for columns_of in suspects]
+        if named and len(members) - strata - columns.shape[1] - sum(part.shape[1] for part in named) < _LEAST_FREEDOM:
+            named = [part[:, :0] for part in named]
+        label = 2 * np.unique(session, return_inverse=True)[1][members] + half
         if len(members) - strata >= _LEAST_FREEDOM and _varies(evidence.values[members].sum(axis=(1, 2)), half):
-            classes.append(EvidenceClass(int(c), members, stratum, index, half, columns))
+            classes.append(
+                EvidenceClass(int(c), members, stratum, index, half, label, time[members], columns, tuple(named))
+            )
     return classes, covariate if any(one.columns.shape[1] for one in classes) else ""
+
+
+def _by_half(columns: NDArray[np.float64], half: NDArray[np.intp]) -> NDArray[np.float64]:
+    """Columns (n, q) of each half by itself, since another model judges it."""
+    return np.concatenate([columns * (half == h)[:, None] for h in np.unique(half)], axis=1)
 
 
 def _varies(total: NDArray[np.float64], half: NDArray[np.intp]) -> bool:
@@ -79,7 +112,7 @@ def _place_columns(place: NDArray[np.float64], sessions: int) -> NDArray[np.floa
     return np.stack([x, x**2], axis=1)
 
 
-def _order_columns(session: NDArray[np.intp]) -> NDArray[np.float64]:
+def order_columns(session: NDArray[np.intp]) -> NDArray[np.float64]:
     """A line and a parabola over the order of taps in their session, and what fades by half from tap to tap."""
     rank = rank_in_session(session).astype(np.float64)
     x = rank / max(rank.max(), 1.0)

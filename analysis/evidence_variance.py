@@ -21,6 +21,7 @@ class EvidenceMoments(NamedTuple):
         session: Between sessions.
         serial: What two taps of one session share beyond that, on average.
         covariates: What place or order add beyond what they do to single samples.
+        suspects: The same of each named suspect, beyond place or order and the suspects before it, shape (C, suspects).
         whole: Within sessions.
         independent: The same if samples were independent.
         excess: What their covariance within and across taxels adds to the latter.
@@ -32,6 +33,7 @@ class EvidenceMoments(NamedTuple):
     session: NDArray[np.float64]
     serial: NDArray[np.float64]
     covariates: NDArray[np.float64]
+    suspects: NDArray[np.float64]
     whole: NDArray[np.float64]
     independent: NDArray[np.float64]
     excess: NDArray[np.float64]
@@ -66,13 +68,12 @@ def evidence_moments(
     n = len(values)
     strata = int(one.stratum.max()) + 1
     within = centred(values.reshape(n, -1), one.stratum)
-    residual, freedom = one.without(values, one.stratum)
-    by_taxel = residual.sum(axis=1)
-    whole = float((within.sum(axis=1) ** 2).sum()) / (n - strata)
-    left = float((by_taxel.sum(axis=1) ** 2).sum()) / freedom
-    single, single_left = float((within**2).sum()) / (n - strata), float((residual**2).sum()) / freedom
+    whole, single = _variances(within, n - strata)
+    by_steps = [one.without(values, one.stratum, suspects) for suspects in range(len(one.suspects) + 1)]
+    shared = np.array([left - alone for left, alone in (_variances(*step) for step in by_steps)])
+    residual = by_steps[-1][0]
     total = values.sum(axis=(1, 2))
-    session, serial = SharedEvidence.of(one).variances(total, left)
+    session, serial = SharedEvidence.of(one).variances(total, _variances(*by_steps[0])[0])
     spread = spread_within_halves(one, total)
     live = (residual**2).sum(axis=0) > 0
     *to_patterns, to_offset = (response * live for response in responses)
@@ -83,14 +84,21 @@ def evidence_moments(
     return EvidenceMoments(
         session=np.array(session),
         serial=np.array(serial),
-        covariates=np.array(whole - left - (single - single_left)),
+        covariates=np.array(whole - single - shared[0]),
+        suspects=-np.diff(shared),
         whole=np.array(whole),
         independent=np.array(single),
-        excess=np.array(left - single_left),
+        excess=np.array(shared[-1]),
         spread=np.array(spread),
         patterns=patterns,
         noise=noise,
     )
+
+
+def _variances(residual: NDArray[np.float64], freedom: int) -> tuple[float, float]:
+    """Of the evidence of a tap, and the sum of those of its samples, from residuals (n, J, K) or (n, J K)."""
+    flat = residual.reshape(len(residual), -1)
+    return float((flat.sum(axis=1) ** 2).sum()) / freedom, float((flat**2).sum()) / freedom
 
 
 def _pattern_excess(response: NDArray[np.float64]) -> float:

@@ -14,7 +14,7 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from .causes import CAUSES, PART_WORDS, first_cause
+from .causes import first_cause, is_cause, part_words
 from .figure_style import ACTIVE, DECIDED, OTHERS, TRUE, TWO_COLUMNS, axis_label, label_panel, new_figure, styled
 
 if TYPE_CHECKING:
@@ -67,13 +67,13 @@ def plot_causes(axes: Axes, split: xr.Dataset, named: str | None) -> Axes:
         if not np.isfinite(share[i]):
             axes.annotate("cannot be told", (0, i), xytext=(4, 0), textcoords="offset points", va="center")
             continue
-        kind = "other" if part not in CAUSES else "first" if part == named else _kind(split["share_sure"].values[i])
+        kind = "other" if not is_cause(part) else "first" if part == named else _kind(split["share_sure"].values[i])
         axes.barh(i, share[i], height=0.7, color=_BAR_COLOURS[kind])
         if np.isfinite([low[i], high[i]]).all():
             axes.plot([low[i], high[i]], [i, i], color="black", linewidth=0.8)
         at = np.nanmax([share[i], high[i], 0.0])
         axes.annotate(f"{share[i]:.0f} %", (at, i), xytext=(4, 0), textcoords="offset points", va="center")
-    axes.set_yticks(range(len(parts)), [fill(PART_WORDS.get(part, part), _WRAP) for part in parts])
+    axes.set_yticks(range(len(parts)), [fill(part_words(part), _WRAP) for part in parts])
     axes.set_ylim(len(parts) - 0.4, -0.6)
     axes.set_xlim(*_padded(np.concatenate([low, high, share, [0.0]])))
     axes.tick_params(axis="y", length=0)
@@ -285,7 +285,7 @@ def plot_factors(axes: Axes, values: Sequence[Interval]) -> Axes:
 
 @styled
 def leakage(result: Leakage) -> Figure | None:
-    """What is told without touch beside what whole taps tell, a panel for each of object, position and both.
+    """What is inferred without touch beside what whole taps achieve, a panel for each of object, position and both.
 
     Args:
         result: From `leakage.leakage`.
@@ -301,7 +301,7 @@ def leakage(result: Leakage) -> Figure | None:
     for i, (panel, name) in enumerate(zip(axes[0], quantities, strict=True)):
         plot_told(panel, told.sel(quantity=name))
         if set(rows) - {*_TOUCHES, "chance"}:
-            panel.set_xlabel(f"{panel.get_xlabel()}\ntold without touch: {result.explains[name]}")
+            panel.set_xlabel(f"{panel.get_xlabel()}\ninferred without touch: {result.explains[name]}")
         label_panel(panel, chr(ord("A") + i) if len(quantities) > 1 else "", _QUANTITIES[name])
     axes[0, 0].set_yticks(range(len(rows)), rows)
     axes[0, 0].set_ylim(len(rows) - 0.4, -0.6)

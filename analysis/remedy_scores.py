@@ -151,13 +151,16 @@ def measure(
         if not own or remedy.grid is not base.grid:
             own[id(remedy.grid)] = log_beliefs(tables[base.name], base)
         beliefs = own[id(remedy.grid)] if remedy is base else log_beliefs(table, remedy)
+        rounding = _rounding((table, tables[base.name]), n * shared.taps[0].size)
         found = headline(
             _reliability(table, remedy.grid, remedy.setting, policy, trials, seed), policy, remedy.setting.threshold
         )
         scores.append(
             Scored(
                 remedy.name,
-                *_gains(beliefs, own[id(remedy.grid)], spread(table), len(remedies) - 1, is_base=remedy is base),
+                *_gains(
+                    beliefs, own[id(remedy.grid)], rounding, spread(table), len(remedies) - 1, is_base=remedy is base
+                ),
                 _triple(errors, "what_error"),
                 None if remedy is base else _triple(errors, "what_error_difference"),
                 None if remedy is base else _triple(errors, "where_error_difference"),
@@ -313,15 +316,28 @@ def _log_sum(values: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def _gains(
-    beliefs: NDArray[np.float64], base: NDArray[np.float64], how: Spread, remedies: int, *, is_base: bool
+    beliefs: NDArray[np.float64],
+    base: NDArray[np.float64],
+    rounding: float,
+    how: Spread,
+    remedies: int,
+    *,
+    is_base: bool,
 ) -> tuple[tuple[float, float, float], tuple[float, float, float] | None, float | None]:
     """Mean log belief and its gain, with intervals, and the end of the latter that holds for all remedies."""
     score = _with_ends(beliefs, how)
     if is_base:
         return score, None, None
     gains = beliefs - base
+    gains[np.abs(gains) <= rounding] = 0.0
     sure = gains[0] - norm.ppf(1 - (1 - CONFIDENCE) / 2 / remedies) * how.factor * gains[1:].std()
     return score, _with_ends(gains, how), float(sure)
+
+
+def _rounding(tables: Sequence[TapTable], terms: int) -> float:
+    """The largest error of a log belief by rounding: that of a sum of so many terms of one sign, in each table."""
+    known = [table.log_likelihood[np.isfinite(table.log_likelihood)] for table in tables]
+    return len(tables) * terms * float(np.finfo(np.float64).eps) * max(np.abs(one).max(initial=0.0) for one in known)
 
 
 def _with_ends(samples: NDArray[np.float64], how: Spread) -> tuple[float, float, float]:

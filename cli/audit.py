@@ -49,6 +49,18 @@ def audit(
     passive: Annotated[bool, Option("--passive", help="Judge trials that never move.")] = False,
     deadline: Deadline = 100,
     border: Border = "uniform",
+    pre: Annotated[
+        int | None,
+        Option(
+            "--pre",
+            metavar="N",
+            help="The first N samples of each tap precede contact, 0: none does; default what the files record.",
+        ),
+    ] = None,
+    covariate: Annotated[
+        list[str] | None,
+        Option("--covariate", metavar="NAME", help="An extra array of the files as a suspected cause; repeatable."),
+    ] = None,
     permutations: Annotated[int, Option(min=_FEWEST_PERMUTATIONS, max=10**6, help="Of every test.")] = 999,
     trials: Annotated[int, Option(min=100, help="Of each remedy and policy.")] = 4000,
     seed: Seed = 0,
@@ -97,6 +109,8 @@ def audit(
             deadline=deadline,
         ),
         target_error=target_error,
+        pre=pre,
+        covariates=tuple(covariate or ()),
         permutations=permutations,
         trials=trials,
         seed=seed,

@@ -51,6 +51,8 @@ class Purpose(IntEnum):
     SCORES = 29  # of compare, drawn with
     CLUSTERS = 30  # of compare, resampled
     COMPONENTS = 31
+    ALIKE = 36  # permutations of several strata; their label
+    SUSPECTS = 37  # session and half, how many numbers came before
     # live episodes; episode
     START = 32
     OBJECT = 33

@@ -46,3 +46,32 @@ def test_the_figure_has_a_curve_for_every_knob(study):
         assert all((curve.rate == rate).all() and (curve.low <= curve.high).all() for curve in curves)
     figure = study.power_figure(panels, study.ALPHA)
     assert len(figure.axes) == len(study.EFFECTS)
+
+
+@pytest.fixture(scope="module")
+def drifting():
+    """The module of the study of drift."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.syspath_prepend(FOLDER)
+        yield importlib.import_module("audit_drift")
+
+
+def test_a_drift_of_each_taxel_is_found_by_whole_taps_only(drifting):
+    """Rows of the table say how often; contrasts see noise that taxels share."""
+    line, shared = drifting.Course("line", 3.0, "in turns"), drifting.Course("none", 0.0, "in turns", 2.0)
+    found = {one: [drifting.taxels(one, seed) for seed in (1, 2)] for one in (line, shared)}
+    assert_array_equal([whole for whole, _ in found[line]], 1.0)
+    assert np.sum([by_contrasts for _, by_contrasts in found[line]]) <= 2
+    assert_array_equal([by_contrasts[0] for _, by_contrasts in found[shared]], 1.0)
+    page = drifting.taxel_page(found)
+    assert "reach down to 0.05 in 1 of 1 rows" in page
+    assert "| line, 3 | in turns | - | 2 | 1.000" in page
+
+
+def test_an_operator_that_acts_is_a_row_of_its_own(drifting):
+    """Planted strongly it is named first."""
+    one = drifting.Suspicion(2.0, 0.0, 0.0)
+    outcome = drifting.suspects(one, 1)
+    assert outcome[0][0] <= 0.01
+    assert outcome[1] == "covariate operator"
+    assert "| 2 | 0 | 0 | 1 | 1.000" in drifting.suspect_page({one: [outcome]})

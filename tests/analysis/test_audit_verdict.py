@@ -122,9 +122,10 @@ class Leak(NamedTuple):
     sentences: tuple[str, ...] = ("Offsets tell all.", "And more.")
 
 
-def split(classes=12, effect=(2.0, 1.5, 2.5), covariate_p=0.001, **shares):
+def split(classes=12, effect=(2.0, 1.5, 2.5), covariate_p=0.001, suspects=(), **shares):
     """A split of variance with these shares, each with an interval of 0.1 to either side, and surely there."""
-    share = np.array([shares.get(part, 0.0) for part in PARTS])
+    parts = [*PARTS, *(f"covariate {name}" for name, *_ in suspects)]
+    share = np.array([shares.get(part.replace(" ", "_"), 0.0) for part in parts])
     data = xr.Dataset(
         {
             "share": ("part", share),
@@ -132,14 +133,17 @@ def split(classes=12, effect=(2.0, 1.5, 2.5), covariate_p=0.001, **shares):
             "share_high": ("part", share + 0.1),
             "share_sure": ("part", np.where(share > 0.15, 0.01, -0.01)),
         },
-        {"part": list(PARTS)},
-        {"classes": classes, "taps": 10, "covariate": "order", "covariate_p": covariate_p},
+        {"part": parts},
+        {"classes": classes, "taps": 10, "covariate": "order", "covariate_p": covariate_p}
+        | dict(zip(("suspects", "suspect_p", "suspect_follows_order"), zip(*suspects, strict=True), strict=False))
+        | ({} if suspects else {"suspects": (), "suspect_p": (), "suspect_follows_order": ()}),
     )
     for end, value in zip(("", "_low", "_high"), (effect[0], effect[1], effect[2]), strict=True):
         data[f"sequence_effect{end}"] = value
     return data
 
 
+TIRED, RESTED, UNTESTED = ({"suspects": [("grip", p, 0.1)]} for p in (0.001, 0.02, np.nan))
 FIRST = {
     "leakage before all": ((Leak(("what",)), split(session=0.9), 0.001, 3.0, "overconfident"), "leakage"),
     "the largest": ((Leak(), split(common=0.3, gain=0.5), 0.5, 50.0, "overconfident"), "gain"),
@@ -151,6 +155,9 @@ FIRST = {
     "few samples that do no harm": ((Leak(), split(), 0.5, 3.0, "right"), None),
     "a cause before few samples": ((Leak(), split(order=0.2), 0.5, 3.0, "overconfident"), "order"),
     "parts that are no causes": ((Leak(), split(independent=0.4, rest=0.6, serial=0.3), 0.5, 50.0, "right"), None),
+    "a suspect": ((Leak(), split(**TIRED, gain=0.3, covariate_grip=0.4), 0.5, 50.0, "right"), "covariate grip"),
+    "a suspect that may be none": ((Leak(), split(**RESTED, gain=0.3, covariate_grip=0.4), 0.5, 50.0, "right"), "gain"),
+    "a suspect without test": ((Leak(), split(**UNTESTED, gain=0.3, covariate_grip=0.4), 0.5, 50.0, "right"), "gain"),
     "few classes": ((Leak(), split(classes=3, order=0.6), 0.5, 50.0, "right"), None),
     "order that may be none": ((Leak(), split(covariate_p=0.02, order=0.7, gain=0.2), 0.5, 50.0, "right"), "gain"),
     "sessions of few classes": ((Leak(), split(classes=3, order=0.7, session=0.6), 0.002, 50.0, "right"), "session"),
@@ -164,7 +171,7 @@ def test_what_is_named_first(arguments, name):
     """Leakage, then the largest sure cause, then few samples; the sentence is of what is named."""
     cause = first_cause(*arguments)
     assert cause.name == name
-    assert cause_words(name) == ("nothing" if name is None else CAUSE_WORDS[name])
+    assert cause_words(name) == ("nothing" if name is None else CAUSE_WORDS.get(name, "“grip”"))
     if name == "leakage":
         assert cause.sentence.startswith("Offsets tell all. Recording classes in mixed order")
     elif name in CAUSES:
@@ -176,6 +183,16 @@ def test_the_sentence_of_a_cause_has_its_numbers():
     assert "50% (40% to 60%) of the variance of the evidence of 10 taps" in cause.sentence
     assert "30% from what independent samples would have" in cause.sentence
     assert "2 times as large" in cause.sentence
+
+
+def test_a_suspect_that_follows_the_order_is_said_to():
+    """Where the order is named first: the two cannot be told apart."""
+    suspects = [("grip", 0.4, 0.9), ("warmth", 0.4, 0.6), ("speed", 0.4, 0.1)]
+    sentence = first_cause(Leak(), split(suspects=suspects, order=0.5), 0.5, 50.0, "right").sentence
+    assert sentence.startswith("First of all drift, or an unlabelled condition that follows the order of taps: 50%")
+    assert sentence.endswith("“grip”, “warmth” follow that order, and cannot be told from drift here.")
+    other = first_cause(Leak(), split(suspects=suspects, gain=0.5), 0.5, 50.0, "right").sentence
+    assert "follow" not in other
 
 
 NOTHING = {

@@ -270,6 +270,12 @@ def test_p_values_of_sessions_are_uniform_where_sessions_are_alike():
     assert max(p) > 0.7
 
 
+def test_an_order_that_matters_has_the_smallest_p_value():
+    """One over the permutations and one, as the observed order is one of them; never zero."""
+    sets = made(sizes=(2, 3, 6, 5, 16, 3), order=3.0)
+    assert split(sets, resamples=20).attrs["covariate_p"] == pytest.approx(1 / 1000)
+
+
 def test_sessions_that_differ_have_the_smallest_p_value():
     """It is two over the permutations and one, for two halves."""
     assert session_p(*judged(made(session=0.7)), 199) == pytest.approx(2 / 200)

@@ -175,6 +175,16 @@ def test_a_common_spread_is_seen_by_distances_and_not_by_ranks(rng):
     assert rank > 0.05
 
 
+def test_taxels_that_move_against_each_other_are_found(rng):
+    """Ranks see dependence of either sign; two taxels that share noise with opposite signs are as dependent."""
+    taps = rng.normal(size=(60, 2, 2))
+    taps[:, :, 1] -= 2 * taps[:, :, 0]
+    found = taxel_dependence(taps, np.repeat(np.arange(5), 12), permutations=99)
+    assert float(found["effect"].values[0, 0, 1]) < -0.5
+    assert_array_equal(found["p"].values[:, 0, 1], 0.01)
+    assert_array_equal(found["family_p"], 0.01)
+
+
 def test_the_tests_hold_their_level():
     """On independent taxels with ties and dependence in time, each rejects in about one data set of twenty."""
     n, rejects, pairs = 100, np.zeros(3), []

@@ -12,7 +12,8 @@ def one_class():
     """Four sessions of twelve taps whose halves are quarters in turn; nothing is explained."""
     session = np.repeat(np.arange(SESSIONS), TAPS)
     half = np.tile(np.arange(TAPS) // 3 % 2, SESSIONS)
-    return EvidenceClass(0, np.arange(len(session)), 2 * session + half, session, half, np.zeros((len(session), 0)))
+    stratum, member = 2 * session + half, np.arange(len(session))
+    return EvidenceClass(0, member, stratum, session, half, stratum, member, np.zeros((len(session), 0)))
 
 
 def test_taps_are_compared_within_their_session_and_half():

@@ -233,7 +233,7 @@ def drifting(M: int, places: int) -> TapSet:
 def test_leaks_stand_beside_whole_taps_and_chance(M, places, titles):
     """A panel for each quantity, a row for each source that there is, and the accuracies where they belong."""
     taps = drifting(M, places)
-    result = leakage(taps, taps, taps.grid())
+    result = leakage(taps, taps, taps.grid(), pre=2)
     figure = figures.leakage(result)
     figure.canvas.draw()
     told = result.told.isel(source=np.isfinite(result.told["accuracy"].values).any(axis=1))
@@ -244,7 +244,7 @@ def test_leaks_stand_beside_whole_taps_and_chance(M, places, titles):
     for axes, name in zip(figure.axes, told["quantity"].values, strict=True):
         dots = [line.get_xdata()[0] for line in axes.lines if line.get_marker() == "o"]
         assert dots == told["accuracy"].sel(quantity=name).values.tolist()
-        assert f"told without touch: {result.explains[str(name)]}" in axes.get_xlabel()
+        assert f"inferred without touch: {result.explains[str(name)]}" in axes.get_xlabel()
 
 
 def test_without_anything_before_contact_no_verdict_is_given():

@@ -11,7 +11,6 @@ from solidtouch.analysis.leakage import (
     TARED,
     WHOLE,
     accuracy_interval,
-    leading_samples,
     leakage,
     with_samples,
 )
@@ -53,55 +52,12 @@ def recorded(*, touch=0.0, drift=0.0, contact=3, blocks=True, offset=None, n=N, 
     return taps.select(taps.session < sessions - 1), taps.select(taps.session == sessions - 1)
 
 
-def found(pair):
-    return leakage(*pair, pair[0].grid())
+def found(pair, pre: int | None = 3):
+    return leakage(*pair, pair[0].grid(), pre=pre)
 
 
 def accuracy(result, source, quantity="what"):
     return float(result.told["accuracy"].sel(source=source, quantity=quantity))
-
-
-# Samples before contact
-
-
-@pytest.mark.parametrize("contact", [2, 3, 5])
-@pytest.mark.parametrize("noise", [0.01, 0.3, 1.0])
-def test_samples_before_contact_end_where_classes_part(contact, noise):
-    """A fifth earlier, to be sure; noise does not move the place, and neither does a level that objects start from."""
-    train, _ = recorded(touch=8.0, drift=3.0, contact=contact, n=40, noise=noise)
-    lead = leading_samples(train.taps, train.what)
-
-    assert (lead.samples, lead.kind) == (np.ceil(0.8 * contact), "stretch")
-    assert lead.class_change[contact] > 0.3
-    assert np.abs(lead.class_change[:contact]).max() < 1e-3
-
-
-def test_a_press_that_rises_at_once_leaves_the_first_sample(rng):
-    """Classes part from the second sample on, a little at a time."""
-    what = np.repeat(np.arange(M), N)
-    rise = np.arange(9.0)[:, None] * rng.normal(size=(M, 1, K))[what]
-    lead = leading_samples(rise + 0.01 * rng.normal(size=rise.shape), what)
-
-    assert (lead.samples, lead.kind) == (1, "first sample")
-
-
-def test_exchangeable_samples_have_none_before_contact(rng):
-    """So it is with taps drawn from a model of the paper's kind, and with one sample per tap."""
-    what = np.repeat(np.arange(M), N)
-    samples = rng.normal(size=(M * N, 6, K)) + 5.0 * what[:, None, None]
-
-    assert leading_samples(samples, what)[:2] == (0, "none")
-    assert leading_samples(samples[:, :1], what)[:2] == (0, "none")
-    assert leading_samples(np.ones_like(samples), what)[:2] == (0, "none")
-
-
-def test_without_repeated_classes_noise_counts_as_change(rng):
-    """A stretch is then found too short rather than too long."""
-    samples = 0.1 * rng.normal(size=(8, 6, K))
-    samples[:, 4:] += 10.0
-
-    assert leading_samples(samples, np.arange(8))[:2] == (4, "stretch")
-    assert leading_samples(samples + 2 * rng.normal(size=samples.shape), np.arange(8)).samples < 4
 
 
 # Verdicts
@@ -111,7 +67,7 @@ def test_drift_that_tells_objects_recorded_in_blocks_explains_them():
     """Objects that differ by drift only are told before contact as well as after, and not at all once tared."""
     result = found(recorded(drift=2.0))
 
-    assert result.lead.samples == 3
+    assert (result.before.samples, result.before.known) == (3, "--pre")
     assert result.explains == {"what": "yes"}
     assert result.explained == ("what",)
     assert accuracy(result, BEFORE) > 0.9
@@ -139,43 +95,127 @@ def test_a_weak_drift_under_strong_touch_explains_a_part():
     result = found(recorded(touch=3.0, drift=0.3, n=60))
 
     assert result.explains == {"what": "partly"}
-    assert "is partly told" in result.sentences[0]
+    assert "is partly inferred" in result.sentences[0]
 
 
-def test_offsets_that_were_subtracted_are_looked_at():
-    """They tell objects where samples do not, and stand beside them."""
+def test_offsets_that_were_subtracted_are_evidence_of_blocks_and_no_cause():
+    """They identify objects where samples before contact do not; the filter never sees them."""
     result = found(recorded(touch=3.0, offset=4.0))
 
-    assert result.explains == {"what": "yes"}
+    assert result.explains == {"what": "no"}
+    assert result.explained == ()
     assert accuracy(result, OFFSET) > 0.9
     assert accuracy(result, BEFORE) < 0.5
-    assert np.isnan(accuracy(found(recorded(touch=3.0)), OFFSET))
+    (sentence,) = (one for one in result.sentences if "offsets" in one)
+    assert "evidence that classes were recorded in blocks" in sentence
+    assert "infer the object (1.00" in sentence
+    alike = found(recorded(touch=3.0, offset=0.0))
+    assert "The offsets that were subtracted do not differ between classes." in alike.sentences
+    without = found(recorded(touch=3.0))
+    assert np.isnan(accuracy(without, OFFSET))
+    assert not any("offsets" in sentence for sentence in without.sentences)
 
 
-@pytest.mark.parametrize(("blocks", "verdict"), [(True, "yes"), (False, "touch already")])
-def test_a_first_sample_is_drift_only_where_classes_came_in_blocks(blocks, verdict, rng):
-    """Objects tapped in turn share all drift, so a first sample that tells them is the beginning of touch."""
-    train, test = recorded(drift=4.0, blocks=blocks)
-    rise = np.arange(J)[:, None] * rng.normal(size=(M, 1, K))
-
-    def rising(taps):
-        return with_samples(taps, taps.taps + 3 * rise[taps.what])
-
-    result = found((rising(train), rising(test)))
-
-    assert result.lead.kind == "first sample"
-    assert result.explains == {"what": verdict}
-    assert result.explained == (("what",) if blocks else ())
+# What may begin in contact
 
 
-def test_exchangeable_taps_are_accused_of_nothing():
-    """Objects told by each sample alike, in blocks: there is nothing before contact to tell them from."""
-    train, test = recorded(drift=4.0, touch=0.0, contact=J)
-    result = found((train, test))
+def pressed(n=30, J=J, hold=0):
+    """Indentations whose first sample is already pressed: objects differ from the first sample on, in blocks.
 
-    assert result.lead.kind == "none"
-    assert result.explains == {"what": "no"}
-    assert "no samples before contact" in result.sentences[0]
+    For `hold` samples nothing changes, as if the finger were not there yet.
+    """
+    rng = np.random.default_rng(5)
+    what = np.tile(np.repeat(np.arange(M), n), 2)
+    depth = np.maximum(1.0, 1.0 + np.arange(J) - hold)[:, None]
+    samples = 0.1 * rng.normal(size=(len(what), J, K)) + depth * rng.normal(size=(M, 1, K))[what]
+    return in_sessions(samples, what, n)
+
+
+def averaged(n=30):
+    """One value of each taxel and push, its average over the push."""
+    (train, test), J = pressed(n), 1
+    what = np.concatenate([train.what, test.what])
+    return in_sessions(np.concatenate([train.taps, test.taps]).mean(axis=1, keepdims=True), what, n, J)
+
+
+def in_sessions(samples, what, n, J=J, record: Preprocessing | None = None):
+    taps = TapSet.from_arrays(
+        samples,
+        what,
+        [f"object {m}" for m in range(M)],
+        session=np.repeat([0, 1], M * n),
+        trial=np.tile(np.arange(M * n), 2),
+        preprocessing=record or Preprocessing(samples=J),
+    )
+    return taps.select(taps.session == 0), taps.select(taps.session == 1)
+
+
+@pytest.mark.parametrize(
+    "pair", [pressed(), pressed(hold=3), averaged()], ids=["pressed at once", "pressed and held", "averages"]
+)
+def test_taps_that_may_begin_in_contact_are_not_judged(pair):
+    """Their first sample identifies objects as well as whole taps, and that is touch."""
+    result = found(pair, pre=None)
+
+    assert accuracy(result, WHOLE) > 0.9
+    assert result.explains == {"what": "cannot be judged"}
+    assert result.explained == ()
+    assert "cannot be judged: taps may begin in contact" in result.unjudged
+    assert result.sentences[0] == result.unjudged
+    assert not any("Without touch" in sentence or "no evidence of touch" in sentence for sentence in result.sentences)
+
+
+def test_a_stretch_in_which_classes_do_not_part_is_a_hint_only():
+    """Drift and touch look the same in it, so the user has to say which it is; then it is judged."""
+    pair = recorded(drift=2.0)
+    result = found(pair, pre=None)
+
+    assert result.explains == {"what": "cannot be judged"}
+    assert "first 3 samples" in result.unjudged
+    assert "--pre 3 has it judged" in result.unjudged
+    assert found(pair).unjudged == ""
+
+
+def with_record(pair, **fields):
+    record = Preprocessing(samples=J, rate_hz=50.0, **fields)
+    return tuple(TapSet(taps.dataset.assign_attrs(preprocessing=record.to_json())) for taps in pair)
+
+
+def test_samples_before_a_press_are_known_by_the_record():
+    """As many as the record says; --pre says otherwise, and 0 says that taps begin in contact."""
+    pair = with_record(recorded(drift=2.0), trigger="press", pre_samples=2)
+    result = found(pair, pre=None)
+
+    assert (result.before.samples, result.before.known) == (2, "press")
+    assert result.explains == {"what": "yes"}
+    assert "The first 2 samples of each tap came before the press, so before contact." in result.sentences
+    assert found(pair, pre=1).before[:2] == (1, "--pre")
+    assert found(pair, pre=0).explains == {"what": "cannot be judged"}
+
+
+def test_light_touch_before_the_trigger_level_is_not_taken_for_leakage():
+    """Before a contact trigger only samples count in which classes do not part."""
+    drift = with_record(recorded(drift=2.0), trigger="contact", trigger_level=4.0, pre_samples=5)
+    touched = with_record(pressed(), trigger="contact", trigger_level=4.0, pre_samples=2)
+
+    assert found(drift, pre=None).before[:2] == (3, "contact")
+    assert found(drift, pre=None).explains == {"what": "yes"}
+    assert found(touched, pre=None).explains == {"what": "cannot be judged"}
+    assert "before the trigger level is reached" in found(touched, pre=None).unjudged
+
+
+@pytest.mark.parametrize(
+    ("pair", "pre", "message"),
+    [
+        (pressed(), J, "--pre 7: taps have 7 samples; at most 6 can be before contact"),
+        (pressed(), -1, "--pre -1: taps have 7 samples"),
+        (averaged(), 1, "--pre 1: taps have 1 sample, which cannot be before contact"),
+    ],
+    ids=["all", "negative", "one sample"],
+)
+def test_more_samples_than_taps_have_are_refused(pair, pre, message):
+    with pytest.raises(InputError, match=message):
+        found(pair, pre=pre)
 
 
 def test_few_taps_or_no_touch_are_said_to_be_so():
@@ -199,24 +239,24 @@ def small_rig(**changes):
 
 def test_a_high_pass_brings_former_taps_into_samples_before_contact():
     """They tell rod and position, as touch; without the filter nothing is told before contact."""
-    filtered, plain = found(small_rig()), found(small_rig(highpass_hz=0.0))
+    filtered, plain = found(small_rig(), pre=12), found(small_rig(highpass_hz=0.0), pre=12)
 
     assert filtered.explains == dict.fromkeys(("what", "where", "joint"), "former taps")
     assert filtered.explained == ()
-    assert filtered.lead.kind == "stretch"
     assert accuracy(filtered, BEFORE, "where") > 0.5
     assert "not without touch" in filtered.sentences[0]
     assert not {"yes", "mostly", "partly", "former taps"} & set(plain.explains.values())
     assert accuracy(plain, BEFORE, "where") < 0.35
-    assert plain.lead.samples >= filtered.lead.samples
 
 
-def test_contact_of_the_rig_begins_after_the_leading_samples():
-    """The finger touches after 0.25 s, which is sample 12.5."""
-    for changes in ({}, {"highpass_hz": 0.0}, {"common_noise_counts": 6.0}):
-        train, _ = small_rig(**changes)
-        where, what = train.indices(train.grid())
-        assert 5 <= leading_samples(train.taps, where * 3 + what).samples <= 12
+def test_chance_is_the_better_of_an_even_guess_and_the_most_frequent_class():
+    """Of objects tapped 30, 10, 10 and 10 times, always saying the first is right in half of all taps."""
+    train, test = recorded(touch=2.0, n=30)
+    often = np.concatenate([np.flatnonzero(test.what == m)[: 30 if m == 0 else 10] for m in range(M)])
+    even, uneven = (found((train, one)).told["chance"].sel(quantity="what") for one in (test, test.select(often)))
+
+    assert float(even) == 0.25
+    assert float(uneven) == 0.5
 
 
 # Numbers
@@ -235,7 +275,7 @@ def test_intervals_are_wilsons_where_no_class_repeats(rng):
 
 def test_the_same_seed_gives_the_same_intervals():
     pair = recorded(touch=2.0, drift=0.5)
-    one, same = (leakage(*pair, pair[0].grid(), seed=3) for _ in range(2))
+    one, same = (leakage(*pair, pair[0].grid(), seed=3, pre=3) for _ in range(2))
 
     assert one.told.equals(same.told)
     assert one.sentences == same.sentences
@@ -255,40 +295,40 @@ def test_test_taps_of_untrained_classes_are_left_out():
 # Recorded data, see the README beside them
 
 
-def on_recorded(shared_data, name, **cells):
+def on_recorded(shared_data, name, pre: int | None = None, **cells):
     taps = load_taps(shared_data / f"{name}.npz")
     grid = taps.grid(**cells)
     fold = split(taps, grid).folds[0]
-    return leakage(fold.train, fold.test, grid)
+    return leakage(fold.train, fold.test, grid, pre=pre)
 
 
-def test_the_first_sample_tells_the_objects_of_icub_grasp(shared_data):
-    result = on_recorded(shared_data, "icub_grasp")
-
+def test_whether_the_first_sample_of_icub_grasp_is_touch_is_not_known(shared_data):
+    """It identifies the objects; only if it is said to precede contact that is leakage."""
+    assert on_recorded(shared_data, "icub_grasp").explains == {"what": "cannot be judged"}
+    result = on_recorded(shared_data, "icub_grasp", pre=1)
     assert result.explains == {"what": "yes"}
     assert accuracy(result, BEFORE) >= 0.92
-    assert "may be touch already" in " ".join(result.sentences)
 
 
-def test_offsets_tell_the_objects_of_the_barrett_hand_and_not_the_positions(shared_data):
+def test_offsets_infer_the_objects_of_the_barrett_hand_and_not_the_positions(shared_data):
+    """Which is evidence of blocks and explains nothing."""
     boxes, balls = (on_recorded(shared_data, name) for name in ("barrett_boxes", "barrett_ballcyl"))
 
-    assert boxes.explains["what"] == "yes"
-    assert balls.explains["what"] in ("yes", "mostly")
     assert accuracy(boxes, OFFSET) > 0.9
     assert accuracy(balls, OFFSET) > 0.6
     for result in (boxes, balls):
-        assert "where" not in result.explained
-        assert "joint" not in result.explained
+        assert result.explained == ()
         assert accuracy(result, OFFSET, "where") < 0.3
+        (sentence,) = (one for one in result.sentences if "offsets" in one)
+        assert "infer the object" in sentence
 
 
-def test_eflesh_grid_and_braille_have_nothing_before_contact(shared_data):
-    """One is interleaved with one sample per tap; the other slides, and changes at once."""
+def test_eflesh_grid_and_braille_are_not_judged(shared_data):
+    """One has one sample per tap; the other slides, and changes at once."""
     grid = on_recorded(shared_data, "eflesh_grid", where_cell="3mm", what_cell="3mm")
     letters = on_recorded(shared_data, "braille_icub")
 
-    assert set(grid.explains.values()) == set(letters.explains.values()) == {"no"}
+    assert set(grid.explains.values()) == set(letters.explains.values()) == {"cannot be judged"}
     assert not any(any(of.values()) for of in grid.blocks.values())
     assert "Classes were not recorded in blocks." in grid.sentences
-    assert "There are no samples free of contact" in letters.sentences[1]
+    assert "with one sample per tap" in grid.sentences[0]

@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from solidtouch.analysis.audit_verdict import worthwhile
 from solidtouch.analysis.remedies import BASELINE, FINER, MODELS, count_remedies, make_remedies
 from solidtouch.analysis.remedy_scores import count_measurements, lost, measure
 from solidtouch.hardware.data_collection import simulate_session
@@ -135,6 +136,18 @@ def test_a_remedy_compared_with_itself_gains_nothing(made, sessions):
     assert sum(told) == 4 == count_measurements([base, base])
 
 
+@pytest.mark.parametrize("factor", [1 + 1e-14, 1 - 1e-14])
+def test_a_gain_by_rounding_is_none(made, sessions, factor):
+    """A remedy whose exponent differs in the last digits gains nothing either way, and so does not help."""
+    base = made[0][0]
+    near = base._replace(name="near", model=replace(base.model, power=factor / 50))
+    found = measure([base, near], sessions[2], TAPS, 200, 0, lambda _: None)
+    assert found.scores[1].log_score != found.scores[0].log_score
+    assert (found.scores[1].gain, found.scores[1].sure_gain) == ((0, 0, 0), 0)
+    assert not worthwhile(found, found.scores[1])
+    assert lost(found)["model"] is None
+
+
 def test_scores_after_one_tap_are_those_of_bayes_rule(made, sessions):
     """With one tap per class the score is the mean log belief in the object by the paper's equations written out."""
     base, sharper = made[0][0], made[0][1]
@@ -173,9 +186,16 @@ def test_gains_are_differences_of_scores_on_the_same_sequences(measured):
     for score in others:
         value, low, high = score.gain
         assert low <= value <= high
-        assert score.sure_gain <= low
+        assert score.sure_gain <= value
         if score.name != FINER:
             assert value == pytest.approx(score.log_score[0] - base.log_score[0])
+
+
+def test_a_gain_is_less_sure_among_more_remedies(made, measured, sessions):
+    """The level holds for all of them together: the same gain, with a lower sure end."""
+    alone, among = measure(made[0][:2], sessions[2], TAPS, 200, 0, lambda _: None).scores[1], measured.scores[1]
+    assert alone.gain == among.gain
+    assert alone.sure_gain > among.sure_gain
 
 
 def test_errors_are_compared_at_the_reaction_time_of_the_setting_as_it_is(measured):

@@ -47,6 +47,8 @@ def test_a_shuffled_plan_has_the_same_taps_object_by_object(seed, repeats):
     )
     assert [tap.what for tap in taps] == sorted(tap.what for tap in taps)
     assert taps == list(shuffled.taps())
+    another = parse_plan("order = 'shuffled'\nsession = 1\n" + text)
+    assert [tap.where_mm for tap in taps] != [tap.where_mm for tap in another.taps()]
     first, second = ([tap.where_mm for tap in taps if tap.what == what] for what in (0, 1))
     assert first != sorted(first)
     assert first != second

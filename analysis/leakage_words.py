@@ -1,0 +1,184 @@
+"""What `leakage` found, as sentences."""
+
+from collections.abc import Iterator
+from typing import Literal
+
+import numpy as np
+import xarray as xr
+
+from .before_contact import OPTION, Before
+
+BEFORE, OFFSET, WHOLE, TARED = "before contact", "offset", "whole taps", "tared taps"
+UNJUDGED = "cannot be judged"
+
+type Verdict = Literal[
+    "yes", "mostly", "partly", "no", "former taps", "nothing to explain", "not enough data", "cannot be judged"
+]
+
+_GRAVEST_FIRST: tuple[Verdict, ...] = (
+    "yes",
+    "mostly",
+    "partly",
+    "former taps",
+    "not enough data",
+    "cannot be judged",
+    "nothing to explain",
+    "no",
+)
+_OBJECTS = {"what": "object", "where": "position", "joint": "object and position together"}
+
+
+def leakage_sentences(
+    told: xr.Dataset,
+    before: Before,
+    blocks: dict[str, dict[str, bool]],
+    explains: dict[str, Verdict],
+    former: float,
+) -> Iterator[str]:
+    """The findings, the gravest first.
+
+    Args:
+        told: See `leakage.Leakage`.
+        before: The samples before contact.
+        blocks: Whether classes were recorded in blocks, by side and session, then by quantity.
+        explains: Whether leakage explains the accuracy of each quantity.
+        former: Seconds for which a high-pass remembers.
+    """
+    for verdict in _GRAVEST_FIRST:
+        names = [name for name in explains if explains[name] == verdict]
+        if not names:
+            continue
+        if verdict == "former taps":
+            yield _of_former_taps(told, names, before, former)
+        elif verdict == UNJUDGED:
+            yield unjudged_sentence(before)
+        else:
+            yield from (_finding(told.sel(quantity=name), verdict, before) for name in names)
+        if verdict in ("yes", "mostly", "former taps"):
+            yield from (_tared(told.sel(quantity=name), before) for name in names)
+    yield from _offset_sentences(told)
+    if before.samples:
+        yield _before_sentence(before)
+    yield from _block_sentences(blocks)
+
+
+def unjudged_sentence(before: Before) -> str:
+    """Why nothing can be said, and what would help."""
+    begins = "Whether classes are inferred without touch cannot be judged: taps may begin in contact"
+    if before.known == "contact":
+        return (
+            f"{begins}, since classes part from the second sample on, before the trigger level is reached; {OPTION} N "
+            "says that the first N samples precede contact."
+        )
+    if before.lead.kind == "stretch":
+        n = before.lead.samples
+        return (
+            f"{begins}. Classes do not part in the first {n} samples; if those are known to precede contact, "
+            f"{OPTION} {n} has it judged."
+        )
+    if len(before.lead.change) == 1:
+        return f"{begins}, with one sample per tap."
+    return f"{begins}; {OPTION} N says that the first N samples of each tap precede contact."
+
+
+def _of_former_taps(told: xr.Dataset, names: list[str], before: Before, former: float) -> str:
+    numbers = "; ".join(f"the {_OBJECTS[name]} {_compared(told.sel(quantity=name), before)}" for name in names)
+    return (
+        f"Samples before contact separate classes, but not without touch ({numbers}): the high-pass remembers "
+        f"{former:.1f} s, so they hold the former taps, which were of the same class or of its neighbour. A tap "
+        "then carries part of what several carry, and less after a move."
+    )
+
+
+def _first(before: Before) -> str:
+    return "the first sample" if before.samples == 1 else f"the first {before.samples} samples"
+
+
+def _compared(at: xr.Dataset, before: Before) -> str:
+    """Accuracies before contact, where samples are known to be, of whole taps and by chance."""
+    chance = f"{_number(at, WHOLE)} from whole taps, chance {float(at['chance']):.2f}"
+    return f"{_number(at, BEFORE)} from {_first(before)}, {chance}" if before.samples else chance
+
+
+def _finding(at: xr.Dataset, verdict: Verdict, before: Before) -> str:
+    name, numbers = _OBJECTS[str(at["quantity"].values)], _compared(at, before)
+    match verdict:
+        case "yes":
+            return (
+                f"Without touch the {name} is inferred as well as with it, or nearly ({numbers}): {_share(at)} of the "
+                f"accuracy of whole taps above chance. The accuracy of the {name} on these taps is no evidence of "
+                "touch."
+            )
+        case "mostly" | "partly":
+            return (
+                f"Without touch the {name} is {verdict} inferred ({numbers}): {_share(at)} of the accuracy of whole "
+                "taps above chance."
+            )
+        case "nothing to explain":
+            return f"Whole taps infer the {name} no better than chance ({numbers}), so there is nothing to explain."
+        case "not enough data":
+            return f"There are not enough test taps to say whether the {name} is inferred without touch ({numbers})."
+        case _:
+            return f"The {name} is not inferred without touch ({numbers})."
+
+
+def _share(at: xr.Dataset) -> str:
+    row = at.sel(source=BEFORE)
+    return f"{float(row['share']):.0%} ({float(row['share_low']):.0%} to {float(row['share_high']):.0%})"
+
+
+def _number(at: xr.Dataset, source: str) -> str:
+    row = at.sel(source=source)
+    return f"{float(row['accuracy']):.2f} ({float(row['low']):.2f} to {float(row['high']):.2f})"
+
+
+def _tared(at: xr.Dataset, before: Before) -> str:
+    low, high = float(at["lost_low"]), float(at["lost_high"])
+    name, numbers = _OBJECTS[str(at["quantity"].values)], f"{_number(at, TARED)} against {_number(at, WHOLE)}"
+    level = "the first sample" if before.samples == 1 else f"the mean of {_first(before)}"
+    beginning = f"With {level} of each tap subtracted, whole taps infer the {name} "
+    if low > 0:
+        return f"{beginning}less well ({numbers}; {low:.2f} to {high:.2f} lost): part of it hung on the level before."
+    return f"{beginning}about as well ({numbers}), so it does not hang on the level before alone."
+
+
+def _offset_sentences(told: xr.Dataset) -> Iterator[str]:
+    """What the offsets show, which the filter never sees."""
+    found = told.sel(source=OFFSET)
+    if np.isnan(found["accuracy"]).all():
+        return
+    names = [str(name) for name in told["quantity"].values if name != "joint"]
+    apart = [name for name in names if found["low"].sel(quantity=name) > told["chance"].sel(quantity=name)]
+    for name in apart:
+        at = told.sel(quantity=name)
+        yield (
+            f"The offsets that were subtracted differ between classes: they infer the {_OBJECTS[name]} "
+            f"({_number(at, OFFSET)}, chance {float(at['chance']):.2f}). The filter never sees them, so they explain "
+            "none of its accuracy; they are evidence that classes were recorded in blocks, or under conditions that "
+            "lasted."
+        )
+    if not apart:
+        yield "The offsets that were subtracted do not differ between classes."
+
+
+def _before_sentence(before: Before) -> str:
+    n = before.samples
+    samples = "The first sample" if n == 1 else f"The first {n} samples"
+    match before.known:
+        case "press":
+            return f"{samples} of each tap came before the press, so before contact."
+        case "contact":
+            return f"{samples} of each tap came before the trigger level was reached, and classes do not part in them."
+        case _:
+            return f"{samples} of each tap {'precedes' if n == 1 else 'precede'} contact, as {OPTION} says."
+
+
+def _block_sentences(blocks: dict[str, dict[str, bool]]) -> Iterator[str]:
+    names = {"what": "object", "where": "position", "joint": "(where, what) cell"}
+    quantities = list(next(iter(blocks.values())))
+    found = {name: [side for side, of in blocks.items() if of[name]] for name in quantities}
+    for name, sides in found.items():
+        if sides:
+            yield f"Recorded in blocks: in {', '.join(sides)} the taps of each {names[name]} follow one another."
+    if not any(found.values()):
+        yield "Classes were not recorded in blocks."
