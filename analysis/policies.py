@@ -9,7 +9,7 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from ..hardware.pool import TapPool
-from ..inference.montecarlo import LoopPlayer, Trials, empty_trials, make_rule, refuse_impossible, run_trials
+from ..inference.montecarlo import LoopPlayer, Trials, empty_trials, make_rule, run_trials
 from ..inference.resampling import RESAMPLE_TRIALS, Spread, resampled_pools, spread
 from ..inference.trial_plan import TapTable, TrialPlan, checked_plan, join_plans, plan_trials
 from ..models.classes import ClassGrid
@@ -147,7 +147,6 @@ def play_policies(
 
     Raises:
         InputError: A setting is out of range.
-        ZeroEvidenceError: A test tap is impossible under every class.
     """
     plans = make_plans(table.pool, settings.trials, settings.seed, fixation, acts)
     shown = settings.thresholds[settings.shown]
@@ -232,7 +231,7 @@ def _on_resamples(
             nonlocal counted
             n = len(plan.where)
             played = empty_trials(n, 1 if fresh else len(settings.thresholds))
-            refuse_impossible(players[moves, fresh].on(pool)(checked_plan(plan, pool), 0, n, played), n)
+            players[moves, fresh].on(pool)(checked_plan(plan, pool), 0, n, played)
             counted += n
             return played
 
