@@ -147,7 +147,6 @@ def play_policies(
 
     Raises:
         InputError: A setting is out of range.
-        ZeroEvidenceError: A test tap is impossible under every class.
     """
     plans = make_plans(table.pool, settings.trials, settings.seed, fixation, acts)
     shown = settings.thresholds[settings.shown]

@@ -161,15 +161,15 @@ def test_a_scheduler_that_stays_away_ends_the_sweep_which_goes_on_later(make_stu
 
 
 def test_a_cell_that_raises_does_not_stop_the_others(make_study, cluster):
-    path = make_study('pseudocount = [0.01, 0.0]\npower = ["learned"]\nseed = [0, 1, 2]')
+    path = make_study('power = ["J", "learned"]\nseed = [0, 1, 2]')
     cluster.scheduler(), cluster.worker(), cluster.worker()
 
     tally, dataset, _ = run(path, cluster)
 
     assert tally[:3] == (12, 6, 6)
-    failed = dataset.sel(policy="active", pseudocount=0.0).squeeze()
-    assert all("The power cannot be learned" in text for text in failed["traceback"].values)
-    assert np.isfinite(dataset["taps"].sel(pseudocount=0.01)).all()
+    failed = dataset.sel(policy="active", power="learned").squeeze()
+    assert all("and there is session 0 only" in text for text in failed["traceback"].values)
+    assert np.isfinite(dataset["taps"].sel(power="J")).all()
 
 
 def test_a_worker_with_other_software_is_refused(make_study, cluster):
