@@ -41,9 +41,9 @@ def calibrated(train: TapSet, grid: ClassGrid | None = None) -> HistogramModel:
 
 
 def p_values(model: HistogramModel, taps: TapSet) -> NDArray[np.float64]:
-    """Of taps that nothing is known about, shape (N,)."""
+    """Of taps that nothing is known about, under the class that each fits best, shape (N,)."""
     novelty = Novelty(model)
-    return np.array([novelty.of_any(novelty.excess(tap)) for tap in taps.taps])
+    return novelty.p_values(novelty.misfit(taps.taps)).max(axis=(1, 2))
 
 
 def single_taps(seed: int) -> Iterator[tuple[str, NDArray[np.float64]]]:
