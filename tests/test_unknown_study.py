@@ -44,8 +44,7 @@ def test_alarms_come_when_the_test_gives_them(study, make_model):
         found.append(study.alarm(novelty, misfit, places))
         assert found[-1] == alarm
 
-    assert min(found[1::2]) > 0
-    assert len(set(found)) > 2
+    assert len(set(found[1::2])) > 3
     assert max(found[::2]) == 0
 
 

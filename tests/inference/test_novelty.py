@@ -113,7 +113,9 @@ def test_taps_outside_the_grid_have_no_score(make_taps):
     grid = taps.grid().select([0, 1], [0])
     scores = novelty_scores(fit(taps, grid), taps)
 
-    assert len(scores.misfit) + scores.reference[:, :, 0].sum() / taps.taps.shape[1] == np.sum(np.minimum(*taps.indices(grid)) >= 0)
+    assert len(scores.misfit) + scores.reference[:, :, 0].sum() / taps.taps.shape[1] == np.sum(
+        np.minimum(*taps.indices(grid)) >= 0
+    )
 
 
 def test_the_misfit_is_the_logarithm_by_which_own_histograms_are_likelier(make_model, draw_samples):
