@@ -52,6 +52,7 @@ interval-studies: $(VENV)/.ready-run
 reference-studies: $(VENV)/.ready-run
 	@$(PY) benchmarks/chain.py --document docs/calibration.md
 	@$(PY) benchmarks/open_choices.py --document docs/open-choices.md $(if $(RECORDED),--recorded "$(RECORDED)")
+	@$(PY) benchmarks/unknown.py --document docs/unknown-objects.md
 
 strategy-studies: $(VENV)/.ready-run
 	@$(PY) benchmarks/strategies.py --document docs/strategies.md
@@ -91,7 +92,7 @@ help:
 	@echo "make studies whether models are recognised, fits calibrated, and what sessions gain, into docs/model-studies.md"
 	@echo "make audit-studies  level and power of the audit, and whether its promises hold, into docs/audit-studies.md"
 	@echo "make interval-studies  coverage of intervals and level of the verdict on beliefs, into docs/intervals.md; hours"
-	@echo "make reference-studies  calibration of the whole chain, and what each open choice of the paper is worth"
+	@echo "make reference-studies  calibration of the whole chain, each open choice of the paper, level and power of unknown"
 	@echo "make strategy-studies  how to move and when to stop: strategies, regret against the exact rule, tuning"
 	@echo "make rig-demo  emulated devices: collect, fit and perceive over serial ports"
 	@echo "make faults  random faults of the emulated rig, and what came of them"

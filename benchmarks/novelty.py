@@ -31,7 +31,7 @@ from solidtouch.models.taps import TapSet, concatenate
 PAPER = preset("paper")
 UNTOUCHED = replace(PAPER, depth_mm=0.0)
 BEYOND = replace(PAPER, start_mm=16.0, end_mm=20.0)
-ALPHA, THETA, DEADLINE = 0.05, 0.95, 30
+ALPHA, THETA, DEADLINE, RECORDED_DEADLINE = 0.05, 0.95, 30, 10
 
 
 def calibrated(train: TapSet, grid: ClassGrid | None = None) -> HistogramModel:
@@ -41,9 +41,9 @@ def calibrated(train: TapSet, grid: ClassGrid | None = None) -> HistogramModel:
 
 
 def p_values(model: HistogramModel, taps: TapSet) -> NDArray[np.float64]:
-    """Of taps that nothing is known about, shape (N,)."""
+    """Of taps that nothing is known about, under the class that each fits best, shape (N,)."""
     novelty = Novelty(model)
-    return np.array([novelty.of_any(novelty.excess(tap)) for tap in taps.taps])
+    return novelty.p_values(novelty.misfit(taps.taps)).max(axis=(1, 2))
 
 
 def single_taps(seed: int) -> Iterator[tuple[str, NDArray[np.float64]]]:
@@ -197,15 +197,19 @@ def row(name: str, test: TapSet, grid: ClassGrid, cases: Sequence[Case], runs: i
         if not len(chosen) or not can_tell(case.model):
             continue
         p.append(p_values(case.model, chosen))
+        earliest = Novelty(case.model).promise(ALPHA).soonest
+        if earliest is None or earliest > RECORDED_DEADLINE:
+            continue
         policy = passive if grid.L == 1 else fixation(default_fixation(grid.L))
         for run in range(runs):
             generator = seeds.generator(0, seeds.Purpose.STUDY, case.what, run)
             start = int(generator.integers(grid.L))
             sensor = ReplayRig(test, grid, start, case.what, uniforms(generator))
-            ended.append(ending(case.model, sensor, policy, deadline=10))
+            ended.append(ending(case.model, sensor, policy, deadline=RECORDED_DEADLINE))
     value = np.concatenate(p)
     if not ended:
-        print(f"| {name} | 0 | - | - | - | - |")
+        usual = f"{share(value < 0.1)} | {np.median(value):.2f}" if len(value) else "- | -"
+        print(f"| {name} | {len(value)} | {usual} | 0 | cannot be, within {RECORDED_DEADLINE} taps |", flush=True)
         return
     unknown = share([end.unknown for end in ended])
     print(

@@ -71,7 +71,11 @@ def perceive(
     episodes: Annotated[int, Option(min=1, help="How many episodes.")] = 1,
     unknown: Annotated[
         float | None,
-        Option(metavar="ALPHA", help="Answer `unknown` where nothing known fits, wrongly at most this often."),
+        Option(
+            metavar="ALPHA",
+            help="Answer `unknown` where no trained object explains the taps. With 95 % confidence over the training "
+            "taps, at most ALPHA of the episodes at any trained object end so, if taps are drawn like these.",
+        ),
     ] = None,
     as_json: Annotated[
         bool, Option("--json", help="One JSON object per tap and decision instead of pictures.")
@@ -132,7 +136,7 @@ def perceive(
         name = move or ("passive" if passive else f"fixation:{theta_x!r}")
         wanted = {"fixation": None if passive else fixation, "training": training, "targets": targets}
         moves, ends = _plan(fitted, border, name, stop, theta=theta, give_up=give_up, deadline=deadline, **wanted)
-        novelty, engines = _novelty(fitted, unknown), _engines(engine, fitted, border, shadow)
+        novelty, engines = _novelty(fitted, unknown, deadline), _engines(engine, fitted, border, shadow)
         warm_up_s = warm_up(engines)
     timed = TimedEngine(engines)
     endings: list[Ending] = []
@@ -147,7 +151,7 @@ def perceive(
         with open_source(rig, fitted.grid, Wish(start, what, seed), home, recorder, fresh) as source:
             shown.note(
                 f"{source.name}, engine {timed.name}, warmed up in {warm_up_s:.1f} s; behind object and place stands "
-                f"the belief in each, and moves are in where classes"
+                f"the belief in each, and moves are in where classes{_promised(novelty, unknown)}"
             )
             for number in range(episodes):
                 run = _Run(timed, ends, moves, chances(seed, number, deadline), deadline, novelty, unknown)
@@ -296,13 +300,26 @@ def save_picture(seen: "Seen", path: Path, force: bool) -> None:
         temporary.write_text(live_picture(seen), encoding="utf-8")
 
 
-def _novelty(model: "TapModel", alpha: float | None) -> "Novelty | None":
+def _novelty(model: "TapModel", alpha: float | None, deadline: int) -> "Novelty | None":
     """P-values where the model can give them; it must where the answer may be `unknown`."""
     from ..inference.novelty import Novelty, can_tell
 
-    if alpha is not None and not 0 < alpha < 1:
+    if alpha is None:
+        return Novelty(model) if can_tell(model) else None
+    if not 0 < alpha < 1:
         raise InputError(f"--unknown must lie between 0 and 1, got {alpha}.")
-    return Novelty(model) if can_tell(model) or alpha is not None else None
+    novelty = Novelty(model)
+    promise = novelty.promise(alpha)
+    if promise.soonest is None or promise.soonest > deadline:
+        raise InputError(
+            f"--unknown {alpha:g} cannot be answered within the --deadline of {deadline} taps: {promise.power}."
+        )
+    return novelty
+
+
+def _promised(novelty: "Novelty | None", alpha: float | None) -> str:
+    """What holds of the answer `unknown`, where it may be given."""
+    return "" if novelty is None or alpha is None else f". {novelty.promise(alpha).sentence}"
 
 
 def _engines(name: str, model: "TapModel", border: "reference.Border", shadow: bool) -> "Engine":

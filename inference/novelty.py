@@ -1,42 +1,78 @@
 """Whether taps are unlike anything the model was trained on: a p-value for each tap, and a test over an episode.
 
-Each class says how much its own training taps misfit it (`models.novelty`), so the root of the misfit, which is like
-a distance, is measured from the mean of the class. The p-value of a tap under a class is conformal: the share of all
-training taps that misfit their own class as much. It is honest, P(p <= a) <= a, for taps that could be exchanged with
-the training taps.
+The p-value of a tap under a class is the share of all calibration taps (`models.novelty`) that misfit their own class
+as much, after the mean misfit of each class is taken off. It holds its level on average over classes and training
+sets, and is what is shown. The test needs more, as it multiplies up what the same calibration taps say of every tap.
 
-An episode is told by where it began and at which object: L M hypotheses, each of which names a class for every tap,
-because the moves that were really made are known. P-values become stakes in bets against each hypothesis that win on
-small ones and multiply up. Something is new when every hypothesis has lost. The true one, if there is one, loses with
-probability alpha at most, however long the episode is and whenever it is ended (Ville's inequality), if its p-values
-are honest given those before. So nothing depends on the belief, its threshold or its border, and a finger that feels
-nothing before and after a move of 7 mm is not believed to have been at the far end all the time.
+An episode has a beginning and an object: L M hypotheses, each of which names a class for every tap, because the moves
+really made are known. Each is a wealth of 1 that is bet against it (`conformal_bets`). Given the calibration taps the
+wealth against the true hypothesis is a supermartingale, whatever chooses the moves, if the bounds of the classes hold,
+which they do with confidence `CONFIDENCE`; so it reaches 1 / alpha with probability alpha at most, however long the
+episode is (Ville's inequality). The answer is "unknown" when the wealth against every hypothesis has. The belief, its
+threshold and its border have no part in this.
 """
 
-from typing import TypeGuard
+from typing import NamedTuple, TypeGuard
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ..models.bins import find_bins, tap_counts
 from ..models.errors import InputError
 from ..models.histogram import HistogramModel
 from ..models.model import TapModel
-from ..models.novelty import FEWEST, centres, excess, own_excess, smoothed
+from ..models.novelty import FEWEST, centres, misfits, own_excess, smoothed
+from .conformal_bets import CONFIDENCE, EXPONENTS, calibration_needed, log_bets, log_mixture, soonest, upper_bounds
 
 FLAGGED = 0.01
 """A p-value below which a single tap is called unusual."""
-_EXPONENTS = (np.arange(10) + 0.5) / 10  # small ones bet on few tiny p-values, large ones on many rather small
-_DOUBT = 2.0  # wealth above which a decision waits
+EASY = 10
+"""Taps after which an alarm should be possible."""
+
+
+class Promise(NamedTuple):
+    """What the calibration taps of a model allow to promise of the answer "unknown".
+
+    Attributes:
+        alpha: False alarms at most, as a fraction of the episodes at each object.
+        fewest: Calibration taps of the class that has fewest.
+        soonest: Taps after which the answer can come at the earliest, `None` for never.
+        needed: Calibration taps of each class with which it can come after `EASY` taps.
+    """
+
+    alpha: float
+    fewest: int
+    soonest: int | None
+    needed: int
+
+    @property
+    def sentence(self) -> str:
+        """The promise, and how soon the answer can come."""
+        return (
+            f"With {CONFIDENCE:.0%} confidence over the training taps, at most {self.alpha:.3g} of the episodes at any "
+            f"trained object end in unknown, if taps are drawn like the training taps; {self.power}."
+        )
+
+    @property
+    def power(self) -> str:
+        """How soon the answer can come, and what would make it sooner where that is late."""
+        when = "never" if self.soonest is None else f"after {self.soonest} taps at the earliest"
+        late = self.soonest is None or self.soonest > EASY
+        more = f", after {EASY} with {self.needed} in each class" if late else ""
+        return (
+            f"it can come {when}, as a class has only {self.fewest} calibration taps, half of its training taps{more}"
+        )
 
 
 class Novelty:
-    """P-values of taps under the classes of a fitted model.
+    """P-values of taps under the classes of a fitted model, and bets against these.
 
     Args:
         model: A histogram model without states, fitted with its novelty scores.
 
     Attributes:
-        smallest: The least p-value that there is, 1 / (n + 1) with n training taps; that of untrained classes.
+        smallest: The least p-value that there is, 1 / (n + 1) with n calibration taps; that of untrained classes.
+        log_refuted: What a tap outside the range of positions wins, shape (A,): the most that any tap of a class can.
 
     Raises:
         InputError: It has none, or is another model.
@@ -44,68 +80,99 @@ class Novelty:
 
     def __init__(self, model: TapModel) -> None:
         if not _is_plain(model):
-            raise InputError(
-                f"--unknown needs a fitted histogram model to tell new things by, and this one is {model.name}."
-            )
+            raise InputError(f"--unknown needs a fitted histogram model, and this one is {model.name}.")
         if model.novelty is None:
-            raise InputError("The model has no novelty scores to tell new things by; fit it again with this version.")
-        if len(model.novelty.misfit) < FEWEST:
+            raise InputError("The model has no novelty scores for --unknown; fit it again with this version.")
+        scores = model.novelty
+        if len(scores.misfit) < FEWEST:
             raise InputError(
-                f"The model has {len(model.novelty.misfit)} novelty scores and {FEWEST} are needed to tell new things "
-                f"by; fit it to more taps of each class."
+                f"The model has {len(scores.misfit)} novelty scores and --unknown needs {FEWEST}; fit it to more taps "
+                f"of each class."
             )
-        cells = model.counts.shape[0] * model.counts.shape[1]
-        self._model = model
-        self._centre = centres(model.novelty.misfit, model.novelty.cell, cells)
-        self._own = np.sort(own_excess(model.novelty.misfit, model.novelty.cell))
-        self._best = np.sort(model.novelty.best)
-        self._log_prob = np.log(smoothed(model.counts, model.pseudocount)).reshape(cells, -1)
+        K, B = model.counts.shape[2:]
+        cells = model.grid.L * model.grid.M
+        self._model, self._edges = model, scores.edges
+        self._log_prob = np.log(smoothed(scores.reference, model.pseudocount)).reshape(cells, K * B)
+        self._known = scores.reference.any(axis=(2, 3)).ravel()
+        self._centre = centres(scores.misfit, scores.cell, cells).reshape(model.grid.shape)
+        self._own = np.sort(own_excess(scores.misfit, scores.cell))
         self.smallest = 1 / (len(self._own) + 1)
+        self._set_bets(scores.misfit, scores.cell)
+
+    def _set_bets(self, misfit: NDArray[np.float64], cell: NDArray[np.intp]) -> None:
+        """Thresholds of the misfit of each class, falling, and what a tap above each of them wins."""
+        self._n = np.bincount(cell, minlength=len(self._known))
+        classes = int(np.sum(self._n > 0))
+        bounds = {n: upper_bounds(n, classes) for n in np.unique(self._n).tolist()}
+        most = max(map(len, bounds.values()))
+        self._threshold = np.full((len(self._known), most), -np.inf)
+        self._log_bet = np.zeros((len(EXPONENTS), len(self._known), most + 1))
+        order = np.lexsort([-misfit, cell])
+        for own in np.split(order, np.flatnonzero(np.diff(cell[order])) + 1):
+            R = len(bounds[len(own)])
+            self._threshold[cell[own[0]], :R] = misfit[own[2 ** np.arange(R) - 1]]
+            self._log_bet[:, cell[own[0]], : R + 1] = log_bets(bounds[len(own)])
+        self.log_refuted = self._log_bet[:, :, 0].max(axis=1)
 
     @property
-    def shape(self) -> tuple[int, int]:
-        """Where and what classes, (L, M)."""
-        return self._model.grid.shape
+    def trained(self) -> NDArray[np.bool_]:
+        """Which classes have training taps, shape (L, M)."""
+        return self._model.trained
 
-    def excess(self, tap: ArrayLike) -> NDArray[np.float64]:
-        """The root misfit of a tap to each class above the mean of the class, infinite for untrained ones.
+    def misfit(self, taps: ArrayLike) -> NDArray[np.float64]:
+        """Misfit of taps to each class, infinite for untrained ones.
 
         Args:
-            tap: Prepared samples, shape (J, K).
+            taps: Prepared samples, shape (..., J, K).
 
         Returns:
-            Shape (L, M).
+            Shape (..., L, M).
 
         Raises:
-            InputError: The tap has not the size of the training taps, or a sample is NaN.
+            InputError: The taps have not the size of the training taps, or a sample is NaN.
         """
-        bins = self._model.bins(tap)
-        K, B = self._model.counts.shape[2:]
-        share = np.bincount((np.arange(K) * B + bins).ravel(), minlength=K * B) / len(bins)
-        value = excess(share[np.newaxis], self._log_prob, self._centre)[0].reshape(self.shape)
-        return np.where(self._model.trained, value, np.inf)
+        taps = np.asarray(taps)
+        self._model.check_samples(taps)
+        bins = find_bins(taps.reshape(-1, *taps.shape[-2:]), self._edges)
+        share = np.concatenate(list(tap_counts(bins, self._model.counts.shape[3]))) / taps.shape[-2]
+        value = np.where(self._known, misfits(share, self._log_prob), np.inf)
+        return value.reshape(*taps.shape[:-2], *self._model.grid.shape)
 
-    def of_class(self, excess: NDArray[np.float64]) -> NDArray[np.float64]:
-        """P-values of a tap that belongs to a class, from its excess over the class; the same shape."""
-        return _p_value(excess, self._own)
+    def p_values(self, misfit: NDArray[np.float64]) -> NDArray[np.float64]:
+        """P-values of taps under each class from their misfits, both of shape (..., L, M)."""
+        excess = np.sqrt(misfit) - self._centre
+        n = len(self._own)
+        return (1 + n - np.searchsorted(self._own, excess, side="left")) / (n + 1)
 
-    def of_any(self, excess: NDArray[np.float64]) -> float:
-        """P-value of a tap of which nothing is known, from its excess over all classes, shape (L, M).
+    def log_bets(self, misfit: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Logarithm of what taps win against each class, shape (A, ..., L, M), from their misfits, shape (..., L, M).
 
-        The class that it fits best is compared with those that training taps fit best, their own or not.
+        Classes without a calibration tap win nothing, as nothing is known of their misfits.
         """
-        return float(_p_value(excess.min(), self._best))
+        cells = misfit.reshape(-1, len(self._threshold), 1)
+        step = np.sum(cells <= self._threshold, axis=-1)
+        won = self._log_bet[:, np.arange(len(self._threshold)), step]
+        return won.reshape(len(won), *misfit.shape)
+
+    def promise(self, alpha: float) -> Promise:
+        """What can be promised of false alarms at this rate."""
+        calibrated = self._n[self._model.trained.ravel()]
+        weakest = self._log_bet[:, self._model.trained.ravel(), 0].min(axis=1)
+        needed = calibration_needed(EASY, int(np.sum(self._n > 0)), alpha)
+        return Promise(alpha, int(calibrated.min()), soonest(weakest, alpha), needed)
 
 
 class UnknownTest:
     """Whether the taps of an episode, all together, are unlike the training taps.
 
     Args:
-        novelty: P-values of single taps.
+        novelty: P-values and bets of single taps.
         alpha: False alarms allowed, as a fraction of episodes; `None` calls nothing unknown.
 
     Attributes:
         p: The p-value of the last tap, the largest under any hypothesis that has not been rejected at `FLAGGED`.
+        log_wealth: Logarithm of the wealth bet against each beginning and object, shape (L, M); infinite for untrained
+            ones, which are no hypotheses.
 
     Raises:
         InputError: Alpha does not lie between 0 and 1.
@@ -114,28 +181,22 @@ class UnknownTest:
     def __init__(self, novelty: Novelty, alpha: float | None = None) -> None:
         if alpha is not None and not 0 < alpha < 1:
             raise InputError(f"The rate of false alarms must lie between 0 and 1, got {alpha}.")
-        self._novelty = novelty
-        self._limit = np.inf if alpha is None else -np.log(alpha)
-        self._doubt = np.inf if alpha is None else np.log(_DOUBT)
-        self._place = np.arange(novelty.shape[0])
-        self._surprise = np.zeros(novelty.shape)
-        self._taps = 0
+        self._novelty, self._alpha = novelty, alpha
+        self._place = np.arange(len(novelty.trained))
+        self._each = np.zeros((len(EXPONENTS), *novelty.trained.shape))
+        self._each[:, ~novelty.trained] = np.inf
+        self.log_wealth = log_mixture(self._each)
         self.p = 1.0
-
-    @property
-    def log_wealth(self) -> NDArray[np.float64]:
-        """Logarithm of what the bets won against each where and what class to begin with, shape (L, M)."""
-        return log_wealth(self._surprise, self._taps)
 
     @property
     def unknown(self) -> bool:
         """Whether the taps so far are unlike the training taps."""
-        return bool(self.log_wealth.min() >= self._limit)
+        return self._alpha is not None and bool(self.log_wealth.min() >= -np.log(self._alpha))
 
     @property
     def doubtful(self) -> bool:
         """Whether the bets are winning against every hypothesis, so that a decision had better wait for more taps."""
-        return bool(self.log_wealth.min() > self._doubt)
+        return self._alpha is not None and bool(self.log_wealth.min() > 0)
 
     def add(self, tap: ArrayLike, arrived: int) -> bool:
         """One more tap.
@@ -150,33 +211,21 @@ class UnknownTest:
         Raises:
             InputError: The tap has not the size of the training taps, or a sample is NaN.
         """
-        excess = self._novelty.excess(tap)
+        return self.follow(self._novelty.misfit(tap), arrived)
+
+    def follow(self, misfit: NDArray[np.float64], arrived: int) -> bool:
+        """`add` from the misfits of the tap, shape (L, M)."""
         self._place += arrived
         inside = (self._place >= 0) & (self._place < len(self._place))
-        p = np.full(excess.shape, self._novelty.smallest)
-        p[inside] = self._novelty.of_class(excess[self._place[inside]])
-        won = self.log_wealth
-        held = won <= max(-np.log(FLAGGED), won.min())
-        self.p = float(p[held].max()) if self._taps else self._novelty.of_any(excess)
-        self._surprise -= np.log(p)
-        self._taps += 1
+        place = self._place[inside]
+        held = self.log_wealth <= max(-np.log(FLAGGED), self.log_wealth.min())
+        p = np.full(misfit.shape, self._novelty.smallest)
+        p[inside] = self._novelty.p_values(misfit)[place]
+        self.p = float(p[held].max())
+        self._each[:, inside] += self._novelty.log_bets(misfit)[:, place]
+        self._each[:, ~inside] += self._novelty.log_refuted[:, np.newaxis, np.newaxis]
+        self.log_wealth = log_mixture(self._each)
         return self.doubtful
-
-
-def log_wealth(surprise: NDArray[np.float64], taps: int) -> NDArray[np.float64]:
-    """Logarithm of the mean over a of prod_t a p_t^(a - 1): a starting wealth of 1, put on several bets and left there.
-
-    Each factor has mean 1 for p uniform from 0 to 1, at most 1 for honest p-values (Vovk's simple mixture martingale).
-
-    Args:
-        surprise: Sums of -log p_t, any shape.
-        taps: Their number.
-
-    Returns:
-        The shape of `surprise`.
-    """
-    bets = taps * np.log(_EXPONENTS) + (1 - _EXPONENTS) * surprise[..., np.newaxis]
-    return np.logaddexp.reduce(bets, axis=-1) - np.log(len(_EXPONENTS))
 
 
 def can_tell(model: TapModel) -> bool:
@@ -187,9 +236,3 @@ def can_tell(model: TapModel) -> bool:
 def _is_plain(model: TapModel) -> TypeGuard[HistogramModel]:
     """Whether it is a histogram without states."""
     return isinstance(model, HistogramModel) and len(model.states.gain) == 1
-
-
-def _p_value(score: ArrayLike, usual: NDArray[np.float64]) -> NDArray[np.float64]:
-    """The share of the usual scores, and the score itself, that are at least as high; `usual` is sorted."""
-    n = len(usual)
-    return (1 + n - np.searchsorted(usual, score, side="left")) / (n + 1)

@@ -180,9 +180,11 @@ def _constant_data(model: TapModel) -> xr.Dataset:
         if model.basis.size:
             dataset["basis"] = (("place", "where", "basis_function"), model.basis)
     if model.novelty is not None:
-        dataset["novelty_misfit"] = ("training_tap", model.novelty.misfit, {"units": "nat"})
-        dataset["novelty_cell"] = ("training_tap", model.novelty.cell)
-        dataset["novelty_best"] = ("training_tap", model.novelty.best)
+        scores = model.novelty
+        dataset["novelty_misfit"] = ("calibration_tap", scores.misfit, {"units": "nat"})
+        dataset["novelty_cell"] = ("calibration_tap", scores.cell)
+        dataset["novelty_reference"] = (("where", "what", "taxel", "bin"), scores.reference)
+        dataset["novelty_edges"] = (dataset["edges"].dims, scores.edges)
     return dataset
 
 
@@ -305,14 +307,16 @@ def _states(data: xr.Dataset) -> States:
 
 
 def _novelty(data: xr.Dataset) -> NoveltyScores | None:
-    """The scores in a model's file; older files have none."""
-    if "novelty_misfit" not in data:
+    """The scores in a model's file; files of older versions have none, or none with a reference of their own."""
+    if "novelty_reference" not in data:
         return None
-    scores = NoveltyScores(
-        data["novelty_misfit"].values, data["novelty_cell"].values.astype(np.intp), data["novelty_best"].values
-    )
+    names = ("novelty_reference", "novelty_edges", "novelty_misfit", "novelty_cell")
+    reference, edges, misfit, cell = (data[name].values for name in names)
+    scores = NoveltyScores(reference, edges, misfit, cell.astype(np.intp))
     cells = data.sizes["where"] * data.sizes["what"]
-    finite = np.isfinite(scores.misfit).all() and np.isfinite(scores.best).all() and (scores.misfit >= 0).all()
+    finite = np.isfinite(scores.misfit).all() and (scores.misfit >= 0).all() and np.isfinite(scores.edges).all()
     if not finite or ((scores.cell < 0) | (scores.cell >= cells)).any():
         raise ValueError("its novelty scores are not finite or belong to no class.")
+    if (scores.reference < 0).any() or not (np.diff(scores.edges) > 0).all():
+        raise ValueError("its novelty scores have a reference below 0 or edges that do not increase.")
     return scores

@@ -1,8 +1,13 @@
-"""How badly a tap fits a class, and how badly the training taps fit their own.
+"""How badly a tap fits a class, and how badly training taps fit classes that were learned from other training taps.
 
-A plain likelihood cannot tell a new thing: samples without contact are likely under every class. The misfit compares
-with the best that any histograms could do instead: it is the divergence of the tap's own histograms from those of the
-class, summed over the taxels. The misfits of training taps, each left out of its class, say what is usual.
+The likelihood does not detect novel taps: samples without contact are likely under every class. The misfit compares it
+with the best that any histograms could reach: it is the divergence of the tap's own histograms from those of the class,
+summed over the taxels.
+
+The training taps are split. Half of each class is the reference, whose histograms measure misfit; the others
+calibrate. The reference and its bin edges know nothing of the calibration taps, so the misfits of a class are
+independent draws of what new taps of that class will have. Scores of taps left out in turn are not: they depend on
+each other and on fits to one tap less.
 """
 
 from dataclasses import replace
@@ -12,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import rel_entr, xlogy
 
-from .bins import find_bins, tap_counts
+from .bins import bin_edges, find_bins, tap_counts
 
 if TYPE_CHECKING:
     from .histogram import HistogramModel
@@ -25,17 +30,19 @@ _PSEUDOCOUNT = 0.01  # stands in for none, under which most misfits would be inf
 
 
 class NoveltyScores(NamedTuple):
-    """How badly training taps fit a model that does not know them.
+    """How badly calibration taps fit their own class.
 
     Attributes:
-        misfit: To their own class in nats, shape (n,).
+        reference: Occupation numbers of the reference taps, shape (L, M, K, B).
+        edges: Bin edges of these, shape (B + 1,) or (K, B + 1).
+        misfit: Of calibration taps to the reference of their own class in nats, shape (n,).
         cell: Their class as l M + m, shape (n,).
-        best: Excess over the class that they fit best, own or other, shape (n,); see `excess`.
     """
 
+    reference: NDArray[np.int64]
+    edges: NDArray[np.float64]
     misfit: NDArray[np.float64]
     cell: NDArray[np.intp]
-    best: NDArray[np.float64]
 
 
 def smoothed(occupation: NDArray[np.floating | np.integer], pseudocount: float) -> NDArray[np.float64]:
@@ -44,7 +51,9 @@ def smoothed(occupation: NDArray[np.floating | np.integer], pseudocount: float) 
     return raised / raised.sum(axis=-1, keepdims=True)
 
 
-def misfit(counts: NDArray[np.floating], occupation: NDArray[np.floating], pseudocount: float) -> NDArray[np.float64]:
+def misfit(
+    counts: NDArray[np.floating], occupation: NDArray[np.floating | np.integer], pseudocount: float
+) -> NDArray[np.float64]:
     """Divergence of the histograms of taps from those of classes, sum over k of KL(h_k / J || P_k), in nats.
 
     That is 1/J of the logarithm by which histograms of the tap's own would be likelier (Eq. 1).
@@ -61,38 +70,63 @@ def misfit(counts: NDArray[np.floating], occupation: NDArray[np.floating], pseud
     return rel_entr(own, smoothed(occupation, pseudocount)).sum(axis=(-2, -1))
 
 
+def misfits(share: NDArray[np.floating], log_prob: NDArray[np.floating]) -> NDArray[np.float64]:
+    """`misfit` of every tap to every class.
+
+    Args:
+        share: Samples of a tap in each bin as a fraction of J, shape (n, K B).
+        log_prob: Logarithm of `smoothed`, shape (cells, K B).
+
+    Returns:
+        Shape (n, cells).
+    """
+    return np.maximum(xlogy(share, share).sum(axis=1, keepdims=True) - share @ log_prob.T, 0.0)
+
+
 def novelty_scores(model: "HistogramModel", taps: "TapSet") -> NoveltyScores:
-    """The scores of each training tap under the model without it, or without its session where there are several.
+    """The reference and the scores of the calibration taps.
 
     Args:
         model: Fitted to these taps.
-        taps: The training taps; those outside the grid or alone in their class have no score.
+        taps: The training taps; those outside the grid are left out.
     """
     L, M, K, B = model.counts.shape
     where, what = taps.indices(model.grid)
     inside = np.flatnonzero((where >= 0) & (what >= 0))
-    cell = (where * M + what)[inside]
-    sessions, session = np.unique(taps.session[inside], return_inverse=True)
-    bins = find_bins(taps.taps[inside], model.edges)
-    occupation = model.counts.reshape(L * M, K, B)
-    left_out = _session_counts(bins, cell * len(sessions) + session, L * M * len(sessions), B)
-    misfits, start = [], 0
-    for part in tap_counts(bins, B):
-        counts, now = part.reshape(-1, K, B), slice(start, start + len(part))
-        own = counts if len(sessions) == 1 else left_out[cell[now] * len(sessions) + session[now]].reshape(-1, K, B)
-        rest = occupation[cell[now]] - own
-        value = misfit(counts, rest, model.pseudocount)
-        misfits.append(np.where(rest.any(axis=(1, 2)), value, np.nan))
+    cell, samples = (where * M + what)[inside], taps.taps[inside]
+    calibrates = calibrating(cell, taps.session[inside])
+    edges = bin_edges(samples[~calibrates], B, "global" if model.edges.ndim == 1 else "taxel")
+    reference = np.zeros((L * M, K, B), dtype=np.int64)
+    start, own = 0, cell[~calibrates]
+    for part in tap_counts(find_bins(samples[~calibrates], edges), B):
+        np.add.at(reference, own[start : start + len(part)], part.reshape(-1, K, B).astype(np.int64))
         start += len(part)
-    scores = np.concatenate(misfits)
-    known = np.isfinite(scores)
-    scores, cell, bins, session = scores[known], cell[known], bins[known], session[known]
-    centre, best = centres(scores, cell, L * M), own_excess(scores, cell)
-    for s in range(len(sessions)):
-        others = left_out[s :: len(sessions)].reshape(L * M, K, B) if len(sessions) > 1 else 0.0
-        now = np.flatnonzero(session == s)
-        best[now] = np.minimum(best[now], _other_excess(bins[now], cell[now], occupation - others, model, centre))
-    return NoveltyScores(scores, cell, best)
+    scores, start, own = [np.empty(0)], 0, cell[calibrates]
+    for part in tap_counts(find_bins(samples[calibrates], edges), B):
+        rest = reference[own[start : start + len(part)]]
+        scores.append(misfit(part.reshape(-1, K, B), rest, model.pseudocount))
+        start += len(part)
+    return NoveltyScores(reference.reshape(model.counts.shape), edges, np.concatenate(scores), own)
+
+
+def calibrating(cell: NDArray[np.intp], session: NDArray[np.integer]) -> NDArray[np.bool_]:
+    """Which taps calibrate: in each class every second session from the first on, or every second tap of one session.
+
+    Whole sessions are held out where a class has several, so that misfits include what changes between sessions.
+
+    Args:
+        cell: Class of each tap, shape (n,).
+        session: Session of each tap, shape (n,).
+
+    Returns:
+        Shape (n,); every class has a tap that does not calibrate.
+    """
+    chosen = np.zeros(len(cell), dtype=bool)
+    order = np.argsort(cell, kind="stable")
+    for own in np.split(order, np.flatnonzero(np.diff(cell[order])) + 1):
+        _, number = np.unique(session[own], return_inverse=True)
+        chosen[own] = number % 2 == 0 if number.any() else np.arange(len(own)) % 2 == 1
+    return chosen
 
 
 def with_scores(model: "TapModel", taps: "TapSet") -> "TapModel":
@@ -118,52 +152,3 @@ def own_excess(misfits: NDArray[np.float64], cell: NDArray[np.intp]) -> NDArray[
     n = np.bincount(cell)[cell]
     others = (np.bincount(cell, root)[cell] - root) / np.maximum(n - 1, 1)
     return root - np.where(n < FEWEST, root.mean() if len(root) else 0.0, others)
-
-
-def excess(
-    share: NDArray[np.floating], log_prob: NDArray[np.floating], centre: NDArray[np.floating]
-) -> NDArray[np.float64]:
-    """The root misfit of taps to each class, less that of the class's own training taps on average.
-
-    The root is like a distance, and the mean takes out that taps of some classes scatter more than those of others.
-
-    Args:
-        share: Samples of a tap in each bin as a fraction of J, shape (n, K B).
-        log_prob: Logarithm of `smoothed`, shape (cells, K B).
-        centre: Of each class, shape (cells,).
-
-    Returns:
-        Shape (n, cells).
-    """
-    misfits = xlogy(share, share).sum(axis=1, keepdims=True) - share @ log_prob.T
-    return np.sqrt(np.maximum(misfits, 0.0)) - centre
-
-
-def _other_excess(
-    bins: NDArray[np.intp],
-    cell: NDArray[np.intp],
-    occupation: NDArray[np.floating],
-    model: "HistogramModel",
-    centre: NDArray[np.float64],
-) -> NDArray[np.float64]:
-    """The smallest excess of taps over classes that are not theirs, infinite where there is none; shape (n,)."""
-    log_prob = np.log(smoothed(occupation, model.pseudocount)).reshape(len(occupation), -1)
-    untrained = ~occupation.any(axis=(1, 2))
-    least = [np.empty(0)]
-    for part in tap_counts(bins, occupation.shape[2]):
-        start = sum(map(len, least))
-        value = excess(part / bins.shape[1], log_prob, centre)
-        value[:, untrained] = np.inf
-        value[np.arange(len(part)), cell[start : start + len(part)]] = np.inf
-        least.append(value.min(axis=1))
-    return np.concatenate(least)
-
-
-def _session_counts(bins: NDArray[np.intp], group: NDArray[np.intp], groups: int, B: int) -> NDArray[np.float64]:
-    """Bin counts of the taps of each class and session, shape (groups, K B)."""
-    counts = np.zeros((groups, bins.shape[2] * B))
-    start = 0
-    for part in tap_counts(bins, B):
-        np.add.at(counts, group[start : start + len(part)], part)
-        start += len(part)
-    return counts

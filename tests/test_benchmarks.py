@@ -181,5 +181,10 @@ def test_a_killed_collection_loses_nothing_but_the_tap_in_progress():
 
 
 @pytest.mark.slow
+def test_the_study_of_unknown_prints_its_tables():
+    assert "no bounds" in run("unknown.py", "--data-sets", "2", "--sessions", "1")
+
+
+@pytest.mark.slow
 def test_the_novelty_benchmark_prints_its_tables():
     assert "known" in run("novelty.py", "--data-sets", "1", "--episodes", "4")

@@ -171,8 +171,8 @@ def test_a_model_without_scores_perceives_without_p_values(command, folder):
 
 
 def test_fit_stores_scores(folder, session):
-    """One for each training tap."""
-    assert len(load_model(folder / "model.nc").novelty.misfit) == len(session) // 2
+    """One for each calibration tap, half of the training taps."""
+    assert len(load_model(folder / "model.nc").novelty.misfit) == len(session) // 4
 
 
 def test_the_picture_is_kept(command, folder, tmp_path):
@@ -350,6 +350,20 @@ def test_taps_that_did_not_train_move_nothing(command, folder, tmp_path):
 
     assert done.code == 2
     assert "none of these 1600 taps trained the model" in " ".join(done.err.split())
+
+
+def test_unknown_says_what_it_promises(command, folder):
+    """The level with its condition, how soon it can come and what would make that sooner; or that it cannot come."""
+    base = ("perceive", folder / "model.nc", "--engine", "numpy", "--seed", 4, "--unknown", 0.1)
+    late, refused = command(*base, "--deadline", 40), command(*base, "--deadline", 5)
+    said = " ".join(late.out.split())
+
+    assert late.code == 0
+    assert "With 95% confidence over the training taps, at most 0.1 of the episodes at any trained object" in said
+    assert re.search(r"after \d\d taps at the earliest, as a class has only 5 calibration taps, half of its", said)
+    assert re.search(r"after 10 with \d+ in each class\.", said)
+    assert refused.code == 2
+    assert "--unknown 0.1 cannot be answered within the --deadline of 5 taps: it can come after" in refused.err
 
 
 def test_unknown_needs_a_model_that_can_tell(command, folder):

@@ -5,29 +5,28 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import xarray as xr
-from hypothesis import given
-from hypothesis import strategies as st
 from solidtouch.hardware.model_rig import draw_taps
 from solidtouch.hardware.replay import ReplayRig, uniforms
+from solidtouch.inference.conformal_bets import EXPONENTS
 from solidtouch.inference.control import fixation
 from solidtouch.inference.engine import make_engine
 from solidtouch.inference.episode import steps
-from solidtouch.inference.novelty import Novelty, UnknownTest, can_tell, log_wealth
+from solidtouch.inference.novelty import Novelty, Promise, UnknownTest, can_tell
 from solidtouch.inference.reference import bin_index
 from solidtouch.models.catalogue import FitSettings, fit_model
 from solidtouch.models.errors import InputError
 from solidtouch.models.histogram import fit
 from solidtouch.models.model_file import load_model
-from solidtouch.models.novelty import NoveltyScores, misfit, novelty_scores
+from solidtouch.models.novelty import calibrating, misfit, misfits, novelty_scores, own_excess
 
 
-def refitted(model, taps, kept):
+def refitted(model, edges_of, taps, kept):
     """Occupation numbers of the taps kept, by a loop with the reference's bins, shape (L, M, K, B)."""
     counts = np.zeros(model.counts.shape)
     where, what = taps.indices(model.grid)
     for n in np.flatnonzero(kept):
         for k in range(counts.shape[2]):
-            edges = model.edges if model.edges.ndim == 1 else model.edges[k]
+            edges = edges_of if edges_of.ndim == 1 else edges_of[k]
             for b in bin_index(taps.taps[n][:, k], edges):
                 counts[where[n], what[n], k, b] += 1
     return counts
@@ -59,46 +58,54 @@ def learned(source, taps_per_class, seed=1):
 
 @pytest.mark.parametrize("value_range", ["global", "taxel"])
 @pytest.mark.parametrize(("sessions", "pseudocount"), [(1, 0.3), (2, 0.01), (3, 0.0)])
-def test_scores_are_those_of_refitting_without_the_tap(make_taps, value_range, sessions, pseudocount):
-    """Without the tap where there is one session, without its session where there are several."""
-    taps = make_taps(L=2, M=3, sessions=sessions, repeats=3)
-    model = fit(taps, taps.grid(), bins=7, pseudocount=pseudocount, value_range=value_range)
+def test_scores_are_those_of_a_model_that_knows_no_calibration_tap(make_taps, value_range, sessions, pseudocount):
+    """Bins and histograms are those of the reference taps alone."""
+    taps = make_taps(L=2, M=3, sessions=sessions, repeats=4)
+    settings = {"bins": 7, "pseudocount": pseudocount, "value_range": value_range}
+    model = fit(taps, taps.grid(), **settings)
     scores = novelty_scores(model, taps)
     where, what = taps.indices(model.grid)
-    expected, roots = [], []
-    for n in range(len(taps)):
-        kept = taps.session != taps.session[n] if sessions > 1 else np.arange(len(taps)) != n
-        own = refitted(model, taps, np.arange(len(taps)) == n)[where[n], what[n]]
-        rest = refitted(model, taps, kept)
-        to = [plain_misfit(own, rest[l, m], pseudocount or 0.01) for l, m in np.ndindex(model.grid.shape)]
-        expected.append(to[where[n] * model.grid.M + what[n]])
-        roots.append(np.sqrt(to))
-    cell = where * model.grid.M + what
-    best = []
-    for n, root in enumerate(roots):
-        alike = cell == cell[n]
-        centre = [np.sqrt(np.array(expected)[cell == c]).mean() for c in range(len(root))]
-        centre[cell[n]] = np.sqrt(np.array(expected)[alike & (np.arange(len(taps)) != n)]).mean()
-        if alike.sum() < 5:
-            centre = np.full(len(root), np.sqrt(expected).mean())
-        best.append((root - centre).min())
+    calibrates = calibrating(where * model.grid.M + what, taps.session)
+    alone = fit(taps.select(~calibrates), taps.grid(), **settings)
+    expected = []
+    for n in np.flatnonzero(calibrates):
+        own = refitted(alone, alone.edges, taps, np.arange(len(taps)) == n)[where[n], what[n]]
+        expected.append(plain_misfit(own, alone.counts[where[n], what[n]], pseudocount or 0.01))
 
+    assert 0 < calibrates.sum() < len(taps)
+    np.testing.assert_array_equal(scores.reference, alone.counts)
+    np.testing.assert_array_equal(scores.edges, alone.edges)
     np.testing.assert_allclose(scores.misfit, expected, rtol=1e-12)
-    np.testing.assert_array_equal(scores.cell, cell)
-    np.testing.assert_allclose(scores.best, best, atol=1e-12)
+    np.testing.assert_array_equal(scores.cell, (where * model.grid.M + what)[calibrates])
 
 
-def test_a_tap_alone_in_its_class_has_no_score(make_taps):
-    """Nothing is left to compare it with."""
-    taps = make_taps(L=2, M=2, sessions=1, repeats=3)
+def test_every_second_tap_or_session_of_a_class_calibrates():
+    """Sessions from the first on, taps from the second on, so that every class has a reference."""
+    cell = np.array([0, 1, 0, 0, 1, 0, 2, 3, 3, 3])
+    session = np.array([0, 0, 0, 0, 0, 0, 5, 2, 4, 7])
+
+    assert calibrating(cell, session).tolist() == [
+        *(False, False, True, False, True, True),
+        *(False, True, False, True),
+    ]
+
+
+def test_a_tap_alone_in_its_class_is_reference_and_bets_nothing(make_taps):
+    """Nothing is known of misfits to it, so nothing speaks against it."""
+    taps = make_taps(L=2, M=2, sessions=1, repeats=6)
     where, what = taps.indices(taps.grid())
     alone = (where == 1) & (what == 1)
     alone[np.flatnonzero(alone)[0]] = False
     few = taps.select(~alone)
-    scores = novelty_scores(fit(few, few.grid()), few)
+    model = fit(few, few.grid())
+    scores = novelty_scores(model, few)
+    won = Novelty(replace(model, novelty=scores)).log_bets(np.full((2, 2), 1e9))
 
     assert len(scores.misfit) == 9
     assert 3 not in scores.cell
+    assert scores.reference[1, 1].any()
+    assert (won[:, 1, 1] == 0).all()
+    assert (won[:, 0, 0] > 0).all()
 
 
 def test_taps_outside_the_grid_have_no_score(make_taps):
@@ -106,7 +113,9 @@ def test_taps_outside_the_grid_have_no_score(make_taps):
     grid = taps.grid().select([0, 1], [0])
     scores = novelty_scores(fit(taps, grid), taps)
 
-    assert len(scores.misfit) == np.sum(np.minimum(*taps.indices(grid)) >= 0)
+    assert len(scores.misfit) + scores.reference[:, :, 0].sum() / taps.taps.shape[1] == np.sum(
+        np.minimum(*taps.indices(grid)) >= 0
+    )
 
 
 def test_the_misfit_is_the_logarithm_by_which_own_histograms_are_likelier(make_model, draw_samples):
@@ -118,7 +127,12 @@ def test_the_misfit_is_the_logarithm_by_which_own_histograms_are_likelier(make_m
         best = np.nansum(counts * np.log(counts / len(tap[0]))) / len(tap[0])
     values = misfit(np.broadcast_to(counts, model.counts.shape), model.counts, model.pseudocount)
 
+    share = counts.reshape(1, -1) / len(tap[0])
+
     np.testing.assert_allclose(values, best - model.log_likelihood(tap)[0], rtol=1e-10)
+    np.testing.assert_allclose(
+        misfits(share, model.log_prob.reshape(-1, share.shape[1]))[0], values.ravel(), rtol=1e-10
+    )
 
 
 def test_scores_survive_the_file(calibrated, tmp_path):
@@ -126,8 +140,20 @@ def test_scores_survive_the_file(calibrated, tmp_path):
     model.save(tmp_path / "model.nc")
     loaded = load_model(tmp_path / "model.nc")
 
-    np.testing.assert_array_equal(loaded.novelty.misfit, model.novelty.misfit)
-    np.testing.assert_array_equal(loaded.novelty.cell, model.novelty.cell)
+    for found, given in zip(loaded.novelty, model.novelty, strict=True):
+        np.testing.assert_array_equal(found, given)
+
+
+def test_scores_without_a_reference_are_none(calibrated, tmp_path):
+    """Those of earlier versions were of taps left out in turn, which allow no promise."""
+    _, model = calibrated
+    model.save(tmp_path / "model.nc")
+    with xr.open_datatree(tmp_path / "model.nc", engine="h5netcdf") as file:
+        tree = file.load()
+    tree["constant_data"] = tree["constant_data"].to_dataset().drop_vars(["novelty_reference", "novelty_edges"])
+    tree.to_netcdf(tmp_path / "old.nc", engine="h5netcdf")
+
+    assert load_model(tmp_path / "old.nc").novelty is None
 
 
 def test_a_file_without_scores_is_a_model_that_cannot_tell(make_model, tmp_path):
@@ -137,13 +163,19 @@ def test_a_file_without_scores_is_a_model_that_cannot_tell(make_model, tmp_path)
 
     assert model.novelty is None
     assert not can_tell(model)
-    with pytest.raises(InputError, match="no novelty scores to tell new things by; fit it again"):
+    with pytest.raises(InputError, match="no novelty scores for --unknown; fit it again"):
         Novelty(model)
 
 
 @pytest.mark.parametrize(
     ("name", "value"),
-    [("novelty_misfit", np.nan), ("novelty_best", np.inf), ("novelty_cell", 99), ("novelty_cell", -1)],
+    [
+        ("novelty_misfit", np.nan),
+        ("novelty_reference", -1),
+        ("novelty_edges", 99),
+        ("novelty_cell", 99),
+        ("novelty_cell", -1),
+    ],
 )
 def test_damaged_scores_are_refused(calibrated, tmp_path, name, value):
     _, model = calibrated
@@ -158,11 +190,12 @@ def test_damaged_scores_are_refused(calibrated, tmp_path, name, value):
 
 
 def test_too_few_scores_are_refused(make_model):
-    few = NoveltyScores(np.ones(4), np.zeros(4, dtype=int), np.ones(4))
-    model = replace(make_model(), novelty=few)
+    source = make_model(L=1, M=1)
+    train = draw_taps(source.grid, source.probabilities, source.edges, source.preprocessing, 8, 1)
+    model = replace(source, novelty=novelty_scores(source, train))
 
     assert not can_tell(model)
-    with pytest.raises(InputError, match="has 4 novelty scores and 5 are needed"):
+    with pytest.raises(InputError, match="has 4 novelty scores and --unknown needs 5"):
         Novelty(model)
 
 
@@ -174,71 +207,66 @@ def test_other_models_cannot_tell(make_taps, name):
     model = replace(fit_model(name, taps, taps.grid(), FitSettings(bins=9)).model, novelty=scores)
 
     assert not can_tell(model)
-    with pytest.raises(InputError, match=f"--unknown needs a fitted histogram model .* this one is {name}"):
+    with pytest.raises(InputError, match=f"--unknown needs a fitted histogram model, and this one is {name}"):
         Novelty(model)
 
 
-def test_p_values_before_anything_is_known_are_honest(calibrated):
-    """The best of all classes is compared with the best of all classes."""
-    source, model = calibrated
-    novelty = Novelty(model)
-    new = draw_taps(source.grid, source.probabilities, source.edges, source.preprocessing, 60, 7)
-    p = np.array([novelty.of_any(novelty.excess(tap)) for tap in new.taps])
-
-    for level in (0.05, 0.2, 0.5, 0.8):
-        assert np.mean(p <= level) == pytest.approx(level, abs=0.08)
-
-
-@pytest.mark.parametrize("repeats", [2, 25])
+@pytest.mark.parametrize("repeats", [16, 50])
 def test_p_values_of_known_taps_are_honest(make_model, repeats):
-    """Where the class is known, P(p <= a) is a for taps that fulfil the model; less with two training taps per class.
-
-    A class without one of its two taps is known much worse than with both.
-    """
+    """Where the class is known, P(p <= a) is a for taps that fulfil the model, averaged over the classes."""
     source = make_model(L=4, M=3, K=3, J=20, B=6, taps=50, seed=2)
     model = learned(source, repeats)
     novelty = Novelty(model)
     new = draw_taps(source.grid, source.probabilities, source.edges, source.preprocessing, 60, 7)
     where, what = new.indices(source.grid)
-    p = np.array([novelty.of_class(novelty.excess(tap))[l, m] for tap, l, m in zip(new.taps, where, what, strict=True)])
+    p = novelty.p_values(novelty.misfit(new.taps))[np.arange(len(new)), where, what]
 
     for level in (0.05, 0.2, 0.5, 0.8):
-        share = np.mean(p <= level)
-        assert share <= level + 0.05
-        assert repeats == 2 or share == pytest.approx(level, abs=0.08)
+        assert np.mean(p <= level) == pytest.approx(level, abs=0.08)
+
+
+def test_excess_is_over_the_mean_of_the_others():
+    """Against one that knows the tap itself an excess would be smaller; classes of few share the mean of all."""
+    root = np.array([1.0, 2.0, 3.0, 4.0, 10.0, 7.0, 8.0])
+    cell = np.array([0, 0, 0, 0, 0, 1, 1])
+
+    np.testing.assert_allclose(own_excess(root**2, cell), [*(root[:5] - (20 - root[:5]) / 4), 2.0, 3.0])
 
 
 def test_a_class_explains_its_own_taps_only(calibrated, draw_samples):
-    """The same tap is usual before anything is known and unusual for another class."""
+    """The same tap is usual for its own class and unusual for another."""
     source, model = calibrated
-    taps = draw_samples(source, 20, where=0, what=0)
     novelty = Novelty(model)
-    excesses = [novelty.excess(tap) for tap in taps]
+    p = novelty.p_values(novelty.misfit(draw_samples(source, 20, where=0, what=0)))
 
-    assert np.median([novelty.of_any(excess) for excess in excesses]) > 0.3
-    assert np.median([novelty.of_class(excess)[0, 0] for excess in excesses]) > 0.3
-    assert np.median([novelty.of_class(excess)[3, 2] for excess in excesses]) < 0.02
+    assert np.median(p[:, 0, 0]) > 0.3
+    assert np.median(p[:, 3, 2]) < 0.02
 
 
 def test_an_untrained_class_explains_nothing(calibrated):
-    """Its p-values are the smallest that there are."""
+    """It has the smallest p-value that there is; an episode cannot begin there, and taps there are no evidence."""
     source, _ = calibrated
     train = draw_taps(source.grid, source.probabilities, source.edges, source.preprocessing, 25, 1)
     where, what = train.indices(source.grid)
     train = train.select((where != 1) | (what != 2))
     model = fit(train, source.grid, bins=12)
     novelty = Novelty(replace(model, novelty=novelty_scores(model, train)))
-    p = np.array([novelty.of_class(novelty.excess(tap)) for tap in train.taps])
+    misfit = novelty.misfit(train.taps)
+    p, test = novelty.p_values(misfit), UnknownTest(novelty, 0.1)
+    for arrived in (0, 1):
+        test.add(train.taps[0], arrived)
 
     assert (p[:, 1, 2] == novelty.smallest).all()
-    assert novelty.smallest == 1 / (len(train) + 1)
+    assert novelty.smallest == 1 / (12 * 11 + 1)
     assert p[:, 1, 1].max() > 0.5
+    assert test.log_wealth[1, 2] == np.inf
+    assert test.log_wealth[0, 2] == pytest.approx(wealth(novelty.log_bets(misfit[0])[:, 0, 2]))
 
 
 def test_a_tap_without_contact_is_unusual_though_likely(make_model):
     """All samples in the most frequent bin of a class: no tap is likelier, none fits worse."""
     source = make_model(L=2, M=2, K=4, J=40, B=5, taps=50, seed=3)
-    model = learned(source, 30)
+    model = learned(source, 60)
     k, edges = np.arange(4), model.edges
     b = model.counts[0, 0].argmax(axis=1)
     still = np.tile((edges[b] + edges[b + 1])[k] / 2, (40, 1))
@@ -246,68 +274,66 @@ def test_a_tap_without_contact_is_unusual_though_likely(make_model):
     usual = draw_taps(source.grid, source.probabilities, source.edges, source.preprocessing, 5, 9).taps
 
     assert model.log_likelihood(still[None]).max() > model.log_likelihood(usual).max()
-    assert novelty.of_any(novelty.excess(still)) < 0.02
+    assert novelty.p_values(novelty.misfit(still)).max() < 0.02
 
 
-def test_a_constant_sensor_has_p_values(make_taps):
-    """All misfits are alike."""
-    taps = make_taps(L=1, M=1, sessions=1)
+def test_a_constant_sensor_is_usual(make_taps):
+    """All misfits are alike, and ties speak for the tap."""
+    taps = make_taps(L=1, M=1, sessions=1, repeats=12)
     dataset = taps.dataset.copy(deep=True)
     dataset["taps"][:] = 3.0
     flat = type(taps)(dataset)
     model = fit(flat, flat.grid())
     novelty = Novelty(replace(model, novelty=novelty_scores(model, flat)))
+    usual = novelty.misfit(flat.taps[0])
 
-    assert novelty.of_any(novelty.excess(flat.taps[0])) > 0.1
+    assert novelty.p_values(usual) == 1
+    assert (novelty.log_bets(usual) < 0).all()
 
 
 def test_taps_of_another_size_are_refused(calibrated):
     _, model = calibrated
     with pytest.raises(InputError, match="taps of 20 samples and 3 taxels"):
-        Novelty(model).excess(np.zeros((4, 3)))
+        Novelty(model).misfit(np.zeros((4, 3)))
 
 
-@given(st.integers(1, 60), st.integers(1, 2))
-def test_bets_start_at_1_and_win_nothing_on_average(n, taps):
-    """Over all p-values i / (n + 1) of taps that are as usual as n others, in every combination."""
-    surprise = -np.log(np.arange(1, n + 2) / (n + 1))
-    if taps == 2:
-        surprise = np.add.outer(surprise, surprise)
-
-    assert log_wealth(np.zeros(()), 0) == pytest.approx(0, abs=1e-12)
-    assert np.exp(log_wealth(surprise, taps)).mean() <= 1 + 1e-9
+def wealth(log_bets):
+    """Logarithm of the mean over exponents, which are the first axis, written out."""
+    return np.log(np.mean(np.exp(log_bets), axis=0))
 
 
-@given(st.lists(st.floats(1e-6, 1), min_size=1, max_size=20), st.floats(0.01, 1))
-def test_a_smaller_p_value_never_wins_less(p, factor):
-    """Usual taps lose, however usual: the wealth falls but stays positive."""
-    surprise = -np.log(p).sum()
+def test_bets_win_nothing_on_average_given_the_calibration_taps(make_model):
+    """In each class by itself, of each exponent: the mean over new taps is 1 at most, and they are real bets."""
+    source = make_model(L=4, M=3, K=3, J=20, B=6, taps=50, seed=2)
+    new = draw_taps(source.grid, source.probabilities, source.edges, source.preprocessing, 400, 7)
+    where, what = new.indices(source.grid)
+    for seed in range(3):
+        novelty = Novelty(learned(source, 24, seed))
+        won = np.exp(novelty.log_bets(novelty.misfit(new.taps)))[:, np.arange(len(new)), where, what]
+        mean = won.reshape(len(EXPONENTS), 12, 400).mean(axis=2)
 
-    assert log_wealth(surprise - np.log(factor), len(p)) >= log_wealth(surprise, len(p))
-    assert -np.inf < log_wealth(np.zeros(()), len(p)) < 0
-
-
-def test_usual_taps_never_sum_up_to_a_new_thing():
-    """Uniform p-values: over 2000 episodes of 50 taps, at most alpha of them ever end with an alarm."""
-    surprise = -np.log(np.random.default_rng(0).uniform(size=(2000, 50))).cumsum(axis=1)
-    highest = np.max([log_wealth(surprise[:, t], t + 1) for t in range(50)], axis=0)
-    alarms = np.mean(highest >= -np.log(0.1))
-
-    assert 0 < alarms <= 0.1 + 3 * np.sqrt(0.1 * 0.9 / 2000)
+        assert won.max() > 1.3
+        assert 0.05 < mean.min() < mean.max() <= 1.0
 
 
-def test_rather_small_p_values_that_persist_sum_up():
-    """One in ten is nothing unusual; nine in a row are."""
-    persistent = [log_wealth(-t * np.log(np.float64(0.1)), t) for t in range(1, 10)]
+def test_a_tap_that_misfits_more_wins_more(calibrated):
+    """Against each class: as rank among its calibration taps says, with the largest misfit first."""
+    _, model = calibrated
+    novelty = Novelty(model)
+    own = np.sort(model.novelty.misfit[model.novelty.cell == 0])[::-1]
+    won = [novelty.log_bets(np.full((4, 3), value))[:, 0, 0] for value in (own[0] + 1, own[0], own[1], own[2], own[-1])]
 
-    assert persistent[0] < np.log(2)
-    assert persistent[-1] > -np.log(0.05)
-    assert (np.diff(persistent) > 0).all()
+    assert len(own) == 12
+    assert (won[0] > won[1]).all()
+    assert (won[1] > won[2]).all()
+    assert (won[2] == won[3]).all()
+    assert (won[3] > won[4]).all()
+    assert won[0].min() > 0 > won[4].max()
 
 
 @pytest.mark.parametrize("moves", [[0, 0, 0, 0], [2, -1, -1, 3], [3, -3, 2, 0], [4, 0, -4, 0]])
 def test_each_beginning_is_a_hypothesis_of_its_own(calibrated, moves):
-    """The wealth against it is that of the classes that the real moves lead it through; outside, of the smallest p."""
+    """The wealth against it is that of the classes that the real moves lead it through; outside, the most there is."""
     source, model = calibrated
     novelty = Novelty(model)
     test = UnknownTest(novelty, 0.05)
@@ -315,14 +341,58 @@ def test_each_beginning_is_a_hypothesis_of_its_own(calibrated, moves):
     arrivals = [0, *moves]
     for tap, arrived in zip(taps, arrivals, strict=True):
         test.add(tap, arrived)
-    p = [novelty.of_class(novelty.excess(tap)) for tap in taps]
+    bets = [novelty.log_bets(novelty.misfit(tap)) for tap in taps]
+    most = novelty.log_bets(np.full(model.grid.shape, 1e9)).max(axis=(1, 2))
     expected = np.zeros(model.grid.shape)
     for l, m in np.ndindex(model.grid.shape):
         places = l + np.cumsum(arrivals)
-        seen = [p[t][at, m] if 0 <= at < model.grid.L else novelty.smallest for t, at in enumerate(places)]
-        expected[l, m] = np.log(np.mean([np.prod(a * np.array(seen) ** (a - 1)) for a in np.arange(0.05, 1, 0.1)]))
+        seen = [bets[t][:, at, m] if 0 <= at < model.grid.L else most for t, at in enumerate(places)]
+        expected[l, m] = wealth(np.sum(seen, axis=0))
 
     np.testing.assert_allclose(test.log_wealth, expected, rtol=1e-10)
+
+
+def test_p_is_that_of_the_class_that_fits_best_of_those_left(calibrated):
+    """Of all before the first tap; afterwards where the moves lead hypotheses that have not lost."""
+    source, model = calibrated
+    novelty = Novelty(model)
+    test = UnknownTest(novelty)
+    taps = draw_taps(source.grid, source.probabilities, source.edges, source.preprocessing, 20, 4)
+    where, what = taps.indices(source.grid)
+    there = taps.taps[(where == 3) & (what == 1)]
+    first = novelty.p_values(novelty.misfit(there[0]))
+    test.add(there[0], 0)
+
+    assert test.p == first.max()
+    assert first.min() < test.p
+    for tap in there[1:]:
+        test.add(tap, 0)
+    left = test.log_wealth <= np.log(100)
+    assert left.sum() < model.grid.L * model.grid.M / 2
+    assert left[3, 1]
+    last = novelty.p_values(novelty.misfit(there[-1]))
+    assert test.p == last[left].max()
+    strange = taps.taps[(where == 0) & (what == 0)][0]
+    usual = novelty.p_values(novelty.misfit(strange))
+    test.add(strange, 0)
+    assert test.p < usual.max()
+
+
+def test_every_hypothesis_must_have_lost(calibrated):
+    """Wealth against all but one is no alarm."""
+    _, model = calibrated
+    test = UnknownTest(Novelty(model), 0.05)
+    won = np.full(model.grid.shape, 9.0)
+    won[2, 1] = -1.0
+    test.log_wealth = won
+
+    assert not test.unknown
+    assert not test.doubtful
+    test.log_wealth = np.where(won < 0, 2.9, won)
+    assert not test.unknown
+    assert test.doubtful
+    test.log_wealth = np.where(won < 0, 3.0, won)
+    assert test.unknown
 
 
 def test_taps_of_a_known_object_are_seldom_unknown(calibrated):
@@ -341,15 +411,16 @@ def test_taps_of_a_known_object_are_seldom_unknown(calibrated):
             arrived = rig.move(int(generator.integers(-3, 4)))
             unknown.append(test.unknown)
 
-    assert np.reshape(unknown, (200, 8)).any(axis=1).mean() <= 0.15
+    assert np.reshape(unknown, (200, 8)).any(axis=1).mean() <= 0.1
     for level in (0.01, 0.1, 0.5):
         assert np.mean(np.array(p) <= level) <= level + 0.02
 
 
 def test_a_move_that_changes_nothing_is_new_where_places_differ(calibrated, draw_samples):
     """The same taps before and after a move: each fits a trained class, the sequence none."""
-    source, model = calibrated
-    taps = draw_samples(source, 8, where=1, what=0)
+    source, _ = calibrated
+    model = learned(source, 100)
+    taps = draw_samples(source, 24, where=1, what=0)
     staying, moving = UnknownTest(Novelty(model), 0.05), UnknownTest(Novelty(model), 0.05)
     for number, tap in enumerate(taps):
         staying.add(tap, 0)
@@ -398,3 +469,31 @@ def test_a_decision_waits_while_the_bets_win(calibrated):
 def test_a_rate_outside_0_to_1_is_refused(calibrated, alpha):
     with pytest.raises(InputError, match="rate of false alarms must lie between 0 and 1"):
         UnknownTest(Novelty(calibrated[1]), alpha)
+
+
+def test_the_promise_says_how_soon_and_what_would_be_enough(calibrated):
+    """Bets against the class with the fewest calibration taps take longest."""
+    source, model = calibrated
+    promise = Novelty(model).promise(0.05)
+    rich = Novelty(learned(source, 2 * promise.needed)).promise(0.05)
+    poor = Novelty(learned(source, 2 * promise.needed - 2)).promise(0.05)
+
+    assert promise.fewest == 12
+    assert rich.soonest <= 10 < poor.soonest
+    assert "after 10 with" in poor.sentence
+    assert f"after 10 with {rich.needed} in each class" in poor.power
+    assert "half of its training taps." in rich.sentence
+    assert "at most 0.05 of the episodes at any trained object" in rich.sentence
+    assert "never" in Promise(0.05, 0, None, 8).power
+
+
+def test_an_alarm_comes_as_soon_as_promised(calibrated):
+    """Of taps that misfit every class more than any calibration tap; not one tap sooner."""
+    _, model = calibrated
+    novelty = Novelty(model)
+    test, taps = UnknownTest(novelty, 0.05), 0
+    while not test.unknown:
+        test.follow(np.full(model.grid.shape, 1e9), 0)
+        taps += 1
+
+    assert taps == novelty.promise(0.05).soonest

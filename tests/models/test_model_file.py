@@ -67,7 +67,7 @@ def old_layout(model, path):
     if model.novelty is not None:
         dataset["novelty_misfit"] = ("training_tap", model.novelty.misfit)
         dataset["novelty_cell"] = ("training_tap", model.novelty.cell)
-        dataset["novelty_best"] = ("training_tap", model.novelty.best)
+        dataset["novelty_best"] = ("training_tap", model.novelty.misfit)
     dataset.to_netcdf(path, engine="h5netcdf")
 
 
@@ -157,7 +157,7 @@ def test_existing_models_are_kept(make_model, tmp_path):
 
 @pytest.mark.parametrize("more", [{}, {"value_range": "taxel", "power": 0.3, "pseudocount": 0.2}])
 def test_files_of_the_first_format_are_read(taps, grid, tmp_path, more):
-    """With their novelty scores; there were no states."""
+    """Without their novelty scores, which have no reference; there were no states."""
     model = fit(taps, grid, bins=B, trained_on="taps.nc", **more)
     model = replace(model, novelty=novelty_scores(model, taps))
     old_layout(model, tmp_path / "old.nc")
@@ -166,7 +166,7 @@ def test_files_of_the_first_format_are_read(taps, grid, tmp_path, more):
     assert (loaded.name, loaded.power, loaded.trained_on) == ("histogram", model.power, "taps.nc")
     assert len(loaded.states.gain) == 1
     np.testing.assert_array_equal(loaded.training, model.training)
-    np.testing.assert_array_equal(loaded.novelty.misfit, model.novelty.misfit)
+    assert loaded.novelty is None
     np.testing.assert_array_equal(loaded.log_likelihood(taps.taps), model.log_likelihood(taps.taps))
 
 
@@ -309,7 +309,8 @@ COUNTS = {
     "other edges": (changed(lambda d: d.isel(edge=slice(1, None))), r"its edges \(9,\)"),
     "counts below 0": (changed(setting("counts", -1)), "its counts are below 0"),
     "a misfit of NaN": (changed(setting("novelty_misfit", np.nan)), "its novelty scores"),
-    "an endless excess": (changed(setting("novelty_best", np.inf)), "its novelty scores"),
+    "an endless edge": (changed(setting("novelty_edges", np.inf)), "its novelty scores"),
+    "a reference below 0": (changed(setting("novelty_reference", -1)), "its novelty scores"),
     "a class that is not there": (changed(setting("novelty_cell", 99)), "its novelty scores"),
     "a class below 0": (changed(setting("novelty_cell", -1)), "its novelty scores"),
 }
@@ -317,8 +318,9 @@ COUNTS = {
 
 @pytest.mark.parametrize(("damage", "message"), COUNTS.values(), ids=COUNTS.keys())
 def test_damaged_histograms_are_refused(fitted, tmp_path, damage, message):
-    scores = NoveltyScores(np.ones(6), np.arange(6), np.zeros(6))
-    replace(fitted["histogram"].model, novelty=scores).save(tmp_path / "model.nc")
+    model = fitted["histogram"].model
+    scores = NoveltyScores(model.counts, model.edges, np.ones(6), np.arange(6))
+    replace(model, novelty=scores).save(tmp_path / "model.nc")
     damage(tmp_path / "model.nc")
 
     with pytest.raises(InputError, match=rf"model\.nc.*{message}"):
