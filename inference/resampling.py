@@ -146,6 +146,7 @@ def play_resamples[T](
     trials: int,
     theta_x: float,
     fixation: int = 0,
+    where: int | None = None,
     border: Border = "uniform",
     deadline: int = DEADLINE,
     seed: int = 0,
@@ -161,9 +162,10 @@ def play_resamples[T](
         table: Test taps.
         thresholds: theta_W, shape (H,).
         reduce: What is kept of decided trials.
-        trials: On the taps as they are, starting anywhere; their streams and starts are those of `plan_trials`.
+        trials: On the taps as they are; their streams and starts are those of `plan_trials`.
         theta_x: Threshold for a move; 1 never moves.
         fixation: Class that the sensor aims for.
+        where: Start in this where class only, or the nearest with a tap in the resample; `None` for any.
         border: Reading of Eq. 9.
         deadline: Taps after which the most probable classes are taken.
         seed: Of starts, draws and resamples.
@@ -184,7 +186,7 @@ def play_resamples[T](
     fewer = min(trials, resample_trials)
 
     def one(pool: TapPool, n: int, stream: int) -> T:
-        plan = plan_trials(pool, n, seed, fixation, first_stream=stream)
+        plan = plan_trials(pool, n, seed, fixation, _start(pool, where), stream)
         played = empty_trials(n, len(rule.thresholds))
         player.on(pool)(checked_plan(plan, pool), 0, n, played)
         return reduce(played, plan)
@@ -205,6 +207,14 @@ def play_resamples[T](
 def planned_trials(trials: int, resamples: int = RESAMPLES, resample_trials: int = RESAMPLE_TRIALS) -> int:
     """How many trials `play_resamples` plays."""
     return trials + resamples * min(trials, resample_trials)
+
+
+def _start(pool: TapPool, where: int | None) -> int | None:
+    """The where class to start in: a resample of sessions may lack the one that is wanted."""
+    if where is None or not 0 <= where < len(pool.count):
+        return where
+    held = np.flatnonzero(pool.count.any(axis=1))
+    return int(held[np.abs(held - where).argmin()])
 
 
 class _Group(NamedTuple):
