@@ -33,7 +33,8 @@ CONFIDENCE = 0.95
 FEW = 10
 """Taps of a class below which intervals are not known to hold, see docs/intervals.md."""
 RESAMPLE_TRIALS = 1000
-_USED_UP = 0.05  # share of trials that the stored taps end, above which there are too few of them
+USED_UP = 0.05
+"""Share of trials that the stored taps end, above which there are too few of them."""
 _DEFINED = 0.95  # of the resamples: an interval from fewer would be that of the lucky ones
 
 
@@ -107,7 +108,7 @@ def too_few(taps: int, used_up: float = 0.0) -> str:
         taps: Of a class.
         used_up: Share of the trials that ended because all taps of a class were drawn.
     """
-    if used_up > _USED_UP:
+    if used_up > USED_UP:
         return (
             f"There are too few test taps: {used_up:.0%} of the decisions were made because the {taps} or so of a "
             "class were used up, not because the belief was high enough; intervals may be too wide."
