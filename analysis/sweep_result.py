@@ -74,4 +74,4 @@ def over_data(result: xr.Dataset, names: Sequence[str] = AVERAGED) -> xr.Dataset
     half = error * xr.apply_ufunc(lambda n: t.ppf(0.5 + CONFIDENCE / 2, np.maximum(n - 1, 1)), count)
     mean = chosen.mean("data")
     ends = {f"{name}_{side}": mean[name] + sign * half[name] for name in names for side, sign in _SIDES}
-    return mean.assign(ends, data_sets=count[names[0]])
+    return mean.assign(ends | {"data_sets": count[names[0]]})

@@ -112,8 +112,10 @@ def choose_threshold(
 
     error, taps, missed, used_up = map(np.array, zip(*(play(part.table) for part in parts.parts), strict=True))
     cost = cost_error * error + taps
-    error_drawn, taps_drawn, *_ = resampled_means(parts, play, trials, seed) or (None, None)
-    cost_drawn = None if error_drawn is None else cost_error * error_drawn + taps_drawn
+    error_drawn = taps_drawn = cost_drawn = None
+    if (resampled := resampled_means(parts, play, trials, seed)) is not None:
+        error_drawn, taps_drawn, *_ = resampled
+        cost_drawn = cost_error * error_drawn + taps_drawn
     mean = over_parts(cost, cost_drawn, 1.0)
     chosen = int(mean.mean.argmin())
     excess = over_parts(cost - cost[:, [chosen]], None if cost_drawn is None else cost_drawn - cost_drawn[:, [chosen]])
