@@ -1,8 +1,8 @@
 """What an option is worth against the default: paired differences with intervals, and what follows from them.
 
-Means of units (data sets, sessions or groups of trials) have the axes (unit, policy, theta, `SUMS`). Every quantity is
-a function of their mean over units; intervals are t-intervals of the jackknife over units, which for a plain mean is
-the usual t-interval and for a paired difference that of the differences.
+Means of units have the axes (unit, policy, theta, `SUMS`); units are data sets, sessions or resamples of test taps, see
+`resampled_units`. Every quantity is a function of their mean over units; intervals are t-intervals of the jackknife
+over units, which for a plain mean is the usual t-interval and for a paired difference that of the differences.
 """
 
 from collections.abc import Callable, Mapping, Sequence

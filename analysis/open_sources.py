@@ -15,10 +15,9 @@ from ..models.importers import load_taps
 from ..models.recording import naming
 from ..models.seeds import data_set_seed
 from ..models.splits import Fold
+from .resampled_units import RESAMPLES, resampled_sentence
 from .study import can_act
 
-BATCHES = 50
-"""Groups of trials that are the units where there is only one data set."""
 _FEWEST_SESSIONS = 3
 
 
@@ -44,19 +43,19 @@ class Source(NamedTuple):
     units: str
 
     @property
-    def batches(self) -> int:
-        """Units that each fold is divided into: one, or groups of trials where there is a single fold."""
-        return 1 if self.folds > 1 else BATCHES
+    def resamples(self) -> int:
+        """Of test taps, which are the units where there is a single fold."""
+        return 0 if self.folds > 1 else RESAMPLES
 
     @property
     def number_of_units(self) -> int:
-        """Data sets, sessions or groups of trials."""
-        return self.folds * self.batches
+        """Data sets, sessions or resamples of test taps."""
+        return self.resamples or self.folds
 
     @property
     def scope(self) -> str:
         """What sure differences are limited to where there is one fold; empty where units are data of their own."""
-        return "" if self.folds > 1 else f"trials only, one {'data set' if self.simulated else 'recording'}"
+        return "" if self.folds > 1 else f"for taps of {'this data set' if self.simulated else 'these sessions'}"
 
     @property
     def policies(self) -> tuple[str, ...]:
@@ -72,11 +71,12 @@ def simulated_source(name: str, data_sets: int, seed: int) -> Source:
     """
     settings = preset(name)
     load = partial(_simulate, name, seed)
-    grid = load(0, settings.highpass_hz).train.grid()
+    first = load(0, settings.highpass_hz)
+    grid = first.train.grid()
     units = (
         f"Units are {data_sets} simulated data sets, each with a sensor, a training and a test session of its own."
         if data_sets > 1
-        else _one_fold("The one simulated data set")
+        else f"There is one simulated data set. {resampled_sentence(first.test, grid)}"
     )
     title = f"simulated, preset {name}"
     return Source(title, True, data_sets, load, grid, settings.preprocessing.samples, units)
@@ -105,7 +105,7 @@ def recorded_source(
     units = (
         f"Units are {len(folds)} sessions, each tested with the model of the others."
         if len(folds) > 1
-        else _one_fold(parts.description)
+        else f"{parts.description} {resampled_sentence(folds[0].test, grid)}"
     )
     samples = folds[0].train.preprocessing.samples
     units = f"{units} {parts.warning}".strip()
@@ -117,10 +117,3 @@ def _simulate(name: str, seed: int, number: int, highpass_hz: float) -> Fold:
     own = data_set_seed(seed, number)
     train, test = (simulate_session(settings, own, session) for session in (0, 1))
     return Fold(train, test, f"data set {number}")
-
-
-def _one_fold(what: str) -> str:
-    return (
-        f"{what.rstrip('.')}. Units are {BATCHES} groups of trials on the same taps, so intervals hold the sampling of "
-        "trials only, not how another recording would differ."
-    )

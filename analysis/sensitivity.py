@@ -22,6 +22,7 @@ from .open_effects import Effect, Interval, Means, Scale, absolute, effect, inte
 from .open_model import impossible_share, read_model
 from .open_sources import Source
 from .open_trials import OpenTrials, play_open
+from .resampled_units import resampled_tables, units_of
 from .stages import Progress
 from .study import SHOWN_THETA
 
@@ -145,7 +146,14 @@ def sensitivity(source: Source, settings: SensitivitySettings, progress: Progres
 
 
 def play_reading(
-    reading: Reading, table: TapTable, test: TapSet, grid: ClassGrid, theta_x: float, trials: int, seed: int
+    reading: Reading,
+    table: TapTable,
+    test: TapSet,
+    grid: ClassGrid,
+    theta_x: float,
+    trials: int,
+    seed: int,
+    first_stream: int = 0,
 ) -> NDArray[np.float64]:
     """`SUMS` of every trial at every threshold under a reading, shape (trials, theta, `SUMS`).
 
@@ -157,8 +165,9 @@ def play_reading(
         theta_x: Threshold for a move.
         trials: How many.
         seed: Of starts and taps.
+        first_stream: Random stream of the first trial; the others follow.
     """
-    plan = plan_trials(table.pool, trials, seed, reading.fixation_index(grid.L))
+    plan = plan_trials(table.pool, trials, seed, reading.fixation_index(grid.L), first_stream=first_stream)
     if reading.start == "in turn":
         cells = np.argwhere(table.pool.count > 0)
         where, what = cells[np.arange(trials) % len(cells)].T
@@ -245,22 +254,26 @@ class _Bench:
 
 
 def _play_fold(source: Source, number: int, readings: Sequence[Reading], settings: SensitivitySettings) -> _Played:
-    bench, grid, means, impossible = _Bench(source, number), source.grid, [], []
-    seed = data_set_seed(settings.seed, number)
-    group = np.arange(settings.trials) * source.batches // settings.trials
-    size = np.bincount(group, minlength=source.batches)[:, np.newaxis, np.newaxis]
+    bench, means, impossible = _Bench(source, number), [], []
+    trials, seed = settings.trials, data_set_seed(settings.seed, number)
+    threads = cores(settings.workers) if source.resamples else 1
     for reading in readings:
         model, test, table = bench.table(reading)
-        policies = []
-        for policy in source.policies:
-            theta_x = 1.0 if policy == "passive" else reading.theta_x
-            sums = play_reading(reading, table, test, grid, theta_x, settings.trials, seed)
-            total = np.zeros((source.batches, *sums.shape[1:]))
-            np.add.at(total, group, sums)
-            policies.append(total / size)
-        means.append(np.stack(policies, axis=1))
+        tables = resampled_tables(table, source.resamples, seed)
+        play = partial(_play_policies, source, reading, test, trials, seed)
+        tasks = (partial(play, one, i * trials) for i, one in enumerate(tables))
+        means.append(units_of(list(in_order(tasks, threads)), tables))
         impossible.append(impossible_share(model, test) if reading.pseudocount == 0 else 0.0)
     return _Played(means, impossible)
+
+
+def _play_policies(
+    source: Source, reading: Reading, test: TapSet, trials: int, seed: int, table: TapTable, first_stream: int
+) -> NDArray[np.float64]:
+    """Mean `SUMS` of the trials of each policy, shape (policy, theta, `SUMS`)."""
+    theta_x = [1.0 if policy == "passive" else reading.theta_x for policy in source.policies]
+    played = (play_reading(reading, table, test, source.grid, x, trials, seed, first_stream) for x in theta_x)
+    return np.stack([sums.mean(axis=0) for sums in played])
 
 
 def _run(

@@ -1,8 +1,8 @@
 """Error against taps and way of strategies under stopping rules, from recorded trials: means of units, then intervals.
 
 A rule with a parameter, such as a threshold, makes a curve: one point for each level. Means of units (data sets,
-sessions or groups of trials) have the axes (unit, level, `SUMS`). Points between two levels are interpolated: what one
-reaches by throwing a coin for each trial which of the two to use. Nothing is extrapolated.
+sessions or resamples of test taps) have the axes (unit, level, `SUMS`). Points between two levels are interpolated:
+what one reaches by throwing a coin for each trial which of the two to use. Nothing is extrapolated.
 """
 
 from collections.abc import Callable, Sequence
@@ -120,14 +120,6 @@ def travelled(record: Record, grid: ClassGrid) -> NDArray[np.float64]:
     """Way that the sensor really went before each tap, in the unit of the places, shape (n, T)."""
     place = grid.where_value[record.at]
     return np.cumsum(np.abs(np.diff(place, axis=1, prepend=place[:, :1])), axis=1)
-
-
-def group_means(values: NDArray[np.float64], groups: int) -> Means:
-    """Means of so many groups of neighbouring trials, shape (groups, ...)."""
-    group = np.arange(len(values)) * groups // len(values)
-    total = np.zeros((groups, *values.shape[1:]))
-    np.add.at(total, group, values)
-    return total / np.bincount(group, minlength=groups).reshape(-1, *[1] * (values.ndim - 1))
 
 
 def nats(record: Record) -> NDArray[np.float64]:

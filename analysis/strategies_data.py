@@ -25,7 +25,8 @@ from ..models.power import TAPS
 from ..models.seeds import data_set_seed
 from ..models.taps import TapSet
 from .calibration_chain import right_model
-from .open_sources import BATCHES, recorded_source
+from .open_sources import recorded_source
+from .resampled_units import RESAMPLES
 from .study import can_act
 
 RIGHT = "model"
@@ -103,9 +104,9 @@ class Bench(NamedTuple):
     border: Border
 
     @property
-    def groups(self) -> int:
-        """Units that each fold is divided into: one, or groups of trials where there is a single fold."""
-        return 1 if self.folds > 1 else BATCHES
+    def resamples(self) -> int:
+        """Of test taps, which are the units where there is a single fold."""
+        return 0 if self.folds > 1 else RESAMPLES
 
 
 def simulated_bench(name: str, data_sets: int, seed: int) -> Bench:

@@ -27,8 +27,9 @@ from ..models.seeds import data_set_seed
 from ..models.threads import cores, in_order, one_blas_thread
 from .figure_style import short_unit
 from .open_effects import Means
+from .resampled_units import resampled_tables, units_of
 from .stages import Progress
-from .strategies_curves import Family, decided_sums, families, group_means, nats
+from .strategies_curves import Family, decided_sums, families, nats
 from .strategies_data import Bench, Unit, pool_of
 from .study import SHOWN_THETA
 
@@ -181,26 +182,25 @@ def _play_power(
     seed = data_set_seed(settings.seed, number)
     model = unit.model(power, bench.grid, seed)
     table, outcomes = tap_table(model, model.usable(unit.test)), pool_of(model, unit.train, settings.pool)
-    plan = plan_trials(table.pool, settings.trials, seed)
+    tables = resampled_tables(table, bench.resamples, seed)
+    n = settings.trials
+    plans = [plan_trials(one.pool, n, seed, first_stream=i * n) for i, one in enumerate(tables)]
     rules = families(model, default_fixation(bench.grid.L), settings.deadline)
     watch = _watch(model, outcomes, bench.border)
     means, told, paths = {}, {}, {}
+    common = {"border": bench.border, "deadline": settings.deadline, "seed": seed, "watch": watch, "progress": go_on}
     for name in strategies:
         policy = _policy(name, bench, unit, model, outcomes, seed)
-        record = play(
-            table,
-            plan,
-            policy,
-            border=bench.border,
-            deadline=settings.deadline,
-            seed=seed,
-            watch=watch,
-            progress=go_on,
-        )
-        for family in rules:
-            means[name, family.name] = group_means(decided_sums(record, family, bench.grid), bench.groups)
-        told[name] = group_means(nats(record), bench.groups)
-        paths[name] = _paths(record)
+        tasks = (partial(play, one, plan, policy, **common) for one, plan in zip(tables, plans, strict=True))
+        sums, expected = [], []
+        for number_of_table, record in enumerate(in_order(tasks, cores(settings.workers) if len(tables) > 1 else 1)):
+            sums.append([decided_sums(record, family, bench.grid).mean(axis=0) for family in rules])
+            expected.append(nats(record).mean(axis=0))
+            if number_of_table == 0:
+                paths[name] = _paths(record)
+        for family, values in zip(rules, zip(*sums, strict=True), strict=True):
+            means[name, family.name] = units_of(values, tables)
+        told[name] = units_of(expected, tables)
         advance(1)
     return Played(power, rules, means, told, paths, model.exponent)
 

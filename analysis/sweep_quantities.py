@@ -2,11 +2,11 @@
 
 QUANTITIES = {
     "what_error": "mean error of the object, in what_unit",
-    "what_error_se": "its standard error over trials",
+    "what_error_se": "its Monte Carlo error: standard error over trials on the same taps, no interval for other taps",
     "where_error": "mean error of the position at the decision, in where_unit",
-    "where_error_se": "its standard error over trials",
+    "where_error_se": "its Monte Carlo error: standard error over trials on the same taps, no interval for other taps",
     "taps": "mean reaction time in taps",
-    "taps_se": "its standard error over trials",
+    "taps_se": "its Monte Carlo error: standard error over trials on the same taps, no interval for other taps",
     "what_wrong": "fraction of trials that decide for a wrong object",
     "stopped_fraction": "fraction of trials that cross the threshold before the deadline",
     "clamped_fraction": "fraction of trials in which the end of the range cut a move short before the decision",

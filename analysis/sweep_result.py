@@ -1,8 +1,18 @@
 """Results of a sweep, finished or not, for analysis."""
 
+from collections.abc import Sequence
 from pathlib import Path
 
+import numpy as np
 import xarray as xr
+from scipy.stats import t
+
+from ..models.errors import InputError
+from .metrics import CONFIDENCE
+
+AVERAGED = ("what_error", "where_error", "taps", "what_wrong", "belief", "stopped_fraction")
+
+_SIDES = (("low", -1), ("high", 1))
 
 
 def open_sweep(path: str | Path) -> xr.Dataset:
@@ -30,3 +40,38 @@ def _unit(name: str, stored: xr.Dataset) -> dict[str, str]:
         return {"units": "1"}
     units = set(stored[name.partition("_")[0] + "_unit"].values)
     return {"units": str(units.pop())} if len(units) == 1 else {}
+
+
+def over_data(result: xr.Dataset, names: Sequence[str] = AVERAGED) -> xr.Dataset:
+    """Means over data sets, and their 95 % t-intervals.
+
+    Data sets are the units: each has taps of its own, while cells of other seeds draw the same taps again. So seeds are
+    averaged first.
+
+    Args:
+        result: From `open_sweep`, or a selection of it, with the dim `data`.
+        names: Quantities; also differences that were added, such as of two policies, which pair.
+
+    Returns:
+        Each quantity with `<name>_low` and `<name>_high`, without the dims `data` and `seed`; and `data_sets`, of the
+        first quantity. Cells that are pending or failed are left out with their data set; where fewer than two are
+        left, the interval is NaN.
+
+    Raises:
+        InputError: There is one data set, which no interval over data sets can come from.
+    """
+    if result.sizes.get("data", 1) < 2:
+        raise InputError(
+            "There is one data set, and trials on its taps say nothing of other taps: intervals need several data sets "
+            "in the study, such as seeds of a preset or the sessions of a recording; or `solidtouch trials`, which "
+            "resamples the taps of one."
+        )
+    chosen = result[list(names)]
+    if "seed" in chosen.dims:
+        chosen = chosen.mean("seed", skipna=False)
+    count = chosen.count("data")
+    error = chosen.std("data", ddof=1) / np.sqrt(count)
+    half = error * xr.apply_ufunc(lambda n: t.ppf(0.5 + CONFIDENCE / 2, np.maximum(n - 1, 1)), count)
+    mean = chosen.mean("data")
+    ends = {f"{name}_{side}": mean[name] + sign * half[name] for name in names for side, sign in _SIDES}
+    return mean.assign(ends | {"data_sets": count[names[0]]})

@@ -1,5 +1,7 @@
 """What counted trials say: errors, reaction times and fractions at each threshold."""
 
+from typing import TYPE_CHECKING, Any
+
 import numpy as np
 import xarray as xr
 from numpy.typing import ArrayLike, NDArray
@@ -8,7 +10,8 @@ from ..inference.tally import Tally
 from ..models.classes import ClassGrid
 from .sweep_quantities import QUANTITIES
 
-UNCERTAIN = ("what_error", "where_error", "taps")
+if TYPE_CHECKING:
+    from .tally_spread import TapSpread
 
 
 def tally_means(tally: Tally, grid: ClassGrid) -> dict[str, NDArray[np.float64]]:
@@ -19,7 +22,7 @@ def tally_means(tally: Tally, grid: ClassGrid) -> dict[str, NDArray[np.float64]]
         grid: The classes.
 
     Returns:
-        `UNCERTAIN` quantities with their standard errors over trials as `<name>_se` (NaN for a single trial), and
+        Errors and taps with their standard errors over trials as `<name>_se` (NaN for a single trial), and
         `what_wrong`, `stopped_fraction`, `clamped_fraction`, `substituted_fraction`, `no_class_left_fraction` and
         `belief`.
     """
@@ -44,17 +47,29 @@ def tally_means(tally: Tally, grid: ClassGrid) -> dict[str, NDArray[np.float64]]
     return means
 
 
-def tally_dataset(tally: Tally, grid: ClassGrid, thresholds: ArrayLike) -> xr.Dataset:
+def tally_dataset(
+    tally: Tally, grid: ClassGrid, thresholds: ArrayLike, spread: "TapSpread | None" = None
+) -> xr.Dataset:
     """The counts and the means with labels.
 
+    Args:
+        tally: The counts.
+        grid: The classes.
+        thresholds: theta_W, shape (H,).
+        spread: Trials on resampled and on fresh taps.
+
     Returns:
-        The means (theta); ``confusion`` (theta, what, decided_what), ``place`` (theta, where, decided_where) and
-        ``reaction_time`` (theta, tap) as counts; attributes ``trials``, ``what_unit``, ``where_unit``.
+        The means (theta), with `spread` also the ends of their 95 % intervals over test taps as ``<name>_low`` and
+        ``<name>_high``, and all of that on fresh taps as ``fresh_<name>``, with ``fresh_used_up``; ``confusion``
+        (theta, what, decided_what), ``place`` (theta, where, decided_where) and ``reaction_time`` (theta, tap) as
+        counts; attributes ``trials``, ``what_unit``, ``where_unit``.
     """
     what_name = np.asarray(grid.what_name, dtype=np.str_)
     where = {"where": grid.where_value, "decided_where": grid.where_value}
+    means = tally_means(tally, grid)
     return xr.Dataset(
-        {name: ("theta", values, {"long_name": QUANTITIES[name]}) for name, values in tally_means(tally, grid).items()}
+        {name: ("theta", values, {"long_name": QUANTITIES[name]}) for name, values in means.items()}
+        | (_spread_variables(means, spread) if spread else {})
         | {
             "confusion": (("theta", "what", "decided_what"), tally.what),
             "place": (("theta", "where", "decided_where"), tally.where),
@@ -69,3 +84,17 @@ def tally_dataset(tally: Tally, grid: ClassGrid, thresholds: ArrayLike) -> xr.Da
         },
         {"trials": tally.trials, "what_unit": grid.what_error_unit, "where_unit": grid.where_unit},
     )
+
+
+def _spread_variables(means: dict[str, NDArray[np.float64]], spread: "TapSpread") -> dict[str, tuple[Any, ...]]:
+    variables: dict[str, tuple[Any, ...]] = {
+        "fresh_used_up": ("theta", spread.used_up, {"long_name": "fraction of trials that used up the taps of a class"})
+    }
+    for name, samples in spread.fresh.items():
+        variables[f"fresh_{name}"] = "theta", samples[:, 0], {"long_name": f"{QUANTITIES[name]}, on fresh taps"}
+    for prefix, intervals in (("", spread.intervals(means)), ("fresh_", spread.fresh_intervals())):
+        for name, ends in intervals.items():
+            for side, end in zip(("low", "high"), ends, strict=True):
+                words = f"{'lower' if side == 'low' else 'upper'} end of the 95 % interval over test taps"
+                variables[f"{prefix}{name}_{side}"] = "theta", end, {"long_name": words}
+    return variables

@@ -13,8 +13,9 @@ from typing import NamedTuple
 import numpy as np
 
 from ..inference.fixation_choice import FixationChoice, choose_fixation
-from ..inference.held_out import Estimate, Parts
+from ..inference.held_out import RESAMPLES, Estimate, Parts
 from ..inference.online_learning import Learner, beliefs, interval, recommended
+from ..inference.resampling import USED_UP
 from ..inference.threshold_choice import ThresholdChoice, check_cost, choose_threshold
 from ..models.classes import ClassGrid
 from ..models.errors import InputError
@@ -64,7 +65,12 @@ class Tuning(NamedTuple):
     @property
     def sentences(self) -> list[str]:
         """What was chosen, with intervals."""
-        return [_about_fixation(self), _about_threshold(self)]
+        used_up = float(self.threshold.used_up[self.chosen])
+        few = (
+            f"At this threshold {used_up:.0%} of the decisions were made because all taps of a class were used up: "
+            "there are too few taps to judge it."
+        )
+        return [_about_fixation(self), _about_threshold(self), *[few] * (used_up > USED_UP)]
 
 
 def check_price(price: Price, sessions: int) -> None:
@@ -142,7 +148,8 @@ def tune(
 
 def tuning_trials(parts: Parts, trials: int) -> int:
     """At most how many trials `tune` plays."""
-    return len(parts.parts) * (parts.grid.L + 1) * trials
+    times = 1 if parts.by_session else 1 + RESAMPLES
+    return times * len(parts.parts) * (parts.grid.L + 1) * trials
 
 
 def check_objects(grid: ClassGrid) -> None:

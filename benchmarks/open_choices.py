@@ -146,7 +146,8 @@ def recordings(folder: Path | None) -> Iterator[Source]:
 def measured(options: argparse.Namespace) -> dict[str, Any]:
     """What comes out on the simulated data sets and the recordings that are there."""
     settings = SensitivitySettings(trials=options.trials, seed=options.seed)
-    sources = [simulated_source("paper", options.data_sets, options.seed), *recordings(options.recorded)]
+    simulated = [simulated_source("paper", options.data_sets, options.seed)] if options.data_sets else []
+    sources = [*simulated, *recordings(options.recorded)]
     with bars() as progress:
         studies = [sensitivity(source, settings, progress) for source in sources]
     return summarise(studies, settings, {"title": "Open choices", "command": "benchmarks/open_choices.py"})
@@ -155,7 +156,7 @@ def measured(options: argparse.Namespace) -> dict[str, Any]:
 def main() -> None:
     """Runs the study as the command line says."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--data-sets", type=int, default=40)
+    parser.add_argument("--data-sets", type=int, default=40, help="simulated; 0 renews the table of recordings only")
     parser.add_argument("--trials", type=int, default=1000)
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--recorded", type=Path, help="folder of recorded sets")
@@ -169,9 +170,12 @@ def main() -> None:
     else:
         summary = worded(json.loads(options.measured.read_text(encoding="utf-8")))
     write_json("open-choices", summary)
-    simulated, *recorded = summary["sources"]
+    recorded = [source for source in summary["sources"] if not source["simulated"]]
+    simulated = [source for source in summary["sources"] if source["simulated"]]
     rules = "\n".join(f"- {sentence}" for sentence in summary["rules"])
-    texts = dict(zip(BLOCKS, (findings(simulated), sections(simulated), pairs(simulated), rules), strict=True))
+    texts = {BLOCKS[-1]: rules}
+    for one in simulated:
+        texts |= dict(zip(BLOCKS[:-1], (findings(one), sections(one), pairs(one)), strict=True))
     if recorded:
         texts[RECORDED_BLOCK] = recorded_table(recorded)
     for name, text in texts.items():
@@ -179,8 +183,9 @@ def main() -> None:
         if options.document is not None:
             write_block(options.document, name, text)
     if options.document is not None:
-        publish(forest(simulated), options.document, "open-choices")
-        publish(interactions(simulated), options.document, "open-choices-pairs")
+        for one in simulated:
+            publish(forest(one), options.document, "open-choices")
+            publish(interactions(one), options.document, "open-choices-pairs")
 
 
 if __name__ == "__main__":

@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from rich.console import RenderableType
     from rich.table import Table
 
+    from ..analysis.tally_spread import TapSpread
     from ..inference.tally import Tally
 
 _WIDEST = 500  # characters
@@ -65,6 +66,7 @@ def trials(
     with loading():
         from ..analysis.no_class_left import no_class_left_sentence
         from ..analysis.tallied import tally_dataset
+        from ..analysis.tally_spread import spread_trials, tap_spread
         from ..analysis.tally_view import tally_table
         from ..inference.control import check_fixation
         from ..inference.montecarlo import THRESHOLDS
@@ -96,15 +98,16 @@ def trials(
         "requested_trials": number,
         "solidtouch": version("solidtouch"),
     }
-    play = partial(tally_trials, table, chosen, number, fixation=point, where=start, **settings)
+    rule = {"fixation": point, "where": start, "workers": workers, **settings}
     table_of = partial(tally_table, grid=grid, thresholds=chosen, what_for=_title(about))
     with terminable(), _Shown(table_of, number) as shown:
+        spread = shown.spread(partial(tap_spread, table, grid, chosen, number, **rule), spread_trials(number))
         try:
-            play(device=device, workers=workers, progress=shown.update)
+            tally_trials(table, chosen, number, device=device, progress=shown.update, **rule)
         finally:
             if out is not None and shown.tally is not None:
                 with complete_file(out, force) as temporary:
-                    labelled = tally_dataset(shown.tally, grid, chosen).assign_attrs(about)
+                    labelled = tally_dataset(shown.tally, grid, chosen, spread).assign_attrs(about)
                     labelled.to_netcdf(temporary, engine="h5netcdf")
     none_left = 0 if shown.tally is None else shown.tally.no_class_left.max() / shown.tally.trials
     if none_left > 0:
@@ -123,7 +126,7 @@ def _title(about: dict[str, Any]) -> str:
 class _Shown:
     """The results so far: while they grow on standard error, in the end, also an early one, on standard output."""
 
-    def __init__(self, table: "Callable[[Tally], Table]", number: int) -> None:
+    def __init__(self, table: "Callable[..., Table]", number: int) -> None:
         from rich.console import Console
         from rich.live import Live
 
@@ -147,6 +150,13 @@ class _Shown:
             table = self._table(self.tally)
             needed = Console(width=_WIDEST).measure(table).maximum
             Console(width=max(Console().width, needed)).print(table)
+
+    def spread(self, play: "Callable[..., TapSpread]", total: int) -> "TapSpread":
+        """Plays trials on resampled taps, with a bar, and shows intervals from now on."""
+        bar = self._bars.add_task("Resampling test taps", total=total)
+        spread = play(progress=partial(self._bars.advance, bar))
+        self._table = partial(self._table, spread=spread)
+        return spread
 
     def update(self, tally: "Tally") -> None:
         """Shows these counts from now on."""

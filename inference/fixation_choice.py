@@ -16,13 +16,14 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from ..hardware.pool import TapPool
 from ..models.errors import InputError
 from .control import default_fixation
 from .episode import DEADLINE
-from .held_out import Estimate, Floats, HeldOut, Parts, decision_error, over_parts
+from .held_out import Estimate, Floats, Parts, decision_error, over_parts, resampled_means
 from .montecarlo import run_trials
 from .reference import Border
-from .trial_plan import TrialPlan, join_plans, plan_trials
+from .trial_plan import TapTable, TrialPlan, join_plans, plan_trials
 
 TRIALS = 1000
 
@@ -81,41 +82,42 @@ def choose_fixation(
     """
     tried = _positions(parts, passive)
 
-    def play(part: HeldOut) -> tuple[NDArray[Any], ...]:
-        plan = _passive_plan(part, tried, trials, seed) if passive else _active_plan(part, tried, trials, seed)
+    def play(table: TapTable, stream: int = 0) -> tuple[NDArray[Any], NDArray[Any]]:
+        plan = (_passive_plan if passive else _active_plan)(table.pool, tried, trials, seed, stream)
         played = run_trials(
-            part.table,
+            table,
             plan,
             (theta,),
             theta_x=1.0 if passive else theta_x,
             border=border,
             deadline=deadline,
             seed=seed,
+            fresh=True,
             progress=progress,
         )
         error = decision_error(parts.grid, played.what[:, 0], plan.what, wrong)
-        return tuple(column.reshape(len(tried), trials) for column in (error, played.taps, plan.what))
+        return error.reshape(len(tried), trials), played.taps.reshape(len(tried), trials)
 
-    errors, taps, what = (np.array(column) for column in zip(*map(play, parts.parts), strict=True))
-    return choice(errors, taps, what, tried, parts.grid.L, parts.by_session)
+    errors, taps = map(np.array, zip(*(play(part.table) for part in parts.parts), strict=True))
+    resampled = resampled_means(parts, play, trials, seed)
+    return choice(errors, taps, tried, parts.grid.L, None if resampled is None else resampled[0])
 
 
 def choice(
-    errors: Floats, taps: Floats, what: NDArray[np.int64], tried: NDArray[np.intp], L: int, by_session: bool
+    errors: Floats, taps: Floats, tried: NDArray[np.intp], L: int, resampled: Floats | None = None
 ) -> FixationChoice:
     """The choice from the outcomes of trials.
 
     Args:
         errors: Of n trials at each of P positions in each of F parts, shape (F, P, n).
         taps: Reaction times, likewise.
-        what: Objects, likewise.
         tried: The positions, shape (P,).
         L: Number of positions of the grid.
-        by_session: Whether the parts are sessions.
+        resampled: Mean errors on resamples where parts are halves, see `over_parts`, shape (R, P).
     """
-    error = over_parts(errors, what, by_session, 0.0)
+    error = over_parts(errors, resampled, 0.0)
     best = int(error.mean.argmin())
-    excess = over_parts(errors - errors[:, [best]], what, by_session)
+    excess = over_parts(errors - errors[:, [best]], None if resampled is None else resampled - resampled[:, [best]])
     alike = np.flatnonzero(excess.mean <= excess.error)
     away = np.abs(tried[alike] - (L - 1) / 2)
     chosen = alike[np.lexsort((tried[alike] != default_fixation(L), error.mean[alike], away))[0]]
@@ -142,12 +144,12 @@ def _positions(parts: Parts, passive: bool) -> NDArray[np.intp]:
     return np.flatnonzero(there)
 
 
-def _passive_plan(part: HeldOut, tried: NDArray[np.intp], trials: int, seed: int) -> TrialPlan:
-    return join_plans([plan_trials(part.table.pool, trials, seed, where=int(l)) for l in tried])
+def _passive_plan(pool: TapPool, tried: NDArray[np.intp], trials: int, seed: int, stream: int) -> TrialPlan:
+    return join_plans([plan_trials(pool, trials, seed, where=int(l), first_stream=stream) for l in tried])
 
 
-def _active_plan(part: HeldOut, tried: NDArray[np.intp], trials: int, seed: int) -> TrialPlan:
-    plan = plan_trials(part.table.pool, trials, seed)
+def _active_plan(pool: TapPool, tried: NDArray[np.intp], trials: int, seed: int, stream: int) -> TrialPlan:
+    plan = plan_trials(pool, trials, seed, first_stream=stream)
     return join_plans([plan._replace(fixation=np.full(trials, l)) for l in tried])
 
 

@@ -3,13 +3,17 @@
 Each session is left out in turn and met by the model of the others. A single session is divided within each class,
 in turn by recorded order, and either part is met by the model of the other; that shows less than a new session would.
 
-What is averaged over parts has a standard error by how parts differ, not by how many trials are played: these draw the
-same few taps again and again. Where parts are sessions, it is that of their mean, for errors of all trials of a session
-go up and down together. The halves of one session differ by their taps alone, and each object has its own, so there the
-differences of all objects count; what sessions would add is not in them. Intervals are those of Student's t.
+What is averaged over parts has a standard error by what would be drawn anew, not by how many trials are played: these
+draw the same few taps again and again. Where parts are sessions, it is that of their mean, for errors of all trials of
+a session go up and down together, and each has taps of its own. The halves of one session are no such units: there the
+same trials are played on resamples of their taps within each class, and the models stay; what sessions would add is not
+in them. Intervals are those of Student's t.
+
+No trial draws a tap twice: halves have few taps, and drawing them again and again makes right beliefs too sure.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from itertools import islice
 from typing import NamedTuple
 
 import numpy as np
@@ -21,10 +25,13 @@ from ..models.errors import InputError
 from ..models.model import TapModel
 from ..models.splits import Fold, split
 from ..models.taps import TapSet
+from .resampling import resampled_pools, spread, too_few
 from .trial_plan import TapTable, tap_table
 
 type Floats = NDArray[np.float64]
 CONFIDENCE = 0.95
+RESAMPLES = 40
+"""Of the taps of halves."""
 
 
 class HeldOut(NamedTuple):
@@ -117,44 +124,63 @@ def held_out(
         else "There is one training session: its taps are halved within each class, and either half is left out in "
         "turn. A new session would differ more, so expect larger errors there and wider intervals than these."
     )
-    return Parts(grid, tuple(parts), by_session, told)
+    count = np.concatenate([part.table.pool.count[part.table.pool.count > 0] for part in parts])
+    return Parts(grid, tuple(parts), by_session, f"{told} {too_few(int(np.median(count)))}".rstrip())
 
 
-def over_parts(values: ArrayLike, what: ArrayLike, by_session: bool, least: float = -np.inf) -> Estimate:
-    """Mean over trials and parts; the standard error is at least that of the trials' own chance.
+def over_parts(values: ArrayLike, resampled: Floats | None = None, least: float = -np.inf) -> Estimate:
+    """Mean over trials and parts.
 
     Args:
         values: Of n trials in each of F parts, shape (F, ..., n).
-        what: Object of each trial, of a shape that broadcasts to that.
-        by_session: Whether parts are sessions.
+        resampled: Where parts are halves of a session: the same mean on each of R resamples of their taps, see
+            `resampled_means`, shape (R, ...). Where they are sessions, `None`; the standard error then is that of
+            their mean, and at least that of the trials' own chance.
         least: What no value can be below, nor the interval.
     """
     values = np.asarray(values, dtype=np.float64)
     F, n = len(values), values.shape[-1]
     means = values.mean(axis=-1)
-    chance = values.var(axis=-1).sum(axis=0) / (n * F**2)
-    between, freedom = (means.var(axis=0, ddof=1), F - 1) if by_session else _between_objects(values, what)
-    error = np.sqrt(np.maximum(chance, between / F))
+    if resampled is None:
+        chance = values.var(axis=-1).sum(axis=0) / (n * F**2)
+        error, freedom = np.sqrt(np.maximum(chance, means.var(axis=0, ddof=1) / F)), F - 1
+    else:
+        error, freedom = resampled.std(axis=0, ddof=1), len(resampled) - 1
     half = error * t.ppf(0.5 + CONFIDENCE / 2, freedom)
     mean = means.mean(axis=0)
     return Estimate(mean, error, np.maximum(mean - half, least), mean + half)
 
 
-def _between_objects(values: Floats, what: ArrayLike) -> tuple[Floats, int]:
-    """Variance of a part's mean by the taps that it happens to hold, and its degrees of freedom.
+def resampled_means(
+    parts: Parts, play: Callable[[TapTable, int], Sequence[Floats]], trials: int, seed: int
+) -> list[Floats] | None:
+    """What `over_parts` needs where parts are halves of one session; `None` where they are sessions.
 
-    Each object's taps differ from part to part for themselves, so the variances of their shares add up.
+    Args:
+        parts: The parts.
+        play: Plays trials on a table, from a random stream on, and gives values of the trials, each of shape (..., n).
+        trials: Random streams that it takes.
+        seed: Of the resamples.
+
+    Returns:
+        Means over trials and parts for each of what `play` gives, shape (R, ...), their deviations enlarged as
+        `resampling.Spread` says.
     """
-    what = np.broadcast_to(np.asarray(what), values.shape)
-    total, freedom = np.zeros(values.shape[1:-1]), 0
-    for m in np.unique(what):
-        count = (what == m).sum(axis=-1)
-        if not count.all():
-            continue
-        mean = (values * (what == m)).sum(axis=-1) / count
-        total = total + (count / values.shape[-1]).mean(axis=0) ** 2 * mean.var(axis=0, ddof=1)
-        freedom += len(values) - 1
-    return total, max(1, freedom)
+    if parts.by_session:
+        return None
+    of_parts = []
+    for part in parts.parts:
+        pools = islice(resampled_pools(part.table, RESAMPLES, seed), 1, None)
+        tables = (part.table._replace(pool=pool) for pool in pools)
+        played = (play(table, r * trials) for r, table in enumerate(tables, 1))
+        kept = zip(*([np.asarray(v).mean(axis=-1) for v in values] for values in played), strict=True)
+        of_parts.append([_enlarged(np.array(means), spread(part.table).factor) for means in kept])
+    return [np.mean(means, axis=0) for means in zip(*of_parts, strict=True)]
+
+
+def _enlarged(values: Floats, factor: float) -> Floats:
+    mean = values.mean(axis=0)
+    return mean + factor * (values - mean)
 
 
 def decision_error(grid: ClassGrid, decided: ArrayLike, true: ArrayLike, wrong: bool = False) -> Floats:

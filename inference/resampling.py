@@ -33,7 +33,8 @@ CONFIDENCE = 0.95
 FEW = 10
 """Taps of a class below which intervals are not known to hold, see docs/intervals.md."""
 RESAMPLE_TRIALS = 1000
-_USED_UP = 0.05  # share of trials that the stored taps end, above which there are too few of them
+USED_UP = 0.05
+"""Share of trials that the stored taps end, above which there are too few of them."""
 _DEFINED = 0.95  # of the resamples: an interval from fewer would be that of the lucky ones
 
 
@@ -110,7 +111,7 @@ def too_few(taps: int, used_up: float = 0.0) -> str:
     """
     if taps == 1:
         return "There is one test tap of most classes, too few for an interval."
-    if used_up > _USED_UP:
+    if used_up > USED_UP:
         return (
             f"There are too few test taps: {used_up:.0%} of the decisions were made because the {taps} or so of a "
             "class were used up, not because the belief was high enough; intervals may be too wide."
@@ -149,6 +150,7 @@ def play_resamples[T](
     trials: int,
     theta_x: float,
     fixation: int = 0,
+    where: int | None = None,
     border: Border = "uniform",
     deadline: int = DEADLINE,
     seed: int = 0,
@@ -164,9 +166,10 @@ def play_resamples[T](
         table: Test taps.
         thresholds: theta_W, shape (H,).
         reduce: What is kept of decided trials.
-        trials: On the taps as they are, starting anywhere; their streams and starts are those of `plan_trials`.
+        trials: On the taps as they are; their streams and starts are those of `plan_trials`.
         theta_x: Threshold for a move; 1 never moves.
         fixation: Class that the sensor aims for.
+        where: Start in this where class only, or the nearest with a tap in the resample; `None` for any.
         border: Reading of Eq. 9.
         deadline: Taps after which the most probable classes are taken.
         seed: Of starts, draws and resamples.
@@ -187,7 +190,7 @@ def play_resamples[T](
     fewer = min(trials, resample_trials)
 
     def one(pool: TapPool, n: int, stream: int) -> T:
-        plan = plan_trials(pool, n, seed, fixation, first_stream=stream)
+        plan = plan_trials(pool, n, seed, fixation, _start(pool, where), stream)
         played = empty_trials(n, len(rule.thresholds))
         player.on(pool)(checked_plan(plan, pool), 0, n, played)
         return reduce(played, plan)
@@ -208,6 +211,14 @@ def play_resamples[T](
 def planned_trials(trials: int, resamples: int = RESAMPLES, resample_trials: int = RESAMPLE_TRIALS) -> int:
     """How many trials `play_resamples` plays."""
     return trials + resamples * min(trials, resample_trials)
+
+
+def _start(pool: TapPool, where: int | None) -> int | None:
+    """The where class to start in: a resample of sessions may lack the one that is wanted."""
+    if where is None or not 0 <= where < len(pool.count):
+        return where
+    held = np.flatnonzero(pool.count.any(axis=1))
+    return int(held[np.abs(held - where).argmin()])
 
 
 class _Group(NamedTuple):

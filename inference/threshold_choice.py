@@ -16,10 +16,10 @@ from numpy.typing import ArrayLike, NDArray
 from ..models.errors import InputError
 from .control import check_fixation
 from .episode import DEADLINE
-from .held_out import Estimate, Floats, HeldOut, Parts, decision_error, over_parts
+from .held_out import Estimate, Floats, Parts, decision_error, over_parts, resampled_means
 from .montecarlo import run_trials
 from .reference import Border
-from .trial_plan import plan_trials
+from .trial_plan import TapTable, plan_trials
 
 TRIALS = 4000
 _DEAREST = 1e9  # taps for an error of 1
@@ -38,6 +38,7 @@ class ThresholdChoice(NamedTuple):
         alike: Thresholds whose cost the data cannot tell from the least: the 95 % interval of the excess holds 0,
             shape (H,).
         chosen: Index of the one with the least cost.
+        used_up: Share of trials that ended because they had had all taps of a class, shape (H,).
     """
 
     theta: Floats
@@ -48,6 +49,7 @@ class ThresholdChoice(NamedTuple):
     excess: Estimate
     alike: NDArray[np.bool_]
     chosen: int
+    used_up: Floats
 
     @property
     def value(self) -> float:
@@ -91,40 +93,42 @@ def choose_threshold(
     theta = np.unique(np.asarray(thresholds, dtype=np.float64))
     aim = check_fixation(fixation, parts.grid.L)
 
-    def play(part: HeldOut) -> tuple[NDArray[Any], ...]:
-        plan = plan_trials(part.table.pool, trials, seed, aim)
+    def play(table: TapTable, stream: int = 0) -> tuple[NDArray[Any], ...]:
+        plan = plan_trials(table.pool, trials, seed, aim, first_stream=stream)
         played = run_trials(
-            part.table,
+            table,
             plan,
             theta,
             theta_x=theta_x,
             border=border,
             deadline=deadline,
             seed=seed,
+            fresh=True,
             progress=progress,
         )
         true = plan.what[:, np.newaxis]
         error = decision_error(parts.grid, played.what, true, wrong)
-        return error.T, played.taps.T, (played.what != true).T, true.T
+        return error.T, played.taps.T, (played.what != true).T, played.used_up.T
 
-    error, taps, missed, what = (np.array(column) for column in zip(*map(play, parts.parts), strict=True))
+    error, taps, missed, used_up = map(np.array, zip(*(play(part.table) for part in parts.parts), strict=True))
     cost = cost_error * error + taps
-
-    def estimate(values: NDArray[Any], least: float = -np.inf) -> Estimate:
-        return over_parts(values, what, parts.by_session, least)
-
-    mean = estimate(cost, 1.0)
+    error_drawn = taps_drawn = cost_drawn = None
+    if (resampled := resampled_means(parts, play, trials, seed)) is not None:
+        error_drawn, taps_drawn, *_ = resampled
+        cost_drawn = cost_error * error_drawn + taps_drawn
+    mean = over_parts(cost, cost_drawn, 1.0)
     chosen = int(mean.mean.argmin())
-    excess = estimate(cost - cost[:, [chosen]])
+    excess = over_parts(cost - cost[:, [chosen]], None if cost_drawn is None else cost_drawn - cost_drawn[:, [chosen]])
     return ThresholdChoice(
         theta,
         missed.mean(axis=-1),
-        estimate(error, 0.0),
-        estimate(taps, 1.0),
+        over_parts(error, error_drawn, 0.0),
+        over_parts(taps, taps_drawn, 1.0),
         mean,
         excess,
         excess.low <= 0,
         chosen,
+        used_up.mean(axis=(0, -1)),
     )
 
 

@@ -11,7 +11,8 @@ from rich.console import Console
 from solidtouch.analysis import figure_sensitivity
 from solidtouch.analysis.open_choices import CHOICES, Choice, Option, Reading
 from solidtouch.analysis.open_effects import SUMS, Interval
-from solidtouch.analysis.open_sources import BATCHES, Source, recorded_source, simulated_source
+from solidtouch.analysis.open_sources import Source, recorded_source, simulated_source
+from solidtouch.analysis.resampled_units import RESAMPLES
 from solidtouch.analysis.sensitivity import SensitivitySettings, play_reading, sensitivity
 from solidtouch.analysis.sensitivity_findings import VERDICTS, findings, lists_of, worded
 from solidtouch.analysis.sensitivity_report import write_sensitivity
@@ -293,10 +294,10 @@ def test_an_option_that_is_no_better_than_no_tap_is_told(summary, source):
 
 
 def test_surely_says_what_it_is_limited_to(summary):
-    """Where trials of one recording are the units."""
-    source = {**summary["sources"][0], "scope": "trials only, one recording"}
+    """Where resamples of one recording are the units."""
+    source = {**summary["sources"][0], "scope": "for taps of these sessions"}
     title = next(one["title"] for one in lists_of(source) if one["key"] == "surely")
-    assert "surely (trials only, one recording) err less" in title
+    assert "surely (for taps of these sessions) err less" in title
 
 
 def test_words_can_be_made_anew_from_the_numbers(summary):
@@ -304,16 +305,17 @@ def test_words_can_be_made_anew_from_the_numbers(summary):
     assert worded(json.loads(json.dumps(bare))) == json.loads(json.dumps(summary))
 
 
-def test_a_recording_of_one_split_has_groups_of_trials_as_units(tmp_path, make_taps):
+def test_a_recording_of_one_split_has_resamples_of_taps_as_units(tmp_path, make_taps):
     """Two sessions give one fold, three are left out in turn."""
     make_taps(sessions=2).save(tmp_path / "two.nc")
     make_taps(sessions=3).save(tmp_path / "three.nc")
     two, three = (recorded_source(tmp_path / f"{name}.nc") for name in ("two", "three"))
-    assert (two.folds, two.batches, two.scope) == (1, BATCHES, "trials only, one recording")
+    assert (two.folds, two.resamples, two.scope) == (1, RESAMPLES, "for taps of these sessions")
     assert three.scope == ""
-    assert (two.number_of_units, three.number_of_units) == (BATCHES, 3)
-    assert (three.folds, three.batches) == (3, 1)
-    assert "how another recording would differ" in two.units
+    assert (two.number_of_units, three.number_of_units) == (RESAMPLES, 3)
+    assert (three.folds, three.resamples) == (3, 0)
+    assert "40 resamples of the test taps within class and session" in two.units
+    assert "too few test taps, 7 or so of each class" in two.units
     study = sensitivity(two, settings("pseudocount", "high-pass", trials=100), no_progress)
     assert np.isfinite(study.default["active", "taps"].low)
     assert [choice.name for choice in study.catalogue.choices] == ["pseudocount"]

@@ -13,7 +13,6 @@ from solidtouch.analysis.strategies_curves import (
     decided_sums,
     differences,
     families,
-    group_means,
     nats,
     quantities,
     travelled,
@@ -111,13 +110,6 @@ def test_expected_and_told_begin_behind_the_first_tap(record):
     np.testing.assert_allclose(found[0, :, 0], [0, 0.1, 0.3])
     np.testing.assert_allclose(found[0, :, 1], np.log([1, 0.1 / 0.3, 0.8 / 0.3]))
     np.testing.assert_allclose(found[1, :, 1], 0)
-
-
-def test_groups_are_of_neighbours(rng):
-    """As equal as can be, and their means."""
-    values = rng.normal(size=(7, 2))
-    found = group_means(values, 3)
-    np.testing.assert_allclose(found, [values[:3].mean(0), values[3:5].mean(0), values[5:].mean(0)])
 
 
 def test_points_of_a_curve_are_found_and_interpolated_between(rng):

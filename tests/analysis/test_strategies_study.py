@@ -8,6 +8,7 @@ import pytest
 from solidtouch.analysis import figure_strategies
 from solidtouch.analysis.figure_strategies_trust import trust
 from solidtouch.analysis.report import render_page
+from solidtouch.analysis.resampled_units import RESAMPLES
 from solidtouch.analysis.stages import no_progress
 from solidtouch.analysis.strategies_data import (
     RIGHT,
@@ -270,13 +271,13 @@ def test_data_that_allow_no_comparison_are_refused(make_taps, tmp_path):
         simulated_bench("nowhere", 3, 0)
 
 
-def test_recordings_are_compared_over_sessions_or_groups_of_trials(make_taps, tmp_path):
+def test_recordings_are_compared_over_sessions_or_resampled_taps(make_taps, tmp_path):
     """Three sessions are left out in turn, and each pair of the others can teach a power; two are one fold."""
     for sessions in (2, 3):
         make_taps(sessions=sessions).save(tmp_path / f"{sessions}.nc")
     two, three = (recorded_bench(tmp_path / f"{sessions}.nc") for sessions in (2, 3))
-    assert (two.folds, two.groups, two.powers) == (1, 50, ("J", "none"))
-    assert (three.folds, three.groups, three.powers) == (3, 1, ("J", "learned", "none"))
+    assert (two.folds, two.resamples, two.powers) == (1, RESAMPLES, ("J", "none"))
+    assert (three.folds, three.resamples, three.powers) == (3, 0, ("J", "learned", "none"))
     few = replace(SETTINGS, strategies=("random", BASE))
     summary = summarise([strategy_study(two, few, no_progress)], few, DESCRIBED)
     assert equal(summary, FIXED, "random")[0]["way_low"] > 0

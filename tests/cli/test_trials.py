@@ -109,12 +109,57 @@ def test_any_fitted_model_is_played(command, make_taps, tmp_path, name):
     assert ("--border prior does not go with a model that carries a state" in prior.err) == name.startswith("session")
 
 
-def test_a_single_trial_has_no_interval(files, command):
+def test_intervals_are_over_taps_and_not_over_trials(files, command, tmp_path):
+    """Twenty times the trials leave them as wide; both kinds of trials have them, and the page says what they hold."""
+    folder, model, test = files
+    words = "trials", folder / "model.nc", folder / "taps.nc", "--thresholds", "0.5,0.999", "--deadline", 30
+    widths = []
+    for number in (3000, 60_000):
+        printed = command(*words, "--trials", number, "--out", tmp_path / f"{number}.nc").out
+        kept = xr.load_dataset(tmp_path / f"{number}.nc")
+        widths.append((kept["what_wrong_high"] - kept["what_wrong_low"]).values)
+    table = tap_table(model, test)
+    plan, rule = plan_trials(table.pool, 3000, 5, 7), {"theta_x": 0.0, "deadline": 30, "seed": 5, "fresh": True}
+    played = run_trials(table, plan, (0.5, 0.999), **rule)
+    words = " ".join(printed.split())
+
+    np.testing.assert_allclose(widths[0], widths[1], rtol=1e-6)
+    assert (kept["what_error_high"] - kept["what_error_low"] > 20 * kept["what_error_se"]).all()
+    np.testing.assert_allclose(kept["fresh_taps"], played.taps.mean(axis=0), rtol=0.1)
+    np.testing.assert_allclose(kept["fresh_used_up"], played.used_up.mean(axis=0), atol=0.04)
+    assert (kept["fresh_taps_low"] < kept["fresh_taps"]).all()
+    assert "from 200 resamples of the test data (taps of each class drawn with replacement)" in words
+    assert "not how another session would differ; the model stays." in words
+    assert "too few test taps" in words
+    assert words.endswith("This concerns theta 0.999.")
+
+
+def test_sessions_are_drawn_where_several_test(command, make_taps, tmp_path):
+    """Errors that differ between sessions only: intervals are much wider than where the same taps are of one."""
+    taps = make_taps(sessions=5, repeats=12)
+    widths = []
+    for session in (taps.session, np.minimum(taps.session, 1)):
+        dataset = taps.dataset.copy(deep=True)
+        dataset["taps"] += 0.5 * dataset["session"]
+        dataset["session"] = dataset["session"].copy(data=session)
+        own = type(taps)(dataset)
+        model = fit(own.select(taps.session == 0), taps.grid())
+        model.save(tmp_path / "model.nc", force=True)
+        own.select(taps.session > 0).save(tmp_path / "taps.nc", force=True)
+        words = "trials", tmp_path / "model.nc", tmp_path / "taps.nc", "--thresholds", "0.6", "--trials", 1000
+        done = command(*words, "--out", tmp_path / "out.nc", "--force")
+        kept = xr.load_dataset(tmp_path / "out.nc")
+        widths.append((kept["what_wrong_high"] - kept["what_wrong_low"]).item())
+        assert ("(4 sessions, then taps of each class and session," in " ".join(done.out.split())) == (len(widths) == 1)
+
+    assert widths[0] > 1.5 * widths[1]
+
+
+def test_a_single_trial_has_a_wide_interval(files, command):
     folder, _, _ = files
     printed = command("trials", folder / "model.nc", folder / "taps.nc", "--trials", 1).out
 
     assert printed.startswith("1 of 1 trials")
-    assert "±" not in printed
     assert "nan" not in printed
 
 

@@ -5,7 +5,7 @@ import pytest
 from scipy.stats import t
 from solidtouch.hardware.model_rig import draw_taps
 from solidtouch.inference.fixation_choice import choice, choose_fixation
-from solidtouch.inference.held_out import decision_error, held_out, over_parts
+from solidtouch.inference.held_out import RESAMPLES, decision_error, held_out, over_parts, resampled_means
 from solidtouch.inference.montecarlo import run_trials
 from solidtouch.inference.trial_plan import plan_trials, tap_table
 from solidtouch.models.classes import ClassGrid
@@ -16,7 +16,6 @@ from solidtouch.models.taps import TapSet, concatenate
 
 L, M, J, B = 6, 3, 2, 8
 GRID = ClassGrid(1.5 * np.arange(L), "mm", None, tuple((f"object {m}",) for m in range(M)))
-EVERY = np.zeros(1, np.int64)  # all trials hold the same object
 
 
 def planted(best, sessions=3, repeats=12, width=0.8):
@@ -45,7 +44,7 @@ def fitted(taps, grid):
 @pytest.mark.parametrize("best", [1, 4])
 def test_a_planted_best_position_is_found(best, sessions, passive):
     """By trials that aim for it and by trials that stand there, from sessions and from halves of one."""
-    parts = held_out(planted(best, sessions, repeats=40), GRID, fitted)
+    parts = held_out(planted(best, sessions, repeats=40, width=0.5), GRID, fitted)
     found = choose_fixation(parts, 0.9, passive=passive, trials=500, deadline=25, border="clamp")
 
     assert found.best == best
@@ -87,7 +86,7 @@ def test_errors_are_those_of_trials_on_the_part():
         part = parts.parts[f]
         table = tap_table(part.model, part.taps)
         plan = plan_trials(table.pool, 150, 5, l)
-        trials = run_trials(table, plan, (0.8,), theta_x=0.0, deadline=20, seed=5)
+        trials = run_trials(table, plan, (0.8,), theta_x=0.0, deadline=20, seed=5, fresh=True)
         assert found.errors[f, l] == decision_error(GRID, trials.what[:, 0], plan.what).mean()
         assert found.taps[f, l] == trials.taps.mean()
 
@@ -95,13 +94,13 @@ def test_errors_are_those_of_trials_on_the_part():
 def test_of_equal_positions_the_nearest_to_the_middle_is_chosen():
     """The lower one of two; also where the least error lies elsewhere by luck."""
     even = np.zeros((2, 6, 40))
-    assert choice(even, even, EVERY, np.arange(6), 6, False).chosen == 2
-    assert choice(even[:, :5], even[:, :5], EVERY, np.arange(5), 5, True).chosen == 2
+    assert choice(even, even, np.arange(6), 6, np.zeros((3, 6))).chosen == 2
+    assert choice(even[:, :5], even[:, :5], np.arange(5), 5).chosen == 2
     rng = np.random.default_rng(0)
     noisy = np.tile(rng.normal(size=(2, 1, 400)), (1, 6, 1)) + rng.normal(size=(2, 6, 400))
     noisy -= noisy.mean(axis=-1, keepdims=True)
     noisy[:, 0] -= 0.01
-    found = choice(noisy, noisy, EVERY, np.arange(6), 6, False)
+    found = choice(noisy, noisy, np.arange(6), 6)
     assert (found.best, found.chosen) == (0, 2)
     assert found.alike.all()
 
@@ -111,42 +110,53 @@ def test_a_position_that_is_surely_better_is_chosen_whatever_the_middle():
     session = np.array([0.1, 0.9, 2.0])[:, np.newaxis, np.newaxis]
     errors = session + np.where(np.arange(6) == 5, 0.0, 0.05)[:, np.newaxis] + np.zeros((3, 6, 10))
     errors += np.random.default_rng(1).normal(size=(3, 1, 10)) * 0.01
-    found = choice(errors, errors, EVERY, np.arange(6), 6, True)
+    found = choice(errors, errors, np.arange(6), 6)
     assert found.chosen == 5
     assert found.error.error[5] > 0.4
     assert found.excess.error[0] < 1e-6
 
 
-def test_standard_errors_are_those_of_sessions_or_of_objects_in_halves(rng):
-    """Never less than the trials' own chance, which is all where parts and objects are alike."""
-    what = np.repeat([0, 1], 25)
-    values = rng.normal(size=(2, 3, 50)) + np.where(what == 1, 0.5, 0.0)
-    values[1] += np.where(what == 1, 6.0, -3.0)
+def test_standard_errors_are_those_of_sessions_or_of_resampled_taps(rng):
+    """Of sessions never less than the trials' own chance."""
+    values = rng.normal(size=(2, 3, 50)) + np.array([6.0, -3.0])[:, np.newaxis, np.newaxis]
     means = values.mean(axis=-1)
-    objects = values.reshape(2, 3, 2, 25).mean(axis=-1)
-    by_session, by_object = over_parts(values, what, True), over_parts(values, what, False)
+    drawn = rng.normal(size=(9, 3))
+    by_session, by_taps = over_parts(values), over_parts(values, drawn, -1.0)
     np.testing.assert_allclose(by_session.mean, means.mean(axis=0))
     np.testing.assert_allclose(by_session.error, np.abs(np.diff(means, axis=0))[0] / 2)
-    away = (np.diff(objects, axis=0)[0] / 2) ** 2
-    np.testing.assert_allclose(by_object.error, np.sqrt((away / 4).sum(axis=-1)))
     np.testing.assert_allclose((by_session.high - by_session.mean) / by_session.error, t.ppf(0.975, 1))
-    np.testing.assert_allclose((by_object.high - by_object.mean) / by_object.error, t.ppf(0.975, 2))
-    alike = values - np.repeat(objects, 25, axis=-1)
-    for by in (True, False):
-        expected = np.sqrt(alike.var(axis=-1).sum(axis=0) / 50) / 2
-        np.testing.assert_allclose(over_parts(alike, what, by).error, expected)
+    np.testing.assert_allclose(by_taps.mean, by_session.mean)
+    np.testing.assert_allclose(by_taps.error, drawn.std(axis=0, ddof=1))
+    np.testing.assert_allclose((by_taps.high - by_taps.mean) / by_taps.error, t.ppf(0.975, 8))
+    np.testing.assert_allclose(by_taps.low, np.maximum(by_taps.mean - by_taps.error * t.ppf(0.975, 8), -1.0))
+    alike = values - means[:, :, np.newaxis]
+    np.testing.assert_allclose(over_parts(alike).error, np.sqrt(alike.var(axis=-1).sum(axis=0) / 50) / 2)
 
 
-@pytest.mark.parametrize("by_session", [True, False])
-def test_intervals_hold_what_they_should(rng, by_session):
-    """Where every object of every part has taps of its own, 95 of 100 times."""
-    held = 0
-    for _ in range(400):
-        level = rng.normal(size=(3, 5)) if not by_session else np.repeat(rng.normal(size=(3, 1)), 5, axis=1)
-        values = np.repeat(level, 20, axis=1) + 0.1 * rng.normal(size=(3, 100))
-        found = over_parts(values, np.repeat(np.arange(5), 20), by_session)
-        held += found.low <= 0 <= found.high
-    assert 0.92 < held / 400 < 0.98
+def test_taps_of_halves_are_drawn_anew_and_not_trials():
+    """A decision after one tap at one place: the standard error is that of the taps' means, whatever the trials."""
+    taps = planted(2, sessions=1, repeats=24)
+    parts = held_out(taps.select(taps.indices(GRID)[0] == 2), GRID, fitted)
+    for part in parts.parts:
+        assert (part.table.pool.count[2] == 12).all()
+
+    def play(table, stream, trials=4000):
+        plan = plan_trials(table.pool, trials, 3, where=2, first_stream=stream)
+        played = run_trials(table, plan, (0.0,), theta_x=1.0, seed=3, fresh=True)
+        return ((played.what != plan.what[:, np.newaxis]).T.astype(float),)
+
+    (drawn,) = resampled_means(parts, play, 4000, 0)
+    variance = 0.0
+    for part in parts.parts:
+        pool = part.table.pool
+        for m in range(M):
+            own = pool.order[pool.first[2, m] : pool.first[2, m] + 12]
+            belief = np.exp(part.table.log_likelihood[own] + part.table.log_prior)
+            wrong = belief.sum(axis=1).argmax(axis=1) != m
+            variance += wrong.var(ddof=1) / 12 / (2 * M) ** 2
+    assert drawn.shape == (RESAMPLES, 1)
+    np.testing.assert_allclose(drawn.std(ddof=1), np.sqrt(variance), rtol=0.35)
+    assert resampled_means(parts._replace(by_session=True), play, 1, 0) is None
 
 
 def test_positions_without_passive_taps_are_not_tried():

@@ -34,7 +34,7 @@ def test_the_threshold_with_the_least_mean_cost_is_chosen(parts, cost_error):
     for h, theta in enumerate(THETA):
         for part in parts.parts:
             plan = plan_trials(part.table.pool, 200, 3, 1)
-            trials = run_trials(part.table, plan, (theta,), theta_x=0.0, deadline=30, seed=3)
+            trials = run_trials(part.table, plan, (theta,), theta_x=0.0, deadline=30, seed=3, fresh=True)
             wrong = decision_error(parts.grid, trials.what[:, 0], plan.what)
             error[h] += wrong.mean() / 3
             cost[h] += (cost_error * wrong + trials.taps[:, 0]).mean() / 3

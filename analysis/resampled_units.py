@@ -1,0 +1,64 @@
+"""Units of a comparison where there is one data set: resamples of its test taps.
+
+Trials on the same taps are no units, however many: they say nothing of what other taps would give. So the same trials
+are played on resampled taps too (see `inference.resampling`), under all options alike, so that differences pair.
+"""
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..inference.resampling import resampled_pools, spread, too_few
+from ..inference.trial_plan import TapTable
+from ..models.classes import ClassGrid
+from ..models.taps import TapSet
+
+RESAMPLES = 40
+"""Of the test taps of a single data set; with so many an interval is 3 % wider than with any number."""
+
+
+def resampled_tables(table: TapTable, resamples: int, seed: int) -> list[TapTable]:
+    """Test taps as they are, then resamples of them within class and session.
+
+    Args:
+        table: Test taps.
+        resamples: How many, or 0.
+        seed: Of the resamples.
+    """
+    return [table._replace(pool=pool) for pool in resampled_pools(table, resamples, seed)]
+
+
+def units_of(samples: Sequence[NDArray[np.float64]], tables: Sequence[TapTable]) -> NDArray[np.float64]:
+    """Units with the mean of the estimate and, as their standard error, the spread of its resamples.
+
+    So what is computed from means of data sets, and their jackknife, also is from resamples of one.
+
+    Args:
+        samples: Means of trials on each of the tables.
+        tables: From `resampled_tables`.
+
+    Returns:
+        One unit for each resample; the estimate as the only one where there are none. Shape (units, ...).
+    """
+    first, drawn = np.asarray(samples[0]), np.asarray(samples[1:])
+    if not len(drawn):
+        return first[np.newaxis]
+    return first + spread(tables[0]).factor * np.sqrt(len(drawn)) * (drawn - drawn.mean(axis=0))
+
+
+def resampled_sentence(test: TapSet, grid: ClassGrid) -> str:
+    """What the units of a single data set are, and whether its taps are too few for them.
+
+    Args:
+        test: Its test taps.
+        grid: The classes.
+    """
+    where, what = test.indices(grid)
+    inside = (where >= 0) & (what >= 0)
+    _, count = np.unique(where[inside] * grid.M + what[inside], return_counts=True)
+    few = too_few(int(np.median(count)))
+    return (
+        f"Units are {RESAMPLES} resamples of the test taps within class and session, so intervals hold how other taps "
+        f"of these sessions would differ, not another session or recording.{' ' * bool(few)}{few}"
+    )

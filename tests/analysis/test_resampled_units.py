@@ -1,0 +1,55 @@
+"""Resamples of the test taps as units of a comparison."""
+
+import numpy as np
+import pytest
+from solidtouch.analysis.open_effects import jackknife
+from solidtouch.analysis.resampled_units import RESAMPLES, resampled_sentence, resampled_tables, units_of
+from solidtouch.hardware.pool import tap_pool
+from solidtouch.inference.trial_plan import TapTable
+
+L, M, N = 2, 3, 12
+
+
+@pytest.fixture
+def table(rng):
+    """N taps of each class, in an order of their own."""
+    cell = rng.permutation(np.repeat(np.arange(L * M), N))
+    pool = tap_pool(cell // M, cell % M, (L, M))
+    return TapTable(np.zeros((len(cell), L, M)), pool, np.zeros((L, M)), session=np.zeros(len(cell), int))
+
+
+def test_their_standard_error_is_that_of_a_mean_of_taps(table, rng):
+    """Of one number for each tap: the root of the sum of squares over classes, over the taps of each."""
+    value = rng.normal(size=L * M * N) * (1 + np.arange(L * M * N) % 2)
+    tables = resampled_tables(table, 2000, 3)
+    units = units_of([np.array([value[one.pool.order].mean()]) for one in tables], tables)
+    mean, error = jackknife([units], lambda means: means)
+    of_class = [value[table.pool.order[f : f + N]] for f in table.pool.first.flat]
+    expected = np.sqrt(np.sum([own.var(ddof=1) / N for own in of_class])) / (L * M)
+
+    np.testing.assert_allclose(mean, value.mean())
+    np.testing.assert_allclose(error, expected, rtol=0.06)
+
+
+def test_without_resamples_the_estimate_is_the_only_unit(table):
+    tables = resampled_tables(table, 0, 0)
+    assert len(tables) == 1
+    assert tables[0].pool is table.pool
+    np.testing.assert_array_equal(units_of([np.arange(3.0)], tables), [[0, 1, 2]])
+
+
+def test_a_nonlinear_statistic_keeps_its_value(table, rng):
+    """Units are spread around the estimate, not around the mean of resamples."""
+    samples = [np.array([2.0, 4.0]), *rng.normal((3, 5), 0.01, (RESAMPLES, 2))]
+    value, error = jackknife([units_of(samples, resampled_tables(table, RESAMPLES, 0))], lambda m: m[:1] / m[1:])
+
+    np.testing.assert_allclose(value, 0.5)
+    slope = np.array([1 / 4, -2 / 16])
+    drawn = np.array(samples[1:])
+    np.testing.assert_allclose(error, np.sqrt(N / (N - 1)) * (drawn @ slope).std(ddof=1), rtol=0.01)
+
+
+def test_few_taps_are_said(make_taps):
+    few, enough = (make_taps(repeats=repeats) for repeats in (3, 20))
+    assert "too few test taps, 6 or so of each class" in resampled_sentence(few, few.grid())
+    assert resampled_sentence(enough, enough.grid()).endswith("not another session or recording.")

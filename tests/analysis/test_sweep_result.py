@@ -1,0 +1,46 @@
+"""Intervals of a sweep: data sets are the units, seeds are not."""
+
+import numpy as np
+import pytest
+import xarray as xr
+from scipy.stats import ttest_1samp
+from solidtouch.analysis.sweep_result import over_data
+from solidtouch.models.errors import InputError
+
+
+@pytest.fixture
+def result(rng):
+    """Five data sets that differ, three seeds that differ little, two policies."""
+    of_data = rng.normal(size=(5, 1, 1))
+    values = of_data + np.array([0.0, 1.0]) + 0.01 * rng.normal(size=(5, 3, 2))
+    return xr.Dataset({"what_error": (("data", "seed", "policy"), values)})
+
+
+def test_intervals_are_over_data_sets(result):
+    """Those of Student's t of five means of seeds."""
+    found = over_data(result, ["what_error"])
+    means = result["what_error"].mean("seed").values
+    for p in range(2):
+        expected = ttest_1samp(means[:, p], 0).confidence_interval(0.95)
+        np.testing.assert_allclose(found["what_error_low"][p], expected.low)
+        np.testing.assert_allclose(found["what_error_high"][p], expected.high)
+    assert found["data_sets"].values.tolist() == [5, 5]
+
+
+def test_differences_pair(result):
+    gain = (result["what_error"].isel(policy=1) - result["what_error"].isel(policy=0)).to_dataset(name="gain")
+    found = over_data(gain, ["gain"])
+    assert 0.95 < found["gain_low"] < 1 < found["gain_high"] < 1.05
+
+
+def test_a_data_set_with_a_cell_to_come_is_left_out(result):
+    result["what_error"][0, 1, 0] = np.nan
+    found = over_data(result, ["what_error"])
+    rest = over_data(result.isel(data=slice(1, None)), ["what_error"])
+    assert found["data_sets"].values.tolist() == [4, 5]
+    np.testing.assert_allclose(found["what_error_low"][0], rest["what_error_low"][0])
+
+
+def test_one_data_set_has_no_interval(result):
+    with pytest.raises(InputError, match="trials on its taps say nothing of other taps"):
+        over_data(result.isel(data=[0]), ["what_error"])
