@@ -320,8 +320,9 @@ def _gains(
     if is_base:
         return score, None, None
     gains = beliefs - base
+    gain = _with_ends(gains, how)
     sure = gains[0] - norm.ppf(1 - (1 - CONFIDENCE) / 2 / remedies) * how.factor * gains[1:].std()
-    return score, _with_ends(gains, how), float(sure)
+    return score, gain, float(np.minimum(sure, gain[1]))
 
 
 def _with_ends(samples: NDArray[np.float64], how: Spread) -> tuple[float, float, float]:
