@@ -219,7 +219,11 @@ def test_long_sequences_stay_in_the_log_domain():
 
 def test_intervals_are_those_of_taps_drawn_anew_within_classes(tables):
     """Accuracies of six classes, 15 taps each, resampled here by loops; wider by 15 over 14 in variance."""
-    scores = class_scores({"plain": tables["plain"]}, seed=0, contacts=(1,), resamples=1500).sel(model="plain").isel(contacts=0)
+    scores = (
+        class_scores({"plain": tables["plain"]}, seed=0, contacts=(1,), resamples=1500)
+        .sel(model="plain")
+        .isel(contacts=0)
+    )
     hits = brute_force(tables["plain"], np.arange(N), *labels())["accuracy_joint"]
     where, what = labels()
     by_class = [hits[(where == l) & (what == m)] for l in range(L) for m in range(M)]
