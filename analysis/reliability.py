@@ -55,6 +55,7 @@ RATIOS = {
 CALIBRATION = {"calibration_error": "mean distance of belief and fraction right"}
 _MOST = {"wrong": 1.0, "doubt": 1.0, "brier": 1.0}
 _ENOUGH = 0.9  # of the classes must have as many taps as are looked at after
+_ROUNDING = 1e-9  # of beliefs
 _LEAST_DOUBT = np.finfo(np.float64).eps  # 1 - belief is not known better
 
 
@@ -435,9 +436,15 @@ def _curve(
 
 
 def bin_edges(belief: NDArray[np.float64], bins: int = BINS) -> NDArray[np.float64]:
-    """Lower ends of bins of about equally many beliefs, equal ones in one bin, increasing; at most `bins`."""
+    """Lower ends of bins of about equally many beliefs, equal ones in one bin, increasing; at most `bins`.
+
+    Beliefs after the same taps in another order are equal but for rounding, so ends lie just below them.
+    """
     ordered = np.sort(belief)
-    return np.unique(ordered[np.arange(bins) * len(ordered) // bins]) if len(ordered) else ordered
+    if not len(ordered):
+        return ordered
+    ends = ordered[np.arange(bins) * len(ordered) // bins]
+    return ends[np.diff(ends, prepend=-np.inf) > 2 * _ROUNDING] - _ROUNDING
 
 
 def _with_ends(

@@ -330,8 +330,9 @@ def _gains(
         return score, None, None
     gains = beliefs - base
     gains[np.abs(gains) <= rounding] = 0.0
+    gain = _with_ends(gains, how)
     sure = gains[0] - norm.ppf(1 - (1 - CONFIDENCE) / 2 / remedies) * how.factor * gains[1:].std()
-    return score, _with_ends(gains, how), float(sure)
+    return score, gain, float(np.minimum(sure, gain[1]))
 
 
 def _rounding(tables: Sequence[TapTable], terms: int) -> float:

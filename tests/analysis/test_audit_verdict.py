@@ -18,34 +18,48 @@ from solidtouch.analysis.audit_verdict import (
 )
 from solidtouch.analysis.causes import CAUSES, PARTS
 from solidtouch.analysis.remedy_scores import Judged, Measured, Scored
+from solidtouch.analysis.right_model import Beside
 
 UNKNOWN = "not enough data to tell"
+ABOVE, BELOW, WITHIN, UNTESTED = (0.005, 1.0), (1.0, 0.005), (0.4, 0.6), (1.0, 1.0)
+"""P-values of the factor against a right model: that it is not above, not below."""
 CALIBRATION = {
-    "interval above one": ((3.0, 1.1, 8.0), 1.0, "overconfident"),
-    "it begins at one": ((3.0, 1.0, 8.0), 1.0, UNKNOWN),
-    "above one, but replay explains it": ((3.0, 1.4, 5.0), 1.5, "right"),
-    "the same, and wide": ((3.0, 1.4, 6.0), 1.5, UNKNOWN),
-    "above what replay explains": ((3.0, 1.6, 8.0), 1.5, "overconfident"),
-    "replay below one counts as one": ((1.0, 0.9, 1.1), 0.5, "right"),
-    "interval below one": ((0.5, 0.2, 0.9), 1.0, "cautious"),
-    "no wrong decision": ((0.0, 0.0, 0.3), 1.0, "cautious"),
-    "narrow around one": ((1.2, 0.6, 2.3), 1.0, "right"),
-    "wide around one": ((1.2, 0.5, 2.3), 1.0, UNKNOWN),
-    "from nothing to one": ((0.3, 0.0, 1.0), 1.0, "right"),
-    "from nothing to two": ((0.3, 0.0, 2.0), 1.0, UNKNOWN),
-    "no trial stops": ((None, None, None), 1.0, UNKNOWN),
-    "no interval": ((2.0, None, None), 1.0, UNKNOWN),
+    "above a right model": ((3.0, 1.1, 8.0), ABOVE, True, "overconfident"),
+    "above it, with an interval that reaches below one": ((3.0, 0.7, 8.0), ABOVE, True, "overconfident"),
+    "the same where the reference is not exact": ((3.0, 0.7, 8.0), ABOVE, False, UNKNOWN),
+    "not exact, interval above one": ((3.0, 1.1, 8.0), ABOVE, False, "overconfident"),
+    "above a cautious reference, but not above one": ((0.9, 0.7, 1.2), ABOVE, True, "right"),
+    "interval above one, but a right model gives as much": ((3.0, 2.0, 5.0), WITHIN, True, "right"),
+    "the same, and wide": ((3.0, 1.1, 8.0), WITHIN, True, UNKNOWN),
+    "just at the level": ((3.0, 2.0, 5.0), (0.025, 0.99), True, "overconfident"),
+    "just not": ((3.0, 2.0, 5.0), (0.0251, 0.99), True, "right"),
+    "below a right model": ((0.5, 0.2, 0.9), BELOW, True, "cautious"),
+    "below it, with an interval that reaches above one": ((0.5, 0.2, 1.1), BELOW, True, "cautious"),
+    "below, not exact": ((0.5, 0.3, 1.1), BELOW, False, "right"),
+    "below, not exact, interval below one": ((0.5, 0.2, 0.9), BELOW, False, "cautious"),
+    "below a bold reference, but above one": ((1.2, 0.9, 1.5), BELOW, True, "right"),
+    "interval below one, but a right model gives as little": ((0.5, 0.3, 0.9), WITHIN, True, "right"),
+    "below, just at the level": ((0.5, 0.3, 0.9), (0.99, 0.025), True, "cautious"),
+    "below, just not": ((0.5, 0.3, 0.9), (0.99, 0.0251), True, "right"),
+    "no wrong decision": ((0.0, 0.0, 0.3), BELOW, True, "cautious"),
+    "narrow around one": ((1.2, 0.6, 2.3), WITHIN, True, "right"),
+    "wide around one": ((1.2, 0.5, 2.3), WITHIN, True, UNKNOWN),
+    "from nothing to one": ((0.3, 0.0, 1.0), WITHIN, True, "right"),
+    "from nothing to two": ((0.3, 0.0, 2.0), WITHIN, True, UNKNOWN),
+    "no doubt": ((None, None, None), UNTESTED, True, UNKNOWN),
+    "no interval": ((2.0, None, None), ABOVE, True, UNKNOWN),
 }
 
 
-def judged(factor=(3.0, 2.0, 5.0), wrong: float | None = 0.3, replay=1.0, taps=None):
-    return Judged(factor, wrong, replay, taps)
+def judged(factor=(3.0, 2.0, 5.0), p=ABOVE, exact=True, wrong: float | None = 0.3, median=1.1, few=""):
+    value = np.nan if factor[0] is None else factor[0]
+    return Judged(factor, wrong, Beside(value, median, 0.6, 1.9, *p), exact, {}, 20, few)
 
 
-@pytest.mark.parametrize(("factor", "replay", "state"), CALIBRATION.values(), ids=CALIBRATION)
-def test_how_beliefs_are_called(factor, replay, state):
-    """By where the interval of the factor lies, and how wide it is."""
-    assert calibration(judged(factor, replay=replay)) == state
+@pytest.mark.parametrize(("factor", "p", "exact", "state"), CALIBRATION.values(), ids=CALIBRATION)
+def test_how_beliefs_are_called(factor, p, exact, state):
+    """By a test against a right model in either direction, else by how wide the interval is."""
+    assert calibration(judged(factor, p, exact)) == state
 
 
 def score(name, gain=0.5, sure=0.1, change=(-0.1, -0.2, 0.0), error=0.4, factor=(1.0, 0.7, 1.3)):
@@ -106,13 +120,19 @@ def test_the_remedy_that_buys_most_is_chosen_of_those_that_surely_help():
 
 
 @pytest.mark.parametrize(
-    "factor",
-    [(1.0, 0.7, 1.5), (0.5, 0.2, 0.9), (2.0, 0.5, 9.0), (None, None, None)],
-    ids=["right", "cautious", "?", "no"],
+    ("factor", "p"),
+    [
+        ((1.0, 0.7, 1.5), WITHIN),
+        ((0.5, 0.2, 0.9), BELOW),
+        ((2.0, 0.5, 9.0), WITHIN),
+        ((5.0, 4.0, 6.0), WITHIN),
+        ((None, None, None), UNTESTED),
+    ],
+    ids=["right", "cautious", "?", "as a right model", "no"],
 )
-def test_nothing_is_recommended_where_nothing_is_surely_wrong(factor):
+def test_nothing_is_recommended_where_nothing_is_surely_wrong(factor, p):
     """However much a remedy would buy."""
-    assert recommended(measured(score("remedy", 5.0, sure=4.0), judged=judged(factor))) is None
+    assert recommended(measured(score("remedy", 5.0, sure=4.0), judged=judged(factor, p))) is None
 
 
 class Leak(NamedTuple):
@@ -215,39 +235,39 @@ def test_where_no_cause_is_named_it_is_said_why(parts, words):
 
 TITLES = {"remedy": "what it does"}
 WORDS = {
-    "too sure, repaired": (
-        ((3.0, 2.0, 5.0), {}),
+    "overconfident, repaired": (
+        ((3.0, 2.0, 5.0), ABOVE, {}),
         [
-            "Beliefs are too sure: in the measuring session at threshold 0.95, active, 30.0% of the decisions",
+            "Beliefs are overconfident: in the measuring session at threshold 0.95, active, 30.0% of the decisions",
             "The remedy that buys most per tap is",
         ],
     ),
-    "too sure, nothing helps": (
-        ((3.0, 2.0, 5.0), {"sure": -1.0}),
-        ["Beliefs are too sure:", "None of the remedies surely helps"],
+    "overconfident, nothing helps": (
+        ((3.0, 2.0, 5.0), ABOVE, {"sure": -1.0}),
+        ["Beliefs are overconfident:", "None of the remedies surely helps"],
     ),
     "unknown": (
-        ((3.0, 0.5, 9.0), {}),
-        ["There are not enough data to tell whether beliefs are right:", "Nothing is recommended: whether anything"],
+        ((3.0, 0.5, 9.0), WITHIN, {}),
+        ["There are not enough data to judge whether beliefs are right:", "Nothing is recommended: whether anything"],
     ),
-    "none stops": (
-        ((None, None, None), {}),
-        ["Whether beliefs are right cannot be told:", "Nothing is recommended: whether anything"],
+    "no doubt": (
+        ((None, None, None), UNTESTED, {}),
+        ["Whether beliefs are right cannot be judged:", "Nothing is recommended: whether anything"],
     ),
     "right, though more could be had": (
-        ((1.0, 0.7, 1.5), {}),
+        ((1.0, 0.7, 1.5), WITHIN, {}),
         [
             "Beliefs are as right as they say:",
             "Nothing has to be repaired. “remedy” (what it does) would still buy 0.05",
         ],
     ),
     "right, nothing to be had": (
-        ((1.0, 0.7, 1.5), {"sure": -1.0}),
+        ((1.0, 0.7, 1.5), WITHIN, {"sure": -1.0}),
         ["Beliefs are as right as they say:", "Nothing is recommended: nothing has to be repaired"],
     ),
     "cautious": (
-        ((0.5, 0.2, 0.8), {"sure": -1.0}),
-        ["Beliefs are not too sure:", "Nothing is recommended: nothing has to be repaired"],
+        ((0.5, 0.2, 0.8), BELOW, {"sure": -1.0}),
+        ["Beliefs are cautious:", "Nothing is recommended: nothing has to be repaired"],
     ),
 }
 
@@ -255,14 +275,15 @@ WORDS = {
 @pytest.mark.parametrize(("given", "words"), WORDS.values(), ids=WORDS)
 def test_the_verdict_in_words(given, words):
     """How beliefs are, the cause as it was given, and what follows, in three sentences with their numbers."""
-    factor, changes = given
-    remedies = measured(score("remedy", **changes), judged=judged(factor))
+    factor, p, changes = given
+    remedies = measured(score("remedy", **changes), judged=judged(factor, p))
     first, cause, last = verdict(Cause(None, "The cause."), remedies, 0.95, TITLES, "mm")
     assert first.startswith(words[0])
     assert cause == "The cause."
     assert last.startswith(words[1])
     if factor[0] is not None:
         assert f"{factor[0]:.2g} ({factor[1]:.2g} to {factor[2]:.2g}) times as often" in first
+        assert first.endswith("; a right model on 20 taps per class gives 1.1 (0.6 to 1.9).")
 
 
 def test_the_sentence_of_a_remedy_has_its_numbers():
@@ -275,16 +296,19 @@ def test_the_sentence_of_a_remedy_has_its_numbers():
         "it takes 7.5 taps, with a factor of 1.",
     ):
         assert words in last
-    assert "stay too sure" not in last
-    worse = measured(score("remedy", factor=(2.0, 1.5, 3.0)))
-    assert verdict(Cause(None, ""), worse, 0.95, TITLES, "mm")[-1].endswith("Beliefs stay too sure with it.")
+    assert "stay overconfident" not in last
+    for low, stays in ((1.8, False), (2.0, True)):  # a right model gives up to 1.9
+        worse = measured(score("remedy", factor=(2.5, low, 3.0)))
+        said = verdict(Cause(None, ""), worse, 0.95, TITLES, "mm")[-1]
+        assert said.endswith("Beliefs stay overconfident with it.") == stays
     bare = measured(score("remedy", change=None, error=None, factor=(None, None, None)), n=1)
     assert verdict(Cause(None, ""), bare, 0.95, TITLES, "mm")[-1].endswith("(0.3 to 0.7, over 1 tap).")
 
 
-def test_few_taps_are_judged_after_a_fixed_number():
-    """The sentence then speaks of that number, and of why."""
-    first = verdict(Cause(None, ""), measured(judged=judged(taps=1)), 0.95, {}, "mm")[0]
-    assert first.startswith("Beliefs are too sure: after 1 tap, passive, 30.0% of the decisions are wrong")
-    assert "as the beliefs then say" in first
-    assert first.endswith("would repeat the few measuring taps of a class.")
+def test_too_few_taps_are_named():
+    """After the numbers; where nothing could be simulated no reference is given."""
+    first = verdict(Cause(None, ""), measured(judged=judged(few="There are too few.", median=np.nan)), 0.95, {}, "mm")[
+        0
+    ]
+    assert first.endswith("(2 to 5) times as often as the beliefs say. There are too few.")
+    assert "right model" not in first

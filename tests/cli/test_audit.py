@@ -86,7 +86,15 @@ def test_the_folder_holds_everything(three):
     assert summary["files"] == {"Training taps": 96, "tuning taps": 96, "measuring taps": 96}
     assert summary["simulated"] is True
     assert summary["grid"] == {"L": 4, "M": 3}
+    for one in (summary["verdict"]["evidence"]["judged"], summary["miscalibration"]["evidence"]["judged"]):
+        for beside in (one["beside"], *(each["beside"] for each in one["each"].values())):
+            assert set(beside) == {"value", "median", "low", "high", "above", "below"}
+    rods = list(summary["miscalibration"]["evidence"]["at_stopping"]["each"])
+    assert list(one["each"]) == rods
+    assert list(summary["miscalibration"]["evidence"]["exceeded"]) == ["all", *rods]
     page = (three.folder / "report.html").read_text()
+    assert f"a right model on {one['taps']} taps per class gives" in page
+    assert page.count("<td>no") + page.count("<td><b>yes</b>") >= 4
     for sentence in summary["verdict"]["sentences"]:
         assert re.sub(r"\W+", " ", sentence.split("(")[0]).strip() in re.sub(r"\W+", " ", page)
     assert "nan" not in re.sub(r"<[^>]*>", " ", re.sub(r"(?s)<(svg|style|script).*?</\1>", "", page)).lower().split()

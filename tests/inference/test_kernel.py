@@ -128,6 +128,87 @@ def test_trials_of_any_size_and_depth_are_those_of_the_reference(
     assert_same(table, plan, thresholds, theta_x, border, deadline, seed)
 
 
+def fresh_trial(table, where, what, fixation, stream, thresholds, theta_x, border, deadline, seed):
+    """A trial on fresh taps by the reference equations: its taps in order, and its row at each threshold.
+
+    Each tap takes one of those that are left of the class, which then stand in the order of Fisher and Yates.
+    """
+    pool, words = table.pool, draws.words(seed, stream, kernel.TAPS, 0, deadline)[0]
+    L = len(table.log_prior)
+    left = [list(pool.order[pool.first[l, what] : pool.first[l, what] + pool.count[l, what]]) for l in range(L)]
+    log_belief, at, open_, rows, drawn = table.log_prior, int(pool.nearest[where, what]), list(thresholds), {}, []
+    clamped, substituted, row, near = 0, int(at != where), (), np.inf
+    for tap, word in enumerate(words.tolist()):
+        if not left[at]:
+            return drawn, rows | dict.fromkeys(open_, (*row[:4], False, clamped, substituted, row[4], True)), near
+        chosen = word * len(left[at]) >> 32
+        left[at][0], left[at][chosen] = left[at][chosen], left[at][0]
+        drawn.append(int(left[at].pop(0)))
+        log_belief, _ = reference.update_log(log_belief, table.log_likelihood[drawn[-1]])
+        belief = np.exp(log_belief)
+        where_marginal, what_marginal = reference.where_marginal(belief), reference.what_marginal(belief)
+        near = min([near, margin(where_marginal, theta_x)] + [margin(what_marginal, theta) for theta in open_])
+        row = (tap + 1, int(what_marginal.argmax()), int(where_marginal.argmax()), at, what_marginal.max())
+        for theta in list(open_):
+            stops = reference.what_decision(belief, theta) is not None
+            if stops or tap == deadline - 1:
+                open_.remove(theta)
+                rows[theta] = (*row[:4], stops, clamped, substituted, row[4], False)
+        believed = reference.where_decision(belief, theta_x) if open_ else None
+        if not open_:
+            break
+        if believed is not None:
+            delta = reference.fixation_move(believed, fixation)
+            log_belief = reference.shift_log(log_belief, delta, border)
+            reached = min(max(at + delta, 0), L - 1)
+            clamped += reached != at + delta
+            at = int(pool.nearest[reached, what])
+            substituted += at != reached
+    return drawn, rows, near
+
+
+@pytest.mark.parametrize("border", BORDERS)
+@pytest.mark.parametrize("theta_x", [0.0, 0.4, 1.0])
+def test_trials_on_fresh_taps_are_those_of_the_reference(border, theta_x):
+    """Classes of 0, 1, 2, 5 and 9 taps: trials stop, meet the deadline or use their class up; none repeats a tap."""
+    rng = np.random.default_rng(11)
+    L, M, deadline, thresholds = 6, 3, 7, (0.97, 0.4, 1.0, 0.8)
+    count = rng.permuted(np.tile([0, 1, 2, 5, 9, 5], (M, 1)), axis=1).T
+    where, what = np.repeat(np.argwhere(count >= 0), count.ravel(), axis=0).T
+    shuffled = rng.permutation(len(where))
+    where, what = where[shuffled], what[shuffled]
+    log_likelihood = 0.8 * rng.normal(size=(len(where), L, M))
+    log_likelihood[np.arange(len(where)), where, what] += 0.7
+    table = TapTable(log_likelihood, tap_pool(where, what, (L, M)), np.full((L, M), -np.log(L * M)))
+    plan = random_plan(rng, table, 150)
+    trials = run_trials(
+        table, plan, thresholds, theta_x=theta_x, border=border, deadline=deadline, seed=5, fresh=True, workers=1
+    )
+    used, by_deadline, visited = 0, 0, 0
+    for i, (l, m, aim, stream) in enumerate(zip(*plan, strict=True)):
+        drawn, rows, near = fresh_trial(table, l, m, aim, stream, thresholds, theta_x, border, deadline, 5)
+        assert len(set(drawn)) == len(drawn)
+        assert near > 1e-12
+        for h, theta in enumerate(thresholds):
+            *decided, belief, used_up = rows[theta]
+            fields = (getattr(trials, name)[i, h] for name in trials._fields)
+            *actual, actual_belief, actual_used_up = fields
+            assert actual == decided
+            assert actual_used_up == used_up
+            assert actual_belief == pytest.approx(belief, abs=1e-12)
+            used += used_up
+            by_deadline += not (rows[theta][4] or used_up)
+        visited += len(set(where[drawn])) > 1
+
+    assert used > 50
+    assert by_deadline > 20
+    assert (visited > 20) == (theta_x < 1)
+    assert trials.stopped.any()
+    if theta_x == 0:
+        assert trials.clamped.max() > 0
+        assert trials.substituted.max() > 1
+
+
 @pytest.mark.parametrize("border", BORDERS)
 @pytest.mark.parametrize("theta_x", [0.0, 0.7, 1.0])
 def test_ten_thousand_taps(border, theta_x):

@@ -67,9 +67,17 @@ def play(table, plan):
     """Runs the planned trials, each variant once."""
 
     @cache
-    def run(theta_x=0.0, border="uniform", thetas=THETAS, deadline=DEADLINE, device="cpu"):
+    def run(theta_x=0.0, border="uniform", thetas=THETAS, deadline=DEADLINE, device="cpu", fresh=False):
         return run_trials(
-            table, plan, thetas, theta_x=theta_x, border=border, deadline=deadline, seed=SEED, device=device
+            table,
+            plan,
+            thetas,
+            theta_x=theta_x,
+            border=border,
+            deadline=deadline,
+            seed=SEED,
+            device=device,
+            fresh=fresh,
         )
 
     return run
@@ -122,13 +130,48 @@ def test_the_cases_above_are_not_trivial(play):
     assert passive.clamped.max() == 0
 
 
+@pytest.mark.parametrize("fresh", [False, True])
 @pytest.mark.parametrize("workers", [1, 2, 5])
 @pytest.mark.parametrize("piece", [1, 7])
-def test_trials_do_not_depend_on_pieces_and_threads(monkeypatch, table, plan, play, piece, workers):
+def test_trials_do_not_depend_on_pieces_and_threads(monkeypatch, table, plan, play, piece, workers, fresh):
     """How trials are cut into pieces and who plays them changes the speed only."""
     monkeypatch.setattr(montecarlo, "_AT_ONCE", piece)
+    options = {"deadline": DEADLINE, "seed": SEED, "workers": workers, "fresh": fresh}
 
-    assert_same(play(), run_trials(table, plan, THETAS, theta_x=0.0, deadline=DEADLINE, seed=SEED, workers=workers))
+    assert_same(play(fresh=fresh), run_trials(table, plan, THETAS, theta_x=0.0, **options))
+
+
+@pytest.mark.parametrize("theta_x", [0.0, 1.0])
+def test_the_first_fresh_tap_is_that_of_trials_with_replacement(play, theta_x):
+    """Later ones differ."""
+    fresh, replaced = (play(theta_x, deadline=1, fresh=value) for value in (True, False))
+    assert_same(fresh, replaced)
+    assert not np.array_equal(play(theta_x, fresh=True).taps, play(theta_x).taps)
+
+
+def test_fresh_trials_end_where_a_class_is_used_up(table, plan, play):
+    """A passive trial has as many taps as its class at most, and with enough of them none is used up."""
+    passive = play(1.0, fresh=True)
+    count = table.pool.count[table.pool.nearest[plan.where, plan.what], plan.what]
+    never = THETAS.index(1.0)
+
+    assert passive.taps[:, never].tolist() == count.tolist()
+    assert passive.used_up[:, never].all()
+    assert not (passive.used_up & passive.stopped).any()
+    assert not play(1.0).used_up.any()
+    most = play(1.0, deadline=2, fresh=True)
+    assert most.used_up[:, never].tolist() == (count < 2).tolist()
+    where = np.where(np.arange(COUNT.sum()) < 35, np.arange(COUNT.sum()) % 5, -1)
+    enough = table._replace(pool=tap_pool(where, 0 * where, (5, 3)))  # seven of each class
+    start = TrialPlan(plan.where, 0 * plan.what, plan.fixation, plan.stream)
+    for deadline, some in ((7, False), (8, True)):
+        found = run_trials(enough, start, THETAS, theta_x=1.0, deadline=deadline, seed=SEED, fresh=True)
+        assert found.used_up.any() == some
+
+
+def test_fresh_trials_are_played_on_the_processor_only(table, plan):
+    with pytest.raises(InputError, match="on fresh taps are played on the cpu only, not on 'xla-cpu'"):
+        run_trials(table, plan, THETAS, theta_x=0.0, fresh=True, device="xla-cpu")
 
 
 @pytest.mark.parametrize(
@@ -142,7 +185,8 @@ def test_arrays_decide_as_loops_do(monkeypatch, play, theta_x, border, slots):
     assert_same(play(theta_x, border), play.__wrapped__(theta_x, border, device="xla-cpu"))
 
 
-def test_trials_do_not_depend_on_their_company(table, plan, play):
+@pytest.mark.parametrize("fresh", [False, True])
+def test_trials_do_not_depend_on_their_company(table, plan, play, fresh):
     """A part of the plan gives that part of the trials; random numbers belong to streams, not to places."""
     chosen = np.arange(TRIALS)[::-2]
     part = run_trials(
@@ -152,16 +196,18 @@ def test_trials_do_not_depend_on_their_company(table, plan, play):
         theta_x=0.0,
         deadline=DEADLINE,
         seed=SEED,
+        fresh=fresh,
     )
 
-    assert_same(type(part)(*(field[chosen] for field in play())), part)
+    assert_same(type(part)(*(field[chosen] for field in play(fresh=fresh))), part)
 
 
-def test_one_trajectory_answers_every_threshold(play):
+@pytest.mark.parametrize("fresh", [False, True])
+def test_one_trajectory_answers_every_threshold(play, fresh):
     """Each threshold alone gives its column."""
-    together = play()
+    together = play(fresh=fresh)
     for h, theta in enumerate(THETAS):
-        alone = play(thetas=(theta,))
+        alone = play(thetas=(theta,), fresh=fresh)
         assert_same(type(alone)(*(field[:, [h]] for field in together)), alone)
 
 

@@ -1,0 +1,40 @@
+"""What of an audit goes into `audit.json`: objects with the names of their fields."""
+
+import json
+
+import numpy as np
+from solidtouch.analysis.audit_summary import _clean, _judged, _promise
+from solidtouch.analysis.guarantees import Promise
+from solidtouch.analysis.remedy_scores import Judged
+from solidtouch.analysis.right_model import Beside
+
+
+def test_what_stands_beside_a_factor_has_names():
+    """Of all objects and of each; without a number there is none."""
+    every, own = Beside(3.2, 2.9, 1.9, 4.4, 0.2, 0.9), Beside(np.nan, 1.0, 0.5, 2.0, 1.0, 1.0)
+    judged = Judged((3.2, 2.0, 5.0), 0.1, every, True, {"rod": ((None, None, None), own)}, 60, "Few.")
+    found = _clean(_judged(judged))
+    assert found == {
+        "factor": [3.2, 2.0, 5.0],
+        "wrong": 0.1,
+        "beside": {"value": 3.2, "median": 2.9, "low": 1.9, "high": 4.4, "above": 0.2, "below": 0.9},
+        "exact": True,
+        "each": {
+            "rod": {
+                "factor": [None, None, None],
+                "beside": {"value": None, "median": 1.0, "low": 0.5, "high": 2.0, "above": 1.0, "below": 1.0},
+            }
+        },
+        "taps": 60,
+        "few": "Few.",
+    }
+    json.dumps(found, allow_nan=False)
+
+
+def test_a_promise_says_beside_what_it_is_exceeded():
+    """Nothing where nothing was simulated."""
+    assert _promise(Promise(exceeded=False)) == {"exceeded": False, "beside": None}
+    assert _promise(Promise(True, Beside(2.0, 1.0, 0.5, 1.5, 0.01, 1.0))) == {
+        "exceeded": True,
+        "beside": {"value": 2.0, "median": 1.0, "low": 0.5, "high": 1.5, "above": 0.01, "below": 1.0},
+    }
