@@ -30,7 +30,7 @@ class Outcomes[T](NamedTuple):
         passive: By sensing position.
         active: By the position of the start, at the default fixation point; `None` where nothing can be acted on.
         difference: Passive minus active, trial by trial, by the position of the start; likewise.
-        fixations: By fixation point, averaged over starts; likewise, and for trials on fresh taps.
+        fixations: By fixation point, averaged over the same fewer starts; likewise, and for trials on fresh taps.
     """
 
     passive: T
@@ -78,10 +78,12 @@ class Plans(NamedTuple):
             trials are the same ones without moves.
         others: At every other fixation point the first few of each position, in equal numbers; `None` where nothing
             can be acted on.
+        compared: Which of `starts` the others repeat, so that fixation points compare in pairs, shape (n,).
     """
 
     starts: TrialPlan
     others: TrialPlan | None
+    compared: NDArray[np.intp]
 
 
 def make_plans(
@@ -107,11 +109,13 @@ def make_plans(
         for l in positions
     ]
     if not acts:
-        return Plans(join_plans(by_position), None)
+        return Plans(join_plans(by_position), None, np.empty(0, np.intp))
     each = min(trials, max(fewest, -(-trials // len(positions))))
-    few = join_plans([TrialPlan(*(column[:each] for column in plan)) for plan in by_position])
+    starts = join_plans(by_position)
+    compared = np.flatnonzero(np.arange(len(starts.where)) % trials < each)
+    few = TrialPlan(*(column[compared] for column in starts))
     others = [few._replace(fixation=np.full_like(few.fixation, l)) for l in range(pool.count.shape[0]) if l != fixation]
-    return Plans(join_plans(by_position), join_plans(others))
+    return Plans(starts, join_plans(others), compared)
 
 
 def most_trials(grid: ClassGrid, settings: "Settings", acts: bool, resamples: int) -> int:
@@ -186,7 +190,7 @@ def play_policies(
 
 def _outcomes(plans: Plans, play: Play, grid: ClassGrid, *, fresh: bool) -> tuple[Outcomes[Means], list[Trials]]:
     """What came of the trials, and the trials that started everywhere, passive and active."""
-    starts, others = plans
+    starts, others, compared = plans
     passive = play(starts, False, fresh)
     by_start = partial(mean_outcomes, plan=starts, place=starts.where, grid=grid)
     if others is None:
@@ -197,7 +201,9 @@ def _outcomes(plans: Plans, play: Play, grid: ClassGrid, *, fresh: bool) -> tupl
     plan = join_plans([starts, others])
     trials = play(plan, True, False)
     active = Trials._make(column[: len(starts.where)] for column in trials)
-    fixations = mean_outcomes(trials, plan, plan.fixation, grid)
+    rows = np.concatenate([compared, np.arange(len(starts.where), len(plan.where))])
+    paired = TrialPlan(*(column[rows] for column in plan))
+    fixations = mean_outcomes(Trials._make(column[rows] for column in trials), paired, paired.fixation, grid)
     return Outcomes(by_start(passive), by_start(active), by_start(passive, minus=active), fixations), [passive, active]
 
 

@@ -238,6 +238,8 @@ def results_tree(request: Request, results: Results) -> xr.DataTree:
     if results.stored.fixations is not None and results.by_fixation is not None:
         groups["active/data_sets"] = _without_resamples(results.stored.fixations)
         groups["active/by_fixation"] = results.by_fixation
+    if results.stored.active is not None:
+        groups["active/by_start"] = metrics.by_place(results.stored.active, results.spread)
     groups |= {f"{policy}/curve": curve for policy, curve in results.curves.items()}
     groups |= {f"{policy}/fresh": curve for policy, curve in results.fresh_curves.items()}
     passive, active = results.confusions
