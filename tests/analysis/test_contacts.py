@@ -132,8 +132,8 @@ def test_one_data_set_has_intervals_of_resamples():
         [Accuracy(1, 1, np.array([[0.5, 1.0, 0.9]]), np.array([4.0]), resampled=resampled)], Spread(1.2)
     )
 
-    assert summary["joint_low"] == pytest.approx(0.5 - 1.2 * 0.095)
-    assert summary["joint_high"] == pytest.approx(0.5 + 1.2 * 0.095)
+    assert summary["joint_low"] == pytest.approx(0.5 - 1.2 * 0.1)
+    assert summary["joint_high"] == pytest.approx(0.5 + 1.2 * 0.1)
     assert (summary["where_low"], summary["where_high"]) == (1.0, 1.0)
     assert summary["what_high"] == 1.0
 
