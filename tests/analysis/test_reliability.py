@@ -246,15 +246,16 @@ def test_promises_of_many_objects_are_simulated_often_enough(monkeypatch):
     _, table, promises = promising(p, 40, 1, power=4.0)
     asked = []
 
-    def simulated(*_, simulations, **__):
-        asked.append(simulations)
+    def simulated(*_, simulations, **more):
+        asked.append((simulations, more["border"], more["theta_x"], more["fixation"], more["deadline"]))
         return Reference(np.zeros((simulations, 1, 4)), np.zeros((simulations, 1, 4)))
 
     monkeypatch.setattr("solidtouch.analysis.guarantees.simulate", simulated)
     right, _, _ = promising(p, 40, 1)
     found = exceeded(promises, right, table, "passive", 0.8, simulations=9)
+    exceeded(promises, right, table, "active", 0.8, simulations=99, fixation=3, theta_x=0.2)
 
-    assert asked == [79]
+    assert asked == [(79, "clamp", 1.0, 1, 100), (99, "clamp", 0.2, 3, 100)]
     assert found[EVERYTHING].beside.above == 1 / 80
     assert found[EVERYTHING].exceeded
 

@@ -145,15 +145,15 @@ def test_data_sets_are_described_as_the_audit_describes_taps():
     model = model_of(L=4, M=3)
     table = data_of(model, 9, 3)
     plan = plan_trials(table.pool, 300, 0)
-    trials = run_trials(table, plan, (0.6, 0.9), theta_x=1.0, deadline=9, border="clamp", fresh=True)
+    trials = run_trials(table, plan, (0.6, 0.8), theta_x=1.0, deadline=4, border="clamp", fresh=True)
     factor, missed = described(trials.what, plan.what, trials.belief, trials.stopped, 3)
     data = reliability(
         table,
         model.grid,
-        (0.6, 0.9),
+        (0.6, 0.8),
         0,
         trials=300,
-        deadline=9,
+        deadline=4,
         border="clamp",
         contacts=(),
         resamples=1,
@@ -163,6 +163,7 @@ def test_data_sets_are_described_as_the_audit_describes_taps():
     np.testing.assert_allclose(factor, at.factor.transpose("theta", "what"))
     for h in range(2):
         wrong = (trials.what[:, h] != plan.what) & trials.stopped[:, h]
+        assert 0 < wrong.sum() < trials.stopped[:, h].sum() < 300
         assert missed[h, 0] == pytest.approx(wrong.sum() / trials.stopped[:, h].sum())
         for m in range(3):
             assert missed[h, 1 + m] == pytest.approx(wrong[plan.what == m].mean())
