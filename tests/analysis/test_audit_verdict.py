@@ -163,7 +163,7 @@ def split(classes=12, effect=(2.0, 1.5, 2.5), covariate_p=0.001, suspects=(), **
     return data
 
 
-TIRED, RESTED, UNTESTED = ({"suspects": [("grip", p, 0.1)]} for p in (0.001, 0.02, np.nan))
+TIRED, RESTED, NO_TEST = ({"suspects": [("grip", p, 0.1)]} for p in (0.001, 0.02, np.nan))
 FIRST = {
     "leakage before all": ((Leak(("what",)), split(session=0.9), 0.001, 3.0, "overconfident"), "leakage"),
     "the largest": ((Leak(), split(common=0.3, gain=0.5), 0.5, 50.0, "overconfident"), "gain"),
@@ -177,7 +177,7 @@ FIRST = {
     "parts that are no causes": ((Leak(), split(independent=0.4, rest=0.6, serial=0.3), 0.5, 50.0, "right"), None),
     "a suspect": ((Leak(), split(**TIRED, gain=0.3, covariate_grip=0.4), 0.5, 50.0, "right"), "covariate grip"),
     "a suspect that may be none": ((Leak(), split(**RESTED, gain=0.3, covariate_grip=0.4), 0.5, 50.0, "right"), "gain"),
-    "a suspect without test": ((Leak(), split(**UNTESTED, gain=0.3, covariate_grip=0.4), 0.5, 50.0, "right"), "gain"),
+    "a suspect without test": ((Leak(), split(**NO_TEST, gain=0.3, covariate_grip=0.4), 0.5, 50.0, "right"), "gain"),
     "few classes": ((Leak(), split(classes=3, order=0.6), 0.5, 50.0, "right"), None),
     "order that may be none": ((Leak(), split(covariate_p=0.02, order=0.7, gain=0.2), 0.5, 50.0, "right"), "gain"),
     "sessions of few classes": ((Leak(), split(classes=3, order=0.7, session=0.6), 0.002, 50.0, "right"), "session"),
