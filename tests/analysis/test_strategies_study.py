@@ -283,6 +283,17 @@ def test_recordings_are_compared_over_sessions_or_resampled_taps(make_taps, tmp_
     assert equal(summary, FIXED, "random")[0]["way_low"] > 0
 
 
+def test_intervals_of_one_recording_hold_its_taps_and_not_only_trials(make_taps, tmp_path):
+    """With four test taps of a class: 0.11 mm would be that of 400 trials."""
+    make_taps(sessions=2, repeats=4).save(tmp_path / "two.nc")
+    bench, passive = (
+        recorded_bench(tmp_path / "two.nc")._replace(powers=("J",)),
+        StrategySettings(trials=400, deadline=10, strategies=("passive", BASE)),
+    )
+    rows = equal(summarise([strategy_study(bench, passive, no_progress)], passive, DESCRIBED), FIXED, "passive")
+    assert all(row["where_error_high"] - row["where_error"] > 0.17 for row in rows)
+
+
 @pytest.mark.slow
 def test_random_moves_err_more_than_the_fixation_point_on_paper():
     """At equal numbers of taps, as a baseline should."""

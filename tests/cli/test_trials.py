@@ -124,7 +124,8 @@ def test_intervals_are_over_taps_and_not_over_trials(files, command, tmp_path):
     words = " ".join(printed.split())
 
     np.testing.assert_allclose(widths[0], widths[1], rtol=1e-6)
-    assert (kept["what_error_high"] - kept["what_error_low"] > 20 * kept["what_error_se"]).all()
+    late = kept.isel(theta=1)
+    assert late["what_error_high"] - late["what_error_low"] > 100 * late["what_error_se"]  # 31 by trials alone
     np.testing.assert_allclose(kept["fresh_taps"], played.taps.mean(axis=0), rtol=0.1)
     np.testing.assert_allclose(kept["fresh_used_up"], played.used_up.mean(axis=0), atol=0.04)
     assert (kept["fresh_taps_low"] < kept["fresh_taps"]).all()
