@@ -139,7 +139,7 @@ def resampled_pools(table: TapTable, resamples: int, seed: int) -> Iterator[TapP
     for _ in range(resamples):
         sessions = generator.integers(len(groups), size=len(groups)) if len(groups) > 1 else (0,)
         drawn = np.concatenate([groups[s].drawn(generator) for s in sessions])
-        yield pool
+        yield pool_of(taps[drawn], cell[drawn], pool.nearest.shape)
 
 
 def play_resamples[T](
