@@ -16,6 +16,7 @@ from ..inference.reference import ZeroEvidenceError
 from ..inference.resampling import CONFIDENCE, resampled_pools, spread
 from ..inference.saturation import share, temper
 from ..inference.trial_plan import TapTable
+from ..models import seeds
 from ..models.errors import InputError
 from ..models.states import log_fold
 from .compare_pairing import check_tables, reference_name, with_intervals
@@ -122,10 +123,10 @@ def class_scores(
     pools = list(resampled_pools(table, resamples, seed))
     answered, samples, classes, count = [], [], [], []
     for n in dict.fromkeys(contacts):
-        sequences = _draw(pools[0], session, n, np.random.default_rng([seed, n]))
+        sequences = _draw(pools[0], session, n, seeds.generator(seed, seeds.Purpose.CONTACT_SCORES, n, 0))
         if sequences is None:
             continue
-        generator = np.random.default_rng([seed, n, 1])
+        generator = seeds.generator(seed, seeds.Purpose.CONTACT_SCORES, n, 1)
         drawn = (sequences, *(_draw(pool, session, n, generator, _RESAMPLE_DRAWS) for pool in pools[1:]))
         samples.append(
             [

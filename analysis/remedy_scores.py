@@ -21,6 +21,7 @@ from ..inference.montecarlo import THRESHOLDS
 from ..inference.resampling import CONFIDENCE, Spread, resampled_pools, spread, taps_per_class
 from ..inference.saturation import share, temper
 from ..inference.trial_plan import TapTable, tap_table
+from ..models import seeds
 from ..models.classes import ClassGrid
 from ..models.errors import InputError
 from ..models.model import TapModel
@@ -281,7 +282,7 @@ def _log_beliefs(
     table: TapTable, remedy: Remedy, *, grid: ClassGrid, taps: TapSet, n: int, seed: int, pool_of: TapTable
 ) -> NDArray[np.float64]:
     """Mean log belief in what is true after n taps: of the taps as they are, then of resamples; shape (1 + R,)."""
-    generator = np.random.default_rng([seed, 7])
+    generator = seeds.generator(seed, seeds.Purpose.REMEDY_SCORES)
     means = []
     for number, pool in enumerate(resampled_pools(pool_of, _RESAMPLES, seed)):
         drawn = _sequences(pool, n, _RESAMPLE_SEQUENCES if number else _SEQUENCES, generator)

@@ -53,6 +53,8 @@ class Purpose(IntEnum):
     COMPONENTS = 31
     ALIKE = 36  # permutations of several strata; their label
     SUSPECTS = 37  # session and half, how many numbers came before
+    CONTACT_SCORES = 36  # of compare; contacts, the taps as they are or resampled
+    REMEDY_SCORES = 37
     # live episodes; episode
     START = 32
     OBJECT = 33

@@ -85,21 +85,32 @@ def test_the_sure_end_holds_for_all_remedies_together(remedies):
     """By Bonferroni's inequality: the more remedies, the lower; deviations are enlarged."""
     rng = np.random.default_rng(0)
     base, beliefs = rng.normal(-1, 0.1, 4001), rng.normal(-0.5, 0.2, 4001)
-    (score, low, high), (gain, gain_low, gain_high), sure = _gains(beliefs, base, Spread(1.2), remedies, is_base=False)
+    (score, low, high), (gain, gain_low, gain_high), sure = _gains(
+        beliefs, base, 0.0, Spread(1.2), remedies, is_base=False
+    )
     spread = 1.2 * (beliefs - base)[1:].std()
     assert (score, gain) == (beliefs[0], beliefs[0] - base[0])
     assert sure == pytest.approx(gain - norm.ppf(1 - 0.025 / remedies) * spread, rel=0.02)
     assert sure <= gain_low < gain < gain_high
     assert [low, high] == pytest.approx([float(end) for end in Spread(1.2).interval(beliefs)])
-    assert _gains(base, base, Spread(1.2), remedies, is_base=True)[1:] == (None, None)
+    assert _gains(base, base, 0.0, Spread(1.2), remedies, is_base=True)[1:] == (None, None)
 
 
 def test_the_sure_end_lies_below_the_interval():
     """Also where resamples are skewed, so that no remedy surely helps whose gain may be none."""
     gains = np.append(0.5, -(np.random.default_rng(0).exponential(size=2000) ** 2))
-    _, (_, low, _), sure = _gains(gains, 0 * gains, Spread(1.0), 1, is_base=False)
+    _, (_, low, _), sure = _gains(gains, 0 * gains, 0.0, Spread(1.0), 1, is_base=False)
     assert low < 0.5 - 1.96 * gains[1:].std()
     assert sure == low
+
+
+def test_gains_by_rounding_are_none():
+    """Nothing surely helps whose beliefs are the same but for the last digits."""
+    base = np.random.default_rng(0).normal(-1, 0.1, 101)
+    for excess, helps in ((1e-12, False), (3e-12, True)):
+        _, gain, sure = _gains(base + excess, base, 2e-12, Spread(1.0), 3, is_base=False)
+        assert (sure > 0) == helps
+        assert (gain == (0, 0, 0)) != helps
 
 
 def at(what, where):

@@ -192,7 +192,8 @@ def test_trials_on_fresh_taps_are_those_of_the_reference(border, theta_x):
         for h, theta in enumerate(thresholds):
             *decided, belief, used_up = rows[theta]
             fields = (getattr(trials, name)[i, h] for name in trials._fields)
-            *actual, actual_belief, actual_used_up = fields
+            *actual, actual_belief, actual_used_up, no_class_left = fields
+            assert not no_class_left
             assert actual == decided
             assert actual_used_up == used_up
             assert actual_belief == pytest.approx(belief, abs=1e-12)

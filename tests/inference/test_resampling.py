@@ -197,7 +197,10 @@ def test_deviations_are_enlarged_by_the_number_of_draws():
     assert spread(table_of(session=lambda i: 0 * i + 5)).factor == pytest.approx(np.sqrt(4 / 3))
     outside = table_of(session=lambda i: np.where(i < 19, 0, i))
     assert spread(outside).factor == pytest.approx(np.sqrt(4 / 3))
-    assert spread(table_of(count=np.eye(2, dtype=int))).factor == 1
+    single = spread(table_of(count=np.eye(2, dtype=int)))
+    assert np.isnan(single.factor)
+    assert "too few for an interval" in single.few
+    assert np.isnan(single.interval(with_estimate(20.0))).all()
 
 
 def test_too_few_taps_are_said():

@@ -20,10 +20,6 @@ EXEMPT = {
     "models/fit_student.py",  # the start of an optimisation, and a key drawn from a generator
     "inference/risk_problem.py",  # hashing
     "inference/episode.py",  # the default for callers in Python
-    "analysis/reliability.py",
-    "analysis/compare_classes.py",
-    "analysis/compare_decisions.py",
-    "analysis/remedy_scores.py",
 }
 
 
