@@ -113,7 +113,7 @@ class RawFilter:
 
     def shift(self, log_belief: NDArray[np.float64], delta: int) -> NDArray[np.float64]:
         """Log belief (L, M) after a move by `delta` where classes; Eq. 9."""
-        return reference.shift_log(log_belief, delta, self.options.border, trained=self.trained)
+        return reference.shift_log(log_belief, delta, self.options.border, self.trained)
 
     def trial(
         self,
@@ -133,34 +133,33 @@ class RawFilter:
             uniforms: A number in [0, 1) for each tap, which picks it from those of the class.
             thresholds: theta_W, increasing.
             deadline: Taps after which the most probable classes are taken.
-
-        Returns:
-            As many decisions as thresholds. A tap that is impossible under every class ends the trial with the belief
-            before it.
         """
         decisions: list[Decision] = []
         log_belief, what = self.log_prior, start[1]
-        here = _nearest_with_tap(taps, *start)
+        here, read = _nearest_with_tap(taps, *start), self.log_prior
         for number in range(1, deadline + 1):
-            tap, none_left = _pick(taps, here, what, next(uniforms)), False
+            ended = False
             try:
-                log_belief, _ = self.update(log_belief, tap)
+                log_belief, _ = self.update(log_belief, _pick(taps, here, what, next(uniforms)))
+                read = reference.saturated(log_belief, number, self.options.saturation)
             except reference.ZeroEvidenceError:
-                none_left = True
-            read = number - none_left
-            belief = np.exp(reference.saturated(log_belief, read, self.options.saturation))
-            marginals = reference.where_marginal(belief), reference.what_marginal(belief)
-            where_map, what_map = (int(marginal.argmax()) for marginal in marginals)
+                ended = True  # what was believed before the tap is all there is
+            belief = np.exp(read)
+            where_map, what_map = (
+                int(reference.where_marginal(belief).argmax()),
+                int(reference.what_marginal(belief).argmax()),
+            )
             for theta in thresholds[len(decisions) :]:
-                stopped = not none_left and reference.what_decision(belief, theta) is not None
-                if not (stopped or none_left) and number < deadline:
+                stopped = not ended and reference.what_decision(belief, theta) is not None
+                if not (stopped or ended) and number < deadline:
                     break
-                ended = here, stopped, none_left
-                decisions.append(Decision(number, what_map, where_map, *ended, float(marginals[1].max())))
+                largest = float(reference.what_marginal(belief).max())
+                decisions.append(Decision(number, what_map, where_map, here, stopped, ended, largest))
             if len(decisions) == len(thresholds):
                 break
             delta = reference.fixation_move(where_map, fixation)
             log_belief = self.shift(log_belief, delta)
+            read = reference.saturated(log_belief, number, self.options.saturation)
             here = _nearest_with_tap(taps, min(max(here + delta, 0), len(self.trained) - 1), what)
         return decisions
 

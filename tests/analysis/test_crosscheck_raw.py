@@ -77,11 +77,21 @@ def test_small_worlds(make_taps, L, M, J, K):
 
 
 def test_a_grid_with_holes(make_taps):
-    """One object has every second position only."""
-    made = make_taps(L=5, M=3)
+    """A checkerboard, and one object with every second position only."""
+    made = make_taps(L=6, M=3)
     where, what = made.indices(made.grid())
 
-    assert check(made.select((what != 1) | (where % 2 == 0)), length=8).passed
+    assert check(made.select((where + what) % 2 == 0), length=8).passed
+    assert check(made.select((what != 1) | (where % 2 == 0)), length=8, border="clamp").passed
+
+
+def test_without_pseudocount_trials_end_without_a_class(make_taps):
+    """For all routes alike."""
+    made = make_taps(L=3, M=2, J=2, K=2)
+    found = check(made, settings=Settings(bins=40, pseudocount=0.0), length=8)
+
+    assert found.passed
+    assert "end early" in " ".join(found.notes)
 
 
 def test_test_taps_may_lie_beyond_the_training_range(taps):

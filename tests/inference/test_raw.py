@@ -73,13 +73,14 @@ def test_a_tap_is_judged_by_its_bins_under_the_power(power, exponent):
     np.testing.assert_allclose(np.exp(log_evidence), weight.sum(), rtol=1e-13)
 
 
-def test_a_move_carries_the_belief(learned):
-    """Under the border of the options."""
-    clamped = RawFilter.learn(TRAIN, (L, M), Options(bins=B, border="clamp"))
-    log_belief = np.log(np.full((L, M), 1 / 6))
+@pytest.mark.parametrize("border", ["uniform", "clamp"])
+def test_a_move_carries_the_belief(border):
+    """Within the trained classes, under the border of the options."""
+    learned = RawFilter.learn(TRAIN, (L, M), Options(bins=B, border=border))
+    log_prior = learned.log_prior
 
-    np.testing.assert_allclose(learned.shift(log_belief, 1), reference.shift_log(log_belief, 1, "uniform"))
-    np.testing.assert_allclose(clamped.shift(log_belief, 1), reference.shift_log(log_belief, 1, "clamp"))
+    expected = reference.shift_log(log_prior, 1, border, learned.trained)
+    np.testing.assert_array_equal(learned.shift(log_prior, 1), expected)
 
 
 @pytest.mark.parametrize(("taps", "limit", "power"), [(1, 2.0, 1.0), (2, 2.0, 1.0), (8, 2.0, 0.25), (5, np.inf, 1.0)])
@@ -120,6 +121,15 @@ def test_a_trial_picks_its_taps_by_the_numbers():
     assert seen == [0.0, 1.0, 2.0, 3.0]
 
 
+def test_a_trial_ends_where_no_class_is_left():
+    """Undecided, with what was believed before the tap."""
+    learned = RawFilter.learn(CLEAR, (3, 2), Options(bins=6, pseudocount=0.0, power="none"))
+    strange = CLEAR._replace(samples=np.where(CLEAR.samples == 5.5, [[0.5], [5.5]], CLEAR.samples))
+    (end,) = learned.trial(strange, (0, 1), 2, iter([0.0, 0.0]), [1.0], 9)
+
+    assert end == (2, 1, 2, 2, False, True, 1.0)
+
+
 def test_saturation_delays_a_trial():
     """What is read after n taps is never surer than after the limit."""
     samples = np.array([0.0, 1.0, 0.0, 1.0, 0.0])[:, None, None]
@@ -132,3 +142,14 @@ def test_saturation_delays_a_trial():
     assert ends[0].stopped
     assert (ends[1].taps, ends[1].stopped) == (9, False)
     assert ends[1].belief == pytest.approx(2.01 / 3.02 / (2.01 / 3.02 + 0.5))
+
+
+@pytest.mark.parametrize("limit", [np.inf, 0.5])
+def test_a_first_tap_may_leave_no_class(limit):
+    """Then the answer is the prior's, whatever the saturation."""
+    learned = RawFilter.learn(CLEAR, (3, 2), Options(bins=6, pseudocount=0.0, power="none", saturation=limit))
+    strange = CLEAR._replace(samples=np.broadcast_to([[0.5], [5.5]], CLEAR.samples.shape))
+    (end,) = learned.trial(strange, (1, 1), 2, iter([0.0]), [1.0], 9)
+
+    assert end[:6] == (1, 0, 0, 1, False, True)
+    assert end.belief == pytest.approx(0.5)
