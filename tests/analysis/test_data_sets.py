@@ -48,12 +48,16 @@ def seen(monkeypatch):
     """Seeds that trials are played with; they end there."""
     seeds = []
 
-    def last(*arguments):
-        seeds.append(arguments[-1])
+    def reading(reading, table, test, grid, theta_x, trials, seed, first_stream=0):
+        seeds.append(seed)
         raise _EnoughError
 
-    monkeypatch.setattr(sensitivity, "play_reading", last)
-    monkeypatch.setattr(strategies_study, "plan_trials", last)
+    def plan(pool, trials, seed, **_):
+        seeds.append(seed)
+        raise _EnoughError
+
+    monkeypatch.setattr(sensitivity, "play_reading", reading)
+    monkeypatch.setattr(strategies_study, "plan_trials", plan)
     return seeds
 
 

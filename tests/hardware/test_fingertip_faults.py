@@ -249,7 +249,7 @@ def test_an_error_of_the_board_makes_taxels_invalid(bench):
 
 def test_a_flipped_bit_never_raises(bench):
     skin = bench.started()
-    bench.faults.on("flip_bits", rate=0.3, count=3)
+    bench.faults.on("flip_bits", rate=0.2, count=3)
     for _ in range(5):
         skin.monitor.verdict(bench.readings(20))
 

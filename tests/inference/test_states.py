@@ -37,6 +37,7 @@ class NumberedTaps:
     grid = ClassGrid(1.5 * np.arange(L), "mm", None, tuple((f"object {m}",) for m in range(M)))
     preprocessing = Preprocessing(samples=1)
     saturation = np.inf
+    trained = np.ones((L, M), dtype=bool)
 
     def log_likelihood(self, taps):
         return self.known[np.asarray(taps)[:, 0, 0].astype(int)]
