@@ -9,7 +9,7 @@ import xarray as xr
 
 from ..inference.episode import DEADLINE
 from ..inference.montecarlo import THRESHOLDS
-from ..inference.reference import Border, ZeroEvidenceError
+from ..inference.reference import Border
 from ..inference.tempering import fit_tempered
 from ..inference.trial_plan import TapTable, tap_table
 from ..models.bins import bin_edges
@@ -116,7 +116,6 @@ def compare(train: TapSet, test: TapSet, grid: ClassGrid, settings: CompareSetti
 
     Raises:
         InputError: No model could be fitted, no test tap belongs to a class that all know, or a setting is wrong.
-        ZeroEvidenceError: A test tap is impossible under every class of a model.
     """
     _check(settings)
     clock = Clock(progress)
@@ -133,12 +132,7 @@ def compare(train: TapSet, test: TapSet, grid: ClassGrid, settings: CompareSetti
             checks = predictive_checks(fits, known, settings.seed, progress=advance)
     with clock.stage("Scoring classes", len(fits)) as advance:
         tables = _tables(fits, shared, advance)
-        try:
-            classes = class_scores(tables, settings.seed)
-        except ZeroEvidenceError as error:
-            if settings.fit.pseudocount > 0:
-                raise
-            raise ZeroEvidenceError(f"{error} A --pseudocount above 0 makes every tap possible.") from error
+        classes = class_scores(tables, settings.seed)
     with clock.stage("Playing trials", planned(len(tables), grid, settings.trials)) as advance:
         played = play_models(
             tables,

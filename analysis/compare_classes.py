@@ -12,9 +12,8 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from ..hardware.pool import TapPool
-from ..inference.reference import ZeroEvidenceError
 from ..inference.resampling import CONFIDENCE, resampled_pools, spread
-from ..inference.saturation import share, temper
+from ..inference.saturation import share
 from ..inference.trial_plan import TapTable
 from ..models import seeds
 from ..models.errors import InputError
@@ -31,7 +30,9 @@ MEANS = {
     "accuracy_where": "fraction of right positions",
     "accuracy_what": "fraction of right objects",
     "impossible": "fraction of sequences whose true class has belief 0",
+    "no_class_left": "fraction of sequences that are impossible under every class",
 }
+IMPOSSIBLE = ("impossible", "no_class_left")
 CALIBRATIONS = {
     "calibration_what": "calibration error of the belief in the most probable object",
     "calibration_where": "calibration error of the belief in the most probable position",
@@ -42,7 +43,7 @@ _DRAWS, _RESAMPLE_DRAWS = 50, 5  # per class
 # Share of the classes that must have n distinct test taps: with fewer, dropping the hard ones would look like growth.
 _ENOUGH = 0.9
 _RESAMPLES = 100
-_AT_ONCE = 1 << 21  # numbers
+_AT_ONCE = 1 << 17  # numbers, about what a core keeps close
 
 
 class _Sequences(NamedTuple):
@@ -65,7 +66,7 @@ class _Scores(NamedTuple):
     """What a model scores on sequences.
 
     Attributes:
-        values: `MEANS` of each sequence in that order, shape (sequences, 8).
+        values: `MEANS` of each sequence in that order, shape (sequences, 9).
         top: Belief in the most probable object and position, shape (sequences, 2).
         hit: Whether these are right, shape (sequences, 2).
     """
@@ -89,8 +90,9 @@ def class_scores(
     some session is left out. What is drawn for one number does not depend on the others.
 
     A log score is -inf where the belief in the true class of some sequence is 0, and stays so: nothing is dropped or
-    floored, and `impossible` tells how many these are. Its interval ends in -inf where resamples do; the difference
-    of two models that both score -inf is NaN.
+    floored, and `impossible` tells how many these are, `no_class_left` how many of them are impossible under every
+    class: these count as wrong, with belief 0 in everything. The interval ends in -inf where resamples do; the
+    difference of two models that both score -inf is NaN.
 
     The calibration error is the mean distance between belief and fraction right, over `CALIBRATION_BINS` bins of
     about equally many sequences by belief, equal beliefs in one bin. Noise makes it larger, by chance and not by
@@ -110,7 +112,6 @@ def class_scores(
 
     Raises:
         InputError: The tables do not hold the same taps, or no number of contacts is left.
-        ZeroEvidenceError: Taps were impossible under every class of a model.
     """
     check_tables(tables)
     if resamples < 1:
@@ -130,7 +131,7 @@ def class_scores(
         drawn = (sequences, *(_draw(pool, session, n, generator, _RESAMPLE_DRAWS) for pool in pools[1:]))
         samples.append(
             [
-                [_UNKNOWN if some is None else _summary(_scores(name, tables[name], some), some) for some in drawn]
+                [_UNKNOWN if some is None else _summary(_scores(tables[name], some), some) for some in drawn]
                 for name in names
             ]
         )
@@ -150,7 +151,7 @@ def class_scores(
             "calibration_bins": CALIBRATION_BINS,
         },
     )
-    how = spread(table)
+    how, independent = spread(table), int(table.pool.count.sum()) / np.array(answered)
     for i, (name, meaning) in enumerate((MEANS | CALIBRATIONS).items()):
         attributes = {"long_name": meaning, "units": "nat" if name.startswith("log_score") else ""}
         result.update(
@@ -163,6 +164,7 @@ def class_scores(
                 how,
                 limits=_limits(name),
                 biased=name in CALIBRATIONS,
+                independent=independent if name.startswith("accuracy") or name in IMPOSSIBLE else None,
             )
         )
     return result
@@ -216,34 +218,32 @@ def _without_replacement(
     return generator.permuted(np.broadcast_to(group, (draws, len(group))), axis=1)[:, :n]
 
 
-def _scores(name: str, table: TapTable, sequences: _Sequences) -> _Scores:
+def _scores(table: TapTable, sequences: _Sequences) -> _Scores:
     step = max(1, _AT_ONCE // table.log_prior.size)
-    parts = []
-    for first in range(0, len(sequences.taps), step):
-        piece = slice(first, first + step)
-        parts.append(_score(name, table, sequences.taps[piece], sequences.where[piece], sequences.what[piece]))
+    pieces = (slice(first, first + step) for first in range(0, len(sequences.taps), step))
+    parts = [_score(table, _Sequences(*(column[piece] for column in sequences))) for piece in pieces]
     return _Scores(*(np.concatenate(column) for column in zip(*parts, strict=True)))
 
 
-def _score(
-    name: str, table: TapTable, taps: NDArray[np.intp], where: NDArray[np.intp], what: NDArray[np.intp]
-) -> _Scores:
-    M, each = table.pool.nearest.shape[1], np.arange(len(taps))
+def _score(table: TapTable, sequences: _Sequences) -> _Scores:
+    """Scores of sequences; where no class is left nothing is believed, so nothing is right."""
+    M, each = table.pool.nearest.shape[1], np.arange(len(sequences.taps))
+    where, what = sequences.where, sequences.what
     log_joint = np.repeat(table.log_prior[np.newaxis], len(each), axis=0)
-    for tap in taps.T:
+    for tap in sequences.taps.T:
         log_joint += table.log_likelihood[tap]
-    log_evidence = np.logaddexp.reduce(log_joint, axis=(1, 2))
-    impossible = np.isneginf(log_evidence)
-    if impossible.any():
-        i = int(impossible.argmax())
-        raise ZeroEvidenceError(
-            f"Test taps of where class {where[i]} and what class {what[i]} are impossible under every class of model "
-            f"{name!r}."
-        )
-    carried = log_joint - log_evidence[:, np.newaxis, np.newaxis]
-    log_belief = log_fold(temper(carried, share(taps.shape[1], table.saturation)), M)
-    log_true, log_what = log_belief[each, where, what], np.logaddexp.reduce(log_belief, axis=1)
+    log_joint *= share(sequences.taps.shape[1], table.saturation)
+    log_belief = log_fold(log_joint, M)
+    top = log_belief.max(axis=(1, 2))
+    none_left = np.isneginf(top)
+    log_belief -= np.where(none_left, 0.0, top)[:, np.newaxis, np.newaxis]
     belief = np.exp(log_belief)
+    total = belief.sum(axis=(1, 2))
+    total[none_left] = 1.0
+    belief /= total[:, np.newaxis, np.newaxis]
+    log_total = np.log(total)
+    log_true = log_belief[each, where, what] - log_total
+    log_what = np.logaddexp.reduce(log_belief[each, :, what], axis=1) - log_total
     by_where, by_what = belief.sum(axis=2), belief.sum(axis=1)
     hits = {
         "joint": belief.reshape(len(each), -1).argmax(axis=1) == where * M + what,
@@ -252,21 +252,22 @@ def _score(
     }
     values = {
         "log_score_joint": log_true,
-        "log_score_what": log_what[each, what],
+        "log_score_what": log_what,
         "brier_joint": (belief**2).sum(axis=(1, 2)) - 2 * np.exp(log_true) + 1,
         "brier_what": (by_what**2).sum(axis=1) - 2 * by_what[each, what] + 1,
-        **{f"accuracy_{part}": hit for part, hit in hits.items()},
+        **{f"accuracy_{part}": hit & ~none_left for part, hit in hits.items()},
         "impossible": np.isneginf(log_true),
+        "no_class_left": none_left,
     }
     return _Scores(
         np.stack([np.asarray(values[key], dtype=np.float64) for key in MEANS], axis=1),
         np.stack([by_what.max(axis=1), by_where.max(axis=1)], axis=1),
-        np.stack([hits["what"], hits["where"]], axis=1).astype(np.float64),
+        np.stack([values["accuracy_what"], values["accuracy_where"]], axis=1).astype(np.float64),
     )
 
 
 def _summary(scores: _Scores, sequences: _Sequences) -> NDArray[np.float64]:
-    """`MEANS` and `CALIBRATIONS` of sequences, shape (10,)."""
+    """`MEANS` and `CALIBRATIONS` of sequences, shape (11,)."""
     weight = sequences.weight / sequences.weight.sum()
     columns = [weight @ scores.values]
     for top, hit in zip(scores.top.T, scores.hit.T, strict=True):

@@ -40,11 +40,13 @@ MEANS = {
     "doubt": "mean of 1 - belief in the decided object",
     "what_wrong": "fraction of trials that decide for a wrong object",
     "used_up": "fraction of trials that end because the stored taps of a class are used up",
+    "no_class_left": "fraction of trials that end with a tap that is impossible under every class still believed in",
 }
 MISCALIBRATION = "fraction of wrong objects over the mean of 1 - belief"
 ERRORS = ("what_error", "where_error", "what_wrong")
 _ROUND = (1.0, 1.5, 2.0, 3.0, 5.0, 7.0)
-_LIMITS = {"taps": (1.0, np.inf), "stopped_fraction": (0.0, 1.0), "what_wrong": (0.0, 1.0), "used_up": (0.0, 1.0)}
+SHARES = ("stopped_fraction", "what_wrong", "used_up", "no_class_left")
+_LIMITS = {"taps": (1.0, np.inf), **dict.fromkeys(SHARES, (0.0, 1.0))}
 
 
 def policies(grid: ClassGrid) -> tuple[str, ...]:
@@ -83,7 +85,7 @@ def play_models(
 
     Returns:
         `MEANS` over (model, policy, theta, resample); resample 0 holds the taps as they are. Attributes `factor`, see
-        `resampling.Spread`, and `taps_per_class`.
+        `resampling.Spread`, `taps_per_class`, `test_taps`, `smallest_what_error` and `smallest_where_error`.
 
     Raises:
         InputError: The tables do not hold the same taps or are not of this grid, or a setting is out of range.
@@ -131,6 +133,9 @@ def play_models(
             "resamples": resamples,
             "factor": spread(table).factor,
             "taps_per_class": taps_per_class(table.pool),
+            "test_taps": int(table.pool.count.sum()),
+            "smallest_what_error": smallest_error(grid.what_error, grid.M),
+            "smallest_where_error": smallest_error(grid.where_error, grid.L),
         },
     )
 
@@ -165,7 +170,8 @@ def decision_curves(played: xr.Dataset, reference: str | None = None) -> xr.Data
     samples["miscalibration"][wrong[..., 0] == 0] = np.nan
     attributes = {name: played[name].attrs for name in MEANS}
     attributes["miscalibration"] = {"long_name": MISCALIBRATION, "units": ""}
-    return _compared(played, samples, "theta", played["theta"].values, reference, attributes)
+    times = played["taps"].values[..., 0]
+    return _compared(played, samples, "theta", played["theta"].values, times, reference, attributes)
 
 
 def at_equal_taps(played: xr.Dataset, taps: ArrayLike | None = None, reference: str | None = None) -> xr.Dataset:
@@ -199,7 +205,7 @@ def at_equal_taps(played: xr.Dataset, taps: ArrayLike | None = None, reference: 
     )
     samples = {name: _interpolated(points, times, np.moveaxis(played[name].values, 2, -1)) for name in ERRORS}
     attributes = {name: played[name].attrs for name in ERRORS}
-    result = _compared(played, samples, "taps", points, reference, attributes)
+    result = _compared(played, samples, "taps", points, points, reference, attributes)
     common = (fastest.max(axis=0)[:, np.newaxis] <= points) & (points <= slowest.min(axis=0)[:, np.newaxis])
     result["common"] = (("policy", "taps"), common)
     result["taps"].attrs = {"long_name": MEANS["taps"], "units": "taps"}
@@ -235,8 +241,14 @@ def decision_interval_sentence() -> str:
     )
 
 
+def smallest_error(error: Callable[[ArrayLike, ArrayLike], NDArray[np.float64]], classes: int) -> float:
+    """The smallest error above 0 that a class can be decided with; 0 where there is none."""
+    errors = error(*np.triu_indices(classes, 1))
+    return float(errors[errors > 0].min(initial=np.inf)) if (errors > 0).any() else 0.0
+
+
 def _means(grid: ClassGrid, trials: Trials, plan: TrialPlan) -> NDArray[np.float64]:
-    """`MEANS` at every threshold, shape (7, H)."""
+    """`MEANS` at every threshold, shape (8, H)."""
     what = plan.what[:, np.newaxis]
     values = {
         "what_error": grid.what_error(trials.what, what),
@@ -246,6 +258,7 @@ def _means(grid: ClassGrid, trials: Trials, plan: TrialPlan) -> NDArray[np.float
         "doubt": np.maximum(1.0 - trials.belief, 0.0),
         "what_wrong": trials.what != what,
         "used_up": trials.used_up,
+        "no_class_left": trials.no_class_left,
     }
     return np.stack([values[name].mean(axis=0) for name in MEANS])
 
@@ -255,15 +268,18 @@ def _compared(
     samples: Mapping[str, NDArray[np.float64]],
     dim: str,
     points: NDArray[np.float64],
+    times: NDArray[np.float64],
     reference: str | None,
     attributes: Mapping[str, dict[str, str]],
 ) -> xr.Dataset:
+    """Quantities of every model with intervals; `times` are mean taps of a decision, broadcast to the quantities."""
     names = [str(name) for name in played["model"].values]
     reference = reference_name(names, reference)
     coords = {name: played[name].values for name in ("model", "policy")}
     result = xr.Dataset(coords={**coords, dim: points}, attrs={**played.attrs, "reference": reference})
     for name, values in samples.items():
         most = 1.0 if attributes[name].get("units") == "P(wrong)" else np.inf
+        seldom = name in ERRORS or name in SHARES
         result.update(
             with_intervals(
                 name,
@@ -273,6 +289,8 @@ def _compared(
                 attributes[name],
                 Spread(played.attrs["factor"]),
                 limits=_LIMITS.get(name, (0.0, most)),
+                independent=played.attrs["test_taps"] / times if seldom else None,
+                smallest=played.attrs.get(f"smallest_{name}", 1.0),
             )
         )
     return result

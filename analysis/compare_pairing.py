@@ -5,9 +5,9 @@ from typing import Any
 
 import numpy as np
 import xarray as xr
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
-from ..inference.resampling import Spread
+from ..inference.resampling import Spread, widened
 from ..inference.trial_plan import TapTable
 from ..models.errors import InputError
 
@@ -67,6 +67,8 @@ def with_intervals(
     *,
     limits: tuple[float, float] = (-np.inf, np.inf),
     biased: bool = False,
+    independent: ArrayLike | None = None,
+    smallest: float = 1.0,
 ) -> xr.Dataset:
     """A quantity of every model and its difference to the reference model, each with an interval.
 
@@ -81,6 +83,9 @@ def with_intervals(
         biased: Whether noise makes the quantity larger, as it does a calibration error. A resample adds as much noise
             again, so that its excess over the estimate says how much too large that may be: the interval reaches
             down by so much more.
+        independent: Of mean errors and proportions: how many decisions are independent, see `resampling.widened`,
+            broadcast to (models, ...).
+        smallest: The smallest error.
 
     Returns:
         `<name>`, `<name>_low`, `<name>_high`, and the same of `<name>_difference`, which is NaN where both models
@@ -99,5 +104,7 @@ def with_intervals(
             excess = np.nan_to_num(np.nanmean(values[..., 1:], axis=-1) - values[..., 0])
             low = np.maximum(low - np.maximum(excess, 0.0), least)
             high = np.minimum(high - np.minimum(excess, 0.0), most)
+        if label == name and independent is not None:
+            low, high = widened(low, high, independent, smallest, most)
         result |= {label: values[..., 0], f"{label}_low": low, f"{label}_high": high}
     return xr.Dataset({key: (dims, values, dict(attributes)) for key, values in result.items()})

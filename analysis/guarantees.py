@@ -24,13 +24,13 @@ from ..inference.control import check_fixation
 from ..inference.episode import DEADLINE
 from ..inference.montecarlo import Trials
 from ..inference.reference import Border
-from ..inference.resampling import CONFIDENCE, RESAMPLES, play_resamples, spread
+from ..inference.resampling import CONFIDENCE, RESAMPLES, play_resamples, spread, widened
 from ..inference.trial_plan import TapTable, TrialPlan
 from ..models.classes import ClassGrid
 from ..models.errors import InputError
 from ..models.model import TapModel
 from .calibration_tests import rejected
-from .reliability import EVERYTHING, TRIALS, Subject, decided_about, independent_decisions, plain, widened
+from .reliability import EVERYTHING, TRIALS, Subject, decided_about, independent_decisions, plain
 from .right_model import LEVEL, SIMULATIONS, Beside, compare, simulate
 
 PROMISED = "power none, border clamp"
@@ -250,7 +250,7 @@ def _described(counts: NDArray[np.float64], subject: Subject) -> dict[str, NDArr
             for row in zip(among[..., 0], per_trial, strict=True)
         ]
     )
-    low, high = widened(*how.interval(share, 0.0, 1.0), independent)
+    low, high = widened(*how.interval(share, 0.0, 1.0), independent, opened=True)
     nothing = np.isnan(share[..., 0])
     low, high = np.where(nothing, np.nan, low), np.where(nothing, np.nan, high)
     return dict(zip(_COUNTED, (share[..., 0], low, high, uncertain, per_trial, ended), strict=True))

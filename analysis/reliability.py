@@ -26,7 +26,7 @@ from ..inference.control import check_fixation
 from ..inference.episode import DEADLINE
 from ..inference.montecarlo import Trials, run_trials
 from ..inference.reference import Border
-from ..inference.resampling import CONFIDENCE, RESAMPLES, Spread, play_resamples, spread
+from ..inference.resampling import CONFIDENCE, RESAMPLES, Spread, play_resamples, spread, widened
 from ..inference.trial_plan import TapTable, TrialPlan, plan_trials
 from ..models.classes import ClassGrid
 from ..models.errors import InputError
@@ -250,26 +250,6 @@ def independent_decisions(pool: TapPool, m: int | None, trials: int, taps: float
     return float(max(1.0, min(trials, count / max(taps, 1.0))))
 
 
-def share_beyond(independent: float) -> float:
-    """The upper end of the interval of a proportion of which no case was seen in so many independent ones.
-
-    Three over their number is the familiar rule for an upper end alone; this is that of a two-sided interval.
-    """
-    return float(1 - ((1 - CONFIDENCE) / 2) ** (1 / independent))
-
-
-def widened(
-    low: NDArray[np.float64], high: NDArray[np.float64], independent: ArrayLike
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """An interval of a proportion that reaches at least so far as not a single case, or cases only, would have it.
-
-    A bootstrap cannot know of what never occurred. Where it knows nothing, its ends NaN, the interval goes from 0 to 1.
-    """
-    beyond = np.vectorize(share_beyond)(independent)
-    low, high = np.where(np.isnan(low), 0.0, low), np.where(np.isnan(high), 1.0, high)
-    return np.minimum(low, 1 - beyond), np.minimum(np.maximum(high, beyond), 1.0)
-
-
 def at_stopping(data: xr.Dataset, policy: str) -> xr.Dataset:
     """What `reliability` says of trials that stop by themselves, with the dim `theta` for `setting`."""
     chosen = (data["policy"] == policy).values & (data["contacts"] == 0).values
@@ -386,7 +366,7 @@ def _described(decisions: Decisions, joined: Sums, theta: float, subject: Subjec
         if name in ("wrong", *RATIOS):
             unit = {"wrong": 1.0, "factor": samples["doubt"][..., 0], "over_promise": 1 - theta}[name]
             with np.errstate(divide="ignore", invalid="ignore"):
-                low, high = (end / unit for end in widened(low * unit, high * unit, independent))
+                low, high = (end / unit for end in widened(low * unit, high * unit, independent, opened=True))
         found |= _with_ends(name, samples[name][..., 0], low, high)
     found |= _curve(joined.curve, size, independent, how)
     found["confusion"] = np.array(
@@ -420,7 +400,7 @@ def _curve(
         trials = count[..., 0]
         share = trials / trials.sum(axis=2, keepdims=True)
     low, high = how.interval(right, 0.0, 1.0)
-    low, high = widened(low, high, np.maximum(1.0, independent[..., np.newaxis] * np.nan_to_num(share)))
+    low, high = widened(low, high, independent[..., np.newaxis] * np.nan_to_num(share), opened=True)
     empty = trials == 0
     e_low, e_high = how.interval(errors, 0.0, 1.0)
     # Noise makes it larger, in a resample once more: see `compare_pairing.with_intervals`.

@@ -24,6 +24,7 @@ from solidtouch.analysis.reliability import EVERYTHING, at_stopping, reliability
 from solidtouch.hardware.pool import tap_pool
 from solidtouch.inference.resampling import Spread
 from solidtouch.inference.trial_plan import TapTable
+from solidtouch.models import seeds
 from solidtouch.models.classes import ClassGrid
 from studies import check_block, processes, share_interval, table, write_block, write_json
 
@@ -63,7 +64,7 @@ def grid_of(L: int, M: int) -> ClassGrid:
 def draw(L: int, M: int, taps: int, seed: int) -> tuple[dict[str, TapTable], ClassGrid]:
     """A data set as every model sees it; the histograms are those of seed 0 always."""
     log_prob = np.log(np.random.default_rng(L * M).dirichlet(np.ones(SYMBOLS), size=(L * M, TAXELS)))
-    generator = np.random.default_rng([seed, taps, L])
+    generator = seeds.generator(seed, seeds.Purpose.STUDY, taps, L)
     own = np.repeat(np.arange(L * M), taps)
     uniform = generator.random((len(own), TAXELS, 1))
     symbol = np.minimum((uniform > np.exp(log_prob).cumsum(axis=-1)[own]).sum(axis=-1), SYMBOLS - 1)
@@ -77,32 +78,37 @@ def draw(L: int, M: int, taps: int, seed: int) -> tuple[dict[str, TapTable], Cla
 def quantities(L: int, M: int, taps: int, seed: int) -> dict[str, Seen]:
     """Everything that is said of one data set, with intervals."""
     tables, grid = draw(L, M, taps, seed)
-    played = play_models(tables, grid, (0.5, 0.7, 0.8, THETA, 0.95), TRIALS, seed, border="clamp")
-    found: dict[str, Seen] = {}
-    curves = decision_curves(played, "noisy").sel(theta=THETA)
+    compared = {name: tables[name] for name in MODELS[1:]}
+    played = play_models(compared, grid, (0.5, 0.7, 0.8, THETA, 0.95), TRIALS, seed, border="clamp")
+    curves = decision_curves(played).sel(theta=THETA)
     base = played["taps"].sel(model="noisy", theta=THETA).isel(resample=0)
+    calibration = reliability(tables["right"], grid, [THETA], seed, trials=TRIALS, contacts=(), border="clamp")
+    found: dict[str, Seen] = {}
     for policy in ("passive", "active"):
-        at = curves.sel(policy=policy)
-        for model in ("right", "noisy"):
-            for name, words in (("what_wrong", "error at stopping"), ("taps", "taps to decision")):
-                found[f"{words}, {policy}, {model}"] = seen(at.sel(model=model), name)
-        equal = at_equal_taps(played, [float(base.sel(policy=policy))], "noisy").sel(policy=policy).isel(taps=0)
+        right = at_stopping(calibration, policy).isel(theta=0).sel(counted="all", what=EVERYTHING)
+        noisy = curves.sel(policy=policy, model="noisy")
+        equal = at_equal_taps(played, [float(base.sel(policy=policy))]).sel(policy=policy).isel(taps=0)
+        found[f"error at stopping, {policy}, right"] = seen(right, "wrong")
+        found[f"error at stopping, {policy}, noisy"] = seen(noisy, "what_wrong")
+        found[f"taps to decision, {policy}, right"] = seen(right, "taps")
+        found[f"taps to decision, {policy}, noisy"] = seen(noisy, "taps")
         found[f"error at equal taps, {policy}, noisy"] = seen(equal.sel(model="noisy"), "what_wrong")
+        for model, one, wrong, factor in (
+            ("right", right, "wrong", "factor"),
+            ("noisy", noisy, "what_wrong", "miscalibration"),
+        ):
+            parts = float(one[wrong]), float(one["doubt"])
+            found[f"miscalibration factor, {policy}, {model}"] = seen(one, factor)._replace(parts=parts)
         for model, words in (("noisy too", EQUAL), ("remedied", "a remedy and none")):
             name = "what_wrong_difference"
-            found[f"difference at stopping, {words}, {policy}"] = seen(at.sel(model=model), name)
+            at = curves.sel(policy=policy, model=model)
+            found[f"difference at stopping, {words}, {policy}"] = seen(at, name)
             found[f"difference at equal taps, {words}, {policy}"] = seen(equal.sel(model=model), name)
-    for model in ("right", "noisy"):
-        wrong = played["what_wrong"].sel(model=model, theta=THETA)
-        samples = (wrong.sel(policy="active") - wrong.sel(policy="passive")).values
-        low, high = Spread(played.attrs["factor"]).interval(samples)
-        found[f"difference of active and passive, {model}"] = Seen(float(samples[0]), float(low), float(high))
-        calibration = reliability(tables[model], grid, [THETA], seed, trials=TRIALS, contacts=(), border="clamp")
-        for policy in ("passive", "active"):
-            at = at_stopping(calibration, policy).isel(theta=0).sel(counted="all", what=EVERYTHING)
-            parts = float(at["wrong"]), float(at["doubt"])
-            found[f"miscalibration factor, {policy}, {model}"] = seen(at, "factor")._replace(parts=parts)
-    scores = class_scores({name: tables[name] for name in MODELS[1:]}, seed, CONTACTS, "noisy")
+    wrong = played["what_wrong"].sel(model="noisy", theta=THETA)
+    samples = (wrong.sel(policy="active") - wrong.sel(policy="passive")).values
+    low, high = Spread(played.attrs["factor"]).interval(samples)
+    found["difference of active and passive, noisy"] = Seen(float(samples[0]), float(low), float(high))
+    scores = class_scores(compared, seed, CONTACTS)
     for n in scores["contacts"].values:
         at = scores.sel(contacts=n)
         for name, words in (("accuracy_what", "accuracy"), ("log_score_what", "log score")):

@@ -85,6 +85,35 @@ class Spread(NamedTuple):
         return ends[0], ends[1]
 
 
+def share_beyond(independent: ArrayLike) -> Floats:
+    """The upper end of the interval of a proportion of which no case was seen in so many independent ones.
+
+    Three over their number is the familiar rule for an upper end alone; this is that of a two-sided interval.
+    """
+    return 1 - ((1 - CONFIDENCE) / 2) ** (1 / np.maximum(1.0, np.asarray(independent, dtype=np.float64)))
+
+
+def widened(
+    low: Floats, high: Floats, independent: ArrayLike, unit: float = 1.0, most: float = 1.0, *, opened: bool = False
+) -> tuple[Floats, Floats]:
+    """An interval of a mean error that reaches at least so far as not a single error, or errors only, would have it.
+
+    A bootstrap cannot know of what never occurred.
+
+    Args:
+        low: Lower end.
+        high: Upper end.
+        independent: How many decisions are independent of each other.
+        unit: The smallest error; 1 in a proportion.
+        most: The greatest mean error, which may be infinite.
+        opened: Whether ends that are NaN become 0 and the greatest mean.
+    """
+    beyond = unit * share_beyond(independent)
+    if opened:
+        low, high = np.where(np.isnan(low), 0.0, low), np.where(np.isnan(high), most, high)
+    return np.minimum(low, most - beyond), np.minimum(np.maximum(high, beyond), most)
+
+
 def spread(table: TapTable, used_up: float = 0.0) -> Spread:
     """How resamples of a table turn into intervals.
 

@@ -5,11 +5,12 @@ different seeds, purposes or numbers are independent, and none depends on the or
 `default_rng([seed, n])` do not guarantee this: trailing zeros are ignored and the lists of two purposes can be equal.
 """
 
-from enum import IntEnum
+from enum import IntEnum, unique
 
 import numpy as np
 
 
+@unique
 class Purpose(IntEnum):
     """What random numbers are for; the first number of the spawn key. Values never change and are never reused."""
 
@@ -53,8 +54,8 @@ class Purpose(IntEnum):
     COMPONENTS = 31
     ALIKE = 36  # permutations of several strata; their label
     SUSPECTS = 37  # session and half, how many numbers came before
-    CONTACT_SCORES = 36  # of compare; contacts, the taps as they are or resampled
-    REMEDY_SCORES = 37
+    CONTACT_SCORES = 38  # of compare; contacts, the taps as they are or resampled
+    REMEDY_SCORES = 39
     # live episodes; episode
     START = 32
     OBJECT = 33

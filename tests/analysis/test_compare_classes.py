@@ -15,7 +15,6 @@ from solidtouch.analysis.compare_classes import (
 from solidtouch.analysis.compare_pairing import with_intervals
 from solidtouch.analysis.contacts import accuracy
 from solidtouch.hardware.pool import tap_pool
-from solidtouch.inference.reference import ZeroEvidenceError
 from solidtouch.inference.resampling import Spread
 from solidtouch.inference.trial_plan import TapTable
 from solidtouch.models.errors import InputError
@@ -65,6 +64,7 @@ def brute_force(table, taps, where, what):
                 "accuracy_where": of_where.argmax() == l,
                 "accuracy_what": of_what.argmax() == m,
                 "impossible": joint[l, m] == 0,
+                "no_class_left": False,
                 "top_what": of_what.max(),
                 "top_where": of_where.max(),
             }
@@ -195,14 +195,20 @@ def test_zero_beliefs_are_infinite_scores_and_stay_so(tables):
     assert np.isnan(to_zero.log_score_joint_difference.sel(model=["too", "zero"])).all()
 
 
-def test_taps_that_are_impossible_under_every_class_are_a_typed_error(tables):
-    """The message names the model and the class."""
+def test_taps_that_are_impossible_under_every_class_count_as_wrong_in_a_column_of_their_own(tables):
+    """Nothing is believed: no score is NaN, the object is not right, the Brier score is that of no belief at all."""
     nowhere = tables["sharp"].log_likelihood.copy()
     nowhere[4] = -np.inf
     broken = tables["sharp"]._replace(log_likelihood=nowhere)
 
-    with pytest.raises(ZeroEvidenceError, match=r"where class 1 and what class 1 .* of model 'broken'"):
-        class_scores({"plain": tables["plain"], "broken": broken}, 0, (1,))
+    scores = class_scores({"plain": tables["plain"], "broken": broken}, 0, (1,), resamples=20).sel(contacts=1)
+    assert scores.no_class_left.values.tolist() == [0, pytest.approx(1 / N)]
+    assert scores.impossible.values[1] >= 1 / N
+    assert scores.log_score_joint.values[1] == -np.inf
+    alone = class_scores({"nothing": tables["sharp"]._replace(log_likelihood=np.full_like(nowhere, -np.inf))}, 0, (1,))
+    for name, value in (("accuracy_what", 0), ("accuracy_joint", 0), ("brier_joint", 1), ("brier_what", 1)):
+        assert alone[name].item() == pytest.approx(value)
+    assert alone.no_class_left_low.item() > 0.5
 
 
 def test_long_sequences_stay_in_the_log_domain():

@@ -16,7 +16,7 @@ from solidtouch.analysis.compare_decisions import (
 )
 from solidtouch.hardware.pool import tap_pool
 from solidtouch.inference.montecarlo import run_trials
-from solidtouch.inference.resampling import resampled_pools
+from solidtouch.inference.resampling import resampled_pools, share_beyond
 from solidtouch.inference.trial_plan import TapTable, plan_trials
 from solidtouch.models.classes import ClassGrid
 from solidtouch.models.errors import InputError
@@ -67,6 +67,7 @@ def by_hand(table, theta_x, grid, thresholds=THRESHOLDS, trials=TRIALS, first_st
             rows["doubt"][i, h] = 1 - outcome.belief[i, h]
             rows["what_wrong"][i, h] = outcome.what[i, h] != plan.what[i]
             rows["used_up"][i, h] = outcome.used_up[i, h]
+            rows["no_class_left"][i, h] = outcome.no_class_left[i, h]
     return rows
 
 
@@ -155,6 +156,19 @@ def test_the_miscalibration_is_the_wrong_fraction_over_the_doubt(played):
     assert np.isfinite(own).any()
 
 
+def test_errors_that_never_occurred_are_not_excluded():
+    """The interval of a model that is never wrong reaches up, by as many decisions as its taps make."""
+    curves = decision_curves(play_models({"sure": table_of(skill=12.0)}, grid_of(L, M), (0.9,), 200, 0, resamples=20))
+    at = curves.isel(model=0, theta=0).sel(policy="passive")
+    beyond = share_beyond(curves.attrs["test_taps"] / float(at.taps))
+
+    assert at.what_wrong.item() == at.what_wrong_low.item() == 0
+    assert at.what_wrong_high.item() == pytest.approx(beyond)
+    assert at.what_error_high.item() == pytest.approx(beyond * 3.0)  # the objects are 3 mm apart
+    assert at.stopped_fraction_low.item() == pytest.approx(1 - beyond)
+    assert at.no_class_left_high.item() == pytest.approx(beyond)
+
+
 def test_a_miscalibration_without_wrong_decisions_is_undefined():
     """And with wrong ones of belief 1 infinite, without a warning."""
     sure = table_of(skill=12.0)
@@ -220,7 +234,7 @@ def fake(taps, error):
     data = {name: (dims, spread(error), {"units": "mm"}) for name in MEANS} | {"taps": (dims, spread(taps))}
     names = np.array([f"model {i}" for i in range(len(taps))])
     coords = {"model": names, "policy": ["passive"], "theta": np.linspace(0.1, 0.9, taps.shape[1])}
-    return xr.Dataset(data, coords, {"factor": 1.0})
+    return xr.Dataset(data, coords, {"factor": 1.0, "test_taps": 1e9})
 
 
 def test_errors_at_equal_times_lie_on_the_line_between_thresholds():

@@ -19,8 +19,6 @@ from solidtouch.analysis.reliability import (
     independent_decisions,
     interval_sentence,
     reliability,
-    share_beyond,
-    widened,
 )
 from solidtouch.analysis.right_model import Reference
 from solidtouch.hardware.pool import tap_pool
@@ -315,15 +313,6 @@ def test_beliefs_without_a_doubt_divide_nothing_by_zero():
         assert said["wrong"][0] == wrong
 
 
-def test_an_interval_reaches_as_far_as_what_was_never_seen_could():
-    """The exact two-sided bound of a proportion without a case."""
-    assert share_beyond(100) == pytest.approx(0.03622, abs=1e-5)
-    assert 1 - (1 - share_beyond(37)) ** 37 == pytest.approx(0.975)
-    low, high = widened(np.array([0.0, 0.4, 1.0]), np.array([0.0, 0.5, 1.0]), 100)
-    assert low.tolist() == pytest.approx([0, 0.4, 1 - share_beyond(100)])
-    assert high.tolist() == pytest.approx([share_beyond(100), 0.5, 1])
-
-
 def test_taps_used_twice_make_no_more_decisions():
     """Their number over the taps of a decision, at most the trials played."""
     pool = table_of().pool
@@ -331,13 +320,6 @@ def test_taps_used_twice_make_no_more_decisions():
     assert independent_decisions(pool, 1, 4000, 6.0) == L * 4 / 6
     assert independent_decisions(pool, 1, 3, 1.0) == 3
     assert independent_decisions(pool, 1, 4000, 100.0) == 1
-
-
-def test_an_interval_of_which_resamples_know_nothing_is_wide_open():
-    """From 0 to 1."""
-    low, high = widened(np.array([np.nan, 0.5]), np.array([np.nan, 0.6]), [50, 50])
-    assert low.tolist() == [0, 0.5]
-    assert high.tolist() == [1, 0.6]
 
 
 def test_few_taps_give_the_factor_of_fresh_ones():

@@ -11,9 +11,11 @@ from solidtouch.inference.resampling import (
     planned_trials,
     play_resamples,
     resampled_pools,
+    share_beyond,
     spread,
     taps_per_class,
     too_few,
+    widened,
 )
 from solidtouch.inference.trial_plan import TapTable, plan_trials
 
@@ -275,3 +277,27 @@ def test_taps_may_be_drawn_again():
     )
     assert min(fresh) > 0.5
     assert max(again) == 0
+
+
+def test_an_interval_reaches_as_far_as_what_was_never_seen_could():
+    """The exact two-sided bound of a proportion without a case."""
+    assert share_beyond(100) == pytest.approx(0.03622, abs=1e-5)
+    assert 1 - (1 - share_beyond(37)) ** 37 == pytest.approx(0.975)
+    low, high = widened(np.array([0.0, 0.4, 1.0]), np.array([0.0, 0.5, 1.0]), 100)
+    assert low.tolist() == pytest.approx([0, 0.4, 1 - share_beyond(100)])
+    assert high.tolist() == pytest.approx([share_beyond(100), 0.5, 1])
+
+
+def test_an_interval_of_which_resamples_know_nothing_is_wide_open():
+    """From 0 to 1."""
+    low, high = widened(np.array([np.nan, 0.5]), np.array([np.nan, 0.6]), [50, 50], opened=True)
+    assert low.tolist() == [0, 0.5]
+    assert high.tolist() == [1, 0.6]
+
+
+def test_mean_errors_in_millimetres_are_widened_by_one_class_and_never_from_above():
+    """There is no greatest mean; an undefined interval stays so."""
+    low, high = widened(np.array([0.0, 9.0, np.nan]), np.array([0.0, 9.5, np.nan]), 100, 2.0, np.inf)
+    assert high[:2].tolist() == pytest.approx([2 * share_beyond(100), 9.5])
+    assert low[:2].tolist() == [0, 9]
+    assert np.isnan([low[2], high[2]]).all()
