@@ -134,8 +134,8 @@ def play_models(
             "factor": spread(table).factor,
             "taps_per_class": taps_per_class(table.pool),
             "test_taps": int(table.pool.count.sum()),
-            "smallest_what_error": smallest_error(grid.what_error, grid.M),
-            "smallest_where_error": smallest_error(grid.where_error, grid.L),
+            "smallest_what_error": grid.smallest_what_error,
+            "smallest_where_error": grid.smallest_where_error,
         },
     )
 
@@ -239,12 +239,6 @@ def decision_interval_sentence() -> str:
         "twice, so errors are those on fresh taps; a trial that has had all stored taps of a class ends there. They do "
         "not hold how models fitted to other training taps would differ."
     )
-
-
-def smallest_error(error: Callable[[ArrayLike, ArrayLike], NDArray[np.float64]], classes: int) -> float:
-    """The smallest error above 0 that a class can be decided with; 0 where there is none."""
-    errors = error(*np.triu_indices(classes, 1))
-    return float(errors[errors > 0].min(initial=np.inf)) if (errors > 0).any() else 0.0
 
 
 def _means(grid: ClassGrid, trials: Trials, plan: TrialPlan) -> NDArray[np.float64]:

@@ -14,6 +14,7 @@ from .compare_classes import class_interval_sentence
 from .compare_decisions import decision_interval_sentence, too_few_taps
 from .compare_ranking import findings, levels, rank_rows
 from .figure_style import short_unit
+from .no_class_left import no_class_left_sentence
 from .study import SHOWN_THETA
 
 _PACKAGES = ("solidtouch", "numpy", "scipy", "jax", "numpyro", "arviz", "arviz-stats", "xarray", "matplotlib")
@@ -26,8 +27,18 @@ _CLASS_SCORES = (
     "accuracy_joint",
     "accuracy_where",
     "accuracy_what",
+    "no_class_left",
 )
-_DECISIONS = ("what_error", "where_error", "taps", "stopped_fraction", "used_up", "what_wrong", "miscalibration")
+_DECISIONS = (
+    "what_error",
+    "where_error",
+    "taps",
+    "stopped_fraction",
+    "used_up",
+    "no_class_left",
+    "what_wrong",
+    "miscalibration",
+)
 
 
 def summarise(
@@ -59,6 +70,7 @@ def summarise(
             *described["warnings"],
             *([comparison.sessions] if comparison.left_out_sessions is None else []),
             *too_few_taps(comparison.curves, _shown(comparison.curves)),
+            *_no_class_left(comparison),
         ],
         "taps": _taps(comparison),
         "contacts": [int(n) for n in comparison.classes["contacts"].values],
@@ -76,6 +88,16 @@ def summarise(
         "draws": settings.draws,
         "elapsed_s": comparison.elapsed_s,
     }
+
+
+def _no_class_left(comparison: Comparison) -> list[str]:
+    """A sentence for each model of which test taps left no class."""
+    left = comparison.curves["no_class_left"].max(("policy", "theta"))
+    return [
+        f"{name}: {no_class_left_sentence(share, comparison.fits[name].model)}"
+        for name in comparison.fits
+        if (share := float(left.sel(model=name))) > 0
+    ]
 
 
 def _model(comparison: Comparison, name: str, power: str) -> dict[str, Any]:

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from scipy.stats import t
 
 from ..hardware.pool import TapPool
-from ..inference.resampling import Spread
+from ..inference.resampling import Spread, widened
 from ..inference.saturation import share, temper
 from ..inference.trial_plan import TapTable
 from ..models import seeds
@@ -111,7 +111,8 @@ def summarise(rows: Sequence[Accuracy], spread: Spread = NO_SPREAD) -> dict[str,
         low, high = np.clip(mean - half, 0, 1), np.clip(mean + half, 0, 1)
     elif len(rows[0].resampled):
         drawn = with_noise(rows[0].resampled.T, rows[0].noise, rows[0].resampled_noise)
-        low, high = spread.interval(np.concatenate([mean[:, np.newaxis], drawn], axis=1), 0, 1)
+        ends = spread.interval(np.concatenate([mean[:, np.newaxis], drawn], axis=1), 0, 1)
+        low, high = widened(*ends, spread.taps / rows[0].contacts)
     else:
         low = high = np.full(3, np.nan)
     summary: dict[str, float | int] = {"contacts": rows[0].contacts, "classes": max(row.classes for row in rows)}

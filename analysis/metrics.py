@@ -15,7 +15,7 @@ from scipy.sparse import csr_array
 from scipy.stats import t
 
 from ..inference.montecarlo import Trials
-from ..inference.resampling import CONFIDENCE, Spread
+from ..inference.resampling import CONFIDENCE, Spread, widened
 from ..inference.trial_plan import TrialPlan
 from ..models.classes import ClassGrid
 
@@ -106,18 +106,27 @@ def outcomes_dataset(means: Means, resampled: Sequence[Means], grid: ClassGrid, 
             "place": ("place", grid.where_value, {"units": grid.where_unit}),
             "theta": ("theta", np.asarray(thresholds, dtype=np.float64)),
         },
-        {"what_unit": grid.what_error_unit, "where_unit": grid.where_unit},
+        {
+            "what_unit": grid.what_error_unit,
+            "where_unit": grid.where_unit,
+            "smallest_what_error": grid.smallest_what_error,
+            "smallest_where_error": grid.smallest_where_error,
+        },
     )
 
 
-def by_place(data_sets: xr.Dataset, spread: Spread = NO_SPREAD, *, difference: bool = False) -> xr.Dataset:
+def by_place(
+    data_sets: xr.Dataset, spread: Spread = NO_SPREAD, *, difference: bool = False, parts: int | None = None
+) -> xr.Dataset:
     """Mean and interval at each place and threshold; dims (place, theta).
 
     Args:
         data_sets: Outcomes with the dim ``data_set``.
         spread: How resamples of a single data set turn into intervals; several data sets have t-intervals.
         difference: Whether outcomes are differences, which can be below what an outcome can.
+        parts: Into how many the test taps are parted by place; `None` for the number of places.
     """
+    parts = data_sets.sizes.get("place", 1) if parts is None else parts
     result = data_sets[[*QUANTITIES, *FRACTIONS]].mean("data_set", keep_attrs=True)
     for name in QUANTITIES:
         least, most = -np.inf, np.inf
@@ -129,6 +138,9 @@ def by_place(data_sets: xr.Dataset, spread: Spread = NO_SPREAD, *, difference: b
             low, high = ((result[name] + sign * half).clip(least, most) for sign in (-1, 1))
         else:
             ends = spread.interval(_samples(data_sets.isel(data_set=0), name), least, most)
+            if not difference and name != "taps":
+                independent = spread.taps / parts / result["taps"].values
+                ends = widened(*ends, independent, data_sets.attrs[f"smallest_{name}"], most)
             low, high = (xr.DataArray(end, result[name].coords, result[name].dims) for end in ends)
         result[f"{name}_low"], result[f"{name}_high"] = low, high
     return result
@@ -142,11 +154,6 @@ def over_places(data_sets: xr.Dataset, spread: Spread = NO_SPREAD, *, difference
         if str(name).endswith("_noise"):  # places are averaged with equal weight, so their variances add up to this
             mean[name] = data_sets[name].sum("place") / share**2
     return by_place(mean, spread, difference=difference)
-
-
-def at_place(data_sets: xr.Dataset, index: int, spread: Spread = NO_SPREAD) -> xr.Dataset:
-    """Mean and interval at each threshold for one place; arguments as `by_place`, dim theta."""
-    return by_place(data_sets.isel(place=index), spread)
 
 
 def confusion(true: ArrayLike, decided: ArrayLike, M: int) -> NDArray[np.int64]:

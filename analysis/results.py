@@ -106,7 +106,7 @@ class Results:
     def by_fixation(self) -> xr.Dataset | None:
         """Active outcomes with intervals, likewise; `None` where nothing can be acted on."""
         fixations = self.stored.fixations
-        return None if fixations is None else metrics.by_place(fixations, self.spread)
+        return None if fixations is None else metrics.by_place(fixations, self.spread, parts=1)
 
     def _curves(self, outcomes: Outcomes[xr.Dataset]) -> dict[str, xr.Dataset]:
         parts = {"passive": outcomes.passive, "active": outcomes.active, "difference": outcomes.difference}

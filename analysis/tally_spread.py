@@ -18,6 +18,7 @@ from ..inference.resampling import (
     planned_trials,
     play_resamples,
     spread,
+    widened,
 )
 from ..inference.tally import tally
 from ..inference.trial_plan import TapTable, TrialPlan
@@ -44,6 +45,7 @@ class TapSpread(NamedTuple):
         few: Why intervals may be off, in a sentence; empty where they hold.
         sentence: What intervals hold.
         most: What the object error cannot exceed.
+        smallest: The smallest errors, by name.
     """
 
     stored: dict[str, Floats]
@@ -53,21 +55,25 @@ class TapSpread(NamedTuple):
     few: str
     sentence: str
     most: float
+    smallest: dict[str, float]
 
     def intervals(self, means: Mapping[str, Floats]) -> dict[str, tuple[Floats, Floats]]:
         """Ends of the 95 % intervals of means of trials with replacement, each of shape (H,), by name."""
         return {
-            name: self._interval(name, np.column_stack([means[name], resamples]))
+            name: self._interval(name, np.column_stack([means[name], resamples]), means["taps"])
             for name, resamples in self.stored.items()
         }
 
     def fresh_intervals(self) -> dict[str, tuple[Floats, Floats]]:
         """Those of the means of trials on fresh taps."""
-        return {name: self._interval(name, samples) for name, samples in self.fresh.items()}
+        return {name: self._interval(name, samples, self.fresh["taps"][:, 0]) for name, samples in self.fresh.items()}
 
-    def _interval(self, name: str, samples: Floats) -> tuple[Floats, Floats]:
+    def _interval(self, name: str, samples: Floats, taps: Floats) -> tuple[Floats, Floats]:
         most = self.most if name == "what_error" else 1.0 if name in _SHARES else np.inf
-        return self.spread.interval(samples, _LEAST.get(name, 0.0), most)
+        low, high = self.spread.interval(samples, _LEAST.get(name, 0.0), most)
+        if name not in self.smallest:
+            return low, high
+        return widened(low, high, self.spread.taps / taps, self.smallest[name], most)
 
 
 def tap_spread(
@@ -113,6 +119,11 @@ def tap_spread(
         _few(table, thresholds, used_up),
         _sentence(table),
         1.0 if grid.what_error_unit == "P(wrong)" else np.inf,
+        {
+            "what_error": grid.smallest_what_error,
+            "where_error": grid.smallest_where_error,
+            **dict.fromkeys(("what_wrong", "stopped_fraction", "no_class_left_fraction"), 1.0),
+        },
     )
 
 

@@ -46,10 +46,12 @@ class Spread(NamedTuple):
             quantity itself, by n - 1 over n, n being the sessions where several test, else the taps of a class. NaN
             where n is 1, which gives no interval.
         few: Why intervals may be off, in a sentence; empty where they hold.
+        taps: How many test taps there are.
     """
 
     factor: float
     few: str = ""
+    taps: int = 0
 
     def interval(
         self, samples: NDArray[np.float64], least: ArrayLike = -np.inf, most: ArrayLike = np.inf
@@ -123,7 +125,8 @@ def spread(table: TapTable, used_up: float = 0.0) -> Spread:
     """
     taps, sessions = taps_per_class(table.pool), len(np.unique(_session(table)[table.pool.order]))
     n = sessions if sessions > 1 else taps
-    return Spread(float(np.sqrt(n / (n - 1))) if n > 1 else np.nan, too_few(taps, used_up))
+    factor = float(np.sqrt(n / (n - 1))) if n > 1 else np.nan
+    return Spread(factor, too_few(taps, used_up), int(table.pool.count.sum()))
 
 
 def taps_per_class(pool: TapPool) -> int:

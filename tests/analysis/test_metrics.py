@@ -6,7 +6,6 @@ import xarray as xr
 from scipy.stats import t
 from solidtouch.analysis.metrics import (
     QUANTITIES,
-    at_place,
     by_place,
     confusion,
     interval_sentence,
@@ -140,13 +139,13 @@ def resampled(trials, plan, grid):
 
 def test_one_data_set_has_intervals_of_resamples(resampled):
     """Of few resamples the outermost deviations, enlarged; no interval where resamples lack trials."""
-    result = at_place(resampled, 0, Spread(1.5))
+    result = by_place(resampled, Spread(1.5)).isel(place=0)
     half = 1.5 * 2
 
     np.testing.assert_allclose(result["taps"], [2.0, 7.0])
     np.testing.assert_allclose(result["taps_high"], result["taps"] + half)
     np.testing.assert_allclose(result["taps_low"], [1.0, 7.0 - half])
-    assert np.isnan(at_place(resampled, 1)["taps_high"]).all()
+    assert np.isnan(by_place(resampled).isel(place=1)["taps_high"]).all()
 
 
 def test_places_count_alike(resampled):
@@ -161,7 +160,7 @@ def test_places_count_alike(resampled):
 
 def test_differences_can_be_negative(resampled):
     """An outcome cannot be below its least, a difference can."""
-    low = [at_place(resampled, 0)["taps_low"], by_place(resampled, difference=True)["taps_low"][0]]
+    low = [by_place(resampled).isel(place=0)["taps_low"], by_place(resampled, difference=True)["taps_low"][0]]
 
     assert float(low[0][0]) == 1.0
     assert float(low[1][0]) == pytest.approx(2.0 - 2)
@@ -192,7 +191,7 @@ def test_several_data_sets_have_t_intervals_between_them(dataset):
     """With 3 data sets, t of 2 degrees of freedom times the standard error of their mean."""
     three = join([scaled(dataset, factor) for factor in (1.0, 1.2, 1.4)], ["a", "b", "c"])
     half = t.ppf(0.975, 2) * 2.0 * np.std([1.0, 1.2, 1.4], ddof=1) / np.sqrt(3)
-    result = at_place(three, 0)
+    result = by_place(three).isel(place=0)
 
     np.testing.assert_allclose(
         [result[name][0] for name in ("taps", "taps_low", "taps_high")], 2.4 + half * np.array([0, -1, 1])
@@ -215,8 +214,8 @@ def test_places_missing_in_some_data_sets_count_the_others(dataset):
     without["trials"] = without["trials"].fillna(0.0)
     three = join([scaled(dataset, 1.0), scaled(dataset, 3.0), without], ["a", "b", "c"])
     half = t.ppf(0.975, 1) * 5.0 * np.std([1.0, 3.0], ddof=1) / np.sqrt(2)
-    result = at_place(three, 2)
-    alone = at_place(join([dataset, without], ["a", "b"]), 2)
+    result = by_place(three).isel(place=2)
+    alone = by_place(join([dataset, without], ["a", "b"])).isel(place=2)
 
     assert float(result["taps"][0]) == pytest.approx(10.0)
     assert float(result["taps_high"][0]) == pytest.approx(10.0 + half)
