@@ -221,7 +221,8 @@ def _without_replacement(
 def _scores(table: TapTable, sequences: _Sequences) -> _Scores:
     step = max(1, _AT_ONCE // table.log_prior.size)
     pieces = (slice(first, first + step) for first in range(0, len(sequences.taps), step))
-    parts = [_score(table, _Sequences(*(column[piece] for column in sequences))) for piece in pieces]
+    taps, where, what, weight = sequences
+    parts = [_score(table, _Sequences(taps[one], where[one], what[one], weight[one])) for one in pieces]
     return _Scores(*(np.concatenate(column) for column in zip(*parts, strict=True)))
 
 

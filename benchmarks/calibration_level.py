@@ -4,8 +4,10 @@ Taps are drawn from the very histograms that judge them, 12 symbols, Dirichlet 1
 the row says. A verdict `overconfident` is false at any power up to the right one, `cautious` at power none. Planted
 dependence repeats one sample of a tap J times, which power none takes for J. All data sets of a row are judged by one
 reference, of many more simulated data sets than an audit has: what a right model gives does not depend on the taps at
-hand, only on their number. `learned` is the exponent of `tempering.best_power` on as many other taps; there every data
-set has its own reference and intervals, as in an audit.
+hand, only on their number. `one object outside` counts factors of single objects outside what 95 % of right models
+give, `promise exceeded` data sets in which a promise of the stopping rule is rejected, after Holm over all objects; an
+audit asks more, that its interval lies above the limit too. `learned` is the exponent of `tempering.best_power` on as
+many other taps; there every data set has its own reference and intervals, as in an audit.
 
 `python benchmarks/calibration_level.py --document docs/intervals.md` writes the tables of that page.
 """
@@ -20,9 +22,11 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from intervals import SYMBOLS, grid_of
+from numpy.typing import NDArray
 from solidtouch.analysis.audit_verdict import calibration
+from solidtouch.analysis.calibration_tests import rejected
 from solidtouch.analysis.remedy_scores import Judged, judge
-from solidtouch.analysis.right_model import compare, simulate
+from solidtouch.analysis.right_model import LEVEL, Beside, compare, simulate
 from solidtouch.hardware.model_rig import draw_session
 from solidtouch.inference.tempering import best_power
 from solidtouch.inference.trial_plan import TapTable, tap_table
@@ -37,6 +41,7 @@ SAMPLES, TAPS, THETAS, POLICIES = (1, 5), (5, 20, 60), (0.9, 0.99), ("passive", 
 TRIALS, DEADLINE = 1000, 100
 LEVEL_BLOCK, POWER_BLOCK, LEARNED_BLOCK = "level", "power", "learned"
 STATES = ("overconfident", "cautious")
+OBJECT, PROMISE = "one object outside", "promise exceeded"
 _TAXELS = {1: 2, 5: 1}  # so that decisions take several taps
 _CONTACTS = 10  # after which exponents are learned
 
@@ -88,18 +93,27 @@ def verdicts(design: Design, data_sets: int, references: int, seed: int) -> dict
             "deadline": DEADLINE,
             "trials": TRIALS,
         }
-        reference = simulate(used, table_, THETAS, seed=2 * seed + 1, simulations=references, **options).factor
+        reference = simulate(used, table_, THETAS, seed=2 * seed + 1, simulations=references, **options)
         draw = partial(drawn, design, right, used, table_)
-        factor = simulate(used, table_, THETAS, seed=2 * seed, simulations=data_sets, draw=draw, **options).factor
+        observed = simulate(used, table_, THETAS, seed=2 * seed, simulations=data_sets, draw=draw, **options)
         for h, theta in enumerate(THETAS):
-            beside = (compare(value, reference[:, h, 0]) for value in factor[:, h, 0])
-            # At these powers the interval of the factor has no part in a verdict.
-            judged = (Judged((one.value,) * 3, 0.0, one, True, {}, design.taps) for one in beside)
-            found[policy, theta] = Counter(
-                calibration(one if np.isfinite(one.beside.value) else one._replace(factor=(None,) * 3))
-                for one in judged
-            )
+            beside = [compared(found[:, h], null[:, h]) for found, null in zip(observed, reference, strict=True)]
+            counts = Counter(state(row[0], design.taps) for row in beside[0])
+            counts[OBJECT] = sum(min(one.above, one.below) <= LEVEL / 2 for row in beside[0] for one in row[1:])
+            counts[PROMISE] = sum(bool(rejected([one.above for one in row], LEVEL).any()) for row in beside[1])
+            found[policy, theta] = counts
     return found
+
+
+def compared(observed: NDArray[np.float64], reference: NDArray[np.float64]) -> list[list[Beside]]:
+    """Each column of each data set beside the reference; shapes (data sets, 1 + M) and (references, 1 + M)."""
+    return [[compare(value, null) for value, null in zip(row, reference.T, strict=True)] for row in observed]
+
+
+def state(one: Beside, taps: int) -> str:
+    """The verdict; at these powers the interval of the factor has no part in it."""
+    factor = (one.value,) * 3 if np.isfinite(one.value) else (None,) * 3
+    return calibration(Judged(factor, 0.0, one, True, {}, taps))
 
 
 def drawn(
@@ -122,9 +136,13 @@ def learned(size: str, taps: int, policy: str, seed: int) -> str:
     return calibration(judge(model, tap_table(model, test), model.grid, setting, policy, TRIALS, seed))
 
 
-def shares(found: Counter[str]) -> list[str]:
-    """How often each verdict was given."""
-    return [share_interval(found[state], found.total()) for state in STATES]
+def shares(found: Counter[str], M: int) -> list[str]:
+    """How often each verdict was given, and where known how often an object's factor and a promise was rejected."""
+    of = sum(n for name, n in found.items() if name not in (OBJECT, PROMISE))
+    told = [share_interval(found[state], of) for state in STATES]
+    return (
+        [*told, share_interval(found[OBJECT], of * M), share_interval(found[PROMISE], of)] if PROMISE in found else told
+    )
 
 
 def main() -> None:
@@ -143,7 +161,7 @@ def main() -> None:
     measured = []
 
     def note(block: str, row: list[Any], found: Counter[str]) -> None:
-        lines[block].append([*map(str, row), *shares(found)])
+        lines[block].append([*map(str, row), *shares(found, SIZES[row[0]][1])])
         measured.append([block, *row, dict(found)])
         print(block, *lines[block][-1], flush=True)
         write_json("calibration_level", measured)
@@ -160,9 +178,10 @@ def main() -> None:
             found = Counter(pool.map(partial(learned, size, taps, policy), seeds, chunksize=4))
             note(LEARNED_BLOCK, [size, SAMPLES[-1], taps, THETAS[0], "learned", policy], found)
     if options.document is not None:
-        head = ["size", "J", "taps per class", "threshold", "power", "policy", *STATES]
+        head = ["size", "J", "taps per class", "threshold", "power", "policy", *STATES, OBJECT, PROMISE]
         for block, some in lines.items():
-            write_block(options.document, block, table(head, some))
+            if some:
+                write_block(options.document, block, table(head[: len(some[0])], some))
 
 
 if __name__ == "__main__":

@@ -68,7 +68,7 @@ def draw(L: int, M: int, taps: int, seed: int) -> tuple[dict[str, TapTable], Cla
     own = np.repeat(np.arange(L * M), taps)
     uniform = generator.random((len(own), TAXELS, 1))
     symbol = np.minimum((uniform > np.exp(log_prob).cumsum(axis=-1)[own]).sum(axis=-1), SYMBOLS - 1)
-    right = sum(log_prob[:, k, symbol[:, k]].T for k in range(TAXELS)).reshape(-1, L, M)
+    right = np.sum([log_prob[:, k, symbol[:, k]].T for k in range(TAXELS)], axis=0).reshape(-1, L, M)
     noisy = [right + NOISE * generator.normal(size=right.shape) for _ in range(2)]
     pool, flat = tap_pool(*np.divmod(own, M), (L, M)), np.full((L, M), -np.log(L * M))
     seen = dict(zip(MODELS, (right, *noisy, noisy[0] / 2), strict=True))
