@@ -44,6 +44,7 @@ audit-studies: $(VENV)/.ready-run
 	@$(PY) benchmarks/audit_causes.py --document docs/audit-studies.md
 	@$(PY) benchmarks/audit_guarantees.py --document docs/audit-studies.md
 	@$(PY) benchmarks/audit_target.py --document docs/audit-studies.md
+	@$(PY) benchmarks/audit_sets.py --document docs/audit.md $(if $(RECORDED),--recorded "$(RECORDED)")
 
 interval-studies: $(VENV)/.ready-run
 	@$(PY) benchmarks/calibration_level.py --document docs/intervals.md

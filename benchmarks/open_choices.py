@@ -18,16 +18,8 @@ from solidtouch.analysis.sensitivity import SensitivitySettings, sensitivity
 from solidtouch.analysis.sensitivity_findings import VERDICTS, WORDS, worded
 from solidtouch.analysis.sensitivity_summary import summarise
 from solidtouch.cli.progress import bars
-from studies import check_block, publish, table, write_block, write_json
+from studies import RECORDED, check_block, publish, table, write_block, write_json
 
-RECORDED = {
-    "barrett_ballcyl.npz": (None, None),
-    "barrett_boxes.npz": (None, None),
-    "eflesh_grid.npz": ("3mm", "3mm"),
-    "icub_grasp.npz": (None, None),
-    "braille_icub.npz": (None, None),
-}
-"""Files and the widths of their cells."""
 BLOCKS = ("open-choices-findings", "open-choices", "open-choices-pairs", "open-choices-rules")
 RECORDED_BLOCK = "open-choices-recorded"
 _SHORT = {"conclusion": "conclusion", "numbers": "numbers", "not decided": "?", "nothing": "nothing"}

@@ -22,6 +22,14 @@ from solidtouch.models.storage import complete_file
 from solidtouch.models.taps import TapSet
 
 OUT = Path("runs/studies")
+RECORDED = {
+    "barrett_ballcyl.npz": (None, None),
+    "barrett_boxes.npz": (None, None),
+    "eflesh_grid.npz": ("3mm", "3mm"),
+    "icub_grasp.npz": (None, None),
+    "braille_icub.npz": (None, None),
+}
+"""Recorded sets that are not part of this software: files, and the widths of their where and what cells."""
 
 
 def until_interrupted[T](name: str, tasks: Sequence[Callable[[], T]]) -> Iterator[T]:
