@@ -409,6 +409,7 @@ def play(
         held = plan.what[i]
         at = pool.nearest[plan.where[i], held]
         clamped, substituted = 0, np.int64(at != plan.where[i])
+        earlier_clamped = earlier_substituted = np.int64(0)  # up to the last tap
         while drawn > 0:  # a trial depends on its stream only, so what the last one shuffled is put back
             drawn -= 1
             order[front[drawn]], order[chosen[drawn]] = order[chosen[drawn]], order[front[drawn]]
@@ -437,8 +438,8 @@ def play(
                     trials.where[i, h] = best_where
                     trials.true_where[i, h] = stood
                     trials.stopped[i, h] = False
-                    trials.clamped[i, h] = clamped
-                    trials.substituted[i, h] = substituted
+                    trials.clamped[i, h] = earlier_clamped
+                    trials.substituted[i, h] = earlier_substituted
                     trials.belief[i, h] = belief
                     trials.used_up[i, h] = True
                     decided += 1
@@ -450,7 +451,7 @@ def play(
                 order[place], order[front[drawn]] = order[front[drawn]], index
                 taken[at] += 1
                 drawn += 1
-                stood = at
+                stood, earlier_clamped, earlier_substituted = at, clamped, substituted
 
             # Written out here: handed to a function, the arrays' reference counts would cost as much as the work.
             least *= table.least[index]

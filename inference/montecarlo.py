@@ -40,8 +40,8 @@ class Trials(NamedTuple):
         where: Decided where class, at the place of the last tap.
         true_where: Class in which the sensor stood then.
         stopped: Whether the threshold was crossed; otherwise the deadline came.
-        clamped: Moves before the decision that the end of the range cut short.
-        substituted: Times before the decision that a class without a tap was replaced by the nearest with one.
+        clamped: Moves before the last tap that the end of the range cut short.
+        substituted: Times before the last tap that a class without a tap was replaced by the nearest with one.
         belief: Belief in the decided what class.
         used_up: Whether a trial on fresh taps ended because it had had all stored taps of the class, see `Rule.fresh`.
         no_class_left: Whether the trial ended undecided with a tap that was impossible under every class still believed
@@ -73,7 +73,7 @@ class Rule(NamedTuple):
         key1: Second key word.
         fresh: Whether no tap is drawn twice in a trial. A trial that has had all stored taps of the class where it
             stands then ends with the most probable classes, as at the deadline. Otherwise taps are drawn with
-            replacement.
+            replacement. The move to that class is no part of the trial: it brought no tap.
     """
 
     thresholds: NDArray[np.float64]

@@ -140,7 +140,7 @@ def fresh_trial(table, where, what, fixation, stream, thresholds, theta_x, borde
     clamped, substituted, row, near = 0, int(at != where), (), np.inf
     for tap, word in enumerate(words.tolist()):
         if not left[at]:
-            return drawn, rows | dict.fromkeys(open_, (*row[:4], False, clamped, substituted, row[4], True)), near
+            return drawn, rows | dict.fromkeys(open_, (*row[:4], False, *row[5:], row[4], True)), near
         chosen = word * len(left[at]) >> 32
         left[at][0], left[at][chosen] = left[at][chosen], left[at][0]
         drawn.append(int(left[at].pop(0)))
@@ -149,11 +149,12 @@ def fresh_trial(table, where, what, fixation, stream, thresholds, theta_x, borde
         where_marginal, what_marginal = reference.where_marginal(belief), reference.what_marginal(belief)
         near = min([near, margin(where_marginal, theta_x)] + [margin(what_marginal, theta) for theta in open_])
         row = (tap + 1, int(what_marginal.argmax()), int(where_marginal.argmax()), at, what_marginal.max())
+        row = (*row, clamped, substituted)  # before this tap; a move that no tap follows is no part of the trial
         for theta in list(open_):
             stops = reference.what_decision(belief, theta) is not None
             if stops or tap == deadline - 1:
                 open_.remove(theta)
-                rows[theta] = (*row[:4], stops, clamped, substituted, row[4], False)
+                rows[theta] = (*row[:4], stops, *row[5:], row[4], False)
         believed = reference.where_decision(belief, theta_x) if open_ else None
         if not open_:
             break
