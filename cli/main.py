@@ -117,12 +117,13 @@ def run() -> None:
 
 @contextmanager
 def _without_dask() -> Iterator[None]:
-    """Makes dask look as if it was not installed, unless it is loaded already or a sweep needs it.
+    """Makes dask look as if it was not installed, unless a sweep needs it or xarray or dask is loaded already.
 
-    xarray imports it wherever it finds it, even for plain arrays, and that takes as long as a short command does.
+    xarray imports it wherever it finds it, even for plain arrays, and that takes as long as a short command does. It
+    looks for it when it is itself imported, so hiding dask afterwards would make that import fail.
     """
     modules: dict[str, Any] = sys.modules
-    hidden = "sweep" not in sys.argv and "dask" not in modules
+    hidden = "sweep" not in sys.argv and not {"dask", "xarray"} & modules.keys()
     if hidden:
         modules["dask"] = None  # which makes imports of it fail
     try:
