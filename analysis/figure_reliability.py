@@ -140,10 +140,16 @@ def plot_scores(axes: Axes, data: xr.Dataset) -> Axes:
 
 
 def plot_factor(axes: Axes, data: xr.Dataset) -> Axes:
-    """Draws the miscalibration factor against the number of taps, with 1, which is right, as a line."""
+    """Draws the miscalibration factor against the number of taps, with 1, which is right, as a line.
+
+    An infinite factor is a triangle at the top.
+    """
     axes.axhline(1, color="grey", linewidth=0.8, linestyle=":")
     _bars(axes, data["contacts"].values, data, "factor", color=PASSIVE, marker="o")
     _log_factor(axes, data, "factor")
+    endless = data["contacts"].values[np.isinf(data["factor"].values)]
+    if len(endless):
+        axes.plot(endless, np.full(len(endless), axes.get_ylim()[1]), "^", color=PASSIVE, clip_on=False)
     if np.isnan(data["factor"].values).all():
         axes.text(0.5, 0.6, "neither errors nor doubts", ha="center", transform=axes.transAxes)
     axes.set(xlabel="taps", ylabel="wrong / mean (1 - belief)")
@@ -287,13 +293,12 @@ def _shown(values: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def _bars(axes: Axes, x: ArrayLike, data: xr.Dataset, name: str, **style: Any) -> None:
-    """Values with their intervals; infinite ones end at the value, NaN are left out."""
+    """Finite values with their intervals; infinite ends are left out."""
     value, low, high = (data[f"{name}{end}"].values for end in ("", "_low", "_high"))
-    full = np.isfinite(value)
-    bars = np.maximum(np.stack([value - low, high - value])[:, full], 0.0)
-    axes.errorbar(
-        np.asarray(x)[full], value[full], yerr=np.where(np.isfinite(bars), bars, 0.0), elinewidth=0.6, **style
-    )
+    finite = np.isfinite(value)
+    x, value, low, high = np.asarray(x)[finite], value[finite], low[finite], high[finite]
+    bars = np.maximum(np.stack([value - low, high - value]), 0.0)
+    axes.errorbar(x, value, yerr=np.where(np.isfinite(bars), bars, 0.0), elinewidth=0.6, **style)
 
 
 def _log_factor(axes: Axes, data: xr.Dataset, name: str) -> None:

@@ -27,6 +27,7 @@ CASES = {
     "plain": make(),
     "never wrong": make(skill=9.0),
     "no doubt": make(skill=9.0, scale=300.0),
+    "wrong without a doubt": make(scale=1e6),
     "one place": make(L=1),
     "one object": make(M=1),
     "many objects": make(M=14),
@@ -60,6 +61,18 @@ def test_figures_are_drawn(case):
     for figure, count in figures:
         assert len(figure.axes) == count
         figure.draw_without_rendering()
+
+
+def test_an_infinite_factor_is_a_mark_at_the_top():
+    """After each number of taps at which decisions are wrong that leave no doubt."""
+    grid, table = CASES["wrong without a doubt"]
+    data = reliability(table, grid, (0.9,), 0, trials=120, contacts=(1, 3), resamples=20)
+    axes = figure_reliability.reliability_after_taps(data).axes[2]
+    (mark,) = (line for line in axes.get_lines() if line.get_marker() == "^")
+
+    assert np.isinf(data["factor"].sel(what=EVERYTHING, counted="all")[-2:]).all()
+    assert mark.get_xdata().tolist() == [1, 3]
+    assert (mark.get_ydata() == axes.get_ylim()[1]).all()
 
 
 def test_the_wrong_fraction_of_each_object_has_a_line():
