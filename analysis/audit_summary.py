@@ -1,6 +1,6 @@
 """What an audit found as plain numbers and words, for `audit.json` and the page."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from importlib.metadata import version
 from typing import Any
 
@@ -79,6 +79,7 @@ def summarise(audit: Audit, settings: AuditSettings, about: Mapping[str, Any]) -
             },
             "miscalibration": {
                 "factor": measured.judged.factor,
+                "unbounded": _unbounded(measured.judged.factor),
                 "state": state,
                 "evidence": {
                     "judged": _judged(measured.judged),
@@ -134,8 +135,20 @@ def summarise(audit: Audit, settings: AuditSettings, about: Mapping[str, Any]) -
 
 def _judged(judged: Judged) -> dict[str, Any]:
     """By what beliefs were called right or wrong, the factor of each object beside what a right model gives."""
-    each = {name: {"factor": factor, "beside": beside._asdict()} for name, (factor, beside) in judged.each.items()}
-    return judged._asdict() | {"beside": judged.beside._asdict(), "each": each}
+    each = {
+        name: {"factor": factor, "unbounded": _unbounded(factor), "beside": beside._asdict()}
+        for name, (factor, beside) in judged.each.items()
+    }
+    return judged._asdict() | {
+        "unbounded": _unbounded(judged.factor),
+        "beside": judged.beside._asdict(),
+        "each": each,
+    }
+
+
+def _unbounded(factor: Sequence[float | None]) -> bool:
+    """Whether a factor is infinite, which JSON cannot say."""
+    return factor[0] is not None and bool(np.isinf(factor[0]))
 
 
 def _promise(promise: Promise) -> dict[str, Any]:
@@ -308,6 +321,7 @@ def _scored(score: Scored, audit: Audit) -> dict[str, Any]:
     n = audit.measured.n
     return {
         **score._asdict(),
+        "unbounded": _unbounded(score.factor),
         "gain_per_tap": None if score.gain is None else [value / n for value in score.gain],
         "title": remedy.title,
         "assumes": remedy.assumes,

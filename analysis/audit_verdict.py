@@ -55,6 +55,7 @@ def calibration(judged: Judged) -> Calibration:
 
     The reference is what a right model gives on as many taps. Where beliefs are not right in the reference, as no whole
     number of samples is worth the exponent, the interval of the factor must lie on the same side of 1 as well.
+    A factor is infinite where decisions are wrong although their beliefs are 1.
     """
     value, low, high = judged.factor
     if value is None or low is None or high is None:
@@ -63,7 +64,7 @@ def calibration(judged: Judged) -> Calibration:
         return "overconfident"
     if judged.beside.below <= LEVEL / 2 and (value if judged.exact else high) < 1:
         return "cautious"
-    return "right" if high <= _WIDE * max(low, 1 / _WIDE) else "not enough data to tell"
+    return "right" if np.isfinite(value) and high <= _WIDE * max(low, 1 / _WIDE) else "not enough data to tell"
 
 
 def ranking(measured: Measured) -> list[Scored]:
@@ -207,9 +208,15 @@ def _calibration_sentence(state: Calibration, measured: Measured, theta: float) 
     }[state]
     told = (
         f"{beginning}: in the measuring session at threshold {theta:g}, {measured.policy}, {judged.wrong:.1%} of the "
-        f"decisions are wrong, {_times(value)} ({_times(low)} to {_times(high)}) times as often as the beliefs say"
+        "decisions are wrong, "
     )
-    if np.isfinite(beside.median):
+    if np.isinf(value):
+        told += "although all beliefs are 1 and leave no doubt, so the factor is infinite"
+    else:
+        told += f"{_times(value)} ({_times(low)} to {_times(high)}) times as often as the beliefs say"
+    if np.isinf(value) and np.isnan(beside.median):
+        told += f"; a right model on {judged.taps} taps per class makes no wrong decision"
+    elif not np.isnan(beside.median):
         told += (
             f"; a right model on {judged.taps} taps per class gives {_times(beside.median)} ({_times(beside.low)} to "
             f"{_times(beside.high)})"

@@ -57,7 +57,7 @@ def _remedies(remedy: Mapping[str, Any], unit: str) -> Any:
             row["name"] + (" (chosen)" if row["name"] == remedy["chosen"] else ""),
             _triple(row["gain_per_tap"]),
             _triple(row["error_change"]),
-            factor(row["factor"]),
+            factor(row["factor"], row["unbounded"]),
             {True: "yes", False: "no"}.get(row.get("worthwhile"), ""),
         )
     return table

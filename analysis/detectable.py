@@ -26,7 +26,7 @@ from ..models.classes import ClassGrid
 from ..models.errors import InputError
 from ..models.model import TapModel
 from ..models.setting import Setting
-from .right_model import LEVEL, equivalent, simulate
+from .right_model import LEVEL, equivalent, quantiles, simulate
 
 POWER = 0.8
 SESSIONS, TAPS = (1, 3, 10), (20, 60)
@@ -160,7 +160,8 @@ def detectable(
 
     Args:
         factors: Gives factors of data sets of a design drawn from a right model, shape (R,); those that are NaN, as
-            where no trial stops, are left out. Designs of as many taps are asked for once.
+            where no trial stops, are left out, and of infinite ones only the rank counts. Designs of as many taps are
+            asked for once.
         designs: The designs.
         level: Of the test.
         power: Wanted.
@@ -170,9 +171,10 @@ def detectable(
         taps = design.sessions * design.taps
         if taps not in known:
             values = factors(design)
-            values = values[np.isfinite(values)]
-            known[taps] = np.nan, np.inf
-            if len(values) > 1:
-                known[taps] = float(np.quantile(values, 1 - level)), detectable_factor(values, level, power)
+            values = values[~np.isnan(values)]
+            right, finite = float(quantiles(values, 1 - level)), values[np.isfinite(values)]
+            known[taps] = right, np.inf
+            if np.isfinite(right) and len(finite) > 1:
+                known[taps] = right, detectable_factor(finite, level, power, right)
         found.append(Detectable(design, *known[taps]))
     return found

@@ -266,7 +266,10 @@ def plot_factors(axes: Axes, values: Sequence[Interval]) -> Axes:
     least, most = _reach(numbers)
     most = min(most, _MOST_FACTOR)
     for i, (value, low, high) in enumerate(numbers):
-        if not np.isfinite(value):
+        if np.isinf(value):
+            axes.plot(most, i, ">", color=ACTIVE, clip_on=False)
+            axes.annotate("infinite", (most, i), xytext=(-6, 0), textcoords="offset points", ha="right", va="center")
+        elif np.isnan(value):
             axes.annotate("no decision", (1, i), xytext=(4, 0), textcoords="offset points", va="center", color="grey")
         elif value < least:
             axes.plot(least, i, "<", color=ACTIVE, clip_on=False)

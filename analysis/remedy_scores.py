@@ -49,7 +49,7 @@ class Scored(NamedTuple):
         error_change: The same less that of the setting as it is.
         where_error_change: Change of the position error likewise.
         taps: Mean reaction time at its own threshold.
-        factor: Miscalibration of decisions at the threshold.
+        factor: Miscalibration of decisions at the threshold, infinite as in `Judged`.
         stopped: Fraction of trials that cross it before the deadline.
     """
 
@@ -69,7 +69,7 @@ class Judged(NamedTuple):
     """By what the beliefs of the setting as it is are called right or wrong: all decisions at its threshold.
 
     Attributes:
-        factor: Miscalibration with its interval.
+        factor: Miscalibration with its interval; all infinite where decisions are wrong and none leaves a doubt.
         wrong: Fraction of wrong decisions.
         beside: The factor beside what a right model gives on as many taps.
         exact: Whether beliefs are right in that reference, see `right_model.exact`.
@@ -166,7 +166,7 @@ def measure(
                 None if remedy is base else _triple(errors, "what_error_difference"),
                 None if remedy is base else _triple(errors, "where_error_difference"),
                 found["all trials"]["taps"][0],
-                tuple(found["all trials"]["factor"]),
+                _factor(found["all trials"]),
                 found["stopped"],
             )
         )
@@ -365,6 +365,17 @@ def _reliability(table: TapTable, grid: ClassGrid, setting: Setting, policy: str
     )
 
 
+def _factor(found: Mapping[str, Any]) -> tuple[float | None, float | None, float | None]:
+    """The factor of a part of `headline` with its interval.
+
+    A mistake that leaves no doubt refutes beliefs by itself, so an infinite factor has an infinite interval.
+    """
+    if found["doubt"][0] == 0 and found["wrong"][0] > 0:
+        return np.inf, np.inf, np.inf
+    value, low, high = found["factor"]
+    return value, low, high
+
+
 def judge(
     model: TapModel,
     table: TapTable,
@@ -405,15 +416,13 @@ def judge(
         return compare(np.nan if value is None else value, reference[:, column])
 
     every = found["all trials"]
+    factor, *factors = (_factor(one) for one in (every, *found["each"].values()))
     return Judged(
-        tuple(every["factor"]),
+        factor,
         every["wrong"][0],
-        beside(every["factor"][0], 0),
+        beside(factor[0], 0),
         exact(model),
-        {
-            name: (tuple(one["factor"]), beside(one["factor"][0], 1 + m))
-            for m, (name, one) in enumerate(found["each"].items())
-        },
+        {name: (own, beside(own[0], 1 + m)) for m, (name, own) in enumerate(zip(found["each"], factors, strict=True))},
         taps_per_class(table.pool),
         found["few"],
     )

@@ -146,12 +146,16 @@ def interval(row: Mapping[str, Any], name: str) -> str:
     return f"{value:.{digits}f} [{low:.{digits}f}, {high:.{digits}f}]"
 
 
-def factor(values: Sequence[float | None] | None) -> str:
+def factor(values: Sequence[float | None] | None, unbounded: bool = False) -> str:
     """A factor with the ends of its interval, capped where size says nothing.
 
     >>> factor((1.234, 0.5, 14461493.0)), factor((1.0, None, None)), factor((None, None, None))
     ('1.2 [0.5, >99]', '1', '–')
+    >>> factor((None, None, None), unbounded=True)
+    'infinite'
     """
+    if unbounded:
+        return "infinite"
     if not values or not _is_number(values[0]):
         return _MISSING
     if not _is_number(values[1]) or not _is_number(values[2]):

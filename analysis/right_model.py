@@ -37,7 +37,8 @@ class Reference(NamedTuple):
     """Decisions of S simulated data sets at H thresholds, for all objects and each.
 
     Attributes:
-        factor: Wrong decisions over the doubt in them, all decisions counted, shape (S, H, 1 + M); NaN without doubt.
+        factor: Wrong decisions over the doubt in them, all decisions counted, shape (S, H, 1 + M); without doubt
+            infinite where some are wrong, else NaN.
         missed: Share of the trials that stopped for another object; overall of those that stopped, shape (S, H, 1 + M).
     """
 
@@ -151,14 +152,28 @@ def equivalent(model: TapModel) -> TapModel:
 
 
 def compare(value: float, reference: Floats) -> Beside:
-    """A Monte Carlo test of a value against simulated ones, shape (S,); those that are NaN count for either side."""
+    """A Monte Carlo test of a value against simulated ones, shape (S,).
+
+    Both may be infinite: decisions are wrong that leave no doubt. Those that are NaN, without a mistake or a doubt,
+    count for either side, but not as infinite.
+    """
     known = reference[~np.isnan(reference)]
     S, free = len(reference), len(reference) - len(known)
-    if np.isnan(value) or not len(known):
+    if np.isnan(value) or not (len(known) or np.isinf(value)):
         return Beside(value, np.nan, np.nan, np.nan, 1.0, 1.0)
-    median, low, high = np.quantile(known, [0.5, 0.025, 0.975])
-    above, below = ((1 + free + (sign * known >= sign * value).sum()) / (1 + S) for sign in (1, -1))
+    median, low, high = quantiles(known, [0.5, 0.025, 0.975])
+    more, less = (known >= value).sum() + (0 if np.isinf(value) else free), (known <= value).sum() + free
+    above, below = (1 + more) / (1 + S), (1 + less) / (1 + S)
     return Beside(float(value), float(median), float(low), float(high), float(above), float(below))
+
+
+def quantiles(values: Floats, at: ArrayLike) -> Floats:
+    """Quantiles of values that may be infinite; NaN where there is none."""
+    at = np.asarray(at, dtype=np.float64)
+    if not len(values):
+        return np.full(at.shape, np.nan)
+    # Between two values nothing can be interpolated if one is infinite.
+    return np.quantile(values, at, method="linear" if np.isfinite(values).all() else "higher")
 
 
 def drawn_table(model: TapModel, table: TapTable, generator: np.random.Generator) -> TapTable:

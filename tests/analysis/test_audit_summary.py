@@ -16,12 +16,14 @@ def test_what_stands_beside_a_factor_has_names():
     found = _clean(_judged(judged))
     assert found == {
         "factor": [3.2, 2.0, 5.0],
+        "unbounded": False,
         "wrong": 0.1,
         "beside": {"value": 3.2, "median": 2.9, "low": 1.9, "high": 4.4, "above": 0.2, "below": 0.9},
         "exact": True,
         "each": {
             "rod": {
                 "factor": [None, None, None],
+                "unbounded": False,
                 "beside": {"value": None, "median": 1.0, "low": 0.5, "high": 2.0, "above": 1.0, "below": 1.0},
             }
         },
@@ -29,6 +31,16 @@ def test_what_stands_beside_a_factor_has_names():
         "few": "Few.",
     }
     json.dumps(found, allow_nan=False)
+
+
+def test_an_infinite_factor_is_said_in_words():
+    """JSON has no number for it."""
+    beside = Beside(np.inf, np.nan, np.nan, np.nan, 0.005, 1.0)
+    judged = Judged((np.inf,) * 3, 0.1, beside, True, {"rod": ((np.inf,) * 3, beside)}, 60)
+    found = json.loads(json.dumps(_clean(_judged(judged)), allow_nan=False))
+    for part in (found, found["each"]["rod"]):
+        assert (part["factor"], part["unbounded"]) == ([None, None, None], True)
+        assert part["beside"]["above"] == 0.005
 
 
 def test_a_promise_says_beside_what_it_is_exceeded():

@@ -47,6 +47,9 @@ CALIBRATION = {
     "from nothing to one": ((0.3, 0.0, 1.0), WITHIN, True, "right"),
     "from nothing to two": ((0.3, 0.0, 2.0), WITHIN, True, UNKNOWN),
     "no doubt": ((None, None, None), UNTESTED, True, UNKNOWN),
+    "no doubt, though some are wrong": ((np.inf,) * 3, ABOVE, True, "overconfident"),
+    "the same, not exact": ((np.inf,) * 3, ABOVE, False, "overconfident"),
+    "the same, as with a right model": ((np.inf,) * 3, WITHIN, True, UNKNOWN),
     "no interval": ((2.0, None, None), ABOVE, True, UNKNOWN),
 }
 
@@ -284,6 +287,21 @@ def test_the_verdict_in_words(given, words):
     if factor[0] is not None:
         assert f"{factor[0]:.2g} ({factor[1]:.2g} to {factor[2]:.2g}) times as often" in first
         assert first.endswith("; a right model on 20 taps per class gives 1.1 (0.6 to 1.9).")
+
+
+@pytest.mark.parametrize(
+    ("median", "beside"),
+    [(1.1, "gives 1.1 (0.6 to 1.9)."), (np.nan, "makes no wrong decision.")],
+    ids=["a right model has doubts", "a right model has none"],
+)
+def test_mistakes_without_a_doubt_are_said_to_be_some(median, beside):
+    endless = judged((np.inf,) * 3, median=median)
+    first = verdict(Cause(None, ""), measured(score("remedy"), judged=endless), 0.95, TITLES, "mm")[0]
+    assert first == (
+        "Beliefs are overconfident: in the measuring session at threshold 0.95, active, 30.0% of the decisions are "
+        "wrong, although all beliefs are 1 and leave no doubt, so the factor is infinite; a right model on 20 taps per "
+        f"class {beside}"
+    )
 
 
 def test_the_sentence_of_a_remedy_has_its_numbers():

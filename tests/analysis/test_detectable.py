@@ -36,6 +36,18 @@ def test_more_data_detect_less(rng):
     assert rows[-1].factor < 1.4
 
 
+def test_infinite_factors_count_by_their_rank(rng):
+    """Few of them raise what a right model may give; where they are more than the level, nothing is detected."""
+    right = factors(rng, 20, n=1000)
+    (plain,), (few,), (many,) = (
+        detectable(lambda _, share=share: np.append(right, np.full(int(1000 * share), np.inf)), [Design(1, 20)])
+        for share in (0.0, 0.02, 0.2)
+    )
+    assert few.right > plain.right
+    assert plain.factor < few.factor < np.inf
+    assert (many.right, many.factor) == (np.inf, np.inf)
+
+
 def test_a_given_critical_factor_is_used(rng):
     right = factors(rng, 20)
     assert detectable_factor(right, critical=2.0) > detectable_factor(right)

@@ -181,6 +181,16 @@ def test_remedies_share_rows_with_the_setting_as_it_is_on_top():
     assert 1 in factor.get_xticks()
 
 
+def test_an_infinite_factor_ends_at_the_axis():
+    """And is called so."""
+    endless = scored("endless", (0.1, -0.5, 0.5), factor=(np.inf, np.inf, np.inf))
+    factor = figures.remedies(measured(BASE, endless)).axes[-1]
+
+    (mark,) = (line for line in factor.lines if line.get_marker() == ">")
+    assert (mark.get_xdata()[0], mark.get_ydata()[0]) == (factor.get_xlim()[1], 1)
+    assert [text.get_text() for text in factor.texts] == ["infinite"]
+
+
 def test_without_errors_two_panels_are_left():
     """A single remedy of which only the gain is known is drawn without its error."""
     gain, factor = figures.remedies(measured(BASE, SAME)).axes

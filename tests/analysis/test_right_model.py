@@ -191,6 +191,35 @@ def test_data_sets_without_doubt_count_for_both_sides():
         assert np.isnan(nothing.median)
 
 
+def test_an_infinite_factor_is_above_all_others():
+    """Decisions are wrong that leave no doubt: only data sets with such decisions count against it."""
+    reference = np.append(np.arange(8.0), np.nan)
+    assert compare(np.inf, reference) == (np.inf, 3.5, pytest.approx(0.175), pytest.approx(6.825), 0.1, 1.0)
+    assert compare(np.inf, np.append(reference, np.inf))[4:] == pytest.approx((2 / 11, 1.0))
+    assert compare(5.0, np.append(reference, np.inf))[1:] == (
+        4.0,
+        1.0,
+        np.inf,
+        pytest.approx(6 / 11),
+        pytest.approx(8 / 11),
+    )
+    assert compare(np.inf, np.full(9, np.nan))[4:] == (0.1, 1.0)
+    assert np.isnan(compare(np.inf, np.full(9, np.nan)).median)
+
+
+def test_mistakes_without_a_doubt_are_overconfident():
+    """Likelihoods of a million nats leave no doubt; the factor of all decisions and of each object is infinite."""
+    model = model_of(L=3, M=3)
+    table = data_of(model, 12, 1)
+    bold = replace(model, power=1e6)
+    seen = table._replace(log_likelihood=1e6 * table.log_likelihood)
+    setting = Setting(threshold=0.9, border="clamp", passive=True, deadline=40)
+    found = judge(bold, seen, model.grid, setting, "passive", 300, 0)
+    assert 0 < found.wrong < 1
+    assert found.factor == (np.inf, np.inf, np.inf)
+    assert all(factor == (np.inf, np.inf, np.inf) for factor, _ in found.each.values())
+
+
 def test_the_test_has_its_level():
     """A hundred data sets of the model itself: p-values are uniform, so one in ten is at most a tenth, either side."""
     model = model_of(L=2, M=2, B=4, seed=3)
