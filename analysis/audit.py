@@ -268,7 +268,6 @@ def _enough(base: Remedy, measured: Measured, settings: AuditSettings, clock: Cl
         found = enough(
             base.model,
             measured.table,
-            base.grid,
             settings.setting,
             measured.policy,
             settings.trials // 2,

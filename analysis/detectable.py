@@ -20,13 +20,11 @@ from scipy.optimize import root_scalar
 from scipy.stats import gamma
 
 from ..hardware.pool import tap_pool
-from ..inference.control import check_fixation
 from ..inference.trial_plan import TapTable
-from ..models.classes import ClassGrid
 from ..models.errors import InputError
 from ..models.model import TapModel
 from ..models.setting import Setting
-from .right_model import LEVEL, equivalent, quantiles, simulate
+from .right_model import LEVEL, equivalent, quantiles, reference_factors
 
 POWER = 0.8
 SESSIONS, TAPS = (1, 3, 10), (20, 60)
@@ -74,7 +72,6 @@ def designs_from(taps: int) -> list[Design]:
 def enough(
     model: TapModel,
     table: TapTable,
-    grid: ClassGrid,
     setting: Setting,
     policy: str,
     trials: int,
@@ -86,7 +83,6 @@ def enough(
     Args:
         model: In use.
         table: The measuring taps as it sees them; classes without a tap stay so.
-        grid: The classes.
         setting: How trials move and stop.
         policy: `"passive"` or `"active"`.
         trials: Of each data set.
@@ -98,18 +94,8 @@ def enough(
 
     def factors(design: Design) -> NDArray[np.float64]:
         each = design.sessions * design.taps
-        return simulate(
-            model,
-            table._replace(pool=tap_pool(np.repeat(l, each), np.repeat(m, each), table.pool.count.shape)),
-            [setting.threshold],
-            theta_x=1.0 if policy == "passive" else setting.theta_x,
-            fixation=check_fixation(setting.fixation, grid.L) if grid.M > 1 else 0,
-            border=setting.border,
-            deadline=setting.deadline,
-            trials=trials,
-            seed=seed,
-            simulations=simulations,
-        ).factor[:, 0, 0]
+        pool = tap_pool(np.repeat(l, each), np.repeat(m, each), table.pool.count.shape)
+        return reference_factors(model, table._replace(pool=pool), setting, policy, trials, seed, simulations)[:, 0]
 
     most = _WORK / (len(l) * K * samples * simulations)
     wanted = designs_from(max(1, int(np.median(table.pool.count[l, m]))))

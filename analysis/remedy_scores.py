@@ -16,7 +16,6 @@ from numpy.typing import NDArray
 from scipy.stats import norm
 
 from ..hardware.pool import TapPool, tap_pool
-from ..inference.control import check_fixation
 from ..inference.montecarlo import THRESHOLDS
 from ..inference.resampling import CONFIDENCE, Spread, resampled_pools, spread, taps_per_class
 from ..inference.saturation import share, temper
@@ -30,7 +29,7 @@ from ..models.taps import TapSet
 from .compare_decisions import at_equal_taps, play_models
 from .reliability import headline, reliability
 from .remedies import Remedy
-from .right_model import SIMULATIONS, Beside, compare, exact, simulate
+from .right_model import SIMULATIONS, Beside, compare, exact, reference_factors
 from .study import can_act
 
 _SEQUENCES, _RESAMPLE_SEQUENCES = 20, 5  # of each class
@@ -399,18 +398,7 @@ def judge(
         advance: Told of every simulated data set, of `right_model.SIMULATIONS`.
     """
     found = headline(_reliability(table, grid, setting, policy, trials, seed), policy, setting.threshold)
-    reference = simulate(
-        model,
-        table,
-        [setting.threshold],
-        theta_x=1.0 if policy == "passive" else setting.theta_x,
-        fixation=check_fixation(setting.fixation, grid.L) if grid.M > 1 else 0,
-        border=setting.border,
-        deadline=setting.deadline,
-        trials=trials // 2,
-        seed=seed,
-        progress=advance,
-    ).factor[:, 0]
+    reference = reference_factors(model, table, setting, policy, trials // 2, seed, progress=advance)
 
     def beside(value: float | None, column: int) -> Beside:
         return compare(np.nan if value is None else value, reference[:, column])

@@ -17,12 +17,14 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ..inference.control import check_fixation
 from ..inference.montecarlo import LoopPlayer, empty_trials, make_rule
 from ..inference.reference import Border
 from ..inference.trial_plan import TapTable, plan_trials
 from ..models import seeds
 from ..models.forms import GaussianForm
 from ..models.model import TapModel
+from ..models.setting import Setting
 from ..models.threads import cores, in_order
 from .reliability import decided_about
 
@@ -117,6 +119,43 @@ def simulate(
             progress(1)
     factor, missed = zip(*found, strict=True)
     return Reference(np.array(factor), np.array(missed))
+
+
+def reference_factors(
+    model: TapModel,
+    table: TapTable,
+    setting: Setting,
+    policy: str,
+    trials: int,
+    seed: int,
+    simulations: int = SIMULATIONS,
+    progress: Callable[[int], None] | None = None,
+) -> Floats:
+    """Factors of data sets played at a setting, of all objects and each, shape (S, 1 + M); see `simulate`.
+
+    Args:
+        model: The model in use.
+        table: The taps at hand.
+        setting: How trials move and stop.
+        policy: `"passive"` or `"active"`.
+        trials: In each data set.
+        seed: Of all random numbers.
+        simulations: Data sets.
+        progress: Told of every data set.
+    """
+    return simulate(
+        model,
+        table,
+        [setting.threshold],
+        theta_x=1.0 if policy == "passive" else setting.theta_x,
+        fixation=check_fixation(setting.fixation, model.grid.L) if model.grid.M > 1 else 0,
+        border=setting.border,
+        deadline=setting.deadline,
+        trials=trials,
+        seed=seed,
+        simulations=simulations,
+        progress=progress,
+    ).factor[:, 0]
 
 
 def described(

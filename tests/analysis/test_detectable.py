@@ -78,7 +78,7 @@ def few(make_model, rng):
 def test_a_design_of_a_fitted_model_detects_less_with_more_taps(few):
     """By simulation from the model itself; as many taps in fewer sessions detect as much."""
     model, table = few
-    rows = enough(model, table, model.grid, Setting(threshold=0.8, power="none"), "passive", 500, 0, 40)
+    rows = enough(model, table, Setting(threshold=0.8, power="none"), "passive", 500, 0, 40)
     factor = {row.design: row.factor for row in rows}
     assert len(rows) == 9
     assert factor[Design(3, 20)] == factor[Design(1, 60)]

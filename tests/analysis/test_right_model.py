@@ -7,7 +7,15 @@ import pytest
 from scipy.stats import binom
 from solidtouch.analysis.reliability import EVERYTHING, at_stopping, reliability
 from solidtouch.analysis.remedy_scores import judge
-from solidtouch.analysis.right_model import SIMULATIONS, compare, described, equivalent, exact, simulate
+from solidtouch.analysis.right_model import (
+    SIMULATIONS,
+    compare,
+    described,
+    equivalent,
+    exact,
+    reference_factors,
+    simulate,
+)
 from solidtouch.hardware.pool import tap_pool
 from solidtouch.inference.montecarlo import run_trials
 from solidtouch.inference.trial_plan import TapTable, plan_trials
@@ -218,6 +226,19 @@ def test_mistakes_without_a_doubt_are_overconfident():
     assert 0 < found.wrong < 1
     assert found.factor == (np.inf, np.inf, np.inf)
     assert all(factor == (np.inf, np.inf, np.inf) for factor, _ in found.each.values())
+
+
+def test_a_setting_is_played_as_it_says():
+    """Moves, fixation, border, deadline and threshold of the setting; passive trials never move."""
+    model = model_of(L=5, M=2, B=3)
+    table = data_of(model, 6, 0)
+    setting = Setting(threshold=0.8, theta_x=0.3, fixation=1, border="circular", deadline=6)
+    options = {"border": "circular", "deadline": 6, "fixation": 1, "trials": 90, "seed": 4, "simulations": 3}
+    for policy, theta_x in (("active", 0.3), ("passive", 1.0)):
+        found = reference_factors(model, table, setting, policy, 90, 4, 3)
+        np.testing.assert_array_equal(found, simulate(model, table, [0.8], theta_x=theta_x, **options).factor[:, 0])
+    one = reference_factors(model_of(L=5, M=1), data_of(model_of(L=5, M=1), 6, 0), setting, "passive", 90, 4, 3)
+    assert one.shape == (3, 6)
 
 
 def test_the_test_has_its_level():
