@@ -43,11 +43,6 @@ def by_reference(job: Job) -> tuple[Decisions, NDArray[np.bool_]]:
     return found, near
 
 
-def _tied(marginal: NDArray[np.float64]) -> bool:
-    second, first = np.sort(marginal)[-2:] if len(marginal) > 1 else (0.0, 1.0)
-    return bool(first - second <= NEAR)
-
-
 def differing(found: Decisions, expected: Decisions) -> NDArray[np.bool_]:
     """Which of the trials in `expected` were decided otherwise, at any threshold, shape (n,)."""
     n = len(expected.taps)

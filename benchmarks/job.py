@@ -21,13 +21,7 @@ SEED = 0
 
 
 class Decisions(NamedTuple):
-    """What n trials came to at H thresholds; all of shape (n, H).
-
-    Attributes:
-        taps: Reaction time.
-        what: Decided what class.
-        where: Decided where class.
-    """
+    """What is compared of `montecarlo.Trials`: its fields of these names, of n trials at H thresholds, shape (n, H)."""
 
     taps: NDArray[np.integer]
     what: NDArray[np.integer]
@@ -150,4 +144,4 @@ def prepared(job: Job) -> Callable[[], Trials]:
 
 def decisions(trials: Trials) -> Decisions:
     """What is compared of trials."""
-    return Decisions(trials.taps, trials.what, trials.where)
+    return Decisions(*(getattr(trials, name) for name in Decisions._fields))
