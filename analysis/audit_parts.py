@@ -14,6 +14,7 @@ from ..models.importers import load_taps
 from ..models.joining import check_alike, numbered
 from ..models.splits import rank_in_class
 from ..models.taps import TapSet, concatenate
+from ..models.training import without_training
 
 _HALVED = (
     "Taps that tune and taps that measure are the odd and the even ones of the same session, so what is tuned suits "
@@ -49,28 +50,35 @@ class AuditParts(NamedTuple):
 
 
 def load_parts(
-    files: Sequence[str | Path], where_cell: str | None = None, what_cell: str | None = None
+    files: Sequence[str | Path],
+    where_cell: str | None = None,
+    what_cell: str | None = None,
+    training_taps: bool = False,
 ) -> tuple[AuditParts, ClassGrid]:
-    """The parts of an audit and the classes, from its files.
+    """The parts of an audit and the classes, from its files; `training_taps` as `audit_parts`.
 
     Raises:
         InputError: As `load_taps`, `TapSet.grid` and `audit_parts`.
     """
     taps = [load_taps(path) for path in files]
     grid = taps[0].grid(where_cell, what_cell)
-    return audit_parts(taps, [Path(path).name for path in files], grid), grid
+    return audit_parts(taps, [Path(path).name for path in files], grid, training_taps), grid
 
 
-def audit_parts(taps: Sequence[TapSet], names: Sequence[str], grid: ClassGrid) -> AuditParts:
+def audit_parts(
+    taps: Sequence[TapSet], names: Sequence[str], grid: ClassGrid, training_taps: bool = False
+) -> AuditParts:
     """Divides tap sets: the first trains, the last measures, those between tune.
 
     Of two the second is halved by trial, within each class. A single one is divided by its sessions as if each were a
     file, except that all but the last two train; a single session is divided within each class, half of it trains.
+    Taps that train neither tune nor measure, see `without_training`; warnings say which are left out.
 
     Args:
         taps: Tap sets in the order of their files.
         names: What the files are called.
         grid: The classes.
+        training_taps: Whether they tune and measure all the same.
 
     Raises:
         InputError: There is none, they do not fit together, or one of the parts would hold no tap of a class.
@@ -80,23 +88,37 @@ def audit_parts(taps: Sequence[TapSet], names: Sequence[str], grid: ClassGrid) -
     warnings = []
     check_alike(taps, names)
     parts, session_names = numbered(taps, names)
+
+    def fresh(train: TapSet, *others: TapSet) -> list[TapSet]:
+        known, found = tap_digests(train.taps), []
+        for other in others:
+            rest, sentence = without_training(other, known, training_taps, session_names)
+            found.append(rest)
+            if sentence:
+                warnings.append(f"{sentence[0].upper()}{sentence[1:]}")
+        return found
+
     if len(taps) == 1:
         train, tune, measure, description, halved = _of_one(parts[0], session_names, grid)
+        *tune, measure = fresh(train, *tune, measure)
+        tune = tuple(tune)
     elif len(taps) == 2:
-        train, (tune, measure), halved = parts[0], _halves(parts[1], grid), True
+        train, halved = parts[0], True
+        (rest,) = fresh(*parts)
+        tune, measure = _halves(rest, grid)
         description = f"{names[0]} trains; {names[1]}, halved by trial, tunes and measures."
         tune = (tune,)
     else:
-        train, tune, measure, halved = parts[0], tuple(parts[1:-1]), parts[-1], False
+        train, halved = parts[0], False
+        *tune, measure = fresh(*parts)
+        tune = tuple(tune)
         description = f"{names[0]} trains, {_listed(names[1:-1])}, {names[-1]} measures."
     if halved:
         warnings.append(_HALVED)
     _check(grid, train, tune, measure)
-    digests = tap_digests(measure.taps)
-    for kind, others in (("training", [train]), ("tuning", tune)):
-        copies = int(np.isin(digests, np.concatenate([tap_digests(other.taps) for other in others])).sum())
-        if copies:
-            warnings.append(f"{copies} of the {len(measure)} measuring taps stand among the {kind} taps too.")
+    copies = np.isin(tap_digests(measure.taps), np.concatenate([tap_digests(other.taps) for other in tune])).sum()
+    if copies:
+        warnings.append(f"{copies} of the {len(measure)} measuring taps stand among the tuning taps too.")
     return AuditParts(train, tune, measure, session_names, description, tuple(warnings), halved)
 
 

@@ -11,7 +11,7 @@ from typer import Argument, Option
 
 from ..models.errors import InputError
 from .interrupt import loading
-from .options import Bins, Border, Deadline, Force, Pseudocount, Seed, ValueRange, WhatCell, WhereCell
+from .options import Bins, Border, Deadline, Force, Pseudocount, Seed, TrainingTaps, ValueRange, WhatCell, WhereCell
 
 if TYPE_CHECKING:
     from ..analysis.audit_parts import AuditParts
@@ -39,6 +39,7 @@ def audit(
     ] = None,
     where_cell: WhereCell = None,
     what_cell: WhatCell = None,
+    training_taps: TrainingTaps = False,
     bins: Bins = 100,
     pseudocount: Pseudocount = 0.01,
     power: Annotated[str, Option(help="Root of the likelihood in use: J, JK, none or an exponent.")] = "J",
@@ -90,7 +91,7 @@ def audit(
 
     folder = out or Path("runs") / f"{datetime.now().astimezone():%Y-%m-%d-%H%M%S}-audit"
     check_folder(folder, force)
-    parts, grid = load_parts(files, where_cell, what_cell)
+    parts, grid = load_parts(files, where_cell, what_cell, training_taps)
     grid, dropped = trim(grid, [parts.train])
     check_fixation(fixation, grid.L)
     settings = AuditSettings(

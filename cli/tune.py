@@ -220,7 +220,7 @@ def _training(
         for option, value in (("--split", method), ("--train", train), ("--test", test)):
             if value is not None:
                 raise InputError(f"{option} divides one file; of several all but the last train.")
-        divided, grid = load_parts(data, where_cell, what_cell)
+        divided, grid = load_parts(data, where_cell, what_cell, training_taps=True)
         taps = concatenate([divided.train, *divided.tune])
         told = f"{len(data) - 1} files train; {data[-1].name} is kept for tests."
     else:

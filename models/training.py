@@ -1,5 +1,7 @@
 """Test taps that trained the model, which would make errors too small: found by their digests and left out."""
 
+from collections.abc import Sequence
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -34,13 +36,16 @@ def training_taps(taps: TapSet, training: NDArray[np.uint64]) -> NDArray[np.bool
     return result
 
 
-def without_training(taps: TapSet, training: NDArray[np.uint64], keep: bool = False) -> tuple[TapSet, str]:
+def without_training(
+    taps: TapSet, training: NDArray[np.uint64], keep: bool = False, names: Sequence[str] | None = None
+) -> tuple[TapSet, str]:
     """The taps that did not train a model, and one sentence about those that did.
 
     Args:
         taps: Test taps.
         training: Digests of the training taps.
         keep: Whether to return all taps all the same.
+        names: What sessions are called, by their numbers; `None` for the numbers.
 
     Returns:
         The taps and the sentence, which is empty where no tap trained the model.
@@ -51,7 +56,7 @@ def without_training(taps: TapSet, training: NDArray[np.uint64], keep: bool = Fa
     known = training_taps(taps, training)
     if not known.any():
         return taps, ""
-    named = f"{_counted(taps, known)} trained the model"
+    named = f"{_counted(taps, known, names)} trained the model"
     if keep:
         return taps, f"{named} and are played all the same, so expect larger errors on new taps."
     if known.all():
@@ -62,13 +67,14 @@ def without_training(taps: TapSet, training: NDArray[np.uint64], keep: bool = Fa
     return taps.select(~known), f"{named} and are left out; --training-taps plays them all the same."
 
 
-def _counted(taps: TapSet, known: NDArray[np.bool_]) -> str:
+def _counted(taps: TapSet, known: NDArray[np.bool_], names: Sequence[str] | None) -> str:
     """How many taps of which sessions."""
     sessions = np.unique(taps.session[known])
     parts = []
     for session in sessions:
         own = taps.session == session
         n, N = int((own & known).sum()), int(own.sum())
-        parts.append(f"{f'all {n}' if n == N else f'{n} of {N}'} taps of session {session}")
+        called = f"session {session}" if names is None else names[session]
+        parts.append(f"{f'all {n}' if n == N else f'{n} of {N}'} taps of {called}")
     *first, last = parts
     return f"{', '.join(first)} and {last}" if first else last

@@ -15,8 +15,8 @@ def files(make_taps, number, **more):
     return [make_taps(sessions=1, repeats=REPEATS, seed=seed, **more) for seed in range(number)]
 
 
-def parts_of(sets):
-    return audit_parts(sets, [f"file-{i}.nc" for i in range(len(sets))], sets[0].grid())
+def parts_of(sets, **more):
+    return audit_parts(sets, [f"file-{i}.nc" for i in range(len(sets))], sets[0].grid(), **more)
 
 
 def in_class(taps):
@@ -105,14 +105,41 @@ def test_files_need_not_have_the_same_positions_nor_further_arrays(make_taps):
     np.testing.assert_array_equal(parts.measure.where, c.where)
 
 
-def test_measuring_taps_that_are_known_are_counted(make_taps):
-    """Those that stand among the training taps, and those that stand among the tuning taps."""
+def test_taps_that_train_neither_tune_nor_measure(make_taps):
+    """Whole sessions and single taps; a warning names the file and how many. Tuning taps may measure, which is said."""
     a, b, c = files(make_taps, 3)
     some = concatenate([c, a.select(np.arange(5)), b.select(np.arange(2))])
-    assert parts_of([a, b, some]).warnings == (
-        f"5 of the {len(some)} measuring taps stand among the training taps too.",
-        f"2 of the {len(some)} measuring taps stand among the tuning taps too.",
+    parts = parts_of([a, concatenate([b, a.select(np.arange(3))]), some])
+    assert (len(parts.tune[0]), len(parts.measure)) == (84, 86)
+    assert parts.warnings == (
+        "3 of 87 taps of file-1.nc trained the model and are left out; --training-taps plays them all the same.",
+        "5 of 91 taps of file-2.nc trained the model and are left out; --training-taps plays them all the same.",
+        "2 of the 86 measuring taps stand among the tuning taps too.",
     )
+    kept = parts_of([a, b, some], training_taps=True)
+    assert len(kept.measure) == 91
+    assert kept.warnings[0].startswith("5 of 91 taps of file-2.nc trained the model and are played all the same")
+    with pytest.raises(InputError, match=r"^No tap is left to test: all 84 taps of file-1\.nc trained the model"):
+        parts_of([a, a, c])
+
+
+def test_what_remains_of_the_second_file_is_halved(make_taps):
+    """A session that trains, found again in the second of two files, leaves equal halves of the other."""
+    taps = make_taps(sessions=2, repeats=REPEATS)
+    first, second = (taps.select(taps.session == s) for s in (0, 1))
+    parts, alone = parts_of([first, taps]), parts_of([first, second])
+    np.testing.assert_array_equal(parts.tune[0].taps, alone.tune[0].taps)
+    np.testing.assert_array_equal(parts.measure.taps, alone.measure.taps)
+    assert parts.warnings[0].startswith("All 84 taps of file-1.nc session 0 trained the model and are left out")
+
+
+def test_a_session_that_stands_twice_in_one_file_is_left_out(make_taps):
+    """As it trains, its copy cannot measure."""
+    taps = make_taps(sessions=3, repeats=REPEATS)
+    copy = taps.select(taps.session == 0)
+    copy = type(copy)(copy.dataset.assign_coords(session=("tap", copy.session + 3)))
+    with pytest.raises(InputError, match=r"all 84 taps of file-0\.nc session 3 trained the model"):
+        parts_of([concatenate([taps, copy])])
 
 
 def test_files_that_do_not_fit_together_are_refused(make_taps):
@@ -131,12 +158,12 @@ def test_files_that_do_not_fit_together_are_refused(make_taps):
 
 def test_single_taps_cannot_be_halved(make_taps):
     """With one tap of each class in the second of two files, or in the only session."""
-    few, many = make_taps(sessions=1, repeats=1), make_taps(sessions=1)
+    few, many = make_taps(sessions=1, repeats=1, seed=1), make_taps(sessions=1)
     with pytest.raises(InputError, match="no class has two taps in the session that is to be halved"):
         parts_of([many, few])
     with pytest.raises(InputError, match="no class has two taps in the session that is to be halved"):
         parts_of([few])
-    assert not parts_of([few, few, few]).halved
+    assert not parts_of([few, few, few], training_taps=True).halved
 
 
 def test_every_part_has_a_tap_of_a_trained_class(make_taps):

@@ -151,3 +151,13 @@ def test_studies_of_one_file_refuse_a_session_that_stands_there_twice(command, f
 
     assert done.code == 2
     assert "all 84 taps of session 1 trained the model" in done.err
+
+
+def test_an_audit_refuses_to_measure_on_training_taps(command, folder):
+    """Before anything is computed."""
+    words = ("audit", folder / "session-0.nc", folder / "session-1.nc", folder / "session-0.nc")
+    done = command(*words, "--out", folder / "audit")
+
+    assert done.code == 2
+    assert done.err.startswith("solidtouch: No tap is left to test: all 84 taps of session-0.nc trained the model.")
+    assert not (folder / "audit").exists()
