@@ -11,10 +11,13 @@ from .results import Results
 STILL = 1.1
 """Mean taps to a decision below which passive and active perception are reported as not comparable."""
 
-_STORED = (
+STORED = (
     "Stored taps: test taps are drawn with replacement up to the deadline, as in the paper, so long trials see the "
     "same taps again."
 )
+"""What trials that draw with replacement estimate."""
+STORED_ONLY = f"{STORED} Errors on fresh taps, of which none is drawn twice in a trial, differ."
+"""The same where fresh taps are not played."""
 _FRESH = "Fresh taps: no test tap is drawn twice in a trial, which gives the error to expect on new taps."
 
 
@@ -55,7 +58,7 @@ def headline(results: Results, shown: int) -> dict[str, Any]:
     stored = {name: curve.isel(theta=[shown]) for name, curve in results.curves.items()}
     return {
         "theta": float(stored["passive"]["theta"][0]),
-        "stored": {"meaning": _STORED, "rows": _side(stored)},
+        "stored": {"meaning": STORED, "rows": _side(stored)},
         "fresh": {"meaning": _FRESH, "rows": _side(results.fresh_curves)},
         "used_up": results.used_up,
         "few": results.few or None,

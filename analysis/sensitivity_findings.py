@@ -8,6 +8,7 @@ from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
+from .headline import STORED_ONLY
 from .open_effects import CLASS_FLOOR, FACTOR_LIMIT, FEWEST_UNITS, RELEVANT, TAPS_FLOOR
 from .report import number
 
@@ -59,6 +60,7 @@ def rules() -> list[str]:
         f"95 % each. Below {FEWEST_UNITS} units nothing is called sure.",
         "Calibration is P(wrong object) over the mean of 1 - belief, 1 where beliefs are right; its changes are "
         "factors. Trials, places, objects and random numbers are the same under all options.",
+        STORED_ONLY,
         "A trial that meets a tap that no class can have given ends there with what it believed before.",
         "A dash stands where there is no number: an option whose thresholds never lead to as many taps as the default "
         "takes, or no wrong decision and so no calibration. A number without brackets has no interval, as it cannot be "

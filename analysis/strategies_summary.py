@@ -9,6 +9,7 @@ import numpy as np
 
 from ..inference.control import default_fixation
 from .figure_style import short_unit
+from .headline import STORED_ONLY
 from .open_effects import Interval, Means, interval, jackknife
 from .sensitivity_summary import as_factor, as_numbers
 from .strategies_curves import AT_TAPS, QUANTITIES, at_taps, curve, differences, quantities
@@ -66,6 +67,7 @@ def rules(settings: StrategySettings) -> list[str]:
         f"All strategies start from the same places and objects with the same random numbers. Trials have "
         f"{settings.deadline} taps; what has not stopped by then takes the most probable classes. Errors are of the "
         "trials that answer, taps and way of all; those that gave up have a column of their own.",
+        STORED_ONLY,
         "Strategies that look ahead enumerate training taps, evenly chosen of all classes, "
         f"about {settings.pool} of them; they never see a test tap. Two taps ahead look at the "
         "three places that are best one tap ahead, draw eight first taps, and aim for every third place with the "

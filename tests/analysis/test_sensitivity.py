@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from rich.console import Console
 from solidtouch.analysis import figure_sensitivity
+from solidtouch.analysis.headline import STORED_ONLY
 from solidtouch.analysis.open_choices import CHOICES, Choice, Option, Reading
 from solidtouch.analysis.open_effects import SUMS, Interval
 from solidtouch.analysis.open_sources import Source, recorded_source, simulated_source
@@ -184,6 +185,8 @@ def test_the_page_shows_every_option_and_its_verdict(summary, tmp_path):
         assert option in page
     for sentence in (*summary["sources"][0]["findings"], *summary["rules"]):
         assert sentence.split(":")[0][:40] in page
+    assert "Stored taps: test taps are drawn with replacement" in page
+    assert STORED_ONLY in summary["rules"]
     for options in summary["sources"][0]["lists"]:
         assert options["title"] in page
         assert all(item in page for item in options["items"])

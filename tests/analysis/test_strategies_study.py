@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from solidtouch.analysis import figure_strategies
 from solidtouch.analysis.figure_strategies_trust import trust
+from solidtouch.analysis.headline import STORED_ONLY
 from solidtouch.analysis.report import render_page
 from solidtouch.analysis.resampled_units import RESAMPLES
 from solidtouch.analysis.stages import no_progress
@@ -161,6 +162,8 @@ def test_the_page_shows_every_strategy_and_rule(summary):
     assert page.count("<table") == page.count("null decisions</th>")
     for sentence in (*summary["findings"], *summary["sources"][0]["findings"]):
         assert sentence.split(":")[0][:40] in page
+    assert "Stored taps: test taps are drawn with replacement" in page
+    assert STORED_ONLY in summary["rules"]
 
 
 @pytest.mark.slow
