@@ -141,12 +141,17 @@ def _few(table: TapTable, thresholds: Floats, used_up: Floats) -> str:
 
 
 def _sentence(table: TapTable) -> str:
-    """What intervals hold, from what is drawn anew."""
+    """What intervals hold, from what is drawn anew, and whether a trial mixes sessions."""
     taps = table.pool.order
     sessions = 1 if table.session is None else len(np.unique(np.asarray(table.session)[taps]))
     drawn = f"{sessions} sessions, then taps of each class and session," if sessions > 1 else "taps of each class"
     missing = "" if sessions > 1 else ", but not how another session would differ"
+    mixed = (
+        f" Each trial draws taps of all {sessions} test sessions, so what lasts within a session averages out: errors "
+        "within one session, as with --test N, may be larger."
+    )
     return (
         f"Brackets are {CONFIDENCE:.0%} intervals from {RESAMPLES} resamples of the test data ({drawn} drawn with "
         f"replacement): they hold how other test data of these classes would differ{missing}; the model stays."
+        f"{mixed if sessions > 1 else ''}"
     )
