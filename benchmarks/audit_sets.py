@@ -52,7 +52,7 @@ def line(name: str, found: dict[str, Any]) -> list[str]:
     median, least, most = (number(judged["beside"][one]) for one in ("median", "low", "high"))
     return [
         name,
-        f"{value} [{low}, {high}]",
+        "infinite" if judged["unbounded"] else f"{value} [{low}, {high}]",
         f"{median} ({least} to {most})",
         found["verdict"]["state"],
         found["first_cause"]["words"] or "nothing",

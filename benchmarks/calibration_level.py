@@ -112,7 +112,7 @@ def compared(observed: NDArray[np.float64], reference: NDArray[np.float64]) -> l
 
 def state(one: Beside, taps: int) -> str:
     """The verdict; at these powers the interval of the factor has no part in it."""
-    factor = (one.value,) * 3 if np.isfinite(one.value) else (None,) * 3
+    factor = (one.value,) * 3 if not np.isnan(one.value) else (None,) * 3
     return calibration(Judged(factor, 0.0, one, True, {}, taps))
 
 
