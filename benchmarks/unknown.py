@@ -26,6 +26,7 @@ from solidtouch.inference.novelty import Novelty
 from solidtouch.models.classes import ClassGrid
 from solidtouch.models.histogram import fit
 from solidtouch.models.novelty import with_scores
+from solidtouch.models.seeds import Purpose, generator
 from solidtouch.models.taps import TapSet, concatenate
 from studies import check_block, table, thinned, until_interrupted, write_block, write_json
 
@@ -94,7 +95,7 @@ def truth(name: str, sessions: int, seed: int = 0) -> Truth:
     where, what = taps.indices(whole)
     if name == "varied":
         spread = SPREAD * (where - PLACES[0]) * (what == KNOWN[-1])
-        shift = np.random.default_rng(seed).normal(0, 1, len(taps)) * spread
+        shift = generator(seed, Purpose.STUDY, 0).normal(0, 1, len(taps)) * spread
         dataset["taps"] = dataset["taps"] + shift[:, np.newaxis, np.newaxis]
     cells = [(l, m) for l in PLACES for m in (*KNOWN, NEW)]
     pool = {(l - PLACES[0], (*KNOWN, NEW).index(m)): np.flatnonzero((where == l) & (what == m)) for l, m in cells}
@@ -103,19 +104,19 @@ def truth(name: str, sessions: int, seed: int = 0) -> Truth:
 
 def alarms(true: Truth, n: int, rule: str, seed: int) -> dict[tuple[str, int], int]:
     """Taps after which an alarm came in an episode of each policy and object, 0 for none; n training taps per class."""
-    generator = np.random.default_rng([seed, n])
+    chance = generator(seed, Purpose.STUDY, n)
     L, M = true.grid.shape
-    chosen = [generator.choice(true.pool[l, m], n) for l in range(L) for m in range(M)]
+    chosen = [chance.choice(true.pool[l, m], n) for l in range(L) for m in range(M)]
     train = true.taps.select(np.concatenate(chosen))
     model = with_scores(fit(train, true.grid, bins=BINS), train)
     novelty = RULES[rule](model)
     T = max(TIMES)
     found = {}
     for m in range(M + 1):
-        fresh = true.taps.taps[np.stack([generator.choice(true.pool[l, m], T) for l in range(L)])]
+        fresh = true.taps.taps[np.stack([chance.choice(true.pool[l, m], T) for l in range(L)])]
         misfit = novelty.misfit(fresh)
         likelihood = model.log_likelihood(fresh.reshape(-1, *fresh.shape[2:])).reshape(misfit.shape)
-        start = int(generator.integers(L))
+        start = int(chance.integers(L))
         found["active", m] = alarm(novelty, misfit, path(likelihood, start, L // 2))
         found["passive", m] = alarm(novelty, misfit, np.full(T, start))
         if m < M:
