@@ -12,8 +12,9 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from ..hardware.pool import TapPool
-from ..inference.resampling import CONFIDENCE, resampled_pools, spread
+from ..inference.resampling import CONFIDENCE, spread
 from ..inference.saturation import share
+from ..inference.selections import thinned_pools
 from ..inference.trial_plan import TapTable
 from ..models import seeds
 from ..models.errors import InputError
@@ -39,7 +40,7 @@ CALIBRATIONS = {
 }
 _UNKNOWN = np.full(len(MEANS) + len(CALIBRATIONS), np.nan)  # of a resample in which too few classes have the taps
 CALIBRATION_BINS = 10
-_DRAWS, _RESAMPLE_DRAWS = 50, 5  # per class
+_DRAWS, _RESAMPLE_DRAWS = 50, 6  # per class
 # Share of the classes that must have n distinct test taps: with fewer, dropping the hard ones would look like growth.
 _ENOUGH = 0.9
 _RESAMPLES = 100
@@ -121,26 +122,21 @@ def class_scores(
     table = tables[names[0]]
     N = len(table.log_likelihood)
     session = np.zeros(N, dtype=np.intp) if table.session is None else np.asarray(table.session)
-    pools = list(resampled_pools(table, resamples, seed))
+    pools = list(thinned_pools(table, resamples, seed))
     answered, samples, classes, count = [], [], [], []
     for n in dict.fromkeys(contacts):
         sequences = _draw(pools[0], session, n, seeds.generator(seed, seeds.Purpose.CONTACT_SCORES, n, 0))
         if sequences is None:
             continue
         generator = seeds.generator(seed, seeds.Purpose.CONTACT_SCORES, n, 1)
-        drawn = (sequences, *(_draw(pool, session, n, generator, _RESAMPLE_DRAWS) for pool in pools[1:]))
-        samples.append(
-            [
-                [_UNKNOWN if some is None else _summary(_scores(tables[name], some), some) for some in drawn]
-                for name in names
-            ]
-        )
+        drawn = [_draw(pool, session, n, generator, _RESAMPLE_DRAWS) for pool in pools[1:]]
+        samples.append([_samples(table, sequences, drawn) for table in tables.values()])
         answered.append(n)
         classes.append(len(np.unique(np.stack([sequences.where, sequences.what]), axis=1).T))
         count.append(len(sequences.taps))
     if not answered:
         raise InputError(f"Too few classes have test taps for sequences of {', '.join(map(str, contacts))} taps.")
-    joined = np.moveaxis(np.array(samples), (0, 1, 2, 3), (1, 0, 2, 3))  # (model, contacts, 1 + resamples, quantity)
+    joined = np.array(samples).swapaxes(0, 1)  # (model, contacts, 1 + 3 resamples, quantity)
     result = xr.Dataset(
         {"classes": ("contacts", np.array(classes)), "sequences": ("contacts", np.array(count))},
         {"model": np.array(names, dtype=np.str_), "contacts": np.array(answered)},
@@ -151,7 +147,10 @@ def class_scores(
             "calibration_bins": CALIBRATION_BINS,
         },
     )
-    how, independent = spread(table), int(table.pool.count.sum()) / np.array(answered)
+    how, independent = (
+        spread(table, noise=_RESAMPLE_DRAWS / _DRAWS, thinned=True),
+        int(table.pool.count.sum()) / np.array(answered),
+    )
     for i, (name, meaning) in enumerate((MEANS | CALIBRATIONS).items()):
         attributes = {"long_name": meaning, "units": "nat" if name.startswith("log_score") else ""}
         result.update(
@@ -173,8 +172,8 @@ def class_scores(
 def class_interval_sentence() -> str:
     """What the intervals of `class_scores` mean, in a sentence."""
     return (
-        f"Intervals are {CONFIDENCE:.0%} bootstrap intervals: test taps are drawn anew within class and session, and "
-        "sessions where several test, the same for all models."
+        f"Intervals are {CONFIDENCE:.0%} jackknife intervals from selections of the test taps that leave out a quarter "
+        "of each class and session, and of the sessions where several test, the same for all models."
     )
 
 
@@ -265,6 +264,29 @@ def _score(table: TapTable, sequences: _Sequences) -> _Scores:
         np.stack([by_what.max(axis=1), by_where.max(axis=1)], axis=1),
         np.stack([values["accuracy_what"], values["accuracy_where"]], axis=1).astype(np.float64),
     )
+
+
+def _samples(table: TapTable, sequences: _Sequences, drawn: Sequence[_Sequences | None]) -> NDArray[np.float64]:
+    """Summaries of sequences, of resampled ones, and of halves of these, as `Spread.interval` wants them in rows.
+
+    Single taps are all used, so nothing varies between halves.
+    """
+    first = _summary(_scores(table, sequences), sequences)
+    layers: list[list[NDArray[np.float64]]] = [[], [], []]
+    for some in drawn:
+        if some is None:
+            parts = [_UNKNOWN] * 3
+        else:
+            scores, single = _scores(table, some), some.taps.shape[1] == 1
+            whole = _summary(scores, some)
+            parts = [whole, *(whole if single else _summary(*_every_second(scores, some, i)) for i in range(2))]
+        for layer, part in zip(layers, parts, strict=True):
+            layer.append(part)
+    return np.array([first, *layers[0], *layers[1], *layers[2]])
+
+
+def _every_second(scores: _Scores, sequences: _Sequences, start: int) -> tuple[_Scores, _Sequences]:
+    return _Scores(*(column[start::2] for column in scores)), _Sequences(*(column[start::2] for column in sequences))
 
 
 def _summary(scores: _Scores, sequences: _Sequences) -> NDArray[np.float64]:

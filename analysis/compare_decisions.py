@@ -25,6 +25,7 @@ from ..inference.resampling import (
     spread,
     taps_per_class,
     too_few,
+    trial_noise,
 )
 from ..inference.trial_plan import TapTable, TrialPlan
 from ..models.classes import ClassGrid
@@ -84,8 +85,9 @@ def play_models(
         progress: Called with the number of trials finished since the last call, see `planned`.
 
     Returns:
-        `MEANS` over (model, policy, theta, resample); resample 0 holds the taps as they are. Attributes `factor`, see
-        `resampling.Spread`, `taps_per_class`, `test_taps`, `smallest_what_error` and `smallest_where_error`.
+        `MEANS` over (model, policy, theta, resample); resample 0 holds the taps as they are, and halves of the trials
+        on the others follow behind these, see `resampling.play_resamples`. Attributes `factor`, see `spread_of`,
+        `taps_per_class`, `test_taps`, `smallest_what_error` and `smallest_where_error`.
 
     Raises:
         InputError: The tables do not hold the same taps or are not of this grid, or a setting is out of range.
@@ -95,7 +97,7 @@ def play_models(
     if resamples < 1:
         raise InputError(f"Intervals need at least one resample, got {resamples}.")
     thresholds = np.sort(np.atleast_1d(np.asarray(thresholds, dtype=np.float64)))
-    means = np.empty((len(tables), len(policies(grid)), len(MEANS), len(thresholds), 1 + resamples))
+    means = np.empty((len(tables), len(policies(grid)), len(MEANS), len(thresholds), 1 + 3 * resamples))
     for i, table in enumerate(tables.values()):
         for j, policy in enumerate(policies(grid)):
             kept = play_resamples(
@@ -111,7 +113,7 @@ def play_models(
                 resamples=resamples,
                 progress=progress,
             )
-            means[i, j] = np.stack(kept, axis=-1)
+            means[i, j] = np.stack([kept[name] for name in MEANS])
     dims = ("model", "policy", "theta", "resample")
     units = {"what_error": grid.what_error_unit, "where_error": grid.where_unit, "taps": "taps"}
     table = next(iter(tables.values()))
@@ -131,7 +133,7 @@ def play_models(
             "trials": trials,
             "seed": seed,
             "resamples": resamples,
-            "factor": spread(table).factor,
+            "factor": spread(table, thinned=True).factor,
             "taps_per_class": taps_per_class(table.pool),
             "test_taps": int(table.pool.count.sum()),
             "smallest_what_error": grid.smallest_what_error,
@@ -143,6 +145,12 @@ def play_models(
 def planned(models: int, grid: ClassGrid, trials: int, resamples: int = RESAMPLES) -> int:
     """How many trials `play_models` plays."""
     return models * len(policies(grid)) * planned_trials(trials, resamples)
+
+
+def spread_of(played: xr.Dataset) -> Spread:
+    """How the resamples of `play_models` turn into intervals."""
+    attributes = played.attrs
+    return Spread(attributes["factor"], taps=attributes["test_taps"], noise=trial_noise(attributes["trials"]))
 
 
 def decision_curves(played: xr.Dataset, reference: str | None = None) -> xr.Dataset:
@@ -197,7 +205,7 @@ def at_equal_taps(played: xr.Dataset, taps: ArrayLike | None = None, reference: 
     """
     times = np.moveaxis(played["taps"].values, 2, -1)
     names = [str(name) for name in played["model"].values]
-    fastest, slowest = _reached(played["taps"].values)
+    fastest, slowest = _reached(spread_of(played).whole(played["taps"].values))
     points = (
         np.unique(np.asarray(taps, dtype=np.float64))
         if taps is not None
@@ -234,15 +242,15 @@ def too_few_taps(curves: xr.Dataset, theta: float) -> list[str]:
 def decision_interval_sentence() -> str:
     """What the intervals of `decision_curves` and `at_equal_taps` mean, in a sentence."""
     return (
-        f"Intervals are {CONFIDENCE:.0%} bootstrap intervals: test taps are drawn anew within class and session, and "
-        "sessions where several test, and the trials are played on them, the same for all models. No trial uses a tap "
-        "twice, so errors are those on fresh taps; a trial that has had all stored taps of a class ends there. They do "
-        "not hold how models fitted to other training taps would differ."
+        f"Intervals are {CONFIDENCE:.0%} jackknife intervals: the trials are played again, the same for all models, on "
+        "selections of the test taps that leave out a quarter of each class and session, and of the sessions where "
+        "several test. No trial uses a tap twice, so errors are those on fresh taps; a trial that has had all stored "
+        "taps of a class ends there. They do not hold how models fitted to other training taps would differ."
     )
 
 
-def _means(grid: ClassGrid, trials: Trials, plan: TrialPlan) -> NDArray[np.float64]:
-    """`MEANS` at every threshold, shape (8, H)."""
+def _means(grid: ClassGrid, trials: Trials, plan: TrialPlan) -> dict[str, NDArray[np.float64]]:
+    """`MEANS` at every threshold, each of shape (H,)."""
     what = plan.what[:, np.newaxis]
     values = {
         "what_error": grid.what_error(trials.what, what),
@@ -254,7 +262,7 @@ def _means(grid: ClassGrid, trials: Trials, plan: TrialPlan) -> NDArray[np.float
         "used_up": trials.used_up,
         "no_class_left": trials.no_class_left,
     }
-    return np.stack([values[name].mean(axis=0) for name in MEANS])
+    return {name: values[name].mean(axis=0) for name in MEANS}
 
 
 def _compared(
@@ -281,7 +289,7 @@ def _compared(
                 ("model", "policy", dim),
                 names.index(reference),
                 attributes[name],
-                Spread(played.attrs["factor"]),
+                spread_of(played),
                 limits=_LIMITS.get(name, (0.0, most)),
                 independent=played.attrs["test_taps"] / times if seldom else None,
                 smallest=played.attrs.get(f"smallest_{name}", 1.0),
@@ -294,13 +302,13 @@ def _reached(times: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[n
     """Fastest and slowest mean reaction time that nearly every resample reaches.
 
     Args:
-        times: Means, shape (model, policy, theta, 1 + R).
+        times: Means on resamples, shape (model, policy, theta, R).
 
     Returns:
         Each of shape (model, policy); where the fastest is the slower there is no such time.
     """
-    raw = Spread(1.0)
-    return raw.interval(times.min(axis=2))[1], raw.interval(times.max(axis=2))[0]
+    tail = (1 - CONFIDENCE) / 2
+    return np.quantile(times.min(axis=2), 1 - tail, axis=-1), np.quantile(times.max(axis=2), tail, axis=-1)
 
 
 def _round_times(fastest: NDArray[np.float64], slowest: NDArray[np.float64], base: int) -> NDArray[np.float64]:

@@ -74,7 +74,8 @@ def with_intervals(
 
     Args:
         name: Of the quantity.
-        samples: Its estimate and, behind that, R resamples that all models share, shape (models, ..., 1 + R).
+        samples: Its estimate and, behind that, resamples that all models share, shape (models, ..., 1 + R) or as
+            `resampling.Spread.interval` says.
         dims: Of the axes but the last.
         reference: Index of the reference model.
         attributes: Of the variables.
@@ -101,7 +102,7 @@ def with_intervals(
     ):
         low, high = spread.interval(values, least, most)
         if biased:
-            excess = np.nan_to_num(np.nanmean(values[..., 1:], axis=-1) - values[..., 0])
+            excess = np.nan_to_num(spread.center(values) - values[..., 0])
             low = np.maximum(low - np.maximum(excess, 0.0), least)
             high = np.minimum(high - np.minimum(excess, 0.0), most)
         if label == name and independent is not None:

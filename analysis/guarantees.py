@@ -24,7 +24,7 @@ from ..inference.control import check_fixation
 from ..inference.episode import DEADLINE
 from ..inference.montecarlo import Trials
 from ..inference.reference import Border
-from ..inference.resampling import CONFIDENCE, RESAMPLES, play_resamples, spread, widened
+from ..inference.resampling import CONFIDENCE, RESAMPLES, play_resamples, spread, trial_noise, widened
 from ..inference.trial_plan import TapTable, TrialPlan
 from ..models.classes import ClassGrid
 from ..models.errors import InputError
@@ -103,7 +103,7 @@ def guarantees(
                 seed=seed,
                 resamples=resamples,
             )
-            for name, values in _described(np.stack(kept, axis=-1), subject).items():
+            for name, values in _described(kept["counts"], subject, trials).items():
                 found[name][i, j] = values
     data = {name: (_DIMS, values) for name, values in found.items()}
     result = xr.Dataset(
@@ -214,25 +214,25 @@ def guarantee_sentence(data: xr.Dataset) -> str:
     return (
         "With a right model, power none and border clamp at most 1 - theta of the stopped trials are wrong, and of "
         f"each {data.attrs['decides']} at most (M - 1) (1 - theta) / theta stop for another. Intervals are "
-        f"{CONFIDENCE:.0%} bootstrap intervals: test taps are drawn anew within class and session. A promise counts as "
-        "exceeded where the interval lies above 1 and a right model on as many taps exceeds it by so much in less than "
+        f"{CONFIDENCE:.0%} jackknife intervals from trials on selections of the test taps that leave out a quarter of "
+        "each class and session. A promise counts as exceeded where the interval lies above 1 and a right model on as "
+        "many taps exceeds it by so much in less than "
         f"{LEVEL:.0%} of its data sets, after Holm over all objects."
     )
 
 
-def _counts(M: int, trials: Trials, plan: TrialPlan) -> NDArray[np.float64]:
+def _counts(M: int, trials: Trials, plan: TrialPlan) -> dict[str, NDArray[np.float64]]:
     """Trials with each object: all, stopped, stopped for another, doubt of the stopped, taps of all; (H, M, 5)."""
     stopped, missed = trials.stopped, trials.stopped & (trials.what != plan.what[:, np.newaxis])
     doubt = np.where(stopped, np.clip(1 - trials.belief, 0.0, 1.0), 0.0)
     columns = np.ones_like(doubt), stopped, missed, doubt, trials.taps
-    return np.array([[np.bincount(plan.what, one, M) for one in np.transpose(column)] for column in columns]).transpose(
-        1, 2, 0
-    )
+    counts = [[np.bincount(plan.what, one, M) for one in np.transpose(column)] for column in columns]
+    return {"counts": np.array(counts).transpose(1, 2, 0)}
 
 
-def _described(counts: NDArray[np.float64], subject: Subject) -> dict[str, NDArray[np.float64]]:
-    """`_COUNTED` of all objects together and of each, shape (H, 1 + M), from counts (H, M, 5, 1 + R)."""
-    how, pool = spread(subject.table), subject.table.pool
+def _described(counts: NDArray[np.float64], subject: Subject, trials: int) -> dict[str, NDArray[np.float64]]:
+    """`_COUNTED` of all objects together and of each, shape (H, 1 + M), from counts (H, M, 5, 1 + 3 R)."""
+    how, pool = spread(subject.table, noise=trial_noise(trials), thinned=True), subject.table.pool
     every = np.concatenate([counts.sum(axis=1, keepdims=True), counts], axis=1)
     all_, stopped, missed, doubt, taps = np.moveaxis(every, 2, 0)
     among = all_.copy()

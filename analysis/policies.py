@@ -10,7 +10,8 @@ from numpy.typing import NDArray
 
 from ..hardware.pool import TapPool
 from ..inference.montecarlo import LoopPlayer, Trials, empty_trials, make_rule, run_trials
-from ..inference.resampling import RESAMPLE_TRIALS, Spread, resampled_pools, spread
+from ..inference.resampling import RESAMPLE_TRIALS, Spread, spread
+from ..inference.selections import resampled_pools
 from ..inference.trial_plan import TapTable, TrialPlan, checked_plan, join_plans, plan_trials
 from ..models.classes import ClassGrid
 from ..models.threads import cores, in_order

@@ -26,7 +26,7 @@ from ..inference.control import check_fixation
 from ..inference.episode import DEADLINE
 from ..inference.montecarlo import Trials, run_trials
 from ..inference.reference import Border
-from ..inference.resampling import CONFIDENCE, RESAMPLES, Spread, play_resamples, spread, widened
+from ..inference.resampling import CONFIDENCE, RESAMPLES, Spread, play_resamples, spread, trial_noise, widened
 from ..inference.trial_plan import TapTable, TrialPlan, plan_trials
 from ..models.classes import ClassGrid
 from ..models.errors import InputError
@@ -94,7 +94,7 @@ class Decisions(NamedTuple):
 
 
 class Sums(NamedTuple):
-    """What is kept of trials, by threshold, `COUNTED` and true object.
+    """What is kept of trials, by threshold, `COUNTED` and true object, and where joined by `play_resamples`.
 
     Attributes:
         sums: Of 1 and of `MEANS`, shape (H, 2, M, 6).
@@ -175,10 +175,9 @@ def reliability(
             kept = play_resamples(
                 subject.table, theta, partial(_sums, edges, fixed), theta_x=moves, deadline=most, **options
             )
-            joined = Sums(*(np.stack(part, axis=-1) for part in zip(*kept, strict=True)))
             for h, decisions in enumerate(played):
                 settings.append((policy, float("nan") if fixed else float(theta[h]), most if fixed else 0))
-                one = Sums(*(part[h] for part in joined))
+                one = Sums(**{name: values[h] for name, values in kept.items()})
                 rows.append(_described(decisions, one, settings[-1][1], subject))
     return _dataset(settings, rows, subject, {"trials": trials, "seed": seed, "deadline": deadline, "border": border})
 
@@ -303,9 +302,11 @@ def plain(value: float) -> float | None:
 def interval_sentence(data: xr.Dataset) -> str:
     """What the intervals of `reliability` mean, in a sentence."""
     return (
-        f"Intervals are {CONFIDENCE:.0%} bootstrap intervals: test taps are drawn anew within class and session"
-        f"{', and sessions too' if data.attrs['sessions'] > 1 else '; another session may differ by more'}. No trial "
-        "uses a tap twice, so errors are those on fresh taps; one that has had all stored taps of a class ends there."
+        f"Intervals are {CONFIDENCE:.0%} jackknife intervals: the trials are played again on selections of the test "
+        "taps that leave out a quarter of each class and session"
+        f"{', and of the sessions' if data.attrs['sessions'] > 1 else '; another session may differ by more'}. No "
+        "trial uses a tap twice, so errors are those on fresh taps; one that has had all stored taps of a class ends "
+        "there."
     )
 
 
@@ -323,8 +324,8 @@ def _edges(decisions: Decisions, stopped_only: bool, M: int) -> list[NDArray[np.
 
 def _sums(
     edges: Sequence[Sequence[Sequence[NDArray[np.float64]]]], fixed: bool, trials: Trials, plan: TrialPlan
-) -> Sums:
-    """What is kept of trials; those of a fixed number of taps all count as stopped."""
+) -> dict[str, NDArray[np.float64]]:
+    """`Sums` of trials; those of a fixed number of taps all count as stopped."""
     M = len(edges[0][0]) - 1
     sums, curve = np.zeros((len(edges), 2, M, 1 + len(MEANS))), np.zeros((len(edges), 2, 1 + M, BINS, 3))
     for h, decisions in enumerate(decisions_of(trials, plan)):
@@ -339,14 +340,15 @@ def _sums(
                     belief = decisions.belief[counted][group]
                     place = np.maximum(np.searchsorted(ends, belief, side="right") - 1, 0)
                     curve[h, c, g] = np.stack([np.bincount(place, row[group], BINS) for row in own[:3]], axis=-1)
-    return Sums(sums, curve, trials.used_up.mean(axis=0))
+    return {"sums": sums, "curve": curve, "used_up": trials.used_up.mean(axis=0)}
 
 
 def _described(decisions: Decisions, joined: Sums, theta: float, subject: Subject) -> dict[str, NDArray[Any]]:
     """Everything about the decisions of one setting, arrays over (counted, what, ...)."""
     pool, M, everyone = subject.table.pool, len(subject.names), np.ones(len(decisions.true), dtype=bool)
-    how = spread(subject.table, float(joined.used_up[0]))
-    total = np.concatenate([joined.sums.sum(axis=1, keepdims=True), joined.sums], axis=1)  # (2, 1 + M, 6, 1 + R)
+    used_up, noise = float(joined.used_up[0]), trial_noise(len(decisions.true))
+    how = spread(subject.table, used_up, noise=noise, thinned=True)
+    total = np.concatenate([joined.sums.sum(axis=1, keepdims=True), joined.sums], axis=1)  # (2, 1 + M, 6, 1 + 3 R)
     size = total[:, :, 0]
     with np.errstate(divide="ignore", invalid="ignore"):
         samples = {name: total[:, :, 1 + i] / size for i, name in enumerate(MEANS)}
@@ -360,7 +362,7 @@ def _described(decisions: Decisions, joined: Sums, theta: float, subject: Subjec
             for counts, means in zip(size[..., 0], np.nan_to_num(taps, nan=1.0), strict=True)
         ]
     )
-    found: dict[str, Any] = {"trials": size[..., 0], "fraction": fraction, "used_up": joined.used_up[0], "few": how.few}
+    found: dict[str, Any] = {"trials": size[..., 0], "fraction": fraction, "used_up": used_up, "few": how.few}
     for name in MEANS | RATIOS:
         low, high = how.interval(samples[name], 1.0 if name == "taps" else 0.0, _MOST.get(name, np.inf))
         if name in ("wrong", *RATIOS):
@@ -391,7 +393,7 @@ def _values(decisions: Decisions) -> dict[str, NDArray[np.float64]]:
 def _curve(
     curve: NDArray[np.float64], size: NDArray[np.float64], independent: NDArray[np.float64], how: Spread
 ) -> dict[str, Any]:
-    """Reliability curves from bins (2, 1 + M, BINS, 3, 1 + R), and their calibration errors."""
+    """Reliability curves from bins (2, 1 + M, BINS, 3, 1 + 3 R), and their calibration errors."""
     count, wrong, doubt = np.moveaxis(curve, 3, 0)
     with np.errstate(divide="ignore", invalid="ignore"):
         errors = np.abs(wrong - doubt).sum(axis=2) / size
@@ -404,7 +406,7 @@ def _curve(
     empty = trials == 0
     e_low, e_high = how.interval(errors, 0.0, 1.0)
     # Noise makes it larger, in a resample once more: see `compare_pairing.with_intervals`.
-    excess = np.maximum(np.nan_to_num(errors[..., 1:].mean(axis=-1) - errors[..., 0]), 0.0)
+    excess = np.maximum(np.nan_to_num(how.center(errors) - errors[..., 0]), 0.0)
     return {
         **_with_ends("calibration_error", errors[..., 0], np.maximum(e_low - excess, 0.0), e_high),
         "curve_belief": middle,

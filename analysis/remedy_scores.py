@@ -17,8 +17,9 @@ from scipy.stats import norm
 
 from ..hardware.pool import TapPool, tap_pool
 from ..inference.montecarlo import THRESHOLDS
-from ..inference.resampling import CONFIDENCE, Spread, resampled_pools, spread, taps_per_class
+from ..inference.resampling import CONFIDENCE, Spread, spread, taps_per_class
 from ..inference.saturation import share, temper
+from ..inference.selections import resampled_pools
 from ..inference.trial_plan import TapTable, tap_table
 from ..models import seeds
 from ..models.classes import ClassGrid

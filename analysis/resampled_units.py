@@ -9,7 +9,8 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from ..inference.resampling import resampled_pools, spread, too_few
+from ..inference.resampling import spread, too_few
+from ..inference.selections import resampled_pools
 from ..inference.trial_plan import TapTable
 from ..models.classes import ClassGrid
 from ..models.taps import TapSet

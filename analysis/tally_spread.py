@@ -18,6 +18,7 @@ from ..inference.resampling import (
     planned_trials,
     play_resamples,
     spread,
+    trial_noise,
     widened,
 )
 from ..inference.tally import tally
@@ -38,10 +39,12 @@ class TapSpread(NamedTuple):
     """What resampled test taps give, at H thresholds.
 
     Attributes:
-        stored: Means of trials that draw with replacement, on each of R resamples, shape (H, R), by name.
-        fresh: Means of trials that draw no tap twice, on the taps as they are and on each resample, shape (H, 1 + R).
+        stored: Means of trials that draw with replacement, on the taps as they are and on resamples, shape
+            (H, 1 + 3 R), by name, see `resampling.play_resamples`.
+        fresh: Likewise of trials that draw no tap twice.
         used_up: Share of the latter that ended because all taps of a class were drawn, shape (H,).
-        spread: How resamples turn into intervals.
+        spread: How resamples of trials with replacement turn into intervals.
+        fresh_spread: Likewise without.
         few: Why intervals may be off, in a sentence; empty where they hold.
         sentence: What intervals hold.
         most: What the object error cannot exceed.
@@ -52,6 +55,7 @@ class TapSpread(NamedTuple):
     fresh: dict[str, Floats]
     used_up: Floats
     spread: Spread
+    fresh_spread: Spread
     few: str
     sentence: str
     most: float
@@ -60,20 +64,21 @@ class TapSpread(NamedTuple):
     def intervals(self, means: Mapping[str, Floats]) -> dict[str, tuple[Floats, Floats]]:
         """Ends of the 95 % intervals of means of trials with replacement, each of shape (H,), by name."""
         return {
-            name: self._interval(name, np.column_stack([means[name], resamples]), means["taps"])
-            for name, resamples in self.stored.items()
+            name: self._interval(self.spread, name, np.column_stack([means[name], samples[:, 1:]]), means["taps"])
+            for name, samples in self.stored.items()
         }
 
     def fresh_intervals(self) -> dict[str, tuple[Floats, Floats]]:
         """Those of the means of trials on fresh taps."""
-        return {name: self._interval(name, samples, self.fresh["taps"][:, 0]) for name, samples in self.fresh.items()}
+        taps = self.fresh["taps"][:, 0]
+        return {name: self._interval(self.fresh_spread, name, samples, taps) for name, samples in self.fresh.items()}
 
-    def _interval(self, name: str, samples: Floats, taps: Floats) -> tuple[Floats, Floats]:
+    def _interval(self, how: Spread, name: str, samples: Floats, taps: Floats) -> tuple[Floats, Floats]:
         most = self.most if name == "what_error" else 1.0 if name in _SHARES else np.inf
-        low, high = self.spread.interval(samples, _LEAST.get(name, 0.0), most)
+        low, high = how.interval(samples, _LEAST.get(name, 0.0), most)
         if name not in self.smallest:
             return low, high
-        return widened(low, high, self.spread.taps / taps, self.smallest[name], most)
+        return widened(low, high, how.taps / taps, self.smallest[name], most)
 
 
 def tap_spread(
@@ -106,16 +111,17 @@ def tap_spread(
         return {name: means[name] for name in SPREAD} | {"used_up": played.used_up.mean(axis=0)}
 
     def samples(fresh: bool, number: int) -> dict[str, Floats]:
-        found = play_resamples(*(table, thresholds, reduce), trials=number, fresh=fresh, progress=progress, **rule)
-        return {name: np.stack([one[name] for one in found], axis=-1) for name in found[0]}
+        return play_resamples(table, thresholds, reduce, trials=number, fresh=fresh, progress=progress, **rule)
 
-    stored, fresh = samples(False, min(trials, RESAMPLE_TRIALS)), samples(True, min(trials, FRESH_TRIALS))
+    fresh_trials = min(trials, FRESH_TRIALS)
+    stored, fresh = samples(False, min(trials, RESAMPLE_TRIALS)), samples(True, fresh_trials)
     used_up = fresh["used_up"][:, 0]
     return TapSpread(
-        {name: stored[name][:, 1:] for name in SPREAD},
+        {name: stored[name] for name in SPREAD},
         {name: fresh[name] for name in SPREAD},
         used_up,
-        spread(table),
+        spread(table, noise=trial_noise(trials)),
+        spread(table, noise=trial_noise(fresh_trials), thinned=True),
         _few(table, thresholds, used_up),
         _sentence(table),
         1.0 if grid.what_error_unit == "P(wrong)" else np.inf,

@@ -19,10 +19,9 @@ from typing import Any, NamedTuple
 import numpy as np
 import xarray as xr
 from solidtouch.analysis.compare_classes import class_scores
-from solidtouch.analysis.compare_decisions import at_equal_taps, decision_curves, play_models
+from solidtouch.analysis.compare_decisions import at_equal_taps, decision_curves, play_models, spread_of
 from solidtouch.analysis.reliability import EVERYTHING, at_stopping, reliability
 from solidtouch.hardware.pool import tap_pool
-from solidtouch.inference.resampling import Spread
 from solidtouch.inference.trial_plan import TapTable
 from solidtouch.models import seeds
 from solidtouch.models.classes import ClassGrid
@@ -106,7 +105,7 @@ def quantities(L: int, M: int, taps: int, seed: int) -> dict[str, Seen]:
             found[f"difference at equal taps, {words}, {policy}"] = seen(equal.sel(model=model), name)
     wrong = played["what_wrong"].sel(model="noisy", theta=THETA)
     samples = (wrong.sel(policy="active") - wrong.sel(policy="passive")).values
-    low, high = Spread(played.attrs["factor"]).interval(samples)
+    low, high = spread_of(played).interval(samples)
     found["difference of active and passive, noisy"] = Seen(float(samples[0]), float(low), float(high))
     scores = class_scores(compared, seed, CONTACTS)
     for n in scores["contacts"].values:

@@ -25,7 +25,8 @@ from ..models.errors import InputError
 from ..models.model import TapModel
 from ..models.splits import Fold, split
 from ..models.taps import TapSet
-from .resampling import resampled_pools, spread, too_few
+from .resampling import spread, too_few
+from .selections import resampled_pools
 from .trial_plan import TapTable, tap_table
 
 type Floats = NDArray[np.float64]

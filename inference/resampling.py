@@ -1,29 +1,35 @@
-"""What trials would give if the study were repeated: the same trials on resampled test taps.
+"""What trials would give if the study were repeated: the same trials on other selections of the test taps.
 
-Drawn anew would be the test taps, and with them their sessions where several test. So each resample draws as many
-sessions as there are, with replacement, then as many taps of each class and session as it has, with replacement, and
-plays trials on these. Models, policies and thresholds that are given the same taps get the same resamples and the same
-random numbers, so their differences pair. The model, and so the training taps, stays as it is.
+Drawn anew would be the test taps, and with them their sessions where several test. Models, policies and thresholds that
+are given the same taps get the same selections and the same random numbers, so their differences pair. The model, and
+so the training taps, stays as it is. Two kinds of selections go with two kinds of trials.
 
-Trials draw no tap twice (`montecarlo.Rule.fresh`): every decision then is one on fresh taps, and means over trials are
-unbiased, however few taps there are. In a resample some taps are in the pool several times, which makes its beliefs too
-sure; so a resample says how much an estimate varies, not where it lies: its deviation from the mean of all resamples
-is what counts, see `Spread`.
+Trials on fresh taps draw no tap twice (`montecarlo.Rule.fresh`): every decision then is one on new taps, and means over
+trials are unbiased, however few taps there are. Their selections (`thinned_pools`) leave out a quarter of the sessions,
+where several test, and a quarter of the taps of each class and session, so no tap is in them twice. They vary a third
+as much as data sets do, by whose variance is known how much an estimate varies (delete-d jackknife: Shao and Wu 1989).
+
+Trials that draw stored taps with replacement have selections of the same kind (`resampled_pools`): sessions, then taps
+of each class and session, drawn with replacement (bootstrap).
+
+A selection says how much an estimate varies, not where it lies: its deviation from the mean of all selections is what
+counts, see `Spread`. What it varies by the sampling of its few trials is known from the two halves of these trials, and
+taken out.
 """
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Mapping
 from functools import partial
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..hardware.pool import TapPool, pool_of
-from ..models import seeds
+from ..hardware.pool import TapPool
 from ..models.threads import cores, in_order
 from .episode import DEADLINE
 from .montecarlo import LoopPlayer, Trials, empty_trials, make_rule
 from .reference import Border
+from .selections import LEFT_OUT, resampled_pools, sessions_of, thinned_pools
 from .trial_plan import TapTable, TrialPlan, checked_plan, plan_trials
 
 type Floats = NDArray[np.float64]
@@ -42,37 +48,46 @@ class Spread(NamedTuple):
     """How resamples turn into intervals.
 
     Attributes:
-        factor: By which deviations of resamples are enlarged: n of n draws with replacement vary less than the
-            quantity itself, by n - 1 over n, n being the sessions where several test, else the taps of a class. NaN
-            where n is 1, which gives no interval.
+        factor: By which deviations of resamples are enlarged. NaN where there is one tap of a class and one session,
+            which gives no interval.
         few: Why intervals may be off, in a sentence; empty where they hold.
         taps: How many test taps there are.
+        noise: Variance by the sampling of the estimate's trials, relative to that of a resample's fewer ones; `None`
+            where samples hold no halves of trials, see `interval`.
     """
 
     factor: float
     few: str = ""
     taps: int = 0
+    noise: float | None = None
 
-    def interval(
-        self, samples: NDArray[np.float64], least: ArrayLike = -np.inf, most: ArrayLike = np.inf
-    ) -> tuple[Floats, Floats]:
+    def whole(self, samples: Floats) -> Floats:
+        """The resamples among samples, without the estimate and halves."""
+        last = samples.shape[-1]
+        return samples[..., 1 : last if self.noise is None else 1 + (last - 1) // 3]
+
+    def center(self, samples: Floats) -> Floats:
+        """The mean of the resamples that are finite; 0 where none is."""
+        return _moments(self.whole(samples))[0]
+
+    def interval(self, samples: Floats, least: ArrayLike = -np.inf, most: ArrayLike = np.inf) -> tuple[Floats, Floats]:
         """Ends of the 95 % interval.
 
         Args:
-            samples: The estimate and, behind that, R resamples, shape (..., 1 + R). NaN resamples are left out; where
-                they are more than one in twenty, the interval is NaN. Infinite ones may be its ends.
+            samples: The estimate and, behind that, R resamples, shape (..., 1 + R); where `noise` is known also the
+                first halves of their trials, then the second ones, shape (..., 1 + 3 R). NaN resamples are left out;
+                where they are more than one in twenty, the interval is NaN. Infinite ones may be its ends.
             least: What the quantity cannot be below.
             most: Nor above.
 
         Returns:
             Each of shape (...).
         """
-        estimate, drawn = samples[..., 0], samples[..., 1:]
+        estimate, drawn = samples[..., 0], self.whole(samples)
         defined = ~np.isnan(drawn)
         enough = ~np.isnan(estimate) & (defined.sum(axis=-1) >= max(1.0, _DEFINED * drawn.shape[-1]))
-        finite = np.isfinite(drawn)
-        count = np.maximum(finite.sum(axis=-1), 1)
-        center = np.where(finite, drawn, 0.0).sum(axis=-1) / count
+        center, variance = _moments(drawn)
+        factor = self._factor(samples, variance)
         ordered = np.sort(drawn, axis=-1)  # NaN last
         last = np.maximum(defined.sum(axis=-1) - 1, 0)
         tail = (1 - CONFIDENCE) / 2
@@ -81,10 +96,32 @@ class Spread(NamedTuple):
         for place in places:
             end = np.take_along_axis(ordered, place[..., np.newaxis], axis=-1)[..., 0]
             with np.errstate(invalid="ignore"):
-                moved = estimate + self.factor * (end - center)
+                moved = estimate + factor * (end - center)
             end = np.where(np.isfinite(estimate) & np.isfinite(end), moved, end)
             ends.append(np.where(enough, np.clip(end, least, most), np.nan))
         return ends[0], ends[1]
+
+    def _factor(self, samples: Floats, variance: Floats) -> Floats | float:
+        """By which deviations are enlarged, so that they vary by the taps and as the estimate's trials do."""
+        if self.noise is None:
+            return self.factor
+        first, second = np.split(samples[..., 1 + self.whole(samples).shape[-1] :], 2, axis=-1)
+        with np.errstate(invalid="ignore", divide="ignore"):
+            half = (first - second) / 2
+            sampling = _moments(np.where(np.isfinite(half), half, np.nan) ** 2)[0]
+            by_taps = np.maximum(variance - sampling, 0.0)
+            factor = np.sqrt((self.factor**2 * by_taps + self.noise * sampling) / variance)
+        return np.where(variance > 0, factor, self.factor)
+
+
+def _moments(drawn: Floats) -> tuple[Floats, Floats]:
+    """Mean and variance of what is finite, over the last axis."""
+    finite = np.isfinite(drawn)
+    count = np.maximum(finite.sum(axis=-1), 1)
+    mean = np.where(finite, drawn, 0.0).sum(axis=-1) / count
+    with np.errstate(invalid="ignore"):
+        deviation = np.where(finite, drawn - mean[..., np.newaxis], 0.0)
+    return mean, (deviation**2).sum(axis=-1) / np.maximum(count - 1, 1)
 
 
 def share_beyond(independent: ArrayLike) -> Floats:
@@ -116,17 +153,20 @@ def widened(
     return np.minimum(low, most - beyond), np.minimum(np.maximum(high, beyond), most)
 
 
-def spread(table: TapTable, used_up: float = 0.0) -> Spread:
+def spread(table: TapTable, used_up: float = 0.0, *, noise: float | None = None, thinned: bool = False) -> Spread:
     """How resamples of a table turn into intervals.
 
     Args:
         table: Test taps.
         used_up: Share of the trials that ended because all taps of a class were drawn.
+        noise: See `Spread`.
+        thinned: Whether resamples are `thinned_pools`, or `resampled_pools`.
     """
-    taps, sessions = taps_per_class(table.pool), len(np.unique(_session(table)[table.pool.order]))
+    taps, sessions = taps_per_class(table.pool), len(np.unique(sessions_of(table)[table.pool.order]))
     n = sessions if sessions > 1 else taps
-    factor = float(np.sqrt(n / (n - 1))) if n > 1 else np.nan
-    return Spread(factor, too_few(taps, used_up), int(table.pool.count.sum()))
+    # n of n draws with replacement vary less than the quantity itself, by n - 1 over n.
+    factor = np.nan if n == 1 else (1 / LEFT_OUT if thinned else n / (n - 1)) ** 0.5
+    return Spread(float(factor), too_few(taps, used_up), int(table.pool.count.sum()), noise)
 
 
 def taps_per_class(pool: TapPool) -> int:
@@ -153,31 +193,10 @@ def too_few(taps: int, used_up: float = 0.0) -> str:
     return ""
 
 
-def resampled_pools(table: TapTable, resamples: int, seed: int) -> Iterator[TapPool]:
-    """The pool of a table as it is, then resamples of it.
-
-    Args:
-        table: Test taps; only their classes and sessions matter.
-        resamples: How many.
-        seed: Of the resamples.
-    """
-    pool = table.pool
-    yield pool
-    count = pool.count.ravel()
-    cell = np.repeat(np.arange(len(count)), count)
-    taps = np.concatenate([pool.order[f : f + n] for f, n in zip(pool.first.flat, count, strict=True)])
-    groups = _groups(cell, _session(table)[taps])
-    generator = seeds.generator(seed, seeds.Purpose.RESAMPLES)
-    for _ in range(resamples):
-        sessions = generator.integers(len(groups), size=len(groups)) if len(groups) > 1 else (0,)
-        drawn = np.concatenate([groups[s].drawn(generator) for s in sessions])
-        yield pool_of(taps[drawn], cell[drawn], pool.nearest.shape)
-
-
-def play_resamples[T](
+def play_resamples(
     table: TapTable,
     thresholds: ArrayLike,
-    reduce: Callable[[Trials, TrialPlan], T],
+    reduce: Callable[[Trials, TrialPlan], Mapping[str, Floats]],
     *,
     trials: int,
     theta_x: float,
@@ -191,13 +210,13 @@ def play_resamples[T](
     resample_trials: int = RESAMPLE_TRIALS,
     workers: int | None = None,
     progress: Callable[[int], None] | None = None,
-) -> list[T]:
+) -> dict[str, Floats]:
     """What comes of trials on the test taps, and of trials on each resample of them.
 
     Args:
         table: Test taps.
         thresholds: theta_W, shape (H,).
-        reduce: What is kept of decided trials.
+        reduce: What is kept of decided trials: means, or sums whose ratios matter alone, by name.
         trials: On the taps as they are; their streams and starts are those of `plan_trials`.
         theta_x: Threshold for a move; 1 never moves.
         fixation: Class that the sensor aims for.
@@ -205,44 +224,65 @@ def play_resamples[T](
         border: Reading of Eq. 9.
         deadline: Taps after which the most probable classes are taken.
         seed: Of starts, draws and resamples.
-        fresh: Whether no tap is drawn twice in a trial.
+        fresh: Whether no tap is drawn twice in a trial; resamples are `thinned_pools` then, else `resampled_pools`.
         resamples: How many.
-        resample_trials: On each of them, at most `trials`.
+        resample_trials: On each of them, at most `trials`; an even number, at least 2, is played.
         workers: Threads; `None` for as many as there are cores. Changes the speed only.
         progress: Told how many more trials were played, of `planned_trials`.
 
     Returns:
-        What `reduce` gave, of the taps as they are first; resamples follow in an order that the seed alone decides.
+        What `reduce` gave, with one more axis: of the taps as they are first, then of each resample the mean of both
+        halves of its trials, then of each the first half, then of each the second, 1 + 3 R; see `Spread.interval`.
 
     Raises:
         InputError: An argument is out of range.
     """
     rule = make_rule(thresholds, theta_x, border, deadline, seed)._replace(fresh=fresh)
     player = LoopPlayer(table, rule)
-    fewer = min(trials, resample_trials)
+    half = _half(trials, resample_trials)
 
-    def one(pool: TapPool, n: int, stream: int) -> T:
+    def one(pool: TapPool, n: int, stream: int) -> Mapping[str, Floats]:
         plan = plan_trials(pool, n, seed, fixation, _start(pool, where), stream)
         played = empty_trials(n, len(rule.thresholds))
         player.on(pool)(checked_plan(plan, pool), 0, n, played)
         return reduce(played, plan)
 
-    sizes = (trials, *[fewer] * resamples)
-    tasks = (
-        partial(one, pool, n, trials + (number - 1) * fewer if number else 0)
-        for number, (pool, n) in enumerate(zip(resampled_pools(table, resamples, seed), sizes, strict=True))
-    )
-    kept = []
-    for n, result in zip(sizes, in_order(tasks, cores(workers)), strict=True):
-        kept.append(result)
+    def both(pool: TapPool, stream: int) -> tuple[Mapping[str, Floats], ...]:
+        return one(pool, half, stream), one(pool, half, stream + half)
+
+    first, *pools = (thinned_pools if fresh else resampled_pools)(table, resamples, seed)
+    estimate = one(first, trials, 0)
+    if progress is not None:
+        progress(trials)
+    tasks = (partial(both, pool, trials + 2 * half * number) for number, pool in enumerate(pools))
+    halves = []
+    for result in in_order(tasks, cores(workers)):
+        halves.append(result)
         if progress is not None:
-            progress(n)
-    return kept
+            progress(2 * half)
+    return {name: _layered(estimate[name], [[h[name] for h in pair] for pair in halves]) for name in estimate}
+
+
+def _half(trials: int, resample_trials: int) -> int:
+    return max(1, min(trials, resample_trials) // 2)
+
+
+def _layered(estimate: Floats, halves: list[list[Floats]]) -> Floats:
+    """The estimate, the resamples, and their halves along a last axis."""
+    if not halves:
+        return np.asarray(estimate)[..., np.newaxis]
+    parts = np.stack([np.stack(pair, axis=-1) for pair in halves], axis=-2)  # (..., R, 2)
+    return np.concatenate([estimate[..., np.newaxis], parts.mean(axis=-1), parts[..., 0], parts[..., 1]], axis=-1)
+
+
+def trial_noise(trials: int, resample_trials: int = RESAMPLE_TRIALS) -> float:
+    """Variance by the sampling of `trials` trials, relative to that on a resample, see `Spread`."""
+    return 2 * _half(trials, resample_trials) / trials
 
 
 def planned_trials(trials: int, resamples: int = RESAMPLES, resample_trials: int = RESAMPLE_TRIALS) -> int:
     """How many trials `play_resamples` plays."""
-    return trials + resamples * min(trials, resample_trials)
+    return trials + resamples * 2 * _half(trials, resample_trials)
 
 
 def _start(pool: TapPool, where: int | None) -> int | None:
@@ -251,37 +291,3 @@ def _start(pool: TapPool, where: int | None) -> int | None:
         return where
     held = np.flatnonzero(pool.count.any(axis=1))
     return int(held[np.abs(held - where).argmin()])
-
-
-class _Group(NamedTuple):
-    """The taps of one session, class by class.
-
-    Attributes:
-        member: Their numbers, shape (n,).
-        first: Where the class of each begins among them, shape (n,).
-        size: How many that class has, shape (n,).
-    """
-
-    member: NDArray[np.intp]
-    first: NDArray[np.intp]
-    size: NDArray[np.intp]
-
-    def drawn(self, generator: np.random.Generator) -> NDArray[np.intp]:
-        """As many of each class as there are, with replacement."""
-        return self.member[self.first + (generator.random(len(self.member)) * self.size).astype(np.intp)]
-
-
-def _groups(cell: NDArray[np.intp], session: NDArray[np.intp]) -> list[_Group]:
-    """Sessions; taps are in the order of their classes."""
-    groups = []
-    for s in np.unique(session):
-        member = np.flatnonzero(session == s)
-        _, first, index, count = np.unique(cell[member], return_index=True, return_inverse=True, return_counts=True)
-        groups.append(_Group(member, first[index], count[index]))
-    return groups
-
-
-def _session(table: TapTable) -> NDArray[np.intp]:
-    """Session of each tap of a table, shape (N,)."""
-    N = len(table.log_likelihood)
-    return np.zeros(N, np.intp) if table.session is None else np.asarray(table.session, np.intp)

@@ -255,15 +255,15 @@ def test_sessions_are_drawn_anew_where_several_test():
 
 
 def test_a_resample_without_enough_taps_is_undefined():
-    """Two sessions of which one has too few for six taps: a quarter of the resamples hold only that one."""
-    where, session = np.tile([0, 1], 13), np.repeat([0, 1], [16, 10])
+    """Two sessions of which one has too few for six taps: a sixth of the resamples hold only that one."""
+    where, session = np.tile([0, 1], 22), np.repeat([0, 1], 22)
     table = TapTable(
-        np.random.default_rng(0).normal(size=(26, 2, 1)),
+        np.random.default_rng(0).normal(size=(44, 2, 1)),
         tap_pool(where, 0 * where, (2, 1)),
         np.log(np.full((2, 1), 0.5)),
         session=np.where(session == 1, 1, 0),
     )
-    short = table._replace(session=np.where(np.arange(26) < 22, 0, 1))
+    short = table._replace(session=np.where(np.arange(44) < 40, 0, 1))
     for one, defined in ((table, True), (short, False)):
         scores = class_scores({"a": one}, 0, (6, 1), resamples=80).isel(model=0)
         assert scores.contacts.values.tolist() == [6, 1]
@@ -340,4 +340,4 @@ def test_bad_arguments_are_refused(tables):
 
 def test_the_sentence_says_what_the_intervals_hold():
     """What is drawn anew."""
-    assert "test taps are drawn anew within class and session" in class_interval_sentence()
+    assert "leave out a quarter of each class and session" in class_interval_sentence()

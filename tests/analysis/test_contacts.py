@@ -5,7 +5,8 @@ import pytest
 from scipy.stats import t
 from solidtouch.analysis.contacts import Accuracy, accuracy, summarise
 from solidtouch.hardware.pool import tap_pool
-from solidtouch.inference.resampling import Spread, resampled_pools, share_beyond, spread
+from solidtouch.inference.resampling import Spread, share_beyond, spread
+from solidtouch.inference.selections import resampled_pools
 from solidtouch.inference.trial_plan import TapTable
 
 L, M = 2, 3

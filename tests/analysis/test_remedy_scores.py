@@ -9,7 +9,8 @@ from scipy.stats import norm
 from solidtouch.analysis import compare_classes, remedy_scores
 from solidtouch.analysis.remedy_scores import _against, _gains, _log_belief, _log_beliefs, _sequences
 from solidtouch.hardware.pool import tap_pool
-from solidtouch.inference.resampling import Spread, resampled_pools
+from solidtouch.inference.resampling import Spread
+from solidtouch.inference.selections import resampled_pools
 from solidtouch.inference.trial_plan import TapTable
 
 GENERATOR = np.random.default_rng(0)

@@ -1,0 +1,186 @@
+"""Selections of test taps: what is drawn anew, what pairs, and how much they vary."""
+
+import numpy as np
+import pytest
+from solidtouch.hardware.pool import TapPool, pool_of, tap_pool
+from solidtouch.inference.resampling import play_resamples, spread
+from solidtouch.inference.selections import resampled_pools, thinned_pools
+from solidtouch.inference.trial_plan import TapTable
+
+L, M = 3, 2
+COUNT = np.array([[4, 1], [0, 7], [5, 2]])
+
+
+def table_of(seed=0, count=COUNT, session=None, skill=1.0):
+    """Taps of classes in no order, of which two lie outside the grid."""
+    rng = np.random.default_rng(seed)
+    where, what = np.repeat(np.argwhere(count >= 0), count.ravel(), axis=0).T
+    order = rng.permutation(len(where))
+    where, what = np.append(where[order], [-1, -1]), np.append(what[order], [0, 1])
+    values = rng.normal(size=(len(where), *count.shape))
+    inside = where >= 0
+    values[np.flatnonzero(inside), where[inside], what[inside]] += skill
+    flat = np.full(count.shape, -np.log(count.size))
+    session = None if session is None else session(np.arange(len(where)))
+    return TapTable(values, tap_pool(where, what, count.shape), flat, session=session)
+
+
+def taps_of(pool: TapPool, l: int, m: int):
+    return pool.order[pool.first[l, m] : pool.first[l, m] + pool.count[l, m]]
+
+
+def cells(pool):
+    """The class of every tap of a pool, by its number."""
+    return {int(tap): (l, m) for l, m in np.ndindex(*pool.count.shape) for tap in taps_of(pool, l, m)}
+
+
+@pytest.mark.parametrize("pools", [resampled_pools, thinned_pools])
+def test_the_first_pool_is_that_of_the_taps(pools):
+    table = table_of()
+    first, *others = pools(table, 4, 0)
+    assert first is table.pool
+    assert len(others) == 4
+    assert len(list(pools(table, 0, 0))) == 1
+
+
+def test_each_resample_has_as_many_taps_of_each_class():
+    """Of that class only, some of them several times."""
+    table = table_of()
+    own = cells(table.pool)
+    repeated = 0
+    for pool in list(resampled_pools(table, 20, 0))[1:]:
+        np.testing.assert_array_equal(pool.count, table.pool.count)
+        np.testing.assert_array_equal(pool.first, table.pool.first)
+        np.testing.assert_array_equal(pool.nearest, table.pool.nearest)
+        for l, m in np.ndindex(L, M):
+            assert all(own[int(tap)] == (l, m) for tap in taps_of(pool, l, m))
+        repeated += len(set(pool.order)) < len(pool.order)
+    assert repeated == 20
+
+
+def test_every_tap_of_a_class_is_drawn_as_often():
+    """Five standard deviations of a share at most; taps outside the grid never."""
+    table, n = table_of(), 3000
+    drawn = np.bincount(np.concatenate([pool.order for pool in list(resampled_pools(table, n, 1))[1:]]), minlength=21)
+    assert drawn[19:].tolist() == [0, 0]
+    for l, m in np.argwhere(COUNT > 0):
+        own = drawn[taps_of(table.pool, l, m)]
+        assert own.sum() == n * COUNT[l, m]
+        assert (np.abs(own - n) <= 5 * np.sqrt(n)).all()
+
+
+def test_sessions_are_drawn_anew_where_several_test():
+    """As many as there are, each with as many taps of a class as it has, times how often it is drawn."""
+    table = table_of(count=6 * np.ones((L, M), int), session=lambda i: np.array([0, 7, 9])[i % 3])
+    session = table.session
+    own = cells(table.pool)
+    has = {(s, c): sum(session[t] == s and own[t] == c for t in own) for s in (0, 7, 9) for c in set(own.values())}
+    patterns = set()
+    for pool in list(resampled_pools(table, 60, 0))[1:]:
+        found = cells_with_repeats(pool)
+        times = []
+        for s in (0, 7, 9):
+            ratios = {
+                sum(session[t] == s for t, cell in found if cell == c) / n
+                for (of, c), n in has.items()
+                if of == s and n
+            }
+            assert len(ratios) == 1  # the same session in every class
+            times.append(ratios.pop())
+        assert sum(times) == 3
+        patterns.add(tuple(times))
+    assert len(patterns) == 10  # every way to draw three of three
+
+
+def cells_with_repeats(pool):
+    return [(int(tap), (l, m)) for l, m in np.ndindex(*pool.count.shape) for tap in taps_of(pool, l, m)]
+
+
+def test_a_resample_may_lose_a_class_with_its_session():
+    """The finger then takes the nearest class that is left, and plays on."""
+    table = table_of(count=np.array([[3, 3], [3, 3]]), session=lambda i: i)
+    own = cells(table.pool)
+    table = table._replace(session=np.array([own.get(tap, (1, 0))[0] for tap in range(len(table.log_likelihood))]))
+    pools = list(resampled_pools(table, 30, 0))
+    lost = [pool for pool in pools if (pool.count.sum(axis=1) == 0).any()]
+    assert lost
+    for pool in lost:
+        assert (pool.count.max(axis=1) == [0, 6]).all() or (pool.count.max(axis=1) == [6, 0]).all()
+        assert len(np.unique(pool.nearest)) == 1
+    options = {"trials": 30, "theta_x": 0.0, "resamples": 30, "deadline": 5}
+    kept = play_resamples(table, (0.9,), lambda t, _: {"taps": t.taps.mean()}, **options)
+    assert np.isfinite(kept["taps"]).all()
+
+
+def test_tables_of_the_same_taps_share_their_resamples():
+    """Whatever their likelihoods; another seed gives others."""
+    one, other, again = (
+        list(resampled_pools(table_of(skill=skill), 5, seed)) for skill, seed in ((1.0, 3), (1.0, 4), (2.0, 3))
+    )
+    assert all(np.array_equal(a.order, b.order) for a, b in zip(one, again, strict=True))
+    assert not any(np.array_equal(a.order, b.order) for a, b in zip(one[1:], other[1:], strict=True))
+
+
+def test_a_pool_of_repeated_taps():
+    """In the order given within a class; the nearest class is that of a plain search."""
+    cell = np.array([5, 0, 5, 3, 0])
+    pool = pool_of(np.array([9, 4, 9, 2, 1]), cell, (3, 2))
+    assert pool.count.tolist() == [[2, 0], [0, 1], [0, 2]]
+    assert [taps_of(pool, l, m).tolist() for l, m in ((0, 0), (1, 1), (2, 1))] == [[4, 1], [2], [9, 9]]
+    assert pool.nearest.tolist() == [[0, 1], [0, 1], [0, 2]]
+    assert pool_of(np.array([3]), np.array([4]), (3, 2)).nearest.tolist() == [[2, -1]] * 3
+
+
+@pytest.mark.parametrize(("pools", "thinned"), [(resampled_pools, False), (thinned_pools, True)])
+@pytest.mark.parametrize("taps", [2, 3, 5])
+def test_selections_enlarged_vary_as_the_quantity_itself(pools, thinned, taps):
+    """The variance of a mean over selected taps, enlarged, is that over data sets, for any number of taps."""
+    rng, values = np.random.default_rng(0), []
+    for seed in range(400):
+        table = table_of(count=np.full((1, 2), taps))
+        score = rng.normal(size=len(table.log_likelihood))
+        of_classes = [[score[taps_of(pool, 0, m)].mean() for m in range(2)] for pool in pools(table, 40, seed)]
+        means = np.mean(of_classes, axis=1)
+        values.append([means[0], (spread(table, thinned=thinned).factor ** 2) * means[1:].var(ddof=1)])
+    mean, variance = np.array(values).T
+    assert variance.mean() == pytest.approx(mean.var(), rel=0.2)
+    assert variance.mean() == pytest.approx(1 / (2 * taps), rel=0.1)
+
+
+def test_thinned_pools_hold_no_tap_twice_and_keep_every_class():
+    """A quarter of each class is left out, where that is no whole number sometimes one more; a single tap stays."""
+    table = table_of()
+    own, left_out = cells(table.pool), []
+    for pool in list(thinned_pools(table, 200, 0))[1:]:
+        found = cells_with_repeats(pool)
+        assert len({tap for tap, _ in found}) == len(found)
+        assert all(own[tap] == cell for tap, cell in found)
+        assert ((pool.count > 0) == (COUNT > 0)).all()
+        left_out.append(COUNT - pool.count)
+    per_kept = np.mean([out / np.maximum(COUNT - out, 1) for out in left_out], axis=0)
+    assert {int(out[0, 0]) for out in left_out} == {1}  # of 4
+    assert {int(out[0, 1]) for out in left_out} == {0}  # of 1
+    assert {int(out[1, 1]) for out in left_out} == {1, 2}  # of 7
+    assert per_kept[COUNT > 1] == pytest.approx(1 / 3, abs=0.1)
+
+
+def test_every_tap_is_left_out_as_often():
+    """Five standard deviations of a share at most."""
+    table, n = table_of(), 2000
+    kept = np.bincount(np.concatenate([pool.order for pool in list(thinned_pools(table, n, 1))[1:]]), minlength=21)
+    assert kept[19:].tolist() == [0, 0]
+    for l, m in np.argwhere(COUNT > 0):
+        own = kept[taps_of(table.pool, l, m)]
+        assert (np.abs(own - own.mean()) <= 5 * np.sqrt(n / 4)).all()
+
+
+def test_whole_sessions_are_left_out_where_several_test():
+    """One or two of five, the same in every class."""
+    table = table_of(count=10 * np.ones((L, M), int), session=lambda i: i % 5)
+    assert table.session is not None
+    gone = []
+    for pool in list(thinned_pools(table, 100, 0))[1:]:
+        there = [{int(table.session[t]) for t in taps_of(pool, l, m)} for l, m in np.ndindex(L, M)]
+        assert len({len(sessions) for sessions in there}) >= 1
+        gone.append(5 - len(set().union(*there)))
+    assert set(gone) == {1, 2}
