@@ -48,6 +48,7 @@ audit-studies: $(VENV)/.ready-run
 
 interval-studies: $(VENV)/.ready-run
 	@$(PY) benchmarks/calibration_level.py --document docs/intervals.md
+	@$(PY) benchmarks/exponent_level.py --document docs/intervals.md
 	@$(PY) benchmarks/intervals.py --document docs/intervals.md
 	@$(PY) benchmarks/stored_taps.py --document docs/intervals.md
 	@$(PY) benchmarks/intervals_commands.py --document docs/intervals-commands.md

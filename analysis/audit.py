@@ -29,8 +29,9 @@ from .evidence_variance import session_p
 from .guarantees import Promise, exceeded, guarantees
 from .leakage import Leakage, leakage
 from .reliability import reliability
-from .remedies import Refused, Remedy, count_remedies, make_remedies
+from .remedies import Refused, Remedy, beside_right, count_remedies, make_remedies
 from .remedy_scores import Measured, count_measurements, measure
+from .right_exponent import SIMULATIONS as RIGHT_EXPONENTS
 from .stages import Clock, Progress
 from .strata import evenly, strata
 from .suspects import Suspect, named_suspects
@@ -190,6 +191,8 @@ def audit(parts: AuditParts, grid: ClassGrid, settings: AuditSettings, progress:
         advance(1)
     with clock.stage("Fitting remedies", count_remedies()) as advance:
         remedies, refused = make_remedies(parts.train, parts.tune, grid, setting, SEQUENCE, seed, advance)
+    with clock.stage("Tuning on taps of a right model", RIGHT_EXPONENTS) as advance:
+        remedies = beside_right(remedies, parts.train, parts.tune, SEQUENCE, seed, advance)
     base = remedies[0]
     with clock.stage("Splitting the variance of evidence", 2) as advance:
         split, no_split, p = _split(parts, grid, base, settings, suspects)

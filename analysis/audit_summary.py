@@ -24,6 +24,7 @@ from .guarantees import Promise, broken, guarantee_sentence
 from .leakage import Leakage
 from .reliability import after_contacts, headline, interval_sentence, plain
 from .remedy_scores import Judged, Scored, lost
+from .right_exponent import Tuned, outside
 
 _SIZE_WORDS = {
     "design_effect": "design effect of the evidence of a tap, median over classes",
@@ -328,6 +329,19 @@ def _scored(score: Scored, audit: Audit) -> dict[str, Any]:
         "how": remedy.how,
         "power": remedy.model.exponent,
         "saturation": remedy.setting.saturation,
+        "right_model": None if remedy.beside is None else _tuned(remedy.beside),
+    }
+
+
+def _tuned(tuned: Tuned) -> dict[str, Any]:
+    """What was tuned beside what a right model gives; a saturation of `MOST_TAPS` is none."""
+    limit = tuned.saturation
+    return {
+        "sentence": tuned.sentence,
+        "taps": tuned.taps,
+        "simulations": tuned.simulations,
+        "power": tuned.power._asdict() | {"outside": outside(tuned.power)},
+        "saturation": None if limit is None else limit._asdict() | {"outside": outside(limit)},
     }
 
 

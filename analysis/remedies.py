@@ -18,8 +18,11 @@ from ..models.histogram import trim
 from ..models.model import TapModel
 from ..models.setting import Setting
 from ..models.taps import TapSet
+from .right_exponent import SIMULATIONS, Tuned, beside_right_model, simulate_tuned
 
 BASELINE = "as it is"
+EXPONENT = "exponent"
+FALLING = "falling exponent"
 FINER = "finer grid"
 THRESHOLD = "threshold"
 _FINER = 2  # where classes for one
@@ -36,6 +39,7 @@ class Remedy(NamedTuple):
         model: Fitted to the training taps.
         grid: Its classes.
         how: How it was tuned, in a sentence.
+        beside: What was tuned beside what a right model gives, where that was simulated.
     """
 
     name: str
@@ -45,6 +49,7 @@ class Remedy(NamedTuple):
     model: TapModel
     grid: ClassGrid
     how: str
+    beside: Tuned | None = None
 
 
 class Refused(NamedTuple):
@@ -126,7 +131,7 @@ def make_remedies(
         learned = best_power(base, tune, n, seed)
         chosen = replace(setting, power=learned.power)
         title = "evidence counts less, by one exponent for all numbers of taps"
-        return Remedy("exponent", title, _assumes(setting), chosen, _powered(base, chosen), grid, learned.sentence)
+        return Remedy(EXPONENT, title, _assumes(setting), chosen, _powered(base, chosen), grid, learned.sentence)
 
     def falling() -> Remedy:
         learned = learn_saturation(base, tune, seed=seed)
@@ -134,7 +139,7 @@ def make_remedies(
         chosen = replace(setting, power=learned.power, saturation=limit)
         title = "an exponent that falls with the number of taps: a sequence never counts more than so many taps"
         assumes = "samples and taxels independent, taps dependent to the same degree everywhere"
-        return Remedy("falling exponent", title, assumes, chosen, _powered(base, chosen), grid, learned.sentence)
+        return Remedy(FALLING, title, assumes, chosen, _powered(base, chosen), grid, learned.sentence)
 
     def other(name: str) -> Remedy:
         model, title, assumes = _model_of(name, train)
@@ -149,8 +154,8 @@ def make_remedies(
         title = f"where classes half as wide, {cell}"
         return Remedy(FINER, title, _assumes(setting), chosen, _fit(chosen, train, fine), fine, "")
 
-    attempt("exponent", exponent)
-    attempt("falling exponent", falling)
+    attempt(EXPONENT, exponent)
+    attempt(FALLING, falling)
     for name in MODELS:
         if _model_of(name, train)[0] == setting.model:
             advance(1)
@@ -158,6 +163,47 @@ def make_remedies(
             attempt(name, lambda name=name: other(name))
     attempt(FINER, finer)
     return remedies, refused
+
+
+def beside_right(
+    remedies: Sequence[Remedy],
+    train: TapSet,
+    tune: Sequence[TapSet],
+    n: int,
+    seed: int,
+    advance: Callable[[int], None],
+) -> list[Remedy]:
+    """The remedies, exponents and saturation of the model in use beside those of a right one.
+
+    Other models than that in use take minutes to be fitted and tuned as often.
+
+    Args:
+        remedies: From `make_remedies`, with the arguments that follow.
+        train: Training taps.
+        tune: Sessions by which exponents were chosen.
+        n: Taps after which exponents were judged.
+        seed: Of random draws.
+        advance: Told of every simulated data set, of `right_exponent.SIMULATIONS`.
+    """
+    base = remedies[0]
+    tuned = {remedy.name: remedy.setting for remedy in remedies if remedy.name in (EXPONENT, FALLING)}
+    if not tuned:
+        advance(SIMULATIONS)
+        return list(remedies)
+
+    def again(sets: Sequence[TapSet]) -> Sequence[float]:
+        model = _fit(base.setting, sets[0], base.grid)
+        falling = learn_saturation(model, sets[1:], seed=seed)
+        return best_power(model, sets[1:], n, seed).power, falling.power, falling.saturation
+
+    found = simulate_tuned(base.model, [train, *tune], again, 3, seed, progress=advance)
+    columns, beside = {EXPONENT: [0], FALLING: [1, 2]}, {}
+    for name, setting in tuned.items():
+        limit = None
+        if name == FALLING:
+            limit = np.inf if setting.saturation is None else setting.saturation
+        beside[name] = beside_right_model(float(setting.power), limit, found[:, columns[name]], base.model, train)
+    return [remedy._replace(beside=beside.get(remedy.name)) for remedy in remedies]
 
 
 def count_remedies() -> int:

@@ -25,6 +25,7 @@ from ..models import seeds
 from ..models.forms import GaussianForm
 from ..models.model import TapModel
 from ..models.setting import Setting
+from ..models.taps import TapSet
 from ..models.threads import cores, in_order
 from .reliability import decided_about
 
@@ -220,12 +221,30 @@ def drawn_table(model: TapModel, table: TapTable, generator: np.random.Generator
     pool = table.pool
     count = pool.count.ravel()
     where, what = (np.repeat(index.ravel(), count) for index in np.indices(pool.count.shape))
-    state = int(generator.choice(len(model.states.gain), p=np.exp(model.states.log_prior)))
-    hypothesis = state * model.grid.M + what
-    taps = model.form.sample(where, hypothesis, model.edges, model.preprocessing.samples, generator)
+    taps = drawn_taps(model, where, what, np.zeros(len(where), dtype=np.intp), generator)
     first = (np.cumsum(count) - count).reshape(pool.count.shape)
     return table._replace(
         log_likelihood=model.log_likelihood(taps),
         pool=pool._replace(order=np.arange(len(taps)), first=first),
         session=None,
     )
+
+
+def drawn_set(model: TapModel, taps: TapSet, generator: np.random.Generator) -> TapSet:
+    """Taps drawn from the model, as many of each class and session; the classes are trained ones."""
+    session = np.unique(taps.session, return_inverse=True)[1]
+    drawn = drawn_taps(model, *taps.indices(model.grid), session, generator)
+    return TapSet(taps.dataset.assign(taps=(taps.dataset["taps"].dims, drawn)))
+
+
+def drawn_taps(
+    model: TapModel,
+    where: NDArray[np.intp],
+    what: NDArray[np.intp],
+    session: NDArray[np.intp],
+    generator: np.random.Generator,
+) -> Floats:
+    """Taps of given classes drawn from the model, those of a session (from 0 on) in one state; shape (N, J, K)."""
+    chance = np.exp(model.states.log_prior)
+    state = generator.choice(len(chance), size=session.max() + 1, p=chance)[session]
+    return model.form.sample(where, state * model.grid.M + what, model.edges, model.preprocessing.samples, generator)

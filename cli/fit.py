@@ -25,7 +25,7 @@ from .options import (
 )
 
 if TYPE_CHECKING:
-    from ..models.catalogue import Fitted
+    from ..models.catalogue import FitSettings, Fitted
     from ..models.model_file import Draws
     from ..models.taps import TapSet
 
@@ -59,6 +59,14 @@ def fit(
         float | None,
         Option(min=0.0, help="For session: deviation of the offset, in the unit of the samples; likewise."),
     ] = None,
+    simulations: Annotated[
+        int,
+        Option(
+            min=0,
+            help="For --power learned: data sets drawn from the fitted model, whose learned powers are shown beside; "
+            "19 or more, each takes as long as the fit; 0 for none.",
+        ),
+    ] = 0,
     seed: Seed = 0,
     force: Force = False,
 ) -> None:
@@ -76,11 +84,17 @@ def fit(
         from ..models.histogram import trim
         from ..models.model_file import save_model
         from ..models.novelty import with_scores
-        from ..models.power import check_saturation, parse_power_choice
+        from ..models.power import check_saturation, learned_taps, parse_power_choice
 
     _, in_states = split_name(model)
     if not in_states and (gain_sd is not None or offset_sd is not None):
         raise InputError(f"--gain-sd and --offset-sd go with session models only, and not with {model}.")
+    if simulations:
+        if learned_taps(power) is None:
+            raise InputError("--simulations goes with --power learned only.")
+        with loading():
+            from ..analysis.right_exponent import check_simulations
+        check_simulations(simulations)
     limit = float("inf") if saturation is None else saturation
     check_saturation(limit)
     settings = FitSettings(
@@ -103,13 +117,14 @@ def fit(
     trained_on = f"{', '.join(path.name for path in data)}: {parts.description}"
     fitted, learned = fit_tempered(model, fold.train, grid, settings, trained_on)
     kept = _draws(fitted, fold.train, draws, seed)
+    beside = "" if learned is None else _beside(model, fitted, fold.train, settings, learned.taps, simulations)
     save_model(with_scores(fitted.model, fold.train), out, force, kept, fitted.convergence)
     left_out = [*dropped, *fitted.model.left_out]
     print(parts.description)
     if parts.warning:
         print(f"Warning: {parts.warning}")
     if learned is not None:
-        print(learned.sentence)
+        print(f"{learned.sentence} {beside}".rstrip())
     print(f"{model}: {fitted.convergence.sentence}")
     if not fitted.convergence.converged:
         print("Warning: the fit did not converge.")
@@ -118,6 +133,19 @@ def fit(
     print(f"{grid.L} x {grid.M} (where, what) classes from {len(fold.train)} taps, in {out}")
     if left_out:
         print(f"Left out for want of a training tap: {', '.join(left_out)}")
+
+
+def _beside(model: str, fitted: "Fitted", taps: "TapSet", settings: "FitSettings", n: int, simulations: int) -> str:
+    """The learned power beside those of a right model, where data sets are simulated."""
+    if not simulations:
+        return ""
+    with loading():
+        from ..analysis.right_exponent import learned_beside
+    from .progress import bars
+
+    with bars() as progress:
+        counted = progress("Learning powers of a right model", simulations)
+        return learned_beside(model, fitted.model, taps, settings, n, simulations, counted).sentence
 
 
 def _draws(fitted: "Fitted", taps: "TapSet", draws: int, seed: int) -> "Draws | None":

@@ -328,10 +328,8 @@ class _Sequences(NamedTuple):
 
 def _usable(model: TapModel, taps: TapSet) -> TapSet | None:
     """The taps of trained classes, if there are any."""
-    where, what = taps.indices(model.grid)
-    inside = (where >= 0) & (what >= 0)
-    inside[inside] = model.trained[where[inside], what[inside]]
-    return taps.select(inside) if inside.any() else None
+    known = model.known(taps)
+    return taps.select(known) if known.any() else None
 
 
 class _Judged(NamedTuple):

@@ -186,12 +186,17 @@ class TapModel(ABC):
             InputError: There is none, or the taps were prepared otherwise.
         """
         self.check_taps(taps.preprocessing)
-        where, what = taps.indices(self.grid)
-        known = (where >= 0) & (what >= 0)
-        known[known] = self.trained[where[known], what[known]]
+        known = self.known(taps)
         if not known.any():
             raise InputError("No tap is left: none belongs to a class with a training tap.")
         return taps.select(known)
+
+    def known(self, taps: "TapSet") -> NDArray[np.bool_]:
+        """Which taps are of a class that was trained, shape (N,)."""
+        where, what = taps.indices(self.grid)
+        known = (where >= 0) & (what >= 0)
+        known[known] = self.trained[where[known], what[known]]
+        return known
 
     def save(self, path: "str | Path", force: bool = False) -> None:
         """Writes the model as netCDF, complete or not at all; see `model_file`.

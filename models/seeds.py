@@ -37,6 +37,7 @@ class Purpose(IntEnum):
     SYMBOLS = 17
     RESAMPLES = 0x5A3B  # of test taps
     RIGHT_MODEL = 0x7219  # data drawn from it; number of the data set
+    RIGHT_EXPONENT = 0x7E8D  # data drawn to tune exponents on; number of the data set
     # analysis
     EPISODES = 18  # of the cross-check
     CALIBRATION = 19  # route, policy

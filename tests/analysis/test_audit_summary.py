@@ -3,9 +3,10 @@
 import json
 
 import numpy as np
-from solidtouch.analysis.audit_summary import _clean, _judged, _promise
+from solidtouch.analysis.audit_summary import _clean, _judged, _promise, _tuned
 from solidtouch.analysis.guarantees import Promise
 from solidtouch.analysis.remedy_scores import Judged
+from solidtouch.analysis.right_exponent import Tuned
 from solidtouch.analysis.right_model import Beside
 
 
@@ -50,3 +51,14 @@ def test_a_promise_says_beside_what_it_is_exceeded():
         "exceeded": True,
         "beside": {"value": 2.0, "median": 1.0, "low": 0.5, "high": 1.5, "above": 0.01, "below": 1.0},
     }
+
+
+def test_what_was_tuned_stands_beside_a_right_model():
+    """With the sentence of the page; a saturation only where one was tuned."""
+    low, inside = Beside(0.4, 0.9, 0.8, 1.0, 1.0, 0.05), Beside(2.0, 3.0, 1.5, 50.0, 0.9, 0.3)
+    found = _clean(_tuned(Tuned(low, inside, 20, 19)))
+    assert found["power"] == {**low._asdict(), "outside": True}
+    assert found["saturation"] == {**inside._asdict(), "outside": False}
+    assert (found["taps"], found["simulations"]) == (20, 19)
+    assert found["sentence"] == Tuned(low, inside, 20, 19).sentence
+    assert _tuned(Tuned(low, None, 20, 19))["saturation"] is None

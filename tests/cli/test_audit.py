@@ -93,6 +93,11 @@ def test_the_folder_holds_everything(three):
     assert list(one["each"]) == rods
     assert list(summary["miscalibration"]["evidence"]["exceeded"]) == ["all", *rods]
     page = (three.folder / "report.html").read_text()
+    tuned = {row["name"]: row["right_model"] for row in summary["remedy"]["evidence"]["ranking"] if row["right_model"]}
+    assert set(tuned) == {"exponent", "falling exponent"}
+    for row in tuned.values():
+        assert row["taps"] == 8
+        assert row["sentence"] in page
     assert f"a right model on {one['taps']} taps per class gives" in page
     assert page.count("<td>no") + page.count("<td><b>yes</b>") >= 4
     for sentence in summary["verdict"]["sentences"]:

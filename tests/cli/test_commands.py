@@ -121,6 +121,16 @@ def test_fit_learns_the_power_on_training_sessions(command, tmp_path, make_taps)
     assert 1e-4 <= model.power <= 1
 
 
+def test_fit_shows_a_learned_power_beside_a_right_model(command, tmp_path, make_taps):
+    make_taps(sessions=3, repeats=3).save(tmp_path / "taps.nc")
+    words = ("--power", "learned:2", "--draws", 0, "--bins", 9, "--simulations", 19)
+    done = command("fit", tmp_path / "taps.nc", "--out", tmp_path / "model.nc", *words)
+    power = load_model(tmp_path / "model.nc").power
+
+    assert done.code == 0, done.err
+    assert f"Exponent {power:.2g}; a right model on 6 training taps per class gives" in done.out
+
+
 def agreeing(passed=True):
     row = Row("posterior", "numpy, filter", 0.0 if passed else 1.0, 1e-10)
     return CrossCheck((row,), 2, 5, 3, 0, 0, 0, ())
@@ -219,6 +229,8 @@ def test_crosscheck_leaves_numpyro_out_where_the_border_is_no_kernel(command, ta
         (["fit", "TAPS", "--out", "MODEL", "--power", "K"], "got 'K'; learned finds one"),
         (["fit", "TAPS", "--out", "MODEL", "--power", "learned:0"], "a number of taps, got 'learned:0'"),
         (["fit", "TAPS", "--out", "MODEL", "--power", "learned"], "needs two training sessions or more"),
+        (["fit", "TAPS", "--out", "MODEL", "--simulations", "19"], "--simulations goes with --power learned only"),
+        (["fit", "TAPS", "--out", "MODEL", "--power", "learned", "--simulations", "5"], "must be 0 or at least 19"),
         (["fit", "TAPS", "--out", "MODEL", "--model", "gauss"], "no model 'gauss'; there are histogram, gaussian"),
         (["fit", "TAPS", "--out", "MODEL", "--gain-sd", "0.1"], "go with session models only, and not with histogram"),
         (["crosscheck", "TAPS", "--model", "profile:session"], "There is no model 'profile:session'"),

@@ -1,0 +1,155 @@
+"""How often a tuned exponent or saturation is called lower than a right model's: where the model is right, and else.
+
+Histograms of known truth give taps that train and as many that tune, a session each. Exponents and saturation are tuned
+on them and compared with those of a right model as in an audit; `learned` is the exponent of `fit --power learned`,
+which leaves each of both sessions out in turn. Truths are tables of 12 symbols from Dirichlet 1, and normal curves over
+30 bins, anew in each data set. Planted dependence repeats one sample of each tap J times.
+
+`python benchmarks/exponent_level.py --document docs/intervals.md` writes the tables of that page.
+"""
+
+import argparse
+from functools import partial
+from itertools import product
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from calibration_level import SIZES, TAPS
+from intervals import SYMBOLS, grid_of
+from numpy.typing import NDArray
+from scipy.stats import norm
+from solidtouch.analysis.remedies import BASELINE, EXPONENT, FALLING, Remedy, beside_right
+from solidtouch.analysis.right_exponent import Tuned, learned_beside, outside
+from solidtouch.hardware.model_rig import draw_session
+from solidtouch.inference.tempering import best_power, fit_tempered, learn_saturation
+from solidtouch.models.catalogue import FitSettings, fit_model
+from solidtouch.models.histogram import HistogramModel
+from solidtouch.models.preprocessing import Preprocessing
+from solidtouch.models.seeds import Purpose, derived_seed
+from solidtouch.models.setting import Setting
+from solidtouch.models.taps import TapSet, concatenate
+from studies import check_block, processes, share_interval, table, write_block, write_json
+
+LEVEL_BLOCK, POWER_BLOCK = "exponent-level", "exponent-power"
+TRUTHS = (("Dirichlet", 1), ("Dirichlet", 5), ("normal curves", 5))
+COLUMNS = ("exponent", "falling: exponent", "falling: saturation", "learned")
+_BINS, _WIDTH = 30, 3.0  # of the normal curves, in bins
+_CONTACTS = 10  # after which exponents are judged
+
+
+class Design(NamedTuple):
+    """What a data set is drawn from.
+
+    Attributes:
+        size: Key of `SIZES`.
+        truth: What the tables are like.
+        samples: J.
+        taps: Of each class and session.
+        planted: Whether one sample of a tap is repeated J times.
+    """
+
+    size: str
+    truth: str
+    samples: int
+    taps: int
+    planted: bool = False
+
+
+def designs(sizes: list[str], taps: list[int]) -> list[Design]:
+    """All of them."""
+    rows = [Design(size, *truth, n) for size, truth, n in product(sizes, TRUTHS, taps)]
+    return [*rows, *(row._replace(planted=True) for row in rows if row.samples > 1)]
+
+
+def truth_of(design: Design, seed: int) -> HistogramModel:
+    """Histograms of a seed."""
+    (L, M), K = SIZES[design.size], 2 if design.samples == 1 else 1
+    generator = np.random.default_rng([seed, L, M])
+    if design.truth == "Dirichlet":
+        p = generator.dirichlet(np.ones(SYMBOLS), size=(L, M, K))
+    else:
+        p = np.diff(norm.cdf(np.arange(_BINS + 1.0), generator.uniform(0, _BINS, size=(L, M, K, 1)), _WIDTH), axis=-1)
+    counts = np.maximum(1, np.round(1e6 * p / p.sum(axis=-1, keepdims=True))).astype(np.int64)
+    edges = np.arange(counts.shape[-1] + 1.0)
+    return HistogramModel(grid_of(L, M), edges, counts, 0.0, "none", Preprocessing(design.samples))
+
+
+def lower(design: Design, fixed: bool, seed: int) -> list[bool]:
+    """Whether each of `COLUMNS` is called lower than that of a right model in one data set."""
+    right = truth_of(design, 0 if fixed else seed)
+    own = derived_seed(seed, Purpose.REPEAT, design.taps)
+    train, tune = (draw_session(right, design.taps, own, session) for session in range(2))
+    if design.planted:
+        train, tune = copied(train), copied(tune)
+    grid, B = right.grid, right.counts.shape[-1]
+    setting = Setting(bins=B, power="none")
+    model = fit_model("histogram", train, grid, FitSettings(bins=B, power="none")).model
+    power, falling = best_power(model, [tune], _CONTACTS, seed).power, learn_saturation(model, [tune], seed=seed)
+    limit = None if np.isinf(falling.saturation) else falling.saturation
+    tuned = {
+        BASELINE: setting,
+        EXPONENT: Setting(bins=B, power=power),
+        FALLING: Setting(bins=B, power=falling.power, saturation=limit),
+    }
+    remedies = [Remedy(name, "", "", one, model, grid, "") for name, one in tuned.items()]
+    _, one, other = (remedy.beside for remedy in beside_right(remedies, train, [tune], _CONTACTS, own, lambda _: None))
+    both, settings = concatenate([train, tune]), FitSettings(bins=B, power=f"learned:{_CONTACTS}", seed=own)
+    fitted, _ = fit_tempered("histogram", both, grid, settings)
+    learned = learned_beside("histogram", fitted.model, both, settings, _CONTACTS)
+    return [*_lower(one), *_lower(other), *_lower(learned)]
+
+
+def _lower(tuned: Tuned | None) -> list[bool]:
+    if tuned is None:
+        return []
+    return [outside(beside) for beside in (tuned.power, tuned.saturation) if beside is not None]
+
+
+def copied(taps: TapSet) -> TapSet:
+    """The first sample of each tap, as often as it has samples."""
+    first = np.repeat(taps.taps[:, :1], taps.taps.shape[1], axis=1)
+    return TapSet(taps.dataset.assign(taps=(taps.dataset["taps"].dims, first)))
+
+
+def shares(found: NDArray[np.bool_]) -> list[str]:
+    """How often each of `COLUMNS` was called lower."""
+    return [share_interval(int(hits), len(found)) for hits in found.sum(axis=0)]
+
+
+def main() -> None:
+    """Measures and writes."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--data-sets", type=int, default=200, help="of each row")
+    parser.add_argument("--planted", type=int, default=40, help="data sets of each row with planted dependence")
+    parser.add_argument("--fixed", action="store_true", help="the same tables in all data sets")
+    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--sizes", nargs="*", choices=SIZES, default=list(SIZES))
+    parser.add_argument("--taps", nargs="*", type=int, default=list(TAPS))
+    parser.add_argument("--document", type=Path)
+    options = parser.parse_args()
+    lines: dict[str, list[list[str]]] = {LEVEL_BLOCK: [], POWER_BLOCK: []}
+    measured: list[Any] = []
+    for block in lines:
+        check_block(options.document, block)
+    with processes() as pool:
+        for design in designs(options.sizes, options.taps):
+            number = options.planted if design.planted else options.data_sets
+            seeds = range(options.seed, options.seed + number)
+            found = np.array(list(pool.map(partial(lower, design, options.fixed), seeds, chunksize=2)))
+            block = POWER_BLOCK if design.planted else LEVEL_BLOCK
+            row = [*map(str, design[:-1]), str(number)]
+            lines[block].append([*row, *shares(found)])
+            print(block, *lines[block][-1], flush=True)
+            measured.append([*design, found.tolist()])
+            write_json("exponent_level", measured)
+    right = np.concatenate([found for *design, found in measured if not design[-1]])
+    lines[LEVEL_BLOCK].append(["all", "", "", "", str(len(right)), *shares(right)])
+    if options.document is not None:
+        for block, some in lines.items():
+            head = ["size", "tables", "J", "taps per class", "data sets", *COLUMNS]
+            write_block(options.document, block, table(head, some))
+
+
+if __name__ == "__main__":
+    main()
