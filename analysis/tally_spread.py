@@ -158,6 +158,7 @@ def _sentence(table: TapTable) -> str:
     )
     return (
         f"Brackets are {CONFIDENCE:.0%} intervals from {RESAMPLES} resamples of the test data ({drawn} drawn with "
-        f"replacement): they hold how other test data of these classes would differ{missing}; the model stays."
+        "replacement; for trials on fresh taps three quarters of them without): they hold how other test data of these "
+        f"classes would differ{missing}; the model stays."
         f"{mixed if sessions > 1 else ''}"
     )

@@ -213,9 +213,9 @@ def main() -> None:
             flush=True,
         )
         rows.append(row)
-    write_json("intervals", [[size, n, name, *found] for size, n, name, found in rows])
-    if options.document is not None:
-        write_block(options.document, BLOCK, document(rows))
+        write_json("intervals", [[size, n, name, *found] for size, n, name, found in rows])
+        if options.document is not None:
+            write_block(options.document, BLOCK, document(rows))
 
 
 if __name__ == "__main__":
