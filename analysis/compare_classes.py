@@ -62,6 +62,10 @@ class _Sequences(NamedTuple):
     what: NDArray[np.intp]
     weight: NDArray[np.float64]
 
+    def part(self, piece: slice) -> "_Sequences":
+        """Some of them."""
+        return _Sequences(self.taps[piece], self.where[piece], self.what[piece], self.weight[piece])
+
 
 class _Scores(NamedTuple):
     """What a model scores on sequences.
@@ -220,8 +224,7 @@ def _without_replacement(
 def _scores(table: TapTable, sequences: _Sequences) -> _Scores:
     step = max(1, _AT_ONCE // table.log_prior.size)
     pieces = (slice(first, first + step) for first in range(0, len(sequences.taps), step))
-    taps, where, what, weight = sequences
-    parts = [_score(table, _Sequences(taps[one], where[one], what[one], weight[one])) for one in pieces]
+    parts = [_score(table, sequences.part(piece)) for piece in pieces]
     return _Scores(*(np.concatenate(column) for column in zip(*parts, strict=True)))
 
 
@@ -286,7 +289,8 @@ def _samples(table: TapTable, sequences: _Sequences, drawn: Sequence[_Sequences 
 
 
 def _every_second(scores: _Scores, sequences: _Sequences, start: int) -> tuple[_Scores, _Sequences]:
-    return _Scores(*(column[start::2] for column in scores)), _Sequences(*(column[start::2] for column in sequences))
+    piece = slice(start, None, 2)
+    return _Scores(*(column[piece] for column in scores)), sequences.part(piece)
 
 
 def _summary(scores: _Scores, sequences: _Sequences) -> NDArray[np.float64]:
