@@ -145,6 +145,8 @@ class Coverage(NamedTuple):
 def coverage(name: str, sets: list[Seen]) -> Coverage:
     """How often the intervals of data sets hold the truth."""
     known = [one for one in sets if np.isfinite([one.value, one.low, one.high]).all()]
+    if not known:
+        return Coverage(np.nan, np.nan, np.nan, 0, 0)
     value, low, high = np.array([one[:3] for one in known]).T
     parts = [one.parts for one in known if one.parts is not None]
     truth = 0.0 if EQUAL in name else value.mean()
@@ -169,10 +171,13 @@ def run(
                 yield from ((size, n, name, coverage(name, sets)) for name, sets in gathered.items())
 
 
-def verdict(found: Coverage) -> str:
-    """Whether the coverage may lie between 92 and 98 %, is above or below."""
+def told(found: Coverage) -> str:
+    """The coverage with its interval, and whether it is above 98 % or below 92 %."""
+    if not found.n:
+        return "no interval"
     share = found.hits / found.n
-    return "" if _LEAST <= share <= _MOST else ("too wide" if share > _MOST else "too narrow")
+    verdict = "" if _LEAST <= share <= _MOST else ("too wide" if share > _MOST else "too narrow")
+    return f"{share_interval(found.hits, found.n)} {verdict}".strip()
 
 
 def document(rows: list[tuple[Any, ...]]) -> str:
@@ -184,10 +189,7 @@ def document(rows: list[tuple[Any, ...]]) -> str:
     cells = [
         [
             name,
-            *(
-                f"{share_interval(one.hits, one.n)} {verdict(one)}".strip() if (one := found.get(c)) else "–"
-                for c in columns
-            ),
+            *(told(one) if (one := found.get(c)) else "–" for c in columns),
         ]
         for name, found in by_name.items()
     ]
@@ -208,8 +210,8 @@ def main() -> None:
     for row in run(options.data_sets, options.seed, {name: SIZES[name] for name in options.sizes}, tuple(options.taps)):
         size, n, name, found = row
         print(
-            f"{size:6} {n:3} {name:64} {share_interval(found.hits, found.n)} truth {found.truth:.4g} "
-            f"bias {found.bias:+.2f} width {found.width:.2f} {verdict(found)}",
+            f"{size:6} {n:3} {name:64} {told(found)} of {found.n}, truth {found.truth:.4g} bias {found.bias:+.2f} "
+            f"width {found.width:.2f}",
             flush=True,
         )
         rows.append(row)
