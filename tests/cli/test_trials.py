@@ -110,7 +110,7 @@ def test_any_fitted_model_is_played(command, make_taps, tmp_path, name):
 
 
 def test_intervals_are_over_taps_and_not_over_trials(files, command, tmp_path):
-    """Twenty times the trials leave them as wide; both kinds of trials have them, and the page says what they hold."""
+    """Twenty times the trials take out their chance alone; both kinds have intervals, and the page says what of."""
     folder, model, test = files
     words = "trials", folder / "model.nc", folder / "taps.nc", "--thresholds", "0.5,0.999", "--deadline", 30
     widths = []
@@ -123,13 +123,14 @@ def test_intervals_are_over_taps_and_not_over_trials(files, command, tmp_path):
     played = run_trials(table, plan, (0.5, 0.999), **rule)
     words = " ".join(printed.split())
 
-    np.testing.assert_allclose(widths[0], widths[1], rtol=1e-6)
+    assert (widths[0] > widths[1]).all()
+    np.testing.assert_allclose(widths[0], widths[1], rtol=0.1)
     late = kept.isel(theta=1)
     assert late["what_error_high"] - late["what_error_low"] > 100 * late["what_error_se"]  # 31 by trials alone
     np.testing.assert_allclose(kept["fresh_taps"], played.taps.mean(axis=0), rtol=0.1)
     np.testing.assert_allclose(kept["fresh_used_up"], played.used_up.mean(axis=0), atol=0.04)
     assert (kept["fresh_taps_low"] < kept["fresh_taps"]).all()
-    assert "from 200 resamples of the test data (taps of each class drawn with replacement)" in words
+    assert "from 200 resamples of the test data (taps of each class drawn with replacement; for trials on fresh taps" in words
     assert "not how another session would differ; the model stays." in words
     assert "too few test taps" in words
     assert words.endswith("This concerns theta 0.999.")
