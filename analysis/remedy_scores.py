@@ -19,7 +19,7 @@ from ..hardware.pool import TapPool, tap_pool
 from ..inference.montecarlo import THRESHOLDS
 from ..inference.resampling import CONFIDENCE, Spread, spread, taps_per_class
 from ..inference.saturation import share, temper
-from ..inference.selections import resampled_pools
+from ..inference.selections import thinned_pools
 from ..inference.trial_plan import TapTable, tap_table
 from ..models import seeds
 from ..models.classes import ClassGrid
@@ -33,7 +33,7 @@ from .remedies import Remedy
 from .right_model import SIMULATIONS, Beside, compare, exact, reference_factors
 from .study import can_act
 
-_SEQUENCES, _RESAMPLE_SEQUENCES = 20, 5  # of each class
+_SEQUENCES, _RESAMPLE_SEQUENCES = 20, 6  # of each class; the latter even, for halves
 _RESAMPLES = 100
 
 
@@ -153,15 +153,14 @@ def measure(
             own[id(remedy.grid)] = log_beliefs(tables[base.name], base)
         beliefs = own[id(remedy.grid)] if remedy is base else log_beliefs(table, remedy)
         rounding = _rounding((table, tables[base.name]), n * shared.taps[0].size)
+        how = spread(table, noise=_RESAMPLE_SEQUENCES / _SEQUENCES, thinned=True)
         found = headline(
             _reliability(table, remedy.grid, remedy.setting, policy, trials, seed), policy, remedy.setting.threshold
         )
         scores.append(
             Scored(
                 remedy.name,
-                *_gains(
-                    beliefs, own[id(remedy.grid)], rounding, spread(table), len(remedies) - 1, is_base=remedy is base
-                ),
+                *_gains(beliefs, own[id(remedy.grid)], rounding, how, len(remedies) - 1, is_base=remedy is base),
                 _triple(errors, "what_error"),
                 None if remedy is base else _triple(errors, "what_error_difference"),
                 None if remedy is base else _triple(errors, "where_error_difference"),
@@ -281,13 +280,17 @@ def _sequences(pool: TapPool, n: int, each: int, generator: np.random.Generator)
 def _log_beliefs(
     table: TapTable, remedy: Remedy, *, grid: ClassGrid, taps: TapSet, n: int, seed: int, pool_of: TapTable
 ) -> NDArray[np.float64]:
-    """Mean log belief in what is true after n taps: of the taps as they are, then of resamples; shape (1 + R,)."""
+    """Mean log belief in what is true after n taps, of the taps as they are and resamples, see `Spread.interval`."""
     generator = seeds.generator(seed, seeds.Purpose.REMEDY_SCORES)
-    means = []
-    for number, pool in enumerate(resampled_pools(pool_of, _RESAMPLES, seed)):
-        drawn = _sequences(pool, n, _RESAMPLE_SEQUENCES if number else _SEQUENCES, generator)
-        means.append(_log_belief(table, remedy, grid, taps, drawn).mean())
-    return np.array(means)
+    first, *pools = thinned_pools(pool_of, _RESAMPLES, seed)
+
+    def beliefs(pool: TapPool, each: int) -> NDArray[np.float64]:
+        return _log_belief(table, remedy, grid, taps, _sequences(pool, n, each, generator))
+
+    estimate = beliefs(first, _SEQUENCES).mean()
+    drawn = [beliefs(pool, _RESAMPLE_SEQUENCES) for pool in pools]
+    halves = np.array([[values[::2].mean(), values[1::2].mean()] for values in drawn])
+    return np.concatenate([[estimate], halves.mean(axis=1), *halves.T])
 
 
 def _log_belief(
@@ -332,7 +335,7 @@ def _gains(
     gains = beliefs - base
     gains[np.abs(gains) <= rounding] = 0.0
     gain = _with_ends(gains, how)
-    sure = gains[0] - norm.ppf(1 - (1 - CONFIDENCE) / 2 / remedies) * how.factor * gains[1:].std()
+    sure = gains[0] - norm.ppf(1 - (1 - CONFIDENCE) / 2 / remedies) * how.error(gains)
     return score, gain, float(np.minimum(sure, gain[1]))
 
 

@@ -101,6 +101,11 @@ class Spread(NamedTuple):
             ends.append(np.where(enough, np.clip(end, least, most), np.nan))
         return ends[0], ends[1]
 
+    def error(self, samples: Floats) -> Floats:
+        """Standard error of the estimate, from samples as of `interval`."""
+        variance = _moments(self.whole(samples))[1]
+        return self._factor(samples, variance) * np.sqrt(variance)
+
     def _factor(self, samples: Floats, variance: Floats) -> Floats | float:
         """By which deviations are enlarged, so that they vary by the taps and as the estimate's trials do."""
         if self.noise is None:

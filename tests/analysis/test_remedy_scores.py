@@ -10,7 +10,7 @@ from solidtouch.analysis import compare_classes, remedy_scores
 from solidtouch.analysis.remedy_scores import _against, _gains, _log_belief, _log_beliefs, _sequences
 from solidtouch.hardware.pool import tap_pool
 from solidtouch.inference.resampling import Spread
-from solidtouch.inference.selections import resampled_pools
+from solidtouch.inference.selections import thinned_pools
 from solidtouch.inference.trial_plan import TapTable
 
 GENERATOR = np.random.default_rng(0)
@@ -60,7 +60,7 @@ def test_log_beliefs_are_means_over_classes_with_taps():
     """Each counts alike, however many taps it has, and one without any does not; resamples follow."""
     table, remedy, grid, taps = two_positions(9, 0, 4)
     means = _log_beliefs(table, remedy, grid=grid, taps=taps, n=1, seed=0, pool_of=table)
-    assert means.shape == (1 + remedy_scores._RESAMPLES,)
+    assert means.shape == (1 + 3 * remedy_scores._RESAMPLES,)
     assert means == pytest.approx(np.full(len(means), (np.log(0.8) + np.log(0.3)) / 2))
     two = [p[0] ** 2 / np.sum(np.square(p)) for p in ([0.8, 0.1, 0.1], [0.3, 0.1, 0.6])]
     means = _log_beliefs(table, remedy, grid=grid, taps=taps, n=2, seed=0, pool_of=table)
@@ -74,10 +74,10 @@ def test_log_beliefs_are_those_of_the_resampled_taps():
     table = table._replace(log_likelihood=values)
     means = _log_beliefs(table, remedy, grid=grid, taps=taps, n=1, seed=3, pool_of=table)
     exact = []
-    for pool in resampled_pools(table, remedy_scores._RESAMPLES, 3):
+    for pool in thinned_pools(table, remedy_scores._RESAMPLES, 3):
         own = _log_belief(table, remedy, grid, taps, pool.order[:, None])
         exact.append(np.mean([own[np.asarray(taps.indices(0)[0])[pool.order] == l].mean() for l in range(3)]))
-    assert np.corrcoef(means[1:], exact[1:])[0, 1] > 0.5
+    assert np.corrcoef(means[1 : 1 + remedy_scores._RESAMPLES], exact[1:])[0, 1] > 0.5
     assert means[0] == pytest.approx(exact[0], abs=0.25)
 
 

@@ -130,7 +130,10 @@ def test_intervals_are_over_taps_and_not_over_trials(files, command, tmp_path):
     np.testing.assert_allclose(kept["fresh_taps"], played.taps.mean(axis=0), rtol=0.1)
     np.testing.assert_allclose(kept["fresh_used_up"], played.used_up.mean(axis=0), atol=0.04)
     assert (kept["fresh_taps_low"] < kept["fresh_taps"]).all()
-    assert "from 200 resamples of the test data (taps of each class drawn with replacement; for trials on fresh taps" in words
+    assert (
+        "from 200 resamples of the test data (taps of each class drawn with replacement; for trials on fresh taps"
+        in words
+    )
     assert "not how another session would differ; the model stays." in words
     assert "too few test taps" in words
     assert words.endswith("This concerns theta 0.999.")

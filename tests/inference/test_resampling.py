@@ -192,8 +192,8 @@ def test_the_sampling_of_trials_is_taken_out(noise):
     for _ in range(200):
         samples = layered(0.0, rng.normal(0, 1, 200), noise, rng)
         low, high = Spread(3.0, noise=0.25).interval(samples)
-        widths.append((high - low) / 2 / 1.96)
-    assert np.mean(widths) == pytest.approx(np.sqrt(9 + 0.25 * noise), rel=0.08)
+        widths.append([(high - low) / 2 / 1.96, Spread(3.0, noise=0.25).error(samples)])
+    assert np.mean(widths, axis=0) == pytest.approx(np.full(2, np.sqrt(9 + 0.25 * noise)), rel=0.08)
 
 
 def test_trials_that_vary_by_chance_alone_leave_the_chance_of_the_estimate():
@@ -205,6 +205,7 @@ def test_trials_that_vary_by_chance_alone_leave_the_chance_of_the_estimate():
     assert Spread(3.0, noise=0.25).interval(constant) == (2.0, 2.0)
     assert Spread(3.0, noise=0.25).whole(np.arange(7.0)).tolist() == [1, 2]
     assert Spread(3.0).whole(np.arange(7.0)).tolist() == [1, 2, 3, 4, 5, 6]
+    assert Spread(3.0).error(np.arange(7.0)) == pytest.approx(3 * np.arange(1, 7).std(ddof=1))
 
 
 def test_the_noise_of_an_estimate_falls_with_its_trials():
