@@ -110,7 +110,7 @@ def summarise(rows: Sequence[Accuracy], spread: Spread = NO_SPREAD) -> dict[str,
         half = t.ppf(0.5 + CONFIDENCE / 2, len(rows) - 1) * means.std(axis=0, ddof=1) / np.sqrt(len(rows))
         low, high = np.clip(mean - half, 0, 1), np.clip(mean + half, 0, 1)
     elif len(rows[0].resampled):
-        drawn = with_noise(rows[0].resampled.T, rows[0].noise, rows[0].resampled_noise)
+        drawn = with_noise(rows[0].resampled.T, rows[0].noise / spread.factor**2, rows[0].resampled_noise)
         ends = spread.interval(np.concatenate([mean[:, np.newaxis], drawn], axis=1), 0, 1)
         low, high = widened(*ends, spread.taps / rows[0].contacts)
     else:

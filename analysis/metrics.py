@@ -137,7 +137,7 @@ def by_place(
             half = _half_width(data_sets[name])
             low, high = ((result[name] + sign * half).clip(least, most) for sign in (-1, 1))
         else:
-            ends = spread.interval(_samples(data_sets.isel(data_set=0), name), least, most)
+            ends = spread.interval(_samples(data_sets.isel(data_set=0), name, spread), least, most)
             if not difference and name != "taps":
                 independent = spread.taps / parts / result["taps"].values
                 ends = widened(*ends, independent, data_sets.attrs[f"smallest_{name}"], most)
@@ -196,8 +196,8 @@ def interval_sentence(data_sets: int, kind: str, sessions: int = 1, spread: Spre
     )
     limit = "the same model" if sessions > 1 else "the same model and session, not how another session would differ"
     return (
-        f"Intervals are {CONFIDENCE:.0%} intervals from trials on resamples of {drawn} drawn with replacement; they "
-        f"hold how other test taps would differ for {limit}."
+        f"Intervals are {CONFIDENCE:.0%} intervals from trials on resamples of {drawn} drawn with replacement, or, "
+        f"for fresh taps and accuracies, with a quarter of them left out; they hold how other test taps would differ for {limit}."
     )
 
 
@@ -207,7 +207,7 @@ def _half_width(values: xr.DataArray) -> xr.DataArray:
     return values.std("data_set", ddof=1) * t.ppf(0.5 + CONFIDENCE / 2, seen - 1) / np.sqrt(seen)
 
 
-def _samples(data: xr.Dataset, name: str) -> NDArray[np.float64]:
+def _samples(data: xr.Dataset, name: str, spread: Spread) -> NDArray[np.float64]:
     """The estimate and, behind it, resamples that vary by their taps and by as many trials as the estimate's.
 
     Resamples have fewer trials than the estimate, so their variance is reduced by the excess of sampling noise.
@@ -216,7 +216,7 @@ def _samples(data: xr.Dataset, name: str) -> NDArray[np.float64]:
     if f"{name}_resampled" not in data:
         return np.concatenate([estimate, np.full_like(estimate, np.nan)], axis=-1)
     drawn = np.moveaxis(data[f"{name}_resampled"].values, 0, -1)
-    noise = data[f"{name}_noise"].values, data[f"{name}_resampled_noise"].values
+    noise = data[f"{name}_noise"].values / spread.factor**2, data[f"{name}_resampled_noise"].values
     return np.concatenate([estimate, with_noise(drawn, *noise)], axis=-1)
 
 
@@ -227,7 +227,8 @@ def with_noise(
 
     Args:
         drawn: Means on R resamples, shape (..., R).
-        wanted: Variance by the sampling of trials that they should have, shape (...).
+        wanted: Variance by the sampling of trials that they should have, shape (...): that of the estimate, before
+            deviations are enlarged.
         present: The one that they have, likewise.
     """
     known = np.isfinite(drawn)

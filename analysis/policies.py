@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from ..hardware.pool import TapPool
 from ..inference.montecarlo import LoopPlayer, Trials, empty_trials, make_rule, run_trials
 from ..inference.resampling import RESAMPLE_TRIALS, Spread, spread
-from ..inference.selections import resampled_pools
+from ..inference.selections import resampled_pools, thinned_pools
 from ..inference.trial_plan import TapTable, TrialPlan, checked_plan, join_plans, plan_trials
 from ..models.classes import ClassGrid
 from ..models.threads import cores, in_order
@@ -60,7 +60,8 @@ class Played(NamedTuple):
         active_confusion: The same at the default fixation point; `None` where nothing can be acted on.
         used_up: Share of the fresh decisions, of the policy with more of them, made because all stored taps of a class
             were drawn.
-        spread: How resamples turn into intervals.
+        spread: How resamples of stored taps turn into intervals.
+        fresh_spread: How those of fresh taps do.
     """
 
     stored: Outcomes[xr.Dataset]
@@ -69,6 +70,22 @@ class Played(NamedTuple):
     active_confusion: NDArray[np.int64] | None
     used_up: float
     spread: Spread
+    fresh_spread: Spread
+
+
+class Resampled(NamedTuple):
+    """Selections of the test taps, see `inference.resampling`.
+
+    Attributes:
+        stored: For trials that draw with replacement.
+        fresh: For those that draw no tap twice.
+    """
+
+    stored: Sequence[TapPool] = ()
+    fresh: Sequence[TapPool] = ()
+
+
+NO_POOLS = Resampled()
 
 
 class Plans(NamedTuple):
@@ -136,7 +153,7 @@ def play_policies(
     fixation: int,
     *,
     acts: bool,
-    pools: Sequence[TapPool] = (),
+    pools: Resampled = NO_POOLS,
     progress: Callable[[int], None] | None = None,
 ) -> Played:
     """Plays passive and active trials, on stored and on fresh taps.
@@ -147,7 +164,7 @@ def play_policies(
         settings: What to do.
         fixation: The default fixation point.
         acts: Whether active perception means anything.
-        pools: Resamples of the test taps, for intervals.
+        pools: Selections of the test taps, for intervals.
         progress: Told how many more trials were played.
 
     Raises:
@@ -186,6 +203,7 @@ def play_policies(
         confusions[1] if acts else None,
         used_up,
         spread(table, used_up),
+        spread(table, used_up, thinned=True),
     )
 
 
@@ -214,12 +232,10 @@ def _on_resamples(
     settings: "Settings",
     fixation: int,
     acts: bool,
-    pools: Sequence[TapPool],
+    pools: Resampled,
     progress: Callable[[int], None] | None,
 ) -> list[tuple[Outcomes[Means], Outcomes[Means]]]:
-    """Outcomes on stored and on fresh taps of each resample, from streams of its own."""
-    if not pools:
-        return []
+    """Outcomes on stored and on fresh taps of each selection, from streams of its own."""
     rule = make_rule(settings.thresholds, 1.0, settings.border, settings.deadline, settings.seed)
     alone = make_rule(settings.thresholds[settings.shown], 1.0, settings.border, settings.deadline, settings.seed)
     players = {
@@ -231,33 +247,37 @@ def _on_resamples(
     }
     trials = _per_position(grid.L, settings)
 
-    def one(number: int, pool: TapPool) -> tuple[tuple[Outcomes[Means], Outcomes[Means]], int]:
+    def one(number: int, pair: tuple[TapPool, TapPool]) -> tuple[tuple[Outcomes[Means], Outcomes[Means]], int]:
         counted = 0
 
         def play(plan: TrialPlan, moves: bool, fresh: bool) -> Trials:
             nonlocal counted
             n = len(plan.where)
             played = empty_trials(n, 1 if fresh else len(settings.thresholds))
+            pool = pair[fresh]
             players[moves, fresh].on(pool)(checked_plan(plan, pool), 0, n, played)
             counted += n
             return played
 
-        first = grid.L * (settings.trials + number * trials)
-        plans = make_plans(pool, trials, settings.seed, fixation, acts, first, fewest=2)
-        pair = _outcomes(plans, play, grid, fresh=False)[0], _outcomes(plans, play, grid, fresh=True)[0]
-        return pair, counted
+        def outcomes(fresh: bool) -> Outcomes[Means]:
+            first = grid.L * (settings.trials + number * trials)
+            plans = make_plans(pair[fresh], trials, settings.seed, fixation, acts, first, fewest=2)
+            return _outcomes(plans, play, grid, fresh=fresh)[0]
+
+        return (outcomes(False), outcomes(True)), counted
 
     kept = []
-    for pair, counted in in_order((partial(one, i, pool) for i, pool in enumerate(pools)), cores(None)):
+    tasks = (partial(one, i, pair) for i, pair in enumerate(zip(*pools, strict=True)))
+    for pair, counted in in_order(tasks, cores(None)):
         kept.append(pair)
         if progress is not None:
             progress(counted)
     return kept
 
 
-def resamples_of(table: TapTable, resamples: int, seed: int) -> list[TapPool]:
-    """Resamples of the test taps, without the taps as they are."""
-    return list(resampled_pools(table, resamples, seed))[1:] if resamples else []
+def resamples_of(table: TapTable, resamples: int, seed: int) -> Resampled:
+    """Selections of the test taps, without the taps as they are."""
+    return Resampled(*(list(pools(table, resamples, seed))[1:] for pools in (resampled_pools, thinned_pools)))
 
 
 def _per_position(L: int, settings: "Settings") -> int:

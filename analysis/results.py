@@ -74,8 +74,13 @@ class Results:
 
     @property
     def spread(self) -> Spread:
-        """How resamples of a single data set turn into intervals."""
+        """How resamples of a single data set turn into intervals, where trials draw stored taps."""
         return self.studies[0].played.spread
+
+    @property
+    def fresh_spread(self) -> Spread:
+        """Likewise where no tap is drawn twice."""
+        return self.studies[0].played.fresh_spread
 
     @property
     def used_up(self) -> float:
@@ -90,12 +95,12 @@ class Results:
     @cached_property
     def curves(self) -> dict[str, xr.Dataset]:
         """Each policy's errors and reaction time against the threshold, dim theta, and their difference."""
-        return self._curves(self.stored)
+        return _curves(self.stored, self.spread)
 
     @cached_property
     def fresh_curves(self) -> dict[str, xr.Dataset]:
         """The same on fresh taps, at the shown threshold."""
-        return self._curves(self.fresh)
+        return _curves(self.fresh, self.fresh_spread)
 
     @cached_property
     def by_position(self) -> xr.Dataset:
@@ -107,14 +112,6 @@ class Results:
         """Active outcomes with intervals, likewise; `None` where nothing can be acted on."""
         fixations = self.stored.fixations
         return None if fixations is None else metrics.by_place(fixations, self.spread, parts=1)
-
-    def _curves(self, outcomes: Outcomes[xr.Dataset]) -> dict[str, xr.Dataset]:
-        parts = {"passive": outcomes.passive, "active": outcomes.active, "difference": outcomes.difference}
-        return {
-            name: metrics.over_places(part, self.spread, difference=name == "difference")
-            for name, part in parts.items()
-            if part is not None
-        }
 
     @property
     def confusions(self) -> tuple[NDArray[np.int64], NDArray[np.int64] | None]:
@@ -128,7 +125,7 @@ class Results:
     def accuracy(self) -> list[dict[str, float | int]]:
         """Accuracy for the numbers of contacts that every data set can answer, one row each."""
         pooled = zip(*(part.accuracy for part in self.studies), strict=False)
-        return [summarise(rows, self.spread) for rows in pooled]
+        return [summarise(rows, self.fresh_spread) for rows in pooled]
 
     @property
     def accuracy_dataset(self) -> xr.Dataset:
@@ -136,3 +133,12 @@ class Results:
         rows = self.accuracy
         columns = {name: ("contacts", [row[name] for row in rows]) for name in rows[0] if name != "contacts"}
         return xr.Dataset(columns, {"contacts": [row["contacts"] for row in rows]})
+
+
+def _curves(outcomes: Outcomes[xr.Dataset], spread: Spread) -> dict[str, xr.Dataset]:
+    parts = {"passive": outcomes.passive, "active": outcomes.active, "difference": outcomes.difference}
+    return {
+        name: metrics.over_places(part, spread, difference=name == "difference")
+        for name, part in parts.items()
+        if part is not None
+    }

@@ -136,7 +136,7 @@ def study(
     pools = resamples_of(table, resamples, settings.seed)
     played = play_policies(table, grid, settings, fixation, acts=can_act(grid), pools=pools, progress=progress)
     dropped = len(fold.test) - len(test)
-    return Study(fold.name, model, test, dropped, table, played, accuracy(table, settings.seed, pools=pools))
+    return Study(fold.name, model, test, dropped, table, played, accuracy(table, settings.seed, pools=pools.fresh))
 
 
 def can_act(grid: ClassGrid) -> bool:

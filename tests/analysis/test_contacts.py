@@ -6,7 +6,7 @@ from scipy.stats import t
 from solidtouch.analysis.contacts import Accuracy, accuracy, summarise
 from solidtouch.hardware.pool import tap_pool
 from solidtouch.inference.resampling import Spread, share_beyond, spread
-from solidtouch.inference.selections import resampled_pools
+from solidtouch.inference.selections import thinned_pools
 from solidtouch.inference.trial_plan import TapTable
 
 L, M = 2, 3
@@ -151,9 +151,9 @@ def test_resamples_vary_as_new_taps_would():
         louder = np.where(right, 2.0, np.where(rng.random(24) < 0.7, 1.0, 3.0))
         taps = [((0, m), for_class(0, m if r else 2, s)) for m, r, s in zip([0, 1] * 12, right, louder, strict=True)]
         table = table_of(taps)
-        pools = list(resampled_pools(table, 60, i))[1:]
+        pools = list(thinned_pools(table, 60, i))[1:]
         for j, row in enumerate(accuracy(table, i, (1, 2), pools)):
-            summary = summarise([row], spread(table))
+            summary = summarise([row], spread(table, thinned=True))
             held[i, j] = summary["joint_low"] <= truth[j] <= summary["joint_high"]
 
     assert (np.abs(held.mean(axis=0) - 0.95) < 0.05).all()
@@ -164,7 +164,7 @@ def test_fewer_draws_on_resamples_do_not_widen_intervals(monkeypatch):
     rng = np.random.default_rng(2)
     taps = [((i % L, i % M), rng.normal(size=(L, M)) + for_class(i % L, i % M, 1.0)) for i in range(60)]
     table = table_of(taps)
-    pools = list(resampled_pools(table, 300, 0))[1:]
+    pools = list(thinned_pools(table, 300, 0))[1:]
     widths = []
     for draws in (1, 300):
         monkeypatch.setattr("solidtouch.analysis.contacts._RESAMPLED_DRAWS", draws)
