@@ -197,7 +197,8 @@ def interval_sentence(data_sets: int, kind: str, sessions: int = 1, spread: Spre
     limit = "the same model" if sessions > 1 else "the same model and session, not how another session would differ"
     return (
         f"Intervals are {CONFIDENCE:.0%} intervals from trials on resamples of {drawn} drawn with replacement, or, "
-        f"for fresh taps and accuracies, with a quarter of them left out; they hold how other test taps would differ for {limit}."
+        "for fresh taps and accuracies, with a quarter of them left out; they hold how other test taps would differ "
+        f"for {limit}."
     )
 
 
