@@ -40,10 +40,10 @@ CALIBRATIONS = {
 }
 _UNKNOWN = np.full(len(MEANS) + len(CALIBRATIONS), np.nan)  # of a resample in which too few classes have the taps
 CALIBRATION_BINS = 10
-_DRAWS, _RESAMPLE_DRAWS = 50, 6  # per class
+_DRAWS, _RESAMPLE_DRAWS = 50, 20  # per class, at least
 # Share of the classes that must have n distinct test taps: with fewer, dropping the hard ones would look like growth.
 _ENOUGH = 0.9
-_RESAMPLES = 100
+_RESAMPLES = 200
 _AT_ONCE = 1 << 17  # numbers, about what a core keeps close
 
 
@@ -90,9 +90,9 @@ def class_scores(
 ) -> xr.Dataset:
     """Scores of every model after each number of contacts, with intervals and paired differences to one of them.
 
-    One contact uses every test tap once; more are drawn without replacement, some 50 times per class, from one session
-    each. Classes count by their test taps. A number that less than nine tenths of the classes have test taps for in
-    some session is left out. What is drawn for one number does not depend on the others.
+    One contact uses every test tap once; more are drawn without replacement, at least 50 times per class, from one
+    session each. Classes count by their test taps. A number that less than nine tenths of the classes have test taps
+    for in some session is left out. What is drawn for one number does not depend on the others.
 
     A log score is -inf where the belief in the true class of some sequence is 0, and stays so: nothing is dropped or
     floored, and `impossible` tells how many these are, `no_class_left` how many of them are impossible under every
@@ -217,8 +217,15 @@ def _draw(
 def _without_replacement(
     group: NDArray[np.intp], n: int, draws: int, generator: np.random.Generator
 ) -> NDArray[np.intp]:
-    """Several draws of n different ones, shape (draws, n)."""
-    return generator.permuted(np.broadcast_to(group, (draws, len(group))), axis=1)[:, :n]
+    """At least so many draws of n different ones, shape (Q, n): disjoint parts of shuffled groups.
+
+    So all are used about equally often, which scatters less than draws of their own. Groups take turns, and their
+    number is even: every second sequence is of every second group.
+    """
+    parts = len(group) // n
+    shuffles = 2 * -(-draws // (2 * parts))
+    shuffled = generator.permuted(np.broadcast_to(group, (shuffles, len(group))), axis=1)[:, : parts * n]
+    return shuffled.reshape(shuffles, parts, n).swapaxes(0, 1).reshape(-1, n)
 
 
 def _scores(table: TapTable, sequences: _Sequences) -> _Scores:
