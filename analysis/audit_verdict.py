@@ -214,13 +214,11 @@ def _calibration_sentence(state: Calibration, measured: Measured, theta: float) 
         told += "although all beliefs are 1 and leave no doubt, so the factor is infinite"
     else:
         told += f"{_times(value)} ({_times(low)} to {_times(high)}) times as often as the beliefs say"
-    if np.isinf(value) and np.isnan(beside.median):
-        told += f"; a right model on {judged.taps} taps per class makes no wrong decision"
-    elif not np.isnan(beside.median):
-        told += (
-            f"; a right model on {judged.taps} taps per class gives {_times(beside.median)} ({_times(beside.low)} to "
-            f"{_times(beside.high)})"
-        )
+    told += f"; a right model on {judged.taps} tap{'s' * (judged.taps > 1)} per class "
+    if np.isnan(beside.median):
+        told += "makes no wrong decision"
+    else:
+        told += f"gives {_times(beside.median)} ({_times(beside.low)} to {_times(beside.high)})"
     return f"{told}. {judged.few}".strip()
 
 

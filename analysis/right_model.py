@@ -194,15 +194,15 @@ def equivalent(model: TapModel) -> TapModel:
 def compare(value: float, reference: Floats) -> Beside:
     """A Monte Carlo test of a value against simulated ones, shape (S,).
 
-    Both may be infinite: decisions are wrong that leave no doubt. Those that are NaN, without a mistake or a doubt,
-    count for either side, but not as infinite.
+    Both may be infinite: decisions are wrong that leave no doubt. Simulated ones that are NaN, without a mistake or a
+    doubt, count as 0 when asked whether the value is above, and on the side of the value when whether it is below.
     """
     known = reference[~np.isnan(reference)]
     S, free = len(reference), len(reference) - len(known)
-    if np.isnan(value) or not (len(known) or np.isinf(value)):
+    if np.isnan(value):
         return Beside(value, np.nan, np.nan, np.nan, 1.0, 1.0)
     median, low, high = quantiles(known, [0.5, 0.025, 0.975])
-    more, less = (known >= value).sum() + (0 if np.isinf(value) else free), (known <= value).sum() + free
+    more, less = (known >= value).sum() + (0 if value > 0 else free), (known <= value).sum() + free
     above, below = (1 + more) / (1 + S), (1 + less) / (1 + S)
     return Beside(float(value), float(median), float(low), float(high), float(above), float(below))
 

@@ -324,9 +324,9 @@ def test_the_sentence_of_a_remedy_has_its_numbers():
 
 
 def test_too_few_taps_are_named():
-    """After the numbers; where nothing could be simulated no reference is given."""
+    """After the numbers; where a right model leaves neither mistake nor doubt that is said."""
     first = verdict(Cause(None, ""), measured(judged=judged(few="There are too few.", median=np.nan)), 0.95, {}, "mm")[
         0
     ]
-    assert first.endswith("(2 to 5) times as often as the beliefs say. There are too few.")
-    assert "right model" not in first
+    told = "(2 to 5) times as often as the beliefs say; a right model on 20 taps per class makes no wrong decision."
+    assert first.endswith(f"{told} There are too few.")

@@ -188,15 +188,17 @@ def test_ties_count_for_both_sides():
     assert compare(-1.0, np.arange(19.0))[4:] == pytest.approx((1, 1 / 20))
 
 
-def test_data_sets_without_doubt_count_for_both_sides():
-    """A value that is not known, or has nothing beside it, rejects nothing."""
+def test_data_sets_without_a_mistake_or_a_doubt_count_as_nothing():
+    """Against a value of 0 too, and for none below; a value that is not known rejects nothing."""
     reference = np.array([np.nan, 0.0, 1.0, np.nan, 2.0])
     found = compare(3.0, reference)
-    assert (found.median, found.above, found.below) == (1.0, pytest.approx(3 / 6), 1.0)
+    assert (found.median, found.above, found.below) == (1.0, pytest.approx(1 / 6), 1.0)
     assert (found.low, found.high) == pytest.approx((0.05, 1.95))
-    for nothing in (compare(np.nan, reference), compare(1.0, np.full(3, np.nan))):
-        assert nothing[4:] == (1.0, 1.0)
-        assert np.isnan(nothing.median)
+    assert compare(0.0, reference)[4:] == (1.0, pytest.approx(4 / 6))
+    assert compare(np.nan, reference)[4:] == (1.0, 1.0)
+    alone = compare(1.0, np.full(39, np.nan))
+    assert alone[4:] == (1 / 40, 1.0)
+    assert np.isnan([alone.median, alone.low, alone.high]).all()
 
 
 def test_an_infinite_factor_is_above_all_others():
@@ -208,7 +210,7 @@ def test_an_infinite_factor_is_above_all_others():
         4.0,
         1.0,
         np.inf,
-        pytest.approx(6 / 11),
+        pytest.approx(5 / 11),
         pytest.approx(8 / 11),
     )
     assert compare(np.inf, np.full(9, np.nan))[4:] == (0.1, 1.0)
