@@ -35,7 +35,7 @@ _LEAST_REACH = {"rank": 0.1, "distance": 0.1, "table": 0.02}  # of colours, so t
 _MOST_FACTOR = 1000.0  # beyond which the size of a factor says nothing
 _SPARED = "0.9"
 _BAR_COLOURS = {"first": DECIDED, "there": TRUE, "perhaps": "#b3d4e8", "other": OTHERS}
-_WRAP = 26  # characters
+_WRAP = 36  # characters
 _BARS = 60  # lags, beyond which bars give way to a line
 _SPAN = 300.0  # from the least to the largest factor that the axis holds
 
@@ -50,7 +50,7 @@ def causes(split: xr.Dataset, named: str | None = None) -> Figure | None:
     """
     if not np.isfinite(split["share"].values).any():
         return None
-    figure, axes = new_figure(TWO_COLUMNS, 0.75 + 1.2 * _ROW * split.sizes["part"])
+    figure, axes = new_figure(TWO_COLUMNS, 0.75 + 1.35 * _ROW * split.sizes["part"])
     plot_causes(axes[0, 0], split, first_cause(split.fillna(0.0)) if named is None else named)
     _cause_key(axes[0, 0])
     return figure

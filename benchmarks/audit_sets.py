@@ -3,11 +3,12 @@
 The rigs are three sessions of a preset, seed 0. `model` is taps drawn from the histograms fitted to the first two
 sessions of preset paper: 400 of each class to train, and twice 40 to tune and to measure.
 
-`python benchmarks/audit_sets.py --document docs/audit.md --recorded FOLDER` writes the table of that page.
+`python benchmarks/audit_sets.py --document docs/audit.md --recorded FOLDER` writes the table and figures of that page.
 """
 
 import argparse
 import json
+import shutil
 import subprocess
 import sys
 from collections.abc import Iterator
@@ -15,10 +16,12 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
 
+from solidtouch.models.storage import complete_file
 from studies import RECORDED, check_block, table, write_block
 
 PRESETS = ("ideal", "paper", "broken")
 BLOCK = "sets"
+SHOWN, FIGURES = "preset paper", ("causes", "remedies")
 
 
 def solidtouch(*words: Any) -> None:
@@ -83,6 +86,11 @@ def main() -> None:
             rows.append(line(name, found))
             said.append(f"- **{name}.** {' '.join(found['verdict']['sentences'])}")
             print(*rows[-1], said[-1], sep=" | ", flush=True)
+        if options.document is not None:
+            for figure in FIGURES:
+                picture = options.document.parent / "images" / f"audit-{figure}.svg"
+                with complete_file(picture, force=True) as temporary_file:
+                    shutil.copyfile(out / SHOWN.replace(" ", "-") / f"{figure}.svg", temporary_file)
     head = ["data", "factor", "a right model gives", "beliefs are", "comes first", "recommended"]
     text = f"{table(head, rows)}\n\nThe verdicts in full:\n\n" + "\n".join(said)
     if options.document is not None:
