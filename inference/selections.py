@@ -1,6 +1,6 @@
 """Selections of the test taps, which tell how much a result varies with them: what `inference.resampling` plays on."""
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from typing import NamedTuple
 
 import numpy as np
@@ -22,13 +22,12 @@ def resampled_pools(table: TapTable, resamples: int, seed: int) -> Iterator[TapP
         resamples: How many.
         seed: Of the resamples.
     """
-    yield table.pool
-    taps, cell, groups = _grouped(table)
-    generator = seeds.generator(seed, seeds.Purpose.RESAMPLES)
-    for _ in range(resamples):
+
+    def drawn(groups: list[_Group], generator: np.random.Generator) -> list[NDArray[np.intp]]:
         sessions = generator.integers(len(groups), size=len(groups)) if len(groups) > 1 else (0,)
-        drawn = np.concatenate([groups[s].drawn(generator) for s in sessions])
-        yield pool_of(taps[drawn], cell[drawn], table.pool.nearest.shape)
+        return [groups[s].drawn(generator) for s in sessions]
+
+    return _pools(table, resamples, seed, drawn)
 
 
 def thinned_pools(table: TapTable, resamples: int, seed: int) -> Iterator[TapPool]:
@@ -42,13 +41,27 @@ def thinned_pools(table: TapTable, resamples: int, seed: int) -> Iterator[TapPoo
         resamples: How many.
         seed: Of the selections.
     """
+
+    def thinned(groups: list[_Group], generator: np.random.Generator) -> list[NDArray[np.intp]]:
+        kept = generator.permutation(len(groups))[_left_out(np.array([len(groups)]), generator)[0] :]
+        return [groups[s].thinned(generator) for s in np.sort(kept)]
+
+    return _pools(table, resamples, seed, thinned)
+
+
+def _pools(
+    table: TapTable,
+    resamples: int,
+    seed: int,
+    select: Callable[[list["_Group"], np.random.Generator], list[NDArray[np.intp]]],
+) -> Iterator[TapPool]:
+    """The pool of a table, then what `select` takes of its sessions."""
     yield table.pool
     taps, cell, groups = _grouped(table)
     generator = seeds.generator(seed, seeds.Purpose.RESAMPLES)
     for _ in range(resamples):
-        kept = generator.permutation(len(groups))[_left_out(np.array([len(groups)]), generator)[0] :]
-        drawn = np.concatenate([groups[s].thinned(generator) for s in np.sort(kept)])
-        yield pool_of(taps[drawn], cell[drawn], table.pool.nearest.shape)
+        selected = np.concatenate(select(groups, generator))
+        yield pool_of(taps[selected], cell[selected], table.pool.nearest.shape)
 
 
 def _left_out(size: NDArray[np.intp], generator: np.random.Generator) -> NDArray[np.intp]:

@@ -75,21 +75,12 @@ def exponent(seed, plant=lambda taps: taps, n=N, right=RIGHT):
     return compare_below(tuned([train, tune])[0], found[:, 0])
 
 
-def level(data_sets):
-    """How often p-values are small, in data sets of models of their own; at exponent 1 ties make them large."""
+@pytest.mark.parametrize("data_sets", [12, pytest.param(120, marks=pytest.mark.slow)])
+def test_the_test_has_its_level(data_sets):
+    """Independent samples, models of their own: small p-values are as rare as uniform ones, but for ties."""
     p = np.array([exponent(seed, right=model_of(3, 2, seed=seed)).below for seed in range(data_sets)])
     for alpha in (0.05, 0.1, 0.2):
         assert binom.ppf(0.001, data_sets, alpha) <= (p <= alpha).sum() <= binom.ppf(0.999, data_sets, alpha)
-
-
-def test_the_test_has_its_level():
-    """Independent samples: the p-value is uniform, whatever the six training taps of a class deserve."""
-    level(12)
-
-
-@pytest.mark.slow
-def test_the_test_has_its_level_in_many_data_sets():
-    level(120)
 
 
 def test_samples_that_are_copies_are_found():

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from solidtouch.hardware.pool import tap_pool
+from scattered_taps import table_of
 from solidtouch.inference import resampling
 from solidtouch.inference.montecarlo import run_trials
 from solidtouch.inference.resampling import (
@@ -18,25 +18,7 @@ from solidtouch.inference.resampling import (
     widened,
 )
 from solidtouch.inference.selections import resampled_pools, thinned_pools
-from solidtouch.inference.trial_plan import TapTable, plan_trials
-
-L, M = 3, 2
-COUNT = np.array([[4, 1], [0, 7], [5, 2]])
-
-
-def table_of(seed=0, count=COUNT, session=None, skill=1.0):
-    """Taps of classes in no order, of which two lie outside the grid."""
-    rng = np.random.default_rng(seed)
-    where, what = np.repeat(np.argwhere(count >= 0), count.ravel(), axis=0).T
-    order = rng.permutation(len(where))
-    where, what = np.append(where[order], [-1, -1]), np.append(what[order], [0, 1])
-    values = rng.normal(size=(len(where), *count.shape))
-    inside = where >= 0
-    values[np.flatnonzero(inside), where[inside], what[inside]] += skill
-    flat = np.full(count.shape, -np.log(count.size))
-    session = None if session is None else session(np.arange(len(where)))
-    return TapTable(values, tap_pool(where, what, count.shape), flat, session=session)
-
+from solidtouch.inference.trial_plan import plan_trials
 
 SAMPLES = np.arange(101.0)
 """Resamples 0 to 100, of mean 50."""
