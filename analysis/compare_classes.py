@@ -44,6 +44,7 @@ _DRAWS, _RESAMPLE_DRAWS = 50, 20  # per class, at least
 # Share of the classes that must have n distinct test taps: with fewer, dropping the hard ones would look like growth.
 _ENOUGH = 0.9
 _RESAMPLES = 200
+_LOG_LEAST = np.log(1e-290)  # below which a belief may have lost digits
 _AT_ONCE = 1 << 17  # numbers, about what a core keeps close
 
 
@@ -79,6 +80,10 @@ class _Scores(NamedTuple):
     values: NDArray[np.float64]
     top: NDArray[np.float64]
     hit: NDArray[np.float64]
+
+    def part(self, piece: slice | NDArray[np.intp]) -> "_Scores":
+        """Some of them."""
+        return _Scores(self.values[piece], self.top[piece], self.hit[piece])
 
 
 def class_scores(
@@ -253,8 +258,11 @@ def _score(table: TapTable, sequences: _Sequences) -> _Scores:
     belief /= total[:, np.newaxis, np.newaxis]
     log_total = np.log(total)
     log_true = log_belief[each, where, what] - log_total
-    log_what = np.logaddexp.reduce(log_belief[each, :, what], axis=1) - log_total
     by_where, by_what = belief.sum(axis=2), belief.sum(axis=1)
+    with np.errstate(divide="ignore"):
+        log_what = np.log(by_what[each, what])
+    tiny = log_what < _LOG_LEAST
+    log_what[tiny] = np.logaddexp.reduce(log_belief[tiny, :, what[tiny]], axis=1) - log_total[tiny]
     hits = {
         "joint": belief.reshape(len(each), -1).argmax(axis=1) == where * M + what,
         "where": by_where.argmax(axis=1) == where,
@@ -279,15 +287,19 @@ def _score(table: TapTable, sequences: _Sequences) -> _Scores:
 def _samples(table: TapTable, sequences: _Sequences, drawn: Sequence[_Sequences | None]) -> NDArray[np.float64]:
     """Summaries of sequences, of resampled ones, and of halves of these, as `Spread.interval` wants them in rows.
 
-    Single taps are all used, so nothing varies between halves.
+    Single taps are all used: they are scored once, and nothing varies between halves.
     """
-    first = _summary(_scores(table, sequences), sequences)
+    every, place = _scores(table, sequences), np.empty(len(table.log_likelihood), dtype=np.intp)
+    single = sequences.taps.shape[1] == 1
+    if single:
+        place[sequences.taps[:, 0]] = np.arange(len(sequences.taps))
+    first = _summary(every, sequences)
     layers: list[list[NDArray[np.float64]]] = [[], [], []]
     for some in drawn:
         if some is None:
             parts = [_UNKNOWN] * 3
         else:
-            scores, single = _scores(table, some), some.taps.shape[1] == 1
+            scores = every.part(place[some.taps[:, 0]]) if single else _scores(table, some)
             whole = _summary(scores, some)
             parts = [whole, *(whole if single else _summary(*_every_second(scores, some, i)) for i in range(2))]
         for layer, part in zip(layers, parts, strict=True):
@@ -297,7 +309,7 @@ def _samples(table: TapTable, sequences: _Sequences, drawn: Sequence[_Sequences 
 
 def _every_second(scores: _Scores, sequences: _Sequences, start: int) -> tuple[_Scores, _Sequences]:
     piece = slice(start, None, 2)
-    return _Scores(*(column[piece] for column in scores)), sequences.part(piece)
+    return scores.part(piece), sequences.part(piece)
 
 
 def _summary(scores: _Scores, sequences: _Sequences) -> NDArray[np.float64]:

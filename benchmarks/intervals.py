@@ -10,9 +10,11 @@ difference of two models of equal error, 0.
 """
 
 import argparse
+import json
 from collections import defaultdict
 from collections.abc import Iterator
 from functools import partial
+from itertools import product
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -22,10 +24,11 @@ from solidtouch.analysis.compare_classes import class_scores
 from solidtouch.analysis.compare_decisions import at_equal_taps, decision_curves, play_models, spread_of
 from solidtouch.analysis.reliability import EVERYTHING, at_stopping, reliability
 from solidtouch.hardware.pool import tap_pool
+from solidtouch.inference.resampling import FEW
 from solidtouch.inference.trial_plan import TapTable
 from solidtouch.models import seeds
 from solidtouch.models.classes import ClassGrid
-from studies import check_block, processes, share_interval, table, write_block, write_json
+from studies import OUT, check_block, processes, share_interval, table, write_block, write_json
 
 SIZES = {"6 x 3": (6, 3), "16 x 5": (16, 5)}
 TAPS = (5, 20, 60)
@@ -33,6 +36,10 @@ SYMBOLS, TAXELS, THETA = 12, 2, 0.9
 NOISE = 0.5
 TRIALS = 4000
 CONTACTS = (1, 5)
+EQUAL_TAPS = {6: {"passive": 5.0, "active": 5.0}, 16: {"passive": 8.5, "active": 7.0}}
+"""Mean reaction times, by L, that all models reach at some threshold."""
+FEWER = {6: {"passive": 3.5, "active": 4.0}, 16: {"passive": 3.5, "active": 6.0}}
+"""Those where a class has fewer than 10 taps."""
 MODELS = ("right", "noisy", "noisy too", "remedied")
 EQUAL = "two models of equal error"
 BLOCK = "coverage"
@@ -80,13 +87,13 @@ def quantities(L: int, M: int, taps: int, seed: int) -> dict[str, Seen]:
     compared = {name: tables[name] for name in MODELS[1:]}
     played = play_models(compared, grid, (0.5, 0.7, 0.8, THETA, 0.95), TRIALS, seed, border="clamp")
     curves = decision_curves(played).sel(theta=THETA)
-    base = played["taps"].sel(model="noisy", theta=THETA).isel(resample=0)
     calibration = reliability(tables["right"], grid, [THETA], seed, trials=TRIALS, contacts=(), border="clamp")
     found: dict[str, Seen] = {}
     for policy in ("passive", "active"):
         right = at_stopping(calibration, policy).isel(theta=0).sel(counted="all", what=EVERYTHING)
         noisy = curves.sel(policy=policy, model="noisy")
-        equal = at_equal_taps(played, [float(base.sel(policy=policy))]).sel(policy=policy).isel(taps=0)
+        equal_taps = (FEWER if taps < FEW else EQUAL_TAPS)[L][policy]
+        equal = at_equal_taps(played, [equal_taps]).sel(policy=policy).isel(taps=0)
         found[f"error at stopping, {policy}, right"] = seen(right, "wrong")
         found[f"error at stopping, {policy}, noisy"] = seen(noisy, "what_wrong")
         found[f"taps to decision, {policy}, right"] = seen(right, "taps")
@@ -133,6 +140,7 @@ class Coverage(NamedTuple):
         width: Mean half width of the interval over 1.96 standard deviations of the estimates.
         hits: Intervals that hold the truth.
         n: Data sets with an interval.
+        sets: Data sets.
     """
 
     truth: float
@@ -140,13 +148,14 @@ class Coverage(NamedTuple):
     width: float
     hits: int
     n: int
+    sets: int
 
 
 def coverage(name: str, sets: list[Seen]) -> Coverage:
     """How often the intervals of data sets hold the truth."""
     known = [one for one in sets if np.isfinite([one.value, one.low, one.high]).all()]
     if not known:
-        return Coverage(np.nan, np.nan, np.nan, 0, 0)
+        return Coverage(np.nan, np.nan, np.nan, 0, 0, len(sets))
     value, low, high = np.array([one[:3] for one in known]).T
     parts = [one.parts for one in known if one.parts is not None]
     truth = 0.0 if EQUAL in name else value.mean()
@@ -154,7 +163,8 @@ def coverage(name: str, sets: list[Seen]) -> Coverage:
         truth = np.sum(parts, axis=0)[0] / np.sum(parts, axis=0)[1]
     spread = value.std(ddof=1)
     hits = int(((low <= truth + 1e-12) & (truth <= high + 1e-12)).sum())
-    return Coverage(truth, (value.mean() - truth) / spread, ((high - low) / 2 / 1.96 / spread).mean(), hits, len(known))
+    width = ((high - low) / 2 / 1.96 / spread).mean()
+    return Coverage(truth, (value.mean() - truth) / spread, width, hits, len(known), len(sets))
 
 
 def run(
@@ -172,12 +182,13 @@ def run(
 
 
 def told(found: Coverage) -> str:
-    """The coverage with its interval, and whether it is above 98 % or below 92 %."""
-    if not found.n:
+    """The coverage with its interval, whether that is above 98 % or below 92 %, and how often there was an interval."""
+    if found.n < found.sets / 2:
         return "no interval"
     share = found.hits / found.n
     verdict = "" if _LEAST <= share <= _MOST else ("too wide" if share > _MOST else "too narrow")
-    return f"{share_interval(found.hits, found.n)} {verdict}".strip()
+    rarely = "" if found.n == found.sets else f"(in {found.n / found.sets:.0%} of the data sets)"
+    return " ".join(filter(None, (share_interval(found.hits, found.n), verdict, rarely)))
 
 
 def document(rows: list[tuple[Any, ...]]) -> str:
@@ -203,10 +214,15 @@ def main() -> None:
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--sizes", nargs="*", choices=SIZES, default=list(SIZES))
     parser.add_argument("--taps", nargs="*", type=int, default=list(TAPS))
+    parser.add_argument("--add", action="store_true", help="to what the last run measured")
     parser.add_argument("--document", type=Path)
     options = parser.parse_args()
     check_block(options.document, BLOCK)
     rows = []
+    if options.add:
+        wanted = set(product(options.sizes, options.taps))
+        old = json.loads((OUT / "intervals.json").read_text(encoding="utf-8"))
+        rows = [(size, n, name, Coverage(*found)) for size, n, name, *found in old if (size, n) not in wanted]
     for row in run(options.data_sets, options.seed, {name: SIZES[name] for name in options.sizes}, tuple(options.taps)):
         size, n, name, found = row
         print(
@@ -214,7 +230,7 @@ def main() -> None:
             f"width {found.width:.2f}",
             flush=True,
         )
-        rows.append(row)
+        rows = sorted([*rows, row], key=lambda one: (list(SIZES).index(one[0]), one[1]))
         write_json("intervals", [[size, n, name, *found] for size, n, name, found in rows])
         if options.document is not None:
             write_block(options.document, BLOCK, document(rows))
