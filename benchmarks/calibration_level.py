@@ -27,21 +27,25 @@ from solidtouch.analysis.audit_verdict import calibration
 from solidtouch.analysis.calibration_tests import rejected
 from solidtouch.analysis.remedy_scores import Judged, judge
 from solidtouch.analysis.right_model import LEVEL, Beside, compare, simulate
+from solidtouch.hardware.data_collection import simulate_session
 from solidtouch.hardware.model_rig import draw_session
+from solidtouch.hardware.presets import preset
 from solidtouch.inference.tempering import best_power
 from solidtouch.inference.trial_plan import TapTable, tap_table
-from solidtouch.models.histogram import HistogramModel
+from solidtouch.models.histogram import HistogramModel, fit
 from solidtouch.models.preprocessing import Preprocessing
-from solidtouch.models.seeds import Purpose, derived_seed
+from solidtouch.models.seeds import Purpose, data_set_seed, derived_seed
 from solidtouch.models.setting import Setting
 from studies import check_block, processes, share_interval, table, write_block, write_json
 
 SIZES = {"6 x 3": (6, 3), "16 x 5": (16, 5)}
 SAMPLES, TAPS, THETAS, POLICIES = (1, 5), (5, 20, 60), (0.9, 0.99), ("passive", "active")
 TRIALS, DEADLINE = 1000, 100
-LEVEL_BLOCK, POWER_BLOCK, LEARNED_BLOCK = "level", "power", "learned"
+LEVEL_BLOCK, POWER_BLOCK, LEARNED_BLOCK, RIG_BLOCK = BLOCKS = "level", "power", "learned", "rigs"
+RIGS = ("paper", "broken", "nodrift", "ideal")
 STATES = ("overconfident", "cautious")
 OBJECT, PROMISE = "one object outside", "promise exceeded"
+HEAD = ("J", "taps per class", "threshold", "power", "policy", *STATES, OBJECT, PROMISE)
 _TAXELS = {1: 2, 5: 1}  # so that decisions take several taps
 _CONTACTS = 10  # after which exponents are learned
 
@@ -136,6 +140,14 @@ def learned(size: str, taps: int, policy: str, seed: int) -> str:
     return calibration(judge(model, tap_table(model, test), model.grid, setting, policy, TRIALS, seed))
 
 
+def on_rig(name: str, policy: str, seed: int) -> str:
+    """What an audit calls the beliefs in one data set of a simulated rig."""
+    train, test = (simulate_session(preset(name), seed, session) for session in (0, 1))
+    model = fit(train, train.grid())
+    setting = Setting(passive=policy == "passive")
+    return calibration(judge(model, tap_table(model, model.usable(test)), model.grid, setting, policy, TRIALS, seed))
+
+
 def shares(found: Counter[str], M: int) -> list[str]:
     """How often each verdict was given, and where known how often an object's factor and a promise was rejected."""
     of = sum(n for name, n in found.items() if name not in (OBJECT, PROMISE))
@@ -151,20 +163,24 @@ def main() -> None:
     parser.add_argument("--data-sets", type=int, default=400)
     parser.add_argument("--references", type=int, default=1999)
     parser.add_argument("--learned", type=int, default=200, help="data sets with a learned exponent; 0 for none")
+    parser.add_argument("--rigs", type=int, default=60, help="data sets of each simulated rig; 0 for none")
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--sizes", nargs="*", choices=SIZES, default=list(SIZES))
     parser.add_argument("--document", type=Path)
     options = parser.parse_args()
-    for block in (LEVEL_BLOCK, POWER_BLOCK, LEARNED_BLOCK):
+    for block in BLOCKS:
         check_block(options.document, block)
-    lines: dict[str, list[list[str]]] = {LEVEL_BLOCK: [], POWER_BLOCK: [], LEARNED_BLOCK: []}
+    lines: dict[str, list[list[str]]] = {block: [] for block in BLOCKS}
     measured = []
 
     def note(block: str, row: list[Any], found: Counter[str]) -> None:
-        lines[block].append([*map(str, row), *shares(found, SIZES[row[0]][1])])
+        lines[block].append([*map(str, row), *shares(found, SIZES[row[0]][1] if row[0] in SIZES else 0)])
         measured.append([block, *row, dict(found)])
         print(block, *lines[block][-1], flush=True)
         write_json("calibration_level", measured)
+        if options.document is not None:
+            first = "rig" if block == RIG_BLOCK else "size"
+            write_block(options.document, block, table([first, *HEAD][: len(lines[block][0])], lines[block]))
 
     with processes() as pool:
         task = partial(verdicts, data_sets=options.data_sets, references=options.references, seed=options.seed)
@@ -177,11 +193,10 @@ def main() -> None:
             seeds = range(options.seed, options.seed + options.learned)
             found = Counter(pool.map(partial(learned, size, taps, policy), seeds, chunksize=4))
             note(LEARNED_BLOCK, [size, SAMPLES[-1], taps, THETAS[0], "learned", policy], found)
-    if options.document is not None:
-        head = ["size", "J", "taps per class", "threshold", "power", "policy", *STATES, OBJECT, PROMISE]
-        for block, some in lines.items():
-            if some:
-                write_block(options.document, block, table(head[: len(some[0])], some))
+        for name, policy in product(RIGS if options.rigs else (), POLICIES):
+            seeds = [data_set_seed(options.seed, number) for number in range(options.rigs)]
+            found = Counter(pool.map(partial(on_rig, name, policy), seeds, chunksize=4))
+            note(RIG_BLOCK, [name, 50, 20, Setting().threshold, "J", policy], found)
 
 
 if __name__ == "__main__":
