@@ -46,6 +46,7 @@ MEANS = {
 MISCALIBRATION = "fraction of wrong objects over the mean of 1 - belief"
 ERRORS = ("what_error", "where_error", "what_wrong")
 _ROUND = (1.0, 1.5, 2.0, 3.0, 5.0, 7.0)
+SELECTED = "used_up_selected"
 SHARES = ("stopped_fraction", "what_wrong", "used_up", "no_class_left")
 _LIMITS = {"taps": (1.0, np.inf), **dict.fromkeys(SHARES, (0.0, 1.0))}
 
@@ -166,7 +167,8 @@ def decision_curves(played: xr.Dataset, reference: str | None = None) -> xr.Data
 
     Returns:
         Dims (model, policy, theta): `MEANS` and `miscalibration`, each with `_low`, `_high`, `_difference` (model
-        less reference), `_difference_low` and `_difference_high`.
+        less reference), `_difference_low` and `_difference_high`; and `used_up_selected`, the mean of `used_up` where a
+        quarter of the taps is left out.
 
     Raises:
         InputError: There is no such model.
@@ -179,7 +181,9 @@ def decision_curves(played: xr.Dataset, reference: str | None = None) -> xr.Data
     attributes = {name: played[name].attrs for name in MEANS}
     attributes["miscalibration"] = {"long_name": MISCALIBRATION, "units": ""}
     times = played["taps"].values[..., 0]
-    return _compared(played, samples, "theta", played["theta"].values, times, reference, attributes)
+    result = _compared(played, samples, "theta", played["theta"].values, times, reference, attributes)
+    result[SELECTED] = (("model", "policy", "theta"), spread_of(played).center(samples["used_up"]))
+    return result
 
 
 def at_equal_taps(played: xr.Dataset, taps: ArrayLike | None = None, reference: str | None = None) -> xr.Dataset:
@@ -227,9 +231,9 @@ def too_few_taps(curves: xr.Dataset, theta: float) -> list[str]:
         curves: From `decision_curves`.
         theta: Threshold that is shown; what counts is the model whose trials use up most taps there.
     """
-    used_up = curves["used_up"].sel(theta=theta).max("model")
+    shares = curves[["used_up", SELECTED]].sel(theta=theta).max("model")
     said = {
-        str(policy): too_few(int(curves.attrs["taps_per_class"]), float(used_up.sel(policy=policy)))
+        str(policy): too_few(int(curves.attrs["taps_per_class"]), *map(float, shares.sel(policy=policy).values()))
         for policy in curves["policy"].values
     }
     return [

@@ -60,6 +60,7 @@ class Played(NamedTuple):
         active_confusion: The same at the default fixation point; `None` where nothing can be acted on.
         used_up: Share of the fresh decisions, of the policy with more of them, made because all stored taps of a class
             were drawn.
+        selected: That share where a quarter of the taps is left out, for intervals.
         spread: How resamples of stored taps turn into intervals.
         fresh_spread: How those of fresh taps do.
     """
@@ -69,6 +70,7 @@ class Played(NamedTuple):
     passive_confusion: NDArray[np.int64]
     active_confusion: NDArray[np.int64] | None
     used_up: float
+    selected: float
     spread: Spread
     fresh_spread: Spread
 
@@ -188,13 +190,13 @@ def play_policies(
 
     stored, stored_trials = _outcomes(plans, play, grid, fresh=False)
     fresh, fresh_trials = _outcomes(plans, play, grid, fresh=True)
-    resampled = _on_resamples(table, grid, settings, fixation, acts, pools, progress)
+    resampled, selected = _on_resamples(table, grid, settings, fixation, acts, pools, progress)
 
     def datasets(outcomes: Outcomes[Means], of: int, thresholds: Sequence[float]) -> Outcomes[xr.Dataset]:
         drawn = [pair[of] for pair in resampled]
         return combined([outcomes, *drawn], lambda means: outcomes_dataset(means[0], means[1:], grid, thresholds))
 
-    used_up = max(float(trials.used_up.mean()) for trials in fresh_trials)
+    used_up = _used_up(fresh_trials)
     confusions = [confusion(plans.starts.what, trials.what[:, settings.shown], grid.M) for trials in stored_trials]
     return Played(
         datasets(stored, 0, settings.thresholds),
@@ -202,9 +204,15 @@ def play_policies(
         confusions[0],
         confusions[1] if acts else None,
         used_up,
-        spread(table, used_up),
-        spread(table, used_up, thinned=True),
+        selected,
+        spread(table),
+        spread(table, thinned=True),
     )
+
+
+def _used_up(policies: Sequence[Trials]) -> float:
+    """The share of trials that all taps of a class end, of the policy with more of them."""
+    return max(float(trials.used_up.mean()) for trials in policies)
 
 
 def _outcomes(plans: Plans, play: Play, grid: ClassGrid, *, fresh: bool) -> tuple[Outcomes[Means], list[Trials]]:
@@ -234,8 +242,8 @@ def _on_resamples(
     acts: bool,
     pools: Resampled,
     progress: Callable[[int], None] | None,
-) -> list[tuple[Outcomes[Means], Outcomes[Means]]]:
-    """Outcomes on stored and on fresh taps of each selection, from streams of its own."""
+) -> tuple[list[tuple[Outcomes[Means], Outcomes[Means]]], float]:
+    """Outcomes on stored and on fresh taps of each selection, and the share that used up the latter."""
     rule = make_rule(settings.thresholds, 1.0, settings.border, settings.deadline, settings.seed)
     alone = make_rule(settings.thresholds[settings.shown], 1.0, settings.border, settings.deadline, settings.seed)
     players = {
@@ -247,7 +255,7 @@ def _on_resamples(
     }
     trials = _per_position(grid.L, settings)
 
-    def one(number: int, pair: tuple[TapPool, TapPool]) -> tuple[tuple[Outcomes[Means], Outcomes[Means]], int]:
+    def one(number: int, pair: tuple[TapPool, TapPool]) -> tuple[tuple[Outcomes[Means], Outcomes[Means]], float, int]:
         counted = 0
 
         def play(plan: TrialPlan, moves: bool, fresh: bool) -> Trials:
@@ -259,20 +267,22 @@ def _on_resamples(
             counted += n
             return played
 
-        def outcomes(fresh: bool) -> Outcomes[Means]:
+        def outcomes(fresh: bool) -> tuple[Outcomes[Means], list[Trials]]:
             first = grid.L * (settings.trials + number * trials)
             plans = make_plans(pair[fresh], trials, settings.seed, fixation, acts, first, fewest=2)
-            return _outcomes(plans, play, grid, fresh=fresh)[0]
+            return _outcomes(plans, play, grid, fresh=fresh)
 
-        return (outcomes(False), outcomes(True)), counted
+        (stored, _), (fresh, trials_of) = outcomes(False), outcomes(True)
+        return (stored, fresh), _used_up(trials_of), counted
 
-    kept = []
+    kept, used_up = [], []
     tasks = (partial(one, i, pair) for i, pair in enumerate(zip(*pools, strict=True)))
-    for pair, counted in in_order(tasks, cores(None)):
+    for pair, share, counted in in_order(tasks, cores(None)):
         kept.append(pair)
+        used_up.append(share)
         if progress is not None:
             progress(counted)
-    return kept
+    return kept, float(np.mean(used_up)) if used_up else 0.0
 
 
 def resamples_of(table: TapTable, resamples: int, seed: int) -> Resampled:

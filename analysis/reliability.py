@@ -26,7 +26,17 @@ from ..inference.control import check_fixation
 from ..inference.episode import DEADLINE
 from ..inference.montecarlo import Trials, run_trials
 from ..inference.reference import Border
-from ..inference.resampling import CONFIDENCE, RESAMPLES, Spread, play_resamples, spread, trial_noise, widened
+from ..inference.resampling import (
+    CONFIDENCE,
+    RESAMPLES,
+    Spread,
+    play_resamples,
+    spread,
+    taps_per_class,
+    too_few,
+    trial_noise,
+    widened,
+)
 from ..inference.trial_plan import TapTable, TrialPlan, plan_trials
 from ..models.classes import ClassGrid
 from ..models.errors import InputError
@@ -347,7 +357,8 @@ def _described(decisions: Decisions, joined: Sums, theta: float, subject: Subjec
     """Everything about the decisions of one setting, arrays over (counted, what, ...)."""
     pool, M, everyone = subject.table.pool, len(subject.names), np.ones(len(decisions.true), dtype=bool)
     used_up, noise = float(joined.used_up[0]), trial_noise(len(decisions.true))
-    how = spread(subject.table, used_up, noise=noise, thinned=True)
+    whole = spread(subject.table, noise=noise, thinned=True)
+    how = whole._replace(few=too_few(taps_per_class(pool), used_up, float(whole.center(joined.used_up))))
     total = np.concatenate([joined.sums.sum(axis=1, keepdims=True), joined.sums], axis=1)  # (2, 1 + M, 6, 1 + 3 R)
     size = total[:, :, 0]
     with np.errstate(divide="ignore", invalid="ignore"):

@@ -7,7 +7,7 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from ..inference.resampling import Spread, spread
+from ..inference.resampling import Spread, taps_per_class, too_few
 from ..models.classes import ClassGrid
 from ..models.splits import Split
 from . import metrics
@@ -90,7 +90,8 @@ class Results:
     @property
     def few(self) -> str:
         """Whether there are too few test taps, in a sentence; empty where there are enough."""
-        return spread(self.studies[0].table, self.used_up).few
+        selected = float(np.mean([part.played.selected for part in self.studies]))
+        return too_few(taps_per_class(self.studies[0].table.pool), self.used_up, selected)
 
     @cached_property
     def curves(self) -> dict[str, xr.Dataset]:

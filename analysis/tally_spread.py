@@ -18,6 +18,8 @@ from ..inference.resampling import (
     planned_trials,
     play_resamples,
     spread,
+    taps_per_class,
+    too_few,
     trial_noise,
     widened,
 )
@@ -116,13 +118,14 @@ def tap_spread(
     fresh_trials = min(trials, FRESH_TRIALS)
     stored, fresh = samples(False, min(trials, RESAMPLE_TRIALS)), samples(True, fresh_trials)
     used_up = fresh["used_up"][:, 0]
+    fresh_spread = spread(table, noise=trial_noise(fresh_trials), thinned=True)
     return TapSpread(
         {name: stored[name] for name in SPREAD},
         {name: fresh[name] for name in SPREAD},
         used_up,
         spread(table, noise=trial_noise(trials)),
-        spread(table, noise=trial_noise(fresh_trials), thinned=True),
-        _few(table, thresholds, used_up),
+        fresh_spread,
+        _few(table, thresholds, used_up, fresh_spread.center(fresh["used_up"])),
         _sentence(table),
         1.0 if grid.what_error_unit == "P(wrong)" else np.inf,
         {
@@ -138,10 +141,11 @@ def spread_trials(trials: int) -> int:
     return sum(planned_trials(min(trials, own)) for own in (RESAMPLE_TRIALS, FRESH_TRIALS))
 
 
-def _few(table: TapTable, thresholds: Floats, used_up: Floats) -> str:
-    """The gravest sentence of `resampling.spread`, and at which thresholds it does not hold."""
-    few = [spread(table, float(share)).few for share in used_up]
-    told = few[int(used_up.argmax())]
+def _few(table: TapTable, thresholds: Floats, used_up: Floats, selected: Floats) -> str:
+    """The gravest sentence of `resampling.too_few`, and at which thresholds it does not hold."""
+    taps = taps_per_class(table.pool)
+    few = [too_few(taps, *map(float, shares)) for shares in zip(used_up, selected, strict=True)]
+    told = few[int((used_up + selected).argmax())]
     at = [f"{theta:g}" for theta, words in zip(thresholds, few, strict=True) if words]
     return told if len(at) in (0, len(few)) else f"{told} This concerns theta {', '.join(at)}."
 

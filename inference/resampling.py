@@ -41,6 +41,8 @@ FEW = 10
 RESAMPLE_TRIALS = 1000
 USED_UP = 0.05
 """Share of trials that the stored taps end, above which there are too few of them."""
+USED_UP_SELECTED = 0.005
+"""The same in selections of three quarters of the taps, above which intervals are too wide, see docs/intervals.md."""
 _DEFINED = 0.95  # of the resamples: an interval from fewer would be that of the lucky ones
 
 
@@ -158,12 +160,20 @@ def widened(
     return np.minimum(low, most - beyond), np.minimum(np.maximum(high, beyond), most)
 
 
-def spread(table: TapTable, used_up: float = 0.0, *, noise: float | None = None, thinned: bool = False) -> Spread:
+def spread(
+    table: TapTable,
+    used_up: float = 0.0,
+    selected: float = 0.0,
+    *,
+    noise: float | None = None,
+    thinned: bool = False,
+) -> Spread:
     """How resamples of a table turn into intervals.
 
     Args:
         table: Test taps.
         used_up: Share of the trials that ended because all taps of a class were drawn.
+        selected: That share in `thinned_pools`.
         noise: See `Spread`.
         thinned: Whether resamples are `thinned_pools`, or `resampled_pools`.
     """
@@ -171,7 +181,7 @@ def spread(table: TapTable, used_up: float = 0.0, *, noise: float | None = None,
     n = sessions if sessions > 1 else taps
     # n of n draws with replacement vary less than the quantity itself, by n - 1 over n.
     factor = np.nan if n == 1 else (1 / LEFT_OUT if thinned else n / (n - 1)) ** 0.5
-    return Spread(float(factor), too_few(taps, used_up), int(table.pool.count.sum()), noise)
+    return Spread(float(factor), too_few(taps, used_up, selected), int(table.pool.count.sum()), noise)
 
 
 def taps_per_class(pool: TapPool) -> int:
@@ -179,12 +189,13 @@ def taps_per_class(pool: TapPool) -> int:
     return max(1, int(np.median(pool.count[pool.count > 0])))
 
 
-def too_few(taps: int, used_up: float = 0.0) -> str:
+def too_few(taps: int, used_up: float = 0.0, selected: float = 0.0) -> str:
     """Why intervals may be off, in a sentence; empty where they hold.
 
     Args:
         taps: Of a class.
         used_up: Share of the trials that ended because all taps of a class were drawn.
+        selected: That share in `thinned_pools`.
     """
     if taps == 1:
         return "There is one test tap of most classes, too few for an interval."
@@ -195,6 +206,11 @@ def too_few(taps: int, used_up: float = 0.0) -> str:
         )
     if taps < FEW:
         return f"There are too few test taps, {taps} or so of each class: intervals are rough."
+    if selected > USED_UP_SELECTED:
+        return (
+            f"There are too few test taps for these intervals: where a quarter of them is left out, {selected:.1%} of "
+            "the decisions are made because the taps of a class are used up, so intervals may be too wide."
+        )
     return ""
 
 

@@ -144,7 +144,19 @@ def test_too_few_taps_are_named(played):
     assert passive.startswith("Passive decisions at threshold 0.999: There are too few test taps: ")
     assert f"{share:.0%} of the decisions were made because the 6 or so of a class were used up" in passive
     assert all("6 or so of each class: intervals are rough" in sentence for sentence in too_few_taps(curves, 0.4))
-    assert too_few_taps(curves.assign_attrs(taps_per_class=30), 0.4) == []
+    more = curves.assign_attrs(taps_per_class=30)
+    assert too_few_taps(more, 0.4) == []
+    more["used_up_selected"].loc[{"policy": "active", "theta": 0.4, "model": more.model[-1]}] = 0.02
+    (active,) = too_few_taps(more, 0.4)
+    assert active.startswith("Active decisions at threshold 0.4: There are too few test taps for these intervals: ")
+    assert "2.0% of the decisions" in active
+
+
+def test_selections_use_up_more_taps_than_there_are_in_all(played):
+    curves = decision_curves(played)
+
+    assert np.all(curves.used_up_selected >= curves.used_up - 0.02)
+    assert curves.used_up_selected.sel(theta=0.97).max() > curves.used_up.sel(theta=0.97).max()
 
 
 def test_the_miscalibration_is_the_wrong_fraction_over_the_doubt(played):

@@ -115,8 +115,19 @@ def test_fresh_trials_draw_no_tap_twice(grid):
     assert float(played.fresh.passive["taps"].max()) == 1.0
     assert float(played.stored.passive["taps"].max()) > 1.0
     assert 0.1 < played.used_up <= 1.0
+    assert played.selected == 0.0  # no selections
     assert np.isnan(played.spread.factor)
     assert "one test tap" in played.spread.few
+
+
+def test_what_selections_use_up_is_that_of_their_trials(grid):
+    table, settings = table_of(taps=4), settings_of(shown_theta=0.9)
+    pools = resamples_of(table, 3, 0)
+    played = play_policies(table, grid, settings, FIXATION, acts=True, pools=pools)
+    own = [play_policies(table._replace(pool=pool), grid, settings, FIXATION, acts=True) for pool in pools.fresh]
+
+    assert played.selected > played.used_up
+    assert played.selected == pytest.approx(np.mean([one.used_up for one in own]), abs=0.05)
 
 
 def test_resamples_give_paired_intervals(grid):

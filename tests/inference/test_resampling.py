@@ -87,7 +87,7 @@ def test_deviations_are_enlarged_by_the_number_of_draws():
 
 
 def test_too_few_taps_are_said():
-    """Below ten of a class, or where more than one trial in twenty used them up."""
+    """Below ten of a class, where more than one trial in twenty used them up, or one in two hundred of a selection."""
     assert (
         spread(table_of()).few
         == too_few(4)
@@ -96,7 +96,10 @@ def test_too_few_taps_are_said():
     assert too_few(9).startswith("There are too few test taps, 9")
     assert too_few(10) == too_few(10, 0.05) == ""
     assert too_few(10, 0.06).startswith("There are too few test taps: 6% of the decisions were made because the 10")
-    assert spread(table_of(), 0.5).few == too_few(4, 0.5)
+    assert too_few(10, 0.06, 0.5) == too_few(10, 0.06)
+    assert too_few(9, 0.0, 0.5) == too_few(9)
+    assert too_few(10, 0.05, 0.005) == ""
+    assert "a quarter of them is left out, 0.6% of the decisions" in too_few(10, 0.05, 0.006)
 
 
 def means(trials, plan):
