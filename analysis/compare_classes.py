@@ -160,6 +160,8 @@ def class_scores(
         spread(table, noise=_RESAMPLE_DRAWS / _DRAWS, thinned=True),
         int(table.pool.count.sum()) / np.array(answered),
     )
+    L, M = table.pool.count.shape
+    answers = {"accuracy_where": L, "accuracy_what": M}
     for i, (name, meaning) in enumerate((MEANS | CALIBRATIONS).items()):
         attributes = {"long_name": meaning, "units": "nat" if name.startswith("log_score") else ""}
         result.update(
@@ -172,6 +174,7 @@ def class_scores(
                 how,
                 limits=_limits(name),
                 biased=name in CALIBRATIONS,
+                smallest=float(answers.get(name, 2) > 1),
                 independent=independent if name.startswith("accuracy") or name in IMPOSSIBLE else None,
             )
         )

@@ -126,4 +126,6 @@ def _value(level: Level, name: str) -> str:
 def _interval(level: Level, name: str) -> str:
     if name not in level.low or name not in level.high:
         return " (too near the end of a curve for an interval)" if not level.larger else ""
-    return f" (difference {number(level.low[name])} to {number(level.high[name])})"
+    low, high = level.low[name], level.high[name]
+    unsure = ", so perhaps none" if low <= 0 <= high else ""
+    return f" (difference {number(low)} to {number(high)}{unsure})"

@@ -36,6 +36,7 @@ class Accuracy(NamedTuple):
         noise: Variance of the mean over classes by the draws of contacts, shape (3,).
         resampled: The mean over classes on resamples of the test taps, shape (R, 3).
         resampled_noise: Mean of their variance by the draws of contacts, shape (3,).
+        several: Whether there are several answers of each kind, shape (3,); else none can be wrong.
     """
 
     contacts: int
@@ -45,6 +46,7 @@ class Accuracy(NamedTuple):
     noise: NDArray[np.float64] = np.zeros(3)
     resampled: NDArray[np.float64] = np.empty((0, 3))
     resampled_noise: NDArray[np.float64] = np.zeros(3)
+    several: NDArray[np.bool_] = np.ones(3, dtype=np.bool_)
 
     @property
     def mean(self) -> NDArray[np.float64]:
@@ -77,6 +79,7 @@ def accuracy(
         generator = seeds.generator(seed, seeds.Purpose.CONTACTS, number, n)
         return _accuracy(table, pool, n, draws, single, generator)
 
+    L, M = table.pool.count.shape
     rows = []
     for n in contacts:
         row = on((0, table.pool), n, _DRAWS)
@@ -91,7 +94,7 @@ def accuracy(
                 resampled[: len(played)] = [part.mean for part in played]
                 noise = np.mean([part.noise for part in played], axis=0)
                 row = row._replace(resampled=resampled, resampled_noise=noise)
-        rows.append(row)
+        rows.append(row._replace(several=np.array([L * M > 1, L > 1, M > 1])))
     return rows
 
 
@@ -112,7 +115,7 @@ def summarise(rows: Sequence[Accuracy], spread: Spread = NO_SPREAD) -> dict[str,
     elif len(rows[0].resampled):
         drawn = with_noise(rows[0].resampled.T, rows[0].noise / spread.factor**2, rows[0].resampled_noise)
         ends = spread.interval(np.concatenate([mean[:, np.newaxis], drawn], axis=1), 0, 1)
-        low, high = widened(*ends, spread.taps / rows[0].contacts)
+        low, high = widened(*ends, spread.taps / rows[0].contacts, rows[0].several.astype(np.float64))
     else:
         low = high = np.full(3, np.nan)
     summary: dict[str, float | int] = {"contacts": rows[0].contacts, "classes": max(row.classes for row in rows)}

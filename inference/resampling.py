@@ -140,7 +140,7 @@ def share_beyond(independent: ArrayLike) -> Floats:
 
 
 def widened(
-    low: Floats, high: Floats, independent: ArrayLike, unit: float = 1.0, most: float = 1.0, *, opened: bool = False
+    low: Floats, high: Floats, independent: ArrayLike, unit: ArrayLike = 1.0, most: float = 1.0, *, opened: bool = False
 ) -> tuple[Floats, Floats]:
     """An interval of a mean error that reaches at least so far as not a single error, or errors only, would have it.
 
@@ -150,11 +150,11 @@ def widened(
         low: Lower end.
         high: Upper end.
         independent: How many decisions are independent of each other.
-        unit: The smallest error; 1 in a proportion.
+        unit: The smallest error; 1 in a proportion, 0 where there is none.
         most: The greatest mean error, which may be infinite.
         opened: Whether ends that are NaN become 0 and the greatest mean.
     """
-    beyond = unit * share_beyond(independent)
+    beyond = np.asarray(unit) * share_beyond(independent)
     if opened:
         low, high = np.where(np.isnan(low), 0.0, low), np.where(np.isnan(high), most, high)
     return np.minimum(low, most - beyond), np.minimum(np.maximum(high, beyond), most)
@@ -200,9 +200,10 @@ def too_few(taps: int, used_up: float = 0.0, selected: float = 0.0) -> str:
     if taps == 1:
         return "There is one test tap of most classes, too few for an interval."
     if used_up > USED_UP:
+        wide = "; intervals may be too wide" if selected > USED_UP_SELECTED else ""
         return (
             f"There are too few test taps: {used_up:.0%} of the decisions were made because the {taps} or so of a "
-            "class were used up, not because the belief was high enough; intervals may be too wide."
+            f"class were used up, not because the belief was high enough{wide}."
         )
     if taps < FEW:
         return f"There are too few test taps, {taps} or so of each class: intervals are rough."

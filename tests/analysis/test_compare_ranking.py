@@ -39,6 +39,11 @@ def test_sentences_name_the_best_and_what_it_costs_elsewhere():
     assert "do not agree" in sentences[-1]
 
 
+@pytest.mark.parametrize(("worse", "words"), [(-8.5, "-0.5 to 1.5, so perhaps none"), (-9.5, "0.5 to 2.5")])
+def test_differences_that_may_be_none_are_called_so(worse, words):
+    assert findings([level("taps", {"a": worse, "b": -8.0})], "a")[0].endswith(f"of a (difference {words}).")
+
+
 def test_agreement_is_not_called_disagreement():
     """With one winner no sentence speaks of different orders."""
     assert not any("do not agree" in sentence for sentence in findings([TAPS, TAPS], "a"))

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from scipy.stats import t
+from solidtouch.analysis.compare_classes import class_scores
 from solidtouch.analysis.contacts import Accuracy, accuracy, summarise
 from solidtouch.hardware.pool import tap_pool
 from solidtouch.inference.resampling import Spread, share_beyond, spread
@@ -138,6 +139,21 @@ def test_one_data_set_has_intervals_of_resamples():
     assert summary["joint_high"] == pytest.approx(0.5 + 1.2 * 0.1)
     assert (summary["where_low"], summary["where_high"]) == (1 - share_beyond(1000), 1.0)  # never wrong so far
     assert summary["what_high"] == 1.0
+
+
+def test_a_single_position_is_never_wrong():
+    """Objects may be, so only their interval reaches below one where every tap is right."""
+    pool = tap_pool(np.zeros(12, int), np.arange(12) % 3, (1, 3))
+    log_likelihood = 50.0 * (np.arange(3) == np.arange(12)[:, np.newaxis] % 3)[:, np.newaxis]
+    table = TapTable(log_likelihood, pool, np.log(np.full((1, 3), 1 / 3)))
+    rows = accuracy(table, 0, (1,), pools=list(thinned_pools(table, 5, 0))[1:])
+    summary = summarise(rows, spread(table, thinned=True))
+    scores = class_scores({"only": table}, 0, (1,), resamples=5).sel(model="only", contacts=1)
+
+    assert (summary["where_low"], summary["where"], summary["where_high"]) == (1.0, 1.0, 1.0)
+    assert summary["what_low"] == summary["joint_low"] == pytest.approx(1 - share_beyond(12))
+    assert (float(scores.accuracy_where_low), float(scores.accuracy_where_high)) == (1.0, 1.0)
+    assert float(scores.accuracy_what_low) == pytest.approx(1 - share_beyond(12))
 
 
 @pytest.mark.slow
