@@ -6,7 +6,7 @@ PY := $(VENV)/bin/python
 # Files of tests on all cores, but not on so many that memory runs short.
 SIDE_BY_SIDE := -n auto --maxprocesses 4 --dist loadfile
 
-.PHONY: run test test-all check format bench bench-quick studies audit-studies interval-studies reference-studies strategy-studies fuzz faults kills mutants rig-demo lock clean help
+.PHONY: run test test-all check format bench bench-quick studies audit-studies interval-studies results reference-studies strategy-studies fuzz faults kills mutants rig-demo lock clean help
 
 run: $(VENV)/.ready-run
 	@$(VENV)/bin/solidtouch reproduce
@@ -53,6 +53,10 @@ interval-studies: $(VENV)/.ready-run
 	@$(PY) benchmarks/stored_taps.py --document docs/intervals.md
 	@$(PY) benchmarks/intervals_commands.py --document docs/intervals-commands.md
 
+results: $(VENV)/.ready-run
+	@$(PY) benchmarks/results.py --document docs/results.md $(if $(RECORDED),--recorded "$(RECORDED)")
+	@$(PY) benchmarks/comparison.py --document docs/comparison.md $(if $(RECORDED),--recorded "$(RECORDED)")
+
 reference-studies: $(VENV)/.ready-run
 	@$(PY) benchmarks/chain.py --document docs/calibration.md
 	@$(PY) benchmarks/open_choices.py --document docs/open-choices.md $(if $(RECORDED),--recorded "$(RECORDED)")
@@ -96,6 +100,7 @@ help:
 	@echo "make studies whether models are recognised, fits calibrated, and what sessions gain, into docs/model-studies.md"
 	@echo "make audit-studies  level and power of the audit, and whether its promises hold, into docs/audit-studies.md"
 	@echo "make interval-studies  coverage of intervals and level of the verdict on beliefs, into docs/intervals.md; hours"
+	@echo "make results  what the software finds on simulated taps, with RECORDED=FOLDER on recorded ones too, into docs"
 	@echo "make reference-studies  calibration of the whole chain, each open choice of the paper, level and power of unknown"
 	@echo "make strategy-studies  how to move and when to stop: strategies, regret against the exact rule, tuning"
 	@echo "make rig-demo  emulated devices: collect, fit and perceive over serial ports"

@@ -9,25 +9,17 @@ sessions of preset paper: 400 of each class to train, and twice 40 to tune and t
 import argparse
 import json
 import shutil
-import subprocess
-import sys
 from collections.abc import Iterator
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
 
 from solidtouch.models.storage import complete_file
-from studies import RECORDED, check_block, table, write_block
+from studies import RECORDED, check_block, solidtouch, table, write_block
 
 PRESETS = ("ideal", "paper", "broken")
 BLOCK = "sets"
 SHOWN, FIGURES = "preset paper", ("causes", "remedies")
-
-
-def solidtouch(*words: Any) -> None:
-    """Runs a command, and ends with it where it fails."""
-    command = [sys.executable, "-m", "solidtouch.cli", *map(str, words)]
-    subprocess.run(command, check=True, stdout=subprocess.DEVNULL)  # noqa: S603 - this program itself
 
 
 def sets(folder: Path, recorded: Path | None) -> Iterator[tuple[str, list[Any]]]:

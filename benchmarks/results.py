@@ -6,8 +6,6 @@
 import argparse
 import json
 import shutil
-import subprocess
-import sys
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -15,7 +13,7 @@ from typing import Any, NamedTuple
 
 import xarray as xr
 from solidtouch.models.storage import complete_file
-from studies import check_block, table, write_block
+from studies import check_block, solidtouch, table, write_block
 
 BLOCKS = PAPER, FRESH, RECORDED, CONTACTS = "paper", "fresh", "recorded", "contacts"
 SHOWN = (0.1, 0.5, 0.9, 0.95, 0.995)
@@ -58,8 +56,7 @@ RECORDINGS = (
 
 def reproduced(out: Path, words: Sequence[Any]) -> dict[str, Any]:
     """The summary of a run into a folder."""
-    command = [sys.executable, "-m", "solidtouch.cli", "reproduce", *map(str, words), "--out", str(out)]
-    subprocess.run(command, check=True, stdout=subprocess.DEVNULL)  # noqa: S603 - this program itself
+    solidtouch("reproduce", *words, "--out", out)
     return json.loads((out / "summary.json").read_text(encoding="utf-8"))
 
 

@@ -4,6 +4,7 @@ import json
 import os
 import re
 import shutil
+import subprocess
 import sys
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
@@ -53,6 +54,12 @@ def processes() -> ProcessPoolExecutor:
 def _keep_to_core(queue: Any = None) -> None:
     if queue is not None:
         os.sched_setaffinity(0, {queue.get()})
+
+
+def solidtouch(*words: Any) -> None:
+    """Runs a command in silence, and ends with it where it fails."""
+    command = [sys.executable, "-m", "solidtouch.cli", *map(str, words)]
+    subprocess.run(command, check=True, stdout=subprocess.DEVNULL)  # noqa: S603 - this program itself
 
 
 def table(head: Sequence[str], lines: Iterable[Sequence[str]]) -> str:

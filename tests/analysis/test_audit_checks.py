@@ -174,6 +174,7 @@ def test_every_statistic_has_a_panel_that_holds_what_was_observed(statistics):
     shown = [axes for axes in figure.axes if axes.get_visible()]
 
     assert [axes.get_xlabel().split(" ")[0] for axes in shown] == names
+    assert len(figure.axes) == {1: 1, 2: 2, 5: 6}[statistics]
     for axes, name in zip(shown, names, strict=True):
         low, high = axes.get_xlim()
         assert low < observed[name] < high

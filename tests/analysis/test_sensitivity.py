@@ -240,6 +240,12 @@ def test_verdicts_are_counted_in_the_first_finding(summary):
     assert f"{verdicts.count('nothing')} change nothing" in said
 
 
+def test_the_conclusion_is_told_where_there_is_one(summary):
+    source = summary["sources"][0]
+    assert any("ctive perception is" in sentence for sentence in findings(source))
+    assert not any("ctive perception is" in sentence for sentence in findings(source | {"policies": ["passive"]}))
+
+
 def test_an_advantage_that_is_no_longer_sure_is_told(summary):
     """Though the conclusion stays where it is not surely smaller."""
     source = json.loads(json.dumps(summary["sources"][0]))

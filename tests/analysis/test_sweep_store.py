@@ -79,6 +79,7 @@ def test_plain_xarray_reads_the_store(tmp_path):
     assert stored["result"].dims[-2:] == ("quantity", "theta")
     assert stored["result"].sel(quantity="taps", theta=0.5).isel(seed=0).max() == 1.5
     assert stored["status"].attrs["flag_meanings"] == "pending done failed"
+    assert stored["status"].attrs["flag_values"] == [PENDING, DONE, FAILED] == [0, 1, 2]
     assert stored.attrs["title"] == "t"
 
 

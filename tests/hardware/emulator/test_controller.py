@@ -116,6 +116,7 @@ ANSWERS = {
     "parser state": (b"$G\n", b"[GC:G0 G54 G17 G21 G90 G94 M5 M9 T0 F0 S0]\r\nok\r\n"),
     "build": (b"$I\n", b"[VER:1.1h.20190830:]\r\n[OPT:V,15,128]\r\nok\r\n"),
     "unlock when idle": (b"$X\n", b"ok\r\n"),
+    "shortest pulse": (b"$0=3\n", b"ok\r\n"),
     "help": (b"$\n", b"[HLP:$$ $# $G $I $N $x=val $Nx=line $J=line $SLP $C $X $H ~ ! ? ctrl-x]\r\nok\r\n"),
 }
 

@@ -58,6 +58,7 @@ def test_other_sizes_fit_too(tmp_path):
     [
         ({"rate_hz": 60.0}, "The board of the iCub's skin sends every 1 to 209 ms, not at 60 Hz"),
         ({"rate_hz": 2.0}, "not at 2 Hz"),
+        ({"rate_hz": 1000 / 210, "tap_period_s": 1.05}, "not at 4.7619 Hz"),
         ({"taxels": PAPER.taxels * 2}, "The iCub's fingertip has 12 taxels, not 24"),
         ({"end_mm": 180.0}, "A range of 180 mm is too long"),
     ],
@@ -65,6 +66,12 @@ def test_other_sizes_fit_too(tmp_path):
 def test_what_the_bench_cannot_do_is_said(tmp_path, changes, sentence):
     with pytest.raises(InputError, match=sentence):
         emulated_rig(tmp_path, replace(PAPER, **changes), "icub")
+
+
+@pytest.mark.parametrize("period_ms", [1, 209])
+def test_the_slowest_and_the_fastest_board_fit(tmp_path, period_ms):
+    settings = replace(PAPER, rate_hz=1000 / period_ms, tap_period_s=5 * period_ms / 1000)
+    assert emulated_rig(tmp_path, settings, "icub").sensor.period_ms == period_ms
 
 
 def test_lines_take_any_number_of_taxels_and_any_rate(tmp_path):
