@@ -14,7 +14,7 @@ of each class and session, drawn with replacement (bootstrap).
 
 A selection says how much an estimate varies, not where it lies: its deviation from the mean of all selections is what
 counts, see `Spread`. What it varies by the sampling of its few trials is known from the two halves of these trials, and
-taken out.
+taken out; how well it is known widens the interval.
 """
 
 from collections.abc import Callable, Mapping
@@ -23,6 +23,7 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+from scipy.special import ndtri, stdtrit
 
 from ..hardware.pool import TapPool
 from ..models.threads import cores, in_order
@@ -43,6 +44,7 @@ USED_UP = 0.05
 """Share of trials that the stored taps end, above which there are too few of them."""
 USED_UP_SELECTED = 0.005
 """The same in selections of three quarters of the taps, above which intervals are too wide, see docs/intervals.md."""
+_LEAST_FREEDOM = 4.0  # where the chance of trials hides that of taps, how well either is known is not known itself
 _DEFINED = 0.95  # of the resamples: an interval from fewer would be that of the lucky ones
 
 
@@ -89,7 +91,8 @@ class Spread(NamedTuple):
         defined = ~np.isnan(drawn)
         enough = ~np.isnan(estimate) & (defined.sum(axis=-1) >= max(1.0, _DEFINED * drawn.shape[-1]))
         center, variance = _moments(drawn)
-        factor = self._factor(samples, variance)
+        factor, freedom = self._factor(samples, variance)
+        factor = factor * _beyond_normal(freedom)
         ordered = np.sort(drawn, axis=-1)  # NaN last
         last = np.maximum(defined.sum(axis=-1) - 1, 0)
         tail = (1 - CONFIDENCE) / 2
@@ -106,19 +109,34 @@ class Spread(NamedTuple):
     def error(self, samples: Floats) -> Floats:
         """Standard error of the estimate, from samples as of `interval`."""
         variance = _moments(self.whole(samples))[1]
-        return self._factor(samples, variance) * np.sqrt(variance)
+        return self._factor(samples, variance)[0] * np.sqrt(variance)
 
-    def _factor(self, samples: Floats, variance: Floats) -> Floats | float:
-        """By which deviations are enlarged, so that they vary by the taps and as the estimate's trials do."""
+    def _factor(self, samples: Floats, variance: Floats) -> tuple[Floats | float, Floats | float]:
+        """By which deviations are enlarged, so that they vary by the taps and as the estimate's trials do.
+
+        Also the degrees of freedom of the variance that comes of it (Satterthwaite 1946): it is a difference of two
+        that are known from R resamples each, of halves' sums and differences, which are independent.
+        """
         if self.noise is None:
-            return self.factor
+            return self.factor, np.inf
         first, second = np.split(samples[..., 1 + self.whole(samples).shape[-1] :], 2, axis=-1)
         with np.errstate(invalid="ignore", divide="ignore"):
             half = (first - second) / 2
             sampling = _moments(np.where(np.isfinite(half), half, np.nan) ** 2)[0]
-            by_taps = np.maximum(variance - sampling, 0.0)
-            factor = np.sqrt((self.factor**2 * by_taps + self.noise * sampling) / variance)
-        return np.where(variance > 0, factor, self.factor)
+            by_taps, taps_factor = np.maximum(variance - sampling, 0.0), self.factor**2
+            total = taps_factor * by_taps + self.noise * sampling
+            parts = (taps_factor * variance) ** 2 + ((taps_factor - self.noise) * sampling) ** 2
+            freedom = (self.whole(samples).shape[-1] - 1) * total**2 / parts
+            known = variance > 0
+            factor = np.where(known, np.sqrt(total / variance), self.factor)
+        return factor, np.where(known, np.maximum(freedom, _LEAST_FREEDOM), np.inf)
+
+
+def _beyond_normal(freedom: Floats | float) -> Floats:
+    """How much farther out than a normal quantile that of Student's t is; 1 at infinite freedom."""
+    at = 0.5 + CONFIDENCE / 2
+    with np.errstate(invalid="ignore"):
+        return np.where(np.isinf(freedom), 1.0, stdtrit(freedom, at) / ndtri(at))
 
 
 def _moments(drawn: Floats) -> tuple[Floats, Floats]:
