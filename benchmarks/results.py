@@ -90,7 +90,7 @@ def of_thresholds(summary: Mapping[str, Any], file: Path) -> str:
     gain = next(row for row in summary["differences"] if row["theta"] == theta)
     share = rows["active", theta]["what_error"] / rows["passive", theta]["what_error"]
     with xr.open_dataset(file, group="active/data_sets", engine="h5netcdf") as sets:
-        errors = sets["what_error"].sel(theta=theta).weighted(sets["trials"]).mean("place")
+        errors = sets["what_error"].sel(theta=theta).isel(place=summary["fixation"]["index"])
         least, most = float(errors.min()), float(errors.max())
     said = (
         f"At threshold {theta:g} the active error of the rod is {share:.2f} of the passive one, "
