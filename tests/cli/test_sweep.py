@@ -1,7 +1,11 @@
 """`solidtouch sweep` from study file to store."""
 
+import time
+
 import pytest
+from solidtouch.analysis import sweep_dask
 from solidtouch.analysis.sweep_result import open_sweep
+from solidtouch.models.errors import InputError
 
 
 def test_a_study_becomes_a_store_beside_it(command, make_study, tmp_path):
@@ -36,6 +40,17 @@ def test_what_cannot_be_used_is_one_sentence(command, make_study, words, sentenc
     assert done.code == 2
     assert sentence in done.err
     assert "Traceback" not in done.err
+
+
+@pytest.mark.parametrize(("error", "patience_s"), [(OSError, -1.0), (ValueError, 60.0)])
+def test_a_scheduler_is_not_waited_for_when_time_is_up_or_its_address_is_none(monkeypatch, error, patience_s):
+    def refuse(*_, **__):
+        raise error
+
+    monkeypatch.setattr(sweep_dask, "Client", refuse)
+    monkeypatch.setattr(sweep_dask.time, "sleep", lambda _: pytest.fail("It goes on waiting."))
+    with pytest.raises(InputError, match="There is no Dask scheduler at nowhere"):
+        sweep_dask._client("nowhere", time.monotonic() + patience_s, patience_s)
 
 
 def test_a_study_that_is_not_there_is_one_sentence(command, tmp_path):

@@ -7,7 +7,13 @@ from solidtouch.analysis.conformance.comparison import first_difference
 from solidtouch.analysis.conformance.mistakes import MISTAKES, explains
 from solidtouch.analysis.conformance.routes import ROUTES
 from solidtouch.analysis.conformance.run import run_route
-from solidtouch.analysis.conformance.tolerance import allowed_decisions, allowed_moves, needs_double, tolerances
+from solidtouch.analysis.conformance.tolerance import (
+    _same_bins,
+    allowed_decisions,
+    allowed_moves,
+    needs_double,
+    tolerances,
+)
 from solidtouch.analysis.conformance.trials import _own_moves, trial_difference
 from solidtouch.inference.reference import BORDERS, POWERS
 from solidtouch.models.errors import InputError
@@ -54,6 +60,12 @@ def test_single_precision_leaves_out_what_it_cannot_do():
 
     assert {"single-edges", "single-range", "bins-beside-edges", "tiny-marginals"} <= left_out
     assert "episode-uniform" not in left_out
+
+
+def test_a_sample_on_an_edge_that_single_precision_knows_stays_in_its_bin():
+    edges = np.array([0.0, 0.5, 1.0])
+    assert _same_bins(edges[:, np.newaxis, np.newaxis], edges)
+    assert not _same_bins(np.full((1, 1, 1), 0.5 - 1e-12), edges)
 
 
 @pytest.mark.parametrize("route", ["numpy", "montecarlo"])
