@@ -25,6 +25,7 @@ from solidtouch.inference.stopping import after
 from solidtouch.inference.tally import tally_trials
 from solidtouch.inference.threshold_choice import choose_threshold
 from solidtouch.inference.trial_plan import TapTable, plan_trials, tap_table
+from solidtouch.models import seeds
 from solidtouch.models.classes import ClassGrid
 from solidtouch.models.histogram import HistogramModel, fit
 from solidtouch.models.preprocessing import Preprocessing
@@ -72,13 +73,13 @@ class Held(NamedTuple):
 
 def world(truth: int) -> NDArray[np.float64]:
     """P(b | class), shape (L, M, K, B)."""
-    return np.random.default_rng([9, truth]).dirichlet(np.full(B, 1.0), (L, M, K))
+    return seeds.generator(truth, seeds.Purpose.STUDY).dirichlet(np.full(B, 1.0), (L, M, K))
 
 
 def drawn(truth: int, taps: int, data_set: int, session: int = 0) -> TapSet:
     """Taps of a world, of which no two are the same."""
     found = draw_taps(GRID, world(truth), EDGES, RECORD, taps, data_set, session).dataset
-    within = np.random.default_rng([data_set, session]).uniform(-0.4, 0.4, found["taps"].shape)
+    within = seeds.generator(data_set, seeds.Purpose.STUDY, 1, session).uniform(-0.4, 0.4, found["taps"].shape)
     return TapSet(found.assign(taps=found["taps"] + within))
 
 
@@ -188,7 +189,7 @@ def coverage(found: list[Held]) -> str:
 def main() -> None:
     """Measures, prints and writes."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--data-sets", type=int, default=200)
+    parser.add_argument("--data-sets", type=int, default=300)
     parser.add_argument("--document", type=Path)
     options = parser.parse_args()
     check_block(options.document, BLOCK)
