@@ -188,7 +188,7 @@ class ClassGrid:
                 what_value=None if fields["what_value"] is None else np.asarray(fields["what_value"], dtype=np.float64),
                 what_unit=fields["what_unit"],
             )
-        except (KeyError, TypeError, ValueError) as error:
+        except (KeyError, TypeError, ValueError, OverflowError) as error:
             raise InputError(f"This is not a class grid: {error}.") from error
 
 

@@ -162,7 +162,7 @@ def _named(key: str, make: Any, *arguments: Any) -> Any:
     """What a function makes of a value; its complaint begins with the key."""
     try:
         return make(*arguments)
-    except (InputError, TypeError, ValueError) as error:
+    except (InputError, TypeError, ValueError, OverflowError) as error:
         raise InputError(f"{key}: {error}") from error
 
 

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 import xarray as xr
+from scipy.stats import norm, t
 from solidtouch.analysis.compare_decisions import (
     ERRORS,
     MEANS,
@@ -168,7 +169,9 @@ def test_the_miscalibration_is_the_wrong_fraction_over_the_doubt(played):
     assert curves.miscalibration.sel(cell).item() == ratio[0]
     drawn, first, second = np.split(ratio[1:], 3)  # of 60
     noise, variance = (((first - second) / 2) ** 2).mean(), drawn.var(ddof=1)
-    factor = np.sqrt((3 * max(variance - noise, 0) + noise) / variance)
+    total = 3 * max(variance - noise, 0) + noise
+    freedom = 59 * total**2 / ((3 * variance) ** 2 + (2 * noise) ** 2)
+    factor = np.sqrt(total / variance) * t.ppf(0.975, max(freedom, 4)) / norm.ppf(0.975)
     for end, value in zip(("low", "high"), np.sort(drawn)[[1, 58]], strict=True):
         expected = ratio[0] + factor * (value - drawn.mean())
         assert curves[f"miscalibration_{end}"].sel(cell).item() == pytest.approx(max(expected, 0.0))

@@ -261,6 +261,15 @@ def test_no_value_ends_in_another_error(tmp_path_factory, make_model, data):
     assert str(path) in said
 
 
+@pytest.mark.parametrize("name", ["where_value", "where_edges", "what_value"])
+def test_numbers_too_large_for_a_float_are_refused(tmp_path, make_model, name):
+    values = exported(make_model(), DECISIONS, "a")
+    values["grid"][name] = [10**400]
+    (tmp_path / "robot.json").write_text(json.dumps(values), encoding="utf-8")
+    with pytest.raises(InputError, match=r"robot\.json"):
+        load_exported(tmp_path / "robot.json")
+
+
 def test_the_high_pass_is_what_the_document_says(rng):
     """Coefficients and start of docs/exported-models.md give what the taps of the model were prepared by."""
     record = Preprocessing(samples=40, rate_hz=50.0, highpass_hz=0.3, trigger="clock")
