@@ -34,6 +34,7 @@ from solidtouch.inference.online_learning import (
 from solidtouch.inference.trial_plan import plan_trials, tap_table, trial_uniforms
 from solidtouch.models.errors import InputError
 from solidtouch.models.histogram import fit
+from solidtouch.models.seeds import Purpose, generator
 
 FIXATIONS, THETA = tuple(range(5)), (0.5, 0.9, 0.99)
 A = len(FIXATIONS) * len(THETA)
@@ -101,6 +102,14 @@ def test_the_seed_alone_decides(method):
     _, cost = planted()
     runs = [played(Learner.new(method, FIXATIONS, THETA, seed), 30, cost)[1] for seed in (1, 1, 2)]
     assert runs[0] == runs[1] != runs[2]
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_from_the_third_episode_on_arms_are_not_drawn_blindly(method):
+    _, cost = planted()
+    learners = [played(Learner.new(method, FIXATIONS, THETA, seed), 2, cost)[0] for seed in range(20)]
+    blind = [int(generator(seed, Purpose.ARM, 2).integers(A)) for seed in range(20)]
+    assert [choose(learner) for learner in learners] != blind
 
 
 @pytest.mark.parametrize("method", METHODS)

@@ -54,6 +54,19 @@ def test_a_tally_counts_the_trials_of_the_plan(table, kept):
     assert counts.clamped.max() > 0
 
 
+def test_taps_of_a_neighbour_are_counted_where_a_class_has_none(table):
+    """A quarter of the classes have no test tap, so moves end beside them."""
+    where, what = (index.ravel() for index in np.indices((L, M)))
+    held = np.flatnonzero((where + what) % 4 > 0)
+    gaps = table._replace(pool=tap_pool(np.repeat(where[held], 5), np.repeat(what[held], 5), (L, M)))
+    plan = plan_trials(gaps.pool, TRIALS, 5, fixation=1)
+    trials = run_trials(gaps, plan, THETAS, theta_x=0.0, deadline=DEADLINE, seed=5)
+    counts = tally(trials, plan, (L, M))
+
+    np.testing.assert_array_equal(counts.substituted, (trials.substituted > 0).sum(axis=0))
+    assert counts.substituted.max() > 0
+
+
 @pytest.mark.parametrize("piece", [1, 64, 1000])
 @pytest.mark.parametrize("workers", [1, 3])
 def test_pieces_and_threads_do_not_matter(monkeypatch, table, piece, workers):

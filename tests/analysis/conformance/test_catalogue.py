@@ -1,5 +1,7 @@
 """The cases of the kit."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from solidtouch.analysis.conformance.catalogue import catalogue, expected, select
@@ -8,6 +10,7 @@ from solidtouch.analysis.conformance.mistakes import MISTAKES, explains
 from solidtouch.analysis.conformance.routes import ROUTES
 from solidtouch.analysis.conformance.run import run_route
 from solidtouch.analysis.conformance.tolerance import (
+    _added,
     _same_bins,
     allowed_decisions,
     allowed_moves,
@@ -66,6 +69,16 @@ def test_a_sample_on_an_edge_that_single_precision_knows_stays_in_its_bin():
     edges = np.array([0.0, 0.5, 1.0])
     assert _same_bins(edges[:, np.newaxis, np.newaxis], edges)
     assert not _same_bins(np.full((1, 1, 1), 0.5 - 1e-12), edges)
+
+
+def test_small_priors_loosen_the_tolerance_of_beliefs():
+    case = next(case for case in SHORT if case.name == "episode-uniform")
+    prior = np.full(case.prior.shape, 1.0)
+    prior.flat[0] = 1e-200
+    small = replace(case, prior=prior / prior.sum())
+    answers = expected(case)
+
+    assert _added(small, answers) == pytest.approx(_added(case, answers) + np.log(case.prior.min() / small.prior.min()))
 
 
 @pytest.mark.parametrize("route", ["numpy", "montecarlo"])
