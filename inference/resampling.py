@@ -39,7 +39,7 @@ RESAMPLES = 200
 CONFIDENCE = 0.95
 FEW = 10
 """Taps of a class below which intervals are not known to hold, see docs/intervals.md."""
-RESAMPLE_TRIALS = 1000
+RESAMPLE_TRIALS = 2000
 USED_UP = 0.05
 """Share of trials that the stored taps end, above which there are too few of them."""
 USED_UP_SELECTED = 0.005

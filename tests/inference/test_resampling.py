@@ -206,8 +206,8 @@ def test_trials_that_vary_by_chance_alone_leave_the_chance_of_the_estimate():
 
 
 def test_the_noise_of_an_estimate_falls_with_its_trials():
-    assert trial_noise(4000) == 0.25
-    assert trial_noise(100) == trial_noise(1000) == 1
+    assert trial_noise(4000) == 0.5
+    assert trial_noise(100) == trial_noise(2000) == 1
     assert trial_noise(101) == pytest.approx(100 / 101)
 
 
