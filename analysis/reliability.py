@@ -32,8 +32,7 @@ from ..inference.resampling import (
     Spread,
     play_resamples,
     spread,
-    taps_per_class,
-    too_few,
+    too_few_in,
     trial_noise,
     widened,
 )
@@ -357,8 +356,7 @@ def _described(decisions: Decisions, joined: Sums, theta: float, subject: Subjec
     """Everything about the decisions of one setting, arrays over (counted, what, ...)."""
     pool, M, everyone = subject.table.pool, len(subject.names), np.ones(len(decisions.true), dtype=bool)
     used_up, noise = float(joined.used_up[0]), trial_noise(len(decisions.true))
-    whole = spread(subject.table, noise=noise, thinned=True)
-    how = whole._replace(few=too_few(taps_per_class(pool), used_up, float(whole.center(joined.used_up))))
+    how = spread(subject.table, noise=noise, thinned=True)
     total = np.concatenate([joined.sums.sum(axis=1, keepdims=True), joined.sums], axis=1)  # (2, 1 + M, 6, 1 + 3 R)
     size = total[:, :, 0]
     with np.errstate(divide="ignore", invalid="ignore"):
@@ -373,7 +371,12 @@ def _described(decisions: Decisions, joined: Sums, theta: float, subject: Subjec
             for counts, means in zip(size[..., 0], np.nan_to_num(taps, nan=1.0), strict=True)
         ]
     )
-    found: dict[str, Any] = {"trials": size[..., 0], "fraction": fraction, "used_up": used_up, "few": how.few}
+    found: dict[str, Any] = {
+        "trials": size[..., 0],
+        "fraction": fraction,
+        "used_up": used_up,
+        "few": too_few_in(pool, how, joined.used_up),
+    }
     for name in MEANS | RATIOS:
         low, high = how.interval(samples[name], 1.0 if name == "taps" else 0.0, _MOST.get(name, np.inf))
         if name in ("wrong", *RATIOS):

@@ -18,8 +18,7 @@ from ..inference.resampling import (
     planned_trials,
     play_resamples,
     spread,
-    taps_per_class,
-    too_few,
+    too_few_in,
     trial_noise,
     widened,
 )
@@ -125,7 +124,7 @@ def tap_spread(
         used_up,
         spread(table, noise=trial_noise(trials)),
         fresh_spread,
-        _few(table, thresholds, used_up, fresh_spread.center(fresh["used_up"])),
+        _few(table, thresholds, fresh_spread, fresh["used_up"]),
         _sentence(table),
         1.0 if grid.what_error_unit == "P(wrong)" else np.inf,
         {
@@ -141,11 +140,10 @@ def spread_trials(trials: int) -> int:
     return sum(planned_trials(min(trials, own)) for own in (RESAMPLE_TRIALS, FRESH_TRIALS))
 
 
-def _few(table: TapTable, thresholds: Floats, used_up: Floats, selected: Floats) -> str:
+def _few(table: TapTable, thresholds: Floats, how: Spread, used_up: Floats) -> str:
     """The gravest sentence of `resampling.too_few`, and at which thresholds it does not hold."""
-    taps = taps_per_class(table.pool)
-    few = [too_few(taps, *map(float, shares)) for shares in zip(used_up, selected, strict=True)]
-    told = few[int((used_up + selected).argmax())]
+    few = [too_few_in(table.pool, how, samples) for samples in used_up]
+    told = few[int((used_up[:, 0] + how.center(used_up)).argmax())]
     at = [f"{theta:g}" for theta, words in zip(thresholds, few, strict=True) if words]
     return told if len(at) in (0, len(few)) else f"{told} This concerns theta {', '.join(at)}."
 

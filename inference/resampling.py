@@ -178,20 +178,11 @@ def widened(
     return np.minimum(low, most - beyond), np.minimum(np.maximum(high, beyond), most)
 
 
-def spread(
-    table: TapTable,
-    used_up: float = 0.0,
-    selected: float = 0.0,
-    *,
-    noise: float | None = None,
-    thinned: bool = False,
-) -> Spread:
+def spread(table: TapTable, *, noise: float | None = None, thinned: bool = False) -> Spread:
     """How resamples of a table turn into intervals.
 
     Args:
         table: Test taps.
-        used_up: Share of the trials that ended because all taps of a class were drawn.
-        selected: That share in `thinned_pools`.
         noise: See `Spread`.
         thinned: Whether resamples are `thinned_pools`, or `resampled_pools`.
     """
@@ -199,7 +190,7 @@ def spread(
     n = sessions if sessions > 1 else taps
     # n of n draws with replacement vary less than the quantity itself, by n - 1 over n.
     factor = np.nan if n == 1 else (1 / LEFT_OUT if thinned else n / (n - 1)) ** 0.5
-    return Spread(float(factor), too_few(taps, used_up, selected), int(table.pool.count.sum()), noise)
+    return Spread(float(factor), too_few(taps), int(table.pool.count.sum()), noise)
 
 
 def taps_per_class(pool: TapPool) -> int:
@@ -231,6 +222,11 @@ def too_few(taps: int, used_up: float = 0.0, selected: float = 0.0) -> str:
             "the decisions are made because the taps of a class are used up, so intervals may be too wide."
         )
     return ""
+
+
+def too_few_in(pool: TapPool, how: Spread, used_up: Floats) -> str:
+    """`too_few` of trials of which all taps of a class ended such shares, samples as of `Spread.interval`."""
+    return too_few(taps_per_class(pool), float(used_up[0]), float(how.center(used_up)))
 
 
 def play_resamples(

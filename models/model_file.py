@@ -127,7 +127,7 @@ def load_model(path: str | Path) -> TapModel:
         model = _model(attributes, data, parameters)
     except KeyError as error:
         raise InputError(f"{path} is damaged: {error} is missing.") from error
-    except (TypeError, ValueError, OverflowError) as error:
+    except (TypeError, ValueError) as error:
         raise InputError(f"{path} is damaged: {error}") from error
     return model
 
