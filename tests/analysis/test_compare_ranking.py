@@ -1,7 +1,11 @@
 """Ranks of models at the levels of a comparison, and the sentences about them."""
 
+from types import SimpleNamespace
+
+import numpy as np
 import pytest
-from solidtouch.analysis.compare_ranking import Level, findings, rank_rows
+import xarray as xr
+from solidtouch.analysis.compare_ranking import Level, findings, levels, rank_rows
 
 
 def level(title: str, values: dict[str, float], *, larger: bool = True) -> Level:
@@ -53,3 +57,23 @@ def test_agreement_is_not_called_disagreement():
 def test_missing_levels_are_left_out(levels):
     """Without sessions to leave out there is no level of taps, and the rest still speaks."""
     assert len(findings(levels, "a")) == len(levels)
+
+
+def test_errors_are_ranked_at_the_longest_time_that_most_models_reach():
+    """Not at the shortest, where all have hardly learned, nor at one that a single model reaches."""
+    error = np.array([[0.6, 0.5, 0.3, 0.2], [0.5, 0.4, 0.1, np.nan]])
+    coords = {"model": ["a", "b"], "policy": ["active"], "taps": [1.0, 2.0, 5.0, 9.0]}
+    dims = ("model", "policy", "taps")
+    errors = {f"what_error{end}": (dims, error[:, None]) for end in ("", "_difference_low", "_difference_high")}
+    scores = {
+        f"log_score_joint{end}": (("model", "contacts"), error[:, :1])
+        for end in ("", "_difference_low", "_difference_high")
+    }
+    comparison = SimpleNamespace(
+        left_out_sessions=None,
+        classes=xr.Dataset(scores, {"model": ["a", "b"], "contacts": [1]}),
+        grid=SimpleNamespace(what_error_unit="mm"),
+        equal=xr.Dataset(errors, coords),
+    )
+    assert levels(comparison)[-1].title == "active error at 5 taps"
+    assert levels(comparison)[-1].values == {"a": 0.3, "b": 0.1}

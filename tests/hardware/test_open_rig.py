@@ -4,6 +4,7 @@ import threading
 
 import msgspec
 import pytest
+from solidtouch.hardware import open_rig as opening
 from solidtouch.hardware.clock import HostClock
 from solidtouch.hardware.errors import NotAtRest, PortError, RigError, StageFault
 from solidtouch.hardware.journal import NoJournal
@@ -147,3 +148,16 @@ def test_a_real_rig_has_the_time_of_the_host(rig_bench):
     with unconnected(msgspec.structs.replace(rig_bench.settings, emulator=None), NoJournal()) as rig:
         assert isinstance(rig.loop.clock, HostClock)
         assert rig.emulator is None
+
+
+def test_a_stage_homes_only_when_asked_to(rig_bench, monkeypatch):
+    """Homing drives it to its switches."""
+    asked = []
+    rig = Refusing()
+    monkeypatch.setattr(rig, "connect", asked.append)
+    monkeypatch.setattr(opening, "build_rig", lambda *_: rig)
+    settings = msgspec.structs.replace(rig_bench.settings, emulator=None)
+    for more in ((), (True,)):
+        with open_rig(settings, NoJournal(), *more):
+            pass
+    assert asked == [False, True]

@@ -72,6 +72,7 @@ def test_deviations_are_enlarged_by_the_number_of_draws():
     """Taps of a class, the median over those that have some; sessions where several test."""
     table = table_of()
     assert taps_per_class(table.pool) == 4
+    assert spread(table).taps == table.pool.count.sum()
     assert spread(table).factor == pytest.approx(np.sqrt(4 / 3))
     sessions = table_of(session=lambda i: i % 3)
     assert spread(sessions).factor == pytest.approx(np.sqrt(3 / 2))

@@ -311,7 +311,10 @@ COUNTS = {
     "a misfit of NaN": (changed(setting("novelty_misfit", np.nan)), "its novelty scores"),
     "an endless edge": (changed(setting("novelty_edges", np.inf)), "its novelty scores"),
     "a reference below 0": (changed(setting("novelty_reference", -1)), "its novelty scores"),
-    "a class that is not there": (changed(setting("novelty_cell", 99)), "its novelty scores"),
+    "a class that is not there": (
+        changed(lambda d: setting("novelty_cell", d.sizes["where"] * d.sizes["what"])(d)),
+        "its novelty scores",
+    ),
     "a class below 0": (changed(setting("novelty_cell", -1)), "its novelty scores"),
 }
 
