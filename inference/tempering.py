@@ -10,9 +10,9 @@ No exponent is right after all numbers of taps. `learn_saturation` finds, with t
 taps' evidence an episode carries at most (see `saturation`), so that beliefs are right after few taps and after many.
 """
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Sequence
 from functools import cache
-from typing import Any, NamedTuple, Self
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,6 +24,7 @@ from ..models.model import TapModel
 from ..models.power import learned_taps
 from ..models.seeds import Purpose, generator
 from ..models.taps import TapSet
+from .judged_sequences import Judged, Sequences, mean_log_belief, refuse_impossible
 from .saturation import share
 
 LEAST, MOST = 1e-4, 1.0
@@ -33,8 +34,6 @@ CONTACTS = (1, 2, 5, 10, 20, 50)
 _POINTS = 33  # of the grid
 _LIMITS = 33  # saturations tried
 _STEP, _FINEST = 0.1, 1e-3  # first and last step of the search for the best pair, in logs
-_DRAWS = 10  # sequences of each class and session that has more taps than one sequence
-_AT_ONCE = 1 << 21  # numbers
 
 
 class LearnedPower(NamedTuple):
@@ -157,7 +156,7 @@ def learn_power(name: str, taps: TapSet, grid: ClassGrid, settings: FitSettings,
         left_out = _usable(model, taps.select(taps.session == session))
         if left_out is not None:
             used.append(session)
-            sequences.append(_sequences(_Judged.by(model, left_out), n, _generator(seed, n, session)))
+            sequences.append(Sequences.draw(Judged.by(model, left_out), n, _generator(seed, n, session)))
     if not used:
         raise InputError("A learned power needs classes with taps in two training sessions or more, and there is none.")
     return _best(sequences, tuple(used), n)
@@ -182,7 +181,7 @@ def best_power(model: TapModel, held_out: Sequence[TapSet], n: int, seed: int) -
     _check_length(n)
     sessions, judged = _judged(model, held_out)
     parts = zip(sessions, judged, strict=True)
-    sequences = [_sequences(one, n, _generator(seed, n, session)) for session, one in parts]
+    sequences = [Sequences.draw(one, n, _generator(seed, n, session)) for session, one in parts]
     return _best(sequences, sessions, n)._replace(in_turn=False)
 
 
@@ -211,15 +210,15 @@ def learn_saturation(
     for n in contacts:
         _check_length(n)
     sessions, judged = _judged(model, held_out)
-    sequences: list[list[_Sequences]] = []
+    sequences: list[list[Sequences]] = []
     for n in contacts:
         parts = zip(sessions, judged, strict=True)
-        sequences.append([_sequences(one, n, _generator(seed, n, session), again=True) for session, one in parts])
-    _refuse_impossible([part for parts in sequences for part in parts])
+        sequences.append([Sequences.draw(one, n, _generator(seed, n, session), again=True) for session, one in parts])
+    refuse_impossible([part for parts in sequences for part in parts])
 
     @cache
     def score(i: int, exponent: float, power: float) -> float:
-        return _score([part._replace(share=power) for part in sequences[i]], exponent)
+        return mean_log_belief(sequences[i], exponent, power)
 
     def scores(exponent: float, saturation: float) -> NDArray[np.float64]:
         return np.array([score(i, exponent, share(n, saturation)) for i, n in enumerate(contacts)])
@@ -294,66 +293,13 @@ def _climb(
     return point
 
 
-class _Sequences(NamedTuple):
-    """Sums over the taps of sequences.
-
-    Attributes:
-        log_likelihood: At power 1, shape (Q, L, S M).
-        where: True class, shape (Q,).
-        what: Likewise.
-        weight: How many taps each stands for, shape (Q,).
-        share: The power at which beliefs are read, of all or of each, shape () or (Q, 1, 1).
-        log_prior: Shape (L, S M).
-        M: Number of objects.
-    """
-
-    log_likelihood: NDArray[np.float64]
-    where: NDArray[np.intp]
-    what: NDArray[np.intp]
-    weight: NDArray[np.float64]
-    share: Any
-    log_prior: NDArray[np.float64]
-    M: int
-
-    def piece(self, which: slice) -> Self:
-        """Some of them."""
-        return self._replace(
-            log_likelihood=self.log_likelihood[which],
-            where=self.where[which],
-            what=self.what[which],
-            weight=self.weight[which],
-            share=self.share[which] if np.ndim(self.share) else self.share,
-        )
-
-
 def _usable(model: TapModel, taps: TapSet) -> TapSet | None:
     """The taps of trained classes, if there are any."""
     known = model.known(taps)
     return taps.select(known) if known.any() else None
 
 
-class _Judged(NamedTuple):
-    """Held-out taps of one session as a model sees them.
-
-    Attributes:
-        log_likelihood: At power 1, shape (N, L, S M).
-        where: True class, shape (N,).
-        what: Likewise.
-        model: The model.
-    """
-
-    log_likelihood: NDArray[np.float64]
-    where: NDArray[np.intp]
-    what: NDArray[np.intp]
-    model: TapModel
-
-    @classmethod
-    def by(cls, model: TapModel, taps: TapSet) -> Self:
-        """Taps of trained classes."""
-        return cls(model.log_likelihood(taps.taps) / model.exponent, *taps.indices(model.grid), model)
-
-
-def _judged(model: TapModel, held_out: Sequence[TapSet]) -> tuple[tuple[int, ...], list[_Judged]]:
+def _judged(model: TapModel, held_out: Sequence[TapSet]) -> tuple[tuple[int, ...], list[Judged]]:
     """Every session of every set, and its number."""
     sessions, judged = [], []
     for taps in held_out:
@@ -363,42 +309,23 @@ def _judged(model: TapModel, held_out: Sequence[TapSet]) -> tuple[tuple[int, ...
             continue
         for session in np.unique(usable.session).tolist():
             sessions.append(session)
-            judged.append(_Judged.by(model, usable.select(usable.session == session)))
+            judged.append(Judged.by(model, usable.select(usable.session == session)))
     if not judged:
         raise InputError("No held-out tap belongs to a trained class, so that nothing can be learned from them.")
     return tuple(sessions), judged
 
 
-def _sequences(judged: _Judged, n: int, generator: np.random.Generator, again: bool = False) -> _Sequences:
-    """Sequences of n taps; a class with fewer gives all it has, or some `again`."""
-    log_likelihood, where, what, model = judged
-    own = where * model.grid.M + what
-    sums, first, weight, shares = [], [], [], []
-    for c in np.unique(own):
-        members = np.flatnonzero(own == c)
-        if n == 1:
-            chosen = list(members[:, np.newaxis])
-        elif n < len(members) or (again and n > len(members)):
-            chosen = [generator.choice(members, size=n, replace=n > len(members)) for _ in range(_DRAWS)]
-        else:
-            chosen = [members]
-        sums += [log_likelihood[sequence].sum(axis=0) for sequence in chosen]
-        first += [members[0]] * len(chosen)
-        weight += [len(members) / len(chosen)] * len(chosen)
-        shares += [share(len(chosen[0]), model.saturation)] * len(chosen)
-    power = 1.0 if np.isinf(model.saturation) else np.array(shares)[:, np.newaxis, np.newaxis]
-    return _Sequences(np.array(sums), where[first], what[first], np.array(weight), power, model.log_prior, model.grid.M)
-
-
-def _best(sequences: list[_Sequences], sessions: tuple[int, ...], n: int) -> LearnedPower:
+def _best(sequences: list[Sequences], sessions: tuple[int, ...], n: int) -> LearnedPower:
     from scipy.optimize import minimize_scalar  # noqa: PLC0415 - SciPy takes long to import
 
-    _refuse_impossible(sequences)
+    refuse_impossible(sequences)
     exponents = np.geomspace(LEAST, MOST, _POINTS)
-    score = np.array([_score(sequences, exponent) for exponent in exponents])
+    score = np.array([mean_log_belief(sequences, exponent) for exponent in exponents])
     top = int(score.argmax())
     around = np.log(exponents[[max(top - 1, 0), min(top + 1, _POINTS - 1)]])
-    found: Any = minimize_scalar(lambda x: -_score(sequences, np.exp(x)), bounds=tuple(around), method="bounded")
+    found: Any = minimize_scalar(
+        lambda x: -mean_log_belief(sequences, np.exp(x)), bounds=tuple(around), method="bounded"
+    )
     power, value = float(np.exp(found.x)), -float(found.fun)
     if value <= score[top]:
         power, value = float(exponents[top]), float(score[top])
@@ -406,15 +333,6 @@ def _best(sequences: list[_Sequences], sessions: tuple[int, ...], n: int) -> Lea
     if place == len(exponents) or exponents[place] != power:
         exponents, score = np.insert(exponents, place, power), np.insert(score, place, value)
     return LearnedPower(power, sessions, n, exponents, score)
-
-
-def _refuse_impossible(sequences: Iterable[_Sequences]) -> None:
-    impossible = sum(int(np.isneginf(_true(part, part.log_likelihood)).all(axis=1).sum()) for part in sequences)
-    if impossible:
-        raise InputError(
-            f"The power cannot be learned: {impossible} sequences of left-out taps are impossible under their own "
-            "class; a --pseudocount above 0 makes every tap possible."
-        )
 
 
 def _check_length(n: int) -> None:
@@ -428,29 +346,3 @@ def _generator(seed: int, n: int, session: int) -> np.random.Generator:
 
 def _listed(sessions: Sequence[int]) -> str:
     return f"session{'s' * (len(sessions) > 1)} {', '.join(map(str, sessions))}"
-
-
-def _true(part: _Sequences, values: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Values (Q, L, S M) at the true class in each state, shape (Q, S)."""
-    each = np.arange(len(values))
-    return values.reshape(len(values), len(part.log_prior), -1, part.M)[each, part.where, :, part.what]
-
-
-def _score(sequences: list[_Sequences], exponent: float) -> float:
-    """Mean log belief in the true class; all sessions together, each tap with the same weight."""
-    total = weight = 0.0
-    for part in sequences:
-        step = max(1, _AT_ONCE // part.log_prior.size)
-        for first in range(0, len(part.where), step):
-            piece = part.piece(slice(first, first + step))
-            log_joint = piece.share * (piece.log_prior + exponent * piece.log_likelihood)
-            log_belief = _log_sum(_true(piece, log_joint)) - _log_sum(log_joint.reshape(len(log_joint), -1))
-            total += float(piece.weight @ log_belief)
-        weight += float(part.weight.sum())
-    return total / weight
-
-
-def _log_sum(values: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Logs of sums over the last axis, of which something is above log 0."""
-    top = values.max(axis=-1)
-    return top + np.log(np.exp(values - top[:, np.newaxis]).sum(axis=-1))

@@ -1,0 +1,139 @@
+"""Sequences of taps of one class, and how well beliefs after them tell it at each exponent of the likelihood."""
+
+import math
+from collections.abc import Iterable, Sequence
+from typing import NamedTuple, Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..models.compiled import compiled
+from ..models.errors import InputError
+from ..models.model import TapModel
+from ..models.taps import TapSet
+from .saturation import share
+
+type Floats = NDArray[np.float64]
+
+_DRAWS = 10  # sequences of each class and session that has more taps than one sequence
+_NOTHING = 45.0  # nats below the most probable class, where one adds nothing to a sum
+
+
+class Judged(NamedTuple):
+    """Taps of one session as a model sees them.
+
+    Attributes:
+        log_likelihood: At power 1, shape (N, L, S M).
+        where: True class, shape (N,).
+        what: Likewise.
+        model: The model.
+    """
+
+    log_likelihood: Floats
+    where: NDArray[np.intp]
+    what: NDArray[np.intp]
+    model: TapModel
+
+    @classmethod
+    def by(cls, model: TapModel, taps: TapSet) -> Self:
+        """Taps of trained classes."""
+        return cls(model.log_likelihood(taps.taps) / model.exponent, *taps.indices(model.grid), model)
+
+
+class Sequences(NamedTuple):
+    """Q sequences; C = L S M classes and states.
+
+    Attributes:
+        log_likelihood: Of the sums over their taps at power 1, shape (Q, C).
+        own: The true class in each state, shape (Q, S).
+        weight: How many taps each stands for, shape (Q,).
+        share: The power at which beliefs are read, shape (Q,).
+        log_prior: Shape (C,).
+    """
+
+    log_likelihood: Floats
+    own: NDArray[np.intp]
+    weight: Floats
+    share: Floats
+    log_prior: Floats
+
+    @classmethod
+    def draw(cls, judged: Judged, n: int, generator: np.random.Generator, again: bool = False) -> Self:
+        """Sequences of n taps; a class with fewer gives all it has, or some `again`."""
+        _, where, what, model = judged
+        (L, H), M = judged.log_likelihood.shape[1:], model.grid.M
+        values = judged.log_likelihood.reshape(len(where), L * H)
+        true = where * M + what
+        sums, first, weight, shares = [], [], [], []
+        for c in np.unique(true):
+            members = np.flatnonzero(true == c)
+            if n == 1:
+                chosen = members[:, np.newaxis]
+            elif n < len(members) or (again and n > len(members)):
+                drawn = [generator.choice(members, size=n, replace=n > len(members)) for _ in range(_DRAWS)]
+                chosen = np.array(drawn)
+            else:
+                chosen = members[np.newaxis]
+            sums.append(values[chosen].sum(axis=1))
+            first += [members[0]] * len(chosen)
+            weight += [len(members) / len(chosen)] * len(chosen)
+            shares += [share(chosen.shape[1], model.saturation)] * len(chosen)
+        own = where[first][:, np.newaxis] * H + np.arange(H // M) * M + what[first][:, np.newaxis]
+        return cls(np.concatenate(sums), own, np.array(weight), np.array(shares), model.log_prior.ravel())
+
+
+def mean_log_belief(sequences: Sequence[Sequences], exponent: float, power: float | None = None) -> float:
+    """Mean log belief in the true class; all sessions together, each tap with the same weight.
+
+    Args:
+        sequences: Of each session.
+        exponent: Of the likelihood.
+        power: At which beliefs are read; `None` for that of each sequence.
+    """
+    total = weight = 0.0
+    for part in sequences:
+        read = part.share if power is None else np.full(len(part.own), power)
+        log_belief = np.empty(len(part.own))
+        _log_beliefs(part.log_likelihood, part.log_prior, part.own, read, exponent, log_belief)
+        total += float(part.weight @ log_belief)
+        weight += float(part.weight.sum())
+    return total / weight
+
+
+def refuse_impossible(sequences: Iterable[Sequences]) -> None:
+    """Ends where a sequence cannot be.
+
+    Raises:
+        InputError: One is impossible under its own class.
+    """
+    impossible = 0
+    for part in sequences:
+        true = np.take_along_axis(part.log_likelihood, part.own, axis=1)
+        impossible += int(np.isneginf(true).all(axis=1).sum())
+    if impossible:
+        raise InputError(
+            f"The power cannot be learned: {impossible} sequences of left-out taps are impossible under their own "
+            "class; a --pseudocount above 0 makes every tap possible."
+        )
+
+
+@compiled
+def _log_beliefs(
+    log_likelihood: Floats, log_prior: Floats, own: NDArray[np.intp], share: Floats, exponent: float, out: Floats
+) -> None:
+    """Log beliefs in the true class, into `out`, shape (Q,)."""
+    joint = np.empty(log_likelihood.shape[1])
+    for q in range(len(own)):
+        top = mine = -np.inf
+        for c in range(len(joint)):
+            joint[c] = share[q] * (log_prior[c] + exponent * log_likelihood[q, c])
+            top = max(top, joint[c])
+        for c in own[q]:
+            mine = max(mine, joint[c])
+        total = true = 0.0
+        for c in range(len(joint)):
+            if joint[c] > top - _NOTHING:
+                total += math.exp(joint[c] - top)
+        for c in own[q]:
+            true += math.exp(joint[c] - mine)
+        out[q] = mine + math.log(true) - top - math.log(total)
