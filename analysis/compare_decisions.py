@@ -13,6 +13,7 @@ import xarray as xr
 from numpy.typing import ArrayLike, NDArray
 
 from ..inference.control import check_fixation
+from ..inference.cut_short import ENDINGS, Farthest, endings
 from ..inference.episode import DEADLINE
 from ..inference.montecarlo import Trials
 from ..inference.reference import Border
@@ -87,8 +88,9 @@ def play_models(
 
     Returns:
         `MEANS` over (model, policy, theta, resample); resample 0 holds the taps as they are, and halves of the trials
-        on the others follow behind these, see `resampling.play_resamples`. Attributes `factor`, see `spread_of`,
-        `taps_per_class`, `test_taps`, `smallest_what_error` and `smallest_where_error`.
+        on the others follow behind these, see `resampling.Resampled`. With the suffixes of `ENDINGS` what resample 0
+        might have been besides, see `inference.cut_short`. Attributes `factor`, see `spread_of`, `taps_per_class`,
+        `test_taps`, `smallest_what_error` and `smallest_where_error`.
 
     Raises:
         InputError: The tables do not hold the same taps or are not of this grid, or a setting is out of range.
@@ -98,7 +100,8 @@ def play_models(
     if resamples < 1:
         raise InputError(f"Intervals need at least one resample, got {resamples}.")
     thresholds = np.sort(np.atleast_1d(np.asarray(thresholds, dtype=np.float64)))
-    means = np.empty((len(tables), len(policies(grid)), len(MEANS), len(thresholds), 1 + 3 * resamples))
+    shape = len(tables), len(policies(grid)), len(MEANS), len(thresholds)
+    means, ends = np.empty((*shape, 1 + 3 * resamples)), np.empty((len(ENDINGS), *shape))
     for i, table in enumerate(tables.values()):
         for j, policy in enumerate(policies(grid)):
             kept = play_resamples(
@@ -113,15 +116,23 @@ def play_models(
                 seed=seed,
                 resamples=resamples,
                 progress=progress,
+                endings=partial(endings, deadline=deadline, farthest=Farthest.on(grid)),
             )
-            means[i, j] = np.stack([kept[name] for name in MEANS])
+            means[i, j] = np.stack([kept.samples[name] for name in MEANS])
+            ends[:, i, j] = [[ending[name] for name in MEANS] for ending in kept.endings]
     dims = ("model", "policy", "theta", "resample")
     units = {"what_error": grid.what_error_unit, "where_error": grid.where_unit, "taps": "taps"}
     table = next(iter(tables.values()))
+    how = spread(table, thinned=True)
     return xr.Dataset(
         {
             name: (dims, means[:, :, i], {"long_name": meaning, "units": units.get(name, "")})
             for i, (name, meaning) in enumerate(MEANS.items())
+        }
+        | {
+            name + suffix: (dims[:-1], ends[e, :, :, i])
+            for i, name in enumerate(MEANS)
+            for e, suffix in enumerate(ENDINGS)
         },
         {
             "model": np.array(list(tables), dtype=np.str_),
@@ -134,7 +145,8 @@ def play_models(
             "trials": trials,
             "seed": seed,
             "resamples": resamples,
-            "factor": spread(table, thinned=True).factor,
+            "factor": how.factor,
+            "freedom": how.freedom,
             "taps_per_class": taps_per_class(table.pool),
             "test_taps": int(table.pool.count.sum()),
             "smallest_what_error": grid.smallest_what_error,
@@ -151,7 +163,12 @@ def planned(models: int, grid: ClassGrid, trials: int, resamples: int = RESAMPLE
 def spread_of(played: xr.Dataset) -> Spread:
     """How the resamples of `play_models` turn into intervals."""
     attributes = played.attrs
-    return Spread(attributes["factor"], taps=attributes["test_taps"], noise=trial_noise(attributes["trials"]))
+    return Spread(
+        attributes["factor"],
+        taps=attributes["test_taps"],
+        noise=trial_noise(attributes["trials"]),
+        freedom=attributes["freedom"],
+    )
 
 
 def decision_curves(played: xr.Dataset, reference: str | None = None) -> xr.Dataset:
@@ -174,14 +191,16 @@ def decision_curves(played: xr.Dataset, reference: str | None = None) -> xr.Data
         InputError: There is no such model.
     """
     samples = {name: played[name].values for name in MEANS}
-    wrong, doubt = samples["what_wrong"], samples["doubt"]
+    ends = {name: _endings(played, name) for name in MEANS}
     with np.errstate(divide="ignore", invalid="ignore"):
-        samples["miscalibration"] = wrong / doubt
-    samples["miscalibration"][wrong[..., 0] == 0] = np.nan
+        samples["miscalibration"], ends["miscalibration"] = (
+            one["what_wrong"] / one["doubt"] for one in (samples, ends)
+        )
+    samples["miscalibration"][samples["what_wrong"][..., 0] == 0] = np.nan
     attributes = {name: played[name].attrs for name in MEANS}
     attributes["miscalibration"] = {"long_name": MISCALIBRATION, "units": ""}
     times = played["taps"].values[..., 0]
-    result = _compared(played, samples, "theta", played["theta"].values, times, reference, attributes)
+    result = _compared(played, samples, ends, "theta", played["theta"].values, times, reference, attributes)
     result[SELECTED] = (("model", "policy", "theta"), spread_of(played).center(samples["used_up"]))
     return result
 
@@ -207,7 +226,7 @@ def at_equal_taps(played: xr.Dataset, taps: ArrayLike | None = None, reference: 
     Raises:
         InputError: There is no such model.
     """
-    times = np.moveaxis(played["taps"].values, 2, -1)
+    times, late = np.moveaxis(played["taps"].values, 2, -1), _endings(played, "taps")  # (..., theta)
     names = [str(name) for name in played["model"].values]
     fastest, slowest = _reached(spread_of(played).whole(played["taps"].values))
     points = (
@@ -215,9 +234,11 @@ def at_equal_taps(played: xr.Dataset, taps: ArrayLike | None = None, reference: 
         if taps is not None
         else _round_times(fastest, slowest, names.index(reference_name(names, reference)))
     )
-    samples = {name: _interpolated(points, times, np.moveaxis(played[name].values, 2, -1)) for name in ERRORS}
+    errors = {name: np.moveaxis(played[name].values, 2, -1) for name in ERRORS}
+    samples = {name: np.moveaxis(_interpolated(points, times, one), -1, 2) for name, one in errors.items()}
+    ends = {name: _interpolated(points, late, _endings(played, name)) for name in ERRORS}
     attributes = {name: played[name].attrs for name in ERRORS}
-    result = _compared(played, samples, "taps", points, points, reference, attributes)
+    result = _compared(played, samples, ends, "taps", points, points, reference, attributes)
     common = (fastest.max(axis=0)[:, np.newaxis] <= points) & (points <= slowest.min(axis=0)[:, np.newaxis])
     result["common"] = (("policy", "taps"), common)
     result["taps"].attrs = {"long_name": MEANS["taps"], "units": "taps"}
@@ -231,9 +252,11 @@ def too_few_taps(curves: xr.Dataset, theta: float) -> list[str]:
         curves: From `decision_curves`.
         theta: Threshold that is shown; what counts is the model whose trials use up most taps there.
     """
-    shares = curves[["used_up", SELECTED]].sel(theta=theta).max("model")
+    shares, sessions = curves[["used_up", SELECTED]].sel(theta=theta).max("model"), spread_of(curves).sessions
     said = {
-        str(policy): too_few(int(curves.attrs["taps_per_class"]), *map(float, shares.sel(policy=policy).values()))
+        str(policy): too_few(
+            int(curves.attrs["taps_per_class"]), *map(float, shares.sel(policy=policy).values()), sessions=sessions
+        )
         for policy in curves["policy"].values
     }
     return [
@@ -247,9 +270,10 @@ def decision_interval_sentence() -> str:
     """What the intervals of `decision_curves` and `at_equal_taps` mean, in a sentence."""
     return (
         f"Intervals are {CONFIDENCE:.0%} jackknife intervals: the trials are played again, the same for all models, on "
-        "selections of the test taps that leave out a quarter of each class and session, and of the sessions where "
-        "several test. No trial uses a tap twice, so errors are those on fresh taps; a trial that has had all stored "
-        "taps of a class ends there. They do not hold how models fitted to other training taps would differ."
+        "the test taps without a quarter of each class, or without one session in turn where several test. No trial "
+        "uses a tap twice, so errors are those on fresh taps. A trial that has had all stored taps of a class is "
+        "decided there, and intervals hold whatever it would come to on further ones. They do not hold how models "
+        "fitted to other training taps would differ."
     )
 
 
@@ -269,9 +293,15 @@ def _means(grid: ClassGrid, trials: Trials, plan: TrialPlan) -> dict[str, NDArra
     return {name: values[name].mean(axis=0) for name in MEANS}
 
 
+def _endings(played: xr.Dataset, name: str) -> NDArray[np.float64]:
+    """What the estimates might have been besides, shape (2, model, policy, theta)."""
+    return np.array([played[name + suffix].values for suffix in ENDINGS])
+
+
 def _compared(
     played: xr.Dataset,
     samples: Mapping[str, NDArray[np.float64]],
+    ends: Mapping[str, NDArray[np.float64]],
     dim: str,
     points: NDArray[np.float64],
     times: NDArray[np.float64],
@@ -297,6 +327,7 @@ def _compared(
                 limits=_LIMITS.get(name, (0.0, most)),
                 independent=played.attrs["test_taps"] / times if seldom else None,
                 smallest=played.attrs.get(f"smallest_{name}", 1.0),
+                endings=list(ends[name]),
             )
         )
     return result
@@ -333,9 +364,9 @@ def _round_times(fastest: NDArray[np.float64], slowest: NDArray[np.float64], bas
 def _interpolated(
     points: NDArray[np.float64], times: NDArray[np.float64], errors: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """Errors at these times by curves (model, policy, resample, theta); shape (model, policy, points, resample)."""
-    result = np.full((*times.shape[:3], len(points)), np.nan)
-    for index in np.ndindex(times.shape[:3]):
+    """Errors at these times by curves (..., theta); shape (..., points)."""
+    result = np.full((*times.shape[:-1], len(points)), np.nan)
+    for index in np.ndindex(times.shape[:-1]):
         # A trial decides later at a higher threshold, so times increase, and where they do not all decisions agree.
         result[index] = np.interp(points, times[index], errors[index], left=np.nan, right=np.nan)
-    return np.moveaxis(result, -1, 2)
+    return result

@@ -69,6 +69,7 @@ def with_intervals(
     biased: bool = False,
     independent: ArrayLike | None = None,
     smallest: float = 1.0,
+    endings: Sequence[NDArray[np.float64]] = (),
 ) -> xr.Dataset:
     """A quantity of every model and its difference to the reference model, each with an interval.
 
@@ -87,6 +88,8 @@ def with_intervals(
         independent: Of mean errors and proportions: how many decisions are independent, see `resampling.widened`,
             broadcast to (models, ...).
         smallest: The smallest error.
+        endings: Best and worst that the estimates might have been, shape (models, ...), see `inference.cut_short`; none
+            where they could not.
 
     Returns:
         `<name>`, `<name>_low`, `<name>_high`, and the same of `<name>_difference`, which is NaN where both models
@@ -94,13 +97,16 @@ def with_intervals(
     """
     with np.errstate(invalid="ignore"):
         difference = samples - samples[reference]
+        apart = [one - other[reference] for one, other in zip(endings, endings[::-1], strict=True)]
+    for one in apart:
+        one[reference] = difference[reference, ..., 0]
     span = limits[1] - limits[0]
     result = {}
-    for label, values, (least, most) in (
-        (name, samples, limits),
-        (f"{name}_difference", difference, (-span, span)),
+    for label, values, might_be, (least, most) in (
+        (name, samples, endings, limits),
+        (f"{name}_difference", difference, apart, (-span, span)),
     ):
-        low, high = spread.interval(values, least, most)
+        low, high = spread.interval(values, least, most, might_be)
         if biased:
             excess = np.nan_to_num(spread.center(values) - values[..., 0])
             low = np.maximum(low - np.maximum(excess, 0.0), least)

@@ -103,7 +103,7 @@ def guarantees(
                 seed=seed,
                 resamples=resamples,
             )
-            for name, values in _described(kept["counts"], subject, trials).items():
+            for name, values in _described(kept.samples["counts"], subject, trials).items():
                 found[name][i, j] = values
     data = {name: (_DIMS, values) for name, values in found.items()}
     result = xr.Dataset(
@@ -214,9 +214,9 @@ def guarantee_sentence(data: xr.Dataset) -> str:
     return (
         "With a right model, power none and border clamp at most 1 - theta of the stopped trials are wrong, and of "
         f"each {data.attrs['decides']} at most (M - 1) (1 - theta) / theta stop for another. Intervals are "
-        f"{CONFIDENCE:.0%} jackknife intervals from trials on selections of the test taps that leave out a quarter of "
-        "each class and session. A promise counts as exceeded where the interval lies above 1 and a right model on as "
-        "many taps exceeds it by so much in less than "
+        f"{CONFIDENCE:.0%} jackknife intervals from trials on the test taps without a quarter of each class, or "
+        "without one session in turn where several test. A promise counts as exceeded where the interval lies above 1 "
+        "and a right model on as many taps exceeds it by so much in less than "
         f"{LEVEL:.0%} of its data sets, after Holm over all objects."
     )
 

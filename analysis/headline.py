@@ -18,7 +18,10 @@ STORED = (
 """What trials that draw with replacement estimate."""
 STORED_ONLY = f"{STORED} Errors on fresh taps, of which none is drawn twice in a trial, differ."
 """The same where fresh taps are not played."""
-_FRESH = "Fresh taps: no test tap is drawn twice in a trial, which gives the error to expect on new taps."
+_FRESH = (
+    "Fresh taps: no test tap is drawn twice in a trial. One that has had all test taps of a class is decided there, "
+    "and intervals hold whatever it would come to on further ones."
+)
 
 
 def curve_rows(policy: str, curve: xr.Dataset) -> list[dict[str, Any]]:

@@ -14,8 +14,9 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.sparse import csr_array
 from scipy.stats import t
 
+from ..inference.cut_short import ENDINGS
 from ..inference.montecarlo import Trials
-from ..inference.resampling import CONFIDENCE, Spread, widened
+from ..inference.resampling import CONFIDENCE, Spread, resamples_in_words, widened
 from ..inference.trial_plan import TrialPlan
 from ..models.classes import ClassGrid
 
@@ -78,7 +79,9 @@ def outcomes(trials: Trials, plan: TrialPlan, place: ArrayLike, grid: ClassGrid,
     return outcomes_dataset(mean_outcomes(trials, plan, place, grid), (), grid, thresholds)
 
 
-def outcomes_dataset(means: Means, resampled: Sequence[Means], grid: ClassGrid, thresholds: ArrayLike) -> xr.Dataset:
+def outcomes_dataset(
+    means: Means, resampled: Sequence[Means], grid: ClassGrid, thresholds: ArrayLike, endings: Sequence[Means] = ()
+) -> xr.Dataset:
     """Mean outcomes with labels.
 
     Args:
@@ -86,10 +89,12 @@ def outcomes_dataset(means: Means, resampled: Sequence[Means], grid: ClassGrid, 
         resampled: The same on resamples of the test taps.
         grid: The classes.
         thresholds: theta_W, shape (H,).
+        endings: Means of trials that were cut short at their best, and at their worst, see `inference.cut_short`.
 
     Returns:
-        Dims (place, theta): `Means.mean` by name, `Means.noise` as ``<quantity>_noise``, and the number of ``trials``
-        (place). With resamples also ``<quantity>_resampled`` (resample, place, theta), and the mean of their noise as
+        Dims (place, theta): `Means.mean` by name, `Means.noise` as ``<quantity>_noise``, endings with the suffixes of
+        `inference.cut_short.ENDINGS`, and the number of ``trials`` (place). With resamples also
+        ``<quantity>_resampled`` (resample, place, theta), and the mean of their noise as
         ``<quantity>_resampled_noise``.
     """
     cells = ["place", "theta"]
@@ -97,6 +102,8 @@ def outcomes_dataset(means: Means, resampled: Sequence[Means], grid: ClassGrid, 
     columns = {"trials": ("place", means.trials)} | {name: (cells, value) for name, value in means.mean.items()}
     for name, noise in means.noise.items():
         columns[f"{name}_noise"] = (cells, noise)
+        for suffix, ending in zip(ENDINGS, endings, strict=bool(endings)):
+            columns[name + suffix] = (cells, ending.mean[name])
         if resampled:
             columns[f"{name}_resampled"] = (["resample", *cells], np.stack([part.mean[name] for part in resampled]))
             columns[f"{name}_resampled_noise"] = (cells, np.mean([part.noise[name] for part in resampled], axis=0))
@@ -133,11 +140,16 @@ def by_place(
         if not difference:
             least = 1.0 if name == "taps" else 0.0
             most = 1.0 if name == "what_error" and data_sets.attrs.get("what_unit") == "P(wrong)" else np.inf
+        might_be = [data_sets[name + suffix].mean("data_set") for suffix in ENDINGS if name + suffix in data_sets]
         if data_sets.sizes["data_set"] > 1:
             half = _half_width(data_sets[name])
-            low, high = ((result[name] + sign * half).clip(least, most) for sign in (-1, 1))
+            low, high = result[name] - half, result[name] + half
+            for ending in might_be:
+                low, high = np.minimum(low, ending - half), np.maximum(high, ending + half)
+            low, high = low.clip(least, most), high.clip(least, most)
         else:
-            ends = spread.interval(_samples(data_sets.isel(data_set=0), name, spread), least, most)
+            values = [one.values for one in might_be]
+            ends = spread.interval(_samples(data_sets.isel(data_set=0), name, spread), least, most, values)
             if not difference and name != "taps":
                 independent = spread.taps / parts / result["taps"].values
                 ends = widened(*ends, independent, data_sets.attrs[f"smallest_{name}"], most)
@@ -172,14 +184,13 @@ def join(parts: Sequence[xr.Dataset], names: Sequence[str]) -> xr.Dataset:
     return xr.concat(parts, dim=xr.DataArray(list(names), dims="data_set", name="data_set"))
 
 
-def interval_sentence(data_sets: int, kind: str, sessions: int = 1, spread: Spread = NO_SPREAD) -> str:
+def interval_sentence(data_sets: int, kind: str, spread: Spread = NO_SPREAD) -> str:
     """What the intervals mean, in a sentence.
 
     Args:
         data_sets: How many data sets were averaged.
         kind: What one of them is called: "simulated data sets" or "folds".
-        sessions: How many sessions test, where there is one data set.
-        spread: How resamples of it turn into intervals.
+        spread: How resamples of a single one turn into intervals.
     """
     if data_sets > 1:
         shared = "; folds share training sessions, which these intervals ignore" if kind == "folds" else ""
@@ -189,16 +200,15 @@ def interval_sentence(data_sets: int, kind: str, sessions: int = 1, spread: Spre
         )
     if np.isnan(spread.factor):
         return spread.few
-    drawn = (
-        f"the {sessions} test sessions, and the test taps of each class and session,"
-        if sessions > 1
-        else ("the test taps of each class")
-    )
-    limit = "the same model" if sessions > 1 else "the same model and session, not how another session would differ"
+    if spread.sessions > 1:
+        return (
+            f"Intervals are {CONFIDENCE:.0%} jackknife intervals from trials on the test taps "
+            f"{resamples_in_words(spread.sessions)}; they hold how other test sessions would differ for the same model."
+        )
     return (
-        f"Intervals are {CONFIDENCE:.0%} intervals from trials on resamples of {drawn} drawn with replacement, or, "
-        "for fresh taps and accuracies, with a quarter of them left out; they hold how other test taps would differ "
-        f"for {limit}."
+        f"Intervals are {CONFIDENCE:.0%} intervals from trials on test taps {resamples_in_words(1, thinned=False)}, "
+        f"or, for fresh taps and accuracies, {resamples_in_words(1)}; they hold how other test taps would differ for "
+        "the same model and session, not how another session would differ."
     )
 
 

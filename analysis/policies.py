@@ -9,6 +9,7 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from ..hardware.pool import TapPool
+from ..inference.cut_short import Farthest, endings
 from ..inference.montecarlo import LoopPlayer, Trials, empty_trials, make_rule, run_trials
 from ..inference.resampling import RESAMPLE_TRIALS, Spread, spread
 from ..inference.selections import resampled_pools, thinned_pools
@@ -192,15 +193,20 @@ def play_policies(
     fresh, fresh_trials = _outcomes(plans, play, grid, fresh=True)
     resampled, selected = _on_resamples(table, grid, settings, fixation, acts, pools, progress)
 
-    def datasets(outcomes: Outcomes[Means], of: int, thresholds: Sequence[float]) -> Outcomes[xr.Dataset]:
-        drawn = [pair[of] for pair in resampled]
-        return combined([outcomes, *drawn], lambda means: outcomes_dataset(means[0], means[1:], grid, thresholds))
+    def datasets(
+        outcomes: Outcomes[Means], ends: Sequence[Outcomes[Means]], of: int, thresholds: Sequence[float]
+    ) -> Outcomes[xr.Dataset]:
+        drawn, n = [pair[of] for pair in resampled], 1 + len(ends)
+        return combined(
+            [outcomes, *ends, *drawn],
+            lambda means: outcomes_dataset(means[0], means[n:], grid, thresholds, means[1:n]),
+        )
 
     used_up = _used_up(fresh_trials)
     confusions = [confusion(plans.starts.what, trials.what[:, settings.shown], grid.M) for trials in stored_trials]
     return Played(
-        datasets(stored, 0, settings.thresholds),
-        datasets(fresh, 1, (shown,)),
+        datasets(stored, (), 0, settings.thresholds),
+        datasets(fresh, _endings(plans.starts, fresh_trials, grid, settings.deadline), 1, (shown,)),
         confusions[0],
         confusions[1] if acts else None,
         used_up,
@@ -213,6 +219,22 @@ def play_policies(
 def _used_up(policies: Sequence[Trials]) -> float:
     """The share of trials that all taps of a class end, of the policy with more of them."""
     return max(float(trials.used_up.mean()) for trials in policies)
+
+
+def _endings(
+    starts: TrialPlan, policies: Sequence[Trials], grid: ClassGrid, deadline: int
+) -> tuple[Outcomes[Means], Outcomes[Means]]:
+    """What came of passive, and active, trials on fresh taps with those that were cut short at their best and worst."""
+    passive, *active = (endings(trials, starts, deadline, Farthest.on(grid)) for trials in policies)
+    mean = partial(mean_outcomes, plan=starts, place=starts.where, grid=grid)
+
+    def outcomes(end: int) -> Outcomes[Means]:
+        if not active:
+            return Outcomes(mean(passive[end]))
+        moved = active[0]
+        return Outcomes(mean(passive[end]), mean(moved[end]), mean(passive[end], minus=moved[1 - end]))
+
+    return outcomes(0), outcomes(1)
 
 
 def _outcomes(plans: Plans, play: Play, grid: ClassGrid, *, fresh: bool) -> tuple[Outcomes[Means], list[Trials]]:

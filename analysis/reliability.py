@@ -23,6 +23,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..hardware.pool import TapPool
 from ..inference.control import check_fixation
+from ..inference.cut_short import Farthest, endings
 from ..inference.episode import DEADLINE
 from ..inference.montecarlo import Trials, run_trials
 from ..inference.reference import Border
@@ -30,12 +31,15 @@ from ..inference.resampling import (
     CONFIDENCE,
     RESAMPLES,
     Spread,
+    no_endings,
     play_resamples,
+    resamples_in_words,
     spread,
     too_few_in,
     trial_noise,
     widened,
 )
+from ..inference.selections import sessions_drawn
 from ..inference.trial_plan import TapTable, TrialPlan, plan_trials
 from ..models.classes import ClassGrid
 from ..models.errors import InputError
@@ -169,6 +173,7 @@ def reliability(
     aim = check_fixation(fixation, grid.L) if grid.M > 1 else 0
     plan = plan_trials(subject.table.pool, trials, seed, aim)
     options = {"trials": trials, "fixation": aim, "border": border, "seed": seed, "resamples": resamples}
+    far = Farthest.among(*subject.table.pool.nearest.shape)
     settings: list[tuple[str, float, int]] = []
     rows: list[dict[str, NDArray[Any]]] = []
     for policy in subject.policies if only is None else (only,):
@@ -181,13 +186,22 @@ def reliability(
             if fixed:
                 played = [one._replace(stopped=np.ones(trials, dtype=bool)) for one in played]
             edges = [[_edges(one, counted, len(subject.names)) for counted in (True, False)] for one in played]
+            ends = no_endings if fixed else partial(endings, deadline=most, farthest=far)
             kept = play_resamples(
-                subject.table, theta, partial(_sums, edges, fixed), theta_x=moves, deadline=most, **options
+                subject.table,
+                theta,
+                partial(_sums, edges, fixed),
+                theta_x=moves,
+                deadline=most,
+                endings=ends,
+                **options,
             )
             for h, decisions in enumerate(played):
                 settings.append((policy, float("nan") if fixed else float(theta[h]), most if fixed else 0))
-                one = Sums(**{name: values[h] for name, values in kept.items()})
-                rows.append(_described(decisions, one, settings[-1][1], subject))
+                one = Sums(**{name: values[h] for name, values in kept.samples.items()})
+                rows.append(
+                    _described(decisions, one, [end["sums"][h] for end in kept.endings], settings[-1][1], subject)
+                )
     return _dataset(settings, rows, subject, {"trials": trials, "seed": seed, "deadline": deadline, "border": border})
 
 
@@ -310,12 +324,12 @@ def plain(value: float) -> float | None:
 
 def interval_sentence(data: xr.Dataset) -> str:
     """What the intervals of `reliability` mean, in a sentence."""
+    sessions = data.attrs["sessions"]
     return (
-        f"Intervals are {CONFIDENCE:.0%} jackknife intervals: the trials are played again on selections of the test "
-        "taps that leave out a quarter of each class and session"
-        f"{', and of the sessions' if data.attrs['sessions'] > 1 else '; another session may differ by more'}. No "
-        "trial uses a tap twice, so errors are those on fresh taps; one that has had all stored taps of a class ends "
-        "there."
+        f"Intervals are {CONFIDENCE:.0%} jackknife intervals: the trials are played again on the test taps "
+        f"{resamples_in_words(sessions)}{'' if sessions > 1 else '; another session may differ by more'}. No "
+        "trial uses a tap twice, so errors are those on fresh taps. One that has had all stored taps of a class is "
+        "decided there, and intervals hold whatever it would come to on further ones."
     )
 
 
@@ -352,17 +366,24 @@ def _sums(
     return {"sums": sums, "curve": curve, "used_up": trials.used_up.mean(axis=0)}
 
 
-def _described(decisions: Decisions, joined: Sums, theta: float, subject: Subject) -> dict[str, NDArray[Any]]:
-    """Everything about the decisions of one setting, arrays over (counted, what, ...)."""
+def _described(
+    decisions: Decisions, joined: Sums, ends: Sequence[NDArray[np.float64]], theta: float, subject: Subject
+) -> dict[str, NDArray[Any]]:
+    """Everything about the decisions of one setting, arrays over (counted, what, ...).
+
+    Args:
+        decisions: Of the trials.
+        joined: What was kept of them and of resamples.
+        ends: What the sums of the former might have been besides, each of shape (2, M, 6).
+        theta: The threshold.
+        subject: What decisions are about.
+    """
     pool, M, everyone = subject.table.pool, len(subject.names), np.ones(len(decisions.true), dtype=bool)
     used_up, noise = float(joined.used_up[0]), trial_noise(len(decisions.true))
     how = spread(subject.table, noise=noise, thinned=True)
-    total = np.concatenate([joined.sums.sum(axis=1, keepdims=True), joined.sums], axis=1)  # (2, 1 + M, 6, 1 + 3 R)
-    size = total[:, :, 0]
+    samples, size = _ratios(joined.sums, theta)
+    might_be = [_ratios(end, theta)[0] for end in ends]
     with np.errstate(divide="ignore", invalid="ignore"):
-        samples = {name: total[:, :, 1 + i] / size for i, name in enumerate(MEANS)}
-        samples["factor"] = samples["wrong"] / samples["doubt"]
-        samples["over_promise"] = samples["wrong"] / (1 - theta)
         fraction = size[..., 0] / size[1, :, 0]
     taps = samples["taps"][..., 0]
     independent = np.array(
@@ -378,7 +399,8 @@ def _described(decisions: Decisions, joined: Sums, theta: float, subject: Subjec
         "few": too_few_in(pool, how, joined.used_up),
     }
     for name in MEANS | RATIOS:
-        low, high = how.interval(samples[name], 1.0 if name == "taps" else 0.0, _MOST.get(name, np.inf))
+        least, most = 1.0 if name == "taps" else 0.0, _MOST.get(name, np.inf)
+        low, high = how.interval(samples[name], least, most, [one[name] for one in might_be])
         if name in ("wrong", *RATIOS):
             unit = {"wrong": 1.0, "factor": samples["doubt"][..., 0], "over_promise": 1 - theta}[name]
             with np.errstate(divide="ignore", invalid="ignore"):
@@ -389,6 +411,16 @@ def _described(decisions: Decisions, joined: Sums, theta: float, subject: Subjec
         [confusion(decisions.true[some], decisions.decided[some], M) for some in (decisions.stopped, everyone)]
     )
     return found
+
+
+def _ratios(sums: NDArray[np.float64], theta: float) -> tuple[dict[str, NDArray[np.float64]], NDArray[np.float64]]:
+    """`MEANS` and `RATIOS` of sums (2, M, 6, ...), of all objects together and of each, and how many were counted."""
+    total = np.concatenate([sums.sum(axis=1, keepdims=True), sums], axis=1)
+    size = total[:, :, 0]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        means = {name: total[:, :, 1 + i] / size for i, name in enumerate(MEANS)}
+        means["factor"] = means["wrong"] / means["doubt"]
+    return means | {"over_promise": means["wrong"] / (1 - theta)}, size
 
 
 def _values(decisions: Decisions) -> dict[str, NDArray[np.float64]]:
@@ -465,7 +497,6 @@ def _dataset(
         units = {"log_loss": "nat", "taps": "taps"}.get(key, "")
         data[key] = (own, np.array([row[key] for row in rows]), {"long_name": meanings.get(key, key), "units": units})
     policy, theta, contacts = zip(*settings, strict=True)
-    session = subject.table.session
     return xr.Dataset(
         data,
         {
@@ -477,5 +508,5 @@ def _dataset(
             "true": np.array(subject.names, dtype=np.str_),
             "decided": np.array(subject.names, dtype=np.str_),
         },
-        {**attributes, "decides": subject.kind, "sessions": 1 if session is None else len(np.unique(session))},
+        {**attributes, "decides": subject.kind, "sessions": sessions_drawn(subject.table)},
     )

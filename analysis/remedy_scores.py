@@ -13,7 +13,6 @@ from typing import Any, NamedTuple
 import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
-from scipy.stats import norm
 
 from ..hardware.pool import TapPool, tap_pool
 from ..inference.montecarlo import THRESHOLDS
@@ -335,7 +334,7 @@ def _gains(
     gains = beliefs - base
     gains[np.abs(gains) <= rounding] = 0.0
     gain = _with_ends(gains, how)
-    sure = gains[0] - norm.ppf(1 - (1 - CONFIDENCE) / 2 / remedies) * how.error(gains)
+    sure = gains[0] - how.margin(gains, (1 - CONFIDENCE) / 2 / remedies)
     return score, gain, float(np.minimum(sure, gain[1]))
 
 

@@ -40,12 +40,16 @@ def units_of(samples: Sequence[NDArray[np.float64]], tables: Sequence[TapTable])
         tables: From `resampled_tables`.
 
     Returns:
-        One unit for each resample; the estimate as the only one where there are none. Shape (units, ...).
+        One unit for each resample, or for each session that is left out in turn; the estimate as the only one where
+        there are none. Shape (units, ...).
     """
     first, drawn = np.asarray(samples[0]), np.asarray(samples[1:])
     if not len(drawn):
         return first[np.newaxis]
-    return first + spread(tables[0]).factor * np.sqrt(len(drawn)) * (drawn - drawn.mean(axis=0))
+    how = spread(tables[0])
+    if how.sessions > 1:  # a unit for each session, from the resamples without it
+        drawn = np.array([drawn[s :: how.sessions].mean(axis=0) for s in range(min(how.sessions, len(drawn)))])
+    return first + how.factor * np.sqrt(len(drawn)) * (drawn - drawn.mean(axis=0))
 
 
 def resampled_sentence(test: TapSet, grid: ClassGrid) -> str:
@@ -58,7 +62,13 @@ def resampled_sentence(test: TapSet, grid: ClassGrid) -> str:
     where, what = test.indices(grid)
     inside = (where >= 0) & (what >= 0)
     _, count = np.unique(where[inside] * grid.M + what[inside], return_counts=True)
-    few = too_few(int(np.median(count)))
+    sessions = len(np.unique(test.session[inside]))
+    few = too_few(int(np.median(count)), sessions=sessions)
+    if sessions > 1:
+        return (
+            f"Units are the {sessions} test sessions, each left out in turn, so intervals hold how other sessions "
+            f"would differ, not another recording.{' ' * bool(few)}{few}"
+        )
     return (
         f"Units are {RESAMPLES} resamples of the test taps within class and session, so intervals hold how other taps "
         f"of these sessions would differ, not another session or recording.{' ' * bool(few)}{few}"

@@ -91,7 +91,8 @@ class Results:
     def few(self) -> str:
         """Whether there are too few test taps, in a sentence; empty where there are enough."""
         selected = float(np.mean([part.played.selected for part in self.studies]))
-        return too_few(taps_per_class(self.studies[0].table.pool), self.used_up, selected)
+        pool, how = self.studies[0].table.pool, self.studies[0].played.fresh_spread
+        return too_few(taps_per_class(pool), self.used_up, selected, how.sessions)
 
     @cached_property
     def curves(self) -> dict[str, xr.Dataset]:

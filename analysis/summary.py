@@ -33,7 +33,7 @@ def summarise(request: Request, results: Results) -> dict[str, Any]:
     curves = results.curves
     kind = "simulated data sets" if request.simulated else "folds"
     test = results.studies[0].test
-    sizes, sessions = test.dataset.sizes, len(np.unique(test.session))
+    sizes = test.dataset.sizes
     return {
         "title": f"Active Bayesian perception: {_subject(request)}",
         "what_was_run": _what_was_run(request, results),
@@ -67,7 +67,7 @@ def summarise(request: Request, results: Results) -> dict[str, Any]:
         "results": [row for name in ("passive", "active") if name in curves for row in curve_rows(name, curves[name])],
         "differences": difference_rows(curves.get("difference")),
         "shown_theta": settings.thresholds[settings.shown],
-        "interval": metrics.interval_sentence(len(results.studies), kind, sessions, results.spread),
+        "interval": metrics.interval_sentence(len(results.studies), kind, results.spread),
         "accuracy": [{name: finite(value) for name, value in row.items()} for row in results.accuracy],
         "paper": compare(curves, results.by_position.isel(place=results.fixation)) if request.simulated else None,
         "crosscheck": _check_summary(results.check),

@@ -3,25 +3,32 @@
 Counts of ten million trials on the same few taps have no Monte Carlo error worth naming, and still vary with the taps.
 """
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
+from functools import partial
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ..inference.cut_short import Farthest, endings
+from ..inference.episode import DEADLINE
 from ..inference.montecarlo import Trials
 from ..inference.resampling import (
     CONFIDENCE,
     RESAMPLE_TRIALS,
     RESAMPLES,
+    Resampled,
     Spread,
+    no_endings,
     planned_trials,
     play_resamples,
+    resamples_in_words,
     spread,
     too_few_in,
     trial_noise,
     widened,
 )
+from ..inference.selections import sessions_drawn
 from ..inference.tally import tally
 from ..inference.trial_plan import TapTable, TrialPlan
 from ..models.classes import ClassGrid
@@ -43,6 +50,7 @@ class TapSpread(NamedTuple):
         stored: Means of trials that draw with replacement, on the taps as they are and on resamples, shape
             (H, 1 + 3 R), by name, see `resampling.play_resamples`.
         fresh: Likewise of trials that draw no tap twice.
+        endings: What else their estimates might have been, shape (H,) each, see `inference.cut_short`.
         used_up: Share of the latter that ended because all taps of a class were drawn, shape (H,).
         spread: How resamples of trials with replacement turn into intervals.
         fresh_spread: Likewise without.
@@ -54,6 +62,7 @@ class TapSpread(NamedTuple):
 
     stored: dict[str, Floats]
     fresh: dict[str, Floats]
+    endings: tuple[Mapping[str, Floats], ...]
     used_up: Floats
     spread: Spread
     fresh_spread: Spread
@@ -72,11 +81,16 @@ class TapSpread(NamedTuple):
     def fresh_intervals(self) -> dict[str, tuple[Floats, Floats]]:
         """Those of the means of trials on fresh taps."""
         taps = self.fresh["taps"][:, 0]
-        return {name: self._interval(self.fresh_spread, name, samples, taps) for name, samples in self.fresh.items()}
+        return {
+            name: self._interval(self.fresh_spread, name, samples, taps, [one[name] for one in self.endings])
+            for name, samples in self.fresh.items()
+        }
 
-    def _interval(self, how: Spread, name: str, samples: Floats, taps: Floats) -> tuple[Floats, Floats]:
+    def _interval(
+        self, how: Spread, name: str, samples: Floats, taps: Floats, ends: Sequence[Floats] = ()
+    ) -> tuple[Floats, Floats]:
         most = self.most if name == "what_error" else 1.0 if name in _SHARES else np.inf
-        low, high = how.interval(samples, _LEAST.get(name, 0.0), most)
+        low, high = how.interval(samples, _LEAST.get(name, 0.0), most, ends)
         if name not in self.smallest:
             return low, high
         return widened(low, high, how.taps / taps, self.smallest[name], most)
@@ -88,6 +102,7 @@ def tap_spread(
     thresholds: ArrayLike,
     trials: int,
     *,
+    deadline: int = DEADLINE,
     progress: Callable[[int], None] | None = None,
     **rule: Any,
 ) -> TapSpread:
@@ -98,9 +113,9 @@ def tap_spread(
         grid: The classes.
         thresholds: theta_W, shape (H,).
         trials: Whose means are to have intervals; on each resample as many, `RESAMPLE_TRIALS` at most.
+        deadline: Taps after which a trial ends.
         progress: Told how many more trials were played; `spread_trials` says of how many.
-        rule: As for `resampling.play_resamples`: `theta_x`, `fixation`, `where`, `border`, `deadline`, `seed`,
-            `workers`.
+        rule: As for `resampling.play_resamples`: `theta_x`, `fixation`, `where`, `border`, `seed`, `workers`.
 
     Raises:
         InputError: An argument is out of range.
@@ -111,20 +126,25 @@ def tap_spread(
         means = tally_means(tally(played, plan, grid.shape), grid)
         return {name: means[name] for name in SPREAD} | {"used_up": played.used_up.mean(axis=0)}
 
-    def samples(fresh: bool, number: int) -> dict[str, Floats]:
-        return play_resamples(table, thresholds, reduce, trials=number, fresh=fresh, progress=progress, **rule)
+    ends = partial(endings, deadline=deadline, farthest=Farthest.on(grid))
+    rule |= {"deadline": deadline, "progress": progress}
+
+    def samples(fresh: bool, number: int) -> Resampled:
+        might_be = ends if fresh else no_endings
+        return play_resamples(table, thresholds, reduce, trials=number, fresh=fresh, endings=might_be, **rule)
 
     fresh_trials = min(trials, FRESH_TRIALS)
     stored, fresh = samples(False, min(trials, RESAMPLE_TRIALS)), samples(True, fresh_trials)
-    used_up = fresh["used_up"][:, 0]
+    used_up = fresh.samples["used_up"]
     fresh_spread = spread(table, noise=trial_noise(fresh_trials), thinned=True)
     return TapSpread(
-        {name: stored[name] for name in SPREAD},
-        {name: fresh[name] for name in SPREAD},
-        used_up,
+        {name: stored.samples[name] for name in SPREAD},
+        {name: fresh.samples[name] for name in SPREAD},
+        fresh.endings,
+        used_up[:, 0],
         spread(table, noise=trial_noise(trials)),
         fresh_spread,
-        _few(table, thresholds, fresh_spread, fresh["used_up"]),
+        _few(table, thresholds, fresh_spread, used_up),
         _sentence(table),
         1.0 if grid.what_error_unit == "P(wrong)" else np.inf,
         {
@@ -150,17 +170,20 @@ def _few(table: TapTable, thresholds: Floats, how: Spread, used_up: Floats) -> s
 
 def _sentence(table: TapTable) -> str:
     """What intervals hold, from what is drawn anew, and whether a trial mixes sessions."""
-    taps = table.pool.order
+    taps, drawn = table.pool.order, sessions_drawn(table)
     sessions = 1 if table.session is None else len(np.unique(np.asarray(table.session)[taps]))
-    drawn = f"{sessions} sessions, then taps of each class and session," if sessions > 1 else "taps of each class"
-    missing = "" if sessions > 1 else ", but not how another session would differ"
+    held = (
+        f"{resamples_in_words(drawn)}: they hold how other test sessions"
+        if drawn > 1
+        else f"{resamples_in_words(1, thinned=False)}; for trials on fresh taps {resamples_in_words(1)}: they hold how "
+        "other test data"
+    )
+    missing = "" if drawn > 1 else ", but not how another session would differ"
     mixed = (
         f" Each trial draws taps of all {sessions} test sessions, so what lasts within a session averages out: errors "
         "within one session, as with --test N, may be larger."
     )
     return (
-        f"Brackets are {CONFIDENCE:.0%} intervals from {RESAMPLES} resamples of the test data ({drawn} drawn with "
-        "replacement; for trials on fresh taps three quarters of them without): they hold how other test data of these "
-        f"classes would differ{missing}; the model stays."
-        f"{mixed if sessions > 1 else ''}"
+        f"Brackets are {CONFIDENCE:.0%} intervals from {RESAMPLES} resamples of the test taps {held} of these classes "
+        f"would differ{missing}; the model stays.{mixed if sessions > 1 else ''}"
     )

@@ -68,7 +68,7 @@ class Tuning(NamedTuple):
         used_up = float(self.threshold.used_up[self.chosen])
         few = (
             f"At this threshold {used_up:.0%} of the decisions were made because all taps of a class were used up: "
-            "there are too few taps to judge it."
+            "there are too few taps to judge it, and intervals hold whatever these would come to on further ones."
         )
         return [_about_fixation(self), _about_threshold(self), *[few] * (used_up > USED_UP)]
 

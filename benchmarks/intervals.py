@@ -2,9 +2,8 @@
 
 Taps are drawn from histograms with 12 symbols, Dirichlet 1, seen by the very histograms (`right`), by two models whose
 log-likelihoods are the right ones and noise of the same size (`noisy`, `noisy too`), which err equally often, and by
-the first of these at half the power (`remedied`). Data sets are drawn anew. The truth of a quantity is its mean over
-all data sets, which is what fresh taps give, as no trial uses a tap twice; of a ratio, the ratio of the means; of the
-difference of two models of equal error, 0.
+the first of these at half the power (`remedied`). Data sets are drawn anew. The truth of a quantity is what a pool of
+`MANY` taps of each class gives, which no trial uses up; of the difference of two models of equal error, it is 0.
 
 `python benchmarks/intervals.py --document docs/intervals.md` writes the tables of that page.
 """
@@ -24,7 +23,8 @@ from solidtouch.analysis.compare_classes import class_scores
 from solidtouch.analysis.compare_decisions import at_equal_taps, decision_curves, play_models, spread_of
 from solidtouch.analysis.reliability import EVERYTHING, at_stopping, reliability
 from solidtouch.hardware.pool import tap_pool
-from solidtouch.inference.resampling import FEW
+from solidtouch.inference.cut_short import ENDINGS
+from solidtouch.inference.resampling import FEW, RESAMPLES
 from solidtouch.inference.trial_plan import TapTable
 from solidtouch.models import seeds
 from solidtouch.models.classes import ClassGrid
@@ -35,6 +35,9 @@ TAPS = (5, 20, 60)
 SYMBOLS, TAXELS, THETA = 12, 2, 0.9
 NOISE = 0.5
 TRIALS = 4000
+MANY = 5000
+"""Taps of a class from which truths come."""
+_TRUTH = 10**9  # their seed
 CONTACTS = (1, 5)
 EQUAL_TAPS = {6: {"passive": 5.0, "active": 5.0}, 16: {"passive": 8.5, "active": 7.0}}
 """Mean reaction times, by L, that all models reach at some threshold."""
@@ -47,19 +50,11 @@ _LEAST, _MOST = 0.92, 0.98
 
 
 class Seen(NamedTuple):
-    """A quantity of one data set.
-
-    Attributes:
-        value: Its estimate.
-        low: Lower end of its interval.
-        high: Upper end.
-        parts: Numerator and denominator of a ratio, else `None`.
-    """
+    """A quantity of one data set: its estimate and the ends of its interval."""
 
     value: float
     low: float
     high: float
-    parts: tuple[float, float] | None = None
 
 
 def grid_of(L: int, M: int) -> ClassGrid:
@@ -81,42 +76,51 @@ def draw(L: int, M: int, taps: int, seed: int) -> tuple[dict[str, TapTable], Cla
     return {name: TapTable(values, pool, flat) for name, values in seen.items()}, grid_of(L, M)
 
 
-def quantities(L: int, M: int, taps: int, seed: int) -> dict[str, Seen]:
+def quantities(L: int, M: int, taps: int, few: bool, seed: int) -> dict[str, Seen]:
     """Everything that is said of one data set, with intervals."""
+    return decisions(L, M, taps, few, TRIALS, RESAMPLES, seed) | scores(L, M, taps, seed)
+
+
+def decisions(L: int, M: int, taps: int, few: bool, trials: int, resamples: int, seed: int) -> dict[str, Seen]:
+    """What is said of decisions; at equal taps that are those of `FEWER`, or not."""
     tables, grid = draw(L, M, taps, seed)
     compared = {name: tables[name] for name in MODELS[1:]}
-    played = play_models(compared, grid, (0.5, 0.7, 0.8, THETA, 0.95), TRIALS, seed, border="clamp")
+    options = {"border": "clamp", "resamples": resamples}
+    played = play_models(compared, grid, (0.5, 0.7, 0.8, THETA, 0.95), trials, seed, **options)
     curves = decision_curves(played).sel(theta=THETA)
-    calibration = reliability(tables["right"], grid, [THETA], seed, trials=TRIALS, contacts=(), border="clamp")
+    calibration = reliability(tables["right"], grid, [THETA], seed, trials=trials, contacts=(), **options)
     found: dict[str, Seen] = {}
     for policy in ("passive", "active"):
         right = at_stopping(calibration, policy).isel(theta=0).sel(counted="all", what=EVERYTHING)
         noisy = curves.sel(policy=policy, model="noisy")
-        equal_taps = (FEWER if taps < FEW else EQUAL_TAPS)[L][policy]
+        equal_taps = (FEWER if few else EQUAL_TAPS)[L][policy]
         equal = at_equal_taps(played, [equal_taps]).sel(policy=policy).isel(taps=0)
         found[f"error at stopping, {policy}, right"] = seen(right, "wrong")
         found[f"error at stopping, {policy}, noisy"] = seen(noisy, "what_wrong")
         found[f"taps to decision, {policy}, right"] = seen(right, "taps")
         found[f"taps to decision, {policy}, noisy"] = seen(noisy, "taps")
         found[f"error at equal taps, {policy}, noisy"] = seen(equal.sel(model="noisy"), "what_wrong")
-        for model, one, wrong, factor in (
-            ("right", right, "wrong", "factor"),
-            ("noisy", noisy, "what_wrong", "miscalibration"),
-        ):
-            parts = float(one[wrong]), float(one["doubt"])
-            found[f"miscalibration factor, {policy}, {model}"] = seen(one, factor)._replace(parts=parts)
+        found[f"miscalibration factor, {policy}, right"] = seen(right, "factor")
+        found[f"miscalibration factor, {policy}, noisy"] = seen(noisy, "miscalibration")
         for model, words in (("noisy too", EQUAL), ("remedied", "a remedy and none")):
             name = "what_wrong_difference"
             at = curves.sel(policy=policy, model=model)
             found[f"difference at stopping, {words}, {policy}"] = seen(at, name)
             found[f"difference at equal taps, {words}, {policy}"] = seen(equal.sel(model=model), name)
-    wrong = played["what_wrong"].sel(model="noisy", theta=THETA)
-    samples = (wrong.sel(policy="active") - wrong.sel(policy="passive")).values
-    low, high = spread_of(played).interval(samples)
+    wrong = [played[f"what_wrong{end}"].sel(model="noisy", theta=THETA) for end in ("", *ENDINGS)]
+    active, passive = ([one.sel(policy=policy).values for one in wrong] for policy in ("active", "passive"))
+    samples, ends = active[0] - passive[0], (active[1] - passive[2], active[2] - passive[1])
+    low, high = spread_of(played).interval(samples, endings=ends)
     found["difference of active and passive, noisy"] = Seen(float(samples[0]), float(low), float(high))
-    scores = class_scores(compared, seed, CONTACTS)
-    for n in scores["contacts"].values:
-        at = scores.sel(contacts=n)
+    return found
+
+
+def scores(L: int, M: int, taps: int, seed: int) -> dict[str, Seen]:
+    """What is said of beliefs after numbers of taps."""
+    tables, _ = draw(L, M, taps, seed)
+    data, found = class_scores({name: tables[name] for name in MODELS[1:]}, seed, CONTACTS), {}
+    for n in data["contacts"].values:
+        at = data.sel(contacts=n)
         for name, words in (("accuracy_what", "accuracy"), ("log_score_what", "log score")):
             found[f"{words} after {n} taps"] = seen(at.sel(model="noisy"), name)
             for model, other in (("noisy too", EQUAL), ("remedied", "a remedy and none")):
@@ -136,7 +140,7 @@ class Coverage(NamedTuple):
 
     Attributes:
         truth: Its truth.
-        bias: Mean of the estimates less the truth, in their standard deviation; 0 but for ratios.
+        bias: Mean of the estimates less the truth, in their standard deviation.
         width: Mean half width of the interval over 1.96 standard deviations of the estimates.
         hits: Intervals that hold the truth.
         n: Data sets with an interval.
@@ -151,16 +155,12 @@ class Coverage(NamedTuple):
     sets: int
 
 
-def coverage(name: str, sets: list[Seen]) -> Coverage:
+def coverage(sets: list[Seen], truth: float) -> Coverage:
     """How often the intervals of data sets hold the truth."""
     known = [one for one in sets if np.isfinite([one.value, one.low, one.high]).all()]
     if not known:
-        return Coverage(np.nan, np.nan, np.nan, 0, 0, len(sets))
-    value, low, high = np.array([one[:3] for one in known]).T
-    parts = [one.parts for one in known if one.parts is not None]
-    truth = 0.0 if EQUAL in name else value.mean()
-    if parts:
-        truth = np.sum(parts, axis=0)[0] / np.sum(parts, axis=0)[1]
+        return Coverage(truth, np.nan, np.nan, 0, 0, len(sets))
+    value, low, high = np.array(known).T
     spread = value.std(ddof=1)
     hits = int(((low <= truth + 1e-12) & (truth <= high + 1e-12)).sum())
     width = ((high - low) / 2 / 1.96 / spread).mean()
@@ -174,11 +174,16 @@ def run(
     with processes() as pool:
         for size, (L, M) in sizes.items():
             for n in taps:
-                gathered: dict[str, list[Seen]] = defaultdict(list)
-                for one in pool.map(partial(quantities, L, M, n), range(seed, seed + data_sets)):
+                few, gathered = n < FEW, defaultdict(list)
+                truths = pool.submit(decisions, L, M, MANY, few, 100 * TRIALS, 1, _TRUTH)
+                own = [seeds.derived_seed(seed, seeds.Purpose.STUDY, number) for number in range(data_sets)]
+                for one in pool.map(partial(quantities, L, M, n, few), own):
                     for name, value in one.items():
                         gathered[name].append(value)
-                yield from ((size, n, name, coverage(name, sets)) for name, sets in gathered.items())
+                for name, sets in gathered.items():
+                    mean = np.mean([one.value for one in sets])
+                    truth = truths.result()[name].value if name in truths.result() else float(mean)
+                    yield size, n, name, coverage(sets, 0.0 if EQUAL in name else truth)
 
 
 def told(found: Coverage) -> str:

@@ -10,7 +10,7 @@ the belief that leaves the range is lost. The difference has a smaller standard 
 session does to one position it does to its neighbours.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -19,8 +19,9 @@ from numpy.typing import NDArray
 from ..hardware.pool import TapPool
 from ..models.errors import InputError
 from .control import default_fixation
+from .cut_short import Farthest, endings
 from .episode import DEADLINE
-from .held_out import Estimate, Floats, Parts, decision_error, over_parts, resampled_means
+from .held_out import Estimate, Floats, Parts, decision_error, excess_over_parts, over_parts, resampled_means
 from .montecarlo import run_trials
 from .reference import Border
 from .trial_plan import TapTable, TrialPlan, join_plans, plan_trials
@@ -82,7 +83,9 @@ def choose_fixation(
     """
     tried = _positions(parts, passive)
 
-    def play(table: TapTable, stream: int = 0) -> tuple[NDArray[Any], NDArray[Any]]:
+    far = Farthest.on(parts.grid)
+
+    def play(table: TapTable, stream: int = 0) -> tuple[NDArray[Any], ...]:
         plan = (_passive_plan if passive else _active_plan)(table.pool, tried, trials, seed, stream)
         played = run_trials(
             table,
@@ -95,16 +98,22 @@ def choose_fixation(
             fresh=True,
             progress=progress,
         )
-        error = decision_error(parts.grid, played.what[:, 0], plan.what, wrong)
-        return error.reshape(len(tried), trials), played.taps.reshape(len(tried), trials)
+        ends = [played, *endings(played, plan, deadline, far)]
+        errors = [decision_error(parts.grid, end.what[:, 0], plan.what, wrong) for end in ends]
+        return tuple(one.reshape(len(tried), trials) for one in (*errors, played.taps))
 
-    errors, taps = map(np.array, zip(*(play(part.table) for part in parts.parts), strict=True))
+    errors, *ends, taps = map(np.array, zip(*(play(part.table) for part in parts.parts), strict=True))
     resampled = resampled_means(parts, play, trials, seed)
-    return choice(errors, taps, tried, parts.grid.L, None if resampled is None else resampled[0])
+    return choice(errors, taps, tried, parts.grid.L, None if resampled is None else resampled[0], ends)
 
 
 def choice(
-    errors: Floats, taps: Floats, tried: NDArray[np.intp], L: int, resampled: Floats | None = None
+    errors: Floats,
+    taps: Floats,
+    tried: NDArray[np.intp],
+    L: int,
+    resampled: Floats | None = None,
+    might_be: Sequence[Floats] = (),
 ) -> FixationChoice:
     """The choice from the outcomes of trials.
 
@@ -114,10 +123,11 @@ def choice(
         tried: The positions, shape (P,).
         L: Number of positions of the grid.
         resampled: Mean errors on resamples where parts are halves, see `over_parts`, shape (R, P).
+        might_be: What else the errors might be, likewise.
     """
-    error = over_parts(errors, resampled, 0.0)
+    error = over_parts(errors, resampled, 0.0, might_be)
     best = int(error.mean.argmin())
-    excess = over_parts(errors - errors[:, [best]], None if resampled is None else resampled - resampled[:, [best]])
+    excess = excess_over_parts(errors, best, resampled, might_be)
     alike = np.flatnonzero(excess.mean <= excess.error)
     away = np.abs(tried[alike] - (L - 1) / 2)
     chosen = alike[np.lexsort((tried[alike] != default_fixation(L), error.mean[alike], away))[0]]

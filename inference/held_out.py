@@ -129,7 +129,9 @@ def held_out(
     return Parts(grid, tuple(parts), by_session, f"{told} {too_few(int(np.median(count)))}".rstrip())
 
 
-def over_parts(values: ArrayLike, resampled: Floats | None = None, least: float = -np.inf) -> Estimate:
+def over_parts(
+    values: ArrayLike, resampled: Floats | None = None, least: float = -np.inf, endings: Sequence[ArrayLike] = ()
+) -> Estimate:
     """Mean over trials and parts.
 
     Args:
@@ -138,6 +140,7 @@ def over_parts(values: ArrayLike, resampled: Floats | None = None, least: float 
             `resampled_means`, shape (R, ...). Where they are sessions, `None`; the standard error then is that of
             their mean, and at least that of the trials' own chance.
         least: What no value can be below, nor the interval.
+        endings: What else the values might be, see `cut_short`: the interval holds those of all.
     """
     values = np.asarray(values, dtype=np.float64)
     F, n = len(values), values.shape[-1]
@@ -149,7 +152,20 @@ def over_parts(values: ArrayLike, resampled: Floats | None = None, least: float 
         error, freedom = resampled.std(axis=0, ddof=1), len(resampled) - 1
     half = error * t.ppf(0.5 + CONFIDENCE / 2, freedom)
     mean = means.mean(axis=0)
-    return Estimate(mean, error, np.maximum(mean - half, least), mean + half)
+    all_ = [mean, *(np.asarray(ending).mean(axis=(0, -1)) for ending in endings)]
+    low, high = np.minimum.reduce(all_) - half, np.maximum.reduce(all_) + half
+    return Estimate(mean, error, np.maximum(low, least), high)
+
+
+def excess_over_parts(
+    values: Floats, chosen: int, resampled: Floats | None = None, endings: Sequence[Floats] = ()
+) -> Estimate:
+    """By how much values exceed those of the chosen option, arguments as of `over_parts`, shape (F, options, n)."""
+    apart = [one - other[:, [chosen]] for one, other in zip(endings, endings[::-1], strict=True)]
+    for one in apart:
+        one[:, chosen] = 0.0
+    drawn = None if resampled is None else resampled - resampled[:, [chosen]]
+    return over_parts(values - values[:, [chosen]], drawn, endings=apart)
 
 
 def resampled_means(

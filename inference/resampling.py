@@ -1,23 +1,24 @@
 """What trials would give if the study were repeated: the same trials on other selections of the test taps.
 
-Drawn anew would be the test taps, and with them their sessions where several test. Models, policies and thresholds that
-are given the same taps get the same selections and the same random numbers, so their differences pair. The model, and
-so the training taps, stays as it is. Two kinds of selections go with two kinds of trials.
+Drawn anew would be the sessions where several test, else the taps of the one. Models, policies and thresholds that are
+given the same taps get the same selections and the same random numbers, so their differences pair. The model, and so
+the training taps, stays as it is.
 
-Trials on fresh taps draw no tap twice (`montecarlo.Rule.fresh`): every decision then is one on new taps, and means over
-trials are unbiased, however few taps there are. Their selections (`thinned_pools`) leave out a quarter of the sessions,
-where several test, and a quarter of the taps of each class and session, so no tap is in them twice. They vary a third
-as much as data sets do, by whose variance is known how much an estimate varies (delete-d jackknife: Shao and Wu 1989).
+Trials on fresh taps draw no tap twice (`montecarlo.Rule.fresh`), so every decision is one on new taps; what those might
+have come to that had all taps of a class, `cut_short` says. Their selections (`thinned_pools`) leave out a quarter of
+the taps of each class, so no tap is in them twice. They vary a third as much as data sets do, from which is known how
+much an estimate varies (delete-d jackknife: Shao and Wu 1989). Trials that draw stored taps with replacement have
+selections of the same kind (`resampled_pools`): taps of each class drawn with replacement (bootstrap).
 
-Trials that draw stored taps with replacement have selections of the same kind (`resampled_pools`): sessions, then taps
-of each class and session, drawn with replacement (bootstrap).
+Several sessions are left out in turn, with all of their taps (jackknife). What varies within a session varies between
+sessions too, so taps are not drawn besides; of S sessions the variance is known with S - 1 degrees of freedom.
 
 A selection says how much an estimate varies, not where it lies: its deviation from the mean of all selections is what
 counts, see `Spread`. What it varies by the sampling of its few trials is known from the two halves of these trials, and
 taken out; how well it is known widens the interval.
 """
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from typing import NamedTuple
 
@@ -30,7 +31,7 @@ from ..models.threads import cores, in_order
 from .episode import DEADLINE
 from .montecarlo import LoopPlayer, Trials, empty_trials, make_rule
 from .reference import Border
-from .selections import LEFT_OUT, resampled_pools, sessions_of, thinned_pools
+from .selections import LEFT_OUT, resampled_pools, sessions_drawn, thinned_pools
 from .trial_plan import TapTable, TrialPlan, checked_plan, plan_trials
 
 type Floats = NDArray[np.float64]
@@ -39,6 +40,7 @@ RESAMPLES = 200
 CONFIDENCE = 0.95
 FEW = 10
 """Taps of a class below which intervals are not known to hold, see docs/intervals.md."""
+_FEW_SESSIONS = 4
 RESAMPLE_TRIALS = 2000
 USED_UP = 0.05
 """Share of trials that the stored taps end, above which there are too few of them."""
@@ -58,12 +60,19 @@ class Spread(NamedTuple):
         taps: How many test taps there are.
         noise: Variance by the sampling of the estimate's trials, relative to that of a resample's fewer ones; `None`
             where samples hold no halves of trials, see `interval`.
+        freedom: Degrees of freedom of the variance where sessions are left out in turn; infinite where taps are drawn.
     """
 
     factor: float
     few: str = ""
     taps: int = 0
     noise: float | None = None
+    freedom: float = np.inf
+
+    @property
+    def sessions(self) -> int:
+        """How many are left out in turn; 1 where taps are drawn."""
+        return 1 if np.isinf(self.freedom) else int(self.freedom) + 1
 
     def whole(self, samples: Floats) -> Floats:
         """The resamples among samples, without the estimate and halves."""
@@ -74,7 +83,13 @@ class Spread(NamedTuple):
         """The mean of the resamples that are finite; 0 where none is."""
         return _moments(self.whole(samples))[0]
 
-    def interval(self, samples: Floats, least: ArrayLike = -np.inf, most: ArrayLike = np.inf) -> tuple[Floats, Floats]:
+    def interval(
+        self,
+        samples: Floats,
+        least: ArrayLike = -np.inf,
+        most: ArrayLike = np.inf,
+        endings: Sequence[Floats] = (),
+    ) -> tuple[Floats, Floats]:
         """Ends of the 95 % interval.
 
         Args:
@@ -83,6 +98,8 @@ class Spread(NamedTuple):
                 where they are more than one in twenty, the interval is NaN. Infinite ones may be its ends.
             least: What the quantity cannot be below.
             most: Nor above.
+            endings: What else the estimate might have been, shape (...): the interval holds those of all, see
+                `cut_short`.
 
         Returns:
             Each of shape (...).
@@ -92,24 +109,33 @@ class Spread(NamedTuple):
         enough = ~np.isnan(estimate) & (defined.sum(axis=-1) >= max(1.0, _DEFINED * drawn.shape[-1]))
         center, variance = _moments(drawn)
         factor, freedom = self._factor(samples, variance)
+        margin = factor * np.sqrt(variance) * stdtrit(freedom, 0.5 + CONFIDENCE / 2)
         factor = factor * _beyond_normal(freedom)
         ordered = np.sort(drawn, axis=-1)  # NaN last
         last = np.maximum(defined.sum(axis=-1) - 1, 0)
         tail = (1 - CONFIDENCE) / 2
         places = np.floor(tail * last).astype(np.intp), np.ceil((1 - tail) * last).astype(np.intp)
         ends = []
-        for place in places:
+        for sign, place, outermost in zip((-1, 1), places, (np.minimum, np.maximum), strict=True):
             end = np.take_along_axis(ordered, place[..., np.newaxis], axis=-1)[..., 0]
             with np.errstate(invalid="ignore"):
-                moved = estimate + factor * (end - center)
+                # Of S sessions there are only S different resamples, so their quantiles tell nothing.
+                away = factor * (end - center) if np.isinf(self.freedom) else sign * margin
+                moved = outermost.reduce([estimate, *endings]) + away
             end = np.where(np.isfinite(estimate) & np.isfinite(end), moved, end)
             ends.append(np.where(enough, np.clip(end, least, most), np.nan))
         return ends[0], ends[1]
 
-    def error(self, samples: Floats) -> Floats:
-        """Standard error of the estimate, from samples as of `interval`."""
+    def margin(self, samples: Floats, tail: float) -> Floats:
+        """How far from the estimate the quantity lies on one side in all but a share `tail` of the studies.
+
+        Args:
+            samples: As of `interval`.
+            tail: The share.
+        """
         variance = _moments(self.whole(samples))[1]
-        return self._factor(samples, variance)[0] * np.sqrt(variance)
+        factor, freedom = self._factor(samples, variance)
+        return factor * np.sqrt(variance) * stdtrit(freedom, 1 - tail)
 
     def _factor(self, samples: Floats, variance: Floats) -> tuple[Floats | float, Floats | float]:
         """By which deviations are enlarged, so that they vary by the taps and as the estimate's trials do.
@@ -118,7 +144,7 @@ class Spread(NamedTuple):
         that are known from R resamples each, of halves' sums and differences, which are independent.
         """
         if self.noise is None:
-            return self.factor, np.inf
+            return self.factor, self.freedom
         first, second = np.split(samples[..., 1 + self.whole(samples).shape[-1] :], 2, axis=-1)
         with np.errstate(invalid="ignore", divide="ignore"):
             half = (first - second) / 2
@@ -129,6 +155,8 @@ class Spread(NamedTuple):
             freedom = (self.whole(samples).shape[-1] - 1) * total**2 / parts
             known = variance > 0
             factor = np.where(known, np.sqrt(total / variance), self.factor)
+        if np.isfinite(self.freedom):
+            return factor, self.freedom
         return factor, np.where(known, np.maximum(freedom, _LEAST_FREEDOM), np.inf)
 
 
@@ -186,11 +214,25 @@ def spread(table: TapTable, *, noise: float | None = None, thinned: bool = False
         noise: See `Spread`.
         thinned: Whether resamples are `thinned_pools`, or `resampled_pools`.
     """
-    taps, sessions = taps_per_class(table.pool), len(np.unique(sessions_of(table)[table.pool.order]))
-    n = sessions if sessions > 1 else taps
+    taps, sessions, total = taps_per_class(table.pool), sessions_drawn(table), int(table.pool.count.sum())
+    if sessions > 1:
+        few = too_few(taps, sessions=sessions)
+        return Spread((sessions - 1.0) ** 0.5, few, total, noise, sessions - 1.0)
     # n of n draws with replacement vary less than the quantity itself, by n - 1 over n.
-    factor = np.nan if n == 1 else (1 / LEFT_OUT if thinned else n / (n - 1)) ** 0.5
-    return Spread(float(factor), too_few(taps), int(table.pool.count.sum()), noise)
+    factor = np.nan if taps == 1 else (1 / LEFT_OUT if thinned else taps / (taps - 1)) ** 0.5
+    return Spread(float(factor), too_few(taps), total, noise)
+
+
+def resamples_in_words(sessions: int, thinned: bool = True) -> str:
+    """What resamples are made of, to go behind "resamples" or "selections of the test taps".
+
+    Args:
+        sessions: That are drawn, see `selections.sessions_drawn`.
+        thinned: Whether taps are drawn as in `thinned_pools`, or as in `resampled_pools`.
+    """
+    if sessions > 1:
+        return f"without one of the {sessions} test sessions in turn"
+    return "without a quarter of each class" if thinned else "of each class, drawn with replacement"
 
 
 def taps_per_class(pool: TapPool) -> int:
@@ -198,22 +240,26 @@ def taps_per_class(pool: TapPool) -> int:
     return max(1, int(np.median(pool.count[pool.count > 0])))
 
 
-def too_few(taps: int, used_up: float = 0.0, selected: float = 0.0) -> str:
+def too_few(taps: int, used_up: float = 0.0, selected: float = 0.0, sessions: int = 1) -> str:
     """Why intervals may be off, in a sentence; empty where they hold.
 
     Args:
         taps: Of a class.
         used_up: Share of the trials that ended because all taps of a class were drawn.
         selected: That share in `thinned_pools`.
+        sessions: That would be drawn anew, see `selections.sessions_drawn`.
     """
-    if taps == 1:
-        return "There is one test tap of most classes, too few for an interval."
     if used_up > USED_UP:
-        wide = "; intervals may be too wide" if selected > USED_UP_SELECTED else ""
         return (
             f"There are too few test taps: {used_up:.0%} of the decisions were made because the {taps} or so of a "
-            f"class were used up, not because the belief was high enough{wide}."
+            "class were used up, not because the belief was high enough; intervals hold whatever these would come to "
+            "on further taps, and so are wide."
         )
+    if sessions > 1:
+        wide = f"There are too few test sessions, {sessions}, to know well how sessions differ, so intervals are wide."
+        return wide if sessions < _FEW_SESSIONS else ""
+    if taps == 1:
+        return "There is one test tap of most classes, too few for an interval."
     if taps < FEW:
         return f"There are too few test taps, {taps} or so of each class: intervals are rough."
     if selected > USED_UP_SELECTED:
@@ -226,7 +272,25 @@ def too_few(taps: int, used_up: float = 0.0, selected: float = 0.0) -> str:
 
 def too_few_in(pool: TapPool, how: Spread, used_up: Floats) -> str:
     """`too_few` of trials of which all taps of a class ended such shares, samples as of `Spread.interval`."""
-    return too_few(taps_per_class(pool), float(used_up[0]), float(how.center(used_up)))
+    return too_few(taps_per_class(pool), float(used_up[0]), float(how.center(used_up)), how.sessions)
+
+
+class Resampled(NamedTuple):
+    """What came of trials on the test taps, and of trials on each resample of them, by name.
+
+    Attributes:
+        samples: With one more axis: of the taps as they are first, then of each resample the mean of both halves of its
+            trials, then of each the first half, then of each the second, 1 + 3 R; see `Spread.interval`.
+        endings: What else the former might have been, without that axis.
+    """
+
+    samples: dict[str, Floats]
+    endings: tuple[Mapping[str, Floats], ...]
+
+
+def no_endings(_: Trials, __: TrialPlan) -> Sequence[Trials]:
+    """Trials count as they were decided."""
+    return ()
 
 
 def play_resamples(
@@ -246,7 +310,8 @@ def play_resamples(
     resample_trials: int = RESAMPLE_TRIALS,
     workers: int | None = None,
     progress: Callable[[int], None] | None = None,
-) -> dict[str, Floats]:
+    endings: Callable[[Trials, TrialPlan], Sequence[Trials]] = no_endings,
+) -> Resampled:
     """What comes of trials on the test taps, and of trials on each resample of them.
 
     Args:
@@ -265,10 +330,10 @@ def play_resamples(
         resample_trials: On each of them, at most `trials`; an even number, at least 2, is played.
         workers: Threads; `None` for as many as there are cores. Changes the speed only.
         progress: Told how many more trials were played, of `planned_trials`.
+        endings: What else the trials on the test taps might have come to, see `cut_short.endings`.
 
     Returns:
-        What `reduce` gave, with one more axis: of the taps as they are first, then of each resample the mean of both
-        halves of its trials, then of each the first half, then of each the second, 1 + 3 R; see `Spread.interval`.
+        What `reduce` gave.
 
     Raises:
         InputError: An argument is out of range.
@@ -277,17 +342,18 @@ def play_resamples(
     player = LoopPlayer(table, rule)
     half = _half(trials, resample_trials)
 
-    def one(pool: TapPool, n: int, stream: int) -> Mapping[str, Floats]:
+    def played_on(pool: TapPool, n: int, stream: int) -> tuple[Trials, TrialPlan]:
         plan = plan_trials(pool, n, seed, fixation, _start(pool, where), stream)
         played = empty_trials(n, len(rule.thresholds))
         player.on(pool)(checked_plan(plan, pool), 0, n, played)
-        return reduce(played, plan)
+        return played, plan
 
     def both(pool: TapPool, stream: int) -> tuple[Mapping[str, Floats], ...]:
-        return one(pool, half, stream), one(pool, half, stream + half)
+        return reduce(*played_on(pool, half, stream)), reduce(*played_on(pool, half, stream + half))
 
     first, *pools = (thinned_pools if fresh else resampled_pools)(table, resamples, seed)
-    estimate = one(first, trials, 0)
+    played, plan = played_on(first, trials, 0)
+    estimate = reduce(played, plan)
     if progress is not None:
         progress(trials)
     tasks = (partial(both, pool, trials + 2 * half * number) for number, pool in enumerate(pools))
@@ -296,7 +362,8 @@ def play_resamples(
         halves.append(result)
         if progress is not None:
             progress(2 * half)
-    return {name: _layered(estimate[name], [[h[name] for h in pair] for pair in halves]) for name in estimate}
+    samples = {name: _layered(estimate[name], [[h[name] for h in pair] for pair in halves]) for name in estimate}
+    return Resampled(samples, tuple(reduce(one, plan) for one in endings(played, plan)))
 
 
 def _half(trials: int, resample_trials: int) -> int:

@@ -12,55 +12,65 @@ from .trial_plan import TapTable
 
 LEFT_OUT = 1 / 3
 """Mean number left out for each that stays in `thinned_pools`, so that these vary a third as much as data sets do."""
+_REMAIN = 0.9  # of the classes, without a session
 
 
 def resampled_pools(table: TapTable, resamples: int, seed: int) -> Iterator[TapPool]:
-    """The pool of a table as it is, then resamples of it with replacement, of sessions and of taps.
+    """The pool of a table as it is, then resamples of the taps of each class with replacement.
+
+    Where several sessions test, see `sessions_drawn`, each is left out in turn instead.
 
     Args:
         table: Test taps; only their classes and sessions matter.
         resamples: How many.
         seed: Of the resamples.
     """
-
-    def drawn(groups: list[_Group], generator: np.random.Generator) -> list[NDArray[np.intp]]:
-        sessions = generator.integers(len(groups), size=len(groups)) if len(groups) > 1 else (0,)
-        return [groups[s].drawn(generator) for s in sessions]
-
-    return _pools(table, resamples, seed, drawn)
+    return _pools(table, resamples, seed, _Group.drawn)
 
 
 def thinned_pools(table: TapTable, resamples: int, seed: int) -> Iterator[TapPool]:
-    """The pool of a table as it is, then selections of it that leave out a quarter of sessions and of taps.
+    """The pool of a table as it is, then selections of it that leave out a quarter of the taps of each class.
 
     Where a quarter of a number is no whole one, one more is left out so often that the number left out for each that
-    stays is 1/3 on average. The last tap of a class and session, and the last session, stay.
+    stays is 1/3 on average. The last tap of a class stays. Where several sessions test, see `sessions_drawn`, each is
+    left out in turn instead.
 
     Args:
         table: Test taps; only their classes and sessions matter.
         resamples: How many.
         seed: Of the selections.
     """
+    return _pools(table, resamples, seed, _Group.thinned)
 
-    def thinned(groups: list[_Group], generator: np.random.Generator) -> list[NDArray[np.intp]]:
-        kept = generator.permutation(len(groups))[_left_out(np.array([len(groups)]), generator)[0] :]
-        return [groups[s].thinned(generator) for s in np.sort(kept)]
 
-    return _pools(table, resamples, seed, thinned)
+def sessions_drawn(table: TapTable) -> int:
+    """How many sessions would be drawn anew if a study were repeated: those that test, if they hold the same classes.
+
+    Where less than nine tenths of the classes remain without one of them, sessions cannot be told from classes, and
+    only the taps within sessions count as drawn: that is 1.
+    """
+    _, cell, groups = _grouped(table)
+    classes = [np.unique(cell[group.member]) for group in groups]
+    sessions_with = np.bincount(np.concatenate(classes))
+    lost = max(np.count_nonzero(sessions_with[held] == 1) for held in classes)
+    alike = lost <= (1 - _REMAIN) * np.count_nonzero(sessions_with)
+    return len(groups) if alike else 1
 
 
 def _pools(
-    table: TapTable,
-    resamples: int,
-    seed: int,
-    select: Callable[[list["_Group"], np.random.Generator], list[NDArray[np.intp]]],
+    table: TapTable, resamples: int, seed: int, select: Callable[["_Group", np.random.Generator], NDArray[np.intp]]
 ) -> Iterator[TapPool]:
-    """The pool of a table, then what `select` takes of its sessions."""
+    """The pool of a table, then what `select` takes of each session, or all sessions but one."""
     yield table.pool
     taps, cell, groups = _grouped(table)
+    in_turn = sessions_drawn(table) > 1
     generator = seeds.generator(seed, seeds.Purpose.RESAMPLES)
-    for _ in range(resamples):
-        selected = np.concatenate(select(groups, generator))
+    for r in range(resamples):
+        if in_turn:
+            kept = [group.member for s, group in enumerate(groups) if s != r % len(groups)]
+        else:
+            kept = [select(group, generator) for group in groups]
+        selected = np.concatenate(kept)
         yield pool_of(taps[selected], cell[selected], table.pool.nearest.shape)
 
 

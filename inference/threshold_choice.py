@@ -15,8 +15,9 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..models.errors import InputError
 from .control import check_fixation
+from .cut_short import Farthest, endings
 from .episode import DEADLINE
-from .held_out import Estimate, Floats, Parts, decision_error, over_parts, resampled_means
+from .held_out import Estimate, Floats, Parts, decision_error, excess_over_parts, over_parts, resampled_means
 from .montecarlo import run_trials
 from .reference import Border
 from .trial_plan import TapTable, plan_trials
@@ -93,6 +94,8 @@ def choose_threshold(
     theta = np.unique(np.asarray(thresholds, dtype=np.float64))
     aim = check_fixation(fixation, parts.grid.L)
 
+    far = Farthest.on(parts.grid)
+
     def play(table: TapTable, stream: int = 0) -> tuple[NDArray[Any], ...]:
         plan = plan_trials(table.pool, trials, seed, aim, first_stream=stream)
         played = run_trials(
@@ -106,24 +109,27 @@ def choose_threshold(
             fresh=True,
             progress=progress,
         )
-        true = plan.what[:, np.newaxis]
-        error = decision_error(parts.grid, played.what, true, wrong)
-        return error.T, played.taps.T, (played.what != true).T, played.used_up.T
+        true, ends = plan.what[:, np.newaxis], (played, *endings(played, plan, deadline, far))
+        error = [decision_error(parts.grid, end.what, true, wrong).T for end in ends]
+        return *error, *(end.taps.T for end in ends), (played.what != true).T, played.used_up.T
 
-    error, taps, missed, used_up = map(np.array, zip(*(play(part.table) for part in parts.parts), strict=True))
-    cost = cost_error * error + taps
+    error, error_best, error_worst, taps, taps_best, taps_worst, missed, used_up = map(
+        np.array, zip(*(play(part.table) for part in parts.parts), strict=True)
+    )
+    errors, times = (error_best, error_worst), (taps_best, taps_worst)
+    cost, costs = cost_error * error + taps, [cost_error * e + t for e, t in zip(errors, times, strict=True)]
     error_drawn = taps_drawn = cost_drawn = None
     if (resampled := resampled_means(parts, play, trials, seed)) is not None:
-        error_drawn, taps_drawn, *_ = resampled
+        error_drawn, taps_drawn = resampled[0], resampled[3]
         cost_drawn = cost_error * error_drawn + taps_drawn
-    mean = over_parts(cost, cost_drawn, 1.0)
+    mean = over_parts(cost, cost_drawn, 1.0, costs)
     chosen = int(mean.mean.argmin())
-    excess = over_parts(cost - cost[:, [chosen]], None if cost_drawn is None else cost_drawn - cost_drawn[:, [chosen]])
+    excess = excess_over_parts(cost, chosen, cost_drawn, costs)
     return ThresholdChoice(
         theta,
         missed.mean(axis=-1),
-        over_parts(error, error_drawn, 0.0),
-        over_parts(taps, taps_drawn, 1.0),
+        over_parts(error, error_drawn, 0.0, errors),
+        over_parts(taps, taps_drawn, 1.0, times),
         mean,
         excess,
         excess.low <= 0,

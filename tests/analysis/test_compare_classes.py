@@ -340,4 +340,4 @@ def test_bad_arguments_are_refused(tables):
 
 def test_the_sentence_says_what_the_intervals_hold():
     """What is drawn anew."""
-    assert "leave out a quarter of each class and session" in class_interval_sentence()
+    assert "without a quarter of each class, or without one session in turn" in class_interval_sentence()

@@ -16,6 +16,7 @@ from solidtouch.analysis.compare_decisions import (
     too_few_taps,
 )
 from solidtouch.hardware.pool import tap_pool
+from solidtouch.inference.cut_short import ENDINGS
 from solidtouch.inference.montecarlo import run_trials
 from solidtouch.inference.resampling import share_beyond
 from solidtouch.inference.selections import thinned_pools
@@ -86,7 +87,10 @@ def test_means_are_those_of_the_trials_played_alone(played, tables, policy, thet
 
 
 def test_resamples_are_the_same_taps_and_trials_for_all_models_and_policies(tables):
-    """Each as one would play it on the resampled pool; a model beside itself differs by nothing."""
+    """Each as one would play it on the resampled pool.
+
+    A model beside itself differs by nothing but what trials that were cut short might have come to.
+    """
     few = 40
     played = play_models(
         {**tables, "again": tables["weak"]},
@@ -113,9 +117,15 @@ def test_resamples_are_the_same_taps_and_trials_for_all_models_and_policies(tabl
                     expected = np.mean([rows[key].mean(axis=0) for rows in parts], axis=0)
                     np.testing.assert_allclose(resampled, expected, atol=1e-12, err_msg=key)
     curves = decision_curves(played.sel(model=["weak", "again"]))
+    whole = (curves.used_up == 0).sel(model="weak")
+    assert whole.any()
     for key in MEANS:
-        assert (curves[f"{key}_difference_low"].values == 0).all()
-        assert (curves[f"{key}_difference_high"].values == 0).all()
+        for end in ("low", "high"):
+            assert (curves[f"{key}_difference_{end}"].sel(model="again").where(whole, 0) == 0).all()
+            assert (curves[f"{key}_difference_{end}"].sel(model="weak") == 0).all()
+    cut = curves.sel(model="again").used_up.values
+    np.testing.assert_allclose(curves.what_wrong_difference_high.sel(model="again"), cut, atol=1e-12)
+    np.testing.assert_allclose(curves.what_wrong_difference_low.sel(model="again"), -cut, atol=1e-12)
 
 
 def test_intervals_are_as_wide_as_the_taps_leave_a_mean():
@@ -172,8 +182,10 @@ def test_the_miscalibration_is_the_wrong_fraction_over_the_doubt(played):
     total = 3 * max(variance - noise, 0) + noise
     freedom = 59 * total**2 / ((3 * variance) ** 2 + (2 * noise) ** 2)
     factor = np.sqrt(total / variance) * t.ppf(0.975, max(freedom, 4)) / norm.ppf(0.975)
-    for end, value in zip(("low", "high"), np.sort(drawn)[[1, 58]], strict=True):
-        expected = ratio[0] + factor * (value - drawn.mean())
+    ends = [(played[f"what_wrong{e}"] / played[f"doubt{e}"]).sel(cell).item() for e in ENDINGS]
+    assert ends[0] < ratio[0] < ends[1]
+    for end, value, about in zip(("low", "high"), np.sort(drawn)[[1, 58]], ends, strict=True):
+        expected = about + factor * (value - drawn.mean())
         assert curves[f"miscalibration_{end}"].sel(cell).item() == pytest.approx(max(expected, 0.0))
     assert curves.attrs["reference"] == "good"
     own = curves.miscalibration_difference.sel(model="good")
@@ -257,6 +269,7 @@ def fake(taps, error):
         return np.repeat(values[:, np.newaxis, :, np.newaxis], 13, axis=-1)
 
     data = {name: (dims, spread(error), {"units": "mm"}) for name in MEANS} | {"taps": (dims, spread(taps))}
+    data |= {name + end: (dims[:-1], data[name][1][..., 0]) for name in MEANS for end in ENDINGS}
     names = np.array([f"model {i}" for i in range(len(taps))])
     coords = {"model": names, "policy": ["passive"], "theta": np.linspace(0.1, 0.9, taps.shape[1])}
     return xr.Dataset(data, coords, {"factor": 1.0, "test_taps": 1e9, "trials": 1000})
@@ -333,7 +346,7 @@ def test_units_and_settings_are_with_the_numbers(played):
     assert (curves.what_error.attrs["units"], curves.where_error.attrs["units"]) == ("cm", "mm")
     assert (curves.attrs["trials"], curves.attrs["seed"], curves.attrs["resamples"]) == (TRIALS, 7, RESAMPLES)
     assert curves.attrs["taps_per_class"] == 6
-    assert "leave out a quarter of each class and session" in decision_interval_sentence()
+    assert "without a quarter of each class, or without one session in turn" in decision_interval_sentence()
     assert "not hold how models fitted to other training taps would differ" in decision_interval_sentence()
 
 

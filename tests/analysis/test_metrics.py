@@ -250,6 +250,6 @@ def test_sentences_say_what_the_intervals_hold():
     """Spread between data sets, or resampled taps, with sessions where several test."""
     assert "t-intervals of the mean over 12 simulated data sets" in interval_sentence(12, "simulated data sets")
     assert "share training sessions" in interval_sentence(3, "folds")
-    assert "resamples of the test taps of each class" in interval_sentence(1, "folds")
-    assert "the 2 test sessions, and the test taps of each class and session" in interval_sentence(1, "folds", 2)
-    assert interval_sentence(1, "folds", 1, Spread(np.nan, "One tap.")) == "One tap."
+    assert "on test taps of each class, drawn with replacement" in interval_sentence(1, "folds")
+    assert "without one of the 2 test sessions in turn" in interval_sentence(1, "folds", Spread(1.0, freedom=1.0))
+    assert interval_sentence(1, "folds", Spread(np.nan, "One tap.")) == "One tap."

@@ -50,6 +50,22 @@ def test_a_nonlinear_statistic_keeps_its_value(table, rng):
 
 
 def test_few_taps_are_said(make_taps):
-    few, enough = (make_taps(repeats=repeats) for repeats in (3, 20))
+    few, enough = (make_taps(repeats=repeats, sessions=1) for repeats in (6, 20))
     assert "too few test taps, 6 or so of each class" in resampled_sentence(few, few.grid())
     assert resampled_sentence(enough, enough.grid()).endswith("not another session or recording.")
+    several = make_taps(repeats=3, sessions=2)
+    assert "the 2 test sessions, each left out in turn" in resampled_sentence(several, several.grid())
+    assert "too few test sessions, 2" in resampled_sentence(several, several.grid())
+
+
+def test_sessions_are_units_where_several_test():
+    """With the jackknife's standard error of a mean over sessions."""
+    pool = tap_pool(np.zeros(18, int), np.repeat([0, 1], 9), (1, 2))
+    table = TapTable(np.zeros((18, 1, 2)), pool, np.zeros((1, 2)), session=np.arange(18) % 3)
+    score = np.random.default_rng(0).normal(size=len(table.log_likelihood)) + table.session
+    tables = resampled_tables(table, 6, 0)
+    units = units_of([np.array(score[one.pool.order].mean()) for one in tables], tables)
+    own = [score[table.pool.order][table.session[table.pool.order] == s].mean() for s in range(3)]
+    assert len(units) == 3
+    assert units.mean() == pytest.approx(np.mean(own))
+    assert units.std(ddof=1) == pytest.approx(np.std(own, ddof=1))

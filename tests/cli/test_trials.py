@@ -131,8 +131,8 @@ def test_intervals_are_over_taps_and_not_over_trials(files, command, tmp_path):
     np.testing.assert_allclose(kept["fresh_used_up"], played.used_up.mean(axis=0), atol=0.04)
     assert (kept["fresh_taps_low"] < kept["fresh_taps"]).all()
     assert (
-        "from 200 resamples of the test data (taps of each class drawn with replacement; for trials on fresh taps"
-        in words
+        "from 200 resamples of the test taps of each class, drawn with replacement; for trials on fresh taps without a "
+        "quarter of each class" in words
     )
     assert "not how another session would differ; the model stays." in words
     assert "too few test taps" in words
@@ -156,7 +156,7 @@ def test_sessions_are_drawn_where_several_test(command, make_taps, tmp_path):
         kept = xr.load_dataset(tmp_path / "out.nc")
         widths.append((kept["what_wrong_high"] - kept["what_wrong_low"]).item())
         for words in (
-            "(4 sessions, then taps of each class and session,",
+            "without one of the 4 test sessions in turn",
             "Each trial draws taps of all 4 test sessions, so what lasts within a session averages out",
         ):
             assert (words in " ".join(done.out.split())) == (len(widths) == 1)

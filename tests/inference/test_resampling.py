@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from scattered_taps import table_of
+from scipy.stats import norm, t
 from solidtouch.inference import resampling
 from solidtouch.inference.montecarlo import run_trials
 from solidtouch.inference.resampling import (
@@ -44,6 +45,15 @@ def test_an_interval_ends_where_the_quantity_does():
     assert high.tolist() == pytest.approx([60, 100])
 
 
+def test_an_interval_holds_whatever_else_the_estimate_might_have_been():
+    """Each end is where it would be about that value; what is not known leaves no interval."""
+    samples = with_estimate(60.0)
+    low, high = Spread(1.0).interval(samples)
+    assert Spread(1.0).interval(samples, endings=[np.array(50.0), np.array(61.0)]) == (low - 10, high + 1)
+    assert Spread(1.0).interval(samples, endings=[np.array(62.0), np.array(np.inf)]) == (low, np.inf)
+    assert np.isnan(Spread(1.0).interval(samples, endings=[np.array(np.nan)])).all()
+
+
 def test_few_undefined_resamples_are_left_out_and_many_leave_no_interval():
     """Up to one in twenty; without an estimate there is none either."""
     few, many = SAMPLES[1:].copy(), SAMPLES[1:].copy()
@@ -74,12 +84,14 @@ def test_deviations_are_enlarged_by_the_number_of_draws():
     assert taps_per_class(table.pool) == 4
     assert spread(table).taps == table.pool.count.sum()
     assert spread(table).factor == pytest.approx(np.sqrt(4 / 3))
-    sessions = table_of(session=lambda i: i % 3)
-    assert spread(sessions).factor == pytest.approx(np.sqrt(3 / 2))
+    sessions = table_of(count=np.full((3, 2), 6), session=lambda i: i % 3)
+    assert spread(sessions).factor == spread(sessions, thinned=True).factor == pytest.approx(np.sqrt(2))
+    assert spread(sessions).sessions == 3
+    assert spread(table).sessions == 1
     assert spread(table_of(session=lambda i: 0 * i + 5)).factor == pytest.approx(np.sqrt(4 / 3))
     outside = table_of(session=lambda i: np.where(i < 19, 0, i))
     assert spread(outside).factor == pytest.approx(np.sqrt(4 / 3))
-    assert spread(table, thinned=True).factor == spread(sessions, thinned=True).factor == pytest.approx(np.sqrt(3))
+    assert spread(table, thinned=True).factor == pytest.approx(np.sqrt(3))
     assert np.isnan(spread(table_of(count=np.eye(2, dtype=int)), thinned=True).factor)
     single = spread(table_of(count=np.eye(2, dtype=int)))
     assert np.isnan(single.factor)
@@ -97,9 +109,11 @@ def test_too_few_taps_are_said():
     assert too_few(9).startswith("There are too few test taps, 9")
     assert too_few(10) == too_few(10, 0.05) == ""
     assert too_few(10, 0.06).startswith("There are too few test taps: 6% of the decisions were made because the 10")
-    assert too_few(10, 0.06).endswith("high enough.")  # data sets, whose intervals know nothing of selections
-    assert too_few(10, 0.06, 0.5).endswith("high enough; intervals may be too wide.")
+    assert too_few(10, 0.06) == too_few(10, 0.06, 0.5)
     assert too_few(9, 0.0, 0.5) == too_few(9)
+    assert too_few(1, sessions=3).startswith("There are too few test sessions, 3, to know well")
+    assert too_few(1, 0.0, 0.5, sessions=4) == ""
+    assert too_few(1, 0.06, sessions=2) == too_few(1, 0.06)
     assert too_few(10, 0.05, 0.005) == ""
     assert "a quarter of them is left out, 0.6% of the decisions" in too_few(10, 0.05, 0.006)
 
@@ -124,7 +138,7 @@ def test_resamples_are_trials_on_selections_of_the_taps(fresh, pools):
         )
 
     first, *others = pools(table, 6, 4)
-    for name, values in kept.items():
+    for name, values in kept.samples.items():
         assert values.shape == (2, 1 + 3 * 6)
         np.testing.assert_array_equal(values[:, 0], alone(first, 60, 0)[name])
         for r, pool in enumerate(others):
@@ -138,8 +152,8 @@ def test_resamples_do_not_depend_on_workers_and_count_their_progress():
     told = []
     one = play_resamples(table_of(), (0.5,), means, **OPTIONS, workers=1, progress=told.append)
     several = play_resamples(table_of(), (0.5,), means, **OPTIONS, workers=3)
-    for name, values in one.items():
-        np.testing.assert_array_equal(values, several[name])
+    for name, values in one.samples.items():
+        np.testing.assert_array_equal(values, several.samples[name])
     assert told == [60, *[24] * 6]
     assert sum(told) == planned_trials(60, 6, 25)
     assert planned_trials(10) == 10 * (1 + RESAMPLES)
@@ -149,16 +163,28 @@ def test_resamples_do_not_depend_on_workers_and_count_their_progress():
 def test_models_differ_by_nothing_from_themselves():
     """In every resample; better ones do better in most of them."""
     weak, same, good = (
-        play_resamples(table_of(skill=skill), (0.5,), means, **OPTIONS)["right"][0] for skill in (0.5, 0.5, 3.0)
+        play_resamples(table_of(skill=skill), (0.5,), means, **OPTIONS).samples["right"][0] for skill in (0.5, 0.5, 3.0)
     )
     np.testing.assert_array_equal(weak, same)
     assert (good > weak).mean() > 0.7
 
 
+def test_trials_may_have_come_to_something_else():
+    """What the trials of the test taps would give then, and those of no selection."""
+
+    def earlier(trials, plan):
+        return trials._replace(taps=trials.taps - 1), trials._replace(what=plan.what[:, None] + 0 * trials.what)
+
+    kept = play_resamples(table_of(), (0.5, 0.9), means, **OPTIONS, endings=earlier)
+    np.testing.assert_array_equal(kept.endings[0]["taps"], kept.samples["taps"][:, 0] - 1)
+    np.testing.assert_array_equal(kept.endings[1]["right"], [1, 1])
+    assert play_resamples(table_of(), (0.5,), means, **OPTIONS).endings == ()
+
+
 def test_taps_may_be_drawn_again():
     """With `fresh` off no trial uses a class up."""
     fresh, again = (
-        play_resamples(table_of(), (1.0,), lambda t, _: {"used up": t.used_up.mean()}, **OPTIONS, fresh=value)
+        play_resamples(table_of(), (1.0,), lambda t, _: {"used up": t.used_up.mean()}, **OPTIONS, fresh=value).samples
         for value in (True, False)
     )
     assert min(fresh["used up"]) > 0.5
@@ -177,7 +203,7 @@ def test_the_sampling_of_trials_is_taken_out(noise):
     """What is left is enlarged; what the trials of the estimate scatter by is added."""
     rng = np.random.default_rng(1)
     samples = [layered(0.0, rng.normal(0, 1, 200), noise, rng) for _ in range(200)]
-    errors = Spread(3.0, noise=0.25).error(np.array(samples))
+    errors = Spread(3.0, noise=0.25).margin(np.array(samples), norm.sf(1))
     assert np.mean(errors) == pytest.approx(np.sqrt(9 + 0.25 * noise), rel=0.08)
 
 
@@ -203,7 +229,12 @@ def test_trials_that_vary_by_chance_alone_leave_the_chance_of_the_estimate():
     assert Spread(3.0, noise=0.25).interval(constant) == (2.0, 2.0)
     assert Spread(3.0, noise=0.25).whole(np.arange(7.0)).tolist() == [1, 2]
     assert Spread(3.0).whole(np.arange(7.0)).tolist() == [1, 2, 3, 4, 5, 6]
-    assert Spread(3.0).error(np.arange(7.0)) == pytest.approx(3 * np.arange(1, 7).std(ddof=1))
+    deviation = 3 * np.arange(1, 7).std(ddof=1)
+    assert Spread(3.0).margin(np.arange(7.0), 0.01) == pytest.approx(deviation * norm.isf(0.01))
+    assert Spread(3.0, freedom=5).margin(np.arange(7.0), 0.01) == pytest.approx(deviation * t.isf(0.01, 5))
+    assert Spread(3.0, freedom=5).interval(np.arange(7.0)) == pytest.approx(
+        deviation * t.isf(0.025, 5) * np.array([-1, 1])
+    )
 
 
 def test_the_noise_of_an_estimate_falls_with_its_trials():
