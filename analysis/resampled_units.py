@@ -48,7 +48,8 @@ def units_of(samples: Sequence[NDArray[np.float64]], tables: Sequence[TapTable])
         return first[np.newaxis]
     how = spread(tables[0])
     if how.sessions > 1:  # a unit for each session, from the resamples without it
-        drawn = np.array([drawn[s :: how.sessions].mean(axis=0) for s in range(min(how.sessions, len(drawn)))])
+        without = np.array([drawn[s :: how.sessions].mean(axis=0) for s in range(min(how.sessions, len(drawn)))])
+        return first + (how.sessions - 1) * (without.mean(axis=0) - without)
     return first + how.factor * np.sqrt(len(drawn)) * (drawn - drawn.mean(axis=0))
 
 

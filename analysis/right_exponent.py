@@ -3,10 +3,14 @@
 An exponent below 1 does not show that samples or taps depend on each other: tables of few training taps deserve less
 than full weight too, and sequences that draw stored taps again deserve a saturation. So both stand beside what data
 sets give in which the model is right: as many taps of each class and session, of independent samples, to which it is
-fitted and tuned anew. Taps from the fitted histograms themselves would be too easy to tell apart, as bins without a
-training sample never occur in them, so each data set has tables of its own, see `plausible`; other models draw taps
-from their point estimate. Where belief in the true class is 1 to machine precision at several exponents, the smallest
-is taken, so a right model need not give 1.
+fitted and tuned anew.
+
+For histograms these are the taps at hand, each sample (taxel and time) shuffled between the taps of its class. Where
+samples of a class are independent and sessions alike, shuffled taps are as probable as they were, whatever the
+histograms, so the test has its level by itself. Taps drawn from the fitted histograms would be too easy to tell apart:
+bins without a training sample never occur in them. Models that know of dependence, and others, have taps drawn from
+their point estimate. Where belief in the true class is 1 to machine precision at several exponents, the smallest is
+taken, so a right model need not give 1.
 The test has one side, below: neither exponent nor saturation can be tuned above what independence allows.
 """
 
@@ -23,10 +27,8 @@ from ..models.catalogue import FitSettings
 from ..models.errors import InputError
 from ..models.histogram import HistogramModel
 from ..models.model import TapModel
-from ..models.table import TableModel
 from ..models.taps import TapSet
 from ..models.threads import cores, in_order
-from .plausible_tables import PlausibleTables
 from .right_model import LEVEL, Beside, compare, drawn_set
 
 type Floats = NDArray[np.float64]
@@ -93,11 +95,11 @@ def simulate_tuned(
     simulations: int = SIMULATIONS,
     progress: Callable[[int], None] | None = None,
 ) -> Floats:
-    """What tuning finds in data sets drawn from a fitted model.
+    """What tuning finds in data sets in which a model is right.
 
     Args:
         model: The model; of its parameters the power and saturation do not count.
-        sets: The taps at hand, of which only classes and sessions matter.
+        sets: The taps at hand.
         tune: Fits and tunes on such sets; may raise `InputError`.
         count: C, how many numbers it returns.
         seed: Of all random numbers.
@@ -107,14 +109,12 @@ def simulate_tuned(
     Returns:
         What `tune` returns, shape (S, C); NaN where it could not.
     """
-    known = [taps.select(known) for taps in sets if (known := model.known(taps)).any()]
-    draw = plausible(model)
+    usable = [taps.select(known) for taps in sets if (known := model.known(taps)).any()]
 
     def one(number: int) -> Sequence[float] | None:
         generator = seeds.generator(seed, seeds.Purpose.RIGHT_EXPONENT, number)
-        right = draw(generator)
         try:
-            return tune([drawn_set(right, taps, generator) for taps in known])
+            return tune(right_sets(model, usable, generator))
         except InputError:
             return None
 
@@ -126,22 +126,30 @@ def simulate_tuned(
     return np.array([[np.nan] * count if row is None else row for row in found])
 
 
-def plausible(model: TapModel) -> Callable[[np.random.Generator], TapModel]:
-    """Draws models that could have made the training taps of a fitted one; of histograms, others are taken as they are.
+def right_sets(model: TapModel, sets: Sequence[TapSet], generator: np.random.Generator) -> list[TapSet]:
+    """As many taps of each class and session, of which a model is right.
 
-    See `plausible_tables`.
+    Args:
+        model: The model.
+        sets: Taps of trained classes.
+        generator: Of what is shuffled or drawn.
+
+    Returns:
+        For a histogram the same samples, shuffled between the taps of their class; in a model with states of an
+        episode, between those of their session. For others, taps drawn from the model.
     """
     if not isinstance(model, HistogramModel):
-        return lambda _: model
-    tables = PlausibleTables.of(model.counts[model.trained])
-    about = {name: getattr(model, name) for name in ("grid", "edges", "power", "preprocessing", "states", "saturation")}
-
-    def draw(generator: np.random.Generator) -> TapModel:
-        probabilities = np.zeros(model.counts.shape)
-        probabilities[model.trained] = tables.draw(generator)
-        return TableModel(probabilities=probabilities, **about)
-
-    return draw
+        return [drawn_set(model, taps, generator) for taps in sets]
+    taps = np.concatenate([one.taps for one in sets])
+    part = np.repeat(np.arange(len(sets)), [len(one) for one in sets])
+    group = np.concatenate([np.stack(one.indices(model.grid)) for one in sets], axis=1)
+    if len(model.states.gain) > 1:
+        group = np.stack([*group, part, np.concatenate([one.session for one in sets])])
+    number = np.unique(group, axis=1, return_inverse=True)[1]
+    for own in range(number.max() + 1):
+        members = np.flatnonzero(number == own)
+        taps[members] = generator.permuted(taps[members], axis=0)
+    return [TapSet(one.dataset.assign(taps=(one.dataset["taps"].dims, taps[part == i]))) for i, one in enumerate(sets)]
 
 
 def beside_right_model(

@@ -15,7 +15,7 @@ from solidtouch.analysis.right_exponent import (
     compare_below,
     learned_beside,
     outside,
-    plausible,
+    right_sets,
     simulate_tuned,
 )
 from solidtouch.analysis.right_model import Beside, drawn_set, drawn_taps
@@ -131,22 +131,6 @@ def test_remedies_are_tuned_anew_on_every_data_set():
         assert beside == compare_below(value, column)
 
 
-def test_bins_without_a_training_sample_occur():
-    """In data sets of a right model, as they do in fresh taps; so tables are not the fitted ones."""
-    train, tune = parts(0, n=1, right=model_of(5, 3))
-    model = fit_model("histogram", train, train.grid(), SETTINGS).model
-
-    def fresh(sets):
-        taps = sets[1]
-        where, what = taps.indices(model.grid)
-        bins = np.searchsorted(model.edges, taps.taps[..., 0], side="right") - 1
-        return [(model.counts[where[:, None], what[:, None], 0, np.minimum(bins, B - 1)] == 0).mean()]
-
-    expected = fresh([train, tune])[0]
-    assert expected > 0.1
-    assert simulate_tuned(model, [train, tune], fresh, 1, 0).mean() == pytest.approx(expected, abs=0.15)
-
-
 def test_without_tuned_exponents_nothing_is_simulated():
     train, tune = parts(0)
     made, _ = make_remedies(train, [tune], train.grid(), Setting(bins=B), CONTACTS, 0, lambda _: None)
@@ -156,7 +140,7 @@ def test_without_tuned_exponents_nothing_is_simulated():
 
 
 def test_simulations_repeat_with_the_seed():
-    """Data sets have as many taps of each class and session, of tables of their own; other classes are left out."""
+    """Data sets have as many taps of each class and session; other classes are left out."""
     train, tune = parts(0)
     model = fit_model("histogram", train, train.grid(), SETTINGS).model
     far = TapSet(tune.dataset.assign_coords(where=("tap", tune.where + 100, tune.dataset["where"].attrs)))
@@ -223,17 +207,31 @@ def test_words_say_whether_the_test_rejects():
     assert "on 1 training tap per class" in Tuned(low, None, 1, 19).sentence
 
 
-def test_plausible_models_have_the_trained_classes_only():
-    """Tables vary; other models than histograms are taken as they are."""
-    taps = draw_session(model_of(4, 3), N, 0)
-    dataset = taps.dataset.isel(tap=np.flatnonzero((taps.where != 1) | (taps.what != 2)))
-    model = fit_model("histogram", TapSet(dataset), taps.grid(), SETTINGS).model
-    draw, rng = plausible(model), np.random.default_rng(0)
-    one, other = draw(rng), draw(rng)
-    np.testing.assert_array_equal(one.trained, model.trained)
-    assert not np.isclose(one.probabilities[model.trained], other.probabilities[model.trained]).any()
-    profile = fit_model("profile", taps, taps.grid(), SETTINGS).model
-    assert plausible(profile)(rng) is profile
+@pytest.mark.parametrize("in_states", [False, True])
+def test_samples_are_shuffled_between_taps_of_a_class(in_states):
+    """Of each taxel and time alone; in a model with states within a session. Nothing else is touched."""
+    sets = [draw_session(model_of(3, 2, K=2), N, 0, session) for session in range(2)]
+    model = fit_model("session" if in_states else "histogram", concatenate(sets), sets[0].grid(), SETTINGS).model
+    shuffled = right_sets(model, sets, np.random.default_rng(0))
+    together = shuffled if in_states else [concatenate(shuffled)]
+    for before, after in zip(sets if in_states else [concatenate(sets)], together, strict=True):
+        cell = before.where * 10 + before.what
+        for c in np.unique(cell):
+            one, other = before.taps[cell == c], after.taps[cell == c]
+            np.testing.assert_array_equal(np.sort(one, axis=0), np.sort(other, axis=0))
+            assert not np.array_equal(one, other)
+            assert not (one[:, None] == other[None]).all(axis=(2, 3)).all()
+    for before, after in zip(sets, shuffled, strict=True):
+        assert before.dataset.drop_vars("taps").identical(after.dataset.drop_vars("taps"))
+    if not in_states:
+        assert not np.array_equal(np.sort(shuffled[0].taps, axis=0), np.sort(sets[0].taps, axis=0))
+
+
+def test_other_models_draw_taps_of_their_own():
+    sets = [draw_session(model_of(3, 2), N, 0)]
+    profile = fit_model("profile", sets[0], sets[0].grid(), SETTINGS).model
+    (drawn,) = right_sets(profile, sets, np.random.default_rng(0))
+    assert not np.isin(drawn.taps, sets[0].taps).any()
 
 
 def test_taps_of_a_session_are_in_one_state():
