@@ -4,11 +4,12 @@ import io
 import json
 import re
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from rich.console import Console
-from solidtouch.analysis import figure_sensitivity
+from solidtouch.analysis import figure_sensitivity, sensitivity_summary
 from solidtouch.analysis.headline import STORED_ONLY
 from solidtouch.analysis.open_choices import CHOICES, Choice, Option, Reading
 from solidtouch.analysis.open_effects import SUMS, Interval
@@ -93,6 +94,40 @@ def test_strong_options_are_found_and_named(summary):
     assert raw["active_where_error_low"] > 0
     assert none["active_taps_high"] < 0
     assert all(option["impossible_trials"] == 0 for key, option in options.items() if key[1] != "0")
+
+
+def test_impossible_taps_are_shares_of_all_data_sets(source, study):
+    """Without a pseudocount, the mean over the data sets of the share of taps with a bin that no training tap has."""
+    index = next(i for i, (choice, option) in enumerate(study.catalogue.options) if option.name == "0")
+    shares = []
+    for number in range(source.folds):
+        unit = source.load(number, 0.1)
+        model = fit(unit.train, source.grid, pseudocount=0.0)
+        where, what = unit.test.indices(source.grid)
+        own = model.log_likelihood(unit.test.taps)[np.arange(len(where)), where, what]
+        shares.append(np.isneginf(own).mean())
+    assert study.impossible[index] == pytest.approx(np.mean(shares))
+
+
+@pytest.mark.parametrize(("taps", "more"), [(0.5, " with more taps"), (-0.5, "")])
+def test_what_an_option_does_better_is_told_with_what_it_costs(taps, more):
+    """Of the last policy at its own reaction time, where that is longer; not at equal taps, nor of other policies."""
+
+    def by(value):
+        return Interval(value, value - 0.1, value + 0.1, value - 0.3, value + 0.3)
+
+    change = {(p, "what_error"): by(value) for p, value in (("passive", -1.0), ("active", -0.5))}
+    change |= {("active", "where_error"): by(-0.2), ("active", "taps"): by(taps)}
+    study = SimpleNamespace(scale=SimpleNamespace(policies=("passive", "active")))
+    found = SimpleNamespace(change=change, equal_taps={"active": by(-0.4)})
+    limit = {(p, q): 0.1 for p in ("passive", "active") for q in ("what_error", "where_error")}
+    better = sensitivity_summary._better(study, found, limit)
+    assert better["surely"] == [
+        "passive object error",
+        f"active object error{more}",
+        "active object error at equal taps",
+    ]
+    assert better["perhaps"] == [f"active position error{more}"]
 
 
 def test_definitions_of_the_position_error_change_nothing_else(study):

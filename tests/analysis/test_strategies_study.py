@@ -5,12 +5,13 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from solidtouch.analysis import figure_strategies
+from solidtouch.analysis import figure_strategies, strategies_summary
 from solidtouch.analysis.figure_strategies_trust import trust
 from solidtouch.analysis.headline import STORED_ONLY
 from solidtouch.analysis.report import render_page
 from solidtouch.analysis.resampled_units import RESAMPLES
 from solidtouch.analysis.stages import no_progress
+from solidtouch.analysis.strategies_curves import differences
 from solidtouch.analysis.strategies_data import (
     RIGHT,
     Bench,
@@ -90,6 +91,20 @@ def test_a_number_of_taps_is_that_number(summary):
     for points in summary["sources"][0]["powers"][0]["curves"][FIXED].values():
         assert [point["taps"] for point in points] == list(range(1, SETTINGS.deadline + 1))
         assert all(point["given_up"] == 0 for point in points)
+
+
+def test_intervals_of_stopping_rules_hold_for_all_of_them_together(monkeypatch, study):
+    """As many comparisons as there are rules beside the paper's, at each number of taps."""
+    asked = []
+
+    def counting(*words):
+        asked.append(words[-1])
+        return differences(*words)
+
+    monkeypatch.setattr(strategies_summary, "differences", counting)
+    played = study.played[0]
+    strategies_summary._rules(played)
+    assert asked == [(len(played.families) - 1) * len(strategies_summary.TAPS)] * len(played.families)
 
 
 def test_trust_is_read_after_the_same_taps(summary):

@@ -4,7 +4,7 @@ import re
 from pathlib import Path
 
 import pytest
-from solidtouch.hardware.rig_settings import IcubSettings, LineSettings, load_rig, parse_rig
+from solidtouch.hardware.rig_settings import EmulatorSettings, IcubSettings, LineSettings, load_rig, parse_rig
 from solidtouch.models.errors import InputError
 
 EXAMPLE = Path(__file__).parents[2] / "docs" / "examples" / "rig.toml"
@@ -46,6 +46,7 @@ def test_defaults_fill_what_the_file_does_not_say():
         rig.sensor.order,
     )
     assert rig.emulator is None
+    assert EmulatorSettings("socket").shared_clock
 
 
 def test_the_preprocessing_record_follows_from_the_tap():

@@ -23,6 +23,7 @@ SENT = [
     (Frame(0x4E0, bytes.fromhex("40F5F4F3F2F1F0EF")), b"t4E0840F5F4F3F2F1F0EF\r"),
     (Frame(0x20E, b"\x07\x00"), b"t20E20700\r"),
     (Frame(0x7FF, b""), b"t7FF0\r"),
+    (Frame(0, b""), b"t0000\r"),
     (Frame(0x1FFFFFFF, b"\xab", extended=True), b"T1FFFFFFF1AB\r"),
     (RemoteFrame(0x123, 8), b"r1238\r"),
     (RemoteFrame(0x00ABCDEF, 0, extended=True), b"R00ABCDEF0\r"),

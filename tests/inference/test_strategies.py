@@ -30,6 +30,7 @@ NAMED = {
     "passive": passive,
     "fixation": fixation(4),
     "fixation:0.45": fixation(4, 0.45),
+    "fixation:1": fixation(4, 1.0),
     "random": random_place(),
     "step": random_step(1),
     "step:3": random_step(3),
@@ -77,6 +78,7 @@ def test_compiled_trials_know_the_paper_and_nothing_else():
         "passive": 1.0,
         "fixation": 0.0,
         "fixation:0.45": 0.45,
+        "fixation:1": 1.0,
     }
     assert [name for name in NAMED if parse_strategy(name).aims] == ["fixation", "fixation:0.45"]
 

@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from solidtouch.analysis.conformance import run
 from solidtouch.analysis.conformance.answers import QUANTITIES, Answer
 from solidtouch.analysis.conformance.case import to_line
 from solidtouch.analysis.conformance.catalogue import catalogue, expected
@@ -28,6 +29,21 @@ def output(case, answers=None):
 def changed(case, tap, **values):
     """The right answers with other values at one tap."""
     return [replace(a, values={**a.values, **values}) if a.tap == tap else a for a in expected(case)]
+
+
+def test_a_line_is_plain_json():
+    """As short as can be, with names as they are written, and no number that JSON has not."""
+    assert to_line({"näme": [1.5, 2]}) == '{"näme":[1.5,2]}'
+    with pytest.raises(ValueError, match="not JSON compliant"):
+        to_line({"belief": float("nan")})
+
+
+@pytest.mark.parametrize("number", [1, 3])
+def test_a_program_that_is_started_once_has_the_time_of_all_cases(monkeypatch, number):
+    given = []
+    monkeypatch.setattr(run, "run_program", lambda _, __, seconds: given.append(seconds) or Ended("", ""))
+    check_program(["program"], [CASE, FIT, IMPOSSIBLE][:number], Asked(timeout=7.0), together=True)
+    assert given == [7.0 * number]
 
 
 @pytest.mark.parametrize("case", [CASE, FIT, IMPOSSIBLE], ids=lambda case: case.name)
