@@ -80,7 +80,7 @@ def test_compiled_trials_know_the_paper_and_nothing_else():
         "fixation:0.45": 0.45,
         "fixation:1": 1.0,
     }
-    assert [name for name in NAMED if parse_strategy(name).aims] == ["fixation", "fixation:0.45"]
+    assert [name for name in NAMED if parse_strategy(name).aims] == ["fixation", "fixation:0.45", "fixation:1"]
 
 
 @pytest.mark.parametrize(
