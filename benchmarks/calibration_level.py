@@ -45,7 +45,7 @@ LEVEL_BLOCK, POWER_BLOCK, LEARNED_BLOCK, RIG_BLOCK = BLOCKS = "level", "power", 
 RIGS = ("paper", "broken", "nodrift", "ideal")
 STATES = ("overconfident", "cautious")
 OBJECT, PROMISE = "one object outside", "promise exceeded"
-HEAD = ("J", "taps per class", "threshold", "power", "policy", *STATES, OBJECT, PROMISE)
+HEAD = ("J", "taps per class", "threshold", "power", "policy", *STATES, "either", OBJECT, PROMISE)
 _TAXELS = {1: 2, 5: 1}  # so that decisions take several taps
 _CONTACTS = 10  # after which exponents are learned
 
@@ -131,12 +131,12 @@ def drawn(
     return like._replace(log_likelihood=used.log_likelihood(taps))
 
 
-def learned(size: str, taps: int, policy: str, seed: int) -> str:
+def learned(size: str, samples: int, taps: int, theta: float, policy: str, seed: int) -> str:
     """What an audit calls the beliefs of a learned exponent in one data set."""
-    right = right_model(size, SAMPLES[-1])
+    right = right_model(size, samples)
     train, test = (draw_session(right, taps, derived_seed(seed, Purpose.REPEAT, i), 0) for i in range(2))
     model = replace(right, power=best_power(right, [train], _CONTACTS, seed).power)
-    setting = Setting(threshold=THETAS[0], border="clamp", passive=policy == "passive")
+    setting = Setting(threshold=theta, border="clamp", passive=policy == "passive")
     return calibration(judge(model, tap_table(model, test), model.grid, setting, policy, TRIALS, seed))
 
 
@@ -151,7 +151,7 @@ def on_rig(name: str, policy: str, seed: int) -> str:
 def shares(found: Counter[str], M: int) -> list[str]:
     """How often each verdict was given, and where known how often an object's factor and a promise was rejected."""
     of = sum(n for name, n in found.items() if name not in (OBJECT, PROMISE))
-    told = [share_interval(found[state], of) for state in STATES]
+    told = [share_interval(sum(found[state] for state in some), of) for some in (STATES[:1], STATES[1:], STATES)]
     return (
         [*told, share_interval(found[OBJECT], of * M), share_interval(found[PROMISE], of)] if PROMISE in found else told
     )
@@ -189,10 +189,11 @@ def main() -> None:
             for (policy, theta), counts in found.items():
                 row = [design.size, design.samples, design.taps, theta, design.power, policy]
                 note(POWER_BLOCK if design.planted else LEVEL_BLOCK, row, counts)
-        for size, taps, policy in product(options.sizes if options.learned else (), TAPS, POLICIES):
-            seeds = range(options.seed, options.seed + options.learned)
-            found = Counter(pool.map(partial(learned, size, taps, policy), seeds, chunksize=4))
-            note(LEARNED_BLOCK, [size, SAMPLES[-1], taps, THETAS[0], "learned", policy], found)
+        rows = product(options.sizes if options.learned else (), SAMPLES, TAPS, THETAS, POLICIES)
+        for size, samples, taps, theta, policy in rows:
+            seeds = [derived_seed(options.seed, Purpose.STUDY, number) for number in range(options.learned)]
+            found = Counter(pool.map(partial(learned, size, samples, taps, theta, policy), seeds, chunksize=4))
+            note(LEARNED_BLOCK, [size, samples, taps, theta, "learned", policy], found)
         for name, policy in product(RIGS if options.rigs else (), POLICIES):
             seeds = [data_set_seed(options.seed, number) for number in range(options.rigs)]
             found = Counter(pool.map(partial(on_rig, name, policy), seeds, chunksize=4))

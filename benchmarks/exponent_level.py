@@ -135,7 +135,7 @@ def main() -> None:
     with processes() as pool:
         for design in designs(options.sizes, options.taps):
             number = options.planted if design.planted else options.data_sets
-            seeds = range(options.seed, options.seed + number)
+            seeds = [derived_seed(options.seed, Purpose.STUDY, n) for n in range(number)]
             found = np.array(list(pool.map(partial(lower, design, options.fixed), seeds, chunksize=2)))
             block = POWER_BLOCK if design.planted else LEVEL_BLOCK
             row = [*map(str, design[:-1]), str(number)]

@@ -6,7 +6,8 @@ counts only if the same test passes without the error. Slow tests are left out, 
 
 Errors come in an order that a hash of their text decides, the kinds in turn, so an edit elsewhere does not change what
 is sampled. Results are kept in a file with a line per error: a run that was stopped continues, and one with a larger
-`--number` adds to it. Survivors that change nothing a test could see are listed with the reason in `equivalent.toml`.
+`--number` adds to it. Survivors that no fast test can notice, most of which change nothing, are listed with the reason
+in `explained.toml`.
 """
 
 import argparse
@@ -267,32 +268,32 @@ def judge_all(chosen: Iterable[Mutant], results: Path, workers: int, limit_s: fl
             raise
 
 
-def report(rows: list[dict[str, Any]], equivalent: dict[str, str]) -> str:
+def report(rows: list[dict[str, Any]], explained: dict[str, str]) -> str:
     """How many were caught, by package, and every survivor.
 
     Args:
         rows: The last result of each error; `first` is the outcome when it was planted for the first time.
-        equivalent: Why errors change nothing, by their key.
+        explained: Why no fast test can notice errors, by their key.
     """
     alive = [row for row in rows if row["outcome"] != "caught"]
     lines = []
     for package in (*PACKAGES, "all"):
         of = [row for row in rows if package in ("all", row["module"].partition("/")[0])]
-        tally = Counter("equivalent" if row["key"] in equivalent else row["outcome"] for row in of)
-        due = len(of) - tally["equivalent"]
-        words = [str(tally[name]) for name in ("caught", "time-out", "equivalent", "survived")]
-        at_first = sum(row["first"] == "caught" for row in of if row["key"] not in equivalent)
+        tally = Counter("explained" if row["key"] in explained else row["outcome"] for row in of)
+        due = len(of) - tally["explained"]
+        words = [str(tally[name]) for name in ("caught", "time-out", "explained", "survived")]
+        at_first = sum(row["first"] == "caught" for row in of if row["key"] not in explained)
         shares = [share_interval(caught, due) if due else "-" for caught in (at_first, tally["caught"])]
         lines.append([package, str(len(of)), *words, *shares])
-    head = ["package", "errors", "caught", "time-out", "equivalent", "survived", "caught at first", "caught now"]
+    head = ["package", "errors", "caught", "time-out", "explained", "survived", "caught at first", "caught now"]
     survivors = [
-        [f"`{row['module']}`", f"`{row['scope']}`", _change(row), equivalent.get(row["key"], row["outcome"])]
+        [f"`{row['module']}`", f"`{row['scope']}`", _change(row), explained.get(row["key"], row["outcome"])]
         for row in sorted(alive, key=lambda row: (row["module"], row["line"]))
     ]
     return (
         table(head, lines)
         + "\n\n"
-        + table(["file", "in", "error", "why it is equivalent, or what came of it"], survivors)
+        + table(["file", "in", "error", "why no fast test notices it, or what came of it"], survivors)
     )
 
 
@@ -326,14 +327,14 @@ def main() -> None:
     signal.signal(signal.SIGTERM, signal.default_int_handler)
     check_block(options.document, "mutants")
     options.results.parent.mkdir(parents=True, exist_ok=True)
-    with (ROOT / "benchmarks" / "equivalent.toml").open("rb") as file:
-        equivalent = tomllib.load(file)
+    with (ROOT / "benchmarks" / "explained.toml").open("rb") as file:
+        explained = tomllib.load(file)
     chosen, known = sample(options.number, options.only), _known(options.results)
-    again = {key for key, row in known.items() if options.retry and row["outcome"] != "caught"} - set(equivalent)
+    again = {key for key, row in known.items() if options.retry and row["outcome"] != "caught"} - set(explained)
     todo = [mutant for mutant in chosen if mutant.key not in known or mutant.key in again]
     judge_all(todo, options.results, options.workers, options.limit)
     known = _known(options.results)
-    text = report([known[m.key] | {"line": m.line} for m in chosen], equivalent)
+    text = report([known[m.key] | {"line": m.line} for m in chosen], explained)
     print(text)
     if options.document:
         write_block(options.document, "mutants", text)
