@@ -56,6 +56,7 @@ interval-studies: $(VENV)/.ready-run
 results: $(VENV)/.ready-run
 	@$(PY) benchmarks/results.py --document docs/results.md $(if $(RECORDED),--recorded "$(RECORDED)")
 	@$(PY) benchmarks/comparison.py --document docs/comparison.md $(if $(RECORDED),--recorded "$(RECORDED)")
+	@$(PY) benchmarks/holes.py --document docs/results.md $(if $(RECORDED),--recorded "$(RECORDED)")
 
 reference-studies: $(VENV)/.ready-run
 	@$(PY) benchmarks/chain.py --document docs/calibration.md
