@@ -130,6 +130,11 @@ def test_intervals_are_over_taps_and_not_over_trials(files, command, tmp_path):
     np.testing.assert_allclose(kept["fresh_taps"], played.taps.mean(axis=0), rtol=0.1)
     np.testing.assert_allclose(kept["fresh_used_up"], played.used_up.mean(axis=0), atol=0.04)
     assert (kept["fresh_taps_low"] < kept["fresh_taps"]).all()
+    wrong = played.what != plan.what[:, None]  # what trials would come to that ran out of taps is in the interval
+    assert (kept["fresh_what_wrong_low"] <= (wrong & ~played.used_up).mean(axis=0) + 0.02).all()
+    assert (kept["fresh_what_wrong_high"] >= (wrong | played.used_up).mean(axis=0) - 0.02).all()
+    assert (kept["fresh_taps_high"] >= np.where(played.used_up, 30, played.taps).mean(axis=0) - 0.5).all()
+    assert (kept["what_wrong_high"] - kept["what_wrong_low"] < 0.5).all()
     assert (
         "from 200 resamples of the test taps of each class, drawn with replacement; for trials on fresh taps without a "
         "quarter of each class" in words

@@ -47,6 +47,8 @@ def test_defaults_fill_what_the_file_does_not_say():
     )
     assert rig.emulator is None
     assert EmulatorSettings("socket").shared_clock
+    with pytest.raises(AttributeError, match="immutable"):
+        EmulatorSettings("socket").control = "another"
 
 
 def test_the_preprocessing_record_follows_from_the_tap():
