@@ -122,9 +122,9 @@ def scores(L: int, M: int, taps: int, seed: int) -> dict[str, Seen]:
     for n in data["contacts"].values:
         at = data.sel(contacts=n)
         for name, words in (("accuracy_what", "accuracy"), ("log_score_what", "log score")):
-            found[f"{words} after {n} taps"] = seen(at.sel(model="noisy"), name)
+            found[f"{words} after {n} tap{'s' * (n > 1)}"] = seen(at.sel(model="noisy"), name)
             for model, other in (("noisy too", EQUAL), ("remedied", "a remedy and none")):
-                found[f"difference of {words} after {n} taps, {other}"] = seen(
+                found[f"difference of {words} after {n} tap{'s' * (n > 1)}, {other}"] = seen(
                     at.sel(model=model), f"{name}_difference"
                 )
     return found
