@@ -69,6 +69,7 @@ def play_models(
     deadline: int = DEADLINE,
     theta_x: float = 0.0,
     resamples: int = RESAMPLES,
+    only: str | None = None,
     progress: Callable[[int], None] | None = None,
 ) -> xr.Dataset:
     """Means over the same trials on the test taps, and over the same trials on resamples of them, for every model.
@@ -84,6 +85,7 @@ def play_models(
         deadline: Taps after which the most probable classes are taken.
         theta_x: Threshold for a move of the active policy.
         resamples: How many.
+        only: The policy to play; `None` for all of `policies`.
         progress: Called with the number of trials finished since the last call, see `planned`.
 
     Returns:
@@ -100,10 +102,11 @@ def play_models(
     if resamples < 1:
         raise InputError(f"Intervals need at least one resample, got {resamples}.")
     thresholds = np.sort(np.atleast_1d(np.asarray(thresholds, dtype=np.float64)))
-    shape = len(tables), len(policies(grid)), len(MEANS), len(thresholds)
+    played = policies(grid) if only is None else (only,)
+    shape = len(tables), len(played), len(MEANS), len(thresholds)
     means, ends = np.empty((*shape, 1 + 3 * resamples)), np.empty((len(ENDINGS), *shape))
     for i, table in enumerate(tables.values()):
-        for j, policy in enumerate(policies(grid)):
+        for j, policy in enumerate(played):
             kept = play_resamples(
                 table,
                 thresholds,
@@ -136,7 +139,7 @@ def play_models(
         },
         {
             "model": np.array(list(tables), dtype=np.str_),
-            "policy": np.array(policies(grid), dtype=np.str_),
+            "policy": np.array(played, dtype=np.str_),
             "theta": thresholds,
         },
         {

@@ -136,7 +136,7 @@ def measure(
         advance(1)
     policy = "active" if can_act(base.grid) and not base.setting.passive else "passive"
     alike = {remedy.name: tables[remedy.name] for remedy in remedies if remedy.grid is base.grid}
-    played = _play(alike, base.grid, base.setting, trials, seed)
+    played = _play(alike, base.grid, base.setting, policy, trials, seed)
     time = float(played["taps"].sel(model=base.name, policy=policy, theta=base.setting.threshold)[0])
     at_time = at_equal_taps(played, [time]).sel(policy=policy).isel(taps=0)
     scores, own = [], {}
@@ -145,7 +145,7 @@ def measure(
         if remedy.grid is base.grid:
             errors = at_time.sel(model=remedy.name)
         else:
-            finer = _play({remedy.name: table}, remedy.grid, remedy.setting, trials, seed)
+            finer = _play({remedy.name: table}, remedy.grid, remedy.setting, policy, trials, seed)
             errors = _against(at_time.sel(model=base.name), finer, policy, time)
         log_beliefs = partial(_log_beliefs, grid=base.grid, taps=shared, n=n, seed=seed, pool_of=table)
         if not own or remedy.grid is not base.grid:
@@ -219,7 +219,9 @@ def _known_to_all(remedies: Sequence[Remedy], taps: TapSet) -> TapSet:
     return taps.select(known)
 
 
-def _play(tables: Mapping[str, TapTable], grid: ClassGrid, setting: Setting, trials: int, seed: int) -> xr.Dataset:
+def _play(
+    tables: Mapping[str, TapTable], grid: ClassGrid, setting: Setting, policy: str, trials: int, seed: int
+) -> xr.Dataset:
     return play_models(
         tables,
         grid,
@@ -231,6 +233,7 @@ def _play(tables: Mapping[str, TapTable], grid: ClassGrid, setting: Setting, tri
         deadline=setting.deadline,
         theta_x=setting.theta_x,
         resamples=_RESAMPLES,
+        only=policy,
     )
 
 
