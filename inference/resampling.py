@@ -109,7 +109,7 @@ class Spread(NamedTuple):
         enough = ~np.isnan(estimate) & (defined.sum(axis=-1) >= max(1.0, _DEFINED * drawn.shape[-1]))
         center, variance = _moments(drawn)
         factor, freedom = self._factor(samples, variance)
-        margin = factor * np.sqrt(variance) * stdtrit(freedom, 0.5 + CONFIDENCE / 2)
+        margin = self.margin(samples, (1 - CONFIDENCE) / 2)
         factor = factor * _beyond_normal(freedom)
         ordered = np.sort(drawn, axis=-1)  # NaN last
         last = np.maximum(defined.sum(axis=-1) - 1, 0)

@@ -57,16 +57,16 @@ def test_only_trials_that_were_cut_short_might_end_otherwise(theta_x):
 
 
 def test_trials_on_more_taps_lie_between_the_endings():
-    """The trials that were cut short at four taps of a class, on forty: means of any of them are within."""
-    few = table_of(count=np.full((3, 2), 4))
-    rng = np.random.default_rng(5)
-    more = np.concatenate([np.arange(len(few.log_likelihood)), rng.integers(len(few.log_likelihood), size=600)])
+    """Forty taps of a class, of which trials that are cut short know the first four: means lie within."""
+    many = table_of(count=np.full((3, 2), 40))
+    few = many._replace(pool=many.pool._replace(count=np.full((3, 2), 4)))
     plan = plan_trials(few.pool, 2000, 1, 1)
-    trials = run_trials(few, plan, (0.9,), theta_x=1.0, deadline=DEADLINE, seed=1, fresh=True)
-    again = run_trials(few, plan, (0.9,), theta_x=1.0, deadline=DEADLINE, seed=1)
-    assert more.size
+    options = {"theta_x": 1.0, "deadline": DEADLINE, "seed": 1, "fresh": True}
+    trials, further = (run_trials(table, plan, (0.9,), **options) for table in (few, many))
+    assert trials.used_up.mean() > 0.2
+    assert not further.used_up.any()
     best, worst = endings(trials, plan, DEADLINE, Farthest.among(3, 2))
-    wrong = [(one.what[:, 0] != plan.what).mean() for one in (best, again, worst)]
-    taps = [one.taps.mean() for one in (best, again, worst)]
+    wrong = [(one.what[:, 0] != plan.what).mean() for one in (best, further, worst)]
+    taps = [one.taps.mean() for one in (best, further, worst)]
     assert wrong == sorted(wrong)
     assert taps == sorted(taps)
