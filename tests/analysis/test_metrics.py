@@ -16,6 +16,7 @@ from solidtouch.analysis.metrics import (
     over_places,
     with_noise,
 )
+from solidtouch.inference.cut_short import ENDINGS
 from solidtouch.inference.montecarlo import Trials
 from solidtouch.inference.resampling import Spread
 from solidtouch.inference.trial_plan import TrialPlan
@@ -197,6 +198,22 @@ def test_several_data_sets_have_t_intervals_between_them(dataset):
         [result[name][0] for name in ("taps", "taps_low", "taps_high")], 2.4 + half * np.array([0, -1, 1])
     )
     assert float(over_places(three)["taps"][0]) == pytest.approx(4.2)
+
+
+def with_endings(data, best, worst):
+    """The same data, whose reaction times might have been shorter or longer by so much."""
+    return data.assign({f"taps{end}": data["taps"] + by for end, by in zip(ENDINGS, (best, worst), strict=True)})
+
+
+def test_intervals_hold_what_trials_cut_short_might_have_come_to(dataset, resampled):
+    """Of one data set by its resamples, of several between them; each end about the ending on its side."""
+    several = xr.concat([scaled(dataset, factor) for factor in (4, 5, 6)], "data_set")
+    for data, spread in ((resampled, Spread(1.0)), (several, Spread(1.0))):
+        plain, wide = (by_place(one, spread) for one in (data, with_endings(data, 0.0, 7.0)))
+        xr.testing.assert_allclose(wide.taps_low, plain.taps_low)
+        xr.testing.assert_allclose(wide.taps_high, plain.taps_high + 7)
+        xr.testing.assert_allclose(by_place(with_endings(data, -0.5, 0.0), spread).taps_high, plain.taps_high)
+        xr.testing.assert_equal(wide.what_error_low, plain.what_error_low)
 
 
 def test_intervals_keep_to_what_is_possible(dataset):
