@@ -108,6 +108,7 @@ def summarise(audit: Audit, settings: AuditSettings, about: Mapping[str, Any]) -
                 "evidence": {
                     "taps": measured.n,
                     "reaction_time": measured.taps,
+                    "compared_at": measured.theta,
                     "policy": measured.policy,
                     "unit": unit,
                     "as_it_is": _scored(measured.scores[0], audit),

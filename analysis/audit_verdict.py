@@ -183,7 +183,7 @@ def verdict(cause: Cause, measured: Measured, theta: float, titles: Mapping[str,
     name = recommended(measured)
     scores = {score.name: score for score in measured.scores}
     if name is not None:
-        sentences.append(_remedy_sentence(scores[name], measured, titles[name], unit))
+        sentences.append(_remedy_sentence(scores[name], measured, theta, titles[name], unit))
     elif state == "overconfident":
         sentences.append(
             "None of the remedies surely helps on these taps; the table of remedies says by how much each may."
@@ -227,7 +227,7 @@ def _times(factor: float) -> str:
     return f"{factor:.2g}" if factor < _MUCH else f"more than {_MUCH:.0f}"
 
 
-def _remedy_sentence(score: Scored, measured: Measured, title: str, unit: str) -> str:
+def _remedy_sentence(score: Scored, measured: Measured, theta: float, title: str, unit: str) -> str:
     gain, low, high = score.gain or (np.nan,) * 3
     n = measured.n
     near = [
@@ -242,9 +242,10 @@ def _remedy_sentence(score: Scored, measured: Measured, title: str, unit: str) -
     )
     if score.error_change is not None and score.error is not None:
         change, c_low, c_high = score.error_change
+        lower = "" if measured.theta == theta else f" at threshold {measured.theta:g}, where the test taps suffice"
         told += (
-            f"; at the {measured.taps:.1f} taps that decisions take as it is, the error changes by {change:+.2g} "
-            f"{unit} ({c_low:+.2g} to {c_high:+.2g}) to {score.error[0]:.3g}"
+            f"; at the {measured.taps:.1f} taps that decisions take as it is{lower}, the error changes by "
+            f"{change:+.2g} {unit} ({c_low:+.2g} to {c_high:+.2g}) to {score.error[0]:.3g}"
         )
     if score.taps is not None and score.factor[0] is not None:
         told += f"; at the same threshold it takes {score.taps:.1f} taps, with a factor of {_times(score.factor[0])}"

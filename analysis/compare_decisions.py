@@ -70,6 +70,7 @@ def play_models(
     theta_x: float = 0.0,
     resamples: int = RESAMPLES,
     only: str | None = None,
+    highest: Mapping[str, float] | None = None,
     progress: Callable[[int], None] | None = None,
 ) -> xr.Dataset:
     """Means over the same trials on the test taps, and over the same trials on resamples of them, for every model.
@@ -86,6 +87,7 @@ def play_models(
         theta_x: Threshold for a move of the active policy.
         resamples: How many.
         only: The policy to play; `None` for all of `policies`.
+        highest: The highest threshold that a model is played to, by its name; beyond are NaN. `None` for all.
         progress: Called with the number of trials finished since the last call, see `planned`.
 
     Returns:
@@ -104,12 +106,13 @@ def play_models(
     thresholds = np.sort(np.atleast_1d(np.asarray(thresholds, dtype=np.float64)))
     played = policies(grid) if only is None else (only,)
     shape = len(tables), len(played), len(MEANS), len(thresholds)
-    means, ends = np.empty((*shape, 1 + 3 * resamples)), np.empty((len(ENDINGS), *shape))
-    for i, table in enumerate(tables.values()):
+    means, ends = np.full((*shape, 1 + 3 * resamples), np.nan), np.full((len(ENDINGS), *shape), np.nan)
+    for i, (model, table) in enumerate(tables.items()):
+        some = thresholds[thresholds <= (np.inf if highest is None else highest[model])]
         for j, policy in enumerate(played):
             kept = play_resamples(
                 table,
-                thresholds,
+                some,
                 partial(_means, grid),
                 trials=trials,
                 theta_x=theta_x if policy == "active" else 1.0,
@@ -121,8 +124,8 @@ def play_models(
                 progress=progress,
                 endings=partial(endings, deadline=deadline, farthest=Farthest.on(grid)),
             )
-            means[i, j] = np.stack([kept.samples[name] for name in MEANS])
-            ends[:, i, j] = [[ending[name] for name in MEANS] for ending in kept.endings]
+            means[i, j, :, : len(some)] = [kept.samples[name] for name in MEANS]
+            ends[:, i, j, :, : len(some)] = [[ending[name] for name in MEANS] for ending in kept.endings]
     dims = ("model", "policy", "theta", "resample")
     units = {"what_error": grid.what_error_unit, "where_error": grid.where_unit, "taps": "taps"}
     table = next(iter(tables.values()))
@@ -346,7 +349,9 @@ def _reached(times: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[n
         Each of shape (model, policy); where the fastest is the slower there is no such time.
     """
     tail = (1 - CONFIDENCE) / 2
-    return np.quantile(times.min(axis=2), 1 - tail, axis=-1), np.quantile(times.max(axis=2), tail, axis=-1)
+    return np.quantile(np.nanmin(times, axis=2), 1 - tail, axis=-1), np.quantile(
+        np.nanmax(times, axis=2), tail, axis=-1
+    )
 
 
 def _round_times(fastest: NDArray[np.float64], slowest: NDArray[np.float64], base: int) -> NDArray[np.float64]:
@@ -371,5 +376,6 @@ def _interpolated(
     result = np.full((*times.shape[:-1], len(points)), np.nan)
     for index in np.ndindex(times.shape[:-1]):
         # A trial decides later at a higher threshold, so times increase, and where they do not all decisions agree.
-        result[index] = np.interp(points, times[index], errors[index], left=np.nan, right=np.nan)
+        played = ~np.isnan(times[index])
+        result[index] = np.interp(points, times[index][played], errors[index][played], left=np.nan, right=np.nan)
     return result

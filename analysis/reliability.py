@@ -29,6 +29,7 @@ from ..inference.montecarlo import Trials, run_trials
 from ..inference.reference import Border
 from ..inference.resampling import (
     CONFIDENCE,
+    RESAMPLE_TRIALS,
     RESAMPLES,
     Spread,
     no_endings,
@@ -42,6 +43,7 @@ from ..inference.resampling import (
 from ..inference.selections import sessions_drawn
 from ..inference.trial_plan import TapTable, TrialPlan, plan_trials
 from ..models.classes import ClassGrid
+from ..models.compiled import compiled
 from ..models.errors import InputError
 from .compare_decisions import policies
 from .metrics import confusion
@@ -133,6 +135,7 @@ def reliability(
     fixation: int | None = None,
     theta_x: float = 0.0,
     resamples: int = RESAMPLES,
+    resample_trials: int = RESAMPLE_TRIALS,
     only: str | None = None,
 ) -> xr.Dataset:
     """How the belief in decisions compares with how often they are right.
@@ -149,6 +152,7 @@ def reliability(
         fixation: Where class that active trials aim for; `None` for the middle.
         theta_x: Threshold for a move of active trials.
         resamples: Of the test taps, for the intervals.
+        resample_trials: On each of them.
         only: The policy to play; `None` for passive, and active where the finger can move.
 
     Returns:
@@ -173,6 +177,7 @@ def reliability(
     aim = check_fixation(fixation, grid.L) if grid.M > 1 else 0
     plan = plan_trials(subject.table.pool, trials, seed, aim)
     options = {"trials": trials, "fixation": aim, "border": border, "seed": seed, "resamples": resamples}
+    how = spread(subject.table, noise=trial_noise(trials, resample_trials), thinned=True)
     far = Farthest.among(*subject.table.pool.nearest.shape)
     settings: list[tuple[str, float, int]] = []
     rows: list[dict[str, NDArray[Any]]] = []
@@ -185,12 +190,15 @@ def reliability(
             played = play(subject.table, plan, theta, moves, border=border, deadline=most, seed=seed, fresh=True)
             if fixed:
                 played = [one._replace(stopped=np.ones(trials, dtype=bool)) for one in played]
-            edges = [[_edges(one, counted, len(subject.names)) for counted in (True, False)] for one in played]
+            edges = np.array(
+                [[_edges(one, counted, len(subject.names)) for counted in (True, False)] for one in played]
+            )
             ends = no_endings if fixed else partial(endings, deadline=most, farthest=far)
             kept = play_resamples(
                 subject.table,
                 theta,
                 partial(_sums, edges, fixed),
+                resample_trials=resample_trials,
                 theta_x=moves,
                 deadline=most,
                 endings=ends,
@@ -199,9 +207,8 @@ def reliability(
             for h, decisions in enumerate(played):
                 settings.append((policy, float("nan") if fixed else float(theta[h]), most if fixed else 0))
                 one = Sums(**{name: values[h] for name, values in kept.samples.items()})
-                rows.append(
-                    _described(decisions, one, [end["sums"][h] for end in kept.endings], settings[-1][1], subject)
-                )
+                ends_of = [end["sums"][h] for end in kept.endings]
+                rows.append(_described(decisions, one, ends_of, settings[-1][1], subject, how))
     return _dataset(settings, rows, subject, {"trials": trials, "seed": seed, "deadline": deadline, "border": border})
 
 
@@ -338,36 +345,57 @@ def _turned(values: NDArray[np.float64]) -> NDArray[np.float64]:
     return np.ascontiguousarray(values.swapaxes(1, 2)).reshape(len(values), 1, -1)
 
 
-def _edges(decisions: Decisions, stopped_only: bool, M: int) -> list[NDArray[np.float64]]:
-    """Lower ends of the bins of belief, for all objects and each."""
+def _edges(decisions: Decisions, stopped_only: bool, M: int) -> NDArray[np.float64]:
+    """Lower ends of the bins of belief, for all objects and each, infinite behind the last; shape (1 + M, BINS)."""
     counted = decisions.stopped if stopped_only else np.ones(len(decisions.true), dtype=bool)
-    groups = (counted, *(counted & (decisions.true == m) for m in range(M)))
-    return [bin_edges(decisions.belief[group]) for group in groups]
+    ends = np.full((1 + M, BINS), np.inf)
+    for g, group in enumerate((counted, *(counted & (decisions.true == m) for m in range(M)))):
+        own = bin_edges(decisions.belief[group])
+        ends[g, : len(own)] = own
+    return ends
 
 
-def _sums(
-    edges: Sequence[Sequence[Sequence[NDArray[np.float64]]]], fixed: bool, trials: Trials, plan: TrialPlan
-) -> dict[str, NDArray[np.float64]]:
-    """`Sums` of trials; those of a fixed number of taps all count as stopped."""
-    M = len(edges[0][0]) - 1
-    sums, curve = np.zeros((len(edges), 2, M, 1 + len(MEANS))), np.zeros((len(edges), 2, 1 + M, BINS, 3))
+def _sums(edges: NDArray[np.float64], fixed: bool, trials: Trials, plan: TrialPlan) -> dict[str, NDArray[np.float64]]:
+    """`Sums` of trials by bins (H, 2, 1 + M, BINS); those of a fixed number of taps all count as stopped."""
+    H, _, groups, _ = edges.shape
+    sums, curve = np.zeros((H, 2, groups - 1, 1 + len(MEANS))), np.zeros((H, 2, groups, BINS, 3))
     for h, decisions in enumerate(decisions_of(trials, plan)):
-        values = np.stack([np.ones(len(decisions.true)), *_values(decisions).values()])
-        for c, counted in enumerate((np.ones_like(decisions.stopped) if fixed else decisions.stopped, slice(None))):
-            true, own = decisions.true[counted], values[:, counted]
-            sums[h, c] = np.stack([np.bincount(true, row, M) for row in own], axis=-1)
-            for g in range(1 + M):
-                group = slice(None) if g == 0 else true == g - 1
-                ends = edges[h][c][g]
-                if len(ends):
-                    belief = decisions.belief[counted][group]
-                    place = np.maximum(np.searchsorted(ends, belief, side="right") - 1, 0)
-                    curve[h, c, g] = np.stack([np.bincount(place, row[group], BINS) for row in own[:3]], axis=-1)
+        every = np.ones(len(decisions.true))
+        values = np.stack([every, *_values(decisions).values()], axis=1)
+        for c, counted in enumerate((fixed | decisions.stopped, every > 0)):
+            _add(values, decisions.true, counted, decisions.belief, edges[h, c], sums[h, c], curve[h, c])
     return {"sums": sums, "curve": curve, "used_up": trials.used_up.mean(axis=0)}
 
 
+@compiled
+def _add(
+    values: NDArray[np.float64],
+    true: NDArray[np.intp],
+    counted: NDArray[np.bool_],
+    belief: NDArray[np.float64],
+    ends: NDArray[np.float64],
+    sums: NDArray[np.float64],
+    curve: NDArray[np.float64],
+) -> None:
+    """Adds up values (n, 6) by what is true and, the first three, by bin of belief; groups without a bin have none."""
+    for i in range(len(true)):
+        if counted[i]:
+            for v in range(sums.shape[1]):
+                sums[true[i], v] += values[i, v]
+            for g in (0, 1 + true[i]):
+                if ends[g, 0] < np.inf:
+                    place = max(np.searchsorted(ends[g], belief[i], side="right") - 1, 0)
+                    for v in range(3):
+                        curve[g, place, v] += values[i, v]
+
+
 def _described(
-    decisions: Decisions, joined: Sums, ends: Sequence[NDArray[np.float64]], theta: float, subject: Subject
+    decisions: Decisions,
+    joined: Sums,
+    ends: Sequence[NDArray[np.float64]],
+    theta: float,
+    subject: Subject,
+    how: Spread,
 ) -> dict[str, NDArray[Any]]:
     """Everything about the decisions of one setting, arrays over (counted, what, ...).
 
@@ -377,10 +405,9 @@ def _described(
         ends: What the sums of the former might have been besides, each of shape (2, M, 6).
         theta: The threshold.
         subject: What decisions are about.
+        how: How resamples turn into intervals.
     """
     pool, M, everyone = subject.table.pool, len(subject.names), np.ones(len(decisions.true), dtype=bool)
-    used_up, noise = float(joined.used_up[0]), trial_noise(len(decisions.true))
-    how = spread(subject.table, noise=noise, thinned=True)
     samples, size = _ratios(joined.sums, theta)
     might_be = [_ratios(end, theta)[0] for end in ends]
     with np.errstate(divide="ignore", invalid="ignore"):
@@ -395,7 +422,7 @@ def _described(
     found: dict[str, Any] = {
         "trials": size[..., 0],
         "fraction": fraction,
-        "used_up": used_up,
+        "used_up": float(joined.used_up[0]),
         "few": too_few_in(pool, how, joined.used_up),
     }
     for name in MEANS | RATIOS:

@@ -2,8 +2,9 @@
 
 Two currencies. Beliefs: the mean log belief in the true object (or place, where there is one object) after a fixed
 number of taps, a proper score, on the same sequences for every remedy. Decisions: the error at the mean reaction time
-that the setting as it is needs at its threshold, in the same trials. A gain in the first divided by the number of taps
-is what a remedy buys per tap. All remedies share the resamples of the taps, see `inference.resampling`.
+that the setting as it is needs at its threshold, or at the highest one below at which its trials do not use up the test
+taps, in the same trials. A gain in the first divided by the number of taps is what a remedy buys per tap. All remedies
+share the resamples of the taps, see `inference.resampling`.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -15,9 +16,17 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from ..hardware.pool import TapPool, tap_pool
+from ..inference.judged_sequences import Sequences, log_beliefs
 from ..inference.montecarlo import THRESHOLDS
-from ..inference.resampling import CONFIDENCE, Spread, spread, taps_per_class
-from ..inference.saturation import share, temper
+from ..inference.resampling import (
+    CONFIDENCE,
+    RESAMPLE_TRIALS,
+    USED_UP_SELECTED,
+    Spread,
+    spread,
+    taps_per_class,
+)
+from ..inference.saturation import share
 from ..inference.selections import thinned_pools
 from ..inference.trial_plan import TapTable, tap_table
 from ..models import seeds
@@ -34,6 +43,7 @@ from .study import can_act
 
 _SEQUENCES, _RESAMPLE_SEQUENCES = 20, 6  # of each class; the latter even, for halves
 _RESAMPLES = 100
+_FACTOR_TRIALS = 500  # on each resample, for the factors of remedies, which are told to two digits
 
 
 class Scored(NamedTuple):
@@ -93,6 +103,7 @@ class Measured(NamedTuple):
         scores: Of each, the setting as it is first.
         n: Taps of the sequences by which beliefs are scored.
         taps: Reaction time at which errors are compared.
+        theta: The threshold at which the setting as it is has it.
         policy: `"active"` or `"passive"`.
         judged: The setting as it is.
         played: Of the remedies with the classes of the setting as it is, see `compare_decisions.play_models`.
@@ -102,6 +113,7 @@ class Measured(NamedTuple):
     scores: list[Scored]
     n: int
     taps: float
+    theta: float
     policy: str
     judged: Judged
     played: xr.Dataset
@@ -136,16 +148,20 @@ def measure(
         advance(1)
     policy = "active" if can_act(base.grid) and not base.setting.passive else "passive"
     alike = {remedy.name: tables[remedy.name] for remedy in remedies if remedy.grid is base.grid}
-    played = _play(alike, base.grid, base.setting, policy, trials, seed)
-    time = float(played["taps"].sel(model=base.name, policy=policy, theta=base.setting.threshold)[0])
+    options = {"policy": policy, "trials": trials, "seed": seed}
+    rough = _rough(alike, base, **options)
+    theta = _comparable(rough.sel(model=base.name), base.setting.threshold)
+    time = float(rough["taps"].sel(model=base.name, theta=theta))
+    played = _play(alike, base, highest=_needed(rough, time), **options)
     at_time = at_equal_taps(played, [time]).sel(policy=policy).isel(taps=0)
-    scores, own = [], {}
+    scores, own, as_it_is = [], {}, {}
     for remedy in remedies:
         table = tables[remedy.name]
         if remedy.grid is base.grid:
             errors = at_time.sel(model=remedy.name)
         else:
-            finer = _play({remedy.name: table}, remedy.grid, remedy.setting, policy, trials, seed)
+            alone = {remedy.name: table}
+            finer = _play(alone, remedy, highest=_needed(_rough(alone, remedy, **options), time), **options)
             errors = _against(at_time.sel(model=base.name), finer, policy, time)
         log_beliefs = partial(_log_beliefs, grid=base.grid, taps=shared, n=n, seed=seed, pool_of=table)
         if not own or remedy.grid is not base.grid:
@@ -153,9 +169,9 @@ def measure(
         beliefs = own[id(remedy.grid)] if remedy is base else log_beliefs(table, remedy)
         rounding = _rounding((table, tables[base.name]), n * shared.taps[0].size)
         how = spread(table, noise=_RESAMPLE_SEQUENCES / _SEQUENCES, thinned=True)
-        found = headline(
-            _reliability(table, remedy.grid, remedy.setting, policy, trials, seed), policy, remedy.setting.threshold
-        )
+        few = RESAMPLE_TRIALS if remedy is base else _FACTOR_TRIALS
+        found = decisions(table, remedy.grid, remedy.setting, resample_trials=few, **options)
+        as_it_is = found if remedy is base else as_it_is
         scores.append(
             Scored(
                 remedy.name,
@@ -169,8 +185,8 @@ def measure(
             )
         )
         advance(1)
-    judged = judge(base.model, tables[base.name], base.grid, base.setting, policy, trials, seed, advance)
-    return Measured(scores, n, time, policy, judged, played, tables[base.name])
+    judged = judge(as_it_is, base.model, tables[base.name], base.setting, advance=advance, **options)
+    return Measured(scores, n, time, theta, policy, judged, played, tables[base.name])
 
 
 def count_measurements(remedies: Sequence[Remedy]) -> int:
@@ -220,11 +236,20 @@ def _known_to_all(remedies: Sequence[Remedy], taps: TapSet) -> TapSet:
 
 
 def _play(
-    tables: Mapping[str, TapTable], grid: ClassGrid, setting: Setting, policy: str, trials: int, seed: int
+    tables: Mapping[str, TapTable],
+    remedy: Remedy,
+    *,
+    policy: str,
+    trials: int,
+    seed: int,
+    resamples: int = _RESAMPLES,
+    highest: Mapping[str, float] | None = None,
 ) -> xr.Dataset:
+    """Trials by several tables with the classes and the setting of a remedy."""
+    setting = remedy.setting
     return play_models(
         tables,
-        grid,
+        remedy.grid,
         sorted({*THRESHOLDS, setting.threshold}),
         trials,
         seed,
@@ -232,9 +257,32 @@ def _play(
         border=setting.border,
         deadline=setting.deadline,
         theta_x=setting.theta_x,
-        resamples=_RESAMPLES,
+        resamples=resamples,
         only=policy,
+        highest=highest,
     )
+
+
+def _rough(tables: Mapping[str, TapTable], remedy: Remedy, **options: Any) -> xr.Dataset:
+    """Means of `_play` over the trials on the taps as they are."""
+    return _play(tables, remedy, resamples=1, **options).isel(policy=0, resample=0)
+
+
+def _comparable(rough: xr.Dataset, threshold: float) -> float:
+    """The highest threshold up to the one in use at which hardly a trial uses up the taps; else the lowest."""
+    lower = rough["theta"].values <= threshold
+    thetas, used_up = rough["theta"].values[lower], rough["used_up"].values[lower]
+    return float(thetas[used_up <= USED_UP_SELECTED].max(initial=thetas[0]))
+
+
+def _needed(rough: xr.Dataset, time: float) -> dict[str, float]:
+    """For each model the threshold behind the first that takes it so long: resamples may be faster."""
+    thetas = rough["theta"].values
+    first = {
+        str(name): np.append(np.flatnonzero(rough["taps"].sel(model=name).values >= time), len(thetas))[0]
+        for name in rough["model"].values
+    }
+    return {name: float(thetas[min(h + 1, len(thetas) - 1)]) for name, h in first.items()}
 
 
 def _against(base: xr.Dataset, played: xr.Dataset, policy: str, time: float) -> xr.Dataset:
@@ -300,25 +348,16 @@ def _log_belief(
 ) -> NDArray[np.float64]:
     """Log belief in the true object, or where there is one in the true place of `grid`, after each sequence, (Q,)."""
     where, what = taps.indices(grid)
-    M = remedy.grid.M
-    total = np.repeat(table.log_prior[np.newaxis], len(drawn), axis=0)
+    (Q, n), (L, H), M = drawn.shape, table.log_prior.shape, remedy.grid.M
+    sums = np.zeros((Q, L * H))
     for tap in drawn.T:
-        total += table.log_likelihood[tap]
-    n = drawn.shape[1]
-    log_belief = temper(total, share(n, remedy.model.saturation)).copy()
-    log_belief -= _log_sum(log_belief.reshape(len(total), -1))[:, None, None]
-    first = drawn[:, 0]
+        sums += table.log_likelihood.reshape(-1, L * H)[tap]
     if M > 1:
-        each = log_belief.reshape(len(total), remedy.grid.L, -1, M)[np.arange(len(total)), :, :, what[first]]
+        group, true = np.tile(np.arange(H) % M, L), what
     else:
-        within = grid.where_index(remedy.grid.where_value) == where[first][:, None]
-        each = np.where(within[:, :, None], log_belief, -np.inf)
-    return _log_sum(each.reshape(len(total), -1))
-
-
-def _log_sum(values: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Logs of sums over the last axis."""
-    return np.logaddexp.reduce(values, axis=-1)
+        group, true = np.repeat(grid.where_index(remedy.grid.where_value), H), where
+    power = np.full(Q, share(n, remedy.model.saturation))
+    return log_beliefs(Sequences(sums, group, true[drawn[:, 0]], np.ones(Q), power, table.log_prior.ravel()))
 
 
 def _gains(
@@ -352,9 +391,18 @@ def _with_ends(samples: NDArray[np.float64], how: Spread) -> tuple[float, float,
     return float(samples[0]), float(low), float(high)
 
 
-def _reliability(table: TapTable, grid: ClassGrid, setting: Setting, policy: str, trials: int, seed: int) -> xr.Dataset:
-    """Of trials of a policy at the setting's threshold."""
-    return reliability(
+def decisions(
+    table: TapTable,
+    grid: ClassGrid,
+    setting: Setting,
+    *,
+    policy: str,
+    trials: int,
+    seed: int,
+    resample_trials: int = RESAMPLE_TRIALS,
+) -> dict[str, Any]:
+    """`headline` of trials of a policy at the setting's threshold."""
+    found = reliability(
         table,
         grid,
         [setting.threshold],
@@ -366,8 +414,10 @@ def _reliability(table: TapTable, grid: ClassGrid, setting: Setting, policy: str
         fixation=setting.fixation,
         theta_x=setting.theta_x,
         resamples=_RESAMPLES,
+        resample_trials=resample_trials,
         only=policy,
     )
+    return headline(found, policy, setting.threshold)
 
 
 def _factor(found: Mapping[str, Any]) -> tuple[float | None, float | None, float | None]:
@@ -382,10 +432,11 @@ def _factor(found: Mapping[str, Any]) -> tuple[float | None, float | None, float
 
 
 def judge(
+    found: Mapping[str, Any],
     model: TapModel,
     table: TapTable,
-    grid: ClassGrid,
     setting: Setting,
+    *,
     policy: str,
     trials: int,
     seed: int,
@@ -394,16 +445,15 @@ def judge(
     """Compares beliefs with outcomes, and with those of a right model on as many taps.
 
     Args:
+        found: From `decisions`.
         model: In use.
         table: The measuring taps as it sees them.
-        grid: The classes.
         setting: How trials move and stop.
         policy: `"passive"` or `"active"`.
         trials: Of the measuring taps; half as many of each simulated data set.
         seed: Of every random draw.
         advance: Told of every simulated data set, of `right_model.SIMULATIONS`.
     """
-    found = headline(_reliability(table, grid, setting, policy, trials, seed), policy, setting.threshold)
     reference = reference_factors(model, table, setting, policy, trials // 2, seed, progress=advance)
 
     def beside(value: float | None, column: int) -> Beside:

@@ -25,7 +25,7 @@ from intervals import SYMBOLS, grid_of
 from numpy.typing import NDArray
 from solidtouch.analysis.audit_verdict import calibration
 from solidtouch.analysis.calibration_tests import rejected
-from solidtouch.analysis.remedy_scores import Judged, judge
+from solidtouch.analysis.remedy_scores import Judged, decisions, judge
 from solidtouch.analysis.right_model import LEVEL, Beside, compare, simulate
 from solidtouch.hardware.data_collection import simulate_session
 from solidtouch.hardware.model_rig import draw_session
@@ -33,9 +33,11 @@ from solidtouch.hardware.presets import preset
 from solidtouch.inference.tempering import best_power
 from solidtouch.inference.trial_plan import TapTable, tap_table
 from solidtouch.models.histogram import HistogramModel, fit
+from solidtouch.models.model import TapModel
 from solidtouch.models.preprocessing import Preprocessing
 from solidtouch.models.seeds import Purpose, data_set_seed, derived_seed
 from solidtouch.models.setting import Setting
+from solidtouch.models.taps import TapSet
 from studies import check_block, processes, share_interval, table, write_block, write_json
 
 SIZES = {"6 x 3": (6, 3), "16 x 5": (16, 5)}
@@ -136,16 +138,20 @@ def learned(size: str, samples: int, taps: int, theta: float, policy: str, seed:
     right = right_model(size, samples)
     train, test = (draw_session(right, taps, derived_seed(seed, Purpose.REPEAT, i), 0) for i in range(2))
     model = replace(right, power=best_power(right, [train], _CONTACTS, seed).power)
-    setting = Setting(threshold=theta, border="clamp", passive=policy == "passive")
-    return calibration(judge(model, tap_table(model, test), model.grid, setting, policy, TRIALS, seed))
+    return called(model, test, Setting(threshold=theta, border="clamp"), policy, seed)
 
 
 def on_rig(name: str, policy: str, seed: int) -> str:
     """What an audit calls the beliefs in one data set of a simulated rig."""
     train, test = (simulate_session(preset(name), seed, session) for session in (0, 1))
     model = fit(train, train.grid())
-    setting = Setting(passive=policy == "passive")
-    return calibration(judge(model, tap_table(model, model.usable(test)), model.grid, setting, policy, TRIALS, seed))
+    return called(model, model.usable(test), Setting(), policy, seed)
+
+
+def called(model: TapModel, test: TapSet, setting: Setting, policy: str, seed: int) -> str:
+    """What an audit calls the beliefs of a model in trials on test taps."""
+    table, options = tap_table(model, test), {"policy": policy, "trials": TRIALS, "seed": seed}
+    return calibration(judge(decisions(table, model.grid, setting, **options), model, table, setting, **options))
 
 
 def shares(found: Counter[str], M: int) -> list[str]:

@@ -119,7 +119,7 @@ def scores(L: int, M: int, taps: int, seed: int) -> dict[str, Seen]:
     """What is said of beliefs after numbers of taps."""
     tables, _ = draw(L, M, taps, seed)
     data, found = class_scores({name: tables[name] for name in MODELS[1:]}, seed, CONTACTS), {}
-    for n in data["contacts"].values:
+    for n in data["contacts"].values.tolist():
         at = data.sel(contacts=n)
         for name, words in (("accuracy_what", "accuracy"), ("log_score_what", "log score")):
             found[f"{words} after {n} tap{'s' * (n > 1)}"] = seen(at.sel(model="noisy"), name)

@@ -45,14 +45,16 @@ class Sequences(NamedTuple):
 
     Attributes:
         log_likelihood: Of the sums over their taps at power 1, shape (Q, C).
-        own: The true class in each state, shape (Q, S).
+        group: What belief is asked in: the class in whatever state, shape (C,).
+        true: The group that is true, shape (Q,).
         weight: How many taps each stands for, shape (Q,).
         share: The power at which beliefs are read, shape (Q,).
         log_prior: Shape (C,).
     """
 
     log_likelihood: Floats
-    own: NDArray[np.intp]
+    group: NDArray[np.intp]
+    true: NDArray[np.intp]
     weight: Floats
     share: Floats
     log_prior: Floats
@@ -78,8 +80,10 @@ class Sequences(NamedTuple):
             first += [members[0]] * len(chosen)
             weight += [len(members) / len(chosen)] * len(chosen)
             shares += [share(chosen.shape[1], model.saturation)] * len(chosen)
-        own = where[first][:, np.newaxis] * H + np.arange(H // M) * M + what[first][:, np.newaxis]
-        return cls(np.concatenate(sums), own, np.array(weight), np.array(shares), model.log_prior.ravel())
+        group = (np.arange(L)[:, np.newaxis] * M + np.arange(H) % M).ravel()
+        return cls(
+            np.concatenate(sums), group, true[first], np.array(weight), np.array(shares), model.log_prior.ravel()
+        )
 
 
 def mean_log_belief(sequences: Sequence[Sequences], exponent: float, power: float | None = None) -> float:
@@ -92,12 +96,23 @@ def mean_log_belief(sequences: Sequence[Sequences], exponent: float, power: floa
     """
     total = weight = 0.0
     for part in sequences:
-        read = part.share if power is None else np.full(len(part.own), power)
-        log_belief = np.empty(len(part.own))
-        _log_beliefs(part.log_likelihood, part.log_prior, part.own, read, exponent, log_belief)
-        total += float(part.weight @ log_belief)
+        if power is not None:
+            part = part._replace(share=np.full(len(part.true), power))  # noqa: PLW2901
+        total += float(part.weight @ log_beliefs(part, exponent))
         weight += float(part.weight.sum())
     return total / weight
+
+
+def log_beliefs(sequences: Sequences, exponent: float = 1.0) -> Floats:
+    """Log beliefs in what is true after each sequence, shape (Q,); NaN where no class is left.
+
+    Args:
+        sequences: Of one session.
+        exponent: Of the likelihood.
+    """
+    found = np.empty(len(sequences.true))
+    _log_beliefs(*sequences, exponent, found)
+    return found
 
 
 def refuse_impossible(sequences: Iterable[Sequences]) -> None:
@@ -108,8 +123,8 @@ def refuse_impossible(sequences: Iterable[Sequences]) -> None:
     """
     impossible = 0
     for part in sequences:
-        true = np.take_along_axis(part.log_likelihood, part.own, axis=1)
-        impossible += int(np.isneginf(true).all(axis=1).sum())
+        other = part.group != part.true[:, np.newaxis]
+        impossible += int((other | np.isneginf(part.log_likelihood)).all(axis=1).sum())
     if impossible:
         raise InputError(
             f"The power cannot be learned: {impossible} sequences of left-out taps are impossible under their own "
@@ -119,21 +134,28 @@ def refuse_impossible(sequences: Iterable[Sequences]) -> None:
 
 @compiled
 def _log_beliefs(
-    log_likelihood: Floats, log_prior: Floats, own: NDArray[np.intp], share: Floats, exponent: float, out: Floats
+    log_likelihood: Floats,
+    group: NDArray[np.intp],
+    true: NDArray[np.intp],
+    _: Floats,
+    share: Floats,
+    log_prior: Floats,
+    exponent: float,
+    out: Floats,
 ) -> None:
-    """Log beliefs in the true class, into `out`, shape (Q,)."""
+    """See `log_beliefs`; the arrays of `Sequences`, their weights unused."""
     joint = np.empty(log_likelihood.shape[1])
-    for q in range(len(own)):
+    for q in range(len(true)):
         top = mine = -np.inf
         for c in range(len(joint)):
             joint[c] = share[q] * (log_prior[c] + exponent * log_likelihood[q, c])
             top = max(top, joint[c])
-        for c in own[q]:
-            mine = max(mine, joint[c])
-        total = true = 0.0
+            if group[c] == true[q]:
+                mine = max(mine, joint[c])
+        total = own = 0.0
         for c in range(len(joint)):
             if joint[c] > top - _NOTHING:
                 total += math.exp(joint[c] - top)
-        for c in own[q]:
-            true += math.exp(joint[c] - mine)
-        out[q] = mine + math.log(true) - top - math.log(total)
+            if group[c] == true[q] and joint[c] > mine - _NOTHING:
+                own += math.exp(joint[c] - mine)
+        out[q] = mine - top + math.log(own / total) if mine > -np.inf else mine - top

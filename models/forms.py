@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .bins import count_taps, find_bins
+from .compiled import compiled
 from .errors import InputError
 from .states import States
 from .threads import cores, in_order
@@ -84,12 +85,26 @@ class TableForm(NamedTuple):
         cumulative = np.exp(self.log_prob).cumsum(axis=-1)
         uniform = generator.random((len(where), K, J))
         taps = np.empty((len(where), J, K))
-        for l, h in np.unique(np.stack([where, what], axis=-1), axis=0):
-            own = (where == l) & (what == h)
-            for k in range(K):
-                row = cumulative[l, h, k]
-                taps[own, :, k] = centre[k, np.searchsorted(row, uniform[own, k] * row[-1], side="right")]
+        _draw(cumulative, centre, where, what, uniform, taps)
         return taps
+
+
+@compiled
+def _draw(
+    cumulative: NDArray[np.float64],
+    centre: NDArray[np.float64],
+    where: NDArray[np.intp],
+    what: NDArray[np.intp],
+    uniform: NDArray[np.float64],
+    taps: NDArray[np.float64],
+) -> None:
+    """Samples in the middle of the bins in which random numbers (N, K, J) fall, into `taps`, shape (N, J, K)."""
+    N, K, J = uniform.shape
+    for i in range(N):
+        for k in range(K):
+            row = cumulative[where[i], what[i], k]
+            for j in range(J):
+                taps[i, j, k] = centre[k, np.searchsorted(row, uniform[i, k, j] * row[-1], side="right")]
 
 
 class GaussianForm(NamedTuple):

@@ -86,8 +86,8 @@ BASE = score("as it is", None, None, None, error=1.0)
 AS_IT_IS = judged()
 
 
-def measured(*scores, judged=AS_IT_IS, base=BASE, n=10):
-    return Measured([base, *scores], n, 6.5, "active", judged, None, None)
+def measured(*scores, judged=AS_IT_IS, base=BASE, n=10, theta=0.95):
+    return Measured([base, *scores], n, 6.5, theta, "active", judged, None, None)
 
 
 WORTHWHILE = {
@@ -315,6 +315,11 @@ def test_the_sentence_of_a_remedy_has_its_numbers():
     ):
         assert words in last
     assert "stay overconfident" not in last
+    lower = measured(score("remedy", 0.5, change=(-0.1, -0.2, -0.05)), theta=0.8)
+    said = (
+        "at the 6.5 taps that decisions take as it is at threshold 0.8, where the test taps suffice, the error changes"
+    )
+    assert said in verdict(Cause(None, ""), lower, 0.95, TITLES, "mm")[-1]
     for low, stays in ((1.8, False), (2.0, True)):  # a right model gives up to 1.9
         worse = measured(score("remedy", factor=(2.5, low, 3.0)))
         said = verdict(Cause(None, ""), worse, 0.95, TITLES, "mm")[-1]

@@ -11,6 +11,7 @@ from solidtouch.analysis.right_model import SIMULATIONS
 from solidtouch.hardware.data_collection import simulate_session
 from solidtouch.hardware.presets import preset
 from solidtouch.hardware.simulation_settings import PAPER_RODS
+from solidtouch.inference.resampling import USED_UP_SELECTED
 from solidtouch.models.errors import InputError
 from solidtouch.models.setting import Setting
 
@@ -204,8 +205,11 @@ def test_a_gain_is_less_sure_among_more_remedies(made, measured, sessions):
 
 
 def test_errors_are_compared_at_the_reaction_time_of_the_setting_as_it_is(measured):
-    """Its own error there is that at its threshold."""
-    at = measured.played.sel(model=BASELINE, policy=measured.policy, theta=SETTING.threshold).isel(resample=0)
+    """At its threshold, or the highest below at which test taps suffice; its own error there is that at it."""
+    own = measured.played.sel(model=BASELINE, policy=measured.policy).isel(resample=0)
+    suffice = own["theta"].values[own["used_up"].values <= USED_UP_SELECTED]
+    assert measured.theta == suffice[suffice <= SETTING.threshold].max() < SETTING.threshold
+    at = own.sel(theta=measured.theta)
     assert measured.policy == "active"
     assert measured.taps == pytest.approx(float(at["taps"]))
     assert measured.scores[0].error[0] == pytest.approx(float(at["what_error"]))
