@@ -183,8 +183,6 @@ def audit(parts: AuditParts, grid: ClassGrid, settings: AuditSettings, progress:
         times = time_dependence(
             taps.taps[some], stratum[some], permutations=settings.permutations, seed=seed, progress=advance
         )
-        if times["reason"].item():
-            advance(len(np.unique(stratum)))
     with clock.stage("Sampling variance components", 1) as advance:
         where, what = taps.indices(grid)
         components = variance_components(taps.taps, where * grid.M + what, taps.session, seed)

@@ -23,9 +23,18 @@ class Clock:
 
     @contextmanager
     def stage(self, name: str, total: int) -> Iterator[Callable[[int], None]]:
-        """Times one stage; gives the function that advances its bar."""
-        began = time.perf_counter()
-        yield self.progress(name, total)
+        """Times one stage; gives the function that advances its bar, which is full when the stage has ended."""
+        began, left = time.perf_counter(), total
+        told = self.progress(name, total)
+
+        def advance(done: int) -> None:
+            nonlocal left
+            left -= done
+            told(done)
+
+        yield advance
+        if left > 0:
+            told(left)
         self.elapsed_s[name] = round(time.perf_counter() - began, 2)
 
 
