@@ -28,7 +28,7 @@ from .evidence import evidence
 from .evidence_variance import session_p
 from .guarantees import Promise, exceeded, guarantees
 from .leakage import Leakage, leakage
-from .reliability import reliability
+from .reliability import THETAS
 from .remedies import Refused, Remedy, beside_right, count_remedies, make_remedies
 from .remedy_scores import Measured, count_measurements, measure
 from .right_exponent import SIMULATIONS as RIGHT_EXPONENTS
@@ -37,8 +37,6 @@ from .strata import evenly, strata
 from .suspects import Suspect, named_suspects
 from .target_error import FEWEST, TargetError, session_curves, target_error
 
-THETAS = (0.5, 0.8, 0.9, 0.95, 0.99)
-"""Thresholds at which beliefs are compared with outcomes, beside the one in use."""
 SESSION_PERMUTATIONS = 999
 """Of the test of sessions at least: with few its p-value never falls below the level at which sessions are named."""
 
@@ -139,7 +137,6 @@ class Audit(NamedTuple):
     refused: list[Refused]
     measured: Measured
     enough: list[Detectable]
-    reliability: xr.Dataset
     guarantees: xr.Dataset
     exceeded: dict[str, Promise]
     recalibrated: Recalibrated
@@ -199,19 +196,7 @@ def audit(parts: AuditParts, grid: ClassGrid, settings: AuditSettings, progress:
         checks = audit_checks(taps, _histograms(base.model), seed, progress=advance)
     with clock.stage("Measuring remedies", count_measurements(remedies)) as advance:
         measured = measure(remedies, parts.measure, SEQUENCE, settings.trials, seed, advance)
-    with clock.stage("Comparing beliefs with outcomes", 2) as advance:
-        reliable = reliability(
-            measured.table,
-            grid,
-            sorted({*THETAS, setting.threshold}),
-            seed,
-            trials=settings.trials,
-            border=setting.border,
-            deadline=setting.deadline,
-            fixation=setting.fixation,
-            theta_x=setting.theta_x,
-        )
-        advance(1)
+    with clock.stage("Checking promises", 1) as advance:
         promised, broken = _promises(base, parts.measure, grid, settings, measured.policy)
         advance(1)
     with clock.stage("Tuning thresholds", 2) as advance:
@@ -237,7 +222,6 @@ def audit(parts: AuditParts, grid: ClassGrid, settings: AuditSettings, progress:
         refused=refused,
         measured=measured,
         enough=_enough(base, measured, settings, clock),
-        reliability=reliable,
         guarantees=promised,
         exceeded=broken,
         recalibrated=recalibrated,

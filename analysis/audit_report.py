@@ -100,13 +100,13 @@ def _drawn(audit: Audit, summary: Mapping[str, Any]) -> Iterator[tuple[str, str,
         "after_taps",
         "Beliefs and outcomes after a number of taps",
         "Fraction of right decisions against their belief, passive; calibration error and Brier score; miscalibration.",
-        figure_reliability.reliability_after_taps(audit.reliability),
+        figure_reliability.reliability_after_taps(audit.measured.reliability),
     )
     yield (
         "at_stopping",
         "Wrong decisions at stopping",
         "Against the threshold, of all objects and of each; the line is what the threshold promises.",
-        figure_reliability.reliability_at_stopping(audit.reliability),
+        figure_reliability.reliability_at_stopping(audit.measured.reliability),
     )
     yield (
         "guarantees",

@@ -46,7 +46,7 @@ def summarise(audit: Audit, settings: AuditSettings, about: Mapping[str, Any]) -
         about: Title, command, files and warnings.
     """
     setting, measured = settings.setting, audit.measured
-    at_rest = headline(audit.reliability, measured.policy, setting.threshold)
+    at_rest = headline(audit.measured.reliability, measured.policy, setting.threshold)
     state = calibration(measured.judged)
     cause = first_cause(audit.leakage, audit.split, audit.session_p, audit.samples_per_bin, state)
     titles = {remedy.name: remedy.title for remedy in audit.remedies}
@@ -86,15 +86,15 @@ def summarise(audit: Audit, settings: AuditSettings, about: Mapping[str, Any]) -
                     "judged": _judged(measured.judged),
                     "at_stopping": at_rest,
                     "other_policy": {
-                        str(policy): headline(audit.reliability, str(policy), setting.threshold)
-                        for policy in np.unique(audit.reliability["policy"])
+                        str(policy): headline(audit.measured.reliability, str(policy), setting.threshold)
+                        for policy in np.unique(audit.measured.reliability["policy"])
                         if policy != measured.policy
                     },
-                    "after_taps": _after_taps(audit.reliability),
+                    "after_taps": _after_taps(audit.measured.reliability),
                     "guarantees": broken(audit.guarantees, measured.policy, setting.threshold),
                     "exceeded": {name: _promise(promise) for name, promise in audit.exceeded.items()},
                     "guarantee_sentence": guarantee_sentence(audit.guarantees),
-                    "intervals": interval_sentence(audit.reliability),
+                    "intervals": interval_sentence(audit.measured.reliability),
                     "lost": lost(measured),
                     "enough": [
                         {**one.design._asdict(), "right": one.right, "detectable": one.factor} for one in audit.enough

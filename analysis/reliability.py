@@ -50,6 +50,8 @@ from .metrics import confusion
 
 CONTACTS = (1, 2, 5, 10, 20, 50)
 TRIALS = 4000
+THETAS = (0.5, 0.8, 0.9, 0.95, 0.99)
+"""Thresholds at which an audit compares beliefs with outcomes, beside the one in use."""
 BINS = 10
 EVERYTHING = "all"
 """Label of all objects together."""

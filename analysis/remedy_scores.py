@@ -20,7 +20,6 @@ from ..inference.judged_sequences import Sequences, log_beliefs
 from ..inference.montecarlo import THRESHOLDS
 from ..inference.resampling import (
     CONFIDENCE,
-    RESAMPLE_TRIALS,
     USED_UP_SELECTED,
     Spread,
     spread,
@@ -36,7 +35,7 @@ from ..models.model import TapModel
 from ..models.setting import Setting
 from ..models.taps import TapSet
 from .compare_decisions import at_equal_taps, play_models
-from .reliability import headline, reliability
+from .reliability import THETAS, headline, reliability
 from .remedies import Remedy
 from .right_model import SIMULATIONS, Beside, compare, exact, reference_factors
 from .study import can_act
@@ -106,6 +105,7 @@ class Measured(NamedTuple):
         theta: The threshold at which the setting as it is has it.
         policy: `"active"` or `"passive"`.
         judged: The setting as it is.
+        reliability: Of its decisions, at `THETAS` too.
         played: Of the remedies with the classes of the setting as it is, see `compare_decisions.play_models`.
         table: Test taps as the setting as it is sees them.
     """
@@ -116,6 +116,7 @@ class Measured(NamedTuple):
     theta: float
     policy: str
     judged: Judged
+    reliability: xr.Dataset
     played: xr.Dataset
     table: TapTable
 
@@ -154,7 +155,10 @@ def measure(
     time = float(rough["taps"].sel(model=base.name, theta=theta))
     played = _play(alike, base, highest=_needed(rough, time), **options)
     at_time = at_equal_taps(played, [time]).sel(policy=policy).isel(taps=0)
-    scores, own, as_it_is = [], {}, {}
+    thetas = sorted({*THETAS, base.setting.threshold})
+    reliable = decisions(tables[base.name], base.grid, base.setting, thetas, trials=trials, seed=seed)
+    as_it_is = headline(reliable, policy, base.setting.threshold)
+    scores, own = [], {}
     for remedy in remedies:
         table = tables[remedy.name]
         if remedy.grid is base.grid:
@@ -163,15 +167,16 @@ def measure(
             alone = {remedy.name: table}
             finer = _play(alone, remedy, highest=_needed(_rough(alone, remedy, **options), time), **options)
             errors = _against(at_time.sel(model=base.name), finer, policy, time)
-        log_beliefs = partial(_log_beliefs, grid=base.grid, taps=shared, n=n, seed=seed, pool_of=table)
+        beliefs_of = partial(_log_beliefs, grid=base.grid, taps=shared, n=n, seed=seed, pool_of=table)
         if not own or remedy.grid is not base.grid:
-            own[id(remedy.grid)] = log_beliefs(tables[base.name], base)
-        beliefs = own[id(remedy.grid)] if remedy is base else log_beliefs(table, remedy)
+            own[id(remedy.grid)] = beliefs_of(tables[base.name], base)
+        beliefs = own[id(remedy.grid)] if remedy is base else beliefs_of(table, remedy)
         rounding = _rounding((table, tables[base.name]), n * shared.taps[0].size)
         how = spread(table, noise=_RESAMPLE_SEQUENCES / _SEQUENCES, thinned=True)
-        few = RESAMPLE_TRIALS if remedy is base else _FACTOR_TRIALS
-        found = decisions(table, remedy.grid, remedy.setting, resample_trials=few, **options)
-        as_it_is = found if remedy is base else as_it_is
+        if remedy is base:
+            found = as_it_is
+        else:
+            found = headline(_factors(table, remedy, **options), policy, remedy.setting.threshold)
         scores.append(
             Scored(
                 remedy.name,
@@ -186,7 +191,7 @@ def measure(
         )
         advance(1)
     judged = judge(as_it_is, base.model, tables[base.name], base.setting, advance=advance, **options)
-    return Measured(scores, n, time, theta, policy, judged, played, tables[base.name])
+    return Measured(scores, n, time, theta, policy, judged, reliable, played, tables[base.name])
 
 
 def count_measurements(remedies: Sequence[Remedy]) -> int:
@@ -392,32 +397,35 @@ def _with_ends(samples: NDArray[np.float64], how: Spread) -> tuple[float, float,
 
 
 def decisions(
-    table: TapTable,
-    grid: ClassGrid,
-    setting: Setting,
-    *,
-    policy: str,
-    trials: int,
-    seed: int,
-    resample_trials: int = RESAMPLE_TRIALS,
-) -> dict[str, Any]:
-    """`headline` of trials of a policy at the setting's threshold."""
-    found = reliability(
+    table: TapTable, grid: ClassGrid, setting: Setting, thresholds: Sequence[float], **options: Any
+) -> xr.Dataset:
+    """`reliability` of trials that move and stop by a setting, but at these thresholds; the rest are its options."""
+    return reliability(
         table,
         grid,
-        [setting.threshold],
-        seed,
-        trials=trials,
-        contacts=(),
+        thresholds,
         border=setting.border,
         deadline=setting.deadline,
         fixation=setting.fixation,
         theta_x=setting.theta_x,
-        resamples=_RESAMPLES,
-        resample_trials=resample_trials,
-        only=policy,
+        **options,
     )
-    return headline(found, policy, setting.threshold)
+
+
+def _factors(table: TapTable, remedy: Remedy, policy: str, trials: int, seed: int) -> xr.Dataset:
+    """Of a remedy at its threshold, of which no more than the factor is told."""
+    return decisions(
+        table,
+        remedy.grid,
+        remedy.setting,
+        [remedy.setting.threshold],
+        only=policy,
+        trials=trials,
+        seed=seed,
+        contacts=(),
+        resamples=_RESAMPLES,
+        resample_trials=_FACTOR_TRIALS,
+    )
 
 
 def _factor(found: Mapping[str, Any]) -> tuple[float | None, float | None, float | None]:
@@ -445,7 +453,7 @@ def judge(
     """Compares beliefs with outcomes, and with those of a right model on as many taps.
 
     Args:
-        found: From `decisions`.
+        found: `headline` of its decisions.
         model: In use.
         table: The measuring taps as it sees them.
         setting: How trials move and stop.

@@ -25,6 +25,7 @@ from intervals import SYMBOLS, grid_of
 from numpy.typing import NDArray
 from solidtouch.analysis.audit_verdict import calibration
 from solidtouch.analysis.calibration_tests import rejected
+from solidtouch.analysis.reliability import headline
 from solidtouch.analysis.remedy_scores import Judged, decisions, judge
 from solidtouch.analysis.right_model import LEVEL, Beside, compare, simulate
 from solidtouch.hardware.data_collection import simulate_session
@@ -150,8 +151,10 @@ def on_rig(name: str, policy: str, seed: int) -> str:
 
 def called(model: TapModel, test: TapSet, setting: Setting, policy: str, seed: int) -> str:
     """What an audit calls the beliefs of a model in trials on test taps."""
-    table, options = tap_table(model, test), {"policy": policy, "trials": TRIALS, "seed": seed}
-    return calibration(judge(decisions(table, model.grid, setting, **options), model, table, setting, **options))
+    table, theta, trials = tap_table(model, test), setting.threshold, {"trials": TRIALS, "seed": seed}
+    found = decisions(table, model.grid, setting, [theta], only=policy, contacts=(), **trials)
+    judged = judge(headline(found, policy, theta), model, table, setting, policy=policy, **trials)
+    return calibration(judged)
 
 
 def shares(found: Counter[str], M: int) -> list[str]:

@@ -87,7 +87,7 @@ AS_IT_IS = judged()
 
 
 def measured(*scores, judged=AS_IT_IS, base=BASE, n=10, theta=0.95):
-    return Measured([base, *scores], n, 6.5, theta, "active", judged, None, None)
+    return Measured([base, *scores], n, 6.5, theta, "active", judged, None, None, None)
 
 
 WORTHWHILE = {
