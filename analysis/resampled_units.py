@@ -9,7 +9,8 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from ..inference.resampling import spread, too_few
+from ..hardware.pool import tap_pool
+from ..inference.resampling import Spread, spread
 from ..inference.selections import resampled_pools
 from ..inference.trial_plan import TapTable
 from ..models.classes import ClassGrid
@@ -30,14 +31,25 @@ def resampled_tables(table: TapTable, resamples: int, seed: int) -> list[TapTabl
     return [table._replace(pool=pool) for pool in resampled_pools(table, resamples, seed)]
 
 
-def units_of(samples: Sequence[NDArray[np.float64]], tables: Sequence[TapTable]) -> NDArray[np.float64]:
+def resampled_table(table: TapTable, number: int, seed: int) -> TapTable:
+    """One of `resampled_tables`; 0 is that of the test taps as they are.
+
+    Args:
+        table: Test taps.
+        number: Which resample, from 1 on.
+        seed: Of all of them.
+    """
+    return resampled_tables(table, number, seed)[number]
+
+
+def units_of(samples: Sequence[NDArray[np.float64]], how: Spread) -> NDArray[np.float64]:
     """Units with the mean of the estimate and, as their standard error, the spread of its resamples.
 
     So what is computed from means of data sets, and their jackknife, also is from resamples of one.
 
     Args:
         samples: Means of trials on each of the tables.
-        tables: From `resampled_tables`.
+        how: How resamples vary, from `spread` of the first table.
 
     Returns:
         One unit for each resample, or for each session that is left out in turn; the estimate as the only one where
@@ -46,11 +58,21 @@ def units_of(samples: Sequence[NDArray[np.float64]], tables: Sequence[TapTable])
     first, drawn = np.asarray(samples[0]), np.asarray(samples[1:])
     if not len(drawn):
         return first[np.newaxis]
-    how = spread(tables[0])
     if how.sessions > 1:  # a unit for each session, from the resamples without it
         without = np.array([drawn[s :: how.sessions].mean(axis=0) for s in range(min(how.sessions, len(drawn)))])
         return first + (how.sessions - 1) * (without.mean(axis=0) - without)
     return first + how.factor * np.sqrt(len(drawn)) * (drawn - drawn.mean(axis=0))
+
+
+def spread_of_taps(test: TapSet, grid: ClassGrid) -> Spread:
+    """How resamples of test taps turn into intervals, and why they may be off.
+
+    Args:
+        test: Test taps.
+        grid: The classes.
+    """
+    nothing = np.empty((len(test), 0, 0))
+    return spread(TapTable(nothing, tap_pool(*test.indices(grid), grid.shape), nothing[0], session=test.session))
 
 
 def resampled_sentence(test: TapSet, grid: ClassGrid) -> str:
@@ -60,17 +82,14 @@ def resampled_sentence(test: TapSet, grid: ClassGrid) -> str:
         test: Its test taps.
         grid: The classes.
     """
-    where, what = test.indices(grid)
-    inside = (where >= 0) & (what >= 0)
-    _, count = np.unique(where[inside] * grid.M + what[inside], return_counts=True)
-    sessions = len(np.unique(test.session[inside]))
-    few = too_few(int(np.median(count)), sessions=sessions)
-    if sessions > 1:
+    how = spread_of_taps(test, grid)
+    few = " " * bool(how.few) + how.few
+    if how.sessions > 1:
         return (
-            f"Units are the {sessions} test sessions, each left out in turn, so intervals hold how other sessions "
-            f"would differ, not another recording.{' ' * bool(few)}{few}"
+            f"Units are the {how.sessions} test sessions, each left out in turn, so intervals hold how other sessions "
+            f"would differ, not another recording.{few}"
         )
     return (
         f"Units are {RESAMPLES} resamples of the test taps within class and session, so intervals hold how other taps "
-        f"of these sessions would differ, not another session or recording.{' ' * bool(few)}{few}"
+        f"of these sessions would differ, not another session or recording.{few}"
     )

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..inference.montecarlo import THRESHOLDS, Trials, run_trials
+from ..inference.resampling import spread
 from ..inference.trial_plan import TapTable, TrialPlan, plan_trials, tap_table
 from ..models.classes import ClassGrid
 from ..models.model import TapModel
@@ -262,7 +263,7 @@ def _play_fold(source: Source, number: int, readings: Sequence[Reading], setting
         tables = resampled_tables(table, source.resamples, seed)
         play = partial(_play_policies, source, reading, test, trials, seed)
         tasks = (partial(play, one, i * trials) for i, one in enumerate(tables))
-        means.append(units_of(list(in_order(tasks, threads)), tables))
+        means.append(units_of(list(in_order(tasks, threads)), spread(table)))
         impossible.append(impossible_share(model, test) if reading.pseudocount == 0 else 0.0)
     return _Played(means, impossible)
 

@@ -17,6 +17,7 @@ from ..inference.information import TapOutcomes, information_of_moves
 from ..inference.lockstep import Record, play
 from ..inference.recorded_stops import stops
 from ..inference.reference import Border
+from ..inference.resampling import spread
 from ..inference.stopping import Watch, what_above
 from ..inference.stopping_rules import error_loss
 from ..inference.strategies import make_policy, parse_strategy
@@ -182,7 +183,7 @@ def _play_power(
     seed = data_set_seed(settings.seed, number)
     model = unit.model(power, bench.grid, seed)
     table, outcomes = tap_table(model, model.usable(unit.test)), pool_of(model, unit.train, settings.pool)
-    tables = resampled_tables(table, bench.resamples, seed)
+    tables, how = resampled_tables(table, bench.resamples, seed), spread(table)
     n = settings.trials
     plans = [plan_trials(one.pool, n, seed, first_stream=i * n) for i, one in enumerate(tables)]
     rules = families(model, default_fixation(bench.grid.L), settings.deadline)
@@ -199,8 +200,8 @@ def _play_power(
             if number_of_table == 0:
                 paths[name] = _paths(record)
         for family, values in zip(rules, zip(*sums, strict=True), strict=True):
-            means[name, family.name] = units_of(values, tables)
-        told[name] = units_of(expected, tables)
+            means[name, family.name] = units_of(values, how)
+        told[name] = units_of(expected, how)
         advance(1)
     return Played(power, rules, means, told, paths, model.exponent)
 

@@ -11,6 +11,7 @@ import numpy as np
 
 from ..models.errors import InputError
 from ..models.recording import naming
+from .resampled_units import spread_of_taps
 from .sweep_cell import Outcome, Runner
 from .sweep_cells import CellGrid, Effort
 from .sweep_code import code, differences
@@ -110,10 +111,21 @@ def _store(path: Path, out: Path, study: StudyFile, sources: Sources, grid: Cell
         "data_keys": json.dumps(sources.keys),
         "code": json.dumps(code()),
     }
+    if study.resamples:
+        about |= _resampled(sources)
     for name, classes in sources.grids.items():
         _check_fixation(name, study.grid.fixation, classes.L)
     units = {name: (classes.what_error_unit, classes.where_unit) for name, classes in sources.grids.items()}
     return create_store(out, grid, study.thresholds, units, about)
+
+
+def _resampled(sources: Sources) -> dict[str, Any]:
+    """How resamples of the test taps turn into intervals, as `over_data` reads it."""
+    if len(sources.keys) > 1:
+        raise InputError(f"resamples: with {len(sources.keys)} data sets these are the units of intervals.")
+    data = sources.load(*sources.keys)
+    how = spread_of_taps(data.fold.test, data.grid)
+    return {"resample_factor": how.factor, "resample_sessions": how.sessions, "few": how.few}
 
 
 def _check_fixation(name: str, fixation: Any, L: int) -> None:

@@ -19,6 +19,7 @@ from ..inference.table_learning import held_out_tables, learn_table
 from ..inference.tally import Tally, tally_trials
 from ..inference.trial_plan import TapTable, tap_table
 from ..models.seeds import Purpose, derived_seed
+from .resampled_units import resampled_table
 from .sweep_cells import Cell, Effort
 from .sweep_data import DataSet
 from .sweep_models import FitSettings, fit_cell
@@ -85,7 +86,7 @@ def run_cell(cell: Cell, effort: Effort, data: DataSet) -> dict[str, NDArray[np.
 
 def _counts(cell: Cell, effort: Effort, data: DataSet) -> Tally:
     """Trials of a cell, compiled where their strategy is."""
-    table = _table(data, cell.fit_settings)
+    table = resampled_table(_table(data, cell.fit_settings), cell.resample, _seed_of(cell.data, 0))
     trials = effort.thresholds, effort.trials
     common: dict[str, Any] = {"border": cell.border, "deadline": effort.deadline, "seed": _trial_seed(cell)}
     theta_x = cell.theta_x
@@ -127,6 +128,10 @@ def _outcomes(data: DataSet, settings: FitSettings) -> TapOutcomes:
 
 
 def _trial_seed(cell: Cell) -> int:
-    """Of the cell's trials: data sets must not share random numbers, all other cells of one seed do."""
-    name = hashlib.sha256(cell.data.encode()).digest()
-    return derived_seed(cell.seed, Purpose.CELL, *(int.from_bytes(name[i : i + 4], "little") for i in (0, 4)))
+    """Of the cell's trials: data sets and resamples must not share random numbers, all other cells of one seed do."""
+    return _seed_of(cell.data, cell.seed, *([cell.resample] if cell.resample else []))
+
+
+def _seed_of(data: str, seed: int, *further: int) -> int:
+    name = hashlib.sha256(data.encode()).digest()
+    return derived_seed(seed, Purpose.CELL, *(int.from_bytes(name[i : i + 4], "little") for i in (0, 4)), *further)

@@ -16,7 +16,19 @@ from ..inference.strategies import parse_strategy
 from .sweep_models import FitSettings
 from .sweep_study import StudyFile
 
-AXES = ("data", "model", "bins", "value_range", "pseudocount", "power", "border", "policy", "fixation", "seed")
+AXES = (
+    "data",
+    "model",
+    "bins",
+    "value_range",
+    "pseudocount",
+    "power",
+    "border",
+    "policy",
+    "fixation",
+    "seed",
+    "resample",
+)
 _BORDER, _POLICY, _FIXATION = (AXES.index(name) for name in ("border", "policy", "fixation"))
 _ACTIVE = "active"
 
@@ -50,6 +62,7 @@ class Cell(NamedTuple):
         policy: `"passive"`, `"active"`, theta_X or the name of another strategy.
         fixation: Fixation point as where class, `None` for the middle.
         seed: Of the trials.
+        resample: Of the test taps, 0 for the taps as they are.
     """
 
     number: int
@@ -63,6 +76,7 @@ class Cell(NamedTuple):
     policy: str | float
     fixation: int | None
     seed: int
+    resample: int
 
     @property
     def fit_settings(self) -> FitSettings:
@@ -96,8 +110,9 @@ class CellGrid:
     def of(cls, study: StudyFile, data_sets: tuple[str, ...]) -> "CellGrid":
         """The grid of a study whose data sets have these names."""
         fixation = (None,) if study.grid.fixation == "middle" else tuple(study.grid.fixation)
-        others = {name: tuple(getattr(study.grid, name)) for name in AXES if name not in ("data", "fixation")}
-        values = {"data": data_sets, "fixation": fixation, **others}
+        others = {name: tuple(getattr(study.grid, name)) for name in AXES if hasattr(study.grid, name)}
+        resample = tuple(range(study.resamples + 1))
+        values = {**others, "data": data_sets, "fixation": fixation, "resample": resample}
         return cls(tuple(values[name] for name in AXES))
 
     @property

@@ -92,6 +92,7 @@ class StudyFile(_Table, frozen=True):
         data: Data sets, the first axis of the grid.
         grid: The other axes.
         deadline: Taps after which the most probable classes are taken.
+        resamples: Of the test taps of a single data set; every cell is played on each, for intervals. 0 for none.
     """
 
     name: Text
@@ -100,6 +101,7 @@ class StudyFile(_Table, frozen=True):
     data: _Some[DataEntry]
     grid: Axes = Axes()
     deadline: Count = DEADLINE
+    resamples: Natural = 0
 
 
 def load_study(path: str | Path) -> StudyFile:
@@ -126,6 +128,8 @@ def parse_study(text: str) -> StudyFile:
         _check_data(f"data[{i}]", entry)
     _check_once("data", [entry.name for entry in study.data])
     _check_axes(study.grid)
+    if study.resamples == 1:
+        raise InputError("resamples: it takes 2 or more for an interval; 0 for none.")
     return study
 
 

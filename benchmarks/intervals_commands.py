@@ -21,6 +21,7 @@ from solidtouch.inference.control import fixation, passive
 from solidtouch.inference.held_out import held_out
 from solidtouch.inference.lockstep import play
 from solidtouch.inference.montecarlo import run_trials
+from solidtouch.inference.resampling import spread
 from solidtouch.inference.stopping import after
 from solidtouch.inference.tally import tally_trials
 from solidtouch.inference.threshold_choice import choose_threshold
@@ -134,7 +135,7 @@ def of_strategies(truth: int, number: int, taps: int) -> Iterator[Held]:
             plan = plan_trials(one.pool, n, number, first_stream=i * n)
             record = play(one, plan, policy, border="clamp", deadline=TAPS, seed=number)
             sums.append(decided_sums(record, rule, GRID).mean(axis=0))
-        means.append(units_of(sums, tables))
+        means.append(units_of(sums, spread(table_of)))
     found = differences(means[0], means[1], (TAPS,), 1)[0][AT_TAPS.index("what_error")]
     of = f"`strategies`, P(wrong) of passive less fixation, {TAPS} taps"
     yield Held(of, f"{taps}", truth, found.low, found.high, np.nan, found.value)

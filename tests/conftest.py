@@ -125,11 +125,11 @@ def draw_samples() -> Callable[..., NDArray[np.float64]]:
 def make_study(tmp_path, make_taps) -> Callable[..., Path]:
     """A function that writes a small study of recorded taps, 3 x 4 classes, and returns the file."""
 
-    def make(grid: str = "", trials: int = 30, data: str = "", name: str = "study.toml") -> Path:
+    def make(grid: str = "", trials: int = 30, data: str = "", name: str = "study.toml", head: str = "") -> Path:
         make_taps().save(tmp_path / "taps.nc", force=True)
         path = tmp_path / name
         path.write_text(
-            f"""name = "small"\ntrials = {trials}\nthresholds = [0.5, 0.95]\ndeadline = 20
+            f"""name = "small"\ntrials = {trials}\nthresholds = [0.5, 0.95]\ndeadline = 20\n{head}
 [[data]]\nname = "rods"\nfiles = ["taps.nc"]\n{data}\n[grid]\n{grid}\n""",
             encoding="utf-8",
         )

@@ -5,6 +5,7 @@ import pytest
 from solidtouch.analysis.open_effects import jackknife
 from solidtouch.analysis.resampled_units import RESAMPLES, resampled_sentence, resampled_tables, units_of
 from solidtouch.hardware.pool import tap_pool
+from solidtouch.inference.resampling import spread
 from solidtouch.inference.trial_plan import TapTable
 
 L, M, N = 2, 3, 12
@@ -22,7 +23,7 @@ def test_their_standard_error_is_that_of_a_mean_of_taps(table, rng):
     """Of one number for each tap: the root of the sum of squares over classes, over the taps of each."""
     value = rng.normal(size=L * M * N) * (1 + np.arange(L * M * N) % 2)
     tables = resampled_tables(table, 2000, 3)
-    units = units_of([np.array([value[one.pool.order].mean()]) for one in tables], tables)
+    units = units_of([np.array([value[one.pool.order].mean()]) for one in tables], spread(tables[0]))
     mean, error = jackknife([units], lambda means: means)
     of_class = [value[table.pool.order[f : f + N]] for f in table.pool.first.flat]
     expected = np.sqrt(np.sum([own.var(ddof=1) / N for own in of_class])) / (L * M)
@@ -35,13 +36,13 @@ def test_without_resamples_the_estimate_is_the_only_unit(table):
     tables = resampled_tables(table, 0, 0)
     assert len(tables) == 1
     assert tables[0].pool is table.pool
-    np.testing.assert_array_equal(units_of([np.arange(3.0)], tables), [[0, 1, 2]])
+    np.testing.assert_array_equal(units_of([np.arange(3.0)], spread(tables[0])), [[0, 1, 2]])
 
 
 def test_a_nonlinear_statistic_keeps_its_value(table, rng):
     """Units are spread around the estimate, not around the mean of resamples."""
     samples = [np.array([2.0, 4.0]), *rng.normal((3, 5), 0.01, (RESAMPLES, 2))]
-    value, error = jackknife([units_of(samples, resampled_tables(table, RESAMPLES, 0))], lambda m: m[:1] / m[1:])
+    value, error = jackknife([units_of(samples, spread(table))], lambda m: m[:1] / m[1:])
 
     np.testing.assert_allclose(value, 0.5)
     slope = np.array([1 / 4, -2 / 16])
@@ -64,7 +65,7 @@ def test_sessions_are_units_where_several_test():
     table = TapTable(np.zeros((18, 1, 2)), pool, np.zeros((1, 2)), session=np.arange(18) % 3)
     score = np.random.default_rng(0).normal(size=len(table.log_likelihood)) + table.session
     tables = resampled_tables(table, 6, 0)
-    units = units_of([np.array(score[one.pool.order].mean()) for one in tables], tables)
+    units = units_of([np.array(score[one.pool.order].mean()) for one in tables], spread(tables[0]))
     own = [score[table.pool.order][table.session[table.pool.order] == s].mean() for s in range(3)]
     assert len(units) == 3
     assert units.mean() == pytest.approx(np.mean(own))

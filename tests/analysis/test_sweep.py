@@ -13,7 +13,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 import xarray as xr
+from scipy.stats import t
 from solidtouch.analysis import sweep_cell, sweep_code
+from solidtouch.analysis.resampled_units import spread_of_taps, units_of
 from solidtouch.analysis.sweep import Tally, sweep
 from solidtouch.analysis.sweep_batches import DEATHS, Batch, CellQueue
 from solidtouch.analysis.sweep_cell import Outcome, run_cell, try_cell
@@ -21,7 +23,7 @@ from solidtouch.analysis.sweep_cells import CellGrid, Effort
 from solidtouch.analysis.sweep_data import Sources
 from solidtouch.analysis.sweep_local import in_processes, in_this_process
 from solidtouch.analysis.sweep_quantities import QUANTITIES
-from solidtouch.analysis.sweep_result import open_sweep
+from solidtouch.analysis.sweep_result import open_sweep, over_data
 from solidtouch.analysis.sweep_store import DONE, SweepStore
 from solidtouch.analysis.sweep_study import load_study
 from solidtouch.analysis.tallied import tally_means
@@ -179,6 +181,38 @@ def test_likelihoods_are_shared_between_cells_of_one_fit(make_study, tmp_path, m
     sweep(make_study(GRID), tmp_path / "s.zarr", in_this_process)
 
     assert len(fits) == 2
+
+
+def test_resampled_taps_give_intervals_for_one_data_set(make_study, tmp_path):
+    """Every cell once more on each resample, the same for all settings; the taps as they are come first."""
+    path, plain = (
+        make_study("power = [0.3, 1]", head="resamples = 5"),
+        make_study("power = [0.3, 1]", name="plain.toml"),
+    )
+    sweep(path, tmp_path / "s.zarr", in_this_process)
+    sweep(plain, tmp_path / "p.zarr", in_this_process)
+    result, without = results(tmp_path / "s.zarr"), results(tmp_path / "p.zarr")
+    assert result.sizes["resample"] == 6
+    xr.testing.assert_identical(result.sel(resample=[0]), without)
+    assert len(np.unique(result["belief"].sel(power=1, theta=0.5, policy="passive"))) == 6
+
+    data = Sources(load_study(path), tmp_path).load("rods")
+    found = over_data(open_sweep(tmp_path / "s.zarr").load())
+    how = spread_of_taps(data.fold.test, data.grid)
+    values = result["taps"].sel(power=1, theta=0.5, policy="passive").squeeze().values
+    units = units_of(list(values), how)
+    half = t.ppf(0.975, len(units) - 1) * units.std(ddof=1) / len(units) ** 0.5
+    at = found.sel(power=1, theta=0.5, policy="passive").squeeze()
+    assert float(at["taps"]) == pytest.approx(values[0])
+    assert float(at["taps_low"]) == pytest.approx(values[0] - half)
+    assert float(at["taps_high"]) == pytest.approx(values[0] + half)
+
+
+def test_resamples_of_several_data_sets_are_refused(make_study, tmp_path):
+    path = make_study(data='split = "leave-one-session-out"', head="resamples = 5")
+    with pytest.raises(InputError, match="resamples: with 2 data sets these are the units of intervals"):
+        sweep(path, tmp_path / "s.zarr", in_this_process)
+    assert not (tmp_path / "s.zarr").exists()
 
 
 def test_a_sweep_counts_its_cells(make_study, tmp_path):

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 import xarray as xr
-from scipy.stats import ttest_1samp
+from scipy.stats import t, ttest_1samp
 from solidtouch.analysis.sweep_result import over_data
 from solidtouch.models.errors import InputError
 
@@ -24,7 +24,7 @@ def test_intervals_are_over_data_sets(result):
         expected = ttest_1samp(means[:, p], 0).confidence_interval(0.95)
         np.testing.assert_allclose(found["what_error_low"][p], expected.low)
         np.testing.assert_allclose(found["what_error_high"][p], expected.high)
-    assert found["data_sets"].values.tolist() == [5, 5]
+    assert found["units"].values.tolist() == [5, 5]
 
 
 def test_differences_pair(result):
@@ -37,8 +37,26 @@ def test_a_data_set_with_a_cell_to_come_is_left_out(result):
     result["what_error"][0, 1, 0] = np.nan
     found = over_data(result, ["what_error"])
     rest = over_data(result.isel(data=slice(1, None)), ["what_error"])
-    assert found["data_sets"].values.tolist() == [4, 5]
+    assert found["units"].values.tolist() == [4, 5]
     np.testing.assert_allclose(found["what_error_low"][0], rest["what_error_low"][0])
+
+
+@pytest.mark.parametrize(("sessions", "factor", "units"), [(1, 1.5, 8), (4, 3**0.5, 4)])
+def test_the_units_of_one_data_set_are_its_resamples(rng, sessions, factor, units):
+    """Around the value of the taps as they are; of 4 sessions that are left out in turn, twice each, by jackknife."""
+    values = rng.normal(size=(1, 2, 9))
+    result = xr.Dataset(
+        {"taps": (("data", "seed", "resample"), values)},
+        attrs={"resample_factor": factor, "resample_sessions": sessions},
+    )
+    found = over_data(result, ["taps"])
+    first, *drawn = values.mean(axis=(0, 1))
+    drawn = np.reshape(drawn, (-1, units)).mean(axis=0)
+    error = factor * drawn.std(ddof=1) * (1 if sessions == 1 else 3**0.5 / 2)
+    assert found["taps"] == pytest.approx(first)
+    assert found["units"] == units
+    half = t.ppf(0.975, units - 1) * error
+    assert (found["taps_low"], found["taps_high"]) == (pytest.approx(first - half), pytest.approx(first + half))
 
 
 def test_one_data_set_has_no_interval(result):

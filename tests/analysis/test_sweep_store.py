@@ -18,7 +18,7 @@ THRESHOLDS = (0.5, 0.95)
 GRID = CellGrid(
     (
         *(("a", "b"), ("histogram",), (10,), ("global",), (0.01, 1.0)),
-        *(("J", 0.5), ("uniform", "clamp"), ("passive", "active"), (1, 2, 3), (0,)),
+        *(("J", 0.5), ("uniform", "clamp"), ("passive", "active"), (1, 2, 3), (0,), (0,)),
     )
 )
 
@@ -44,7 +44,7 @@ def test_an_empty_store_has_every_axis_and_only_pending_cells(tmp_path):
     assert not store.status().any()
     assert dict(dataset["taps"].sizes) == {
         "data": 2, "model": 1, "bins": 1, "value_range": 1, "pseudocount": 2, "power": 2, "border": 2, "policy": 2,
-        "fixation": 3, "seed": 1, "theta": 2,
+        "fixation": 3, "seed": 1, "resample": 1, "theta": 2,
     }  # fmt: skip
     assert dataset["power"].values.tolist() == ["J", "0.5"]
     assert np.isnan(dataset["taps"]).all()
@@ -157,7 +157,8 @@ def test_reading_the_status_opens_no_chunk_of_a_done_cell(tmp_path, monkeypatch)
 
 
 def test_a_store_of_one_cell_and_one_threshold_is_a_store(tmp_path):
-    grid = CellGrid((("a",), ("histogram",), (1,), ("global",), (0.0,), ("none",), ("prior",), (0.5,), (None,), (9,)))
+    model = ("histogram",), (1,), ("global",), (0.0,), ("none",)
+    grid = CellGrid((("a",), *model, ("prior",), (0.5,), (None,), (9,), (0,)))
     store = create_store(tmp_path / "s.zarr", grid, (0.9,), {"a": ("P(wrong)", "mm")}, {})
     store.write(Outcome(0, {name: np.array([math.nan]) for name in QUANTITIES}, 1.0))
 

@@ -54,6 +54,7 @@ WRONG = {
     "NaN as a pseudocount": (f"{LEAST}[grid]\npseudocount = [nan]", "grid.pseudocount"),
     "a negative fixation point": (f"{LEAST}[grid]\nfixation = [-1]", "grid.fixation"),
     "a threshold beyond 1": (LEAST.replace("0.9", "1.9"), "thresholds"),
+    "a single resample": (LEAST.replace("trials", "resamples = 1\ntrials"), "resamples: it takes 2 or more"),
     "no trials": (LEAST.replace("10", "0"), "trials"),
     "neither preset nor files": (LEAST.replace('preset = "paper"', ""), r"data\[0\]: it needs either preset or files"),
     "preset and files": (f'{LEAST}files = ["a.nc"]', r"data\[0\]: it needs either preset or files"),
