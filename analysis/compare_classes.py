@@ -12,6 +12,7 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from ..hardware.pool import TapPool
+from ..inference.judged_sequences import without_replacement
 from ..inference.resampling import CONFIDENCE, spread
 from ..inference.saturation import share
 from ..inference.selections import thinned_pools
@@ -212,7 +213,7 @@ def _draw(
             taps = (
                 group[:, np.newaxis]
                 if n == 1
-                else _without_replacement(group, n, -(-draws * len(group) // total), generator)
+                else without_replacement(group, n, -(-draws * len(group) // total), generator)
             )
             where, what = np.repeat([[l], [m]], len(taps), axis=1)
             parts.append(_Sequences(taps, where, what, np.full(len(taps), len(group) / len(taps))))
@@ -220,20 +221,6 @@ def _draw(
     if not classes or classes < _ENOUGH * np.count_nonzero(pool.count):
         return None
     return _Sequences(*(np.concatenate(column) for column in zip(*parts, strict=True)))
-
-
-def _without_replacement(
-    group: NDArray[np.intp], n: int, draws: int, generator: np.random.Generator
-) -> NDArray[np.intp]:
-    """At least so many draws of n different ones, shape (Q, n): disjoint parts of shuffled groups.
-
-    So all are used about equally often, which scatters less than draws of their own. Groups take turns, and their
-    number is even: every second sequence is of every second group.
-    """
-    parts = len(group) // n
-    shuffles = 2 * -(-draws // (2 * parts))
-    shuffled = generator.permuted(np.broadcast_to(group, (shuffles, len(group))), axis=1)[:, : parts * n]
-    return shuffled.reshape(shuffles, parts, n).swapaxes(0, 1).reshape(-1, n)
 
 
 def _scores(table: TapTable, sequences: _Sequences) -> _Scores:

@@ -16,7 +16,7 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from ..hardware.pool import TapPool, tap_pool
-from ..inference.judged_sequences import Sequences, log_beliefs
+from ..inference.judged_sequences import Sequences, log_beliefs, without_replacement
 from ..inference.montecarlo import THRESHOLDS
 from ..inference.resampling import (
     CONFIDENCE,
@@ -40,7 +40,7 @@ from .remedies import Remedy
 from .right_model import SIMULATIONS, Beside, compare, exact, reference_factors
 from .study import can_act
 
-_SEQUENCES, _RESAMPLE_SEQUENCES = 20, 6  # of each class; the latter even, for halves
+_SEQUENCES, _RESAMPLE_SEQUENCES = 20, 6  # of each class, at least; the latter even, for halves
 _RESAMPLES = 100
 _FACTOR_TRIALS = 500  # on each resample, for the factors of remedies, which are told to two digits
 
@@ -319,17 +319,19 @@ def _triple(data: xr.Dataset, name: str) -> tuple[float, float, float] | None:
     return values if np.isfinite(values).all() else None
 
 
-def _sequences(pool: TapPool, n: int, each: int, generator: np.random.Generator) -> NDArray[np.intp]:
-    """Sequences of n taps of a class, some of each, with replacement where it has fewer; shape (Q, n)."""
+def _sequences(
+    pool: TapPool, n: int, each: int, generator: np.random.Generator
+) -> tuple[NDArray[np.intp], NDArray[np.float64]]:
+    """Sequences of n taps of a class, with replacement where it has fewer, shape (Q, n), and their weights, (Q,).
+
+    There are at least so many of each class, which all weigh the same.
+    """
     taps = []
-    for l, m in np.argwhere(pool.count > 0):
-        first, count = int(pool.first[l, m]), int(pool.count[l, m])
-        members = np.broadcast_to(pool.order[first : first + count], (each, count))
-        if count >= n:
-            taps.append(generator.permuted(members, axis=1)[:, :n])
-        else:
-            taps.append(generator.choice(members[0], size=(each, n)))
-    return np.concatenate(taps)
+    for first, count in zip(pool.first[pool.count > 0], pool.count[pool.count > 0], strict=True):
+        own = pool.order[first : first + count]
+        enough = count >= n
+        taps.append(without_replacement(own, n, each, generator) if enough else generator.choice(own, (each, n)))
+    return np.concatenate(taps), np.concatenate([np.full(len(one), 1 / len(one) / len(taps)) for one in taps])
 
 
 def _log_beliefs(
@@ -340,11 +342,12 @@ def _log_beliefs(
     first, *pools = thinned_pools(pool_of, _RESAMPLES, seed)
 
     def beliefs(pool: TapPool, each: int) -> NDArray[np.float64]:
-        return _log_belief(table, remedy, grid, taps, _sequences(pool, n, each, generator))
+        drawn, weight = _sequences(pool, n, each, generator)
+        return weight * _log_belief(table, remedy, grid, taps, drawn)
 
-    estimate = beliefs(first, _SEQUENCES).mean()
+    estimate = beliefs(first, _SEQUENCES).sum()
     drawn = [beliefs(pool, _RESAMPLE_SEQUENCES) for pool in pools]
-    halves = np.array([[values[::2].mean(), values[1::2].mean()] for values in drawn])
+    halves = np.array([[2 * values[::2].sum(), 2 * values[1::2].sum()] for values in drawn])
     return np.concatenate([[estimate], halves.mean(axis=1), *halves.T])
 
 

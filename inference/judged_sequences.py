@@ -132,6 +132,29 @@ def refuse_impossible(sequences: Iterable[Sequences]) -> None:
         )
 
 
+def without_replacement(
+    group: NDArray[np.intp], n: int, draws: int, generator: np.random.Generator
+) -> NDArray[np.intp]:
+    """Sequences of n different taps: disjoint parts of a shuffled group, again and again.
+
+    So all taps are used about equally often, which scatters less than draws of their own. Shuffles take turns, and
+    their number is even: every second sequence is of every second one.
+
+    Args:
+        group: The taps, n of them at least.
+        n: Taps of a sequence.
+        draws: How many sequences there are at least.
+        generator: Of the shuffles.
+
+    Returns:
+        Shape (Q, n).
+    """
+    parts = len(group) // n
+    shuffles = 2 * -(-draws // (2 * parts))
+    shuffled = generator.permuted(np.broadcast_to(group, (shuffles, len(group))), axis=1)[:, : parts * n]
+    return shuffled.reshape(shuffles, parts, n).swapaxes(0, 1).reshape(-1, n)
+
+
 @compiled
 def _log_beliefs(
     log_likelihood: Floats,
