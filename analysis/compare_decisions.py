@@ -349,9 +349,8 @@ def _reached(times: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[n
         Each of shape (model, policy); where the fastest is the slower there is no such time.
     """
     tail = (1 - CONFIDENCE) / 2
-    return np.quantile(np.nanmin(times, axis=2), 1 - tail, axis=-1), np.quantile(
-        np.nanmax(times, axis=2), tail, axis=-1
-    )
+    fastest, slowest = np.nanmin(times, axis=2), np.nanmax(times, axis=2)
+    return np.quantile(fastest, 1 - tail, axis=-1), np.quantile(slowest, tail, axis=-1)
 
 
 def _round_times(fastest: NDArray[np.float64], slowest: NDArray[np.float64], base: int) -> NDArray[np.float64]:
