@@ -185,7 +185,7 @@ def measure(
                 None if remedy is base else _triple(errors, "what_error_difference"),
                 None if remedy is base else _triple(errors, "where_error_difference"),
                 found["all trials"]["taps"][0],
-                _factor(found["all trials"]),
+                factor_of(found["all trials"]),
                 found["stopped"],
             )
         )
@@ -431,8 +431,8 @@ def _factors(table: TapTable, remedy: Remedy, policy: str, trials: int, seed: in
     )
 
 
-def _factor(found: Mapping[str, Any]) -> tuple[float | None, float | None, float | None]:
-    """The factor of a part of `headline` with its interval.
+def factor_of(found: Mapping[str, Any]) -> tuple[float | None, float | None, float | None]:
+    """The factor of a part of `headline` with its interval, each `None` where there is none.
 
     A mistake that leaves no doubt refutes beliefs by itself, so an infinite factor has an infinite interval.
     """
@@ -471,7 +471,7 @@ def judge(
         return compare(np.nan if value is None else value, reference[:, column])
 
     every = found["all trials"]
-    factor, *factors = (_factor(one) for one in (every, *found["each"].values()))
+    factor, *factors = (factor_of(one) for one in (every, *found["each"].values()))
     return Judged(
         factor,
         every["wrong"][0],

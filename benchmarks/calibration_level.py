@@ -26,11 +26,12 @@ from numpy.typing import NDArray
 from solidtouch.analysis.audit_verdict import calibration
 from solidtouch.analysis.calibration_tests import rejected
 from solidtouch.analysis.reliability import headline
-from solidtouch.analysis.remedy_scores import Judged, decisions, judge
+from solidtouch.analysis.remedy_scores import Judged, decisions, factor_of, judge
 from solidtouch.analysis.right_model import LEVEL, Beside, compare, simulate
 from solidtouch.hardware.data_collection import simulate_session
 from solidtouch.hardware.model_rig import draw_session
 from solidtouch.hardware.presets import preset
+from solidtouch.inference.resampling import RESAMPLES
 from solidtouch.inference.tempering import best_power
 from solidtouch.inference.trial_plan import TapTable, tap_table
 from solidtouch.models.histogram import HistogramModel, fit
@@ -47,6 +48,7 @@ TRIALS, DEADLINE = 1000, 100
 LEVEL_BLOCK, POWER_BLOCK, LEARNED_BLOCK, RIG_BLOCK = BLOCKS = "level", "power", "learned", "rigs"
 RIGS = ("paper", "broken", "nodrift", "ideal")
 STATES = ("overconfident", "cautious")
+NOT_REJECTED = "right, or not enough data to tell"
 OBJECT, PROMISE = "one object outside", "promise exceeded"
 HEAD = ("J", "taps per class", "threshold", "power", "policy", *STATES, "either", OBJECT, PROMISE)
 _TAXELS = {1: 2, 5: 1}  # so that decisions take several taps
@@ -142,19 +144,29 @@ def learned(size: str, samples: int, taps: int, theta: float, policy: str, seed:
     return called(model, test, Setting(threshold=theta, border="clamp"), policy, seed)
 
 
-def on_rig(name: str, policy: str, seed: int) -> str:
-    """What an audit calls the beliefs in one data set of a simulated rig."""
+def on_rig(name: str, seed: int) -> list[str]:
+    """What an audit calls the beliefs in one data set of a simulated rig, by policy."""
     train, test = (simulate_session(preset(name), seed, session) for session in (0, 1))
     model = fit(train, train.grid())
-    return called(model, model.usable(test), Setting(), policy, seed)
+    return [called(model, model.usable(test), Setting(), policy, seed) for policy in POLICIES]
 
 
 def called(model: TapModel, test: TapSet, setting: Setting, policy: str, seed: int) -> str:
-    """What an audit calls the beliefs of a model in trials on test taps."""
-    table, theta, trials = tap_table(model, test), setting.threshold, {"trials": TRIALS, "seed": seed}
-    found = decisions(table, model.grid, setting, [theta], only=policy, contacts=(), **trials)
-    judged = judge(headline(found, policy, theta), model, table, setting, policy=policy, **trials)
-    return calibration(judged)
+    """What an audit calls the beliefs of a model in trials on test taps.
+
+    Intervals, which take longest, have a part in that only where the test rejects.
+    """
+    table, trials = tap_table(model, test), {"trials": TRIALS, "seed": seed}
+
+    def found(resamples: int) -> dict[str, Any]:
+        options = {"only": policy, "contacts": (), "resamples": resamples, **trials}
+        played = decisions(table, model.grid, setting, [setting.threshold], **options)
+        return headline(played, policy, setting.threshold)
+
+    judged = judge(found(1), model, table, setting, policy=policy, **trials)
+    if min(judged.beside.above, judged.beside.below) > LEVEL / 2:
+        return NOT_REJECTED
+    return calibration(judged._replace(factor=factor_of(found(RESAMPLES)["all trials"])))
 
 
 def shares(found: Counter[str], M: int) -> list[str]:
@@ -172,7 +184,7 @@ def main() -> None:
     parser.add_argument("--data-sets", type=int, default=400)
     parser.add_argument("--references", type=int, default=1999)
     parser.add_argument("--learned", type=int, default=200, help="data sets with a learned exponent; 0 for none")
-    parser.add_argument("--rigs", type=int, default=60, help="data sets of each simulated rig; 0 for none")
+    parser.add_argument("--rigs", type=int, default=200, help="data sets of each simulated rig; 0 for none")
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--sizes", nargs="*", choices=SIZES, default=list(SIZES))
     parser.add_argument("--document", type=Path)
@@ -203,10 +215,11 @@ def main() -> None:
             seeds = [derived_seed(options.seed, Purpose.STUDY, number) for number in range(options.learned)]
             found = Counter(pool.map(partial(learned, size, samples, taps, theta, policy), seeds, chunksize=4))
             note(LEARNED_BLOCK, [size, samples, taps, theta, "learned", policy], found)
-        for name, policy in product(RIGS if options.rigs else (), POLICIES):
+        for name in RIGS if options.rigs else ():
             seeds = [data_set_seed(options.seed, number) for number in range(options.rigs)]
-            found = Counter(pool.map(partial(on_rig, name, policy), seeds, chunksize=4))
-            note(RIG_BLOCK, [name, 50, 20, Setting().threshold, "J", policy], found)
+            found = zip(*pool.map(partial(on_rig, name), seeds, chunksize=4), strict=True)
+            for policy, some in zip(POLICIES, found, strict=True):
+                note(RIG_BLOCK, [name, 50, 20, Setting().threshold, "J", policy], Counter(some))
 
 
 if __name__ == "__main__":
