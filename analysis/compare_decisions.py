@@ -19,6 +19,7 @@ from ..inference.montecarlo import Trials
 from ..inference.reference import Border
 from ..inference.resampling import (
     CONFIDENCE,
+    RESAMPLE_TRIALS,
     RESAMPLES,
     Spread,
     planned_trials,
@@ -69,6 +70,7 @@ def play_models(
     deadline: int = DEADLINE,
     theta_x: float = 0.0,
     resamples: int = RESAMPLES,
+    resample_trials: int = RESAMPLE_TRIALS,
     only: str | None = None,
     highest: Mapping[str, float] | None = None,
     progress: Callable[[int], None] | None = None,
@@ -86,6 +88,7 @@ def play_models(
         deadline: Taps after which the most probable classes are taken.
         theta_x: Threshold for a move of the active policy.
         resamples: How many.
+        resample_trials: On each of them.
         only: The policy to play; `None` for all of `policies`.
         highest: The highest threshold that a model is played to, by its name; beyond are NaN. `None` for all.
         progress: Called with the number of trials finished since the last call, see `planned`.
@@ -121,6 +124,7 @@ def play_models(
                 deadline=deadline,
                 seed=seed,
                 resamples=resamples,
+                resample_trials=resample_trials,
                 progress=progress,
                 endings=partial(endings, deadline=deadline, farthest=Farthest.on(grid)),
             )
@@ -151,6 +155,7 @@ def play_models(
             "trials": trials,
             "seed": seed,
             "resamples": resamples,
+            "resample_trials": resample_trials,
             "factor": how.factor,
             "freedom": how.freedom,
             "taps_per_class": taps_per_class(table.pool),
@@ -172,7 +177,7 @@ def spread_of(played: xr.Dataset) -> Spread:
     return Spread(
         attributes["factor"],
         taps=attributes["test_taps"],
-        noise=trial_noise(attributes["trials"]),
+        noise=trial_noise(attributes["trials"], attributes["resample_trials"]),
         freedom=attributes["freedom"],
     )
 

@@ -20,13 +20,14 @@ from ..inference.judged_sequences import Sequences, log_beliefs, without_replace
 from ..inference.montecarlo import THRESHOLDS
 from ..inference.resampling import (
     CONFIDENCE,
+    RESAMPLE_TRIALS,
     USED_UP_SELECTED,
     Spread,
     spread,
     taps_per_class,
 )
 from ..inference.saturation import share
-from ..inference.selections import thinned_pools
+from ..inference.selections import sessions_drawn, thinned_pools
 from ..inference.trial_plan import TapTable, tap_table
 from ..models import seeds
 from ..models.classes import ClassGrid
@@ -34,7 +35,7 @@ from ..models.errors import InputError
 from ..models.model import TapModel
 from ..models.setting import Setting
 from ..models.taps import TapSet
-from .compare_decisions import at_equal_taps, play_models
+from .compare_decisions import at_equal_taps, play_models, spread_of
 from .reliability import THETAS, headline, reliability
 from .remedies import Remedy
 from .right_model import SIMULATIONS, Beside, compare, exact, reference_factors
@@ -42,6 +43,7 @@ from .study import can_act
 
 _SEQUENCES, _RESAMPLE_SEQUENCES = 20, 6  # of each class, at least; the latter even, for halves
 _RESAMPLES = 100
+_ROUGH_RESAMPLES, _ROUGH_TRIALS = 20, 200
 _FACTOR_TRIALS = 500  # on each resample, for the factors of remedies, which are told to two digits
 
 
@@ -151,8 +153,8 @@ def measure(
     alike = {remedy.name: tables[remedy.name] for remedy in remedies if remedy.grid is base.grid}
     options = {"policy": policy, "trials": trials, "seed": seed}
     rough = _rough(alike, base, **options)
-    theta = _comparable(rough.sel(model=base.name), base.setting.threshold)
-    time = float(rough["taps"].sel(model=base.name, theta=theta))
+    theta = _comparable(rough, base.name, base.setting.threshold)
+    time = float(rough["taps"].sel(model=base.name, theta=theta)[0])
     played = _play(alike, base, highest=_needed(rough, time), **options)
     at_time = at_equal_taps(played, [time]).sel(policy=policy).isel(taps=0)
     thetas = sorted({*THETAS, base.setting.threshold})
@@ -248,6 +250,7 @@ def _play(
     trials: int,
     seed: int,
     resamples: int = _RESAMPLES,
+    resample_trials: int = RESAMPLE_TRIALS,
     highest: Mapping[str, float] | None = None,
 ) -> xr.Dataset:
     """Trials by several tables with the classes and the setting of a remedy."""
@@ -263,31 +266,34 @@ def _play(
         deadline=setting.deadline,
         theta_x=setting.theta_x,
         resamples=resamples,
+        resample_trials=resample_trials,
         only=policy,
         highest=highest,
     )
 
 
 def _rough(tables: Mapping[str, TapTable], remedy: Remedy, **options: Any) -> xr.Dataset:
-    """Means of `_play` over the trials on the taps as they are."""
-    return _play(tables, remedy, resamples=1, **options).isel(policy=0, resample=0)
+    """`_play` at all thresholds, with few trials on few selections, or without each session once."""
+    resamples = max(_ROUGH_RESAMPLES, *(sessions_drawn(table) for table in tables.values()))
+    return _play(tables, remedy, resamples=resamples, resample_trials=_ROUGH_TRIALS, **options).isel(policy=0)
 
 
-def _comparable(rough: xr.Dataset, threshold: float) -> float:
-    """The highest threshold up to the one in use at which hardly a trial uses up the taps; else the lowest."""
-    lower = rough["theta"].values <= threshold
-    thetas, used_up = rough["theta"].values[lower], rough["used_up"].values[lower]
-    return float(thetas[used_up <= USED_UP_SELECTED].max(initial=thetas[0]))
+def _comparable(rough: xr.Dataset, base: str, threshold: float) -> float:
+    """The highest threshold up to the one in use at which there are enough test taps; that one if there is none."""
+    thetas = rough["theta"].values
+    used_up = spread_of(rough).center(rough["used_up"].sel(model=base).values)
+    return float(thetas[(thetas <= threshold) & (used_up <= USED_UP_SELECTED)].max(initial=0.0) or threshold)
 
 
 def _needed(rough: xr.Dataset, time: float) -> dict[str, float]:
-    """For each model the threshold behind the first that takes it so long: resamples may be faster."""
-    thetas = rough["theta"].values
-    first = {
-        str(name): np.append(np.flatnonzero(rough["taps"].sel(model=name).values >= time), len(thetas))[0]
-        for name in rough["model"].values
-    }
-    return {name: float(thetas[min(h + 1, len(thetas) - 1)]) for name, h in first.items()}
+    """For each model the threshold behind the first at which it takes so long on all selections."""
+    thetas, found = rough["theta"].values, {}
+    for name in rough["model"].values:
+        times = rough["taps"].sel(model=name).values
+        fastest = np.minimum(times[:, 0], spread_of(rough).whole(times).min(axis=-1))
+        first = int(np.append(np.flatnonzero(fastest >= time), len(thetas))[0])
+        found[str(name)] = float(thetas[min(first + 1, len(thetas) - 1)])
+    return found
 
 
 def _against(base: xr.Dataset, played: xr.Dataset, policy: str, time: float) -> xr.Dataset:

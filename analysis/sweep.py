@@ -11,11 +11,12 @@ import numpy as np
 
 from ..models.errors import InputError
 from ..models.recording import naming
+from ..models.taps import TapSet
 from .resampled_units import spread_of_taps
 from .sweep_cell import Outcome, Runner
 from .sweep_cells import CellGrid, Effort
 from .sweep_code import code, differences
-from .sweep_data import Sources
+from .sweep_data import DataSet, Sources
 from .sweep_store import DONE, FAILED, PENDING, SweepStore, create_store, locked, read_about
 from .sweep_study import StudyFile, load_study
 
@@ -112,19 +113,36 @@ def _store(path: Path, out: Path, study: StudyFile, sources: Sources, grid: Cell
         "code": json.dumps(code()),
     }
     if study.resamples:
-        about |= _resampled(sources)
+        about |= _resampled(sources, study.resamples)
     for name, classes in sources.grids.items():
         _check_fixation(name, study.grid.fixation, classes.L)
     units = {name: (classes.what_error_unit, classes.where_unit) for name, classes in sources.grids.items()}
     return create_store(out, grid, study.thresholds, units, about)
 
 
-def _resampled(sources: Sources) -> dict[str, Any]:
+def _of_trained_classes(data: DataSet) -> TapSet:
+    """The test taps that can be played."""
+    trained = np.zeros(data.grid.shape, dtype=bool)
+    where, what = data.fold.train.indices(data.grid)
+    inside = np.minimum(where, what) >= 0
+    trained[where[inside], what[inside]] = True
+    where, what = data.fold.test.indices(data.grid)
+    return data.fold.test.select((np.minimum(where, what) >= 0) & trained[where, what])
+
+
+def _resampled(sources: Sources, resamples: int) -> dict[str, Any]:
     """How resamples of the test taps turn into intervals, as `over_data` reads it."""
     if len(sources.keys) > 1:
         raise InputError(f"resamples: with {len(sources.keys)} data sets these are the units of intervals.")
     data = sources.load(*sources.keys)
-    how = spread_of_taps(data.fold.test, data.grid)
+    how = spread_of_taps(_of_trained_classes(data), data.grid)
+    if np.isnan(how.factor):
+        raise InputError("resamples: there is one test tap of most classes, too few to be resampled.")
+    if resamples < how.sessions:
+        raise InputError(
+            f"resamples: {how.sessions} sessions test, each of which is left out in turn, so it takes {how.sessions} "
+            "or more."
+        )
     return {"resample_factor": how.factor, "resample_sessions": how.sessions, "few": how.few}
 
 
@@ -135,7 +153,7 @@ def _check_fixation(name: str, fixation: Any, L: int) -> None:
 
 
 def _check_study(path: Path, out: Path, mine: dict[str, Any], theirs: dict[str, Any]) -> None:
-    mine, theirs = ({**part, **part["grid"]} for part in (mine, theirs))
+    mine, theirs = ({"resamples": 0, **part, **part["grid"]} for part in (mine, theirs))
     for key in mine:
         if key != "grid" and mine[key] != theirs.get(key):
             raise InputError(

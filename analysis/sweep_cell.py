@@ -104,7 +104,7 @@ def _policy(cell: Cell, data: DataSet) -> MovePolicy:
     if strategy.kind == "table":
         fitted = partial(fit_cell, settings=cell.fit_settings)
         tables = held_out_tables(data.fold.train, data.grid, fitted)
-        targets = learn_table(tables, data.grid, border=cell.border, seed=_trial_seed(cell))
+        targets = learn_table(tables, data.grid, border=cell.border, seed=_seed_of(cell.data, cell.seed))
     return make_policy(cell.strategy, data.grid, border=cell.border, outcomes=outcomes, table=targets)
 
 

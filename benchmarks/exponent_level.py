@@ -128,7 +128,8 @@ def tables(measured: list[tuple[Design, list[list[bool]]]]) -> dict[str, str]:
         if some and not planted:
             every = np.concatenate(list(some.values()))
             rows.append(["all", "", "", "", str(len(every)), *shares(every)])
-        blocks[block] = table(head, rows)
+        if rows:
+            blocks[block] = table(head, rows)
     return blocks
 
 
@@ -141,14 +142,17 @@ def main() -> None:
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--sizes", nargs="*", choices=SIZES, default=list(SIZES))
     parser.add_argument("--taps", nargs="*", type=int, default=list(TAPS))
-    parser.add_argument("--add", action="store_true", help="rows that the last run did not finish")
+    parser.add_argument("--add", action="store_true", help="rows that the last run, with the same options, lacks")
     parser.add_argument("--document", type=Path)
     options = parser.parse_args()
     for block in (LEVEL_BLOCK, POWER_BLOCK):
         check_block(options.document, block)
     measured: list[tuple[Design, list[list[bool]]]] = []
     if options.add:
-        old = json.loads((OUT / "exponent_level.json").read_text(encoding="utf-8"))
+        try:
+            old = json.loads((OUT / "exponent_level.json").read_text(encoding="utf-8"))
+        except FileNotFoundError as error:
+            parser.error(f"--add needs what an earlier run left: {error}")
         measured = [(Design(*design), found) for *design, found in old]
     finished = {design for design, _ in measured}
     with processes() as pool:

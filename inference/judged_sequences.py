@@ -137,8 +137,8 @@ def without_replacement(
 ) -> NDArray[np.intp]:
     """Sequences of n different taps: disjoint parts of a shuffled group, again and again.
 
-    So all taps are used about equally often, which scatters less than draws of their own. Shuffles take turns, and
-    their number is even: every second sequence is of every second one.
+    So taps are used about equally often, which scatters less than draws of their own. Shuffles take turns, and their
+    number is even: every second sequence is of every second one. Of large groups no shuffle is used up.
 
     Args:
         group: The taps, n of them at least.
@@ -149,7 +149,7 @@ def without_replacement(
     Returns:
         Shape (Q, n).
     """
-    parts = len(group) // n
+    parts = min(len(group) // n, max(1, draws // 2))
     shuffles = 2 * -(-draws // (2 * parts))
     shuffled = generator.permuted(np.broadcast_to(group, (shuffles, len(group))), axis=1)[:, : parts * n]
     return shuffled.reshape(shuffles, parts, n).swapaxes(0, 1).reshape(-1, n)

@@ -78,12 +78,18 @@ class TableForm(NamedTuple):
         J: int,
         generator: np.random.Generator,
     ) -> NDArray[np.float64]:
-        """Taps of `J` samples under hypotheses (N,), each sample in the middle of its bin, shape (N, J, K)."""
+        """Taps of `J` samples under hypotheses (N,), each sample in the middle of its bin, shape (N, J, K).
+
+        Raises:
+            InputError: A hypothesis has no distribution.
+        """
         K, B = self.log_prob.shape[2:]
         edges = np.broadcast_to(edges, (K, B + 1))
         centre = 0.5 * (edges[:, :-1] + edges[:, 1:])
         cumulative = np.exp(self.log_prob).cumsum(axis=-1)
         uniform = generator.random((len(where), K, J))
+        if not (cumulative[where, what, :, -1] > 0).all():
+            raise InputError("A tap cannot be drawn from a class without a distribution.")
         taps = np.empty((len(where), J, K))
         _draw(cumulative, centre, where, what, uniform, taps)
         return taps

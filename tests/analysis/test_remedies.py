@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from solidtouch.analysis.audit_verdict import worthwhile
+from solidtouch.analysis.compare_decisions import spread_of
 from solidtouch.analysis.remedies import BASELINE, FINER, MODELS, count_remedies, make_remedies
 from solidtouch.analysis.remedy_scores import count_measurements, lost, measure
 from solidtouch.analysis.right_model import SIMULATIONS
@@ -206,10 +207,12 @@ def test_a_gain_is_less_sure_among_more_remedies(made, measured, sessions):
 
 def test_errors_are_compared_at_the_reaction_time_of_the_setting_as_it_is(measured):
     """At its threshold, or the highest below at which test taps suffice; its own error there is that at it."""
-    own = measured.played.sel(model=BASELINE, policy=measured.policy).isel(resample=0)
-    suffice = own["theta"].values[own["used_up"].values <= USED_UP_SELECTED]
-    assert measured.theta == suffice[suffice <= SETTING.threshold].max() < SETTING.threshold
-    at = own.sel(theta=measured.theta)
+    own = measured.played.sel(model=BASELINE, policy=measured.policy)
+    used_up = own["used_up"].sel(theta=measured.theta)
+    assert measured.theta < SETTING.threshold
+    assert used_up[0] == 0
+    assert spread_of(measured.played).center(used_up.values) < 2 * USED_UP_SELECTED
+    at = own.sel(theta=measured.theta).isel(resample=0)
     assert measured.policy == "active"
     assert measured.taps == pytest.approx(float(at["taps"]))
     assert measured.scores[0].error[0] == pytest.approx(float(at["what_error"]))

@@ -156,6 +156,33 @@ def test_gains_by_rounding_are_none():
         assert (gain == (0, 0, 0)) != helps
 
 
+def rough(taps, used_up):
+    """Two selections of trials at four thresholds; (theta, resample) of one model."""
+    values = {"taps": taps, "used_up": used_up}
+    samples = {name: np.column_stack([value, np.zeros((4, 4))]) for name, value in values.items()}
+    attributes = {"factor": 1.0, "freedom": np.inf, "test_taps": 9, "trials": 100, "resample_trials": 100}
+    return xr.Dataset(
+        {name: (("model", "theta", "resample"), one[np.newaxis]) for name, one in samples.items()},
+        {"model": ["own"], "theta": [0.5, 0.7, 0.9, 0.99]},
+        attributes,
+    )
+
+
+def test_errors_are_compared_where_test_taps_suffice():
+    """Also on selections, up to the threshold in use; at that one where they do at none."""
+    fine, few, none = [[0.0, 0.002, 0.006]] * 1, [[0.0, 0.1, 0.1]], [[0.2, 0.2, 0.2]]
+    cases = [(fine * 2 + few * 2, 0.7), (fine * 4, 0.9), (none * 4, 0.9), (fine + few + fine + few, 0.9)]
+    for used_up, theta in cases:
+        assert remedy_scores._comparable(rough(np.ones((4, 3)), used_up), "own", 0.9) == theta
+
+
+@pytest.mark.parametrize(("time", "theta"), [(1.0, 0.7), (1.5, 0.9), (2.5, 0.99), (9.0, 0.99)])
+def test_remedies_are_played_until_all_selections_take_so_long(time, theta):
+    """And one threshold more, as others may be faster."""
+    taps = [[1.2, 1.1, 1.0], [2.0, 1.9, 1.6], [4.0, 2.6, 3.0], [6.0, 5.0, 5.5]]
+    assert remedy_scores._needed(rough(taps, np.zeros((4, 3))), time) == {"own": theta}
+
+
 def at(what, where):
     """Errors at a reaction time, each with its ends."""
     data = {}

@@ -5,8 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from scipy.stats import binom
-from solidtouch.analysis.reliability import EVERYTHING, at_stopping, reliability
-from solidtouch.analysis.remedy_scores import judge
+from solidtouch.analysis.reliability import EVERYTHING, at_stopping, headline, reliability
+from solidtouch.analysis.remedy_scores import decisions, judge
 from solidtouch.analysis.right_model import (
     SIMULATIONS,
     compare,
@@ -217,6 +217,14 @@ def test_an_infinite_factor_is_above_all_others():
     assert np.isnan(compare(np.inf, np.full(9, np.nan)).median)
 
 
+def judged_passive(model, table, setting, trials, advance=lambda _: None):
+    """A model on a table of taps, in passive trials."""
+    options = {"trials": trials, "seed": 0}
+    found = decisions(table, model.grid, setting, [setting.threshold], contacts=(), only="passive", **options)
+    told = headline(found, "passive", setting.threshold)
+    return judge(told, model, table, setting, policy="passive", advance=advance, **options)
+
+
 def test_mistakes_without_a_doubt_are_overconfident():
     """Likelihoods of a million nats leave no doubt; the factor of all decisions and of each object is infinite."""
     model = model_of(L=3, M=3)
@@ -224,7 +232,7 @@ def test_mistakes_without_a_doubt_are_overconfident():
     bold = replace(model, power=1e6)
     seen = table._replace(log_likelihood=1e6 * table.log_likelihood)
     setting = Setting(threshold=0.9, border="clamp", passive=True, deadline=40)
-    found = judge(bold, seen, model.grid, setting, "passive", 300, 0)
+    found = judged_passive(bold, seen, setting, 300)
     assert 0 < found.wrong < 1
     assert found.factor == (np.inf, np.inf, np.inf)
     assert all(factor == (np.inf, np.inf, np.inf) for factor, _ in found.each.values())
@@ -271,7 +279,7 @@ def test_the_verdict_finds_the_side():
     def judged(power):
         bold = replace(model, power=power)
         seen = table._replace(log_likelihood=power * table.log_likelihood)
-        return judge(bold, seen, model.grid, setting, "passive", 400, 0, told.append)
+        return judged_passive(bold, seen, setting, 400, told.append)
 
     right = judged(1.0)
     assert min(right.beside.above, right.beside.below) > 0.025
@@ -287,7 +295,7 @@ def test_the_verdict_finds_the_side():
     assert cautious.exact
     assert cautious.beside.below < 0.025 < cautious.beside.above
     repeated = data_of(model, 40, 5, repeat=3)
-    bold = judge(model, repeated, model.grid, setting, "passive", 400, 0)
+    bold = judged_passive(model, repeated, setting, 400)
     assert bold.beside.above < 0.025 < bold.beside.below
     assert bold.beside.low < 1 < bold.beside.high < bold.beside.value
 

@@ -193,11 +193,16 @@ def test_resampled_taps_give_intervals_for_one_data_set(make_study, tmp_path):
     sweep(plain, tmp_path / "p.zarr", in_this_process)
     result, without = results(tmp_path / "s.zarr"), results(tmp_path / "p.zarr")
     assert result.sizes["resample"] == 6
-    xr.testing.assert_identical(result.sel(resample=[0]), without)
+    assert result["resample_sessions"] == 1
+    xr.testing.assert_identical(result.sel(resample=[0]).drop_vars(["resample_factor", "resample_sessions"]), without)
     assert len(np.unique(result["belief"].sel(power=1, theta=0.5, policy="passive"))) == 6
 
     data = Sources(load_study(path), tmp_path).load("rods")
-    found = over_data(open_sweep(tmp_path / "s.zarr").load())
+    opened = open_sweep(tmp_path / "s.zarr")
+    found = over_data(opened)
+    belief = opened["belief"].sel(theta=0.5, policy="passive")
+    gain = belief.sel(power=1) - belief.sel(power=0.3)
+    gained = over_data(gain.to_dataset(name="gain"), ["gain"]).squeeze()
     how = spread_of_taps(data.fold.test, data.grid)
     values = result["taps"].sel(power=1, theta=0.5, policy="passive").squeeze().values
     units = units_of(list(values), how)
@@ -206,6 +211,19 @@ def test_resampled_taps_give_intervals_for_one_data_set(make_study, tmp_path):
     assert float(at["taps"]) == pytest.approx(values[0])
     assert float(at["taps_low"]) == pytest.approx(values[0] - half)
     assert float(at["taps_high"]) == pytest.approx(values[0] + half)
+    assert float(gained["gain"]) == pytest.approx(gain.sel(resample=0).item())
+    assert gained["gain_low"] < gained["gain"] < gained["gain_high"]
+
+
+@pytest.mark.parametrize(
+    ("repeats", "sessions", "sentence"),
+    [(5, 4, "resamples: 3 sessions test, .* so it takes 3 or more"), (1, 2, "one test tap of most classes")],
+)
+def test_resamples_that_tell_nothing_are_refused(make_study, make_taps, tmp_path, repeats, sessions, sentence):
+    path = make_study(data="train = [0]", head="resamples = 2")
+    make_taps(repeats=repeats, sessions=sessions).save(tmp_path / "taps.nc", force=True)
+    with pytest.raises(InputError, match=sentence):
+        sweep(path, tmp_path / "s.zarr", in_this_process)
 
 
 def test_resamples_of_several_data_sets_are_refused(make_study, tmp_path):

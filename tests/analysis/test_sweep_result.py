@@ -47,7 +47,7 @@ def test_the_units_of_one_data_set_are_its_resamples(rng, sessions, factor, unit
     values = rng.normal(size=(1, 2, 9))
     result = xr.Dataset(
         {"taps": (("data", "seed", "resample"), values)},
-        attrs={"resample_factor": factor, "resample_sessions": sessions},
+        {"resample": np.arange(9), "resample_factor": factor, "resample_sessions": sessions},
     )
     found = over_data(result, ["taps"])
     first, *drawn = values.mean(axis=(0, 1))
@@ -57,6 +57,28 @@ def test_the_units_of_one_data_set_are_its_resamples(rng, sessions, factor, unit
     assert found["units"] == units
     half = t.ppf(0.975, units - 1) * error
     assert (found["taps_low"], found["taps_high"]) == (pytest.approx(first - half), pytest.approx(first + half))
+
+
+def resampled(values, sessions=1, factor=1.5):
+    result = xr.Dataset({"taps": ("resample", values)}, {"resample": np.arange(len(values))})
+    return result.assign_coords(resample_factor=factor, resample_sessions=sessions)
+
+
+def test_a_resample_to_come_is_left_out(rng):
+    """As if there were one less; the estimate needs none."""
+    values = rng.normal(size=9)
+    values[4] = np.nan
+    found, fewer = over_data(resampled(values), ["taps"]), over_data(resampled(np.delete(values, 4)), ["taps"])
+    assert found["units"] == fewer["units"] == 7
+    for name in ("taps", "taps_low", "taps_high"):
+        assert found[name] == pytest.approx(float(fewer[name]))
+    assert over_data(resampled([2.5, np.nan, np.nan]), ["taps"])["taps"] == 2.5
+    assert np.isnan(over_data(resampled([2.5, 1.0, np.nan]), ["taps"])["taps_low"])
+
+
+def test_the_taps_as_they_are_must_be_there(rng):
+    with pytest.raises(InputError, match="resample 0, must be in the selection"):
+        over_data(resampled(rng.normal(size=9)).isel(resample=slice(1, None)), ["taps"])
 
 
 def test_one_data_set_has_no_interval(result):
