@@ -23,6 +23,8 @@ _FRESH = (
     "and intervals hold whatever it would come to on further ones."
 )
 
+_ENOUGH = "Fresh taps at threshold {:g}, the highest of those played at which the test taps suffice."
+
 
 def curve_rows(policy: str, curve: xr.Dataset) -> list[dict[str, Any]]:
     """A row per threshold with quantities, their intervals and fractions; `None` where a number is missing."""
@@ -55,14 +57,23 @@ def headline(results: Results, shown: int) -> dict[str, Any]:
 
     Returns:
         `theta`; `stored` and `fresh`, each a sentence on its `meaning` and `rows` of policies and their difference;
-        `used_up`, the share of fresh decisions made for want of test taps; `few`, whether there are too few test taps,
-        and `still`, whether the finger has hardly moved, sentences or `None`.
+        `enough`, the same as `fresh` at the highest threshold at which the test taps suffice, or `None` where that is
+        `theta` or there is none; `used_up`, the share of fresh decisions made for want of test taps; `few`, whether
+        there are too few test taps, and `still`, whether the finger has hardly moved, sentences or `None`.
     """
     stored = {name: curve.isel(theta=[shown]) for name, curve in results.curves.items()}
+    theta = float(stored["passive"]["theta"][0])
+
+    def fresh(at: float) -> list[dict[str, Any]]:
+        curves = results.fresh_curves  # of equal thresholds the first
+        return _side({name: one.isel(theta=[list(one["theta"].values).index(at)]) for name, one in curves.items()})
+
+    enough = results.enough
     return {
-        "theta": float(stored["passive"]["theta"][0]),
+        "theta": theta,
         "stored": {"meaning": STORED, "rows": _side(stored)},
-        "fresh": {"meaning": _FRESH, "rows": _side(results.fresh_curves)},
+        "fresh": {"meaning": _FRESH, "rows": fresh(theta)},
+        "enough": None if enough is None else {"meaning": _ENOUGH.format(enough), "rows": fresh(enough)},
         "used_up": results.used_up,
         "few": results.few or None,
         "still": still(stored),

@@ -56,11 +56,11 @@ class Played(NamedTuple):
 
     Attributes:
         stored: With taps drawn with replacement up to the deadline, as in the paper, at all thresholds.
-        fresh: With no tap drawn twice, at the shown threshold.
+        fresh: With no tap drawn twice, at the shown threshold and those below.
         passive_confusion: Shape (M, M) at the shown threshold, of `stored`.
         active_confusion: The same at the default fixation point; `None` where nothing can be acted on.
-        used_up: Share of the fresh decisions, of the policy with more of them, made because all stored taps of a class
-            were drawn.
+        used_up: Share of the fresh decisions at each of their thresholds, of the policy with more of them, made because
+            all stored taps of a class were drawn.
         selected: That share where a quarter of the taps is left out, for intervals.
         spread: How resamples of stored taps turn into intervals.
         fresh_spread: How those of fresh taps do.
@@ -70,8 +70,8 @@ class Played(NamedTuple):
     fresh: Outcomes[xr.Dataset]
     passive_confusion: NDArray[np.int64]
     active_confusion: NDArray[np.int64] | None
-    used_up: float
-    selected: float
+    used_up: NDArray[np.float64]
+    selected: NDArray[np.float64]
     spread: Spread
     fresh_spread: Spread
 
@@ -174,13 +174,12 @@ def play_policies(
         InputError: A setting is out of range.
     """
     plans = make_plans(table.pool, settings.trials, settings.seed, fixation, acts)
-    shown = settings.thresholds[settings.shown]
 
     def play(plan: TrialPlan, moves: bool, fresh: bool) -> Trials:
         return run_trials(
             table,
             plan,
-            shown if fresh else settings.thresholds,
+            settings.fresh_thresholds if fresh else settings.thresholds,
             theta_x=settings.theta_x if moves else 1.0,
             border=settings.border,
             deadline=settings.deadline,
@@ -206,7 +205,7 @@ def play_policies(
     confusions = [confusion(plans.starts.what, trials.what[:, settings.shown], grid.M) for trials in stored_trials]
     return Played(
         datasets(stored, (), 0, settings.thresholds),
-        datasets(fresh, _endings(plans.starts, fresh_trials, grid, settings.deadline), 1, (shown,)),
+        datasets(fresh, _endings(plans.starts, fresh_trials, grid, settings.deadline), 1, settings.fresh_thresholds),
         confusions[0],
         confusions[1] if acts else None,
         used_up,
@@ -216,9 +215,9 @@ def play_policies(
     )
 
 
-def _used_up(policies: Sequence[Trials]) -> float:
-    """The share of trials that all taps of a class end, of the policy with more of them."""
-    return max(float(trials.used_up.mean()) for trials in policies)
+def _used_up(policies: Sequence[Trials]) -> NDArray[np.float64]:
+    """The share of trials that all taps of a class end, of the policy with more of them, shape (H,)."""
+    return np.max([trials.used_up.mean(axis=0) for trials in policies], axis=0)
 
 
 def _endings(
@@ -264,26 +263,28 @@ def _on_resamples(
     acts: bool,
     pools: Resampled,
     progress: Callable[[int], None] | None,
-) -> tuple[list[tuple[Outcomes[Means], Outcomes[Means]]], float]:
+) -> tuple[list[tuple[Outcomes[Means], Outcomes[Means]]], NDArray[np.float64]]:
     """Outcomes on stored and on fresh taps of each selection, and the share that used up the latter."""
-    rule = make_rule(settings.thresholds, 1.0, settings.border, settings.deadline, settings.seed)
-    alone = make_rule(settings.thresholds[settings.shown], 1.0, settings.border, settings.deadline, settings.seed)
+    thresholds = settings.thresholds, settings.fresh_thresholds
+    rules = [make_rule(some, 1.0, settings.border, settings.deadline, settings.seed) for some in thresholds]
     players = {
         (moves, fresh): LoopPlayer(
-            table, (alone if fresh else rule)._replace(theta_x=settings.theta_x if moves else 1.0, fresh=fresh)
+            table, rules[fresh]._replace(theta_x=settings.theta_x if moves else 1.0, fresh=fresh)
         )
         for moves in (False, True)
         for fresh in (False, True)
     }
     trials = _per_position(grid.L, settings)
 
-    def one(number: int, pair: tuple[TapPool, TapPool]) -> tuple[tuple[Outcomes[Means], Outcomes[Means]], float, int]:
+    def one(
+        number: int, pair: tuple[TapPool, TapPool]
+    ) -> tuple[tuple[Outcomes[Means], Outcomes[Means]], NDArray[np.float64], int]:
         counted = 0
 
         def play(plan: TrialPlan, moves: bool, fresh: bool) -> Trials:
             nonlocal counted
             n = len(plan.where)
-            played = empty_trials(n, 1 if fresh else len(settings.thresholds))
+            played = empty_trials(n, len(thresholds[fresh]))
             pool = pair[fresh]
             players[moves, fresh].on(pool)(checked_plan(plan, pool), 0, n, played)
             counted += n
@@ -304,7 +305,7 @@ def _on_resamples(
         used_up.append(share)
         if progress is not None:
             progress(counted)
-    return kept, float(np.mean(used_up)) if used_up else 0.0
+    return kept, np.mean(used_up, axis=0) if used_up else np.zeros(len(settings.fresh_thresholds))
 
 
 def resamples_of(table: TapTable, resamples: int, seed: int) -> Resampled:

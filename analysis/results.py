@@ -7,7 +7,7 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from ..inference.resampling import Spread, taps_per_class, too_few
+from ..inference.resampling import USED_UP_SELECTED, Spread, taps_per_class, too_few
 from ..models.classes import ClassGrid
 from ..models.splits import Split
 from . import metrics
@@ -53,7 +53,7 @@ class Results:
         left_out: Classes without a training tap, by name.
         studies: One per data set.
         stored: Outcomes with taps drawn with replacement, all data sets.
-        fresh: Outcomes with no tap drawn twice, at the shown threshold.
+        fresh: Outcomes with no tap drawn twice, at the shown threshold and those below.
         fixation: The fixation point of the curves.
         cases: A clear and an ambiguous sequence of beliefs.
         paths: Example trajectories; `None` where nothing can be acted on.
@@ -85,14 +85,31 @@ class Results:
     @property
     def used_up(self) -> float:
         """Share of the fresh decisions made because all stored taps of a class were drawn, over the data sets."""
-        return float(np.mean([part.played.used_up for part in self.studies]))
+        return float(self._used_up[0][self._shown])
 
     @property
     def few(self) -> str:
         """Whether there are too few test taps, in a sentence; empty where there are enough."""
-        selected = float(np.mean([part.played.selected for part in self.studies]))
         pool, how = self.studies[0].table.pool, self.studies[0].played.fresh_spread
+        selected = float(self._used_up[1][self._shown])
         return too_few(taps_per_class(pool), self.used_up, selected, how.sessions)
+
+    @property
+    def enough(self) -> float | None:
+        """The highest threshold at which the test taps suffice, where that is below the one that is shown."""
+        thetas = self.fresh.passive["theta"].values
+        fine = thetas[np.max(self._used_up, axis=0) <= USED_UP_SELECTED]
+        return float(fine.max()) if len(fine) and fine.max() < thetas.max() else None
+
+    @property
+    def _used_up(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Shares of `used_up`, and where a quarter of the taps is left out, at the thresholds of `fresh`."""
+        played = [part.played for part in self.studies]
+        return np.mean([one.used_up for one in played], axis=0), np.mean([one.selected for one in played], axis=0)
+
+    @property
+    def _shown(self) -> int:
+        return int(self.fresh.passive["theta"].values.argmax())
 
     @cached_property
     def curves(self) -> dict[str, xr.Dataset]:
@@ -101,7 +118,7 @@ class Results:
 
     @cached_property
     def fresh_curves(self) -> dict[str, xr.Dataset]:
-        """The same on fresh taps, at the shown threshold."""
+        """The same on fresh taps, at the shown threshold and those below."""
         return _curves(self.fresh, self.fresh_spread)
 
     @cached_property

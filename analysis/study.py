@@ -69,6 +69,11 @@ class Settings:
         """Index of the threshold nearest to `shown_theta`, for figures that show one."""
         return int(np.abs(np.asarray(self.thresholds) - self.shown_theta).argmin())
 
+    @property
+    def fresh_thresholds(self) -> tuple[float, ...]:
+        """The threshold that is shown and those below, at which fresh taps are played."""
+        return tuple(theta for theta in self.thresholds if theta <= self.thresholds[self.shown])
+
     def fit(self, taps: TapSet, grid: ClassGrid) -> TapModel:
         """The measurement model of training taps under these settings.
 

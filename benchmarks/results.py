@@ -15,6 +15,7 @@ import xarray as xr
 from solidtouch.models.storage import complete_file
 from studies import check_block, solidtouch, table, write_block
 
+_FRESH_DIGITS = {"what_error": 2, "where_error": 3, "taps": 1}
 BLOCKS = PAPER, FRESH, RECORDED, CONTACTS = "paper", "fresh", "recorded", "contacts"
 SHOWN = (0.1, 0.5, 0.9, 0.95, 0.995)
 AFTER = (1, 2, 5, 10)
@@ -102,13 +103,16 @@ def of_thresholds(summary: Mapping[str, Any], file: Path) -> str:
 
 
 def on_fresh_taps(summary: Mapping[str, Any]) -> str:
-    """The same at the threshold that is shown, where no tap is drawn twice in a trial."""
+    """Where no tap is drawn twice in a trial: at a threshold for which the test taps suffice, and at the shown one."""
     headline = summary["headline"]
     lines = [
-        [row["policy"], told(row, "what_error", 2), told(row, "where_error", 3), told(row, "taps", 1)]
-        for row in headline["fresh"]["rows"]
+        [f"{row['theta']:g}", row["policy"], *(told(row, name, digits) for name, digits in _FRESH_DIGITS.items())]
+        for side in ("enough", "fresh")
+        if headline[side] is not None
+        for row in headline[side]["rows"]
     ]
-    return f"{table(['policy', 'rod (mm)', 'position (mm)', 'taps'], lines)}\n\n{headline['few'] or ''}".strip()
+    head = ["threshold", "policy", "rod (mm)", "position (mm)", "taps"]
+    return f"{table(head, lines)}\n\nAt threshold {headline['theta']:g}: {headline['few'] or ''}".strip()
 
 
 def joint(row: Mapping[str, float]) -> str:

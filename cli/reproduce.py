@@ -169,7 +169,7 @@ def _print_results(summary: dict[str, Any]) -> None:
     kinds = [kind for kind, size in (("what", "M"), ("where", "L")) if summary["grid"][size] > 1]
     names = {f"{kind}_error": axis_label(f"{kind} error", summary["units"][kind]) for kind in kinds} | {"taps": "taps"}
     headline = summary["headline"]
-    for side in (headline["stored"], headline["fresh"]):
+    for side in filter(None, (headline["stored"], headline["fresh"], headline["enough"])):
         print(side["meaning"])
         for row in side["rows"]:
             policy = f"{row['policy']:7} at threshold {row['theta']:g}"

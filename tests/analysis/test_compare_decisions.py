@@ -272,7 +272,9 @@ def fake(taps, error):
     data |= {name + end: (dims[:-1], data[name][1][..., 0]) for name in MEANS for end in ENDINGS}
     names = np.array([f"model {i}" for i in range(len(taps))])
     coords = {"model": names, "policy": ["passive"], "theta": np.linspace(0.1, 0.9, taps.shape[1])}
-    return xr.Dataset(data, coords, {"factor": 1.0, "freedom": np.inf, "test_taps": 1e9, "trials": 1000})
+    return xr.Dataset(
+        data, coords, {"factor": 1.0, "freedom": np.inf, "test_taps": 1e9, "trials": 1000, "resample_trials": 1000}
+    )
 
 
 def test_errors_at_equal_times_lie_on_the_line_between_thresholds():

@@ -1,11 +1,14 @@
 """Passive and active trials of one plan: what they share, what their difference is, and when nothing can differ."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 import xarray as xr
 from solidtouch.analysis import metrics
 from solidtouch.analysis.headline import STILL, still
 from solidtouch.analysis.policies import make_plans, most_trials, play_policies, resamples_of
+from solidtouch.analysis.results import Results
 from solidtouch.analysis.study import Settings
 from solidtouch.hardware.pool import tap_pool
 from solidtouch.inference.montecarlo import run_trials
@@ -109,13 +112,15 @@ def test_fixation_points_are_averages_over_starts(grid):
 def test_fresh_trials_draw_no_tap_twice(grid):
     """With one tap per class nobody gets a second one of it, so passive trials are all used up after the first."""
     table = table_of(taps=1)
-    played = play_policies(table, grid, settings_of(shown_theta=0.9), FIXATION, acts=True)
+    settings = settings_of(shown_theta=0.9)
+    played = play_policies(table, grid, settings, FIXATION, acts=True)
 
-    assert played.fresh.passive["theta"].values.tolist() == [0.9]
+    assert played.fresh.passive["theta"].values.tolist() == [theta for theta in settings.thresholds if theta <= 0.9]
     assert float(played.fresh.passive["taps"].max()) == 1.0
     assert float(played.stored.passive["taps"].max()) > 1.0
-    assert 0.1 < played.used_up <= 1.0
-    assert played.selected == 0.0  # no selections
+    assert 0.1 < played.used_up[-1] <= 1.0
+    assert (np.diff(played.used_up) >= 0).all()
+    assert (played.selected == 0).all()  # no selections
     assert np.isnan(played.spread.factor)
     assert "one test tap" in played.spread.few
 
@@ -126,8 +131,8 @@ def test_what_selections_use_up_is_that_of_their_trials(grid):
     played = play_policies(table, grid, settings, FIXATION, acts=True, pools=pools)
     own = [play_policies(table._replace(pool=pool), grid, settings, FIXATION, acts=True) for pool in pools.fresh]
 
-    assert played.selected > played.used_up
-    assert played.selected == pytest.approx(np.mean([one.used_up for one in own]), abs=0.05)
+    assert played.selected[-1] > played.used_up[-1]
+    assert played.selected == pytest.approx(np.mean([one.used_up for one in own], axis=0), abs=0.05)
 
 
 def test_resamples_give_paired_intervals(grid):
@@ -177,3 +182,25 @@ def test_a_sentence_where_nothing_can_differ():
     assert still(curves(STILL, 1.0)) is None
     assert still(curves(1.0, STILL + 0.5)) is None
     assert still({"passive": curves(1.0, 1.0)["passive"]}) is None
+
+
+@pytest.mark.parametrize(
+    ("used_up", "selected", "theta"),
+    [
+        ([0, 0, 0], [0, 0, 0.004], None),  # at the shown one too
+        ([0, 0, 0], [0, 0.004, 0.006], 0.5),
+        ([0, 0, 0.01], [0, 0, 0], 0.5),  # several data sets have no selections
+        ([0, 0.2, 0.3], [0, 0, 0], 0.2),
+        ([0.1, 0.2, 0.3], [0, 0, 0], None),
+    ],
+)
+def test_fresh_taps_are_shown_where_they_suffice(used_up, selected, theta):
+    """At the highest threshold below the one that is shown, if they do not there; shares are means of data sets."""
+    of = [
+        SimpleNamespace(played=SimpleNamespace(used_up=np.array(u), selected=np.array(s)))
+        for u, s in ((0 * np.array(used_up), selected), (2 * np.array(used_up), selected))
+    ]
+    passive = xr.Dataset(coords={"theta": [0.2, 0.5, 0.9]})
+    results = Results((), (), of, None, SimpleNamespace(passive=passive), 0, (), None, None, {})
+    assert results.enough == theta
+    assert results.used_up == pytest.approx(used_up[-1])

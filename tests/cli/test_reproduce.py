@@ -218,7 +218,7 @@ def test_passive_and_active_agree_where_decisions_take_one_tap(command, tmp_path
     printed = [line for line in done.out.splitlines() if "at threshold 0.8" in line]
     assert [line.split(" at ")[0].strip() for line in printed] == ["passive", "active", "passive - active"] * 2
     assert all(line.count("[") == 3 for line in printed)
-    assert "resamples of the test taps of each class" in done.out
+    assert "from trials on test taps of each class, drawn with replacement" in done.out
     assert [part["policy"] for part in summary["headline"]["fresh"]["rows"]] == [
         "passive",
         "active",
