@@ -70,8 +70,9 @@ def sweep(
         sources = Sources(study, path.parent)
         grid = CellGrid.of(study, tuple(sources.keys))
         store = _store(path, out, study, sources, grid)
-    for line in sources.notes:
-        note(line)
+    for line in (*sources.notes, read_about(out).get("few")):
+        if line:
+            note(line)
     with locked(out):
         status = store.status()[grid.distinct]
         wanted = (status == PENDING) | (retry_failed & (status == FAILED))

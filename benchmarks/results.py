@@ -112,7 +112,8 @@ def on_fresh_taps(summary: Mapping[str, Any]) -> str:
         for row in headline[side]["rows"]
     ]
     head = ["threshold", "policy", "rod (mm)", "position (mm)", "taps"]
-    return f"{table(head, lines)}\n\nAt threshold {headline['theta']:g}: {headline['few'] or ''}".strip()
+    few = headline["few"] or ""
+    return f"{table(head, lines)}\n\n{few and f'At threshold {headline["theta"]:g} {few[0].lower()}{few[1:]}'}".strip()
 
 
 def joint(row: Mapping[str, float]) -> str:

@@ -6,6 +6,7 @@ from functools import cache
 import numpy as np
 import pytest
 import xarray as xr
+from solidtouch.analysis import reliability as reliability_module
 from solidtouch.analysis.guarantees import PROMISED, USED, broken, exceeded, guarantee_sentence, guarantees
 from solidtouch.analysis.reliability import (
     BINS,
@@ -485,3 +486,16 @@ def test_bad_arguments_are_refused():
         guarantees(table, table, grid, (0.0,), 0)
     with pytest.raises(InputError, match="hold different taps"):
         guarantees(table, table_of(repeats=3), grid, (0.5,), 0)
+
+
+def test_bins_hold_what_is_counted():
+    """By belief, of all and of each object; an object without a bin, of which no trial stopped, has none."""
+    values, true, belief = np.arange(18.0).reshape(3, 6), np.array([0, 1, 1]), np.array([0.1, 0.3, 0.9])
+    ends = np.full((3, reliability_module.BINS), np.inf)
+    ends[0, :2], ends[2, 0] = (0.2, 0.4), 0.2
+    sums, curve = np.zeros((2, 6)), np.zeros((3, reliability_module.BINS, 3))
+    reliability_module._add(values, true, np.array([True, True, False]), belief, ends, sums, curve)
+    assert sums.tolist() == values[:2].tolist()
+    assert curve[0, :2].tolist() == [(values[0] + values[1])[:3].tolist(), [0, 0, 0]]
+    assert not curve[1].any()
+    assert curve[2, 0].tolist() == values[1, :3].tolist()

@@ -226,6 +226,15 @@ def test_resamples_that_tell_nothing_are_refused(make_study, make_taps, tmp_path
         sweep(path, tmp_path / "s.zarr", in_this_process)
 
 
+def test_resamples_have_trials_of_their_own(make_study, tmp_path):
+    """The chance of trials is in the spread of resamples, and settings pair on each."""
+    study = load_study(make_study("power = [0.3, 1]", head="resamples = 3"))
+    grid = CellGrid.of(study, ("rods",))
+    cells = [grid.cell(number) for number in range(len(grid))]
+    assert len({sweep_cell._trial_seed(cell) for cell in cells}) == 4
+    assert len({(sweep_cell._trial_seed(cell), cell.resample) for cell in cells}) == 4
+
+
 def test_resamples_of_several_data_sets_are_refused(make_study, tmp_path):
     path = make_study(data='split = "leave-one-session-out"', head="resamples = 5")
     with pytest.raises(InputError, match="resamples: with 2 data sets these are the units of intervals"):
