@@ -192,8 +192,10 @@ def measure(
             )
         )
         advance(1)
-    judged = judge(as_it_is, base.model, tables[base.name], base.setting, advance=advance, **options)
-    return Measured(scores, n, time, theta, policy, judged, reliable, played, tables[base.name])
+    own_table = tables[base.name]
+    reference = reference_factors(base.model, own_table, base.setting, policy, trials // 2, seed, progress=advance)
+    judged = judge(as_it_is, base.model, own_table.pool, reference)
+    return Measured(scores, n, time, theta, policy, judged, reliable, played, own_table)
 
 
 def count_measurements(remedies: Sequence[Remedy]) -> int:
@@ -448,30 +450,15 @@ def factor_of(found: Mapping[str, Any]) -> tuple[float | None, float | None, flo
     return value, low, high
 
 
-def judge(
-    found: Mapping[str, Any],
-    model: TapModel,
-    table: TapTable,
-    setting: Setting,
-    *,
-    policy: str,
-    trials: int,
-    seed: int,
-    advance: Callable[[int], None] = lambda _: None,
-) -> Judged:
+def judge(found: Mapping[str, Any], model: TapModel, pool: TapPool, reference: NDArray[np.float64]) -> Judged:
     """Compares beliefs with outcomes, and with those of a right model on as many taps.
 
     Args:
         found: `headline` of its decisions.
         model: In use.
-        table: The measuring taps as it sees them.
-        setting: How trials move and stop.
-        policy: `"passive"` or `"active"`.
-        trials: Of the measuring taps; half as many of each simulated data set.
-        seed: Of every random draw.
-        advance: Told of every simulated data set, of `right_model.SIMULATIONS`.
+        pool: The measuring taps.
+        reference: Factors of a right model on as many taps, shape (S, 1 + M), as of `reference_factors`.
     """
-    reference = reference_factors(model, table, setting, policy, trials // 2, seed, progress=advance)
 
     def beside(value: float | None, column: int) -> Beside:
         return compare(np.nan if value is None else value, reference[:, column])
@@ -484,6 +471,6 @@ def judge(
         beside(factor[0], 0),
         exact(model),
         {name: (own, beside(own[0], 1 + m)) for m, (name, own) in enumerate(zip(found["each"], factors, strict=True))},
-        taps_per_class(table.pool),
+        taps_per_class(pool),
         found["few"],
     )

@@ -14,6 +14,7 @@ many other taps; there every data set has its own reference and intervals, as in
 
 import argparse
 from collections import Counter
+from collections.abc import Sequence
 from dataclasses import replace
 from functools import partial
 from itertools import product
@@ -31,6 +32,7 @@ from solidtouch.analysis.right_model import LEVEL, Beside, compare, simulate
 from solidtouch.hardware.data_collection import simulate_session
 from solidtouch.hardware.model_rig import draw_session
 from solidtouch.hardware.presets import preset
+from solidtouch.inference.control import check_fixation
 from solidtouch.inference.resampling import RESAMPLES
 from solidtouch.inference.tempering import best_power
 from solidtouch.inference.trial_plan import TapTable, tap_table
@@ -136,37 +138,54 @@ def drawn(
     return like._replace(log_likelihood=used.log_likelihood(taps))
 
 
-def learned(size: str, samples: int, taps: int, theta: float, policy: str, seed: int) -> str:
-    """What an audit calls the beliefs of a learned exponent in one data set."""
+def learned(size: str, samples: int, taps: int, seed: int) -> dict[tuple[float, str], str]:
+    """What an audit calls the beliefs of a learned exponent in one data set, by threshold and policy."""
     right = right_model(size, samples)
     train, test = (draw_session(right, taps, derived_seed(seed, Purpose.REPEAT, i), 0) for i in range(2))
     model = replace(right, power=best_power(right, [train], _CONTACTS, seed).power)
-    return called(model, test, Setting(threshold=theta, border="clamp"), policy, seed)
+    return called(model, test, Setting(border="clamp"), THETAS, seed)
 
 
-def on_rig(name: str, seed: int) -> list[str]:
-    """What an audit calls the beliefs in one data set of a simulated rig, by policy."""
+def on_rig(name: str, seed: int) -> dict[tuple[float, str], str]:
+    """What an audit calls the beliefs in one data set of a simulated rig, by threshold and policy."""
     train, test = (simulate_session(preset(name), seed, session) for session in (0, 1))
     model = fit(train, train.grid())
-    return [called(model, model.usable(test), Setting(), policy, seed) for policy in POLICIES]
+    return called(model, model.usable(test), Setting(), (Setting().threshold,), seed)
 
 
-def called(model: TapModel, test: TapSet, setting: Setting, policy: str, seed: int) -> str:
-    """What an audit calls the beliefs of a model in trials on test taps.
+def called(
+    model: TapModel, test: TapSet, setting: Setting, thetas: Sequence[float], seed: int
+) -> dict[tuple[float, str], str]:
+    """What an audit calls the beliefs of a model in trials on test taps, by threshold and policy.
 
     Intervals, which take longest, have a part in that only where the test rejects.
     """
-    table, trials = tap_table(model, test), {"trials": TRIALS, "seed": seed}
+    table, verdicts = tap_table(model, test), {}
 
-    def found(resamples: int) -> dict[str, Any]:
-        options = {"only": policy, "contacts": (), "resamples": resamples, **trials}
-        played = decisions(table, model.grid, setting, [setting.threshold], **options)
-        return headline(played, policy, setting.threshold)
+    def found(theta: float, policy: str, resamples: int) -> dict[str, Any]:
+        options = {"only": policy, "contacts": (), "resamples": resamples, "trials": TRIALS, "seed": seed}
+        return headline(decisions(table, model.grid, setting, [theta], **options), policy, theta)
 
-    judged = judge(found(1), model, table, setting, policy=policy, **trials)
-    if min(judged.beside.above, judged.beside.below) > LEVEL / 2:
-        return NOT_REJECTED
-    return calibration(judged._replace(factor=factor_of(found(RESAMPLES)["all trials"])))
+    for policy in POLICIES:
+        reference = simulate(
+            model,
+            table,
+            thetas,
+            theta_x=1.0 if policy == "passive" else setting.theta_x,
+            fixation=check_fixation(setting.fixation, model.grid.L),
+            border=setting.border,
+            deadline=setting.deadline,
+            trials=TRIALS // 2,
+            seed=seed,
+        )
+        for theta, factors in zip(thetas, np.moveaxis(reference.factor, 1, 0), strict=True):
+            judged = judge(found(theta, policy, 1), model, table.pool, factors)
+            if min(judged.beside.above, judged.beside.below) > LEVEL / 2:
+                verdicts[theta, policy] = NOT_REJECTED
+            else:
+                factor = factor_of(found(theta, policy, RESAMPLES)["all trials"])
+                verdicts[theta, policy] = calibration(judged._replace(factor=factor))
+    return verdicts
 
 
 def shares(found: Counter[str], M: int) -> list[str]:
@@ -181,7 +200,7 @@ def shares(found: Counter[str], M: int) -> list[str]:
 def main() -> None:
     """Measures and writes."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--data-sets", type=int, default=400)
+    parser.add_argument("--data-sets", type=int, default=400, help="of the first two tables; 0 for none")
     parser.add_argument("--references", type=int, default=1999)
     parser.add_argument("--learned", type=int, default=200, help="data sets with a learned exponent; 0 for none")
     parser.add_argument("--rigs", type=int, default=200, help="data sets of each simulated rig; 0 for none")
@@ -205,21 +224,23 @@ def main() -> None:
 
     with processes() as pool:
         task = partial(verdicts, data_sets=options.data_sets, references=options.references, seed=options.seed)
-        rows = designs(options.sizes)
+        rows = designs(options.sizes if options.data_sets else [])
         for design, found in zip(rows, pool.map(task, rows), strict=True):
             for (policy, theta), counts in found.items():
                 row = [design.size, design.samples, design.taps, theta, design.power, policy]
                 note(POWER_BLOCK if design.planted else LEVEL_BLOCK, row, counts)
-        rows = product(options.sizes if options.learned else (), SAMPLES, TAPS, THETAS, POLICIES)
-        for size, samples, taps, theta, policy in rows:
+        for row in product(options.sizes if options.learned else (), SAMPLES, TAPS):
             seeds = [derived_seed(options.seed, Purpose.STUDY, number) for number in range(options.learned)]
-            found = Counter(pool.map(partial(learned, size, samples, taps, theta, policy), seeds, chunksize=4))
-            note(LEARNED_BLOCK, [size, samples, taps, theta, "learned", policy], found)
+            found = list(pool.map(partial(learned, *row), seeds, chunksize=4))
+            for theta, policy in product(THETAS, POLICIES):
+                counts = Counter(one[theta, policy] for one in found)
+                note(LEARNED_BLOCK, [*row, theta, "learned", policy], counts)
         for name in RIGS if options.rigs else ():
             seeds = [data_set_seed(options.seed, number) for number in range(options.rigs)]
-            found = zip(*pool.map(partial(on_rig, name), seeds, chunksize=4), strict=True)
-            for policy, some in zip(POLICIES, found, strict=True):
-                note(RIG_BLOCK, [name, 50, 20, Setting().threshold, "J", policy], Counter(some))
+            found = list(pool.map(partial(on_rig, name), seeds, chunksize=4))
+            for theta, policy in found[0]:
+                counts = Counter(one[theta, policy] for one in found)
+                note(RIG_BLOCK, [name, 50, 20, theta, "J", policy], counts)
 
 
 if __name__ == "__main__":

@@ -222,7 +222,8 @@ def judged_passive(model, table, setting, trials, advance=lambda _: None):
     options = {"trials": trials, "seed": 0}
     found = decisions(table, model.grid, setting, [setting.threshold], contacts=(), only="passive", **options)
     told = headline(found, "passive", setting.threshold)
-    return judge(told, model, table, setting, policy="passive", advance=advance, **options)
+    reference = reference_factors(model, table, setting, "passive", trials // 2, 0, progress=advance)
+    return judge(told, model, table.pool, reference)
 
 
 def test_mistakes_without_a_doubt_are_overconfident():
