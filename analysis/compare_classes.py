@@ -44,7 +44,7 @@ CALIBRATION_BINS = 10
 _DRAWS, _RESAMPLE_DRAWS = 50, 20  # per class, at least
 # Share of the classes that must have n distinct test taps: with fewer, dropping the hard ones would look like growth.
 _ENOUGH = 0.9
-_RESAMPLES = 200
+_RESAMPLES = 100
 _LOG_LEAST = np.log(1e-290)  # below which a belief may have lost digits
 _AT_ONCE = 1 << 17  # numbers, about what a core keeps close
 

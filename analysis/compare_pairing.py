@@ -100,18 +100,29 @@ def with_intervals(
         apart = [one - other[reference] for one, other in zip(endings, endings[::-1], strict=True)]
     for one in apart:
         one[reference] = difference[reference, ..., 0]
-    span = limits[1] - limits[0]
+    least, most = limits
+    event = np.zeros(samples.shape[:-1])
+    if independent is not None:
+        event += smallest / np.maximum(independent, 1)
+        event = np.where(spread.center(samples) > least, spread.event(samples, *limits), event)
+        event = np.hypot(event, event[reference])
+        event[reference] = 0.0
+    own = spread.interval(samples, least, most, endings)
+    if independent is not None:
+        own = widened(*own, spread.center(samples), independent, smallest, most)
     result = {}
-    for label, values, might_be, (least, most) in (
-        (name, samples, endings, limits),
-        (f"{name}_difference", difference, apart, (-span, span)),
+    for label, values, ends, bounds in (
+        (name, samples, own, limits),
+        (
+            f"{name}_difference",
+            difference,
+            spread.interval(difference, endings=apart, event=event),
+            (least - most, most - least),
+        ),
     ):
-        low, high = spread.interval(values, least, most, might_be)
-        if biased:
-            excess = np.nan_to_num(spread.center(values) - values[..., 0])
-            low = np.maximum(low - np.maximum(excess, 0.0), least)
-            high = np.minimum(high - np.minimum(excess, 0.0), most)
-        if label == name and independent is not None:
-            low, high = widened(low, high, independent, smallest, most)
+        # The lower end moves by an excess, the upper one by what is missing.
+        excess = np.nan_to_num(spread.center(values) - values[..., 0]) if biased else np.zeros(values.shape[:-1])
+        low, high = ends[0] - np.maximum(excess, 0.0), ends[1] - np.minimum(excess, 0.0)
+        low, high = np.clip(low, *bounds), np.clip(high, *bounds)
         result |= {label: values[..., 0], f"{label}_low": low, f"{label}_high": high}
     return xr.Dataset({key: (dims, values, dict(attributes)) for key, values in result.items()})

@@ -114,8 +114,11 @@ def summarise(rows: Sequence[Accuracy], spread: Spread = NO_SPREAD) -> dict[str,
         low, high = np.clip(mean - half, 0, 1), np.clip(mean + half, 0, 1)
     elif len(rows[0].resampled):
         drawn = with_noise(rows[0].resampled.T, rows[0].noise / spread.factor**2, rows[0].resampled_noise)
-        ends = spread.interval(np.concatenate([mean[:, np.newaxis], drawn], axis=1), 0, 1)
-        low, high = widened(*ends, spread.taps / rows[0].contacts, rows[0].several.astype(np.float64))
+        samples = np.concatenate([mean[:, np.newaxis], drawn], axis=1)
+        ends = spread.interval(samples, 0, 1)
+        low, high = widened(
+            *ends, spread.center(samples), spread.taps / rows[0].contacts, rows[0].several.astype(np.float64)
+        )
     else:
         low = high = np.full(3, np.nan)
     summary: dict[str, float | int] = {"contacts": rows[0].contacts, "classes": max(row.classes for row in rows)}

@@ -149,10 +149,11 @@ def by_place(
             low, high = low.clip(least, most), high.clip(least, most)
         else:
             values = [one.values for one in might_be]
-            ends = spread.interval(_samples(data_sets.isel(data_set=0), name, spread), least, most, values)
+            samples = _samples(data_sets.isel(data_set=0), name, spread)
+            ends = spread.interval(samples, least, most, values)
             if not difference and name != "taps":
                 independent = spread.taps / parts / result["taps"].values
-                ends = widened(*ends, independent, data_sets.attrs[f"smallest_{name}"], most)
+                ends = widened(*ends, spread.center(samples), independent, data_sets.attrs[f"smallest_{name}"], most)
             low, high = (xr.DataArray(end, result[name].coords, result[name].dims) for end in ends)
         result[f"{name}_low"], result[f"{name}_high"] = low, high
     return result

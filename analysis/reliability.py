@@ -433,7 +433,8 @@ def _described(
         if name in ("wrong", *RATIOS):
             unit = {"wrong": 1.0, "factor": samples["doubt"][..., 0], "over_promise": 1 - theta}[name]
             with np.errstate(divide="ignore", invalid="ignore"):
-                low, high = (end / unit for end in widened(low * unit, high * unit, independent, opened=True))
+                center = how.center(samples[name]) * unit
+                low, high = (end / unit for end in widened(low * unit, high * unit, center, independent, opened=True))
         found |= _with_ends(name, samples[name][..., 0], low, high)
     found |= _curve(joined.curve, size, independent, how)
     found["confusion"] = np.array(
@@ -477,7 +478,8 @@ def _curve(
         trials = count[..., 0]
         share = trials / trials.sum(axis=2, keepdims=True)
     low, high = how.interval(right, 0.0, 1.0)
-    low, high = widened(low, high, independent[..., np.newaxis] * np.nan_to_num(share), opened=True)
+    seldom = independent[..., np.newaxis] * np.nan_to_num(share)
+    low, high = widened(low, high, how.center(right), seldom, opened=True)
     empty = trials == 0
     e_low, e_high = how.interval(errors, 0.0, 1.0)
     # Noise makes it larger, in a resample once more: see `compare_pairing.with_intervals`.

@@ -93,7 +93,7 @@ class TapSpread(NamedTuple):
         low, high = how.interval(samples, _LEAST.get(name, 0.0), most, ends)
         if name not in self.smallest:
             return low, high
-        return widened(low, high, how.taps / taps, self.smallest[name], most)
+        return widened(low, high, how.center(samples), how.taps / taps, self.smallest[name], most)
 
 
 def tap_spread(

@@ -33,6 +33,8 @@ from studies import OUT, check_block, processes, share_interval, table, write_bl
 SIZES = {"6 x 3": (6, 3), "16 x 5": (16, 5)}
 TAPS = (5, 20, 60)
 SYMBOLS, TAXELS, THETA = 12, 2, 0.9
+SURER = 0.99
+"""A threshold at which errors are rare."""
 NOISE = 0.5
 TRIALS = 4000
 MANY = 5000
@@ -86,12 +88,14 @@ def decisions(L: int, M: int, taps: int, few: bool, trials: int, resamples: int,
     tables, grid = draw(L, M, taps, seed)
     compared = {name: tables[name] for name in MODELS[1:]}
     options = {"border": "clamp", "resamples": resamples}
-    played = play_models(compared, grid, (0.5, 0.7, 0.8, THETA, 0.95), trials, seed, **options)
-    curves = decision_curves(played).sel(theta=THETA)
-    calibration = reliability(tables["right"], grid, [THETA], seed, trials=trials, contacts=(), **options)
+    played = play_models(compared, grid, (0.5, 0.7, 0.8, THETA, 0.95, SURER), trials, seed, **options)
+    every = decision_curves(played)
+    curves, surer = every.sel(theta=THETA), every.sel(theta=SURER)
+    calibration = reliability(tables["right"], grid, [THETA, SURER], seed, trials=trials, contacts=(), **options)
     found: dict[str, Seen] = {}
     for policy in ("passive", "active"):
-        right = at_stopping(calibration, policy).isel(theta=0).sel(counted="all", what=EVERYTHING)
+        both = at_stopping(calibration, policy).sel(counted="all", what=EVERYTHING)
+        right, rare = both.sel(theta=THETA), both.sel(theta=SURER)
         noisy = curves.sel(policy=policy, model="noisy")
         equal_taps = (FEWER if few else EQUAL_TAPS)[L][policy]
         equal = at_equal_taps(played, [equal_taps]).sel(policy=policy).isel(taps=0)
@@ -100,12 +104,19 @@ def decisions(L: int, M: int, taps: int, few: bool, trials: int, resamples: int,
         found[f"taps to decision, {policy}, right"] = seen(right, "taps")
         found[f"taps to decision, {policy}, noisy"] = seen(noisy, "taps")
         found[f"error at equal taps, {policy}, noisy"] = seen(equal.sel(model="noisy"), "what_wrong")
+        found[f"error at threshold {SURER:g}, {policy}, right"] = seen(rare, "wrong")
+        found[f"error at threshold {SURER:g}, {policy}, noisy"] = seen(
+            surer.sel(policy=policy, model="noisy"), "what_wrong"
+        )
         found[f"miscalibration factor, {policy}, right"] = seen(right, "factor")
+        found[f"miscalibration factor at threshold {SURER:g}, {policy}, right"] = seen(rare, "factor")
         found[f"miscalibration factor, {policy}, noisy"] = seen(noisy, "miscalibration")
         for model, words in (("noisy too", EQUAL), ("remedied", "a remedy and none")):
             name = "what_wrong_difference"
             at = curves.sel(policy=policy, model=model)
             found[f"difference at stopping, {words}, {policy}"] = seen(at, name)
+            at_surer = surer.sel(policy=policy, model=model)
+            found[f"difference at threshold {SURER:g}, {words}, {policy}"] = seen(at_surer, name)
             found[f"difference at equal taps, {words}, {policy}"] = seen(equal.sel(model=model), name)
     wrong = [played[f"what_wrong{end}"].sel(model="noisy", theta=THETA) for end in ("", *ENDINGS)]
     active, passive = ([one.sel(policy=policy).values for one in wrong] for policy in ("active", "passive"))

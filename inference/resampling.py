@@ -13,9 +13,9 @@ selections of the same kind (`resampled_pools`): taps of each class drawn with r
 Several sessions are left out in turn, with all of their taps (jackknife). What varies within a session varies between
 sessions too, so taps are not drawn besides; of S sessions the variance is known with S - 1 degrees of freedom.
 
-A selection says how much an estimate varies, not where it lies: its deviation from the mean of all selections is what
-counts, see `Spread`. What it varies by the sampling of its few trials is known from the two halves of these trials, and
-taken out; how well it is known widens the interval.
+Selections say how much an estimate varies, not where it lies: only their variance counts, see `Spread.interval`. What
+they vary by the sampling of their few trials is known from the two halves of these trials, and taken out; how well the
+variance is known widens the interval.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -24,7 +24,7 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.special import ndtri, stdtrit
+from scipy.special import stdtrit
 
 from ..hardware.pool import TapPool
 from ..models.threads import cores, in_order
@@ -36,7 +36,7 @@ from .trial_plan import TapTable, TrialPlan, checked_plan, plan_trials
 
 type Floats = NDArray[np.float64]
 
-RESAMPLES = 200
+RESAMPLES = 100
 CONFIDENCE = 0.95
 FEW = 10
 """Taps of a class below which intervals are not known to hold, see docs/intervals.md."""
@@ -89,17 +89,25 @@ class Spread(NamedTuple):
         least: ArrayLike = -np.inf,
         most: ArrayLike = np.inf,
         endings: Sequence[Floats] = (),
+        event: ArrayLike = 0.0,
     ) -> tuple[Floats, Floats]:
         """Ends of the 95 % interval.
+
+        Of a quantity without a least value it is that of Student's t. Where there is one, errors that are seldom seen
+        make resamples vary less than data sets, so the interval is that of a score: its ends are the values from
+        which the estimate is just so many standard deviations away if the variance grows with the value as that of a
+        proportion or a count does (Wilson 1927).
 
         Args:
             samples: The estimate and, behind that, R resamples, shape (..., 1 + R); where `noise` is known also the
                 first halves of their trials, then the second ones, shape (..., 1 + 3 R). NaN resamples are left out;
                 where they are more than one in twenty, the interval is NaN. Infinite ones may be its ends.
             least: What the quantity cannot be below.
-            most: Nor above.
+            most: Nor above; counts where there is a least value.
             endings: What else the estimate might have been, shape (...): the interval holds those of all, see
                 `cut_short`.
+            event: Of a quantity without a least value: what one decision more or less changes it by, whose square is
+                added to the variance, so that events which were not seen count too; broadcast to (...).
 
         Returns:
             Each of shape (...).
@@ -107,24 +115,33 @@ class Spread(NamedTuple):
         estimate, drawn = samples[..., 0], self.whole(samples)
         defined = ~np.isnan(drawn)
         enough = ~np.isnan(estimate) & (defined.sum(axis=-1) >= max(1.0, _DEFINED * drawn.shape[-1]))
-        center, variance = _moments(drawn)
-        factor, freedom = self._factor(samples, variance)
-        margin = self.margin(samples, (1 - CONFIDENCE) / 2)
-        factor = factor * _beyond_normal(freedom)
+        tail = (1 - CONFIDENCE) / 2
+        variance, freedom = self._variance(samples)
+        variance = variance + np.square(event)
+        quantile = stdtrit(freedom, 1 - tail)
         ordered = np.sort(drawn, axis=-1)  # NaN last
         last = np.maximum(defined.sum(axis=-1) - 1, 0)
-        tail = (1 - CONFIDENCE) / 2
         places = np.floor(tail * last).astype(np.intp), np.ceil((1 - tail) * last).astype(np.intp)
+        with np.errstate(invalid="ignore", over="ignore"):
+            around = _score if np.isfinite(least).all() else _student
+            center = self.center(samples)
+            moved = [around(value, variance, quantile, center, least, most) for value in (estimate, *endings)]
         ends = []
-        for sign, place, outermost in zip((-1, 1), places, (np.minimum, np.maximum), strict=True):
+        for place, outermost, of in zip(places, (np.minimum, np.maximum), zip(*moved, strict=True), strict=True):
             end = np.take_along_axis(ordered, place[..., np.newaxis], axis=-1)[..., 0]
-            with np.errstate(invalid="ignore"):
-                # Of S sessions there are only S different resamples, so their quantiles tell nothing.
-                away = factor * (end - center) if np.isinf(self.freedom) else sign * margin
-                moved = outermost.reduce([estimate, *endings]) + away
-            end = np.where(np.isfinite(estimate) & np.isfinite(end), moved, end)
+            end = np.where(np.isfinite(estimate) & np.isfinite(end), outermost.reduce(of), end)
             ends.append(np.where(enough, np.clip(end, least, most), np.nan))
         return ends[0], ends[1]
+
+    def event(self, samples: Floats, least: float, most: float) -> Floats:
+        """What one more error changes a mean by, from how its resamples vary; 0 where they are without errors.
+
+        Args:
+            samples: As of `interval`.
+            least: What the mean cannot be below.
+            most: Nor above.
+        """
+        return _per_value(self._variance(samples)[0], self.center(samples), least, most)
 
     def margin(self, samples: Floats, tail: float) -> Floats:
         """How far from the estimate the quantity lies on one side in all but a share `tail` of the studies.
@@ -133,38 +150,64 @@ class Spread(NamedTuple):
             samples: As of `interval`.
             tail: The share.
         """
-        variance = _moments(self.whole(samples))[1]
-        factor, freedom = self._factor(samples, variance)
-        return factor * np.sqrt(variance) * stdtrit(freedom, 1 - tail)
+        variance, freedom = self._variance(samples)
+        return np.sqrt(variance) * stdtrit(freedom, 1 - tail)
 
-    def _factor(self, samples: Floats, variance: Floats) -> tuple[Floats | float, Floats | float]:
-        """By which deviations are enlarged, so that they vary by the taps and as the estimate's trials do.
+    def _variance(self, samples: Floats) -> tuple[Floats, Floats]:
+        """Of an estimate, by the taps and as its trials do, and its degrees of freedom, each of shape (...).
 
-        Also the degrees of freedom of the variance that comes of it (Satterthwaite 1946): it is a difference of two
-        that are known from R resamples each, of halves' sums and differences, which are independent.
+        Where the resamples' own trials are known, it is a difference of two variances from R resamples each, of
+        halves' sums and differences, which are independent (Satterthwaite 1946).
         """
+        whole = self.whole(samples)
+        variance = _moments(whole)[1]
+        freedom = np.minimum(self.freedom, np.maximum(np.isfinite(whole).sum(axis=-1) - 1.0, 1.0))
         if self.noise is None:
-            return self.factor, self.freedom
-        first, second = np.split(samples[..., 1 + self.whole(samples).shape[-1] :], 2, axis=-1)
+            return self.factor**2 * variance, freedom
+        first, second = np.split(samples[..., 1 + whole.shape[-1] :], 2, axis=-1)
         with np.errstate(invalid="ignore", divide="ignore"):
             half = (first - second) / 2
             sampling = _moments(np.where(np.isfinite(half), half, np.nan) ** 2)[0]
             by_taps, taps_factor = np.maximum(variance - sampling, 0.0), self.factor**2
             total = taps_factor * by_taps + self.noise * sampling
             parts = (taps_factor * variance) ** 2 + ((taps_factor - self.noise) * sampling) ** 2
-            freedom = (self.whole(samples).shape[-1] - 1) * total**2 / parts
-            known = variance > 0
-            factor = np.where(known, np.sqrt(total / variance), self.factor)
-        if np.isfinite(self.freedom):
-            return factor, self.freedom
-        return factor, np.where(known, np.maximum(freedom, _LEAST_FREEDOM), np.inf)
+            known = np.maximum(freedom * total**2 / parts, _LEAST_FREEDOM)
+        return total, np.where((variance > 0) & np.isinf(self.freedom), known, freedom)
 
 
-def _beyond_normal(freedom: Floats | float) -> Floats:
-    """How much farther out than a normal quantile that of Student's t is; 1 at infinite freedom."""
-    at = 0.5 + CONFIDENCE / 2
-    with np.errstate(invalid="ignore"):
-        return np.where(np.isinf(freedom), 1.0, stdtrit(freedom, at) / ndtri(at))
+def _student(
+    value: Floats, variance: Floats, quantile: Floats, _: Floats, __: ArrayLike, ___: ArrayLike
+) -> tuple[Floats, Floats]:
+    margin = quantile * np.sqrt(variance)
+    return value - margin, value + margin
+
+
+def _score(
+    value: Floats, variance: Floats, quantile: Floats, center: Floats, least: ArrayLike, most: ArrayLike
+) -> tuple[Floats, Floats]:
+    """Ends of the interval of a quantity between a least and a greatest value, which may be infinite.
+
+    Args:
+        value: The estimate.
+        variance: Of the quantity at `center`, from which it is known how it grows.
+        quantile: Of Student's t.
+        center: Mean of the resamples.
+        least: Least possible value.
+        most: Greatest possible value.
+    """
+    span, above = np.subtract(most, least), np.subtract(value, least)
+    q = quantile**2 * _per_value(variance, center, least, most)
+    root = np.sqrt(np.maximum(q * (q + 4 * above * (1 - above / span)), 0.0))
+    ends = (np.add(least, (2 * above + q + sign * root) / (2 * (1 + q / span))) for sign in (-1, 1))
+    low, high = (np.where(np.isinf(value), value, end) for end in ends)
+    return np.minimum(low, value), np.maximum(high, value)  # which rounding may put outside
+
+
+def _per_value(variance: Floats, at: Floats, least: ArrayLike, most: ArrayLike) -> Floats:
+    """The variance of a proportion or a count for each unit of its value, 0 where that is at an end."""
+    above = np.subtract(at, least)
+    value = above * (1 - above / np.subtract(most, least))
+    return np.divide(variance, value, out=np.zeros(np.shape(value)), where=value > 0)
 
 
 def _moments(drawn: Floats) -> tuple[Floats, Floats]:
@@ -186,15 +229,21 @@ def share_beyond(independent: ArrayLike) -> Floats:
 
 
 def widened(
-    low: Floats, high: Floats, independent: ArrayLike, unit: ArrayLike = 1.0, most: float = 1.0, *, opened: bool = False
+    low: Floats,
+    high: Floats,
+    center: Floats,
+    independent: ArrayLike,
+    unit: ArrayLike = 1.0,
+    most: float = 1.0,
+    *,
+    opened: bool = False,
 ) -> tuple[Floats, Floats]:
-    """An interval of a mean error that reaches at least so far as not a single error, or errors only, would have it.
-
-    A bootstrap cannot know of what never occurred.
+    """The interval of a mean error; where resamples have not a single error, or errors only, wide enough for that.
 
     Args:
         low: Lower end.
         high: Upper end.
+        center: Mean of the resamples.
         independent: How many decisions are independent of each other.
         unit: The smallest error; 1 in a proportion, 0 where there is none.
         most: The greatest mean error, which may be infinite.
@@ -203,7 +252,8 @@ def widened(
     beyond = np.asarray(unit) * share_beyond(independent)
     if opened:
         low, high = np.where(np.isnan(low), 0.0, low), np.where(np.isnan(high), most, high)
-    return np.minimum(low, most - beyond), np.minimum(np.maximum(high, beyond), most)
+    low = np.where(center < most, low, np.minimum(low, most - beyond))
+    return low, np.where(center > 0, high, np.minimum(np.maximum(high, beyond), most))
 
 
 def spread(table: TapTable, *, noise: float | None = None, thinned: bool = False) -> Spread:

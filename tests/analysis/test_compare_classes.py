@@ -296,8 +296,8 @@ def test_the_interval_of_a_calibration_error_reaches_down_to_none():
     biased = with_intervals("x", samples, ("model",), 0, {}, Spread(1.0), biased=True)
     plain = with_intervals("x", samples, ("model",), 0, {}, Spread(1.0))
 
-    assert plain.x_low.item() == pytest.approx(0.02, abs=1e-3)
-    assert plain.x_high.item() == pytest.approx(0.06, abs=1e-3)
+    assert plain.x_low.item() == pytest.approx(0.04 - 1.98 * 0.0117, abs=1e-3)
+    assert plain.x_high.item() == pytest.approx(0.04 + 1.98 * 0.0117, abs=1e-3)
     assert biased.x_low.item() == pytest.approx(plain.x_low.item() - 0.017)
     assert biased.x_high.item() == plain.x_high.item()
 

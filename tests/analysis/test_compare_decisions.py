@@ -3,16 +3,18 @@
 import numpy as np
 import pytest
 import xarray as xr
-from scipy.stats import norm, t
+from scipy.stats import t
 from solidtouch.analysis.compare_decisions import (
     ERRORS,
     MEANS,
+    SHARES,
     at_equal_taps,
     decision_curves,
     decision_interval_sentence,
     planned,
     play_models,
     policies,
+    spread_of,
     too_few_taps,
 )
 from solidtouch.hardware.pool import tap_pool
@@ -119,13 +121,19 @@ def test_resamples_are_the_same_taps_and_trials_for_all_models_and_policies(tabl
     curves = decision_curves(played.sel(model=["weak", "again"]))
     whole = (curves.used_up == 0).sel(model="weak")
     assert whole.any()
+    again, how = curves.sel(model="again"), spread_of(played)
     for key in MEANS:
-        for end in ("low", "high"):
-            assert (curves[f"{key}_difference_{end}"].sel(model="again").where(whole, 0) == 0).all()
+        own = played[key].sel(model="weak").values
+        unseen = played.attrs.get(f"smallest_{key}", 1.0) * again.taps / played.attrs["test_taps"]
+        most = 1.0 if key in SHARES else np.inf
+        one = np.where(how.center(own) > 0, how.event(own, 0.0, most), unseen) if key in (*ERRORS, *SHARES) else 0.0
+        least = t.ppf(0.975, 2) * np.sqrt(2) * one
+        for sign, end in ((-1, "low"), (1, "high")):
+            found = sign * again[f"{key}_difference_{end}"]
+            np.testing.assert_allclose(found.where(whole, least), np.where(whole, least, least), atol=1e-12)
             assert (curves[f"{key}_difference_{end}"].sel(model="weak") == 0).all()
-    cut = curves.sel(model="again").used_up.values
-    np.testing.assert_allclose(curves.what_wrong_difference_high.sel(model="again"), cut, atol=1e-12)
-    np.testing.assert_allclose(curves.what_wrong_difference_low.sel(model="again"), -cut, atol=1e-12)
+    assert (again.what_wrong_difference_high >= again.used_up - 1e-12).all()
+    assert (again.what_wrong_difference_low <= -again.used_up + 1e-12).all()
 
 
 def test_intervals_are_as_wide_as_the_taps_leave_a_mean():
@@ -177,16 +185,11 @@ def test_the_miscalibration_is_the_wrong_fraction_over_the_doubt(played):
     ratio = (played.what_wrong / played.doubt).sel(cell).values
 
     assert curves.miscalibration.sel(cell).item() == ratio[0]
-    drawn, first, second = np.split(ratio[1:], 3)  # of 60
-    noise, variance = (((first - second) / 2) ** 2).mean(), drawn.var(ddof=1)
-    total = 3 * max(variance - noise, 0) + noise
-    freedom = 59 * total**2 / ((3 * variance) ** 2 + (2 * noise) ** 2)
-    factor = np.sqrt(total / variance) * t.ppf(0.975, max(freedom, 4)) / norm.ppf(0.975)
     ends = [(played[f"what_wrong{e}"] / played[f"doubt{e}"]).sel(cell).item() for e in ENDINGS]
     assert ends[0] < ratio[0] < ends[1]
-    for end, value, about in zip(("low", "high"), np.sort(drawn)[[1, 58]], ends, strict=True):
-        expected = about + factor * (value - drawn.mean())
-        assert curves[f"miscalibration_{end}"].sel(cell).item() == pytest.approx(max(expected, 0.0))
+    held = spread_of(played).interval(ratio, 0.0, endings=np.array(ends))
+    for end, expected in zip(("low", "high"), held, strict=True):
+        assert curves[f"miscalibration_{end}"].sel(cell).item() == expected
     assert curves.attrs["reference"] == "good"
     own = curves.miscalibration_difference.sel(model="good")
     assert (own.where(np.isfinite(curves.miscalibration.sel(model="good")), 0) == 0).all()

@@ -11,6 +11,7 @@ import xarray as xr
 from solidtouch.hardware.data_collection import simulate_session
 from solidtouch.hardware.presets import preset
 from solidtouch.inference.montecarlo import run_trials
+from solidtouch.inference.resampling import RESAMPLES
 from solidtouch.inference.trial_plan import plan_trials, tap_table
 from solidtouch.models.catalogue import FitSettings, fit_model
 from solidtouch.models.histogram import fit
@@ -136,8 +137,8 @@ def test_intervals_are_over_taps_and_not_over_trials(files, command, tmp_path):
     assert (kept["fresh_taps_high"] >= np.where(played.used_up, 30, played.taps).mean(axis=0) - 0.5).all()
     assert (kept["what_wrong_high"] - kept["what_wrong_low"] < 0.5).all()
     assert (
-        "from 200 resamples of the test taps of each class, drawn with replacement; for trials on fresh taps without a "
-        "quarter of each class" in words
+        f"from {RESAMPLES} resamples of the test taps of each class, drawn with replacement; for trials on fresh taps "
+        "without a quarter of each class" in words
     )
     assert "not how another session would differ; the model stays." in words
     assert "too few test taps" in words

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from scattered_taps import table_of
-from scipy.stats import norm, t
+from scipy.stats import binomtest, norm, t
 from solidtouch.inference import resampling
 from solidtouch.inference.montecarlo import run_trials
 from solidtouch.inference.resampling import (
@@ -30,19 +30,74 @@ def with_estimate(value, samples=SAMPLES):
 
 
 def test_an_interval_lies_about_the_estimate():
-    """By how far the ends of the resamples lie from their mean, enlarged."""
+    """As far as Student's t says by the standard deviation of the resamples, enlarged."""
     for factor in (1.0, 1.5):
         low, high = Spread(factor).interval(with_estimate(80.0))
-        assert (low, high) == pytest.approx((80 + factor * (2 - 50), 80 + factor * (98 - 50)))
-    skewed = with_estimate(1.0, SAMPLES**2)
-    low, high = Spread(1.0).interval(skewed)
-    assert (low, high) == pytest.approx((1 + 4 - np.mean(SAMPLES**2), 1 + 98**2 - np.mean(SAMPLES**2)))
+        margin = factor * SAMPLES.std(ddof=1) * t.isf(0.025, 100)
+        assert (low, high) == pytest.approx((80 - margin, 80 + margin))
+        assert margin == pytest.approx(Spread(factor).margin(with_estimate(80.0), 0.025))
 
 
 def test_an_interval_ends_where_the_quantity_does():
-    low, high = Spread(1.0).interval(np.stack([with_estimate(20.0), with_estimate(90.0)]), 0.0, [60.0, 100.0])
-    assert low.tolist() == pytest.approx([0, 42])
-    assert high.tolist() == pytest.approx([60, 100])
+    """Each end is a value from which the estimate is as far as Student's t says, by the spread of that value."""
+    value, least, most = np.array([20.0, 90.0]), 0.0, np.array([60.0, 100.0])
+    samples = np.stack([with_estimate(one) for one in value])
+    samples[0, 1:] = samples[0, 1:] / 2
+    ends = Spread(1.0).interval(samples, least, most)
+    center, variance = samples[:, 1:].mean(axis=1), samples[:, 1:].var(axis=1, ddof=1)
+    for end in ends:
+        grown = variance * end * (most - end) / (center * (most - center))
+        assert (value - end) ** 2 / grown == pytest.approx([t.isf(0.025, 100) ** 2] * 2)
+    assert (ends[0] < value).all()
+    assert (value < ends[1]).all()
+    assert (ends[1] < most).all()
+
+
+def test_a_proportion_has_the_interval_of_wilson():
+    """Resamples that vary as independent cases do; a count among very many is a proportion of nearly none."""
+    n, k = 40, 6
+    spread_out = np.array([-1.0, 1.0]) * np.sqrt(k / n * (1 - k / n) / n / 2)
+    samples = np.concatenate([[k / n], k / n + np.tile(spread_out, 50_000)])
+    assert samples[1:].var(ddof=1) == pytest.approx(k / n * (1 - k / n) / n / 2, rel=1e-4)
+    low, high = Spread(2**0.5).interval(samples, 0.0, 1.0)
+    wilson = binomtest(k, n).proportion_ci(method="wilson")
+    assert (low, high) == pytest.approx((wilson.low, wilson.high), rel=1e-4)
+    np.testing.assert_allclose(Spread(1.0).interval(samples, 0.0), Spread(1.0).interval(samples, 0.0, 1e9))
+
+
+def test_one_error_more_is_known_from_how_the_seen_ones_vary():
+    """Of 3 in 50 it is a fiftieth; where there is none nothing is known."""
+    p = 3 / 50
+    samples = np.append(p, p + np.tile([-1, 1], 50) * np.sqrt(p * (1 - p) / 50 * 99 / 100))
+    assert Spread(1.0).event(samples, 0.0, 1.0) == pytest.approx(1 / 50)
+    assert Spread(1.0).event(np.zeros(20), 0.0, 1.0) == 0
+
+
+def test_an_event_that_was_not_seen_counts():
+    """Its square is one more variance, of what may be below 0 too."""
+    samples = np.zeros((2, 101))
+    low, high = Spread(1.0).interval(samples, event=[0.0, 0.5])
+    assert high == pytest.approx([0.0, 0.5 * t.isf(0.025, 99)])
+    assert low == pytest.approx(-high)
+
+
+@pytest.mark.parametrize(
+    ("classes", "taps", "p"), [(18, 20, 0.02), (18, 60, 0.005), (2, 12, 0.15), (2, 12, 0.4), (18, 5, 0.05)]
+)
+def test_rare_errors_are_in_their_intervals(classes, taps, p):
+    """Without a quarter of the taps errors are a third more at most: the middle 95 % of selections hold too little."""
+    rng = np.random.default_rng(0)
+    kept, held = taps - taps // 4, []
+    for _ in range(300):
+        wrong = (rng.random((classes, taps)) < p).astype(float)
+        chosen = rng.random((60, classes, taps)).argsort(axis=2)[..., :kept]
+        drawn = np.take_along_axis(np.broadcast_to(wrong, (60, classes, taps)), chosen, 2).mean(axis=(1, 2))
+        middle = wrong.mean() + 3**0.5 * (np.quantile(drawn, [0.025, 0.975]) - drawn.mean())
+        ends = Spread(3**0.5).interval(np.append(wrong.mean(), drawn), 0.0, 1.0), middle
+        held.append([low <= p <= high for low, high in (widened(*one, drawn.mean(), classes * taps) for one in ends)])
+    new, old = np.mean(held, axis=0)
+    assert 0.91 < new < 0.985
+    assert old < 0.9
 
 
 def test_an_interval_holds_whatever_else_the_estimate_might_have_been():
@@ -52,6 +107,9 @@ def test_an_interval_holds_whatever_else_the_estimate_might_have_been():
     assert Spread(1.0).interval(samples, endings=[np.array(50.0), np.array(61.0)]) == (low - 10, high + 1)
     assert Spread(1.0).interval(samples, endings=[np.array(62.0), np.array(np.inf)]) == (low, np.inf)
     assert np.isnan(Spread(1.0).interval(samples, endings=[np.array(np.nan)])).all()
+    bounded = Spread(1.0).interval(samples, 0.0, endings=[np.array(0.0), np.array(np.inf)])
+    assert bounded == (0.0, np.inf)
+    assert Spread(1.0).interval(samples, 0.0, 70.0, [np.array(70.0)])[1] == 70.0
 
 
 def test_few_undefined_resamples_are_left_out_and_many_leave_no_interval():
@@ -61,8 +119,7 @@ def test_few_undefined_resamples_are_left_out_and_many_leave_no_interval():
     assert np.isnan(few).sum() == 5
     low, high = Spread(1.0).interval(np.stack([with_estimate(x, y) for x, y in ((0, few), (0, many), (np.nan, few))]))
     defined = few[~np.isnan(few)]
-    assert low[0] == pytest.approx(np.sort(defined)[2] - defined.mean())
-    assert high[0] == pytest.approx(np.sort(defined)[92] - defined.mean())
+    assert high[0] == -low[0] == pytest.approx(defined.std(ddof=1) * t.isf(0.025, 94))
     assert np.isnan(low[1:]).all()
     assert np.isnan(high[1:]).all()
 
@@ -73,7 +130,7 @@ def test_infinite_resamples_may_be_ends():
     some[:5] = -np.inf
     low, high = Spread(1.0).interval(with_estimate(60.0, some))
     assert low == -np.inf
-    assert high == pytest.approx(60 + 98 - some[5:].mean())
+    assert high == pytest.approx(60 + some[5:].std(ddof=1) * t.isf(0.025, 95))
     low, high = Spread(2.0).interval(with_estimate(-np.inf, some))
     assert (low, high) == (-np.inf, 98)
 
@@ -230,10 +287,10 @@ def test_trials_that_vary_by_chance_alone_leave_the_chance_of_the_estimate():
     assert Spread(3.0, noise=0.25).whole(np.arange(7.0)).tolist() == [1, 2]
     assert Spread(3.0).whole(np.arange(7.0)).tolist() == [1, 2, 3, 4, 5, 6]
     deviation = 3 * np.arange(1, 7).std(ddof=1)
-    assert Spread(3.0).margin(np.arange(7.0), 0.01) == pytest.approx(deviation * norm.isf(0.01))
-    assert Spread(3.0, freedom=5).margin(np.arange(7.0), 0.01) == pytest.approx(deviation * t.isf(0.01, 5))
-    assert Spread(3.0, freedom=5).interval(np.arange(7.0)) == pytest.approx(
-        deviation * t.isf(0.025, 5) * np.array([-1, 1])
+    assert Spread(3.0).margin(np.arange(7.0), 0.01) == pytest.approx(deviation * t.isf(0.01, 5))
+    assert Spread(3.0, freedom=3).margin(np.arange(7.0), 0.01) == pytest.approx(deviation * t.isf(0.01, 3))
+    assert Spread(3.0, freedom=3).interval(np.arange(7.0)) == pytest.approx(
+        deviation * t.isf(0.025, 3) * np.array([-1, 1])
     )
 
 
@@ -247,21 +304,24 @@ def test_an_interval_reaches_as_far_as_what_was_never_seen_could():
     """The exact two-sided bound of a proportion without a case."""
     assert share_beyond(100) == pytest.approx(0.03622, abs=1e-5)
     assert 1 - (1 - share_beyond(37)) ** 37 == pytest.approx(0.975)
-    low, high = widened(np.array([0.0, 0.4, 1.0]), np.array([0.0, 0.5, 1.0]), 100)
-    assert low.tolist() == pytest.approx([0, 0.4, 1 - share_beyond(100)])
-    assert high.tolist() == pytest.approx([share_beyond(100), 0.5, 1])
+    center = np.array([0.0, 0.4, 1.0, 0.001])
+    low, high = widened(np.array([0.0, 0.4, 1.0, 0.0]), np.array([0.0, 0.5, 1.0, 0.002]), center, 100)
+    assert low.tolist() == pytest.approx([0, 0.4, 1 - share_beyond(100), 0])
+    assert high.tolist() == pytest.approx([share_beyond(100), 0.5, 1, 0.002])
 
 
 def test_an_interval_of_which_resamples_know_nothing_is_wide_open():
     """From 0 to 1."""
-    low, high = widened(np.array([np.nan, 0.5]), np.array([np.nan, 0.6]), [50, 50], opened=True)
+    low, high = widened(np.array([np.nan, 0.5]), np.array([np.nan, 0.6]), np.array([0, 0.5]), [50, 50], opened=True)
     assert low.tolist() == [0, 0.5]
     assert high.tolist() == [1, 0.6]
 
 
 def test_mean_errors_in_millimetres_are_widened_by_one_class_and_never_from_above():
     """There is no greatest mean; an undefined interval stays so."""
-    low, high = widened(np.array([0.0, 9.0, np.nan]), np.array([0.0, 9.5, np.nan]), 100, 2.0, np.inf)
+    low, high = widened(
+        np.array([0.0, 9.0, np.nan]), np.array([0.0, 9.5, np.nan]), np.array([0, 9, 0]), 100, 2.0, np.inf
+    )
     assert high[:2].tolist() == pytest.approx([2 * share_beyond(100), 9.5])
     assert low[:2].tolist() == [0, 9]
     assert np.isnan([low[2], high[2]]).all()
