@@ -214,7 +214,8 @@ def stacked(scores: Mapping[str, TapScores], folds: int) -> Any:
 def mean_scores(scores: Mapping[str, TapScores], reference: str, name: str, seed: int) -> xr.Dataset:
     """Mean log probability per tap of every model, and of its difference to a reference, with bootstrap intervals.
 
-    Clusters are drawn, a session's taps of one class at a time, the same for all models.
+    Clusters are drawn, a session's taps of one class at a time, the same for all models; C of them tell their variance
+    with C - 1 degrees of freedom.
     """
     names = list(scores)
     first = scores[names[0]]
@@ -225,7 +226,7 @@ def mean_scores(scores: Mapping[str, TapScores], reference: str, name: str, seed
     sums = np.array([np.bincount(scores[n].cluster, scores[n].values, minlength=C) for n in names])
     samples = (sums @ weights.T) / (weights @ size)
     attributes = {"long_name": "mean log probability of a tap's bins", "units": "nat per tap"}
-    spread = Spread(float(np.sqrt(C / max(C - 1, 1))))
+    spread = Spread(float(np.sqrt(C / max(C - 1, 1))), freedom=max(C - 1.0, 1.0))
     result = with_intervals(name, samples, ("model",), names.index(reference), attributes, spread)
     return result.assign_coords(model=np.array(names, dtype=np.str_)).assign_attrs(taps=N, reference=reference)
 

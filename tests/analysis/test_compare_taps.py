@@ -200,3 +200,22 @@ def test_places_within_a_class_are_replicated_where_the_model_knows_them():
     replicated = checks["replicated"].mean("replicate")
     assert float(replicated.sel(model="profile")) < 0.5 * float(checks["observed"])
     assert float(replicated.sel(model="smooth")) > 0.7 * float(checks["observed"])
+
+
+@pytest.mark.parametrize("clusters", [4, 8, 40])
+def test_intervals_of_mean_scores_hold_the_truth(clusters):
+    """Of 300 sets of clusters whose taps share what their session and class did, and of a model half as good."""
+    rng, held = np.random.default_rng(3), []
+    cluster = np.repeat(np.arange(clusters), 5)
+    for number in range(300):
+        shared, own = rng.normal(-10, 1, clusters)[cluster], rng.normal(0, 1, 5 * clusters)
+        values = {"a": shared + own, "b": shared - 2 + rng.normal(0, 0.5, clusters)[cluster]}
+        means = mean_scores({name: TapScores(one, cluster) for name, one in values.items()}, "a", "x", number)
+        held.append(
+            [
+                float(means.x_low.sel(model="a")) <= -10 <= float(means.x_high.sel(model="a")),
+                float(means.x_difference_low.sel(model="b")) <= -2 <= float(means.x_difference_high.sel(model="b")),
+            ]
+        )
+    assert (np.mean(held, axis=0) > 0.91).all()
+    assert (np.mean(held, axis=0) < 0.985).all()
