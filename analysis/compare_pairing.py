@@ -7,7 +7,7 @@ import numpy as np
 import xarray as xr
 from numpy.typing import ArrayLike, NDArray
 
-from ..inference.resampling import Spread, widened
+from ..inference.resampling import Spread, share_beyond, widened
 from ..inference.trial_plan import TapTable
 from ..models.errors import InputError
 
@@ -101,24 +101,17 @@ def with_intervals(
     for one in apart:
         one[reference] = difference[reference, ..., 0]
     least, most = limits
-    event = np.zeros(samples.shape[:-1])
+    own, apart_by = spread.interval(samples, least, most, endings), spread.interval(difference, endings=apart)
     if independent is not None:
-        event += smallest / np.maximum(independent, 1)
-        event = np.where(spread.center(samples) > least, spread.event(samples, *limits), event)
-        event = np.hypot(event, event[reference])
-        event[reference] = 0.0
-    own = spread.interval(samples, least, most, endings)
-    if independent is not None:
-        own = widened(*own, spread.center(samples), independent, smallest, most)
+        center = spread.center(samples)
+        own = widened(*own, center, independent, smallest, most)
+        beyond = np.where((center > 0) | (center[reference] > 0), 0.0, smallest * share_beyond(independent))
+        beyond[reference] = 0.0
+        apart_by = np.minimum(apart_by[0], -beyond), np.maximum(apart_by[1], beyond)
     result = {}
     for label, values, ends, bounds in (
         (name, samples, own, limits),
-        (
-            f"{name}_difference",
-            difference,
-            spread.interval(difference, endings=apart, event=event),
-            (least - most, most - least),
-        ),
+        (f"{name}_difference", difference, apart_by, (least - most, most - least)),
     ):
         # The lower end moves by an excess, the upper one by what is missing.
         excess = np.nan_to_num(spread.center(values) - values[..., 0]) if biased else np.zeros(values.shape[:-1])

@@ -3,7 +3,6 @@
 import numpy as np
 import pytest
 import xarray as xr
-from scipy.stats import t
 from solidtouch.analysis.compare_decisions import (
     ERRORS,
     MEANS,
@@ -123,14 +122,12 @@ def test_resamples_are_the_same_taps_and_trials_for_all_models_and_policies(tabl
     assert whole.any()
     again, how = curves.sel(model="again"), spread_of(played)
     for key in MEANS:
-        own = played[key].sel(model="weak").values
-        unseen = played.attrs.get(f"smallest_{key}", 1.0) * again.taps / played.attrs["test_taps"]
-        most = 1.0 if key in SHARES else np.inf
-        one = np.where(how.center(own) > 0, how.event(own, 0.0, most), unseen) if key in (*ERRORS, *SHARES) else 0.0
-        least = t.ppf(0.975, 2) * np.sqrt(2) * one
+        seldom = how.center(played[key].sel(model="weak").values) == 0
+        unseen = played.attrs.get(f"smallest_{key}", 1.0) * share_beyond(played.attrs["test_taps"] / again.taps)
+        least = np.where(seldom & (key in (*ERRORS, *SHARES)), unseen, 0.0)
         for sign, end in ((-1, "low"), (1, "high")):
-            found = sign * again[f"{key}_difference_{end}"]
-            np.testing.assert_allclose(found.where(whole, least), np.where(whole, least, least), atol=1e-12)
+            found = sign * again[f"{key}_difference_{end}"].values
+            np.testing.assert_allclose(np.where(whole, found, least), least, atol=1e-12)
             assert (curves[f"{key}_difference_{end}"].sel(model="weak") == 0).all()
     assert (again.what_wrong_difference_high >= again.used_up - 1e-12).all()
     assert (again.what_wrong_difference_low <= -again.used_up + 1e-12).all()
