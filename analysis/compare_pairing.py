@@ -7,12 +7,13 @@ import numpy as np
 import xarray as xr
 from numpy.typing import ArrayLike, NDArray
 
-from ..inference.resampling import Spread, share_beyond, widened
+from ..inference.resampling import Spread, widened
 from ..inference.trial_plan import TapTable
 from ..models.errors import InputError
 
 RESAMPLES = 1000
 """Where resampling costs no trials."""
+_FEW_ERRORS = 5  # as many of a model tell how much a difference of errors varies
 
 
 def check_tables(tables: Mapping[str, TapTable]) -> tuple[int, int]:
@@ -101,13 +102,16 @@ def with_intervals(
     for one in apart:
         one[reference] = difference[reference, ..., 0]
     least, most = limits
-    own, apart_by = spread.interval(samples, least, most, endings), spread.interval(difference, endings=apart)
+    own, event = spread.interval(samples, least, most, endings), np.zeros(samples.shape[:-1])
     if independent is not None:
         center = spread.center(samples)
         own = widened(*own, center, independent, smallest, most)
-        beyond = np.where((center > 0) | (center[reference] > 0), 0.0, smallest * share_beyond(independent))
-        beyond[reference] = 0.0
-        apart_by = np.minimum(apart_by[0], -beyond), np.maximum(apart_by[1], beyond)
+        seen = spread.per_error(samples, least, most)
+        event += np.where(seen > 0, seen, smallest / np.maximum(independent, 1))
+        few = (seen == 0) | (np.minimum(center - least, most - center) < _FEW_ERRORS * seen)
+        event = np.where(few | few[reference], np.hypot(event, event[reference]), 0.0)
+        event[reference] = 0.0
+    apart_by = spread.interval(difference, endings=apart, event=event)
     result = {}
     for label, values, ends, bounds in (
         (name, samples, own, limits),

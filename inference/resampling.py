@@ -89,6 +89,7 @@ class Spread(NamedTuple):
         least: ArrayLike = -np.inf,
         most: ArrayLike = np.inf,
         endings: Sequence[Floats] = (),
+        event: ArrayLike = 0.0,
     ) -> tuple[Floats, Floats]:
         """Ends of the 95 % interval.
 
@@ -105,6 +106,8 @@ class Spread(NamedTuple):
             most: Nor above; counts where there is a least value.
             endings: What else the estimate might have been, shape (...): the interval holds those of all, see
                 `cut_short`.
+            event: What an event changes the quantity by that may not have been seen, whose square is added to the
+                variance, broadcast to (...).
 
         Returns:
             Each of shape (...).
@@ -114,7 +117,7 @@ class Spread(NamedTuple):
         enough = ~np.isnan(estimate) & (defined.sum(axis=-1) >= max(1.0, _DEFINED * drawn.shape[-1]))
         tail = (1 - CONFIDENCE) / 2
         variance, freedom = self._variance(samples)
-        quantile = stdtrit(freedom, 1 - tail)
+        variance, quantile = variance + np.square(event), stdtrit(freedom, 1 - tail)
         ordered = np.sort(drawn, axis=-1)  # NaN last
         last = np.maximum(defined.sum(axis=-1) - 1, 0)
         places = np.floor(tail * last).astype(np.intp), np.ceil((1 - tail) * last).astype(np.intp)
@@ -128,6 +131,16 @@ class Spread(NamedTuple):
             end = np.where(np.isfinite(estimate) & np.isfinite(end), outermost.reduce(of), end)
             ends.append(np.where(enough, np.clip(end, least, most), np.nan))
         return ends[0], ends[1]
+
+    def per_error(self, samples: Floats, least: float, most: float) -> Floats:
+        """What one more error changes a mean by, as far as resamples tell; 0 where they are without errors.
+
+        Args:
+            samples: As of `interval`.
+            least: What the mean cannot be below.
+            most: Nor above.
+        """
+        return _per_value(self._variance(samples)[0], self.center(samples), least, most)
 
     def margin(self, samples: Floats, tail: float) -> Floats:
         """How far from the estimate the quantity lies on one side in all but a share `tail` of the studies.
@@ -182,13 +195,18 @@ def _score(
         most: Greatest possible value.
     """
     span, above = np.subtract(most, least), np.subtract(value, least)
-    at = np.subtract(center, least)
-    per_value = at * (1 - at / span)
-    q = quantile**2 * np.divide(variance, per_value, out=np.zeros(np.shape(per_value)), where=per_value > 0)
+    q = quantile**2 * _per_value(variance, center, least, most)
     root = np.sqrt(np.maximum(q * (q + 4 * above * (1 - above / span)), 0.0))
     ends = (np.add(least, (2 * above + q + sign * root) / (2 * (1 + q / span))) for sign in (-1, 1))
     low, high = (np.where(np.isinf(value), value, end) for end in ends)
     return np.minimum(low, value), np.maximum(high, value)  # which rounding may put outside
+
+
+def _per_value(variance: Floats, at: Floats, least: ArrayLike, most: ArrayLike) -> Floats:
+    """How the variance of a proportion or a count grows with its value; 0 where that is at an end."""
+    above = np.subtract(at, least)
+    value = above * (1 - above / np.subtract(most, least))
+    return np.divide(variance, value, out=np.zeros(np.shape(value)), where=value > 0)
 
 
 def _moments(drawn: Floats) -> tuple[Floats, Floats]:

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from scipy.special import logsumexp
+from scipy.stats import t
 from solidtouch.analysis.compare_classes import (
     CALIBRATION_BINS,
     CALIBRATIONS,
@@ -341,3 +342,19 @@ def test_bad_arguments_are_refused(tables):
 def test_the_sentence_says_what_the_intervals_hold():
     """What is drawn anew."""
     assert "without a quarter of each class, or without one session in turn" in class_interval_sentence()
+
+
+def test_a_difference_is_told_from_none_and_two_that_never_erred_are_not():
+    """Of 50 decisions each: an error of a half against a quarter, and none against none."""
+    rng = np.random.default_rng(0)
+    shares = np.array([[0.25], [0.5], [0.0], [0.0]]) + np.array([[0.01], [0.01], [0.0], [0.0]]) * rng.normal(
+        size=(4, 60)
+    )
+    options = {"limits": (0.0, 1.0), "independent": 50.0}
+    one = with_intervals("x", shares[:2], ("model",), 0, {}, Spread(1.0), **options)
+    none = with_intervals("x", shares[2:], ("model",), 0, {}, Spread(1.0), **options)
+
+    assert 0.1 < one.x_difference_low[1] < one.x_difference[1] < one.x_difference_high[1] < 0.4
+    margin = t.isf(0.025, 58) * np.sqrt(2) / 50
+    assert none.x_difference_high.values.tolist() == pytest.approx([0, margin])
+    assert none.x_difference_low.values.tolist() == pytest.approx([0, -margin])

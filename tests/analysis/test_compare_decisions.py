@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 import xarray as xr
+from scipy.stats import t
 from solidtouch.analysis.compare_decisions import (
     ERRORS,
     MEANS,
@@ -122,9 +123,12 @@ def test_resamples_are_the_same_taps_and_trials_for_all_models_and_policies(tabl
     assert whole.any()
     again, how = curves.sel(model="again"), spread_of(played)
     for key in MEANS:
-        seldom = how.center(played[key].sel(model="weak").values) == 0
-        unseen = played.attrs.get(f"smallest_{key}", 1.0) * share_beyond(played.attrs["test_taps"] / again.taps)
-        least = np.where(seldom & (key in (*ERRORS, *SHARES)), unseen, 0.0)
+        weak, most = played[key].sel(model="weak").values, 1.0 if key in SHARES else np.inf
+        seen, smallest = how.per_error(weak, 0.0, most), played.attrs.get(f"smallest_{key}", 1.0)
+        one = np.where(seen > 0, seen, smallest * again.taps / played.attrs["test_taps"])
+        rare = np.minimum(how.center(weak), most - how.center(weak)) < 5 * seen
+        few = ((seen == 0) | rare) & (key in (*ERRORS, *SHARES))
+        least = np.where(few, t.ppf(0.975, 2) * np.sqrt(2) * one, 0.0)
         for sign, end in ((-1, "low"), (1, "high")):
             found = sign * again[f"{key}_difference_{end}"].values
             np.testing.assert_allclose(np.where(whole, found, least), least, atol=1e-12)

@@ -65,6 +65,17 @@ def test_a_proportion_has_the_interval_of_wilson():
     np.testing.assert_allclose(Spread(1.0).interval(samples, 0.0), Spread(1.0).interval(samples, 0.0, 1e9))
 
 
+def test_one_error_more_is_known_from_how_the_seen_ones_vary():
+    """Of 3 in 50 it is a fiftieth; where there is none nothing is known. What was not seen adds its square."""
+    p = 3 / 50
+    samples = np.append(p, p + np.tile([-1, 1], 50) * np.sqrt(p * (1 - p) / 50 * 99 / 100))
+    assert Spread(1.0).per_error(samples, 0.0, 1.0) == pytest.approx(1 / 50)
+    assert Spread(1.0).per_error(np.zeros(20), 0.0, 1.0) == 0
+    low, high = Spread(1.0).interval(np.zeros((2, 101)), event=[0.0, 0.5])
+    assert high == pytest.approx([0.0, 0.5 * t.isf(0.025, 99)])
+    assert low == pytest.approx(-high)
+
+
 @pytest.mark.parametrize(
     ("classes", "taps", "p"), [(18, 20, 0.02), (18, 60, 0.005), (2, 12, 0.15), (2, 12, 0.4), (18, 5, 0.05)]
 )
