@@ -75,7 +75,9 @@ class RecordingReader:
         for record in self._records():
             if isinstance(record, Channel):
                 topics[record.id] = record.topic
-            elif isinstance(record, Message) and (topic := topics.get(record.channel_id)) in TOPICS:
+            elif isinstance(record, Message) and record.channel_id not in topics:
+                self.damaged += 1
+            elif isinstance(record, Message) and (topic := topics[record.channel_id]) in TOPICS:
                 entry = _entry(topic, record, crc)
                 self.damaged += not entry.intact
                 crc = 0 if topic == "/tap" else zlib.crc32(record.data, crc)

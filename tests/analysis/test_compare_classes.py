@@ -358,3 +358,18 @@ def test_a_difference_is_told_from_none_and_two_that_never_erred_are_not():
     margin = t.isf(0.025, 58) * np.sqrt(2) / 50
     assert none.x_difference_high.values.tolist() == pytest.approx([0, margin])
     assert none.x_difference_low.values.tolist() == pytest.approx([0, -margin])
+
+
+@pytest.mark.parametrize(("n", "few"), [(100, True), (1000, False)])
+def test_few_errors_leave_one_more_in_doubt(n, few):
+    """Of 100 decisions 2 and 4 are wrong in every resample alike, or of 1000 20 and 40: then only the former count."""
+    share = np.array([[0.02], [0.04]])
+    deviation = np.tile([-1, 1], 30) * np.sqrt(share * (1 - share) / n * 59 / 60)
+    samples = np.concatenate([share, share + deviation], axis=1)
+    data = with_intervals("x", samples, ("model",), 0, {}, Spread(1.0), limits=(0.0, 1.0), independent=float(n))
+    alone = Spread(1.0).interval(samples[1] - samples[0])
+    margin = t.isf(0.025, 59) * np.sqrt(2) / n
+
+    wider = np.hypot((alone[1] - alone[0]) / 2, margin if few else 0.0)
+    assert data.x_difference_high[1].item() == pytest.approx(0.02 + wider, rel=1e-3)
+    assert data.x_difference_low[1].item() == pytest.approx(0.02 - wider, rel=1e-3)

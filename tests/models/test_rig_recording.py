@@ -168,6 +168,21 @@ def test_a_flipped_bit_never_changes_a_tap(recorded, request, data):
     assert len(read.taps) == len(taps) or read.lost
 
 
+def test_a_message_of_no_channel_is_damaged(killed):
+    """The last tap of a recording whose writer was killed, as nothing comes after it that would miss it."""
+    path, taps = killed
+    whole = bytearray(path.read_bytes())
+    *_, (_, end), (last, _) = _entries_with_ends(path)
+    assert last.topic == "/tap"
+    whole[end + 9 : end + 11] = (999).to_bytes(2, "little")  # behind opcode and length
+    spoiled = path.with_name("channel.mcap")
+    spoiled.write_bytes(whole)
+    read = read_rig(spoiled)
+
+    assert len(read.taps) == len(taps) - 1
+    assert read.lost == "1 messages before are damaged"
+
+
 @pytest.mark.parametrize(("recorded", "trials"), [("unfiltered", [1, 2]), ("killed", [])])
 def test_a_damaged_message_costs_its_own_tap(recorded, trials, request):
     """With a high-pass it costs all up to the next stream, as the state of the filter is lost."""
