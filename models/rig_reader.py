@@ -89,7 +89,8 @@ class RecordingReader:
         if self.lost_bytes:
             parts.append(f"the last {self.lost_bytes} bytes are damaged")
         if self.damaged:
-            parts.append(f"{self.damaged} messages before are damaged")
+            which = "message before is" if self.damaged == 1 else "messages before are"
+            parts.append(f"{self.damaged} {which} damaged")
         return " and ".join(parts)
 
     def _records(self) -> Iterator[McapRecord]:

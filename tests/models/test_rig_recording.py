@@ -180,7 +180,7 @@ def test_a_message_of_no_channel_is_damaged(killed):
     read = read_rig(spoiled)
 
     assert len(read.taps) == len(taps) - 1
-    assert read.lost == "1 messages before are damaged"
+    assert read.lost == "1 message before is damaged"
 
 
 @pytest.mark.parametrize(("recorded", "trials"), [("unfiltered", [1, 2]), ("killed", [])])
