@@ -13,7 +13,7 @@ from ..models.errors import InputError
 
 RESAMPLES = 1000
 """Where resampling costs no trials."""
-_FEW_ERRORS = 5  # as many of a model tell how much a difference of errors varies
+_FEW_ERRORS = 5  # with fewer of either model, resamples do not show how much the difference of errors varies
 
 
 def check_tables(tables: Mapping[str, TapTable]) -> tuple[int, int]:

@@ -93,21 +93,20 @@ class Spread(NamedTuple):
     ) -> tuple[Floats, Floats]:
         """Ends of the 95 % interval.
 
-        Of a quantity without a least value it is that of Student's t. Where there is one, errors that are seldom seen
-        make resamples vary less than data sets, so the interval is that of a score: its ends are the values from
-        which the estimate is just so many standard deviations away if the variance grows with the value as that of a
-        proportion or a count does (Wilson 1927).
+        Of a quantity without a least value it is that of Student's t. With one it is that of a score: its ends are
+        the values from which the estimate lies just so many standard deviations away if the variance grows with the
+        value as that of a proportion or a count does (Wilson 1927). So few errors leave more room above than below.
 
         Args:
             samples: The estimate and, behind that, R resamples, shape (..., 1 + R); where `noise` is known also the
                 first halves of their trials, then the second ones, shape (..., 1 + 3 R). NaN resamples are left out;
                 where they are more than one in twenty, the interval is NaN. Infinite ones may be its ends.
             least: What the quantity cannot be below.
-            most: Nor above; counts where there is a least value.
+            most: Nor above.
             endings: What else the estimate might have been, shape (...): the interval holds those of all, see
                 `cut_short`.
-            event: What an event changes the quantity by that may not have been seen, whose square is added to the
-                variance, broadcast to (...).
+            event: How much an event that may not have been seen would change the quantity; its square is added to the
+                variance. Broadcast to (...).
 
         Returns:
             Each of shape (...).
@@ -121,12 +120,19 @@ class Spread(NamedTuple):
         ordered = np.sort(drawn, axis=-1)  # NaN last
         last = np.maximum(defined.sum(axis=-1) - 1, 0)
         places = np.floor(tail * last).astype(np.intp), np.ceil((1 - tail) * last).astype(np.intp)
+        center = self.center(samples)
+
+        def around(value: Floats) -> tuple[Floats, Floats]:
+            if np.isfinite(least).all():
+                return _score(value, variance, quantile, center, least, most)
+            half = quantile * np.sqrt(variance)
+            return value - half, value + half
+
         with np.errstate(invalid="ignore", over="ignore"):
-            around = _score if np.isfinite(least).all() else _student
-            center = self.center(samples)
-            moved = [around(value, variance, quantile, center, least, most) for value in (estimate, *endings)]
+            moved = [around(value) for value in (estimate, *endings)]
         ends = []
         for place, outermost, of in zip(places, (np.minimum, np.maximum), zip(*moved, strict=True), strict=True):
+            # Where that many resamples are infinite, so is the end.
             end = np.take_along_axis(ordered, place[..., np.newaxis], axis=-1)[..., 0]
             end = np.where(np.isfinite(estimate) & np.isfinite(end), outermost.reduce(of), end)
             ends.append(np.where(enough, np.clip(end, least, most), np.nan))
@@ -172,13 +178,6 @@ class Spread(NamedTuple):
             parts = (taps_factor * variance) ** 2 + ((taps_factor - self.noise) * sampling) ** 2
             known = np.maximum(freedom * total**2 / parts, _LEAST_FREEDOM)
         return total, np.where((variance > 0) & np.isinf(self.freedom), known, freedom)
-
-
-def _student(
-    value: Floats, variance: Floats, quantile: Floats, _: Floats, __: ArrayLike, ___: ArrayLike
-) -> tuple[Floats, Floats]:
-    margin = quantile * np.sqrt(variance)
-    return value - margin, value + margin
 
 
 def _score(
