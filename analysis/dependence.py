@@ -11,6 +11,7 @@ Observed and permuted values are exchangeable under the null, and are treated al
 """
 
 from collections.abc import Callable, Sequence
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
@@ -20,6 +21,7 @@ from scipy.stats import false_discovery_control, rankdata
 from ..models import seeds
 from ..models.compiled import compiled
 from ..models.errors import InputError
+from ..models.threads import cores, in_order
 from .compare_pairing import RESAMPLES
 from .metrics import CONFIDENCE
 
@@ -31,6 +33,7 @@ type Statistic = Callable[[NDArray[np.int32]], Floats]
 FEWEST_STRATA = 5
 """From fewer strata there are no intervals: resamples of so few hardly differ."""
 _BLOCK = 1 << 22  # indices of permutations at a time, 16 MiB
+_WAITING = 1 << 28  # bytes of statistics of strata that a thread may hold, three strata or so each
 _EQUAL = 1e-9  # share of a taxel's range below which values are the same but for rounding
 _DEFINED = 0.95  # of the resamples: an interval from fewer would be that of the lucky ones
 _TIE = 1e-9  # of standardised statistics
@@ -206,7 +209,7 @@ def _shuffle(word: NDArray[np.uint32], permutation: NDArray[np.int32]) -> None:
 def permuted(
     strata: Strata,
     columns: int,
-    prepare: Callable[[NDArray[np.intp]], Sequence[Statistic | None]],
+    prepare: Callable[[int, NDArray[np.intp]], Sequence[Statistic | None]],
     groups: Sequence[int],
     permutations: Sequence[int],
     seed: int,
@@ -218,7 +221,8 @@ def permuted(
     Args:
         strata: Taps of each stratum.
         columns: How many columns there are.
-        prepare: Gives the statistics of a stratum from its taps, None for one that the stratum says nothing about.
+        prepare: Gives the statistics of a stratum from its number and taps, None for one that the stratum says nothing
+            about; strata are prepared on several threads.
         groups: G of each statistic.
         permutations: P of each statistic; one with fewer takes the first of the others'.
         seed: Of the permutations.
@@ -229,14 +233,15 @@ def permuted(
     stream, purpose = np.arange(len(strata)), seeds.Purpose.PERMUTATIONS
     if together is not None:
         stream, purpose = np.asarray(together), seeds.Purpose.ALIKE
-    found = [
-        Permuted(np.zeros((G, 1 + P)), np.zeros((len(strata), G)), np.zeros((len(strata), G)))
-        for G, P in zip(groups, permutations, strict=True)
-    ]
     most = max(permutations)
-    for s, own in enumerate(strata):
-        generator = seeds.generator(seed, purpose, int(stream[s]))
-        statistics = prepare(own)
+
+    def of_stratum(s: int) -> list[Permuted | None]:
+        own, generator = strata[s], seeds.generator(seed, purpose, int(stream[s]))
+        statistics = prepare(s, own)
+        found = [
+            None if statistic is None else Permuted(np.empty((G, 1 + P)), np.empty(G), np.zeros(G))
+            for statistic, G, P in zip(statistics, groups, permutations, strict=True)
+        ]
         block = max(1, _BLOCK // max(1, columns * len(own)))
         for start in range(0, 1 + most, block):
             stop = min(start + block, 1 + most)
@@ -246,16 +251,29 @@ def permuted(
             if start == 0:
                 permutation[:, 0] = np.arange(len(own))
             for one, statistic, P in zip(found, statistics, permutations, strict=True):
-                if statistic is None or start > P:
+                if one is None or statistic is None or start > P:
                     continue
                 values = statistic(np.ascontiguousarray(permutation[:, : 1 + P - start]))
-                one.total[:, start : start + values.shape[1]] += values
-                one.expected[s] += values[:, int(start == 0) :].sum(axis=1) / P
+                one.total[:, start : start + values.shape[1]] = values
+                one.expected[:] += values[:, int(start == 0) :].sum(axis=1) / P
                 if start == 0:
-                    one.observed[s] = values[:, 0]
+                    one.observed[:] = values[:, 0]
+        return found
+
+    sums = [
+        Permuted(np.zeros((G, 1 + P)), np.zeros((len(strata), G)), np.zeros((len(strata), G)))
+        for G, P in zip(groups, permutations, strict=True)
+    ]
+    size = sum(one.total.nbytes for one in sums)
+    tasks = (partial(of_stratum, s) for s in range(len(strata)))
+    for s, found in enumerate(in_order(tasks, min(cores(None), max(1, _WAITING // size)))):
+        for whole, one in zip(sums, found, strict=True):
+            if one is not None:
+                whole.total[:] += one.total
+                whole.observed[s], whole.expected[s] = one.observed, one.expected
         if progress is not None:
             progress(1)
-    return found
+    return sums
 
 
 def permutation_test(total: Floats, *, two_sided: bool) -> Tested:

@@ -153,10 +153,9 @@ def _permuted(
     """Weights of every stratum and pair of live taxels (S, G) and permuted statistics, for each test."""
     first, second = np.triu_indices(values.shape[2], 1)
     counts = [np.zeros((len(strata), len(first))) for _ in TESTS]
-    numbers = iter(range(len(strata)))
 
-    def prepare(own: NDArray[np.intp]) -> list[Statistic | None]:
-        s, statistics = next(numbers), []
+    def prepare(s: int, own: NDArray[np.intp]) -> list[Statistic | None]:
+        statistics = []
         picked = values[own][:, chosen]
         for t, part in enumerate((_ranks(values[own]), _distances(picked), _tables(picked))):
             if part is not None:

@@ -272,7 +272,7 @@ def _test(
     first, second = np.nonzero((lag > 0) & (lag <= lags))
     group = second - first - 1
 
-    def prepare(own: NDArray[np.intp]) -> list[Statistic | None]:
+    def prepare(_: int, own: NDArray[np.intp]) -> list[Statistic | None]:
         units = np.sqrt(len(own)) * unit_residuals(values[own])
         return [product_sums(units.transpose(1, 0, 2), first, second, group)]
 

@@ -98,7 +98,7 @@ def test_product_sums_are_sums_of_products_of_permuted_columns(rng, n):
 def test_all_permutations_are_equally_frequent():
     counts = dict.fromkeys(itertools.permutations(range(3)), 0)
 
-    def prepare(own):
+    def prepare(_, own):
         def count(permutation):
             for one in permutation[1, int(permutation[1, 0].tolist() == [0, 1, 2]) :]:
                 counts[tuple(one.tolist())] += 1
@@ -110,21 +110,23 @@ def test_all_permutations_are_equally_frequent():
     assert all(850 < count < 1150 for count in counts.values())
 
 
-def test_observed_taps_come_first_and_blocks_join(rng, monkeypatch):
+@pytest.mark.parametrize("threads", [1, 4])
+def test_observed_taps_come_first_and_blocks_join(rng, monkeypatch, threads):
     """In blocks of any size: sums over strata have the observed value first, strata their means over permutations."""
+    monkeypatch.setattr(dependence, "cores", lambda _: threads)
     values = rng.normal(size=(9, 2, 1))
     strata = [np.array([0, 2, 3, 7]), np.array([1, 4, 5, 6, 8])]
 
     def run(block):
         monkeypatch.setattr(dependence, "_BLOCK", block)
-        seen = []
+        seen = [], []
 
-        def prepare(own):
+        def prepare(s, own):
             one = product_sums(values[own].transpose(1, 0, 2), *(np.array([i]) for i in (0, 1, 0)))
 
             def keep(permutation):
-                seen.append(one(permutation))
-                return seen[-1]
+                seen[s].append(one(permutation))
+                return seen[s][-1]
 
             return [keep, None]
 
@@ -132,8 +134,8 @@ def test_observed_taps_come_first_and_blocks_join(rng, monkeypatch):
         return found, nothing, seen
 
     found, nothing, seen = run(16)
-    assert len(seen) > 10
-    own = np.split(np.concatenate(seen, axis=1)[0], 2)
+    assert min(map(len, seen)) > 5
+    own = [np.concatenate(blocks, axis=1)[0] for blocks in seen]
     assert_allclose(found.total[0], own[0] + own[1])
     assert_allclose(found.observed[:, 0], [(values[own, 0] * values[own, 1]).sum() for own in strata])
     assert_allclose(found.expected[:, 0], [one[1:].mean() for one in own])
