@@ -122,7 +122,7 @@ def error_factor(judged: Judged) -> Factor:
     """Errors over those announced; the interval is Wilson's for the share of errors, with the beliefs as they are."""
     n, wrong, expected = len(judged.right), int((~judged.right).sum()), float(judged.doubt.sum())
     if expected == 0:
-        return Factor(np.nan, np.nan, np.nan)
+        return Factor(*(np.inf if wrong else np.nan,) * 3)
     interval = binomtest(wrong, n).proportion_ci(method="wilson")
     return Factor(wrong / expected, interval.low * n / expected, interval.high * n / expected)
 

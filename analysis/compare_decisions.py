@@ -33,6 +33,7 @@ from ..inference.trial_plan import TapTable, TrialPlan
 from ..models.classes import ClassGrid
 from ..models.errors import InputError
 from .compare_pairing import check_tables, reference_name, with_intervals
+from .ranges import SHARE, Range, ranges
 from .study import can_act
 
 MEANS = {
@@ -50,7 +51,9 @@ ERRORS = ("what_error", "where_error", "what_wrong")
 _ROUND = (1.0, 1.5, 2.0, 3.0, 5.0, 7.0)
 SELECTED = "used_up_selected"
 SHARES = ("stopped_fraction", "what_wrong", "used_up", "no_class_left")
-_LIMITS = {"taps": (1.0, np.inf), **dict.fromkeys(SHARES, (0.0, 1.0))}
+_SELDOM = (*ERRORS, *SHARES, "taps")
+"""What may not have been seen at all: errors, ends without a decision, decisions of more than one tap."""
+_RANGES = dict.fromkeys((*SHARES, "doubt"), SHARE)
 
 
 def policies(grid: ClassGrid) -> tuple[str, ...]:
@@ -97,7 +100,7 @@ def play_models(
         `MEANS` over (model, policy, theta, resample); resample 0 holds the taps as they are, and halves of the trials
         on the others follow behind these, see `resampling.Resampled`. With the suffixes of `ENDINGS` what resample 0
         might have been besides, see `inference.cut_short`. Attributes `factor`, see `spread_of`, `taps_per_class`,
-        `test_taps`, `smallest_what_error` and `smallest_where_error`.
+        `test_taps`, and `range_<name>` of what has one, see `ranges.Range`.
 
     Raises:
         InputError: The tables do not hold the same taps or are not of this grid, or a setting is out of range.
@@ -158,10 +161,10 @@ def play_models(
             "resample_trials": resample_trials,
             "factor": how.factor,
             "freedom": how.freedom,
+            "sessions": how.sessions,
             "taps_per_class": taps_per_class(table.pool),
             "test_taps": int(table.pool.count.sum()),
-            "smallest_what_error": grid.smallest_what_error,
-            "smallest_where_error": grid.smallest_where_error,
+            **{f"range_{name}": one for name, one in (_RANGES | ranges(grid, deadline)).items()},
         },
     )
 
@@ -179,6 +182,7 @@ def spread_of(played: xr.Dataset) -> Spread:
         taps=attributes["test_taps"],
         noise=trial_noise(attributes["trials"], attributes["resample_trials"]),
         freedom=attributes["freedom"],
+        sessions=attributes["sessions"],
     )
 
 
@@ -263,10 +267,11 @@ def too_few_taps(curves: xr.Dataset, theta: float) -> list[str]:
         curves: From `decision_curves`.
         theta: Threshold that is shown; what counts is the model whose trials use up most taps there.
     """
-    shares, sessions = curves[["used_up", SELECTED]].sel(theta=theta).max("model"), spread_of(curves).sessions
+    shares, how = curves[["used_up", SELECTED]].sel(theta=theta).max("model"), spread_of(curves)
+    taps = int(curves.attrs["taps_per_class"])
     said = {
         str(policy): too_few(
-            int(curves.attrs["taps_per_class"]), *map(float, shares.sel(policy=policy).values()), sessions=sessions
+            taps, *map(float, shares.sel(policy=policy).values()), sessions=how.sessions, freedom=how.freedom
         )
         for policy in curves["policy"].values
     }
@@ -325,8 +330,7 @@ def _compared(
     coords = {name: played[name].values for name in ("model", "policy")}
     result = xr.Dataset(coords={**coords, dim: points}, attrs={**played.attrs, "reference": reference})
     for name, values in samples.items():
-        most = 1.0 if attributes[name].get("units") == "P(wrong)" else np.inf
-        seldom = name in ERRORS or name in SHARES
+        limits = Range(*played.attrs.get(f"range_{name}", Range()))
         result.update(
             with_intervals(
                 name,
@@ -335,9 +339,9 @@ def _compared(
                 names.index(reference),
                 attributes[name],
                 spread_of(played),
-                limits=_LIMITS.get(name, (0.0, most)),
-                independent=played.attrs["test_taps"] / times if seldom else None,
-                smallest=played.attrs.get(f"smallest_{name}", 1.0),
+                limits=limits[:2],
+                independent=played.attrs["test_taps"] / times if name in _SELDOM else None,
+                smallest=limits.step,
                 endings=list(ends[name]),
             )
         )

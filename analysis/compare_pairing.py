@@ -86,8 +86,8 @@ def with_intervals(
         biased: Whether noise makes the quantity larger, as it does a calibration error. A resample adds as much noise
             again, so that its excess over the estimate says how much too large that may be: the interval reaches
             down by so much more.
-        independent: Of mean errors and proportions: how many decisions are independent, see `resampling.widened`,
-            broadcast to (models, ...).
+        independent: Of what may not have been seen, such as errors: how many decisions are independent, see
+            `resampling.widened`, broadcast to (models, ...).
         smallest: The smallest error.
         endings: Best and worst that the estimates might have been, shape (models, ...), see `inference.cut_short`; none
             where they could not.
@@ -105,7 +105,7 @@ def with_intervals(
     own, event = spread.interval(samples, least, most, endings), np.zeros(samples.shape[:-1])
     if independent is not None:
         center = spread.center(samples)
-        own = widened(*own, center, independent, smallest, most)
+        own = widened(*own, center, independent, smallest, most, least=least)
         seen = spread.per_error(samples, least, most)
         event += np.where(seen > 0, seen, smallest / np.maximum(independent, 1))
         few = (seen == 0) | (np.minimum(center - least, most - center) < _FEW_ERRORS * seen)

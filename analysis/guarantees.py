@@ -83,6 +83,8 @@ def guarantees(
         raise InputError(f"Guarantees need thresholds between 0 and 1, got {thresholds.tolist()}.")
     if not all(np.array_equal(a, b) for a, b in zip(correct.pool, used.pool, strict=True)):
         raise InputError("The tables at power none and at the power in use hold different taps.")
+    if resamples < 1:
+        raise InputError(f"Intervals need at least one resample, got {resamples}.")
     subjects = [decided_about(table, grid) for table in (correct, used)]
     first = subjects[0]
     M = len(first.names)

@@ -19,6 +19,7 @@ from ..inference.montecarlo import Trials
 from ..inference.resampling import CONFIDENCE, Spread, resamples_in_words, widened
 from ..inference.trial_plan import TrialPlan
 from ..models.classes import ClassGrid
+from .ranges import Range, ranges
 
 QUANTITIES = ("what_error", "where_error", "taps")
 FRACTIONS = ("stopped_fraction", "clamped_fraction", "substituted_fraction", "what_wrong", "no_class_left_fraction")
@@ -74,13 +75,13 @@ def mean_outcomes(
     return Means(total, mean, noise)
 
 
-def outcomes(trials: Trials, plan: TrialPlan, place: ArrayLike, grid: ClassGrid, thresholds: ArrayLike) -> xr.Dataset:
-    """`mean_outcomes` as a dataset, see `outcomes_dataset`."""
-    return outcomes_dataset(mean_outcomes(trials, plan, place, grid), (), grid, thresholds)
-
-
 def outcomes_dataset(
-    means: Means, resampled: Sequence[Means], grid: ClassGrid, thresholds: ArrayLike, endings: Sequence[Means] = ()
+    means: Means,
+    resampled: Sequence[Means],
+    grid: ClassGrid,
+    thresholds: ArrayLike,
+    deadline: int,
+    endings: Sequence[Means] = (),
 ) -> xr.Dataset:
     """Mean outcomes with labels.
 
@@ -89,6 +90,7 @@ def outcomes_dataset(
         resampled: The same on resamples of the test taps.
         grid: The classes.
         thresholds: theta_W, shape (H,).
+        deadline: Taps after which a trial ends.
         endings: Means of trials that were cut short at their best, and at their worst, see `inference.cut_short`.
 
     Returns:
@@ -116,8 +118,7 @@ def outcomes_dataset(
         {
             "what_unit": grid.what_error_unit,
             "where_unit": grid.where_unit,
-            "smallest_what_error": grid.smallest_what_error,
-            "smallest_where_error": grid.smallest_where_error,
+            **{f"range_{name}": one for name, one in ranges(grid, deadline).items()},
         },
     )
 
@@ -136,10 +137,8 @@ def by_place(
     parts = data_sets.sizes.get("place", 1) if parts is None else parts
     result = data_sets[[*QUANTITIES, *FRACTIONS]].mean("data_set", keep_attrs=True)
     for name in QUANTITIES:
-        least, most = -np.inf, np.inf
-        if not difference:
-            least = 1.0 if name == "taps" else 0.0
-            most = 1.0 if name == "what_error" and data_sets.attrs.get("what_unit") == "P(wrong)" else np.inf
+        own = Range(*data_sets.attrs[f"range_{name}"])
+        least, most = (-np.inf, np.inf) if difference else own[:2]
         might_be = [data_sets[name + suffix].mean("data_set") for suffix in ENDINGS if name + suffix in data_sets]
         if data_sets.sizes["data_set"] > 1:
             half = _half_width(data_sets[name])
@@ -151,9 +150,9 @@ def by_place(
             values = [one.values for one in might_be]
             samples = _samples(data_sets.isel(data_set=0), name, spread)
             ends = spread.interval(samples, least, most, values)
-            if not difference and name != "taps":
+            if not difference:
                 independent = spread.taps / parts / result["taps"].values
-                ends = widened(*ends, spread.center(samples), independent, data_sets.attrs[f"smallest_{name}"], most)
+                ends = widened(*ends, spread.center(samples), independent, own.step, most, least=least)
             low, high = (xr.DataArray(end, result[name].coords, result[name].dims) for end in ends)
         result[f"{name}_low"], result[f"{name}_high"] = low, high
     return result

@@ -198,7 +198,7 @@ def play_policies(
         drawn, n = [pair[of] for pair in resampled], 1 + len(ends)
         return combined(
             [outcomes, *ends, *drawn],
-            lambda means: outcomes_dataset(means[0], means[n:], grid, thresholds, means[1:n]),
+            lambda means: outcomes_dataset(means[0], means[n:], grid, thresholds, settings.deadline, means[1:n]),
         )
 
     used_up = _used_up(fresh_trials)

@@ -23,7 +23,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..hardware.pool import TapPool
 from ..inference.control import check_fixation
-from ..inference.cut_short import Farthest, endings
+from ..inference.cut_short import Farthest, endings, right_and_sure
 from ..inference.episode import DEADLINE
 from ..inference.montecarlo import Trials, run_trials
 from ..inference.reference import Border
@@ -47,6 +47,7 @@ from ..models.compiled import compiled
 from ..models.errors import InputError
 from .compare_decisions import policies
 from .metrics import confusion
+from .ranges import SHARE, Range, of_taps
 
 CONTACTS = (1, 2, 5, 10, 20, 50)
 TRIALS = 4000
@@ -70,7 +71,7 @@ RATIOS = {
     "over_promise": "wrong decisions over 1 - threshold",
 }
 CALIBRATION = {"calibration_error": "mean distance of belief and fraction right"}
-_MOST = {"wrong": 1.0, "doubt": 1.0, "brier": 1.0}
+_SHARES = ("wrong", "doubt", "brier")
 _ENOUGH = 0.9  # of the classes must have as many taps as are looked at after
 _ROUNDING = 1e-9  # of beliefs
 _LEAST_DOUBT = np.finfo(np.float64).eps  # 1 - belief is not known better
@@ -181,6 +182,10 @@ def reliability(
     options = {"trials": trials, "fixation": aim, "border": border, "seed": seed, "resamples": resamples}
     how = spread(subject.table, noise=trial_noise(trials, resample_trials), thinned=True)
     far = Farthest.among(*subject.table.pool.nearest.shape)
+
+    def might_be(most: int, played: Trials, plan: TrialPlan) -> list[Trials]:
+        return [*endings(played, plan, most, far), right_and_sure(played, plan)]
+
     settings: list[tuple[str, float, int]] = []
     rows: list[dict[str, NDArray[Any]]] = []
     for policy in subject.policies if only is None else (only,):
@@ -195,7 +200,7 @@ def reliability(
             edges = np.array(
                 [[_edges(one, counted, len(subject.names)) for counted in (True, False)] for one in played]
             )
-            ends = no_endings if fixed else partial(endings, deadline=most, farthest=far)
+            ends = no_endings if fixed else partial(might_be, most)
             kept = play_resamples(
                 subject.table,
                 theta,
@@ -210,7 +215,7 @@ def reliability(
                 settings.append((policy, float("nan") if fixed else float(theta[h]), most if fixed else 0))
                 one = Sums(**{name: values[h] for name, values in kept.samples.items()})
                 ends_of = [end["sums"][h] for end in kept.endings]
-                rows.append(_described(decisions, one, ends_of, settings[-1][1], subject, how))
+                rows.append(_described(decisions, one, ends_of, settings[-1][1], most, subject, how))
     return _dataset(settings, rows, subject, {"trials": trials, "seed": seed, "deadline": deadline, "border": border})
 
 
@@ -396,6 +401,7 @@ def _described(
     joined: Sums,
     ends: Sequence[NDArray[np.float64]],
     theta: float,
+    deadline: int,
     subject: Subject,
     how: Spread,
 ) -> dict[str, NDArray[Any]]:
@@ -406,6 +412,7 @@ def _described(
         joined: What was kept of them and of resamples.
         ends: What the sums of the former might have been besides, each of shape (2, M, 6).
         theta: The threshold.
+        deadline: Taps after which a trial ends.
         subject: What decisions are about.
         how: How resamples turn into intervals.
     """
@@ -427,9 +434,12 @@ def _described(
         "used_up": float(joined.used_up[0]),
         "few": too_few_in(pool, how, joined.used_up),
     }
+    limits = dict.fromkeys(_SHARES, SHARE) | {"taps": of_taps(deadline)}
     for name in MEANS | RATIOS:
-        least, most = 1.0 if name == "taps" else 0.0, _MOST.get(name, np.inf)
+        least, most, step = limits.get(name, Range())
         low, high = how.interval(samples[name], least, most, [one[name] for one in might_be])
+        if name == "taps":
+            low, high = widened(low, high, how.center(samples[name]), independent, step, most, least=least)
         if name in ("wrong", *RATIOS):
             unit = {"wrong": 1.0, "factor": samples["doubt"][..., 0], "over_promise": 1 - theta}[name]
             with np.errstate(divide="ignore", invalid="ignore"):

@@ -442,12 +442,13 @@ def _factors(table: TapTable, remedy: Remedy, policy: str, trials: int, seed: in
 def factor_of(found: Mapping[str, Any]) -> tuple[float | None, float | None, float | None]:
     """The factor of a part of `headline` with its interval, each `None` where there is none.
 
-    A mistake that leaves no doubt refutes beliefs by itself, so an infinite factor has an infinite interval.
+    A mistake that leaves no doubt refutes beliefs by itself, so an infinite factor has an infinite interval. So has one
+    an infinite end that trials which were cut short might have come to.
     """
     if found["doubt"][0] == 0 and found["wrong"][0] > 0:
         return np.inf, np.inf, np.inf
     value, low, high = found["factor"]
-    return value, low, high
+    return value, low, np.inf if high is None and low is not None else high
 
 
 def judge(found: Mapping[str, Any], model: TapModel, pool: TapPool, reference: NDArray[np.float64]) -> Judged:

@@ -149,8 +149,8 @@ def interval(row: Mapping[str, Any], name: str) -> str:
 def factor(values: Sequence[float | None] | None, unbounded: bool = False) -> str:
     """A factor with the ends of its interval, capped where size says nothing.
 
-    >>> factor((1.234, 0.5, 14461493.0)), factor((1.0, None, None)), factor((None, None, None))
-    ('1.2 [0.5, >99]', '1', '–')
+    >>> factor((1.234, 0.5, 14461493.0)), factor((1.0, 0.5, None)), factor((1.0, None, None)), factor((None,) * 3)
+    ('1.2 [0.5, >99]', '1 [0.5, >99]', '1', '–')
     >>> factor((None, None, None), unbounded=True)
     'infinite'
     """
@@ -158,9 +158,9 @@ def factor(values: Sequence[float | None] | None, unbounded: bool = False) -> st
         return "infinite"
     if not values or not _is_number(values[0]):
         return _MISSING
-    if not _is_number(values[1]) or not _is_number(values[2]):
+    if not _is_number(values[1]):
         return number(values[0], 2)
-    value, low, high = (">99" if _is_number(v) and v > _MOST_FACTOR else number(v, 2) for v in values)
+    value, low, high = (">99" if not _is_number(v) or v > _MOST_FACTOR else number(v, 2) for v in values)
     return f"{value} [{low}, {high}]"
 
 

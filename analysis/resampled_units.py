@@ -5,12 +5,14 @@ are played on resampled taps too (see `inference.resampling`), under all options
 """
 
 from collections.abc import Sequence
+from itertools import islice
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.special import stdtrit
 
 from ..hardware.pool import tap_pool
-from ..inference.resampling import Spread, spread
+from ..inference.resampling import CONFIDENCE, Spread, spread
 from ..inference.selections import resampled_pools
 from ..inference.trial_plan import TapTable
 from ..models.classes import ClassGrid
@@ -39,7 +41,7 @@ def resampled_table(table: TapTable, number: int, seed: int) -> TapTable:
         number: Which resample, from 1 on.
         seed: Of all of them.
     """
-    return resampled_tables(table, number, seed)[number]
+    return table._replace(pool=next(islice(resampled_pools(table, number, seed), number, None)))
 
 
 def units_of(samples: Sequence[NDArray[np.float64]], how: Spread) -> NDArray[np.float64]:
@@ -52,16 +54,28 @@ def units_of(samples: Sequence[NDArray[np.float64]], how: Spread) -> NDArray[np.
         how: How resamples vary, from `spread` of the first table.
 
     Returns:
-        One unit for each resample, or for each session that is left out in turn; the estimate as the only one where
-        there are none. Shape (units, ...).
+        One unit for each resample, or for each session that is left out in turn, further apart where their sizes leave
+        fewer degrees of freedom than so many units have; the estimate as the only one where there is no interval.
+        Shape (units, ...).
     """
     first, drawn = np.asarray(samples[0]), np.asarray(samples[1:])
-    if not len(drawn):
+    if not len(drawn) or np.isnan(how.factor):
         return first[np.newaxis]
     if how.sessions > 1:  # a unit for each session, from the resamples without it
         without = np.array([drawn[s :: how.sessions].mean(axis=0) for s in range(min(how.sessions, len(drawn)))])
-        return first + (how.sessions - 1) * (without.mean(axis=0) - without)
-    return first + how.factor * np.sqrt(len(drawn)) * (drawn - drawn.mean(axis=0))
+        return first + unit_factor(how) * np.sqrt(how.sessions - 1) * (without.mean(axis=0) - without)
+    return first + unit_factor(how) * np.sqrt(len(drawn)) * (drawn - drawn.mean(axis=0))
+
+
+def unit_factor(how: Spread) -> float:
+    """By which deviations of resamples are enlarged where their number gives the degrees of freedom.
+
+    Args:
+        how: How resamples vary; sessions of unequal sizes leave fewer than there are sessions.
+    """
+    if how.sessions == 1:
+        return how.factor
+    return how.factor * float(np.divide(*stdtrit([how.freedom, how.sessions - 1], 0.5 + CONFIDENCE / 2)))
 
 
 def spread_of_taps(test: TapSet, grid: ClassGrid) -> Spread:

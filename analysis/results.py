@@ -92,7 +92,7 @@ class Results:
         """Whether there are too few test taps, in a sentence; empty where there are enough."""
         pool, how = self.studies[0].table.pool, self.studies[0].played.fresh_spread
         selected = float(self._used_up[1][self._shown])
-        return too_few(taps_per_class(pool), self.used_up, selected, how.sessions)
+        return too_few(taps_per_class(pool), self.used_up, selected, how.sessions, how.freedom)
 
     @property
     def enough(self) -> float | None:

@@ -12,7 +12,7 @@ import numpy as np
 from ..models.errors import InputError
 from ..models.recording import naming
 from ..models.taps import TapSet
-from .resampled_units import spread_of_taps
+from .resampled_units import spread_of_taps, unit_factor
 from .sweep_cell import Outcome, Runner
 from .sweep_cells import CellGrid, Effort
 from .sweep_code import code, differences
@@ -144,7 +144,7 @@ def _resampled(sources: Sources, resamples: int) -> dict[str, Any]:
             f"resamples: {how.sessions} sessions test, each of which is left out in turn, so it takes {how.sessions} "
             "or more."
         )
-    return {"resample_factor": how.factor, "resample_sessions": how.sessions, "few": how.few}
+    return {"resample_factor": unit_factor(how), "resample_sessions": how.sessions, "few": how.few}
 
 
 def _check_fixation(name: str, fixation: Any, L: int) -> None:

@@ -32,6 +32,7 @@ from ..inference.selections import sessions_drawn
 from ..inference.tally import tally
 from ..inference.trial_plan import TapTable, TrialPlan
 from ..models.classes import ClassGrid
+from .ranges import SHARE, Range, ranges
 from .tallied import tally_means
 
 type Floats = NDArray[np.float64]
@@ -39,8 +40,8 @@ type Floats = NDArray[np.float64]
 SPREAD = ("what_error", "where_error", "taps", "what_wrong", "belief", "stopped_fraction", "no_class_left_fraction")
 """What has intervals."""
 FRESH_TRIALS = 20_000
-_LEAST = {"taps": 1.0}
-_SHARES = SPREAD[3:]
+_RANGES = dict.fromkeys(SPREAD[3:], SHARE)
+_SELDOM = ("what_error", "where_error", "taps", "what_wrong", "stopped_fraction", "no_class_left_fraction")
 
 
 class TapSpread(NamedTuple):
@@ -56,8 +57,7 @@ class TapSpread(NamedTuple):
         fresh_spread: Likewise without.
         few: Why intervals may be off, in a sentence; empty where they hold.
         sentence: What intervals hold.
-        most: What the object error cannot exceed.
-        smallest: The smallest errors, by name.
+        ranges: Between which values means lie, by name.
     """
 
     stored: dict[str, Floats]
@@ -68,8 +68,7 @@ class TapSpread(NamedTuple):
     fresh_spread: Spread
     few: str
     sentence: str
-    most: float
-    smallest: dict[str, float]
+    ranges: dict[str, Range]
 
     def intervals(self, means: Mapping[str, Floats]) -> dict[str, tuple[Floats, Floats]]:
         """Ends of the 95 % intervals of means of trials with replacement, each of shape (H,), by name."""
@@ -89,11 +88,11 @@ class TapSpread(NamedTuple):
     def _interval(
         self, how: Spread, name: str, samples: Floats, taps: Floats, ends: Sequence[Floats] = ()
     ) -> tuple[Floats, Floats]:
-        most = self.most if name == "what_error" else 1.0 if name in _SHARES else np.inf
-        low, high = how.interval(samples, _LEAST.get(name, 0.0), most, ends)
-        if name not in self.smallest:
+        least, most, step = self.ranges[name]
+        low, high = how.interval(samples, least, most, ends)
+        if name not in _SELDOM:
             return low, high
-        return widened(low, high, how.center(samples), how.taps / taps, self.smallest[name], most)
+        return widened(low, high, how.center(samples), how.taps / taps, step, most, least=least)
 
 
 def tap_spread(
@@ -146,12 +145,7 @@ def tap_spread(
         fresh_spread,
         _few(table, thresholds, fresh_spread, used_up),
         _sentence(table),
-        1.0 if grid.what_error_unit == "P(wrong)" else np.inf,
-        {
-            "what_error": grid.smallest_what_error,
-            "where_error": grid.smallest_where_error,
-            **dict.fromkeys(("what_wrong", "stopped_fraction", "no_class_left_fraction"), 1.0),
-        },
+        _RANGES | ranges(grid, deadline),
     )
 
 

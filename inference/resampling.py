@@ -11,7 +11,8 @@ much an estimate varies (delete-d jackknife: Shao and Wu 1989). Trials that draw
 selections of the same kind (`resampled_pools`): taps of each class drawn with replacement (bootstrap).
 
 Several sessions are left out in turn, with all of their taps (jackknife). What varies within a session varies between
-sessions too, so taps are not drawn besides; of S sessions the variance is known with S - 1 degrees of freedom.
+sessions too, so taps are not drawn besides; of S sessions the variance is known with S - 1 degrees of freedom, or fewer
+where some have fewer taps than others.
 
 Selections say how much an estimate varies, not where it lies: only their variance counts, see `Spread.interval`. What
 they vary by the sampling of their few trials is known from the two halves of these trials, and taken out; how well the
@@ -31,7 +32,7 @@ from ..models.threads import cores, in_order
 from .episode import DEADLINE
 from .montecarlo import LoopPlayer, Trials, empty_trials, make_rule
 from .reference import Border
-from .selections import LEFT_OUT, resampled_pools, sessions_drawn, thinned_pools
+from .selections import LEFT_OUT, resampled_pools, session_sizes, thinned_pools, uncaught
 from .trial_plan import TapTable, TrialPlan, checked_plan, plan_trials
 
 type Floats = NDArray[np.float64]
@@ -61,6 +62,7 @@ class Spread(NamedTuple):
         noise: Variance by the sampling of the estimate's trials, relative to that of a resample's fewer ones; `None`
             where samples hold no halves of trials, see `interval`.
         freedom: Degrees of freedom of the variance where sessions are left out in turn; infinite where taps are drawn.
+        sessions: How many are left out in turn; 1 where taps are drawn.
     """
 
     factor: float
@@ -68,11 +70,7 @@ class Spread(NamedTuple):
     taps: int = 0
     noise: float | None = None
     freedom: float = np.inf
-
-    @property
-    def sessions(self) -> int:
-        """How many are left out in turn; 1 where taps are drawn."""
-        return 1 if np.isinf(self.freedom) else int(self.freedom) + 1
+    sessions: int = 1
 
     def whole(self, samples: Floats) -> Floats:
         """The resamples among samples, without the estimate and halves."""
@@ -132,9 +130,10 @@ class Spread(NamedTuple):
             moved = [around(value) for value in (estimate, *endings)]
         ends = []
         for place, outermost, of in zip(places, (np.minimum, np.maximum), zip(*moved, strict=True), strict=True):
-            # Where that many resamples are infinite, so is the end.
+            # Where that many resamples are infinite, so is the end, unless it is on the other side of the estimate.
             end = np.take_along_axis(ordered, place[..., np.newaxis], axis=-1)[..., 0]
-            end = np.where(np.isfinite(estimate) & np.isfinite(end), outermost.reduce(of), end)
+            finite = np.isfinite(estimate) & np.isfinite(end)
+            end = np.where(finite, outermost.reduce(of), outermost(end, estimate))
             ends.append(np.where(enough, np.clip(end, least, most), np.nan))
         return ends[0], ends[1]
 
@@ -232,11 +231,14 @@ def widened(
     center: Floats,
     independent: ArrayLike,
     unit: ArrayLike = 1.0,
-    most: float = 1.0,
+    most: ArrayLike = 1.0,
     *,
+    least: float = 0.0,
     opened: bool = False,
 ) -> tuple[Floats, Floats]:
     """The interval of a mean error; where resamples have not a single error, or errors only, wide enough for that.
+
+    Likewise of a mean number of taps, where every decision takes one.
 
     Args:
         low: Lower end.
@@ -245,13 +247,17 @@ def widened(
         independent: How many decisions are independent of each other.
         unit: The smallest error; 1 in a proportion, 0 where there is none.
         most: The greatest mean error, which may be infinite.
-        opened: Whether ends that are NaN become 0 and the greatest mean.
+        least: The least.
+        opened: Whether ends that are NaN become the least and the greatest mean.
     """
     beyond = np.asarray(unit) * share_beyond(independent)
     if opened:
-        low, high = np.where(np.isnan(low), 0.0, low), np.where(np.isnan(high), most, high)
-    low = np.where(center < most, low, np.minimum(low, most - beyond))
-    return low, np.where(center > 0, high, np.minimum(np.maximum(high, beyond), most))
+        low, high = np.where(np.isnan(low), least, low), np.where(np.isnan(high), most, high)
+    some, not_only = np.greater(center, least), np.less(center, most)
+    low = np.where(some, low, np.minimum(low, least))
+    high = np.where(not_only, high, np.maximum(high, most))
+    low = np.where(not_only, low, np.minimum(low, np.subtract(most, beyond)))
+    return low, np.where(some, high, np.minimum(np.maximum(high, least + beyond), most))
 
 
 def spread(table: TapTable, *, noise: float | None = None, thinned: bool = False) -> Spread:
@@ -262,20 +268,23 @@ def spread(table: TapTable, *, noise: float | None = None, thinned: bool = False
         noise: See `Spread`.
         thinned: Whether resamples are `thinned_pools`, or `resampled_pools`.
     """
-    taps, sessions, total = taps_per_class(table.pool), sessions_drawn(table), int(table.pool.count.sum())
+    taps, sizes, total = taps_per_class(table.pool), session_sizes(table), int(table.pool.count.sum())
+    sessions = len(sizes)
     if sessions > 1:
-        few = too_few(taps, sessions=sessions)
-        return Spread((sessions - 1.0) ** 0.5, few, total, noise, sessions - 1.0)
+        alike = float(sizes.sum() ** 2 / (sizes**2).sum())  # so many sessions of one size are worth as much (Kish 1965)
+        freedom = max(1.0, alike - 1)
+        few = too_few(taps, sessions=sessions, freedom=freedom)
+        return Spread((sessions - 1.0) ** 0.5, few, total, noise, freedom, sessions)
     # n of n draws with replacement vary less than the quantity itself, by n - 1 over n.
     factor = np.nan if taps == 1 else (1 / LEFT_OUT if thinned else taps / (taps - 1)) ** 0.5
-    return Spread(float(factor), too_few(taps), total, noise)
+    return Spread(float(factor * uncaught(table, factor) ** 0.5), too_few(taps), total, noise)
 
 
 def resamples_in_words(sessions: int, thinned: bool = True) -> str:
     """What resamples are made of, to go behind "resamples" or "selections of the test taps".
 
     Args:
-        sessions: That are drawn, see `selections.sessions_drawn`.
+        sessions: That are drawn, see `selections.session_sizes`.
         thinned: Whether taps are drawn as in `thinned_pools`, or as in `resampled_pools`.
     """
     if sessions > 1:
@@ -288,14 +297,17 @@ def taps_per_class(pool: TapPool) -> int:
     return max(1, int(np.median(pool.count[pool.count > 0])))
 
 
-def too_few(taps: int, used_up: float = 0.0, selected: float = 0.0, sessions: int = 1) -> str:
+def too_few(
+    taps: int, used_up: float = 0.0, selected: float = 0.0, sessions: int = 1, freedom: float | None = None
+) -> str:
     """Why intervals may be off, in a sentence; empty where they hold.
 
     Args:
         taps: Of a class.
         used_up: Share of the trials that ended because all taps of a class were drawn.
         selected: That share in `thinned_pools`.
-        sessions: That would be drawn anew, see `selections.sessions_drawn`.
+        sessions: That would be drawn anew, see `selections.session_sizes`.
+        freedom: See `Spread`; that of sessions of one size unless said.
     """
     if used_up > USED_UP:
         return (
@@ -304,8 +316,12 @@ def too_few(taps: int, used_up: float = 0.0, selected: float = 0.0, sessions: in
             "on further taps, and so are wide."
         )
     if sessions > 1:
-        wide = f"There are too few test sessions, {sessions}, to know well how sessions differ, so intervals are wide."
-        return wide if sessions < _FEW_SESSIONS else ""
+        unequal = " of unequal sizes" if sessions >= _FEW_SESSIONS else ""
+        wide = (
+            f"There are too few test sessions, {sessions}{unequal}, to know well how sessions differ, so intervals are "
+            "wide."
+        )
+        return wide if (sessions - 1 if freedom is None else freedom) < _FEW_SESSIONS - 1 else ""
     if taps == 1:
         return "There is one test tap of most classes, too few for an interval."
     if taps < FEW:
@@ -320,7 +336,7 @@ def too_few(taps: int, used_up: float = 0.0, selected: float = 0.0, sessions: in
 
 def too_few_in(pool: TapPool, how: Spread, used_up: Floats) -> str:
     """`too_few` of trials of which all taps of a class ended such shares, samples as of `Spread.interval`."""
-    return too_few(taps_per_class(pool), float(used_up[0]), float(how.center(used_up)), how.sessions)
+    return too_few(taps_per_class(pool), float(used_up[0]), float(how.center(used_up)), how.sessions, how.freedom)
 
 
 class Resampled(NamedTuple):

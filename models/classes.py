@@ -113,16 +113,6 @@ class ClassGrid:
         return np.abs(self.what_value[decided] - self.what_value[true])
 
     @property
-    def smallest_where_error(self) -> float:
-        """Of errors above 0, in `where_unit`; 0 where there is none."""
-        return _smallest(self.where_error(*np.triu_indices(self.L, 1)))
-
-    @property
-    def smallest_what_error(self) -> float:
-        """Of errors above 0, in `what_error_unit`; 0 where there is none."""
-        return _smallest(self.what_error(*np.triu_indices(self.M, 1)))
-
-    @property
     def what_error_unit(self) -> str:
         """Unit of `what_error`: that of the values, or `"P(wrong)"` where there are none."""
         return "P(wrong)" if self.what_value is None else self.what_unit
@@ -241,8 +231,3 @@ def group(values: NDArray[np.float64], width: float, start: float | None = None)
     if not (values.max() - start) / width < _MOST_CELLS:
         raise InputError(f"Cells of width {width:g} are too narrow for values up to {values.max():g}.")
     return np.floor((values - start) / width + _ROUNDING).astype(np.intp)
-
-
-def _smallest(errors: NDArray[np.float64]) -> float:
-    above = errors[errors > 0]
-    return float(above.min()) if len(above) else 0.0

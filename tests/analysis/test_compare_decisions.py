@@ -7,7 +7,6 @@ from scipy.stats import t
 from solidtouch.analysis.compare_decisions import (
     ERRORS,
     MEANS,
-    SHARES,
     at_equal_taps,
     decision_curves,
     decision_interval_sentence,
@@ -123,11 +122,11 @@ def test_resamples_are_the_same_taps_and_trials_for_all_models_and_policies(tabl
     assert whole.any()
     again, how = curves.sel(model="again"), spread_of(played)
     for key in MEANS:
-        weak, most = played[key].sel(model="weak").values, 1.0 if key in SHARES else np.inf
-        seen, smallest = how.per_error(weak, 0.0, most), played.attrs.get(f"smallest_{key}", 1.0)
-        one = np.where(seen > 0, seen, smallest * again.taps / played.attrs["test_taps"])
-        rare = np.minimum(how.center(weak), most - how.center(weak)) < 5 * seen
-        few = ((seen == 0) | rare) & (key in (*ERRORS, *SHARES))
+        weak, (low, most, step) = played[key].sel(model="weak").values, played.attrs[f"range_{key}"]
+        seen = how.per_error(weak, low, most)
+        one = np.where(seen > 0, seen, step * again.taps / played.attrs["test_taps"])
+        rare = np.minimum(how.center(weak) - low, most - how.center(weak)) < 5 * seen
+        few = ((seen == 0) | rare) & (key != "doubt")
         least = np.where(few, t.ppf(0.975, 2) * np.sqrt(2) * one, 0.0)
         for sign, end in ((-1, "low"), (1, "high")):
             found = sign * again[f"{key}_difference_{end}"].values
@@ -276,9 +275,8 @@ def fake(taps, error):
     data |= {name + end: (dims[:-1], data[name][1][..., 0]) for name in MEANS for end in ENDINGS}
     names = np.array([f"model {i}" for i in range(len(taps))])
     coords = {"model": names, "policy": ["passive"], "theta": np.linspace(0.1, 0.9, taps.shape[1])}
-    return xr.Dataset(
-        data, coords, {"factor": 1.0, "freedom": np.inf, "test_taps": 1e9, "trials": 1000, "resample_trials": 1000}
-    )
+    attributes = {"factor": 1.0, "freedom": np.inf, "sessions": 1, "test_taps": 1e9}
+    return xr.Dataset(data, coords, attributes | {"trials": 1000, "resample_trials": 1000})
 
 
 def test_errors_at_equal_times_lie_on_the_line_between_thresholds():

@@ -11,11 +11,11 @@ from solidtouch.analysis.metrics import (
     interval_sentence,
     join,
     mean_outcomes,
-    outcomes,
     outcomes_dataset,
     over_places,
     with_noise,
 )
+from solidtouch.analysis.ranges import Range, ranges
 from solidtouch.inference.cut_short import ENDINGS
 from solidtouch.inference.montecarlo import Trials
 from solidtouch.inference.resampling import Spread
@@ -26,6 +26,7 @@ THETAS = (0.5, 0.9)
 WHAT = np.array([0, 1, 2, 0, 1])
 PLACE = np.array([0, 0, 0, 2, 2])
 """Five trials; at place 1 there is none."""
+DEADLINE = 200
 
 
 @pytest.fixture
@@ -61,9 +62,13 @@ def trials():
     )
 
 
+def dataset_of(trials, plan, grid):
+    return outcomes_dataset(mean_outcomes(trials, plan, PLACE, grid), (), grid, THETAS, DEADLINE)
+
+
 @pytest.fixture
 def dataset(trials, plan, grid):
-    return outcomes(trials, plan, PLACE, grid, THETAS)
+    return dataset_of(trials, plan, grid)
 
 
 EXPECTED = {
@@ -122,7 +127,7 @@ def test_differences_pair_trial_by_trial(trials, plan, grid):
 def test_objects_without_sizes_give_the_share_of_wrong_answers(trials, plan, grid):
     """The unit says so."""
     named = ClassGrid(grid.where_value, "mm", None, grid.what_members)
-    dataset = outcomes(trials, plan, PLACE, named, THETAS)
+    dataset = dataset_of(trials, plan, named)
 
     xr.testing.assert_equal(dataset["what_error"], dataset["what_wrong"])
     assert dataset.attrs["what_unit"] == "P(wrong)"
@@ -135,14 +140,14 @@ def resampled(trials, plan, grid):
     quiet = means._replace(noise={name: 0 * noise for name, noise in means.noise.items()})
     steps = [np.array([[step], [np.nan], [0.0]]) for step in (-2, -1, 0, 1, 2)]
     drawn = [quiet._replace(mean=quiet.mean | {"taps": quiet.mean["taps"] + step}) for step in steps]
-    return join([outcomes_dataset(quiet, drawn, grid, THETAS)], ["only"])
+    return join([outcomes_dataset(quiet, drawn, grid, THETAS, DEADLINE)], ["only"])
 
 
 def test_one_data_set_has_intervals_of_resamples(resampled):
     """Those of the resamples, enlarged, from one tap on; no interval where resamples lack trials."""
     result = by_place(resampled, Spread(1.5)).isel(place=0)
     samples = np.add.outer([2.0, 7.0], [0, -2, -1, 0, 1, 2])
-    low, high = Spread(1.5).interval(samples, 1.0)
+    low, high = Spread(1.5).interval(samples, 1.0, DEADLINE)
 
     np.testing.assert_allclose(result["taps"], [2.0, 7.0])
     np.testing.assert_allclose(result["taps_high"], high)
@@ -251,8 +256,10 @@ def test_intervals_cover_the_truth_as_often_as_they_say(grid):
         {
             **dict.fromkeys(EXPECTED, (("data_set", "place", "theta"), values[:, :, None])),
             "trials": (("data_set", "place"), np.ones((5, 400))),
-        }
+        },
+        attrs={f"range_{name}": one for name, one in ranges(grid, DEADLINE).items()},
     )
+    data_sets.attrs |= dict.fromkeys(("range_what_error", "range_where_error"), Range())
     result = by_place(data_sets)
     covered = (result["taps_low"] < 50) & (result["taps_high"] > 50)
 
@@ -271,5 +278,7 @@ def test_sentences_say_what_the_intervals_hold():
     assert "t-intervals of the mean over 12 simulated data sets" in interval_sentence(12, "simulated data sets")
     assert "share training sessions" in interval_sentence(3, "folds")
     assert "on test taps of each class, drawn with replacement" in interval_sentence(1, "folds")
-    assert "without one of the 2 test sessions in turn" in interval_sentence(1, "folds", Spread(1.0, freedom=1.0))
+    assert "without one of the 2 test sessions in turn" in interval_sentence(
+        1, "folds", Spread(1.0, freedom=1.0, sessions=2)
+    )
     assert interval_sentence(1, "folds", Spread(np.nan, "One tap.")) == "One tap."

@@ -161,7 +161,14 @@ def rough(taps, used_up):
     """Two selections of trials at four thresholds; (theta, resample) of one model."""
     values = {"taps": taps, "used_up": used_up}
     samples = {name: np.column_stack([value, np.zeros((4, 4))]) for name, value in values.items()}
-    attributes = {"factor": 1.0, "freedom": np.inf, "test_taps": 9, "trials": 100, "resample_trials": 100}
+    attributes = {
+        "factor": 1.0,
+        "freedom": np.inf,
+        "sessions": 1,
+        "test_taps": 9,
+        "trials": 100,
+        "resample_trials": 100,
+    }
     return xr.Dataset(
         {name: (("model", "theta", "resample"), one[np.newaxis]) for name, one in samples.items()},
         {"model": ["own"], "theta": [0.5, 0.7, 0.9, 0.99]},

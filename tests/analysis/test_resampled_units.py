@@ -2,10 +2,17 @@
 
 import numpy as np
 import pytest
+from scipy.stats import t
 from solidtouch.analysis.open_effects import jackknife
-from solidtouch.analysis.resampled_units import RESAMPLES, resampled_sentence, resampled_tables, units_of
+from solidtouch.analysis.resampled_units import (
+    RESAMPLES,
+    resampled_sentence,
+    resampled_table,
+    resampled_tables,
+    units_of,
+)
 from solidtouch.hardware.pool import tap_pool
-from solidtouch.inference.resampling import spread
+from solidtouch.inference.resampling import Spread, spread
 from solidtouch.inference.trial_plan import TapTable
 
 L, M, N = 2, 3, 12
@@ -57,6 +64,28 @@ def test_few_taps_are_said(make_taps):
     several = make_taps(repeats=3, sessions=2)
     assert "the 2 test sessions, each left out in turn" in resampled_sentence(several, several.grid())
     assert "too few test sessions, 2" in resampled_sentence(several, several.grid())
+
+
+def test_one_tap_of_a_class_gives_the_estimate_as_the_only_unit():
+    """There is no interval then, and no number is lost."""
+    pool = tap_pool(np.zeros(2, int), np.arange(2), (1, 2))
+    table = TapTable(np.zeros((2, 1, 2)), pool, np.zeros((1, 2)))
+    samples = [np.array([2.0, 4.0])] * 5
+    np.testing.assert_array_equal(units_of(samples, spread(table)), [[2, 4]])
+
+
+@pytest.mark.parametrize("number", [0, 1, 4])
+def test_a_resample_by_its_number(table, number):
+    one = resampled_table(table, number, 7).pool
+    np.testing.assert_array_equal(one.order, resampled_tables(table, number, 7)[number].pool.order)
+
+
+def test_units_lie_further_apart_where_sessions_are_of_unequal_sizes():
+    """As far as Student's t of the fewer degrees of freedom asks for."""
+    how = Spread(2.0, freedom=1.5, sessions=5)
+    samples = [np.array(0.0), *map(np.array, (1.0, -1.0, 2.0, 0.5, 3.0))]
+    wide, plain = (units_of(samples, one) for one in (how, how._replace(freedom=4.0)))
+    np.testing.assert_allclose(wide, plain * t.isf(0.025, 1.5) / t.isf(0.025, 4))
 
 
 def test_sessions_are_units_where_several_test():

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from scattered_taps import table_of
+from scattered_taps import COUNT, table_of
 from scipy.stats import binomtest, norm, t
 from solidtouch.inference import resampling
 from solidtouch.inference.montecarlo import run_trials
@@ -135,15 +135,18 @@ def test_deviations_are_enlarged_by_the_number_of_draws():
     table = table_of()
     assert taps_per_class(table.pool) == 4
     assert spread(table).taps == table.pool.count.sum()
-    assert spread(table).factor == pytest.approx(np.sqrt(4 / 3))
+    assert spread(table_of(count=np.where(COUNT == 1, 4, COUNT))).factor == pytest.approx(np.sqrt(4 / 3))
+    lone, others = 1, 1 / 4 + 1 / 7 + 1 / 5 + 1 / 2
+    ratio = (others + lone) * (4.5 / 5) ** 2
+    assert spread(table).factor ** 2 == pytest.approx(4 / 3 * ratio / (others + lone / 3))
+    assert spread(table, thinned=True).factor ** 2 == pytest.approx(3 * ratio / (others + lone * 3 / 4))
     sessions = table_of(count=np.full((3, 2), 6), session=lambda i: i % 3)
     assert spread(sessions).factor == spread(sessions, thinned=True).factor == pytest.approx(np.sqrt(2))
     assert spread(sessions).sessions == 3
     assert spread(table).sessions == 1
-    assert spread(table_of(session=lambda i: 0 * i + 5)).factor == pytest.approx(np.sqrt(4 / 3))
+    assert spread(table_of(session=lambda i: 0 * i + 5)).factor == spread(table).factor
     outside = table_of(session=lambda i: np.where(i < 19, 0, i))
-    assert spread(outside).factor == pytest.approx(np.sqrt(4 / 3))
-    assert spread(table, thinned=True).factor == pytest.approx(np.sqrt(3))
+    assert spread(outside).factor == spread(table).factor
     assert np.isnan(spread(table_of(count=np.eye(2, dtype=int)), thinned=True).factor)
     single = spread(table_of(count=np.eye(2, dtype=int)))
     assert np.isnan(single.factor)
@@ -166,6 +169,8 @@ def test_too_few_taps_are_said():
     assert too_few(1, sessions=3).startswith("There are too few test sessions, 3, to know well")
     assert too_few(1, 0.0, 0.5, sessions=4) == ""
     assert too_few(1, 0.06, sessions=2) == too_few(1, 0.06)
+    assert "sessions, 7 of unequal sizes, to know well" in too_few(1, sessions=7, freedom=1.1)
+    assert too_few(1, sessions=7, freedom=3.0) == ""
     assert too_few(10, 0.05, 0.005) == ""
     assert "a quarter of them is left out, 0.6% of the decisions" in too_few(10, 0.05, 0.006)
 
@@ -303,6 +308,27 @@ def test_an_interval_reaches_as_far_as_what_was_never_seen_could():
     low, high = widened(np.array([0.0, 0.4, 1.0, 0.0]), np.array([0.0, 0.5, 1.0, 0.002]), center, 100)
     assert low.tolist() == pytest.approx([0, 0.4, 1 - share_beyond(100), 0])
     assert high.tolist() == pytest.approx([share_beyond(100), 0.5, 1, 0.002])
+
+
+def test_where_nothing_was_seen_an_interval_begins_at_the_least():
+    """Whatever the estimate, and reaches beyond it: of errors, and of taps where all decisions take one."""
+    for value in (0.0, 0.001):
+        low, high = widened(*Spread(1.0).interval(np.append(value, np.zeros(50)), 0.0, 1.0), np.array(0.0), 100)
+        assert (low, high) == (0.0, pytest.approx(share_beyond(100)))
+    low, high = widened(*Spread(1.0).interval(np.ones(51), 1.0, 40.0), np.array(1.0), 100, 1.0, 40.0, least=1.0)
+    assert (low, high) == (1.0, pytest.approx(1 + share_beyond(100)))
+    low, high = widened(*Spread(1.0).interval(np.append(0.999, np.ones(50)), 0.0, 1.0), np.array(1.0), 100)
+    assert (low, high) == (pytest.approx(1 - share_beyond(100)), 1.0)
+
+
+def test_an_interval_holds_its_estimate_where_resamples_are_infinite():
+    """Or where the estimate is."""
+    some = 5.0
+    assert Spread(1.0).interval(np.append(some, np.full(50, np.inf)), 0.0) == (some, np.inf)
+    assert Spread(1.0).interval(np.append(some, np.full(50, -np.inf))) == (-np.inf, some)
+    low, high = Spread(1.0).interval(np.append(np.inf, np.arange(50.0)), 0.0)
+    assert low < 2
+    assert high == np.inf
 
 
 def test_an_interval_of_which_resamples_know_nothing_is_wide_open():
