@@ -345,11 +345,12 @@ def _recalibrate(base: Remedy, parts: AuditParts, settings: AuditSettings) -> Re
             base.grid,
             setting.threshold,
             seed=settings.seed,
-            trials=settings.trials // 4,
+            trials=settings.trials,
             border=setting.border,
             deadline=setting.deadline,
             fixation=setting.fixation,
             theta_x=_theta_x(setting),
+            fresh=True,
         )[0]
         for sessions in (parts.tune, [parts.measure])
     )

@@ -44,6 +44,11 @@ class AuditParts(NamedTuple):
     halved: bool
 
     @property
+    def of_one_session(self) -> bool:
+        """Whether the session that measures trains as well."""
+        return bool(np.isin(self.measure.session, self.train.session).any())
+
+    @property
     def all_taps(self) -> TapSet:
         """All taps together, those that train first and those that measure last."""
         return concatenate([self.train, *self.tune, self.measure])

@@ -10,12 +10,14 @@ from ..models.storage import complete_folder
 from . import figure_audit, figure_reliability
 from .audit import Audit
 from .audit_checks import figure_checks
+from .audit_summary import unseen_parts
 from .figure_confusion import confusion
 from .pictures import Picture
 from .remedies import BASELINE, Remedy
 from .report import write_page
 
 if TYPE_CHECKING:
+    import xarray as xr
     from matplotlib.figure import Figure
 
 
@@ -61,6 +63,12 @@ def _pictures(audit: Audit, summary: Mapping[str, Any]) -> Iterator[Picture]:
             yield Picture(name, title, caption, figure)
 
 
+def _seen(split: "xr.Dataset") -> "xr.Dataset":
+    """Without the shares of parts that these taps cannot show."""
+    shown = ~split["part"].isin(sorted(unseen_parts(split)))
+    return split.assign({name: split[name].where(shown) for name in ("share", "share_low", "share_high")})
+
+
 def _drawn(audit: Audit, summary: Mapping[str, Any]) -> Iterator[tuple[str, str, str, "Figure | None"]]:
     theta = summary["threshold"]
     if audit.split is not None and audit.split.attrs["classes"]:
@@ -69,7 +77,7 @@ def _drawn(audit: Audit, summary: Mapping[str, Any]) -> Iterator[tuple[str, str,
             "What makes evidence vary",
             f"Shares of the variance of the evidence of {audit.split.attrs['taps']} taps of one class and session, "
             "with 95 % intervals over classes; pale bars may be none.",
-            figure_audit.causes(audit.split, summary["first_cause"]["name"] or ""),
+            figure_audit.causes(_seen(audit.split), summary["first_cause"]["name"] or ""),
         )
     yield (
         "leakage",
@@ -105,7 +113,8 @@ def _drawn(audit: Audit, summary: Mapping[str, Any]) -> Iterator[tuple[str, str,
     yield (
         "at_stopping",
         "Wrong decisions at stopping",
-        "Against the threshold, of all objects and of each; the line is what the threshold promises.",
+        "Against the threshold, of all objects, with a 95 % interval in grey, and of each; dotted what the threshold "
+        "promises, dashed what beliefs say.",
         figure_reliability.reliability_at_stopping(audit.measured.reliability),
     )
     yield (

@@ -11,6 +11,7 @@ from .audit import Audit, AuditSettings
 from .audit_checks import summarise_checks
 from .audit_verdict import (
     CAUSE_WORDS,
+    MEASURING,
     calibration,
     cause_words,
     first_cause,
@@ -51,7 +52,8 @@ def summarise(audit: Audit, settings: AuditSettings, about: Mapping[str, Any]) -
     cause = first_cause(audit.leakage, audit.split, audit.session_p, audit.samples_per_bin, state)
     titles = {remedy.name: remedy.title for remedy in audit.remedies}
     unit = audit.grid.what_error_unit
-    sentences = verdict(cause, measured, setting.threshold, titles, unit)
+    within = "other taps of the session that trains" if audit.parts.of_one_session else MEASURING
+    sentences = verdict(cause, measured, setting.threshold, titles, unit, within)
     sentences[0] += _other_sessions(audit)
     if audit.leakage.unjudged:
         sentences.insert(2, audit.leakage.unjudged)
@@ -159,13 +161,15 @@ def _promise(promise: Promise) -> dict[str, Any]:
 
 
 def _other_sessions(audit: Audit) -> str:
-    """What the tuning sessions say of errors, where they are others than the measuring one."""
+    """What the tuning sessions say of errors, where they are others than the measuring one, or that there is none."""
     errors = audit.recalibrated.tuning
+    if audit.parts.of_one_session:
+        return " There is one session, so none of this says how beliefs are on another day."
     if audit.parts.halved:
         return ""
     span = f"{min(errors):.1%}" + f" to {max(errors):.1%}" * (len(errors) > 1)
     who = "the tuning session" if len(errors) == 1 else f"the {len(errors)} tuning sessions"
-    return f" In {who} it is {span}: sessions may differ by more than the interval of one says."
+    return f" In {who} {span} are wrong; intervals hold how other taps of one session would differ, not other sessions."
 
 
 def _leakage(leaks: Leakage) -> dict[str, Any]:
@@ -193,19 +197,25 @@ def _leakage(leaks: Leakage) -> dict[str, Any]:
     }
 
 
-def _variance(split: xr.Dataset | None, session_p: float) -> dict[str, Any] | None:
-    if split is None:
-        return None
+def unseen_parts(split: xr.Dataset) -> set[str]:
+    """Parts of the variance of evidence that these taps cannot show."""
     unseen = {"place", "order"} - {split.attrs["covariate"]}
     if split.attrs["sessions"] < 2:
         unseen |= {"session", "serial"}
+    suspects = zip(split.attrs["suspects"], split.attrs["suspect_p"], strict=True)
+    return unseen | {suspect_part(name) for name, p in suspects if not np.isfinite(p)}
+
+
+def _variance(split: xr.Dataset | None, session_p: float) -> dict[str, Any] | None:
+    if split is None:
+        return None
+    unseen = unseen_parts(split)
     suspects = [
         {"name": name, "p": p, "follows_order": follows}
         for name, p, follows in zip(
             *(split.attrs[key] for key in ("suspects", "suspect_p", "suspect_follows_order")), strict=True
         )
     ]
-    unseen |= {suspect_part(row["name"]) for row in suspects if not np.isfinite(row["p"])}
     about = {name: value for name, value in split.attrs.items() if not name.startswith("suspect")}
     rows = [
         {

@@ -22,8 +22,9 @@ from .right_model import LEVEL
 type Calibration = Literal["overconfident", "right", "cautious", "not enough data to tell"]
 
 NOT_ENOUGH: Calibration = "not enough data to tell"
+MEASURING = "the measuring session"
 
-_MUCH = 99.0  # a factor beyond which its size says nothing
+_LITTLE, _MUCH = 0.01, 99.0  # factors beyond which their size says nothing
 _WIDE = 4.0  # ratio of the ends of an interval around 1 that leaves everything open
 _WORSE = 0.1  # of the error as it is: what a remedy may add to it
 _TEST_LEVEL = 0.01  # as sure as causes without a test of their own have to be, see `causes`
@@ -140,8 +141,8 @@ def _share_sentence(split: xr.Dataset, name: str) -> str:
     effect = float(split["sequence_effect"])
     return (
         f"First of all {part_words(name)}: {share:.0%} ({low:.0%} to {high:.0%}) of the variance of the evidence of "
-        f"{n} taps come from that, {alone:.0%} from what independent samples would have; together it is {effect:.3g} "
-        "times as large as independence says." + (_followers(split) if name == "order" else "")
+        f"{n} taps come from that, {alone:.0%} from what independent samples would have; the whole is {effect:.3g} "
+        "times what independence says." + (_followers(split) if name == "order" else "")
     )
 
 
@@ -168,7 +169,9 @@ def _nothing_sentence(split: xr.Dataset | None) -> str:
     return f"No cause of dependence is surely there: the variance of the evidence of {n} taps is {told}."
 
 
-def verdict(cause: Cause, measured: Measured, theta: float, titles: Mapping[str, str], unit: str) -> list[str]:
+def verdict(
+    cause: Cause, measured: Measured, theta: float, titles: Mapping[str, str], unit: str, within: str = MEASURING
+) -> list[str]:
     """The verdict, sentence by sentence.
 
     Args:
@@ -177,9 +180,10 @@ def verdict(cause: Cause, measured: Measured, theta: float, titles: Mapping[str,
         theta: The threshold.
         titles: Of remedies, by name.
         unit: Of errors.
+        within: What decisions were made on.
     """
     state = calibration(measured.judged)
-    sentences = [_calibration_sentence(state, measured, theta), cause.sentence]
+    sentences = [_calibration_sentence(state, measured, theta, within), cause.sentence]
     name = recommended(measured)
     scores = {score.name: score for score in measured.scores}
     if name is not None:
@@ -195,7 +199,7 @@ def verdict(cause: Cause, measured: Measured, theta: float, titles: Mapping[str,
     return sentences
 
 
-def _calibration_sentence(state: Calibration, measured: Measured, theta: float) -> str:
+def _calibration_sentence(state: Calibration, measured: Measured, theta: float, within: str) -> str:
     judged, beside = measured.judged, measured.judged.beside
     value, low, high = judged.factor
     if value is None or low is None or high is None or judged.wrong is None:
@@ -207,8 +211,8 @@ def _calibration_sentence(state: Calibration, measured: Measured, theta: float) 
         "not enough data to tell": "There are not enough data to judge whether beliefs are right",
     }[state]
     told = (
-        f"{beginning}: in the measuring session at threshold {theta:g}, {measured.policy}, {judged.wrong:.1%} of the "
-        "decisions are wrong, "
+        f"{beginning}: in {within} at threshold {theta:g}, {measured.policy}, {judged.wrong:.1%} of the decisions are "
+        "wrong, "
     )
     if np.isinf(value):
         told += "although all beliefs are 1 and leave no doubt, so the factor is infinite"
@@ -224,6 +228,8 @@ def _calibration_sentence(state: Calibration, measured: Measured, theta: float) 
 
 def _times(factor: float) -> str:
     """A factor to two digits, without those that nobody believes."""
+    if 0 < factor < _LITTLE:
+        return f"less than {_LITTLE:g}"
     return f"{factor:.2g}" if factor < _MUCH else f"more than {_MUCH:.0f}"
 
 
@@ -248,7 +254,11 @@ def _remedy_sentence(score: Scored, measured: Measured, theta: float, title: str
             f"{change:+.2g} {unit} ({c_low:+.2g} to {c_high:+.2g}) to {score.error[0]:.3g}"
         )
     if score.taps is not None and score.factor[0] is not None:
-        told += f"; at the same threshold it takes {score.taps:.1f} taps, with a factor of {_times(score.factor[0])}"
+        _, low, high = score.factor
+        ends = "" if low is None or high is None else f" ({_times(low)} to {_times(high)})"
+        told += (
+            f"; at threshold {theta:g} it takes {score.taps:.1f} taps, with a factor of {_times(score.factor[0])}{ends}"
+        )
     if score.factor[1] is not None and score.factor[1] > max(1.0, measured.judged.beside.high):
         return told + ". Beliefs stay overconfident with it." + close
     return told + "." + close

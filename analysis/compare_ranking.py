@@ -125,7 +125,8 @@ def _value(level: Level, name: str) -> str:
 
 def _interval(level: Level, name: str) -> str:
     if name not in level.low or name not in level.high:
-        return " (too near the end of a curve for an interval)" if not level.larger else ""
+        why = "too few test taps" if level.larger else "too near the end of a curve"
+        return f" ({why} for an interval)"
     low, high = level.low[name], level.high[name]
     unsure = ", so perhaps none" if low <= 0 <= high else ""
     return f" (difference {number(low)} to {number(high)}{unsure})"

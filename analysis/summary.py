@@ -134,9 +134,9 @@ def _what_was_run(request: Request, results: Results) -> list[str]:
     sets = len(results.studies)
     return [
         f"{_model(settings)} was fitted to training taps of {grid.L} x {grid.M} "
-        f"(where, what) classes and tested on other taps, {sets} data set{'s' * (sets > 1)} in all. In every trial "
-        "test taps of one class are drawn with replacement and Bayes' rule accumulates the joint belief until the "
-        "belief in one object exceeds the threshold.",
+        f"(where, what) classes and tested on other taps, {sets} data set{'s' * (sets > 1)} in all. A trial draws "
+        "test taps of one object where the finger stands, with replacement as in the paper or, on fresh taps, none "
+        "twice, and Bayes' rule accumulates the joint belief until the belief in one object exceeds the threshold.",
         f"Passive: {settings.trials} trials at each sensing position. "
         + (
             "Active: the same trials, with the same objects and random numbers, start at each position and move to the "
@@ -146,7 +146,12 @@ def _what_was_run(request: Request, results: Results) -> list[str]:
             else ""
         )
         + f"All thresholds are read off the same trials. After {settings.deadline} taps the most probable classes "
-        "are taken. Errors are distances between classes.",
+        "are taken. "
+        + (
+            "Object errors are shares of wrong decisions, position errors distances between classes."
+            if grid.what_value is None
+            else "Errors are distances between classes."
+        ),
         *_learned(request, results),
     ]
 

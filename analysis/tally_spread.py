@@ -15,7 +15,6 @@ from ..inference.episode import DEADLINE
 from ..inference.montecarlo import Trials
 from ..inference.resampling import (
     CONFIDENCE,
-    RESAMPLE_TRIALS,
     RESAMPLES,
     Resampled,
     Spread,
@@ -40,6 +39,8 @@ type Floats = NDArray[np.float64]
 SPREAD = ("what_error", "where_error", "taps", "what_wrong", "belief", "stopped_fraction", "no_class_left_fraction")
 """What has intervals."""
 FRESH_TRIALS = 20_000
+SELECTED_TRIALS = 5000
+"""On each resample: where decisions take a tap or two, the chance of fewer trials would hide that of the taps."""
 _RANGES = dict.fromkeys(SPREAD[3:], SHARE)
 _SELDOM = ("what_error", "where_error", "taps", "what_wrong", "stopped_fraction", "no_class_left_fraction")
 
@@ -111,7 +112,7 @@ def tap_spread(
         table: Test taps.
         grid: The classes.
         thresholds: theta_W, shape (H,).
-        trials: Whose means are to have intervals; on each resample as many, `RESAMPLE_TRIALS` at most.
+        trials: Whose means are to have intervals; on each resample as many, `SELECTED_TRIALS` at most.
         deadline: Taps after which a trial ends.
         progress: Told how many more trials were played; `spread_trials` says of how many.
         rule: As for `resampling.play_resamples`: `theta_x`, `fixation`, `where`, `border`, `seed`, `workers`.
@@ -130,18 +131,27 @@ def tap_spread(
 
     def samples(fresh: bool, number: int) -> Resampled:
         might_be = ends if fresh else no_endings
-        return play_resamples(table, thresholds, reduce, trials=number, fresh=fresh, endings=might_be, **rule)
+        return play_resamples(
+            table,
+            thresholds,
+            reduce,
+            trials=number,
+            fresh=fresh,
+            endings=might_be,
+            resample_trials=SELECTED_TRIALS,
+            **rule,
+        )
 
     fresh_trials = min(trials, FRESH_TRIALS)
-    stored, fresh = samples(False, min(trials, RESAMPLE_TRIALS)), samples(True, fresh_trials)
+    stored, fresh = samples(False, min(trials, SELECTED_TRIALS)), samples(True, fresh_trials)
     used_up = fresh.samples["used_up"]
-    fresh_spread = spread(table, noise=trial_noise(fresh_trials), thinned=True)
+    fresh_spread = spread(table, noise=trial_noise(fresh_trials, SELECTED_TRIALS), thinned=True)
     return TapSpread(
         {name: stored.samples[name] for name in SPREAD},
         {name: fresh.samples[name] for name in SPREAD},
         fresh.endings,
         used_up[:, 0],
-        spread(table, noise=trial_noise(trials)),
+        spread(table, noise=trial_noise(trials, SELECTED_TRIALS)),
         fresh_spread,
         _few(table, thresholds, fresh_spread, used_up),
         _sentence(table),
@@ -151,7 +161,8 @@ def tap_spread(
 
 def spread_trials(trials: int) -> int:
     """How many trials `tap_spread` plays."""
-    return sum(planned_trials(min(trials, own)) for own in (RESAMPLE_TRIALS, FRESH_TRIALS))
+    own = (min(trials, most) for most in (SELECTED_TRIALS, FRESH_TRIALS))
+    return sum(planned_trials(number, resample_trials=SELECTED_TRIALS) for number in own)
 
 
 def _few(table: TapTable, thresholds: Floats, how: Spread, used_up: Floats) -> str:

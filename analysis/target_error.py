@@ -241,6 +241,7 @@ def session_curves(
     deadline: int = DEADLINE,
     fixation: int | None = None,
     theta_x: float = 0.0,
+    fresh: bool = False,
 ) -> tuple[Curves, tuple[str, ...], bool]:
     """Errors and reaction times of each session at every threshold, what is decided for, and whether the finger moves.
 
@@ -257,6 +258,7 @@ def session_curves(
         deadline: Taps after which the most probable is decided.
         fixation: Where class that active trials aim for; `None` for the middle.
         theta_x: Threshold for a move; 1 for passive trials.
+        fresh: Whether no tap is drawn twice in a trial.
 
     Raises:
         InputError: There is nothing to decide, or a setting is out of range.
@@ -268,9 +270,8 @@ def session_curves(
         subject = decided_about(tap_table(model, model.usable(taps)), grid)
         names, moving = subject.names, "active" in subject.policies and theta_x < 1
         plan = plan_trials(subject.table.pool, trials, seed, aim)
-        played = play(
-            subject.table, plan, theta, theta_x if moving else 1.0, border=border, deadline=deadline, seed=seed
-        )
+        moves = theta_x if moving else 1.0
+        played = play(subject.table, plan, theta, moves, border=border, deadline=deadline, seed=seed, fresh=fresh)
         wrong = np.array([one.decided != one.true for one in played], dtype=np.float64)
         count = np.bincount(plan.what, minlength=len(names))
         with np.errstate(invalid="ignore"):

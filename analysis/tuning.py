@@ -220,7 +220,7 @@ def _about_threshold(found: Tuning) -> str:
         first, last = shown_threshold(alike[0]), shown_threshold(alike[-1])
         return (
             f"{told}, cost {_interval(choice.cost, h, 1)} taps at {found.price.cost_error:g} taps for an error of 1; "
-            f"thresholds from {first} to {last} hold all whose cost cannot be told from it."
+            f"thresholds whose cost cannot be told from it lie between {first} and {last}."
         )
     low, high = (ends[h] for ends in prediction_interval(choice.wrong))
     verdict = "is reachable" if found.reachable else "is not reachable, and this is where it is lowest"

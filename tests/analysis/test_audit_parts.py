@@ -72,6 +72,7 @@ def test_a_single_file_is_divided_by_its_sessions(sessions, taps, halved, names,
     parts = audit_parts([taken], ["taps.nc"], taken.grid())
     assert tuple(set(in_class(part)) for part in (parts.train, *parts.tune, parts.measure)) == tuple({n} for n in taps)
     assert parts.halved is halved
+    assert parts.of_one_session is (sessions == 1)
     assert parts.session_names == names
     assert sum(map(len, (parts.train, *parts.tune, parts.measure))) == len(taken)
 

@@ -17,7 +17,7 @@ from solidtouch.analysis.audit_verdict import (
     worthwhile,
 )
 from solidtouch.analysis.causes import CAUSES, PARTS
-from solidtouch.analysis.remedy_scores import Judged, Measured, Scored
+from solidtouch.analysis.remedy_scores import Judged, Measured, Scored, factor_of
 from solidtouch.analysis.right_model import Beside
 
 UNKNOWN = "not enough data to tell"
@@ -51,6 +51,8 @@ CALIBRATION = {
     "the same, not exact": ((np.inf,) * 3, ABOVE, False, "overconfident"),
     "the same, as with a right model": ((np.inf,) * 3, WITHIN, True, UNKNOWN),
     "no interval": ((2.0, None, None), ABOVE, True, UNKNOWN),
+    "an infinite end": ((2.0, 0.1, np.inf), ABOVE, True, "overconfident"),
+    "an infinite end, as with a right model": ((0.9, 0.1, np.inf), WITHIN, True, UNKNOWN),
 }
 
 
@@ -205,7 +207,7 @@ def test_the_sentence_of_a_cause_has_its_numbers():
     cause = first_cause(Leak(), split(gain=0.5, independent=0.3), 0.5, 50.0, "overconfident")
     assert "50% (40% to 60%) of the variance of the evidence of 10 taps" in cause.sentence
     assert "30% from what independent samples would have" in cause.sentence
-    assert "2 times as large" in cause.sentence
+    assert "the whole is 2 times what independence says" in cause.sentence
 
 
 def test_a_suspect_that_follows_the_order_is_said_to():
@@ -304,6 +306,23 @@ def test_mistakes_without_a_doubt_are_said_to_be_some(median, beside):
     )
 
 
+def test_an_infinite_end_leaves_a_factor_that_can_be_told():
+    """As where trials that were cut short might all have been wrong and sure: that is not a lack of doubt."""
+    found = {"factor": [0.64, 0.05, None], "doubt": [0.476, 0.4, 0.5], "wrong": [0.3, 0.0, 1.0]}
+    factor = factor_of(found)
+    assert factor == (0.64, 0.05, np.inf)
+    assert factor_of(found | {"factor": [0.64, None, None]}) == (0.64, None, None)
+    first = verdict(Cause(None, ""), measured(score("remedy"), judged=judged(factor)), 0.95, TITLES, "mm")[0]
+    assert "0.64 (0.05 to more than 99) times as often" in first
+    little = judged((0.5, 0.0002, 2.0))
+    assert "0.5 (less than 0.01 to 2) times" in verdict(Cause(None, ""), measured(judged=little), 0.9, TITLES, "mm")[0]
+
+
+def test_the_verdict_says_what_decisions_were_made_on():
+    told = verdict(Cause(None, ""), measured(), 0.95, TITLES, "mm", "other taps of the session that trains")[0]
+    assert "overconfident: in other taps of the session that trains at threshold 0.95, active" in told
+
+
 def test_the_sentence_of_a_remedy_has_its_numbers():
     """Gain per tap and its interval, error and its change, reaction time and factor; and whether that is enough."""
     remedies = measured(score("remedy", 0.5, change=(-0.1, -0.2, -0.05)))
@@ -311,7 +330,7 @@ def test_the_sentence_of_a_remedy_has_its_numbers():
     for words in (
         "“remedy” (what it does): 0.05 nats of log score per tap (0.03 to 0.07, over 10 taps)",
         "at the 6.5 taps that decisions take as it is, the error changes by -0.1 mm (-0.2 to -0.05) to 0.4",
-        "it takes 7.5 taps, with a factor of 1.",
+        "at threshold 0.95 it takes 7.5 taps, with a factor of 1 (0.7 to 1.3).",
     ):
         assert words in last
     assert "stay overconfident" not in last

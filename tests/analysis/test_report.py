@@ -127,7 +127,7 @@ def test_the_page_is_complete_and_well_formed(tmp_path, pictures):
         "0.1 1.000 [0.889, 1.122] 0.456 1.000 [0.889, 1.122] 1.000 [0.889, 1.122] 98.7 % 1.2 % 0 %",
         "0.9995 1.000 [0.889, 1.122]",
         "5 – 0.7100 [0.6900, 0.7400] 0.8 0.9",
-        "differences exceed the limits (20 episodes, 400 taps). Differing decisions: 0, differing moves: 3",
+        "differences exceed the limits (20 episodes of 400 taps each). Differing decisions: 0, differing moves: 3",
         "posterior numpy, numpyro 3.6e-15 1e-10 FAILED",
         "Seed 123456789.",
         "thresholds [0.1, 0.9995] theta_x – cells True",

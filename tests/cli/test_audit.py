@@ -126,6 +126,9 @@ def test_numbers_belong_together(three):
     assert summary["verdict"]["evidence"]["remedy"] == summary["remedy"]["chosen"]
     assert summary["verdict"]["state"] == summary["miscalibration"]["state"]
     assert summary["verdict"]["sentences"][1] == summary["first_cause"]["sentence"]
+    evidence = summary["miscalibration"]["evidence"]["at_stopping"]["all trials"]
+    usual = summary["remedy"]["evidence"]["threshold"]
+    assert (usual["before"], usual["taps_before"]) == pytest.approx((evidence["wrong"][0], evidence["taps"][0]))
     ranked = [row["gain"][0] for row in summary["remedy"]["evidence"]["ranking"]]
     assert ranked == sorted(ranked, reverse=True)
     assert len(ranked) == 6
@@ -244,6 +247,10 @@ def test_little_data_give_a_page_all_the_same(name, tmp_path):
     load_setting(setting).check_model(load_model(model), model, setting)
     if len(paths) < 3:
         assert "same session" in " ".join(done.summary["warnings"])
+        first = done.summary["verdict"]["sentences"][0]
+        alone = len(paths) == 1
+        assert ("in other taps of the session that trains" in first) is alone
+        assert ("There is one session, so none of this says" in first) is alone
 
 
 BAD = {
