@@ -214,12 +214,14 @@ def document(rows: list[tuple[Any, ...]]) -> str:
         by_name[name][size, n] = found
     columns = list(dict.fromkeys((size, n) for size, n, _, _ in rows))
     cells = [
-        [
-            name,
-            *(told(one) if (one := found.get(c)) else "–" for c in columns),
-        ]
-        for name, found in by_name.items()
+        [name, *(told(one) if (one := found.get(c)) else "–" for c in columns)] for name, found in by_name.items()
     ]
+    shares = [
+        np.array([one.hits / one.n for size, n, _, one in rows if (size, n) == c and one.n >= one.sets / 2])
+        for c in columns
+    ]
+    cells.append(["lowest of these", *(f"{of.min():.3f}" for of in shares)])
+    cells.append(["too wide, of those with intervals", *(f"{(of > _MOST).sum()} of {len(of)}" for of in shares)])
     return table(["quantity", *(f"{size}, {n} taps" for size, n in columns)], cells)
 
 
@@ -230,15 +232,22 @@ def main() -> None:
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--sizes", nargs="*", choices=SIZES, default=list(SIZES))
     parser.add_argument("--taps", nargs="*", type=int, default=list(TAPS))
-    parser.add_argument("--add", action="store_true", help="to what the last run measured")
+    parser.add_argument("--add", action="store_true", help="to what the last run measured; with --sizes alone to write")
     parser.add_argument("--document", type=Path)
     options = parser.parse_args()
     check_block(options.document, BLOCK)
-    rows = []
+    rows: list[tuple[Any, ...]] = []
+
+    def write() -> None:
+        write_json("intervals", [[size, n, name, *found] for size, n, name, found in rows])
+        if options.document is not None:
+            write_block(options.document, BLOCK, document(rows))
+
     if options.add:
         wanted = set(product(options.sizes, options.taps))
         old = json.loads((OUT / "intervals.json").read_text(encoding="utf-8"))
         rows = [(size, n, name, Coverage(*found)) for size, n, name, *found in old if (size, n) not in wanted]
+        write()
     for row in run(options.data_sets, options.seed, {name: SIZES[name] for name in options.sizes}, tuple(options.taps)):
         size, n, name, found = row
         print(
@@ -247,9 +256,7 @@ def main() -> None:
             flush=True,
         )
         rows = sorted([*rows, row], key=lambda one: (list(SIZES).index(one[0]), one[1]))
-        write_json("intervals", [[size, n, name, *found] for size, n, name, found in rows])
-        if options.document is not None:
-            write_block(options.document, BLOCK, document(rows))
+        write()
 
 
 if __name__ == "__main__":
