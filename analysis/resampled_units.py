@@ -9,7 +9,7 @@ from itertools import islice
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import stdtrit
+from scipy.stats import t
 
 from ..hardware.pool import tap_pool
 from ..inference.resampling import CONFIDENCE, Spread, spread
@@ -71,11 +71,11 @@ def unit_factor(how: Spread) -> float:
     """By which deviations of resamples are enlarged where their number gives the degrees of freedom.
 
     Args:
-        how: How resamples vary; sessions of unequal sizes leave fewer than there are sessions.
+        how: How resamples vary; sessions of unequal sizes, and lone taps, leave fewer.
     """
-    if how.sessions == 1:
-        return how.factor
-    return how.factor * float(np.divide(*stdtrit([how.freedom, how.sessions - 1], 0.5 + CONFIDENCE / 2)))
+    taken = how.sessions - 1 if how.sessions > 1 else np.inf
+    wanted, used = t.ppf(0.5 + CONFIDENCE / 2, [how.freedom, taken])
+    return how.factor * float(wanted / used)
 
 
 def spread_of_taps(test: TapSet, grid: ClassGrid) -> Spread:

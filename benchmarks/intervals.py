@@ -213,9 +213,7 @@ def document(rows: list[tuple[Any, ...]]) -> str:
     for size, n, name, found in rows:
         by_name[name][size, n] = found
     columns = list(dict.fromkeys((size, n) for size, n, _, _ in rows))
-    cells = [
-        [name, *(told(one) if (one := found.get(c)) else "–" for c in columns)] for name, found in by_name.items()
-    ]
+    cells = [[name, *(told(one) if (one := found.get(c)) else "–" for c in columns)] for name, found in by_name.items()]
     shares = [
         np.array([one.hits / one.n for size, n, _, one in rows if (size, n) == c and one.n >= one.sets / 2])
         for c in columns

@@ -61,7 +61,8 @@ class Spread(NamedTuple):
         taps: How many test taps there are.
         noise: Variance by the sampling of the estimate's trials, relative to that of a resample's fewer ones; `None`
             where samples hold no halves of trials, see `interval`.
-        freedom: Degrees of freedom of the variance where sessions are left out in turn; infinite where taps are drawn.
+        freedom: Degrees of freedom of the variance where sessions are left out in turn, or lone taps make it; infinite
+            where taps are drawn else.
         sessions: How many are left out in turn; 1 where taps are drawn.
     """
 
@@ -165,9 +166,9 @@ class Spread(NamedTuple):
         """
         whole = self.whole(samples)
         variance = _moments(whole)[1]
-        freedom = np.minimum(self.freedom, np.maximum(np.isfinite(whole).sum(axis=-1) - 1.0, 1.0))
+        freedom = np.maximum(np.isfinite(whole).sum(axis=-1) - 1.0, 1.0)
         if self.noise is None:
-            return self.factor**2 * variance, freedom
+            return self.factor**2 * variance, np.minimum(freedom, self.freedom)
         first, second = np.split(samples[..., 1 + whole.shape[-1] :], 2, axis=-1)
         with np.errstate(invalid="ignore", divide="ignore"):
             half = (first - second) / 2
@@ -176,7 +177,7 @@ class Spread(NamedTuple):
             total = taps_factor * by_taps + self.noise * sampling
             parts = (taps_factor * variance) ** 2 + ((taps_factor - self.noise) * sampling) ** 2
             known = np.maximum(freedom * total**2 / parts, _LEAST_FREEDOM)
-        return total, np.where((variance > 0) & np.isinf(self.freedom), known, freedom)
+        return total, np.minimum(np.where((variance > 0) & (self.sessions == 1), known, freedom), self.freedom)
 
 
 def _score(
@@ -277,7 +278,8 @@ def spread(table: TapTable, *, noise: float | None = None, thinned: bool = False
         return Spread((sessions - 1.0) ** 0.5, few, total, noise, freedom, sessions)
     # n of n draws with replacement vary less than the quantity itself, by n - 1 over n.
     factor = np.nan if taps == 1 else (1 / LEFT_OUT if thinned else taps / (taps - 1)) ** 0.5
-    return Spread(float(factor * uncaught(table, factor) ** 0.5), too_few(taps), total, noise)
+    times, freedom = uncaught(table, factor)
+    return Spread(float(factor * times**0.5), too_few(taps), total, noise, freedom)
 
 
 def resamples_in_words(sessions: int, thinned: bool = True) -> str:

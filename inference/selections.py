@@ -94,23 +94,29 @@ def _alone(size: NDArray[np.intp]) -> NDArray[np.bool_]:
     return (size == 1) & (np.median(size) > 1)
 
 
-def uncaught(table: TapTable, factor: float) -> float:
-    """How many times the variance of a mean over classes is that of its resamples, enlarged; 1 without lone taps.
+def uncaught(table: TapTable, factor: float) -> tuple[float, float]:
+    """How many times the variance of a mean over classes is that of its resamples, enlarged, and its freedom.
 
     A class of one tap does not vary by itself. It is left out in half of the resamples instead: the mean over classes
     then varies with how such classes differ from the others, that is by their taps and more, a quarter as much as it
     would if each were drawn anew. What is missing is taken from the classes with more taps, each of which counts more
-    where others are left out.
+    where others are left out. So few taps tell their variance, with few degrees of freedom (Satterthwaite 1946).
 
     Args:
         table: Test taps.
         factor: By which deviations of resamples are enlarged.
+
+    Returns:
+        Without a lone tap 1 and infinite.
     """
     size = table.pool.count[table.pool.count > 0]
     alone = np.count_nonzero(_alone(size))
     others, counts = (1 / size[size > 1]).sum(), len(size) / (len(size) - _DROPPED * alone)
+    if not alone:
+        return 1.0, np.inf
     caught = counts**2 * (others + alone * factor**2 * _DROPPED * (1 - _DROPPED))
-    return float((others + alone) / caught) if alone else 1.0
+    parts = alone**2 / max(alone - 1, 1) + others**2 / (size - 1).sum()
+    return float((others + alone) / caught), float((others + alone) ** 2 / parts)
 
 
 class _Group(NamedTuple):

@@ -140,6 +140,8 @@ def test_deviations_are_enlarged_by_the_number_of_draws():
     ratio = (others + lone) * (4.5 / 5) ** 2
     assert spread(table).factor ** 2 == pytest.approx(4 / 3 * ratio / (others + lone / 3))
     assert spread(table, thinned=True).factor ** 2 == pytest.approx(3 * ratio / (others + lone * 3 / 4))
+    assert spread(table).freedom == pytest.approx((others + lone) ** 2 / (lone + others**2 / (3 + 6 + 4 + 1)))
+    assert np.isinf(spread(table_of(count=np.full((3, 2), 6))).freedom)
     sessions = table_of(count=np.full((3, 2), 6), session=lambda i: i % 3)
     assert spread(sessions).factor == spread(sessions, thinned=True).factor == pytest.approx(np.sqrt(2))
     assert spread(sessions).sessions == 3

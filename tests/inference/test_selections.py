@@ -163,6 +163,23 @@ def test_classes_of_one_tap_vary_as_they_differ(pools, thinned, apart):
     assert apart or variance.mean() < 1.4 * mean.var()
 
 
+@pytest.mark.parametrize(("pools", "thinned"), [(resampled_pools, False), (thinned_pools, True)])
+@pytest.mark.parametrize("count", [[20] * 9 + [1] * 3, [20] * 11 + [1], [20] * 7 + [1] * 5, [2] * 7 + [1] * 5])
+def test_intervals_hold_a_share_where_some_classes_have_one_tap(pools, thinned, count):
+    """Of wrong taps, .3 of them in all classes alike: 93 % of 300 intervals or more."""
+    rng, table = np.random.default_rng(1), table_of(count=np.array([count]))
+    how, drawn, held = spread(table, thinned=thinned), list(pools(table, 100, 1)), 0
+    for _ in range(300):
+        wrong = rng.random(len(table.log_likelihood)) < 0.3
+        shares = [
+            np.mean([wrong[taps_of(pool, 0, m)].mean() for m in range(len(count)) if pool.count[0, m]])
+            for pool in drawn
+        ]
+        low, high = how.interval(np.array(shares), 0.0, 1.0)
+        held += low <= 0.3 <= high
+    assert held / 300 >= 0.93
+
+
 @pytest.mark.parametrize("pools", [resampled_pools, thinned_pools])
 def test_classes_of_one_tap_stay_where_most_have_no_more(pools):
     table = table_of(count=np.array([[1, 1], [1, 2]]))
