@@ -72,6 +72,7 @@ RATIOS = {
 }
 CALIBRATION = {"calibration_error": "mean distance of belief and fraction right"}
 _SHARES = ("wrong", "doubt", "brier")
+_SCORES = ("log_loss", "brier")
 _ENOUGH = 0.9  # of the classes must have as many taps as are looked at after
 _ROUNDING = 1e-9  # of beliefs
 _LEAST_DOUBT = np.finfo(np.float64).eps  # 1 - belief is not known better
@@ -410,7 +411,7 @@ def _described(
     Args:
         decisions: Of the trials.
         joined: What was kept of them and of resamples.
-        ends: What the sums of the former might have been besides, each of shape (2, M, 6).
+        ends: What the sums of the former might have been besides, each of shape (2, M, 6); the last for scores only.
         theta: The threshold.
         deadline: Taps after which a trial ends.
         subject: What decisions are about.
@@ -437,7 +438,8 @@ def _described(
     limits = dict.fromkeys(_SHARES, SHARE) | {"taps": of_taps(deadline)}
     for name in MEANS | RATIOS:
         least, most, step = limits.get(name, Range())
-        low, high = how.interval(samples[name], least, most, [one[name] for one in might_be])
+        ends_of = might_be if name in _SCORES else might_be[:-1]
+        low, high = how.interval(samples[name], least, most, [one[name] for one in ends_of])
         if name == "taps":
             low, high = widened(low, high, how.center(samples[name]), independent, step, most, least=least)
         if name in ("wrong", *RATIOS):

@@ -323,6 +323,26 @@ def test_taps_used_twice_make_no_more_decisions():
     assert independent_decisions(pool, 1, 4000, 100.0) == 1
 
 
+def test_intervals_hold_whatever_trials_that_were_cut_short_might_have_come_to():
+    """What 400 taps of a class give, where 4 of them end most trials: scores of beliefs, too, in 20 data sets."""
+    options = {"trials": 400, "contacts": (), "only": "passive", "deadline": 60}
+    names = ("wrong", "doubt", "log_loss", "brier", "taps", "factor")
+    many = calibrated(2, 2, repeats=400, symbols=3)
+    truth = reliability(many, grid_of(2, 2), [0.99], 1, resamples=2, **options | {"trials": 4000})
+    rng = np.random.default_rng(0)
+    for _ in range(20):
+        own = np.concatenate([rng.choice(400, 4, replace=False) + 400 * c for c in range(4)])
+        cell = np.repeat(np.arange(4), 4)
+        pool = tap_pool(*np.divmod(cell, 2), (2, 2))
+        few = many._replace(log_likelihood=many.log_likelihood[own], pool=pool)
+        data = reliability(few, grid_of(2, 2), [0.99], 1, resamples=40, **options)
+        assert data.used_up > 0.5
+        at, true = (one.isel(setting=0).sel(counted="all", what=EVERYTHING) for one in (data, truth))
+        for name in names:
+            assert at[f"{name}_low"] <= true[name] <= at[f"{name}_high"], name
+        assert at.taps_high <= 60
+
+
 def test_few_taps_give_the_factor_of_fresh_ones():
     """Sixty data sets of 20 taps per class from the model's own distributions: 1 on average.
 
