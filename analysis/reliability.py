@@ -23,7 +23,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..hardware.pool import TapPool
 from ..inference.control import check_fixation
-from ..inference.cut_short import Farthest, endings, right_and_sure
+from ..inference.cut_short import Farthest, endings
 from ..inference.episode import DEADLINE
 from ..inference.montecarlo import Trials, run_trials
 from ..inference.reference import Border
@@ -185,7 +185,8 @@ def reliability(
     far = Farthest.among(*subject.table.pool.nearest.shape)
 
     def might_be(most: int, played: Trials, plan: TrialPlan) -> list[Trials]:
-        return [*endings(played, plan, most, far), right_and_sure(played, plan)]
+        best, worst = endings(played, plan, most, far)
+        return [best, worst, best._replace(belief=np.where(played.used_up, 1.0, best.belief))]
 
     settings: list[tuple[str, float, int]] = []
     rows: list[dict[str, NDArray[Any]]] = []

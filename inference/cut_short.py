@@ -65,19 +65,3 @@ def endings(trials: Trials, plan: TrialPlan, deadline: int, farthest: Farthest) 
         belief=np.where(cut, 1.0, trials.belief),
     )
     return best, worst
-
-
-def right_and_sure(trials: Trials, plan: TrialPlan) -> Trials:
-    """The trials with those that were cut short right and sure of it, which scores of beliefs like best.
-
-    Args:
-        trials: On fresh taps.
-        plan: What they are.
-    """
-    cut, what, where = trials.used_up, plan.what[:, np.newaxis], trials.true_where
-    return trials._replace(
-        what=np.where(cut, what, trials.what),
-        where=np.where(cut, where, trials.where),
-        belief=np.where(cut, 1.0, trials.belief),
-        stopped=trials.stopped | cut,
-    )

@@ -41,7 +41,7 @@ RESAMPLES = 100
 CONFIDENCE = 0.95
 FEW = 10
 """Taps of a class below which intervals are not known to hold, see docs/intervals.md."""
-_FEW_SESSIONS = 4
+_FEW_SESSIONS, _FEW_FREEDOM = 4, 10.0
 RESAMPLE_TRIALS = 2000
 USED_UP = 0.05
 """Share of trials that the stored taps end, above which there are too few of them."""
@@ -279,7 +279,7 @@ def spread(table: TapTable, *, noise: float | None = None, thinned: bool = False
     # n of n draws with replacement vary less than the quantity itself, by n - 1 over n.
     factor = np.nan if taps == 1 else (1 / LEFT_OUT if thinned else taps / (taps - 1)) ** 0.5
     times, freedom = uncaught(table, factor)
-    return Spread(float(factor * times**0.5), too_few(taps), total, noise, freedom)
+    return Spread(float(factor * times**0.5), too_few(taps, freedom=freedom), total, noise, freedom)
 
 
 def resamples_in_words(sessions: int, thinned: bool = True) -> str:
@@ -311,29 +311,34 @@ def too_few(
         sessions: That would be drawn anew, see `selections.session_sizes`.
         freedom: See `Spread`; that of sessions of one size unless said.
     """
-    if used_up > USED_UP:
-        return (
+    unequal = " of unequal sizes" if sessions >= _FEW_SESSIONS else ""
+    few_sessions = (sessions - 1 if freedom is None else freedom) < _FEW_SESSIONS - 1
+    reasons = (
+        (
+            used_up > USED_UP,
             f"There are too few test taps: {used_up:.0%} of the decisions were made because the {taps} or so of a "
             "class were used up, not because the belief was high enough; intervals hold whatever these would come to "
-            "on further taps, and so are wide."
-        )
-    if sessions > 1:
-        unequal = " of unequal sizes" if sessions >= _FEW_SESSIONS else ""
-        wide = (
+            "on further taps, and so are wide.",
+        ),
+        (
+            sessions > 1 and few_sessions,
             f"There are too few test sessions, {sessions}{unequal}, to know well how sessions differ, so intervals are "
-            "wide."
-        )
-        return wide if (sessions - 1 if freedom is None else freedom) < _FEW_SESSIONS - 1 else ""
-    if taps == 1:
-        return "There is one test tap of most classes, too few for an interval."
-    if taps < FEW:
-        return f"There are too few test taps, {taps} or so of each class: intervals are rough."
-    if selected > USED_UP_SELECTED:
-        return (
+            "wide.",
+        ),
+        (sessions > 1, ""),
+        (taps == 1, "There is one test tap of most classes, too few for an interval."),
+        (taps < FEW, f"There are too few test taps, {taps} or so of each class: intervals are rough."),
+        (
+            freedom is not None and freedom < _FEW_FREEDOM,
+            "There is one test tap of some classes, too few to know how these vary, so intervals are wide.",
+        ),
+        (
+            selected > USED_UP_SELECTED,
             f"There are too few test taps for these intervals: where a quarter of them is left out, {selected:.1%} of "
-            "the decisions are made because the taps of a class are used up, so intervals may be too wide."
-        )
-    return ""
+            "the decisions are made because the taps of a class are used up, so intervals may be too wide.",
+        ),
+    )
+    return next((sentence for holds, sentence in reasons if holds), "")
 
 
 def too_few_in(pool: TapPool, how: Spread, used_up: Floats) -> str:

@@ -173,6 +173,10 @@ def test_too_few_taps_are_said():
     assert too_few(1, 0.06, sessions=2) == too_few(1, 0.06)
     assert "sessions, 7 of unequal sizes, to know well" in too_few(1, sessions=7, freedom=1.1)
     assert too_few(1, sessions=7, freedom=3.0) == ""
+    assert too_few(12, freedom=9.0).startswith("There is one test tap of some classes")
+    assert too_few(12, freedom=10.0) == too_few(12, freedom=np.inf) == ""
+    lone = table_of(count=np.array([[20, 20, 20], [20, 1, 1]]))
+    assert spread(lone).few == too_few(20, freedom=spread(lone).freedom) != ""
     assert too_few(10, 0.05, 0.005) == ""
     assert "a quarter of them is left out, 0.6% of the decisions" in too_few(10, 0.05, 0.006)
 
