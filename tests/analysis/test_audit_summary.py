@@ -3,7 +3,10 @@
 import json
 
 import numpy as np
-from solidtouch.analysis.audit_summary import _clean, _judged, _promise, _tuned
+import pytest
+import xarray as xr
+from solidtouch.analysis.audit_report import _seen
+from solidtouch.analysis.audit_summary import _clean, _judged, _promise, _tuned, unseen_parts
 from solidtouch.analysis.guarantees import Promise
 from solidtouch.analysis.remedy_scores import Judged
 from solidtouch.analysis.right_exponent import Tuned
@@ -62,3 +65,19 @@ def test_what_was_tuned_stands_beside_a_right_model():
     assert (found["taps"], found["simulations"]) == (20, 19)
     assert found["sentence"] == Tuned(low, inside, 20, 19).sentence
     assert _tuned(Tuned(low, None, 20, 19))["saturation"] is None
+
+
+@pytest.mark.parametrize(
+    ("covariate", "sessions", "unseen"), [("order", 2, {"place"}), ("place", 1, {"order", "session", "serial"})]
+)
+def test_the_figure_of_causes_leaves_out_what_taps_cannot_show(covariate, sessions, unseen):
+    """As the table does: no share stands there for what was not tested."""
+    parts = ["place", "order", "session", "serial", "covariate heat"]
+    split = xr.Dataset(
+        {name: ("part", np.ones(5)) for name in ("share", "share_low", "share_high")},
+        {"part": parts},
+        {"covariate": covariate, "sessions": sessions, "suspects": [], "suspect_p": []},
+    )
+    assert unseen_parts(split) == unseen
+    for values in _seen(split).data_vars.values():
+        assert set(split["part"].values[np.isnan(values.values)]) == unseen

@@ -9,11 +9,13 @@ import subprocess
 import sys
 import time
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 import xarray as xr
 from scipy.stats import t
+from solidtouch.analysis import sweep as sweep_module
 from solidtouch.analysis import sweep_cell, sweep_code
 from solidtouch.analysis.resampled_units import spread_of_taps, units_of
 from solidtouch.analysis.sweep import Tally, sweep
@@ -32,6 +34,7 @@ from solidtouch.inference.lockstep import play
 from solidtouch.inference.lockstep_tally import tally_policy
 from solidtouch.inference.montecarlo import run_trials
 from solidtouch.inference.recorded_stops import stops
+from solidtouch.inference.resampling import Spread
 from solidtouch.inference.stopping import what_above
 from solidtouch.inference.strategies import make_policy
 from solidtouch.inference.table_learning import held_out_tables, learn_table
@@ -566,3 +569,14 @@ def test_workers_do_not_outlive_a_stopped_sweep(make_study, tmp_path, number, co
     if number != signal.SIGKILL:
         assert re.search(r"holds \d of 4 cells; the same command goes on with the rest\.", " ".join(errors.split()))
         assert "Traceback" not in errors
+
+
+def test_resamples_of_unequal_sessions_are_enlarged_for_their_fewer_degrees_of_freedom(monkeypatch):
+    """Results over them take as many degrees of freedom as there are sessions, less one."""
+    how = Spread(2.0, freedom=1.5, sessions=5)
+    monkeypatch.setattr(sweep_module, "_of_trained_classes", lambda data: data)
+    monkeypatch.setattr(sweep_module, "spread_of_taps", lambda _, __: how)
+    sources = SimpleNamespace(keys=["one"], load=lambda _: SimpleNamespace(grid=None))
+    found = sweep_module._resampled(sources, 10)
+    assert found["resample_factor"] == pytest.approx(2.0 * t.isf(0.025, 1.5) / t.isf(0.025, 4))
+    assert found["resample_sessions"] == 5
