@@ -15,6 +15,7 @@ from ..models.histogram import HistogramModel
 from ..models.model import TapModel
 from ..models.setting import Setting
 from ..models.taps import TapSet, concatenate
+from ..models.threads import one_blas_thread
 from .audit_checks import audit_checks, count_replicates
 from .audit_parts import AuditParts
 from .audit_verdict import NOT_ENOUGH, calibration, recommended
@@ -146,6 +147,7 @@ class Audit(NamedTuple):
     elapsed_s: dict[str, float]
 
 
+@one_blas_thread()
 def audit(parts: AuditParts, grid: ClassGrid, settings: AuditSettings, progress: Progress) -> Audit:
     """Audits.
 
