@@ -58,9 +58,10 @@ def calibration(judged: Judged) -> Calibration:
     number of samples is worth the exponent, the interval of the factor must lie on the same side of 1 as well.
     A factor is infinite where decisions are wrong although their beliefs are 1.
     """
-    value, low, high = judged.factor
-    if value is None or low is None or high is None:
+    value = judged.factor[0]
+    if value is None:
         return "not enough data to tell"
+    low, high = (end if known is None else known for known, end in zip(judged.factor[1:], (0.0, np.inf), strict=True))
     if judged.beside.above <= LEVEL / 2 and (value if judged.exact else low) > 1:
         return "overconfident"
     if judged.beside.below <= LEVEL / 2 and (value if judged.exact else high) < 1:
@@ -201,8 +202,8 @@ def verdict(
 
 def _calibration_sentence(state: Calibration, measured: Measured, theta: float, within: str) -> str:
     judged, beside = measured.judged, measured.judged.beside
-    value, low, high = judged.factor
-    if value is None or low is None or high is None or judged.wrong is None:
+    value = judged.factor[0]
+    if value is None or judged.wrong is None:
         return f"Whether beliefs are right cannot be judged: no decision at threshold {theta:g} leaves any doubt."
     beginning = {
         "overconfident": "Beliefs are overconfident",
@@ -217,13 +218,19 @@ def _calibration_sentence(state: Calibration, measured: Measured, theta: float, 
     if np.isinf(value):
         told += "although all beliefs are 1 and leave no doubt, so the factor is infinite"
     else:
-        told += f"{_times(value)} ({_times(low)} to {_times(high)}) times as often as the beliefs say"
+        told += f"{_times(value)}{_ends(judged.factor)} times as often as the beliefs say"
     told += f"; a right model on {judged.taps} tap{'s' * (judged.taps > 1)} per class "
     if np.isnan(beside.median):
         told += "makes no wrong decision"
     else:
         told += f"gives {_times(beside.median)} ({_times(beside.low)} to {_times(beside.high)})"
     return f"{told}. {judged.few}".strip()
+
+
+def _ends(factor: tuple[float | None, float | None, float | None]) -> str:
+    """The interval of a factor, if there is one."""
+    _, low, high = factor
+    return "" if low is None or high is None else f" ({_times(low)} to {_times(high)})"
 
 
 def _times(factor: float) -> str:
@@ -254,10 +261,9 @@ def _remedy_sentence(score: Scored, measured: Measured, theta: float, title: str
             f"{change:+.2g} {unit} ({c_low:+.2g} to {c_high:+.2g}) to {score.error[0]:.3g}"
         )
     if score.taps is not None and score.factor[0] is not None:
-        _, low, high = score.factor
-        ends = "" if low is None or high is None else f" ({_times(low)} to {_times(high)})"
         told += (
-            f"; at threshold {theta:g} it takes {score.taps:.1f} taps, with a factor of {_times(score.factor[0])}{ends}"
+            f"; at threshold {theta:g} it takes {score.taps:.1f} taps, with a factor of {_times(score.factor[0])}"
+            f"{_ends(score.factor)}"
         )
     if score.factor[1] is not None and score.factor[1] > max(1.0, measured.judged.beside.high):
         return told + ". Beliefs stay overconfident with it." + close

@@ -261,25 +261,20 @@ def at_equal_taps(played: xr.Dataset, taps: ArrayLike | None = None, reference: 
 
 
 def too_few_taps(curves: xr.Dataset, theta: float) -> list[str]:
-    """Where there are too few test taps for what is said of decisions, a sentence for each policy.
+    """Where there are too few test taps for what is said of decisions, in sentences.
 
     Args:
         curves: From `decision_curves`.
         theta: Threshold that is shown; what counts is the model whose trials use up most taps there.
     """
-    shares, how = curves[["used_up", SELECTED]].sel(theta=theta).max("model"), spread_of(curves)
-    taps = int(curves.attrs["taps_per_class"])
-    said = {
-        str(policy): too_few(
-            taps, *map(float, shares.sel(policy=policy).values()), sessions=how.sessions, freedom=how.freedom
-        )
-        for policy in curves["policy"].values
-    }
-    return [
-        f"{policy.capitalize()} decisions at threshold {theta:g}: {sentence}"
-        for policy, sentence in said.items()
-        if sentence
-    ]
+    shares, how = curves[["used_up", SELECTED]].sel(theta=theta), spread_of(curves)
+    taps, said = int(curves.attrs["taps_per_class"]), {}
+    for policy in map(str, curves["policy"].values):
+        models = shares.sel(policy=policy)
+        most = models.isel(model=int((models["used_up"] + models[SELECTED]).values.argmax()))
+        decisions = f"{policy} decisions of {most['model'].item()}, the most of all models,"
+        said[too_few(taps, *map(float, most.values()), how.sessions, how.freedom, decisions)] = None
+    return [f"At threshold {theta:g}: {sentence}" for sentence in said if sentence]
 
 
 def decision_interval_sentence() -> str:

@@ -59,8 +59,8 @@ class Played(NamedTuple):
         fresh: With no tap drawn twice, at the shown threshold and those below.
         passive_confusion: Shape (M, M) at the shown threshold, of `stored`.
         active_confusion: The same at the default fixation point; `None` where nothing can be acted on.
-        used_up: Share of the fresh decisions at each of their thresholds, of the policy with more of them, made because
-            all stored taps of a class were drawn.
+        used_up: Share of the fresh decisions of each policy, at each of their thresholds, made because all stored taps
+            of a class were drawn, shape (policy, H).
         selected: That share where a quarter of the taps is left out, for intervals.
         spread: How resamples of stored taps turn into intervals.
         fresh_spread: How those of fresh taps do.
@@ -216,8 +216,8 @@ def play_policies(
 
 
 def _used_up(policies: Sequence[Trials]) -> NDArray[np.float64]:
-    """The share of trials that all taps of a class end, of the policy with more of them, shape (H,)."""
-    return np.max([trials.used_up.mean(axis=0) for trials in policies], axis=0)
+    """The share of trials that all taps of a class end, of each policy, shape (policy, H)."""
+    return np.array([trials.used_up.mean(axis=0) for trials in policies])
 
 
 def _endings(
@@ -305,7 +305,7 @@ def _on_resamples(
         used_up.append(share)
         if progress is not None:
             progress(counted)
-    return kept, np.mean(used_up, axis=0) if used_up else np.zeros(len(settings.fresh_thresholds))
+    return kept, np.mean(used_up, axis=0) if used_up else np.zeros((1 + acts, len(settings.fresh_thresholds)))
 
 
 def resamples_of(table: TapTable, resamples: int, seed: int) -> Resampled:

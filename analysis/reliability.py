@@ -447,7 +447,8 @@ def _described(
             unit = {"wrong": 1.0, "factor": samples["doubt"][..., 0], "over_promise": 1 - theta}[name]
             with np.errstate(divide="ignore", invalid="ignore"):
                 center = how.center(samples[name]) * unit
-                low, high = (end / unit for end in widened(low * unit, high * unit, center, independent, opened=True))
+                ends = widened(low * unit, high * unit, center, independent, opened=how.tells)
+                low, high = (end / unit for end in ends)
         found |= _with_ends(name, samples[name][..., 0], low, high)
     found |= _curve(joined.curve, size, independent, how)
     found["confusion"] = np.array(
@@ -492,7 +493,7 @@ def _curve(
         share = trials / trials.sum(axis=2, keepdims=True)
     low, high = how.interval(right, 0.0, 1.0)
     seldom = independent[..., np.newaxis] * np.nan_to_num(share)
-    low, high = widened(low, high, how.center(right), seldom, opened=True)
+    low, high = widened(low, high, how.center(right), seldom, opened=how.tells)
     empty = trials == 0
     e_low, e_high = how.interval(errors, 0.0, 1.0)
     # Noise makes it larger, in a resample once more: see `compare_pairing.with_intervals`.

@@ -84,26 +84,31 @@ class Results:
 
     @property
     def used_up(self) -> float:
-        """Share of the fresh decisions made because all stored taps of a class were drawn, over the data sets."""
-        return float(self._used_up[0][self._shown])
+        """Share of the fresh decisions made because all stored taps of a class were drawn, over the data sets.
+
+        That of the policy with more of them.
+        """
+        return float(self._used_up[0][:, self._shown].max())
 
     @property
     def few(self) -> str:
         """Whether there are too few test taps, in a sentence; empty where there are enough."""
         pool, how = self.studies[0].table.pool, self.studies[0].played.fresh_spread
-        selected = float(self._used_up[1][self._shown])
-        return too_few(taps_per_class(pool), self.used_up, selected, how.sessions, how.freedom)
+        used_up, selected = (shares[:, self._shown] for shares in self._used_up)
+        p = int((used_up + selected).argmax())
+        shares, decisions = (float(used_up[p]), float(selected[p])), f"{('passive', 'active')[p]} decisions"
+        return too_few(taps_per_class(pool), *shares, how.sessions, how.freedom, decisions)
 
     @property
     def enough(self) -> float | None:
         """The highest threshold at which the test taps suffice, where that is below the one that is shown."""
         thetas = self.fresh.passive["theta"].values
-        fine = thetas[np.max(self._used_up, axis=0) <= USED_UP_SELECTED]
+        fine = thetas[np.max(self._used_up, axis=(0, 1)) <= USED_UP_SELECTED]
         return float(fine.max()) if len(fine) and fine.max() < thetas.max() else None
 
     @property
     def _used_up(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Shares of `used_up`, and where a quarter of the taps is left out, at the thresholds of `fresh`."""
+        """Shares of each policy, and where a quarter of the taps is left out, (policy, thresholds of `fresh`)."""
         played = [part.played for part in self.studies]
         return np.mean([one.used_up for one in played], axis=0), np.mean([one.selected for one in played], axis=0)
 

@@ -76,8 +76,14 @@ def _random(source: Mapping[str, Any], family: str) -> str:
     known = [row for row in rows if row["strategy"] == "random" and row[f"{key}_low"] is not None]
     worse = _taps(row for row in known if (row[f"{key}_least"] or 0.0) > 0)
     perhaps = _taps(row for row in known if row[f"{key}_low"] > 0 >= (row[f"{key}_least"] or 0.0))
-    better = _taps(row for row in known if row[f"{key}_high"] < 0)
-    told = ((worse, "surely more"), (perhaps, "more by their own interval"), (better, "less by their own interval"))
+    better = _taps(row for row in known if (row[f"{key}_most"] or 0.0) < 0)
+    hoped = _taps(row for row in known if row[f"{key}_high"] < 0 <= (row[f"{key}_most"] or 0.0))
+    told = (
+        (worse, "surely more"),
+        (perhaps, "more by their own interval"),
+        (better, "surely less"),
+        (hoped, "less by their own interval"),
+    )
     parts = [f"{words} at {listed(taps)} taps" for taps, words in told if taps]
     where = RULES[family][0].lower() + RULES[family][1:]
     return (

@@ -73,6 +73,11 @@ class Spread(NamedTuple):
     freedom: float = np.inf
     sessions: int = 1
 
+    @property
+    def tells(self) -> bool:
+        """Whether there are intervals at all."""
+        return bool(np.isfinite(self.factor))
+
     def whole(self, samples: Floats) -> Floats:
         """The resamples among samples, without the estimate and halves."""
         last = samples.shape[-1]
@@ -300,7 +305,12 @@ def taps_per_class(pool: TapPool) -> int:
 
 
 def too_few(
-    taps: int, used_up: float = 0.0, selected: float = 0.0, sessions: int = 1, freedom: float | None = None
+    taps: int,
+    used_up: float = 0.0,
+    selected: float = 0.0,
+    sessions: int = 1,
+    freedom: float | None = None,
+    decisions: str = "decisions",
 ) -> str:
     """Why intervals may be off, in a sentence; empty where they hold.
 
@@ -310,14 +320,16 @@ def too_few(
         selected: That share in `thinned_pools`.
         sessions: That would be drawn anew, see `selections.session_sizes`.
         freedom: See `Spread`; that of sessions of one size unless said.
+        decisions: Whose, in words.
     """
     unequal = " of unequal sizes" if sessions >= _FEW_SESSIONS else ""
     few_sessions = (sessions - 1 if freedom is None else freedom) < _FEW_SESSIONS - 1
     reasons = (
+        (taps == 1 and sessions == 1, "There is one test tap of most classes, too few for an interval."),
         (
             used_up > USED_UP,
-            f"There are too few test taps: {used_up:.0%} of the decisions were made because the {taps} or so of a "
-            "class were used up, not because the belief was high enough; intervals hold whatever these would come to "
+            f"There are too few test taps: {used_up:.0%} of the {decisions} were made because the {taps} or so of "
+            "a class were used up, not because the belief was high enough; intervals hold whatever these would come to "
             "on further taps, and so are wide.",
         ),
         (
@@ -326,7 +338,6 @@ def too_few(
             "wide.",
         ),
         (sessions > 1, ""),
-        (taps == 1, "There is one test tap of most classes, too few for an interval."),
         (taps < FEW, f"There are too few test taps, {taps} or so of each class: intervals are rough."),
         (
             freedom is not None and freedom < _FEW_FREEDOM,
@@ -335,7 +346,7 @@ def too_few(
         (
             selected > USED_UP_SELECTED,
             f"There are too few test taps for these intervals: where a quarter of them is left out, {selected:.1%} of "
-            "the decisions are made because the taps of a class are used up, so intervals may be too wide.",
+            f"the {decisions} are made because the taps of a class are used up, so intervals may be too wide.",
         ),
     )
     return next((sentence for holds, sentence in reasons if holds), "")

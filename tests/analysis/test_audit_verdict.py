@@ -50,7 +50,9 @@ CALIBRATION = {
     "no doubt, though some are wrong": ((np.inf,) * 3, ABOVE, True, "overconfident"),
     "the same, not exact": ((np.inf,) * 3, ABOVE, False, "overconfident"),
     "the same, as with a right model": ((np.inf,) * 3, WITHIN, True, UNKNOWN),
-    "no interval": ((2.0, None, None), ABOVE, True, UNKNOWN),
+    "no interval": ((2.0, None, None), ABOVE, True, "overconfident"),
+    "no interval, not exact": ((2.0, None, None), ABOVE, False, UNKNOWN),
+    "no interval, as with a right model": ((2.0, None, None), WITHIN, True, UNKNOWN),
     "an infinite end": ((2.0, 0.1, np.inf), ABOVE, True, "overconfident"),
     "an infinite end, as with a right model": ((0.9, 0.1, np.inf), WITHIN, True, UNKNOWN),
 }

@@ -118,7 +118,8 @@ def test_fresh_trials_draw_no_tap_twice(grid):
     assert played.fresh.passive["theta"].values.tolist() == [theta for theta in settings.thresholds if theta <= 0.9]
     assert float(played.fresh.passive["taps"].max()) == 1.0
     assert float(played.stored.passive["taps"].max()) > 1.0
-    assert 0.1 < played.used_up[-1] <= 1.0
+    assert played.used_up.shape == played.selected.shape == (2, played.fresh.passive.sizes["theta"])
+    assert 0.1 < played.used_up[0, -1] <= 1.0
     assert (np.diff(played.used_up) >= 0).all()
     assert (played.selected == 0).all()  # no selections
     assert np.isnan(played.spread.factor)
@@ -131,7 +132,7 @@ def test_what_selections_use_up_is_that_of_their_trials(grid):
     played = play_policies(table, grid, settings, FIXATION, acts=True, pools=pools)
     own = [play_policies(table._replace(pool=pool), grid, settings, FIXATION, acts=True) for pool in pools.fresh]
 
-    assert played.selected[-1] > played.used_up[-1]
+    assert (played.selected[:, -1] > played.used_up[:, -1]).all()
     assert played.selected == pytest.approx(np.mean([one.used_up for one in own], axis=0), abs=0.05)
 
 
@@ -197,8 +198,8 @@ def test_a_sentence_where_nothing_can_differ():
 def test_fresh_taps_are_shown_where_they_suffice(used_up, selected, theta):
     """At the highest threshold below the one that is shown, if they do not there; shares are means of data sets."""
     of = [
-        SimpleNamespace(played=SimpleNamespace(used_up=np.array(u), selected=np.array(s)))
-        for u, s in ((0 * np.array(used_up), selected), (2 * np.array(used_up), selected))
+        SimpleNamespace(played=SimpleNamespace(used_up=np.array([u, 0 * u]), selected=np.array([s, s])))
+        for u, s in ((0 * np.array(used_up), np.array(selected)), (2 * np.array(used_up), np.array(selected)))
     ]
     passive = xr.Dataset(coords={"theta": [0.2, 0.5, 0.9]})
     results = Results((), (), of, None, SimpleNamespace(passive=passive), 0, (), None, None, {})

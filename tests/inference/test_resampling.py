@@ -170,7 +170,8 @@ def test_too_few_taps_are_said():
     assert too_few(9, 0.0, 0.5) == too_few(9)
     assert too_few(1, sessions=3).startswith("There are too few test sessions, 3, to know well")
     assert too_few(1, 0.0, 0.5, sessions=4) == ""
-    assert too_few(1, 0.06, sessions=2) == too_few(1, 0.06)
+    assert too_few(2, 0.06, sessions=2) == too_few(2, 0.06)
+    assert too_few(1, 0.06) == too_few(1) == "There is one test tap of most classes, too few for an interval."
     assert "sessions, 7 of unequal sizes, to know well" in too_few(1, sessions=7, freedom=1.1)
     assert too_few(1, sessions=7, freedom=3.0) == ""
     assert too_few(12, freedom=9.0).startswith("There is one test tap of some classes")
@@ -178,7 +179,9 @@ def test_too_few_taps_are_said():
     lone = table_of(count=np.array([[20, 20, 20], [20, 1, 1]]))
     assert spread(lone).few == too_few(20, freedom=spread(lone).freedom) != ""
     assert too_few(10, 0.05, 0.005) == ""
-    assert "a quarter of them is left out, 0.6% of the decisions" in too_few(10, 0.05, 0.006)
+    assert "a quarter of them is left out, 0.6% of the decisions are" in too_few(10, 0.05, 0.006)
+    assert "0.6% of the passive decisions are" in too_few(10, 0.05, 0.006, decisions="passive decisions")
+    assert "6% of the passive decisions were" in too_few(10, 0.06, decisions="passive decisions")
 
 
 def means(trials, plan):
