@@ -44,10 +44,11 @@ def line(name: str, found: dict[str, Any]) -> list[str]:
     """A row of the table."""
     judged = found["verdict"]["evidence"]["judged"]
     value, low, high = (number(one) for one in judged["factor"])
+    ends = "" if None in judged["factor"] else f" [{low}, {high}]"
     median, least, most = (number(judged["beside"][one]) for one in ("median", "low", "high"))
     return [
         name,
-        "infinite" if judged["unbounded"] else f"{value} [{low}, {high}]",
+        "infinite" if judged["unbounded"] else f"{value}{ends}",
         f"{median} ({least} to {most})",
         found["verdict"]["state"],
         found["first_cause"]["words"] or "nothing",
