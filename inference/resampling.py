@@ -117,7 +117,7 @@ class Spread(NamedTuple):
         """
         estimate, drawn = samples[..., 0], self.whole(samples)
         defined = ~np.isnan(drawn)
-        enough = ~np.isnan(estimate) & (defined.sum(axis=-1) >= max(1.0, _DEFINED * drawn.shape[-1]))
+        enough = self.tells & ~np.isnan(estimate) & (defined.sum(axis=-1) >= max(1.0, _DEFINED * drawn.shape[-1]))
         tail = (1 - CONFIDENCE) / 2
         variance, freedom = self._variance(samples)
         variance, quantile = variance + np.square(event), stdtrit(freedom, 1 - tail)

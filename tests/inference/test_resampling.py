@@ -154,6 +154,7 @@ def test_deviations_are_enlarged_by_the_number_of_draws():
     assert np.isnan(single.factor)
     assert "too few for an interval" in single.few
     assert np.isnan(single.interval(with_estimate(20.0))).all()
+    assert np.isnan(single.interval(np.zeros(5), 0.0, 1.0)).all()  # nor where no error was seen
 
 
 def test_too_few_taps_are_said():
