@@ -169,7 +169,8 @@ def _other_sessions(audit: Audit) -> str:
         return ""
     span = f"{min(errors):.1%}" + f" to {max(errors):.1%}" * (len(errors) > 1)
     who = "the tuning session" if len(errors) == 1 else f"the {len(errors)} tuning sessions"
-    return f" In {who} {span} are wrong; intervals hold how other taps of one session would differ, not other sessions."
+    held = "; intervals hold how other taps of one session would differ, not other sessions"
+    return f" In {who} {span} are wrong{held * (None not in audit.measured.judged.factor)}."
 
 
 def _leakage(leaks: Leakage) -> dict[str, Any]:

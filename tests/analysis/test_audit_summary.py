@@ -1,12 +1,13 @@
 """What of an audit goes into `audit.json`: objects with the names of their fields."""
 
 import json
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 import xarray as xr
 from solidtouch.analysis.audit_report import _seen
-from solidtouch.analysis.audit_summary import _clean, _judged, _promise, _tuned, unseen_parts
+from solidtouch.analysis.audit_summary import _clean, _judged, _other_sessions, _promise, _tuned, unseen_parts
 from solidtouch.analysis.guarantees import Promise
 from solidtouch.analysis.remedy_scores import Judged
 from solidtouch.analysis.right_exponent import Tuned
@@ -45,6 +46,20 @@ def test_an_infinite_factor_is_said_in_words():
     for part in (found, found["each"]["rod"]):
         assert (part["factor"], part["unbounded"]) == ([None, None, None], True)
         assert part["beside"]["above"] == 0.005
+
+
+@pytest.mark.parametrize(("factor", "held"), [((2.0, 1.0, 3.0), True), ((2.0, None, None), False)])
+def test_what_intervals_hold_is_said_where_there_are_any(factor, held):
+    """Beside what tuning sessions say."""
+    audit = SimpleNamespace(
+        recalibrated=SimpleNamespace(tuning=(0.1, 0.25)),
+        parts=SimpleNamespace(of_one_session=False, halved=False),
+        measured=SimpleNamespace(judged=SimpleNamespace(factor=factor)),
+    )
+    said = _other_sessions(audit)
+    assert said.startswith(" In the 2 tuning sessions 10.0% to 25.0% are wrong")
+    assert said.endswith("not other sessions.") == held
+    assert ("intervals" in said) == held
 
 
 def test_a_promise_says_beside_what_it_is_exceeded():
