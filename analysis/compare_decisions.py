@@ -273,7 +273,8 @@ def too_few_taps(curves: xr.Dataset, theta: float) -> list[str]:
         models = shares.sel(policy=policy)
         most = models.isel(model=int((models["used_up"] + models[SELECTED]).values.argmax()))
         decisions = f"{policy} decisions of {most['model'].item()}, the most of all models,"
-        said[too_few(taps, *map(float, most.values()), how.sessions, how.freedom, decisions)] = None
+        used_up, selected = (float(most[name]) for name in ("used_up", SELECTED))
+        said[too_few(taps, used_up, selected, how.sessions, how.freedom, decisions)] = None
     return [f"At threshold {theta:g}: {sentence}" for sentence in said if sentence]
 
 
