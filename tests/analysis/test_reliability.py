@@ -455,6 +455,20 @@ def test_an_object_without_a_tap_has_no_numbers():
     assert broken(promises, "active", 0.7)[USED]["rod 1"] == [None, None, None]
 
 
+def test_one_tap_of_a_class_gives_no_interval():
+    """Neither of decisions, with all that is possible as ends, nor of promises and of the curve of beliefs."""
+    lone = table_of(repeats=1)
+    data = reliability(lone, grid_of(), (0.7,), 0, trials=80, contacts=(1,))
+    at = at_stopping(data, "active").sel(theta=0.7, counted="all", what=EVERYTHING)
+    assert 0 < at.wrong < 1
+    for name in ("wrong", "factor", "over_promise"):
+        assert np.isnan([at[f"{name}_low"], at[f"{name}_high"]]).all(), name
+    assert np.isnan(data.curve_right_low).all()
+    promises = guarantees(lone, lone, grid_of(), (0.7,), 0, trials=80)
+    assert np.isfinite(promises.wrong).any()
+    assert np.isnan(promises.wrong_low).all()
+
+
 def test_thresholds_that_nobody_reaches_leave_no_stopped_trial():
     """All trials still have their numbers."""
     data = reliability(table_of(skill=0.1), grid_of(), (0.999,), 0, trials=40, deadline=2, contacts=())
