@@ -38,6 +38,7 @@ _CURVES = 4
 _NAMED = 8  # objects that a key names; beyond, lines are grey
 _LINE, _HANDLE = 97, 9  # characters that fit below a figure of two columns, and that a line with its marker takes
 _LEAST = 1e-4  # where fractions on a log axis end: what is below is drawn there
+_LOWEST = 0.01  # likewise of factors
 
 
 @styled
@@ -193,8 +194,6 @@ def plot_promises(axes: Axes, data: xr.Dataset) -> Axes:
         axes: Where to.
         data: Over (setup, theta, what).
     """
-    from matplotlib.ticker import StrMethodFormatter  # noqa: PLC0415
-
     theta = data["theta"].values
     axes.set_yscale("log")
     axes.axhline(1, color="grey", linewidth=0.8, linestyle=":", label="promised")
@@ -206,7 +205,7 @@ def plot_promises(axes: Axes, data: xr.Dataset) -> Axes:
         for j, name in enumerate(names):
             x = np.arange(len(theta)) + (i - 0.5) * 0.42 + 0.3 * ((j + 0.5) / len(names) - 0.5)
             part = data.sel(setup=setup, what=name)
-            value, low, high = (np.maximum(part[f"factor{end}"].values, _LEAST) for end in ("", "_low", "_high"))
+            value, low, high = (np.maximum(part[f"factor{end}"].values, _LOWEST) for end in ("", "_low", "_high"))
             full = np.isfinite(value)
             axes.errorbar(
                 x[full],
@@ -225,9 +224,9 @@ def plot_promises(axes: Axes, data: xr.Dataset) -> Axes:
         axes.plot([], [], "o", color=OTHERS, markersize=2, label="each")
     for filled, label in ((True, PROMISED), (False, USED)):
         axes.plot([], [], "o", color=OTHERS, markerfacecolor=OTHERS if filled else "white", label=label)
-    top = float(np.nanmax(np.where(np.isfinite(data["factor_high"]), data["factor_high"], np.nan), initial=1.0))
-    axes.set_ylim(0.01, 2 * top)
-    axes.yaxis.set_major_formatter(StrMethodFormatter("{x:g}"))
+    ends = np.stack([data["factor"].values, data["factor_high"].values])
+    axes.set_ylim(0.8 * _LOWEST, 2 * float(ends[np.isfinite(ends)].max(initial=1.0)))
+    axes.yaxis.set_major_formatter(lambda x, _: f"{x:g} or less" if x <= _LOWEST else f"{x:g}")
     axes.set_xticks(range(len(theta)), [f"{value:g}" for value in theta])
     axes.set_xlabel("belief threshold")
     return axes

@@ -106,3 +106,16 @@ def test_the_chosen_threshold_is_marked(error, target, label, tmp_path):
     assert len(marks["left out, tuned on the others"].get_xdata()) == len(error)
     for path in save(figure, tmp_path, "wanted"):
         assert path.stat().st_size > 5000
+
+
+def test_factors_of_promises_lie_on_the_axis_where_there_is_no_interval():
+    """None at the lower end, a large one below the upper."""
+    grid, table = make()
+    promises = guarantees(table, table, grid, (0.5, 0.9), 0, trials=120, resamples=20)
+    unknown = promises.assign({f"factor_{end}": promises["factor"] * np.nan for end in ("low", "high")})
+    for value in (0.0, 7.0):
+        axes = figure_reliability.guarantee_factors(unknown.assign(factor=0 * promises["factor"] + value)).axes[0]
+        low, high = axes.get_ylim()
+        drawn = np.concatenate([line.get_ydata() for line in axes.get_lines() if line.get_marker() in ("o", "s", "D")])
+        assert len(drawn) > 4
+        assert ((low < drawn) & (drawn < high)).all()
