@@ -12,6 +12,7 @@ them as they are.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -22,6 +23,7 @@ from ..models import seeds
 from ..models.errors import InputError
 from ..models.histogram import HistogramModel, fit
 from ..models.taps import TapSet
+from ..models.threads import cores, in_order
 from .compare_checks import STATISTICS, Labels, observed_statistics, replicate
 from .figure_style import DECIDED, TRUE, TWO_COLUMNS, label_panel, new_figure, styled
 from .metrics import CONFIDENCE
@@ -32,7 +34,8 @@ if TYPE_CHECKING:
 
 REPLICATES = 100
 FEWEST = 40
-_SAMPLES = 180_000_000  # in all replicates, some 15 s
+_SAMPLES = 180_000_000  # in all replicates, some seconds
+_AT_ONCE = 1 << 26  # samples of replicates at a time, some GiB with what is taken of them
 _FAR = 4.0  # standard deviations of the replicates
 _ROUNDING = 1e-9
 _COLUMNS = 3
@@ -77,11 +80,16 @@ def audit_checks(
     labels = Labels.of(taps, model.grid)
     observed = observed_statistics(labels, model.edges)
     used = count_replicates(taps, replicates)
-    values = np.empty((used, len(observed)))
-    for r in range(used):
+
+    def of_replicate(r: int) -> list[float]:
         generator = seeds.generator(seed, seeds.Purpose.REPLICATES, r)
         made = replicate(_draw(fitted.counts, generator), fitted, labels, generator)
-        values[r] = [STATISTICS[name].of(made) for name in observed]
+        return [STATISTICS[name].of(made) for name in observed]
+
+    at_once = max(1, min(cores(None), _AT_ONCE // max(1, taps.taps.size)))
+    values = np.empty((used, len(observed)))
+    for r, found in enumerate(in_order((partial(of_replicate, r) for r in range(used)), at_once)):
+        values[r] = found
         if progress is not None:
             progress(1)
     attributes = {

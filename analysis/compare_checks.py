@@ -349,7 +349,7 @@ def replicate(parameters: Parameters, model: TapModel, labels: Labels, generator
     where, hypothesis = labels.where, state * model.grid.M + labels.what
     J = labels.taps.taps.shape[1]
     if isinstance(form, TableForm):
-        return Cells.of(labels, _table_bins(form, where, hypothesis, J, generator), model.edges)
+        return Cells.of(labels, form.sample_bins(where, hypothesis, J, generator), model.edges)
     if len(form.log_weight) == 1 or model.grid.where_edges is None:
         made = form.sample(where, hypothesis, model.edges, J, generator)
     else:
@@ -361,32 +361,6 @@ def replicate(parameters: Parameters, model: TapModel, labels: Labels, generator
             at = form._replace(mean=form.mean[i : i + 1], scale=form.scale[i : i + 1], log_weight=np.zeros(1))
             made[this] = at.sample(where[this], hypothesis[this], model.edges, J, generator)
     return Cells.of(labels, find_bins(made, model.edges), model.edges)
-
-
-def _table_bins(
-    form: TableForm,
-    where: NDArray[np.intp],
-    hypothesis: NDArray[np.intp],
-    J: int,
-    generator: np.random.Generator,
-) -> NDArray[np.uint16]:
-    """Bins of taps of independent samples, shape (N, J, K), of whole classes at a time.
-
-    How many samples fall into each bin is multinomial, and in which order they come is all the same.
-    """
-    H, (K, B) = form.shape[1], form.log_prob.shape[2:]
-    bins = np.empty((len(where), J, K), dtype=np.uint16)
-    numbers, index = np.unique(where * H + hypothesis, return_inverse=True)
-    names = np.arange(B, dtype=np.uint16)
-    for i, number in enumerate(numbers):
-        own = index == i
-        n = np.count_nonzero(own)
-        p = np.exp(form.log_prob[number // H, number % H])
-        drawn = np.empty((n * J, K), dtype=np.uint16)
-        for k, times in enumerate(generator.multinomial(n * J, p / p.sum(axis=1, keepdims=True))):
-            drawn[:, k] = generator.permutation(np.repeat(names, times))
-        bins[own] = drawn.reshape(n, J, K)
-    return bins
 
 
 def _states_of_sessions(

@@ -35,6 +35,7 @@ from ..models.errors import InputError
 from ..models.model import TapModel
 from ..models.setting import Setting
 from ..models.taps import TapSet
+from ..models.threads import cores, in_order
 from .compare_decisions import at_equal_taps, play_models, spread_of
 from .reliability import THETAS, headline, reliability
 from .remedies import Remedy
@@ -347,23 +348,28 @@ def _log_beliefs(
 ) -> NDArray[np.float64]:
     """Mean log belief in what is true after n taps, of the taps as they are and resamples, see `Spread.interval`."""
     generator = seeds.generator(seed, seeds.Purpose.REMEDY_SCORES)
-    first, *pools = thinned_pools(pool_of, _RESAMPLES, seed)
+    classes = taps.indices(grid)
 
-    def beliefs(pool: TapPool, each: int) -> NDArray[np.float64]:
-        drawn, weight = _sequences(pool, n, each, generator)
-        return weight * _log_belief(table, remedy, grid, taps, drawn)
+    def halves(drawn: NDArray[np.intp], weight: NDArray[np.float64]) -> tuple[float, float]:
+        values = weight * _log_belief(table, remedy, grid, classes, drawn)
+        return 2 * values[::2].sum(), 2 * values[1::2].sum()
 
-    estimate = beliefs(first, _SEQUENCES).sum()
-    drawn = [beliefs(pool, _RESAMPLE_SEQUENCES) for pool in pools]
-    halves = np.array([[2 * values[::2].sum(), 2 * values[1::2].sum()] for values in drawn])
-    return np.concatenate([[estimate], halves.mean(axis=1), *halves.T])
+    pools = enumerate(thinned_pools(pool_of, _RESAMPLES, seed))
+    drawn = (_sequences(pool, n, _RESAMPLE_SEQUENCES if i else _SEQUENCES, generator) for i, pool in pools)
+    tasks = (partial(halves, *sequences) for sequences in drawn)
+    found = np.array(list(in_order(tasks, cores(None))))
+    return np.concatenate([found.mean(axis=1), *found[1:].T])
 
 
 def _log_belief(
-    table: TapTable, remedy: Remedy, grid: ClassGrid, taps: TapSet, drawn: NDArray[np.intp]
+    table: TapTable,
+    remedy: Remedy,
+    grid: ClassGrid,
+    classes: tuple[NDArray[np.intp], NDArray[np.intp]],
+    drawn: NDArray[np.intp],
 ) -> NDArray[np.float64]:
     """Log belief in the true object, or where there is one in the true place of `grid`, after each sequence, (Q,)."""
-    where, what = taps.indices(grid)
+    where, what = classes
     (Q, n), (L, H), M = drawn.shape, table.log_prior.shape, remedy.grid.M
     sums = np.zeros((Q, L * H))
     for tap in drawn.T:

@@ -86,31 +86,54 @@ class TableForm(NamedTuple):
         K, B = self.log_prob.shape[2:]
         edges = np.broadcast_to(edges, (K, B + 1))
         centre = 0.5 * (edges[:, :-1] + edges[:, 1:])
+        return centre[np.arange(K), self.sample_bins(where, what, J, generator)]
+
+    def sample_bins(
+        self, where: NDArray[np.intp], what: NDArray[np.intp], J: int, generator: np.random.Generator
+    ) -> NDArray[np.uint32]:
+        """The bins of taps as `sample` gives them, shape (N, J, K); raises as that does."""
         cumulative = np.exp(self.log_prob).cumsum(axis=-1)
-        uniform = generator.random((len(where), K, J))
         if not (cumulative[where, what, :, -1] > 0).all():
             raise InputError("A tap cannot be drawn from a class without a distribution.")
-        taps = np.empty((len(where), J, K))
-        _draw(cumulative, centre, where, what, uniform, taps)
-        return taps
+        bins = np.empty((len(where), J, cumulative.shape[2]), dtype=np.uint32)
+        H = cumulative.shape[1]
+        used, row = np.unique(where * H + what, return_inverse=True)
+        _draw(cumulative[used // H, used % H], row, generator.random((len(where), bins.shape[2], J)), bins)
+        return bins
 
 
 @compiled
 def _draw(
     cumulative: NDArray[np.float64],
-    centre: NDArray[np.float64],
-    where: NDArray[np.intp],
-    what: NDArray[np.intp],
+    row: NDArray[np.intp],
     uniform: NDArray[np.float64],
-    taps: NDArray[np.float64],
+    bins: NDArray[np.uint32],
 ) -> None:
-    """Samples in the middle of the bins in which random numbers (N, K, J) fall, into `taps`, shape (N, J, K)."""
-    N, K, J = uniform.shape
+    """Bins in which random numbers (N, K, J) fall by cumulative distributions (C, K, B), into `bins`, (N, J, K).
+
+    A table says from which of the first bins on to search, for each of B equal parts of the whole.
+    """
+    C, K, B = cumulative.shape
+    start = np.zeros((C, K, B), dtype=np.uint32)
+    for c in range(C):
+        for k in range(K):
+            b = 0
+            for part in range(B):
+                while b < B - 1 and cumulative[c, k, b] * B <= part * cumulative[c, k, B - 1]:
+                    b += 1
+                start[c, k, part] = b
+    N, _, J = uniform.shape
     for i in range(N):
         for k in range(K):
-            row = cumulative[where[i], what[i], k]
+            upto = cumulative[row[i], k]
             for j in range(J):
-                taps[i, j, k] = centre[k, np.searchsorted(row, uniform[i, k, j] * row[-1], side="right")]
+                value = uniform[i, k, j] * upto[B - 1]
+                b = start[row[i], k, int(uniform[i, k, j] * B)]
+                while b > 0 and upto[b - 1] > value:
+                    b -= 1
+                while b < B - 1 and upto[b] <= value:
+                    b += 1
+                bins[i, j, k] = b
 
 
 class GaussianForm(NamedTuple):

@@ -90,7 +90,7 @@ def test_log_beliefs_are_those_of_the_resampled_taps():
     means = _log_beliefs(table, remedy, grid=grid, taps=taps, n=1, seed=3, pool_of=table)
     exact = []
     for pool in thinned_pools(table, remedy_scores._RESAMPLES, 3):
-        own = _log_belief(table, remedy, grid, taps, pool.order[:, None])
+        own = _log_belief(table, remedy, grid, taps.indices(grid), pool.order[:, None])
         exact.append(np.mean([own[np.asarray(taps.indices(0)[0])[pool.order] == l].mean() for l in range(3)]))
     assert np.corrcoef(means[1 : 1 + remedy_scores._RESAMPLES], exact[1:])[0, 1] > 0.5
     assert means[0] == pytest.approx(exact[0], abs=0.25)

@@ -238,6 +238,21 @@ def test_table_samples_have_the_probabilities(rng):
         assert np.all(np.abs(share - p) < 5 * np.sqrt(p * (1 - p) / (n * J)))
 
 
+@pytest.mark.parametrize("skew", [0.3, 30.0])
+def test_drawn_bins_are_those_of_the_random_numbers(rng, skew):
+    """The first bin whose cumulative probability exceeds the random number, by search; also of very uneven bins."""
+    with np.errstate(divide="ignore"):
+        form = TableForm(np.log(rng.dirichlet(np.full(37, 1 / skew), size=(2, 3, K))))
+    where, what = rng.integers(2, size=50), rng.integers(3, size=50)
+    upto = np.exp(form.log_prob).cumsum(axis=-1)[where, what]
+    uniform = np.random.default_rng(8).random((50, K, J))
+    expected = (upto[:, :, None] <= (uniform * upto[..., -1:])[..., None]).sum(axis=-1)
+
+    found = form.sample_bins(where, what, J, np.random.default_rng(8))
+
+    np.testing.assert_array_equal(found, expected.swapaxes(1, 2))
+
+
 def test_impossible_bins_are_never_drawn():
     """Not even by a random number of exactly 0."""
 
