@@ -21,6 +21,8 @@ from .states import States
 from .threads import cores, in_order
 
 _AT_ONCE = 64  # taps of a Gaussian form that one thread takes at a time
+_ROOM = 1 << 22  # bins and log masses of independent samples held at a time
+_FEW = 1 << 13  # samples whose log masses under one class take no longer than to start a thread
 
 
 class TableForm(NamedTuple):
@@ -275,21 +277,37 @@ class PreparedGaussian(NamedTuple):
     def log_likelihood(
         self, taps: NDArray[np.floating], edges: NDArray[np.float64], exponent: float, out: NDArray[np.float64]
     ) -> None:
-        """As `PreparedTable.log_likelihood`."""
-        tasks = (partial(self._part, taps, edges, start) for start in range(0, len(taps), _AT_ONCE))
-        for start, part in in_order(tasks, cores(None) if len(taps) > _AT_ONCE else 1):
-            log_likelihood = exponent * part.reshape(-1, *self.impossible.shape)
+        """As `PreparedTable.log_likelihood`; independent samples are looked up where taps outnumber bins."""
+        (J, K), (L, H), B = taps.shape[1:], self.impossible.shape, edges.shape[-1] - 1
+        blocks = range(0, len(taps), max(1, _ROOM // (J * K + L * H)))
+        if len(taps) > B * len(blocks) and not self.taxel.shape[-1] and (self.time == np.eye(J)).all():
+            parts = (self._looked_up(taps[start : start + blocks.step], edges) for start in blocks)
+        else:
+            blocks = range(0, len(taps), _AT_ONCE)
+            tasks = (partial(self._part, taps[start : start + _AT_ONCE], edges) for start in blocks)
+            parts = in_order(tasks, cores(None) if len(taps) > _AT_ONCE else 1)
+        for start, part in zip(blocks, parts, strict=True):
+            log_likelihood = exponent * part.reshape(-1, L, H)
             out[start : start + len(part)] = np.where(self.impossible, -np.inf, log_likelihood)
 
-    def _part(
-        self, taps: NDArray[np.floating], edges: NDArray[np.float64], start: int
-    ) -> tuple[int, NDArray[np.float64]]:
+    def _looked_up(self, taps: NDArray[np.floating], edges: NDArray[np.float64]) -> NDArray[np.float64]:
+        """As `_part` for independent samples: log masses of all bins are computed once for all taps."""
+        from .innovations import independent_log_masses  # noqa: PLC0415
+
+        bins = _known_bins(taps, edges).transpose(1, 2, 0).astype(np.uint32, order="C")
+        part = np.empty((self.mean.shape[1], len(taps)))
+        given = bins, *_open_edges(edges, taps.shape[-1]), self.mean, self.scale, self.log_weight, part
+        tasks = (partial(independent_log_masses, c, *given) for c in range(len(part)))
+        list(in_order(tasks, cores(None) if taps.size > _FEW else 1))
+        return part.T
+
+    def _part(self, taps: NDArray[np.floating], edges: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Log probability of the bins of taps (n, J, K), shape (n, C)."""
         from .innovations import class_log_masses  # noqa: PLC0415
 
-        gaps = bin_gaps(taps[start : start + _AT_ONCE], edges)
-        part = np.empty((len(gaps[0]), self.mean.shape[1]))
-        class_log_masses(*gaps, *self[:-1], part)
-        return start, part
+        part = np.empty((len(taps), self.mean.shape[1]))
+        class_log_masses(*bin_gaps(taps, edges), *self[:-1], part)
+        return part
 
 
 type Form = TableForm | GaussianForm
@@ -312,11 +330,17 @@ def bin_gaps(
     """
     bins = _known_bins(taps, edges)
     K = taps.shape[-1]
+    lower, upper = _open_edges(edges, K)
+    samples, taxel = np.ascontiguousarray(taps, dtype=np.float64), np.arange(K)
+    return samples, lower[taxel, bins] - samples, upper[taxel, bins] - samples
+
+
+def _open_edges(edges: NDArray[np.float64], K: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Lower and upper edges of the bins of each taxel, both of shape (K, B); end bins reach to infinity."""
     edges = np.broadcast_to(edges, (K, edges.shape[-1]))
     lower, upper = edges[:, :-1].copy(), edges[:, 1:].copy()
     lower[:, 0], upper[:, -1] = -np.inf, np.inf
-    samples, taxel = np.ascontiguousarray(taps, dtype=np.float64), np.arange(K)
-    return samples, lower[taxel, bins] - samples, upper[taxel, bins] - samples
+    return lower, upper
 
 
 def _known_bins(taps: NDArray[np.floating], edges: NDArray[np.float64]) -> NDArray[np.intp]:

@@ -40,6 +40,16 @@ def log_interval(a, b):
 
 
 @compiled
+def interval_mass(a, b):
+    """Probability that a standard normal lies between a and b > a; 0 far out, where `log_interval` knows it."""
+    if a > _FAR or b < -_FAR:
+        return 0.0
+    if a + b > 0:  # on the side where the tails are small, nothing is lost in the difference
+        return 0.5 * (math.erfc(a * _ROOT_HALF) - math.erfc(b * _ROOT_HALF))
+    return 0.5 * (math.erfc(-b * _ROOT_HALF) - math.erfc(-a * _ROOT_HALF))
+
+
+@compiled
 def whiten_time(tap, time, out):
     """Multiplies the samples of each taxel with a unit lower triangular matrix.
 
@@ -91,13 +101,7 @@ def tap_log_mass(whitened, below, above, mean, taxel, scale, innovation):
         for k in range(K):
             a = (below[j, k] + innovation[k]) / scale[j, k]
             b = (above[j, k] + innovation[k]) / scale[j, k]
-            if a > _FAR or b < -_FAR:
-                total += log_interval(a, b)
-                continue
-            if a + b > 0:  # on the side where the tails are small, nothing is lost in the difference
-                mass = 0.5 * (math.erfc(a * _ROOT_HALF) - math.erfc(b * _ROOT_HALF))
-            else:
-                mass = 0.5 * (math.erfc(-b * _ROOT_HALF) - math.erfc(-a * _ROOT_HALF))
+            mass = interval_mass(a, b)
             if mass < _SMALL:
                 total += log_interval(a, b)
                 continue
@@ -135,6 +139,39 @@ def class_log_masses(taps, below, above, mean, taxel, scale, time, log_weight, o
                     whitened, below[i], above[i], mean[q, c], mix, scale[q, c], innovation
                 )
             out[i, c] = log_sum(parts)
+
+
+@compiled
+def independent_log_masses(c, bins, lower, upper, mean, scale, log_weight, out):
+    """`class_log_masses` of taps with independent samples under class c, each bin's log mass computed only once.
+
+    Args:
+        c: The class.
+        bins: Of all samples, shape (J, K, n).
+        lower: Lower edge of each bin, -inf for the first of a taxel, shape (K, B).
+        upper: Upper edge of each bin, inf for the last of a taxel, shape (K, B).
+        mean: Shape (Q, C, J, K).
+        scale: Shape (Q, C, J, K).
+        log_weight: Log weights of the mixture, shape (Q,).
+        out: Receives the result in row c, shape (C, n).
+    """
+    J, K, n = bins.shape
+    Q, B = len(mean), lower.shape[1]
+    log_mass, parts = np.empty(B), np.empty((Q, n))
+    for q in range(Q):
+        part = parts[q]
+        part[:] = log_weight[q]
+        for j in range(J):
+            for k in range(K):
+                for b in range(B):
+                    low = (lower[k, b] - mean[q, c, j, k]) / scale[q, c, j, k]
+                    high = (upper[k, b] - mean[q, c, j, k]) / scale[q, c, j, k]
+                    mass = interval_mass(low, high)
+                    log_mass[b] = log_interval(low, high) if mass < _SMALL else math.log(mass)
+                for i in range(n):
+                    part[i] += log_mass[bins[j, k, i]]
+    for i in range(n):
+        out[c, i] = log_sum(parts[:, i])
 
 
 @compiled

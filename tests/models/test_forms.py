@@ -3,9 +3,10 @@
 import numpy as np
 import pytest
 from scipy import stats
+from solidtouch.models import forms, innovations
 from solidtouch.models.bins import find_bins
 from solidtouch.models.errors import InputError
-from solidtouch.models.forms import GaussianForm, TableForm, in_states
+from solidtouch.models.forms import GaussianForm, TableForm, bin_gaps, in_states
 from solidtouch.models.innovations import class_log_masses, log_interval
 from solidtouch.models.masses import log_normal_mass, log_student_mass
 from solidtouch.models.states import ONE_STATE, States
@@ -196,12 +197,116 @@ def test_many_taps_are_those_of_one_call(rng):
     impossible[1, 0] = True
     ready = form.prepare(impossible)
     ready.log_likelihood(taps, edges, 0.5, actual)
-    from solidtouch.models.forms import bin_gaps
-
     class_log_masses(*bin_gaps(taps, edges), *ready[:-1], expected)
     expected = 0.5 * expected.reshape(N, L, H)
     expected[:, 1, 0] = -np.inf
     np.testing.assert_array_equal(actual, expected)
+
+
+# Independent samples
+
+
+def independent_form(rng, J=J, K=K, Q=1, shape=(L, H), scale=1.0, own_time=False):
+    """A random form that neither mixes times nor taxels."""
+    mean = rng.normal(size=(Q, *shape, J, K))
+    time = np.tile(np.eye(J), (K if own_time else 1, 1, 1))
+    spread = scale * rng.uniform(0.5, 2, size=mean.shape)
+    return GaussianForm(mean, spread, time, np.zeros((1, 1, 0, 0)), np.log(rng.dirichlet(np.ones(Q))))
+
+
+def directly(form, taps, edges, exponent=1.0):
+    """Log-likelihoods (N, L, H), tap by tap."""
+    ready, out = form.prepare(np.zeros(form.shape, bool)), np.empty((len(taps), form.shape[0] * form.shape[1]))
+    class_log_masses(*bin_gaps(taps, edges), *ready[:-1], out)
+    return exponent * out.reshape(-1, *form.shape)
+
+
+@pytest.fixture
+def looked_up(monkeypatch):
+    """The numbers of taps that were looked up, class by class."""
+    seen, compiled = [], innovations.independent_log_masses
+
+    def observed(c, bins, *rest):
+        assert bins.shape[2] == rest[-1].shape[1]
+        seen.append(bins.shape[2])
+        compiled(c, bins, *rest)
+
+    monkeypatch.setattr(innovations, "independent_log_masses", observed)
+    return seen
+
+
+@pytest.mark.parametrize(
+    ("size", "bins", "more"),
+    [
+        ((20, J, K), B, {}),
+        ((20, J, K), B, {"own_time": True}),
+        ((20, 1, K), B, {"Q": 2}),
+        ((20, J, 1), B, {"Q": 3, "own_time": True}),
+        ((2, 1, 1), 1, {}),
+        ((20, J, K), B, {"shape": (1, 1)}),
+        ((20, J, K), B, {"scale": 0.01}),
+        ((20, J, K), B, {"scale": 1e-4, "Q": 2}),
+        ((500, J, K), 40, {"Q": 2}),
+    ],
+)
+def test_looked_up_taps_are_those_computed_one_by_one(rng, looked_up, size, bins, more):
+    """Also a thousand standard deviations out, in mixtures, under one class, in one bin and on several threads."""
+    form, edges = independent_form(rng, *size[1:], **more), np.sort(rng.normal(size=(size[2], bins + 1)), axis=1)
+    taps, actual = 2 * rng.normal(size=size), np.empty((size[0], *form.shape))
+    form.prepare(np.zeros(form.shape, bool)).log_likelihood(taps, edges, 1.0, actual)
+
+    assert looked_up == [size[0]] * (form.shape[0] * form.shape[1])
+    np.testing.assert_allclose(actual, directly(form, taps, edges), rtol=1e-12, atol=1e-13)
+
+
+@pytest.mark.parametrize(("N", "blocks"), [(B, 0), (B + 1, 1), (64, 1), (65, 1)])
+def test_taps_are_looked_up_where_they_outnumber_bins(rng, looked_up, N, blocks):
+    """With the exponent, and impossible classes apart; fewer taps are computed one by one."""
+    form, edges, impossible = independent_form(rng), np.linspace(-2, 2, B + 1), np.zeros((L, H), bool)
+    impossible[1, 2] = impossible[0, 0] = True
+    taps, actual = rng.normal(size=(N, J, K)), np.empty((N, L, H))
+    form.prepare(impossible).log_likelihood(taps, edges, 0.3, actual)
+
+    assert looked_up == [N] * (blocks * L * H)
+    np.testing.assert_allclose(actual, np.where(impossible, -np.inf, directly(form, taps, edges, 0.3)), rtol=1e-12)
+
+
+@pytest.mark.parametrize(
+    "part", [{"time": np.tri(J)[None]}, {"time": np.tile(np.tri(J), (K, 1, 1))}, {"taxel": np.tri(K)[None, None]}]
+)
+def test_samples_that_depend_on_others_are_never_looked_up(rng, looked_up, part):
+    """Not on other times of one or every taxel, nor on other taxels."""
+    form, edges = independent_form(rng)._replace(**part), np.linspace(-2, 2, B + 1)
+    taps, actual = rng.normal(size=(50, J, K)), np.empty((50, L, H))
+    form.prepare(np.zeros((L, H), bool)).log_likelihood(taps, edges, 1.0, actual)
+
+    assert not looked_up
+    np.testing.assert_array_equal(actual, directly(form, taps, edges))
+
+
+@pytest.mark.parametrize(("N", "blocks"), [(41, [20, 20, 1]), (40, [20, 20]), (21, [])])
+def test_memory_holds_a_block_of_taps_at_a_time(rng, looked_up, monkeypatch, tmp_path, N, blocks):
+    """Onto the disk, in double or single precision; where bins outnumber the taps of blocks none are looked up."""
+    monkeypatch.setattr(forms, "_ROOM", 20 * (J * K + L * H))
+    form, edges = independent_form(rng, Q=2), np.linspace(-2, 2, 12)
+    for dtype in (np.float64, np.float32):
+        taps = rng.normal(size=(N, J, K)).astype(dtype)
+        actual = np.lib.format.open_memmap(tmp_path / "out.npy", "w+", shape=(N, L, H))
+        form.prepare(np.zeros((L, H), bool)).log_likelihood(taps, edges, 1.0, actual)
+        np.testing.assert_allclose(actual, directly(form, taps, edges), rtol=1e-12)
+
+    assert looked_up == 2 * [n for n in blocks for _ in range(L * H)]
+
+
+@pytest.mark.parametrize("N", [B, B + 1])
+def test_nan_among_taps_is_refused(rng, N):
+    """Whether looked up or not."""
+    taps = rng.normal(size=(N, J, K))
+    taps[-1, 1, 2] = np.nan
+    with pytest.raises(InputError, match="A sample is NaN"):
+        independent_form(rng).prepare(np.zeros((L, H), bool)).log_likelihood(
+            taps, np.linspace(-1, 1, B + 1), 1.0, np.empty((N, L, H))
+        )
 
 
 # Tables
