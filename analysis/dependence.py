@@ -164,7 +164,7 @@ def _add_products(
     total: Floats,
 ) -> None:
     _, n, F = units.shape
-    P = permutation.shape[1]
+    P = permutation.shape[1]  # unsigned indices save the check whether they count from the end
     tabled = n <= _GRAM * F
     gram = np.empty((n, n) if tabled else (1, 1))
     for pair in range(len(first)):
@@ -179,13 +179,13 @@ def _add_products(
             for p in range(P):
                 product = 0.0
                 for i in range(n):
-                    product += gram[permutation[c, p, i], permutation[d, p, i]]
+                    product += gram[np.uint32(permutation[c, p, i]), np.uint32(permutation[d, p, i])]
                 total[g, p] += product
         else:
             for p in range(P):
                 product = 0.0
                 for i in range(n):
-                    a, b = permutation[c, p, i], permutation[d, p, i]
+                    a, b = np.uint32(permutation[c, p, i]), np.uint32(permutation[d, p, i])
                     for f in range(F):
                         product += units[c, a, f] * units[d, b, f]
                 total[g, p] += product

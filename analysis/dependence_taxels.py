@@ -11,10 +11,12 @@ all samples of a tap together, so that dependence in time does not count.
 """
 
 from collections.abc import Callable
+from functools import reduce
 from typing import Any, NamedTuple
 
 import numpy as np
 import xarray as xr
+from numba.extending import intrinsic
 from numpy.typing import ArrayLike, NDArray
 from scipy.stats import rankdata
 
@@ -47,6 +49,10 @@ _MOST_TAPS = 300  # of a stratum whose distances are taken: their number grows w
 _DISTANCE_WORK = 2.5e10  # products of distances in all permutations, some seconds
 _FEWEST_PERMUTATIONS = 199
 _NO_DISTANCE = 1e-9
+_WORD = 32  # taps of a mask that lie in one number
+_SIDE_BY_SIDE = 64  # permutations whose masks fill vector registers together
+_SUMS = 1 << 16  # sums of terms worth a table, which the cache holds
+_intrinsic: Any = intrinsic
 
 
 class _Prepared(NamedTuple):
@@ -226,9 +232,9 @@ def _distance_sums(matrices: NDArray[np.float32], permutation: NDArray[np.int32]
             f = 0
             for s in range(S):
                 for i in range(1, n):
-                    a = permutation[k, p, i]
+                    a = np.uint32(permutation[k, p, i])
                     for j in range(i):
-                        row[k, f] = matrices[k, s, a, permutation[k, p, j]]
+                        row[k, f] = matrices[k, s, a, np.uint32(permutation[k, p, j])]
                         f += 1
         g = 0
         for k in range(K):
@@ -251,22 +257,47 @@ def _tables(values: Floats) -> _Prepared | None:
     n = len(values)
     if n < LEAST_TAPS[2]:
         return None
-    binned = quantile_bins(values, min(BINS, n // 2))
+    bins = min(BINS, n // 2)
+    binned = quantile_bins(values, bins)
     varies = binned.max(axis=0) > binned.min(axis=0)
-    columns = np.ascontiguousarray(binned.transpose(2, 1, 0))
+    columns = np.ascontiguousarray(binned.transpose(2, 0, 1))
     number = np.arange(n + 1.0)
     terms = number * np.log(np.maximum(number, 1.0))
-    margin = terms[(columns[..., np.newaxis] == np.arange(BINS)).sum(axis=2)].sum(axis=2)
+    held = (columns[..., np.newaxis] == np.arange(bins)).sum(axis=1)
+    margin = terms[held].sum(axis=2)
     alive = np.ascontiguousarray(varies.T)
     first, second = np.triu_indices(values.shape[2], 1)
     constant = ((alive[first] & alive[second]) * (terms[n] - margin[first] - margin[second])).sum(axis=1)
+    base = int(held[alive].max(initial=0)) + 1
+    cells = next(cells for cells in (bins, 2, 1) if cells == 1 or base**cells <= _SUMS)
+    sums = reduce(np.add.outer, [terms[:base]] * cells).ravel()
 
     def statistic(permutation: NDArray[np.int32]) -> Floats:
         total = np.empty((len(first), permutation.shape[1]))
-        _table_sums(columns, alive, permutation, terms, total)
+        _table_sums(columns, alive, permutation, bins, base, cells, sums, total)
         return total + constant[:, np.newaxis]
 
     return _Prepared(statistic, varies)
+
+
+@_intrinsic
+def _ones(_: Any, word: Any) -> Any:
+    """The number of bits that are one."""
+    return word(word), lambda _context, builder, _signature, words: builder.ctpop(words[0])
+
+
+@compiled
+def _put_masks(columns: NDArray[np.uint8], permutation: NDArray[np.int32], mask: NDArray[np.uint32]) -> None:
+    """Writes which permuted taps (K, P, n) are in each bin: bit i % 32 of word i // 32 of (K, S, bins, words, P)."""
+    K, n, S = columns.shape
+    mask[:] = 0
+    for k in range(K):
+        for p in range(permutation.shape[1]):
+            for i in range(n):
+                a = np.uint32(permutation[k, p, i])
+                w, bit = i // _WORD, np.uint32(1) << np.uint32(i % _WORD)
+                for s in range(S):
+                    mask[k, s, columns[k, a, s], w, p] |= bit
 
 
 @compiled
@@ -274,29 +305,53 @@ def _table_sums(
     columns: NDArray[np.uint8],
     alive: NDArray[np.bool_],
     permutation: NDArray[np.int32],
-    terms: Floats,
+    bins: int,
+    base: int,
+    cells: int,
+    sums: Floats,
     total: Floats,
 ) -> None:
-    K, S, n = columns.shape
-    moved = np.empty((K, S, n), dtype=np.uint8)
-    count = np.zeros(BINS * BINS, dtype=np.int32)
-    for p in range(permutation.shape[1]):
-        for k in range(K):
-            for s in range(S):
-                for i in range(n):
-                    moved[k, s, i] = columns[k, s, permutation[k, p, i]]
+    """Sums of terms of the counts in every cell of the tables of all pairs.
+
+    A bin is a mask of the taps in it, a count the bits that two masks share.
+
+    Args:
+        columns: Bins, shape (K, n, S).
+        alive: Shape (K, S); other samples count nothing.
+        permutation: Shape (K, P, n).
+        bins: How many there are.
+        base: No count is as large.
+        cells: How many counts, a divisor of `bins`, are looked up together.
+        sums: Sum of the terms of so many counts, the digits of a number to that base, shape (base ** cells,).
+        total: Written to, shape (K (K - 1) / 2, P).
+    """
+    K, n, S = columns.shape
+    P = permutation.shape[1]
+    words = (n + _WORD - 1) // _WORD
+    # Room for an odd number of words, as masks a power of two apart would push each other out of the cache.
+    mask = np.empty((K, S, bins, words | 1, _SIDE_BY_SIDE), dtype=np.uint32)
+    index = np.zeros(_SIDE_BY_SIDE, dtype=np.uint32)
+    found = np.empty(_SIDE_BY_SIDE)
+    for start in range(0, P, _SIDE_BY_SIDE):
+        here = min(_SIDE_BY_SIDE, P - start)
+        _put_masks(columns, permutation[:, start : start + here], mask)
         g = 0
         for k in range(K):
             for m in range(k + 1, K):
-                found = 0.0
+                found[:] = 0.0
                 for s in range(S):
                     if alive[k, s] and alive[m, s]:
-                        for i in range(n):
-                            count[BINS * moved[k, s, i] + moved[m, s, i]] += 1
-                        for c in range(BINS * BINS):
-                            found += terms[count[c]]
-                            count[c] = 0
-                total[g, p] = found
+                        for c in range(bins * bins):
+                            place = np.uint32(base ** (c % cells))
+                            for w in range(words):
+                                one, other = mask[k, s, c // bins, w], mask[m, s, c % bins, w]
+                                for p in range(here):
+                                    index[p] += place * _ones(one[p] & other[p])
+                            if c % cells == cells - 1:
+                                for p in range(here):
+                                    found[p] += sums[index[p]]
+                                index[:] = 0
+                total[g, start : start + here] = found[:here]
                 g += 1
 
 

@@ -106,6 +106,28 @@ def test_statistics_of_permutations_are_those_of_permuted_taps(coupled, rng, pre
         assert_allclose(statistic[:, p], expected[:, 0], rtol=1e-4, atol=1e-6)
 
 
+@pytest.mark.parametrize("sums", [1, 1 << 12, 1 << 21])
+@pytest.mark.parametrize("n", [4, 6, 31, 32, 33, 63, 64, 65, 130])
+def test_counts_of_masks_are_those_of_tables(rng, monkeypatch, n, sums):
+    """Of taps that fill words or not, permutations that fill blocks or not, ties, and samples dead in a taxel.
+
+    In some samples both taxels are the same, so that a count is as large as a bin. Terms are looked up one by one, in
+    pairs, or by rows of a table.
+    """
+    monkeypatch.setattr(dependence_taxels, "_SUMS", sums)
+    values = rng.normal(size=(n, 5, 2))
+    values[:, 1] = values[:, 1].round()
+    values[: n // 3, 2] = 0.0
+    values[:, 1:3, 1] = values[:, 1:3, 0]
+    values[:, 3, 0], values[:, 4, 1] = 2.0, 3.0
+    permutation = rng.permuted(np.tile(np.arange(n, dtype=np.int32), (2, 67, 1)), axis=2)
+    permutation[:, 0] = np.arange(n)
+    first, second = values[permutation[0], :, 0], values[permutation[1], :, 1]
+    expected = [[n * information(x[:, j], y[:, j]) for j in range(5)] for x, y in zip(first, second, strict=True)]
+    found = dependence_taxels._tables(values).statistic(permutation)
+    assert_allclose(found, [np.sum(expected, axis=1)], rtol=1e-10, atol=1e-10)
+
+
 def test_distances_of_a_large_stratum_are_those_of_some_taps(rng, monkeypatch):
     monkeypatch.setattr(dependence_taxels, "_MOST_TAPS", 8)
     taps = rng.normal(size=(40, 1, 2))
