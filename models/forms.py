@@ -88,7 +88,7 @@ class TableForm(NamedTuple):
         K, B = self.log_prob.shape[2:]
         edges = np.broadcast_to(edges, (K, B + 1))
         centre = 0.5 * (edges[:, :-1] + edges[:, 1:])
-        return centre[np.arange(K), self.sample_bins(where, what, J, generator)]
+        return centre.ravel()[self.sample_bins(where, what, J, generator) + np.arange(K) * B]
 
     def sample_bins(
         self, where: NDArray[np.intp], what: NDArray[np.intp], J: int, generator: np.random.Generator
