@@ -15,7 +15,18 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from .causes import first_cause, is_cause, part_words
-from .figure_style import ACTIVE, DECIDED, OTHERS, TRUE, TWO_COLUMNS, axis_label, label_panel, new_figure, styled
+from .figure_style import (
+    ACTIVE,
+    DECIDED,
+    MOST_FACTOR,
+    OTHERS,
+    TRUE,
+    TWO_COLUMNS,
+    axis_label,
+    label_panel,
+    new_figure,
+    styled,
+)
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -32,7 +43,6 @@ _QUANTITIES = {"what": "object", "where": "position", "joint": "object and posit
 _TOUCHES = ("whole taps", "tared taps")
 _TAXEL_TICKS = 9
 _LEAST_REACH = {"rank": 0.1, "distance": 0.1, "table": 0.02}  # of colours, so that chance looks pale
-_MOST_FACTOR = 1000.0  # beyond which the size of a factor says nothing
 _SPARED = "0.9"
 _BAR_COLOURS = {"first": DECIDED, "there": TRUE, "perhaps": "#b3d4e8", "other": OTHERS}
 _WRAP = 36  # characters
@@ -264,7 +274,7 @@ def plot_factors(axes: Axes, values: Sequence[Interval]) -> Axes:
     axes.axvline(1, color="grey", linewidth=0.8, linestyle=":")
     numbers = np.array([_numbers(value) for value in values])
     least, most = _reach(numbers)
-    most = min(most, _MOST_FACTOR)
+    most = min(most, MOST_FACTOR)
     for i, (value, low, high) in enumerate(numbers):
         if np.isinf(value):
             axes.plot(most, i, ">", color=ACTIVE, clip_on=False)
@@ -274,8 +284,11 @@ def plot_factors(axes: Axes, values: Sequence[Interval]) -> Axes:
         elif value < least:
             axes.plot(least, i, "<", color=ACTIVE, clip_on=False)
             axes.plot([least, np.clip(high, least, most)], [i, i], color=ACTIVE, linewidth=1.0)
+        elif value > most:
+            axes.plot(most, i, ">", color=ACTIVE, clip_on=False)
+            axes.plot([np.clip(low, least, most), most], [i, i], color=ACTIVE, linewidth=1.0)
         else:
-            _dot(axes, i, min(value, most), max(low, least), min(high, most), ACTIVE)
+            _dot(axes, i, value, max(low, least), min(high, most), ACTIVE)
     axes.set_xlim(least, most)
     marks = np.outer(10.0 ** np.arange(-4, 7), (1, 2, 5)).ravel()
     marks = marks[(marks >= least) & (marks <= most)]
@@ -369,7 +382,8 @@ def _error_changes(measured: Measured) -> tuple[list[Interval], str]:
     unit = measured.played[name].attrs.get("units", "")
     quantity = "change of the error" if name == "what_error" else "change of the position error"
     label = f"change of {unit}" if unit == "P(wrong)" else axis_label(quantity, unit)
-    return changes, f"{label}\nat {measured.taps:.3g} taps on average"
+    taps = f"{measured.taps:.3g}"
+    return changes, f"{label}\nat {taps} tap{'s' * (taps != '1')} on average"
 
 
 def _reach(numbers: NDArray[np.float64]) -> tuple[float, float]:

@@ -27,6 +27,7 @@ if TYPE_CHECKING:
 ONE_COLUMN = 3.4  # inches
 TWO_COLUMNS = 7.0
 PNG_DPI = 200
+MOST_FACTOR = 1000.0  # beyond which the size of a factor says nothing
 
 PASSIVE = "#c8102e"
 ACTIVE = "#000000"

@@ -191,6 +191,27 @@ def test_an_infinite_factor_ends_at_the_axis():
     assert [text.get_text() for text in factor.texts] == ["infinite"]
 
 
+def test_a_factor_beyond_the_axis_is_a_mark_at_its_end():
+    """With the part of its interval that the axis holds."""
+    large = scored("large", factor=(1e7, 3.0, 1e14))
+    factor = figures.remedies(measured(BASE, large)).axes[-1]
+    most = factor.get_xlim()[1]
+    lines = [(line.get_marker(), line.get_xdata().tolist()) for line in factor.lines if line.get_ydata()[0] == 1]
+
+    assert most == 1000
+    assert (">", [most]) in lines
+    assert ("None", [3, most]) in lines
+    assert len(lines) == 2
+    assert not factor.texts
+
+
+def test_one_tap_is_no_plural():
+    """In the label of the errors, however it is rounded."""
+    one = measured(BASE, BETTER)
+    one.taps = 1.0004
+    assert figures.remedies(one).axes[1].get_xlabel().endswith("at 1 tap on average")
+
+
 def test_without_errors_two_panels_are_left():
     """A single remedy of which only the gain is known is drawn without its error."""
     gain, factor = figures.remedies(measured(BASE, SAME)).axes
