@@ -107,7 +107,8 @@ def _drawn(audit: Audit, summary: Mapping[str, Any]) -> Iterator[tuple[str, str,
     yield (
         "after_taps",
         "Beliefs and outcomes after a number of taps",
-        "Fraction of right decisions against their belief, passive; calibration error and Brier score; miscalibration.",
+        "Fraction of right decisions against their belief, passive; calibration error and Brier score; "
+        "miscalibration factor, a triangle at an end of its axis where it is 0 or over 1000.",
         figure_reliability.reliability_after_taps(audit.measured.reliability),
     )
     yield (

@@ -15,6 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 from .figure_style import (
     ACTIVE,
     DECIDED,
+    MOST_FACTOR,
     OTHERS,
     PASSIVE,
     TRUE,
@@ -39,6 +40,7 @@ _NAMED = 8  # objects that a key names; beyond, lines are grey
 _LINE, _HANDLE = 97, 9  # characters that fit below a figure of two columns, and that a line with its marker takes
 _LEAST = 1e-4  # where fractions on a log axis end: what is below is drawn there
 _LOWEST = 0.01  # likewise of factors
+_LEAST_END = 0.05  # of intervals that an axis of factors stretches to hold
 
 
 @styled
@@ -57,6 +59,8 @@ def reliability_after_taps(data: xr.Dataset) -> Figure:
         label_panel(panel, letter, panel.get_title())
     handles, labels = axes[0, 0].get_legend_handles_labels()
     labels = [f"{label} tap{'s' * (label != '1')}" for label in labels]
+    marks, words = axes[0, 2].get_legend_handles_labels()
+    handles, labels = [*handles, *marks], [*labels, *(f"C: {word}" for word in words)]
     figure.legend(handles, labels, loc="outside lower left", ncols=len(labels), handlelength=1.2)
     return figure
 
@@ -143,18 +147,29 @@ def plot_scores(axes: Axes, data: xr.Dataset) -> Axes:
 def plot_factor(axes: Axes, data: xr.Dataset) -> Axes:
     """Draws the miscalibration factor against the number of taps, with 1, which is right, as a line.
 
-    An infinite factor is a triangle at the top.
+    A factor of 0 is an open triangle at the lower end, one beyond `MOST_FACTOR` a triangle at the top.
     """
     axes.axhline(1, color="grey", linewidth=0.8, linestyle=":")
-    _bars(axes, data["contacts"].values, data, "factor", color=PASSIVE, marker="o")
-    _log_factor(axes, data, "factor")
-    endless = data["contacts"].values[np.isinf(data["factor"].values)]
-    if len(endless):
-        axes.plot(endless, np.full(len(endless), axes.get_ylim()[1]), "^", color=PASSIVE, clip_on=False)
-    if np.isnan(data["factor"].values).all():
+    taps, factor = data["contacts"].values, data["factor"].values
+    none, beyond = factor == 0, factor > MOST_FACTOR
+    value, low, high = _from_lowest(data)
+    ends = {"factor": np.where(beyond, np.nan, value), "factor_low": low, "factor_high": np.fmin(high, MOST_FACTOR)}
+    shown = data.assign({name: (data[name].dims, values) for name, values in ends.items()})
+    marker = {"marker": "o", "markevery": (~none[np.isfinite(ends["factor"])]).tolist()}
+    _bars(axes, taps, shown, "factor", color=PASSIVE, **marker)
+    _log_factor(axes, data)
+    look: dict[str, Any] = {"color": PASSIVE, "markersize": 5, "linestyle": "none", "zorder": 3, "clip_on": False}
+    if none.any():
+        words = "0, no decision was wrong"
+        axes.plot(taps[none], value[none], marker="v", markerfacecolor="white", label=words, **look)
+    if beyond.any():
+        top = axes.get_ylim()[1]
+        axes.vlines(taps[beyond], np.minimum(low[beyond], top), top, color=PASSIVE, linewidth=0.6)
+        axes.plot(taps[beyond], np.full(beyond.sum(), top), marker="^", label=f"over {MOST_FACTOR:g}", **look)
+    if np.isnan(factor).all():
         axes.text(0.5, 0.6, "neither errors nor doubts", ha="center", transform=axes.transAxes)
     axes.set(xlabel="taps", ylabel="wrong / mean (1 - belief)")
-    _taps_axis(axes, data["contacts"].values)
+    _taps_axis(axes, taps)
     return axes
 
 
@@ -182,7 +197,7 @@ def plot_wrong(axes: Axes, data: xr.Dataset) -> Axes:
     axes.fill_between(x, low, high, color="black", alpha=0.12, linewidth=0)
     axes.plot(x, _shown(together["wrong"].values), **_together())
     axes.set_ylim(_LEAST * 0.7, 1.3)
-    axes.set_yticks([_LEAST, 1e-3, 0.01, 0.1, 1.0], ["none", "0.001", "0.01", "0.1", "1"])
+    axes.set_yticks([_LEAST, 1e-3, 0.01, 0.1, 1.0], [f"{_LEAST:g} or less", "0.001", "0.01", "0.1", "1"])
     _threshold_axis(axes, data["theta"].values)
     return axes
 
@@ -205,7 +220,7 @@ def plot_promises(axes: Axes, data: xr.Dataset) -> Axes:
         for j, name in enumerate(names):
             x = np.arange(len(theta)) + (i - 0.5) * 0.42 + 0.3 * ((j + 0.5) / len(names) - 0.5)
             part = data.sel(setup=setup, what=name)
-            value, low, high = (np.maximum(part[f"factor{end}"].values, _LOWEST) for end in ("", "_low", "_high"))
+            value, low, high = _from_lowest(part)
             full = np.isfinite(value)
             axes.errorbar(
                 x[full],
@@ -226,7 +241,7 @@ def plot_promises(axes: Axes, data: xr.Dataset) -> Axes:
         axes.plot([], [], "o", color=OTHERS, markerfacecolor=OTHERS if filled else "white", label=label)
     ends = np.stack([data["factor"].values, data["factor_high"].values])
     axes.set_ylim(0.8 * _LOWEST, 2 * float(ends[np.isfinite(ends)].max(initial=1.0)))
-    axes.yaxis.set_major_formatter(lambda x, _: f"{x:g} or less" if x <= _LOWEST else f"{x:g}")
+    axes.yaxis.set_major_formatter(_factor_tick)
     axes.set_xticks(range(len(theta)), [f"{value:g}" for value in theta])
     axes.set_xlabel("belief threshold")
     return axes
@@ -300,16 +315,28 @@ def _bars(axes: Axes, x: ArrayLike, data: xr.Dataset, name: str, **style: Any) -
     axes.errorbar(x, value, yerr=np.where(np.isfinite(bars), bars, 0.0), elinewidth=0.6, **style)
 
 
-def _log_factor(axes: Axes, data: xr.Dataset, name: str) -> None:
-    """A log axis about 1 that holds the values and, so far as they are within reach, the ends of their intervals."""
-    from matplotlib.ticker import LogLocator, NullFormatter, StrMethodFormatter  # noqa: PLC0415
+def _from_lowest(data: xr.Dataset) -> list[NDArray[np.float64]]:
+    """Factors with the ends of their intervals, those below the axis at its lower end."""
+    return [np.maximum(data[f"factor{end}"].values, _LOWEST) for end in ("", "_low", "_high")]
 
-    values = np.concatenate([data[f"{name}{end}"].values.ravel() for end in ("", "_low", "_high")])
-    values = values[np.isfinite(values) & (values > 0.05)]
+
+def _factor_tick(value: float, _: float) -> str:
+    return f"{value:g} or less" if value <= _LOWEST else f"{value:g}"
+
+
+def _log_factor(axes: Axes, data: xr.Dataset) -> None:
+    """A log axis about 1 that holds the factors and, so far as they are within reach, the ends of their intervals."""
+    from matplotlib.ticker import LogLocator, NullFormatter  # noqa: PLC0415
+
+    value, low, high = _from_lowest(data)
+    ends = np.concatenate([low, high])
+    values = np.concatenate([value, ends[ends > _LEAST_END]])
+    values = values[values <= MOST_FACTOR]
+    least, most = 0.8 * min(0.6, values.min(initial=1.0)), 1.25 * max(1.6, values.max(initial=1.0))
     axes.set_yscale("log")
-    axes.set_ylim(0.8 * min(0.6, values.min(initial=1.0)), 1.25 * max(1.6, values.max(initial=1.0)))
-    axes.yaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
-    axes.yaxis.set_major_formatter(StrMethodFormatter("{x:g}"))
+    axes.set_ylim(least, most)
+    axes.yaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0) if most < 100 * least else (1.0,)))
+    axes.yaxis.set_major_formatter(_factor_tick)
     axes.yaxis.set_minor_formatter(NullFormatter())
 
 

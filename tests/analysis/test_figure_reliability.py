@@ -75,6 +75,74 @@ def test_an_infinite_factor_is_a_mark_at_the_top():
     assert (mark.get_ydata() == axes.get_ylim()[1]).all()
 
 
+def factor_panel(factor, low, high):
+    """The figure after taps, and its panel of factors, for these factors after 1, 2 and 3 taps."""
+    data = reliability(make()[1], make()[0], (0.9,), 0, trials=120, contacts=(1, 2, 3), resamples=5)
+    ends = {"": factor, "_low": low, "_high": high}
+    values = {f"factor{end}": data["factor"].copy() for end in ends}
+    for end, value in ends.items():
+        values[f"factor{end}"][(data["contacts"] > 0).values] = np.reshape(value, (3, 1, 1))
+    figure = figure_reliability.reliability_after_taps(data.assign(values))
+    figure.draw_without_rendering()
+    return figure, figure.axes[2]
+
+
+def key(figure):
+    """What stands below a figure."""
+    return [text.get_text() for text in figure.legends[0].get_texts()]
+
+
+def marks(axes, marker):
+    """Taps and factors that this marker stands at."""
+    return [point for line in axes.get_lines() if line.get_marker() == marker for point in line.get_xydata().tolist()]
+
+
+@pytest.mark.parametrize(("factor", "zeros"), [([0, 0, 0], [1, 2, 3]), ([2, 0, np.nan], [2]), ([0.03, 1, 2], [])])
+def test_a_factor_of_0_is_an_open_mark_at_the_lower_end(factor, zeros):
+    """On an axis that says so, with its interval, and the key tells why; others that are small lie on the axis."""
+    figure, axes = factor_panel(factor, [0, 0, 0], [3, 0.5, np.inf])
+    low, high = axes.get_ylim()
+    ticks = [label.get_text() for label in axes.get_yticklabels() if low <= label.get_position()[1] <= high]
+    bars = np.concatenate([path.vertices for path in axes.collections[0].get_paths()])
+
+    assert marks(axes, "v") == [[taps, 0.01] for taps in zeros]
+    assert ("C: 0, no decision was wrong" in key(figure)) == bool(zeros)
+    assert ("0.01 or less" in ticks) == bool(zeros)
+    assert "1" in ticks
+    assert low < np.nanmin(np.maximum(factor, 0.01))
+    assert 3 < high < 5
+    assert bars[:, 1].min() == pytest.approx(0.01)
+
+
+@pytest.mark.parametrize("large", [1e7, np.inf])
+def test_an_axis_of_factors_ends_where_their_size_says_nothing(large):
+    """What is beyond is a mark at the top with its interval, and numbers stand on the axis."""
+    figure, axes = factor_panel([2, 4, large], [1, 3, 3], [3, 9, 1e14])
+    low, high = axes.get_ylim()
+
+    assert high < 20
+    assert marks(axes, "^") == [[3, high]]
+    assert key(figure)[-1] == "C: over 1000"
+    assert axes.collections[-1].get_paths()[0].vertices.tolist() == [[3, 3], [3, high]]
+    assert sum(low <= tick <= high for tick in axes.get_yticks()) > 3
+
+
+def test_a_wide_axis_of_factors_has_a_few_numbers():
+    """Which stay apart over five orders of magnitude."""
+    _, axes = factor_panel([0, 1, 900], [0, 0.9, 10], [1, 2, 950])
+    low, high = axes.get_ylim()
+
+    assert 3 <= sum(low <= tick <= high for tick in axes.get_yticks()) <= 7
+
+
+def test_where_no_factor_is_known_the_panel_says_why():
+    """Without marks."""
+    _, axes = factor_panel(*np.full((3, 3), np.nan))
+
+    assert [text.get_text() for text in axes.texts] == ["neither errors nor doubts"]
+    assert not marks(axes, "v")
+
+
 def test_the_wrong_fraction_of_each_object_has_a_line():
     """With its values, those of none at the lower end."""
     grid, table = make()
@@ -86,6 +154,7 @@ def test_the_wrong_fraction_of_each_object_has_a_line():
     stopping = data.isel(setting=slice(0, 3)).sel(counted="stopped", what=EVERYTHING)
     np.testing.assert_allclose(lines[EVERYTHING].get_ydata(), np.maximum(stopping.wrong, 1e-4))
     np.testing.assert_allclose(lines["1 - belief"].get_ydata(), stopping.doubt)
+    assert axes.get_yticklabels()[0].get_text() == "0.0001 or less"
 
 
 @pytest.mark.parametrize(
