@@ -184,11 +184,20 @@ def figure_checks(tree: xr.DataTree) -> Figure | None:
             plot_collection=_collection(predicted[varied], figure, panels),
             visuals={"dist": {"color": "black", "width": 0.8}, "observed_tstat": False, "title": False},
         )
+        for name in varied:
+            _close(panels[name])
     for i, name in enumerate(names):
         plot_observed(panels[name], summary.sel(statistic=name), predicted[name].values.ravel())
         label_panel(panels[name], chr(ord("A") + i))
     _key(figure)
     return figure
+
+
+def _close(axes: Axes) -> None:
+    """Leads the outline of a histogram down to the axis at both ends."""
+    for line in axes.get_lines():
+        x, y = np.asarray(line.get_data())
+        line.set_data(np.pad(x, 1, mode="edge"), np.pad(y, 1))
 
 
 def plot_observed(axes: Axes, check: xr.Dataset, values: NDArray[np.float64]) -> Axes:

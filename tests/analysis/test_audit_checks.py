@@ -184,6 +184,16 @@ def test_every_statistic_has_a_panel_that_holds_what_was_observed(statistics):
     figure.canvas.draw()
 
 
+def test_histograms_of_replicates_stand_on_the_axis():
+    """Their outline begins and ends at 0."""
+    values = np.random.default_rng(0).uniform(size=40)
+    (axes,) = figure_checks(tree_of({"share": [*values]}, {"share": 0.5})).axes
+    heights = np.asarray(axes.lines[0].get_ydata())
+
+    assert heights[[0, -1]].tolist() == [0, 0]
+    assert heights.max() > 0
+
+
 def test_a_single_observed_one_is_no_warning():
     """A share of 1 or 0 is not taken for binary data."""
     assert figure_checks(tree_of({"share": [0.9, 0.95, 0.97]}, {"share": 1.0})) is not None
