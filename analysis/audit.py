@@ -176,6 +176,9 @@ def audit(parts: AuditParts, grid: ClassGrid, settings: AuditSettings, progress:
         known = [parts.train] if parts.halved else [parts.train, *parts.tune]
         leaks = leakage(concatenate(known), parts.measure, grid, seed, settings.pre)
         advance(1)
+    import arviz  # noqa: F401, PLC0415 - whole, before SciPy on this thread finds a half of JAX on the other
+    import numpyro  # noqa: F401, PLC0415
+
     where, what = taps.indices(grid)
     with meanwhile(partial(variance_components, taps.taps, where * grid.M + what, taps.session, seed)) as sampled:
         with clock.stage("Testing taxels", 2 * len(np.unique(stratum))) as advance:

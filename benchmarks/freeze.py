@@ -67,7 +67,7 @@ COMMANDS = {
 }
 """By name, in the order in which each finds the files it needs."""
 _TOLERANCE = 1e-9
-_VARIES = re.compile(r"elapsed|seconds|version|created|command|written|history|date|path|digest", re.IGNORECASE)
+_VARIES = re.compile(r"^code$|elapsed|seconds|version|created|command|written|history|date|path|digest", re.IGNORECASE)
 _TIMES = re.compile(r"\b\d+(\.\d+)? (s|ms|seconds?|minutes?)\b")
 
 
@@ -170,13 +170,17 @@ def _of_values(one: Any, other: Any, place: str = "") -> Iterator[str]:
 
 
 def _of_trees(one: Path, other: Path) -> Iterator[str]:
-    engine: Any = "zarr" if one.suffix == ".zarr" else None
-    with xr.open_datatree(one, engine=engine) as a, xr.open_datatree(other, engine=engine) as b:
-        groups = [{node.path: node.to_dataset(inherit=False) for node in tree.subtree} for tree in (a, b)]
+    how: dict[str, Any] = {"engine": "zarr", "consolidated": False} if one.suffix == ".zarr" else {}
+    with xr.open_datatree(one, **how) as a, xr.open_datatree(other, **how) as b:
+        groups = [{node.path: _timeless(node.to_dataset(inherit=False)) for node in tree.subtree} for tree in (a, b)]
         for path in sorted(groups[0].keys() ^ groups[1].keys()):
             yield f"{path}: only {'before' if path in groups[0] else 'after'}"
         for path in sorted(groups[0].keys() & groups[1].keys()):
             yield from _of_datasets(groups[0][path], groups[1][path], path)
+
+
+def _timeless(data: xr.Dataset) -> xr.Dataset:
+    return data.drop_sel(quantity="seconds") if "seconds" in data.get("quantity", ()) else data
 
 
 def _of_datasets(one: xr.Dataset, other: xr.Dataset, place: str) -> Iterator[str]:
