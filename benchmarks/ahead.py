@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from solidtouch.analysis.strategies_data import pool_of, simulated_bench
+from solidtouch.analysis.strategies.data import pool_of, simulated_bench
 from solidtouch.inference.control import best_move, fixation
 from solidtouch.inference.control_information import informative
 from solidtouch.inference.control_two_taps import DRAWS, FURTHER, two_tap_values, two_taps

@@ -17,14 +17,14 @@ from functools import partial
 from pathlib import Path
 from typing import NamedTuple
 
-from solidtouch.analysis.audit_parts import AuditParts, audit_parts
-from solidtouch.analysis.audit_verdict import calibration, first_cause, recommended
-from solidtouch.analysis.causes import SEQUENCE, split_variance
-from solidtouch.analysis.evidence import evidence
-from solidtouch.analysis.evidence_variance import session_p
-from solidtouch.analysis.leakage import leakage
-from solidtouch.analysis.remedies import make_remedies
-from solidtouch.analysis.remedy_scores import measure
+from solidtouch.analysis.audit.leakage.run import leakage
+from solidtouch.analysis.audit.parts import AuditParts, audit_parts
+from solidtouch.analysis.audit.remedies import make_remedies
+from solidtouch.analysis.audit.remedy_scores import measure
+from solidtouch.analysis.audit.variance.causes import SEQUENCE, split_variance
+from solidtouch.analysis.audit.variance.split import session_p
+from solidtouch.analysis.audit.verdict import calibration, first_cause, recommended
+from solidtouch.analysis.stats.evidence import evidence
 from solidtouch.hardware.data_collection import simulate_session
 from solidtouch.hardware.model_rig import draw_session
 from solidtouch.hardware.presets import preset

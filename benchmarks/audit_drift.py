@@ -17,11 +17,11 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 from scipy.stats import binomtest
-from solidtouch.analysis.causes import first_cause, split_variance, suspect_part
-from solidtouch.analysis.dependence_drift import against_drift, contrasts
-from solidtouch.analysis.dependence_taxels import TESTS, taxel_dependence
-from solidtouch.analysis.evidence import evidence
-from solidtouch.analysis.suspects import named_suspects
+from solidtouch.analysis.audit.dependence.drift import against_drift, contrasts
+from solidtouch.analysis.audit.dependence.taxels import TESTS, taxel_dependence
+from solidtouch.analysis.audit.variance.causes import first_cause, split_variance, suspect_part
+from solidtouch.analysis.audit.variance.suspects import named_suspects
+from solidtouch.analysis.stats.evidence import evidence
 from solidtouch.models import seeds
 from solidtouch.models.histogram import fit
 from solidtouch.models.preprocessing import Preprocessing

@@ -20,8 +20,8 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 from scipy.stats import t
-from solidtouch.analysis.calibration_chain import right_model
-from solidtouch.analysis.guarantees import PROMISED, USED, guarantees
+from solidtouch.analysis.audit.guarantees import PROMISED, USED, guarantees
+from solidtouch.analysis.correctness.sbc_chain import right_model
 from solidtouch.hardware.data_collection import simulate_session
 from solidtouch.hardware.model_rig import draw_session
 from solidtouch.hardware.presets import preset

@@ -17,9 +17,9 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import binomtest
-from solidtouch.analysis.dependence_taxels import TESTS, taxel_dependence
-from solidtouch.analysis.dependence_times import time_dependence
-from solidtouch.analysis.figure_study import PowerCurve, power_figure
+from solidtouch.analysis.audit.dependence.taxels import TESTS, taxel_dependence
+from solidtouch.analysis.audit.dependence.times import time_dependence
+from solidtouch.analysis.page.figure_study import PowerCurve, power_figure
 from solidtouch.hardware.data_collection import simulate_session
 from solidtouch.hardware.model_rig import draw_taps
 from solidtouch.hardware.presets import preset

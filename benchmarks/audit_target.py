@@ -16,7 +16,7 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from solidtouch.analysis.target_error import Curves, choose, leave_out, predicted, session_curves
+from solidtouch.analysis.stats.target_error import Curves, choose, leave_out, predicted, session_curves
 from solidtouch.hardware.data_collection import simulate_session
 from solidtouch.hardware.presets import preset
 from solidtouch.hardware.simulation_settings import RigSettings

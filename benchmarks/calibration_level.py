@@ -24,11 +24,11 @@ from typing import Any, NamedTuple
 import numpy as np
 from intervals import SYMBOLS, grid_of
 from numpy.typing import NDArray
-from solidtouch.analysis.audit_verdict import calibration
-from solidtouch.analysis.calibration_tests import rejected
-from solidtouch.analysis.reliability import headline
-from solidtouch.analysis.remedy_scores import Judged, decisions, factor_of, judge
-from solidtouch.analysis.right_model import LEVEL, Beside, compare, simulate
+from solidtouch.analysis.audit.remedy_scores import Judged, decisions, factor_of, judge
+from solidtouch.analysis.audit.verdict import calibration
+from solidtouch.analysis.stats.reliability import headline
+from solidtouch.analysis.stats.right_model import LEVEL, Beside, compare, simulate
+from solidtouch.analysis.stats.uniformity import rejected
 from solidtouch.hardware.data_collection import simulate_session
 from solidtouch.hardware.model_rig import draw_session
 from solidtouch.hardware.presets import preset

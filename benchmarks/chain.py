@@ -18,7 +18,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 from sbc import DRAWS, distribution, simultaneous_band
-from solidtouch.analysis.calibration import (
+from solidtouch.analysis.correctness.figure_sbc import CalibrationPanel, calibration_figure
+from solidtouch.analysis.correctness.sbc import (
     ARRAYS,
     LEVEL,
     POLICIES,
@@ -29,9 +30,8 @@ from solidtouch.analysis.calibration import (
     told_factor,
     told_p,
 )
-from solidtouch.analysis.calibration_chain import ACTIVE, Moments, World, right_model
-from solidtouch.analysis.calibration_tests import Judged, error_factor
-from solidtouch.analysis.figure_calibration import CalibrationPanel, calibration_figure
+from solidtouch.analysis.correctness.sbc_chain import ACTIVE, Moments, World, right_model
+from solidtouch.analysis.stats.uniformity import Judged, error_factor
 from solidtouch.inference.control import default_fixation
 from solidtouch.inference.reference import Border
 from solidtouch.models.histogram import HistogramModel

@@ -20,8 +20,8 @@ from calibration_level import SIZES, TAPS
 from intervals import SYMBOLS, grid_of
 from numpy.typing import NDArray
 from scipy.stats import norm
-from solidtouch.analysis.remedies import BASELINE, EXPONENT, FALLING, Remedy, beside_right
-from solidtouch.analysis.right_exponent import Tuned, learned_beside, outside
+from solidtouch.analysis.audit.remedies import BASELINE, EXPONENT, FALLING, Remedy, beside_right
+from solidtouch.analysis.stats.right_exponent import Tuned, learned_beside, outside
 from solidtouch.hardware.model_rig import draw_session
 from solidtouch.inference.tempering import best_power, fit_tempered, learn_saturation
 from solidtouch.models.catalogue import FitSettings, fit_model

@@ -19,9 +19,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import xarray as xr
-from solidtouch.analysis.compare_classes import class_scores
-from solidtouch.analysis.compare_decisions import at_equal_taps, decision_curves, play_models, spread_of
-from solidtouch.analysis.reliability import EVERYTHING, at_stopping, reliability
+from solidtouch.analysis.compare.classes import class_scores
+from solidtouch.analysis.stats.decisions import at_equal_taps, decision_curves, play_models, spread_of
+from solidtouch.analysis.stats.reliability import EVERYTHING, at_stopping, reliability
 from solidtouch.hardware.pool import tap_pool
 from solidtouch.inference.cut_short import ENDINGS
 from solidtouch.inference.resampling import FEW, RESAMPLES

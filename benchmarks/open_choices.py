@@ -11,12 +11,12 @@ from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from solidtouch.analysis.figure_sensitivity import forest, interactions
-from solidtouch.analysis.open_sources import Source, recorded_source, simulated_source
-from solidtouch.analysis.report import interval, percent
-from solidtouch.analysis.sensitivity import SensitivitySettings, sensitivity
-from solidtouch.analysis.sensitivity_findings import VERDICTS, WORDS, worded
-from solidtouch.analysis.sensitivity_summary import summarise
+from solidtouch.analysis.experiment.sources import Source, recorded_source, simulated_source
+from solidtouch.analysis.page.page import interval, percent
+from solidtouch.analysis.sensitivity.figures import forest, interactions
+from solidtouch.analysis.sensitivity.findings import VERDICTS, WORDS, worded
+from solidtouch.analysis.sensitivity.run import SensitivitySettings, sensitivity
+from solidtouch.analysis.sensitivity.summary import summarise
 from solidtouch.cli.progress import bars
 from studies import RECORDED, check_block, publish, table, write_block, write_json
 

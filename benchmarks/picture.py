@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import Any
 
 from scaling import Curve
-from solidtouch.analysis.figure_style import TWO_COLUMNS, label_panel, new_figure, save, styled
+from solidtouch.analysis.page.figure_style import TWO_COLUMNS, label_panel, new_figure, save, styled
 
 # Okabe and Ito's palette, told apart under the common colour deficiencies; passive lines are full, active ones dashed.
 COLOURS = {

@@ -17,7 +17,7 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from solidtouch.analysis.figure_study import recovery_figure
+from solidtouch.analysis.page.figure_study import recovery_figure
 from solidtouch.hardware.data_collection import simulate_session
 from solidtouch.hardware.fingertip_layout import ICUB_FINGERTIP
 from solidtouch.hardware.presets import preset

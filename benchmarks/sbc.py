@@ -17,7 +17,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import binom, chisquare
-from solidtouch.analysis.figure_study import RankPanel, rank_figure
+from solidtouch.analysis.page.figure_study import RankPanel, rank_figure
 from solidtouch.models.bins import find_bins
 from solidtouch.models.classes import ClassGrid
 from solidtouch.models.fit_cells import fit_gaussian, fit_profile, fit_profile_ar, fit_profile_mvn

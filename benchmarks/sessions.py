@@ -15,7 +15,7 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from solidtouch.analysis.figure_study import Gain, session_figure
+from solidtouch.analysis.page.figure_study import Gain, session_figure
 from solidtouch.hardware.data_collection import simulate_session
 from solidtouch.hardware.presets import preset
 from solidtouch.hardware.simulation_settings import RigSettings

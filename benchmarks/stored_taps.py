@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 from intervals import SIZES, TAPS, THETA, TRIALS, draw
 from numpy.typing import NDArray
-from solidtouch.analysis.reliability import play
+from solidtouch.analysis.stats.reliability import play
 from solidtouch.inference.episode import DEADLINE
 from solidtouch.inference.trial_plan import plan_trials
 from studies import check_block, mean_interval, processes, table, write_block

@@ -11,17 +11,17 @@ from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from solidtouch.analysis import figure_strategies
-from solidtouch.analysis.figure_strategies_regret import regret
-from solidtouch.analysis.figure_strategies_trust import trust
-from solidtouch.analysis.regret import RegretSettings, regret_study
-from solidtouch.analysis.regret_summary import summarise_regret
-from solidtouch.analysis.report import factor, interval, number, percent
-from solidtouch.analysis.strategies_data import RIGHT, Bench, recorded_bench, simulated_bench
-from solidtouch.analysis.strategies_findings import FIXED, PAPER, TAPS, better_finding, random_findings
-from solidtouch.analysis.strategies_study import BASE, StrategySettings, strategy_study
-from solidtouch.analysis.strategies_summary import summarise
-from solidtouch.analysis.study import SHOWN_THETA
+from solidtouch.analysis.experiment.study import SHOWN_THETA
+from solidtouch.analysis.page.page import factor, interval, number, percent
+from solidtouch.analysis.strategies import figures as figure_strategies
+from solidtouch.analysis.strategies.data import RIGHT, Bench, recorded_bench, simulated_bench
+from solidtouch.analysis.strategies.figures_regret import regret
+from solidtouch.analysis.strategies.figures_trust import trust
+from solidtouch.analysis.strategies.findings import FIXED, PAPER, TAPS, better_finding, random_findings
+from solidtouch.analysis.strategies.regret import RegretSettings, regret_study
+from solidtouch.analysis.strategies.regret_summary import summarise_regret
+from solidtouch.analysis.strategies.run import BASE, StrategySettings, strategy_study
+from solidtouch.analysis.strategies.summary import summarise
 from solidtouch.cli.progress import bars
 from studies import check_block, publish, table, write_block, write_json
 

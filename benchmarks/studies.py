@@ -17,7 +17,7 @@ from numpy.typing import ArrayLike
 from rich.console import Console
 from rich.progress import track
 from scipy.stats import binomtest, t
-from solidtouch.analysis.figure_style import save
+from solidtouch.analysis.page.figure_style import save
 from solidtouch.models.preprocessing import Preprocessing
 from solidtouch.models.storage import complete_file
 from solidtouch.models.taps import TapSet

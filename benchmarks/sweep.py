@@ -18,18 +18,18 @@ from pathlib import Path
 import numpy as np
 from rich.console import Console
 from rich.table import Table
-from solidtouch.analysis import sweep_batches
-from solidtouch.analysis.sweep import sweep
-from solidtouch.analysis.sweep_cell import Load, Outcome, Runner, run_cell
-from solidtouch.analysis.sweep_cells import Cell, CellGrid, Effort
-from solidtouch.analysis.sweep_dask import on_cluster
-from solidtouch.analysis.sweep_data import Sources
-from solidtouch.analysis.sweep_local import in_processes
-from solidtouch.analysis.sweep_quantities import QUANTITIES
-from solidtouch.analysis.sweep_result import open_sweep
-from solidtouch.analysis.sweep_store import create_store
-from solidtouch.analysis.sweep_study import parse_study
-from solidtouch.analysis.sweep_threads import one_thread
+from solidtouch.analysis.sweep import batches as sweep_batches
+from solidtouch.analysis.sweep.cell import Load, Outcome, Runner, run_cell
+from solidtouch.analysis.sweep.cells import Cell, CellGrid, Effort
+from solidtouch.analysis.sweep.dask import on_cluster
+from solidtouch.analysis.sweep.data import Sources
+from solidtouch.analysis.sweep.local import in_processes
+from solidtouch.analysis.sweep.quantities import QUANTITIES
+from solidtouch.analysis.sweep.result import open_sweep
+from solidtouch.analysis.sweep.run import sweep
+from solidtouch.analysis.sweep.store import create_store
+from solidtouch.analysis.sweep.study import parse_study
+from solidtouch.analysis.sweep.threads import one_thread
 from solidtouch.inference.montecarlo import THRESHOLDS
 
 STUDY = """

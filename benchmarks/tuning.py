@@ -16,9 +16,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from solidtouch.analysis.figure_tuning import regret_figure, tuning_figure
-from solidtouch.analysis.learning_regret import regrets
-from solidtouch.analysis.tuning import ONLINE_THRESHOLDS, Price, Tuning, tune
+from solidtouch.analysis.strategies.learning_regret import regrets
+from solidtouch.analysis.tuning.figures import regret_figure, tuning_figure
+from solidtouch.analysis.tuning.run import ONLINE_THRESHOLDS, Price, Tuning, tune
 from solidtouch.hardware.data_collection import simulate_session
 from solidtouch.hardware.presets import preset
 from solidtouch.inference.control import default_fixation

@@ -14,7 +14,7 @@ from .interrupt import loading
 from .options import Bins, Border, Deadline, Force, Pseudocount, Seed, TrainingTaps, ValueRange, WhatCell, WhereCell
 
 if TYPE_CHECKING:
-    from ..analysis.audit_parts import AuditParts
+    from ..analysis.audit.parts import AuditParts
 
 _FEWEST_PERMUTATIONS = 99
 
@@ -76,12 +76,12 @@ def audit(
     with loading():
         from rich.console import Console
 
-        from ..analysis.audit import AuditSettings
-        from ..analysis.audit import audit as run
-        from ..analysis.audit_parts import load_parts
-        from ..analysis.audit_report import chosen_setting, write_audit
-        from ..analysis.audit_summary import summarise
-        from ..analysis.audit_view import render
+        from ..analysis.audit.page import chosen_setting, write_audit
+        from ..analysis.audit.parts import load_parts
+        from ..analysis.audit.run import AuditSettings
+        from ..analysis.audit.run import audit as run
+        from ..analysis.audit.summary import summarise
+        from ..analysis.audit.view import render
         from ..inference.control import check_fixation
         from ..models.histogram import trim
         from ..models.power import parse_power

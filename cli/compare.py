@@ -77,11 +77,11 @@ def compare(
     with loading():
         from rich.console import Console
 
-        from ..analysis.compare import CompareSettings
-        from ..analysis.compare import compare as run
-        from ..analysis.compare_report import write_comparison
-        from ..analysis.compare_summary import summarise
-        from ..analysis.compare_view import render
+        from ..analysis.compare.page import write_comparison
+        from ..analysis.compare.run import CompareSettings
+        from ..analysis.compare.run import compare as run
+        from ..analysis.compare.summary import summarise
+        from ..analysis.compare.view import render
         from ..inference.control import check_fixation
         from ..inference.montecarlo import THRESHOLDS
         from ..models.catalogue import FitSettings
@@ -151,7 +151,7 @@ def _described(
     data: Sequence[Path], parts: "Split", grid: "ClassGrid", dropped: Sequence[str], test_taps: int
 ) -> dict[str, Any]:
     """The data in words."""
-    from ..analysis.summary import fold_suspicions
+    from ..analysis.reproduce.summary import fold_suspicions
 
     fold = parts.folds[0]
     sources = {str(part.dataset.attrs.get("source", "")) for part in (fold.train, fold.test)}

@@ -182,8 +182,8 @@ def inspect(
     """Prints what a tap set holds and names what in it may mislead."""
     from rich.console import Console
 
-    from ..analysis.inspect import inspect as inspect_taps
-    from ..analysis.inspect_view import show
+    from ..analysis.inspect.run import inspect as inspect_taps
+    from ..analysis.inspect.view import show
     from ..models.importers import load_taps
 
     taps = load_taps(data)

@@ -93,7 +93,7 @@ def fit(
         if learned_taps(power) is None:
             raise InputError("--simulations goes with --power learned only.")
         with loading():
-            from ..analysis.right_exponent import check_simulations
+            from ..analysis.stats.right_exponent import check_simulations
         check_simulations(simulations)
     limit = float("inf") if saturation is None else saturation
     check_saturation(limit)
@@ -140,7 +140,7 @@ def _beside(model: str, fitted: "Fitted", taps: "TapSet", settings: "FitSettings
     if not simulations:
         return ""
     with loading():
-        from ..analysis.right_exponent import learned_beside
+        from ..analysis.stats.right_exponent import learned_beside
     from .progress import bars
 
     with bars() as progress:

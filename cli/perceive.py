@@ -15,7 +15,7 @@ from .untrained import check_training_taps, untrained
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-    from ..analysis.live_view import Seen
+    from ..analysis.live.view import Seen
     from ..inference import reference
     from ..inference.engine import Engine
     from ..inference.novelty import Novelty
@@ -123,7 +123,7 @@ def perceive(
         check_record(record, rig, force)
     with loading():
         # Also what is needed only later: nothing may be imported while a finger is on its way.
-        from ..analysis import live_view  # noqa: F401
+        from ..analysis.live import view as live_view  # noqa: F401
         from ..inference.latency import TimedEngine, warm_up
         from ..models.model_file import load_model
         from .moving import chances
@@ -239,7 +239,7 @@ class _Run:
 
     def episode(self, placed: "Placed", shown: "Show", heading: str) -> "Ending":
         """Taps until the stopping rule, the deadline or the answer that nothing known fits."""
-        from ..analysis.live_view import Seen
+        from ..analysis.live.view import Seen
         from ..inference.episode import steps
         from ..inference.novelty import UnknownTest
         from .showing import Ending
@@ -293,7 +293,7 @@ def save_picture(seen: "Seen", path: Path, force: bool) -> None:
     Raises:
         InputError: The file cannot be written.
     """
-    from ..analysis.live_picture import live_picture
+    from ..analysis.live.picture import live_picture
     from ..models.storage import complete_file
 
     with complete_file(path, force) as temporary:

@@ -91,10 +91,10 @@ def reproduce(
             raise InputError(f"{option} goes with {'simulated' if files else 'recorded'} taps only.")
     preset = preset or "paper"
     with loading():
-        from ..analysis.reproduce import reproduce as run
-        from ..analysis.reproduce import simulated_split
-        from ..analysis.results import Request
-        from ..analysis.study import Settings
+        from ..analysis.experiment.study import Settings
+        from ..analysis.reproduce.results import Request
+        from ..analysis.reproduce.run import reproduce as run
+        from ..analysis.reproduce.run import simulated_split
         from ..models.experiment import load_experiment
         from ..models.power import parse_power_choice
         from ..models.setting import load_setting
@@ -163,8 +163,8 @@ def reproduce(
 
 def _print_results(summary: dict[str, Any]) -> None:
     """One line per policy and one for their difference, at the threshold that the figures show."""
-    from ..analysis.figure_style import axis_label
-    from ..analysis.report import interval
+    from ..analysis.page.figure_style import axis_label
+    from ..analysis.page.page import interval
 
     kinds = [kind for kind, size in (("what", "M"), ("where", "L")) if summary["grid"][size] > 1]
     names = {f"{kind}_error": axis_label(f"{kind} error", summary["units"][kind]) for kind in kinds} | {"taps": "taps"}

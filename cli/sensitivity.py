@@ -58,12 +58,12 @@ def sensitivity(
     with loading():
         from rich.console import Console
 
-        from ..analysis.open_sources import recorded_source, simulated_source
-        from ..analysis.sensitivity import SensitivitySettings
-        from ..analysis.sensitivity import sensitivity as run
-        from ..analysis.sensitivity_report import write_sensitivity
-        from ..analysis.sensitivity_summary import summarise
-        from ..analysis.sensitivity_view import render
+        from ..analysis.experiment.sources import recorded_source, simulated_source
+        from ..analysis.sensitivity.page import write_sensitivity
+        from ..analysis.sensitivity.run import SensitivitySettings
+        from ..analysis.sensitivity.run import sensitivity as run
+        from ..analysis.sensitivity.summary import summarise
+        from ..analysis.sensitivity.view import render
         from ..models.storage import check_folder
     from .progress import bars
 

@@ -7,7 +7,7 @@ from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
 
 if TYPE_CHECKING:
-    from ..analysis.live_view import Seen
+    from ..analysis.live.view import Seen
     from ..inference.latency import Latency
     from .rigs import Truth
 
@@ -76,7 +76,7 @@ class JsonShow:
 
     def tap(self, seen: "Seen") -> None:
         """One line."""
-        from ..analysis.live_view import record
+        from ..analysis.live.view import record
 
         self._print({"episode": self._episode, **record(seen)})
 
@@ -110,7 +110,7 @@ class LineShow:
 
     def tap(self, seen: "Seen") -> None:
         """A line."""
-        from ..analysis.live_view import sentence
+        from ..analysis.live.view import sentence
 
         print(sentence(seen), flush=True)
 
@@ -136,7 +136,7 @@ class LiveShow:
 
     def tap(self, seen: "Seen") -> None:
         """Draws the picture anew."""
-        from ..analysis.live_view import picture
+        from ..analysis.live.view import picture
 
         size = self._console.size
         self._live.update(picture(seen, size.width, max(2, size.height - 9)), refresh=True)

@@ -74,13 +74,13 @@ def strategies(
     with loading():
         from rich.console import Console
 
-        from ..analysis.regret import QUICK_TRIALS, TRIALS, RegretSettings, regret_study
-        from ..analysis.regret_summary import summarise_regret
-        from ..analysis.strategies_data import recorded_bench, simulated_bench
-        from ..analysis.strategies_report import write_strategies
-        from ..analysis.strategies_study import StrategySettings, strategy_study
-        from ..analysis.strategies_summary import summarise
-        from ..analysis.strategies_view import render
+        from ..analysis.strategies.data import recorded_bench, simulated_bench
+        from ..analysis.strategies.page import write_strategies
+        from ..analysis.strategies.regret import QUICK_TRIALS, TRIALS, RegretSettings, regret_study
+        from ..analysis.strategies.regret_summary import summarise_regret
+        from ..analysis.strategies.run import StrategySettings, strategy_study
+        from ..analysis.strategies.summary import summarise
+        from ..analysis.strategies.view import render
         from ..models.storage import check_folder
     from .progress import bars
 

@@ -15,8 +15,8 @@ from .interrupt import loading, terminable
 if TYPE_CHECKING:
     from rich.console import Console
 
-    from ..analysis.sweep import Tally
-    from ..analysis.sweep_cell import Runner
+    from ..analysis.sweep.cell import Runner
+    from ..analysis.sweep.run import Tally
 
 
 def sweep(
@@ -37,7 +37,7 @@ def sweep(
     retry_failed: Annotated[bool, typer.Option("--retry-failed", help="Try cells again that failed before.")] = False,
 ) -> None:
     """Runs all cells of STUDY that are not done yet and writes each as it finishes; exit code 1 if some failed."""
-    from ..analysis.sweep_threads import one_thread
+    from ..analysis.sweep.threads import one_thread
     from ..models.errors import InputError
 
     if scheduler is not None and workers is not None:
@@ -45,7 +45,7 @@ def sweep(
     with loading(), one_thread():
         from rich.console import Console
 
-        from ..analysis.sweep import sweep as run_sweep
+        from ..analysis.sweep.run import sweep as run_sweep
 
     out = study.with_suffix(".zarr") if out is None else out
     console = Console(stderr=True)
@@ -71,10 +71,10 @@ def sweep(
 
 
 def _runner(scheduler: str | None, workers: int | None, patience: float, note: Callable[[str], None]) -> "Runner":
-    from ..analysis.sweep_local import in_processes, in_this_process
+    from ..analysis.sweep.local import in_processes, in_this_process
 
     if scheduler is not None:
-        from ..analysis.sweep_dask import on_cluster
+        from ..analysis.sweep.dask import on_cluster
 
         return on_cluster(scheduler, patience, note)
     workers = workers or _cores()

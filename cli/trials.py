@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from rich.console import RenderableType
     from rich.table import Table
 
-    from ..analysis.tally_spread import TapSpread
+    from ..analysis.trials.spread import TapSpread
     from ..inference.tally import Tally
 
 _WIDEST = 500  # characters
@@ -64,10 +64,10 @@ def trials(
         check_netcdf_name(out)
         check_writable(out, force)
     with loading():
-        from ..analysis.no_class_left import no_class_left_sentence
-        from ..analysis.tallied import tally_dataset
-        from ..analysis.tally_spread import spread_trials, tap_spread
-        from ..analysis.tally_view import tally_table
+        from ..analysis.stats.no_class_left import no_class_left_sentence
+        from ..analysis.trials.spread import spread_trials, tap_spread
+        from ..analysis.trials.tallied import tally_dataset
+        from ..analysis.trials.view import tally_table
         from ..inference.control import check_fixation
         from ..inference.montecarlo import THRESHOLDS
         from ..inference.tally import tally_trials

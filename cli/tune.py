@@ -34,7 +34,7 @@ from .untrained import check_training_taps
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
-    from ..analysis.tuning import Price
+    from ..analysis.tuning.run import Price
     from ..inference.held_out import Parts
     from ..models.classes import ClassGrid
     from ..models.setting import Setting
@@ -115,8 +115,8 @@ def tune(
     _check_words(context, online, rig, target_error)
     check_training_taps(training_taps, rig)
     with loading():
-        from ..analysis.study import Settings
-        from ..analysis.tuning import Price, check_objects, check_price
+        from ..analysis.experiment.study import Settings
+        from ..analysis.tuning.run import Price, check_objects, check_price
         from ..inference.control_table import save_table
         from ..inference.held_out import held_out
         from ..inference.table_learning import learn_table
@@ -211,7 +211,7 @@ def _training(
     test: str | None,
 ) -> "tuple[TapSet, ClassGrid, str]":
     """The training taps, their classes, and which they are in words."""
-    from ..analysis.audit_parts import load_parts
+    from ..analysis.audit.parts import load_parts
     from ..models.experiment import load_experiment
     from ..models.histogram import trim
     from ..models.taps import concatenate
@@ -247,9 +247,9 @@ def _offline(
     """The setting from held-out trials, printed with its curves."""
     from rich.console import Console
 
-    from ..analysis.tuning import tune as run
-    from ..analysis.tuning import tuning_trials
-    from ..analysis.tuning_view import position_table, threshold_table
+    from ..analysis.tuning.run import tune as run
+    from ..analysis.tuning.run import tuning_trials
+    from ..analysis.tuning.view import position_table, threshold_table
 
     bar = progress("Playing trials", tuning_trials(parts, trials))
     options: dict[str, Any] = {"thresholds": thresholds, "passive": passive, "trials": trials, "seed": seed}

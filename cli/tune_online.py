@@ -14,7 +14,7 @@ from .interrupt import loading
 from .untrained import untrained
 
 if TYPE_CHECKING:
-    from ..analysis.tuning import Price
+    from ..analysis.tuning.run import Price
     from ..inference.held_out import Parts
     from ..inference.online_learning import Learner
     from ..models.classes import ClassGrid
@@ -74,7 +74,7 @@ def learned(
     Raises:
         InputError: The state is that of another learner, the rig cannot tell its object, or an argument is wrong.
     """
-    from ..analysis.tuning import ONLINE_THRESHOLDS, learned_sentence, learned_setting
+    from ..analysis.tuning.run import ONLINE_THRESHOLDS, learned_sentence, learned_setting
     from ..inference.online_learning import Learner, learn, save_learner
 
     setup = _setup(course, setting, price, taps)

@@ -18,7 +18,7 @@ def validate(
         from rich.console import Console
         from rich.table import Table
 
-        from ..analysis.validate import validate as checks
+        from ..analysis.correctness.validate import validate as checks
     from .progress import bars
 
     with bars() as progress:

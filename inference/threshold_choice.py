@@ -4,7 +4,7 @@ An episode costs its taps and `cost_error` taps for each unit of decision error.
 more taps; the one with the least mean cost on held-out taps is taken, the lowest of equal ones. The price says which
 errors one is ready to wait for; it cannot be found in data.
 
-For a wanted error instead of a price there is `analysis.target_error`, which promises something of new sessions.
+For a wanted error instead of a price there is `analysis.stats.target_error`, which promises something of new sessions.
 """
 
 from collections.abc import Callable

@@ -7,8 +7,8 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 import xarray as xr
-from solidtouch.analysis.guarantees import PROMISED, USED
-from solidtouch.analysis.target_error import Curves, choose
+from solidtouch.analysis.audit.guarantees import PROMISED, USED
+from solidtouch.analysis.stats.target_error import Curves, choose
 from solidtouch.hardware.presets import preset
 
 FOLDER = Path(__file__).parents[1] / "benchmarks"

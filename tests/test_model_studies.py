@@ -7,7 +7,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
-from solidtouch.analysis import figure_study
+from solidtouch.analysis.page import figure_study
 from solidtouch.hardware.presets import preset
 from solidtouch.models.catalogue import FitSettings, fit_model
 

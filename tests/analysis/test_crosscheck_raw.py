@@ -4,8 +4,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from solidtouch.analysis.crosscheck import STORY, crosscheck
-from solidtouch.analysis.study import Settings
+from solidtouch.analysis.correctness.crosscheck import STORY, crosscheck
+from solidtouch.analysis.experiment.study import Settings
 from solidtouch.inference import raw, reference
 from solidtouch.models import histogram, model
 from solidtouch.models.classes import ClassGrid

@@ -1,9 +1,11 @@
 """Simulated data sets and their trials: neighbouring seeds share nothing."""
 
 import pytest
-from solidtouch.analysis import reproduce, sensitivity, strategies_study
-from solidtouch.analysis.open_sources import simulated_source
-from solidtouch.analysis.strategies_data import RIGHT, simulated_bench
+from solidtouch.analysis.experiment.sources import simulated_source
+from solidtouch.analysis.reproduce import run as reproduce
+from solidtouch.analysis.sensitivity import run as sensitivity
+from solidtouch.analysis.strategies import run as strategies_study
+from solidtouch.analysis.strategies.data import RIGHT, simulated_bench
 from solidtouch.models.digest import tap_digests
 from solidtouch.models.seeds import data_set_seed
 

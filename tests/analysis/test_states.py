@@ -5,9 +5,9 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from solidtouch.analysis.contacts import accuracy
-from solidtouch.analysis.examples import belief_cases
-from solidtouch.analysis.trial_check import DEVICES, compare_trials
+from solidtouch.analysis.correctness.trial_check import DEVICES, compare_trials
+from solidtouch.analysis.reproduce.examples import belief_cases
+from solidtouch.analysis.stats.contacts import accuracy
 from solidtouch.inference.filter import FilterEngine
 from solidtouch.inference.reference import BORDERS
 from solidtouch.inference.trial_plan import plan_trials, tap_table

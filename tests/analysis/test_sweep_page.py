@@ -6,10 +6,10 @@ import subprocess
 import sys
 from pathlib import Path
 
-from solidtouch.analysis.sweep import sweep
-from solidtouch.analysis.sweep_local import in_this_process
-from solidtouch.analysis.sweep_quantities import QUANTITIES
-from solidtouch.analysis.sweep_study import load_study, parse_study
+from solidtouch.analysis.sweep.local import in_this_process
+from solidtouch.analysis.sweep.quantities import QUANTITIES
+from solidtouch.analysis.sweep.run import sweep
+from solidtouch.analysis.sweep.study import load_study, parse_study
 
 DOCS = Path(__file__).parents[2] / "docs"
 PAGE = (DOCS / "sweep.md").read_text(encoding="utf-8")

@@ -307,7 +307,7 @@ def test_an_interrupted_audit_leaves_nothing(command, files, tmp_path, monkeypat
     def stop(*_: object) -> None:
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("solidtouch.analysis.audit_report.write_page", stop)
+    monkeypatch.setattr("solidtouch.analysis.audit.page.write_page", stop)
     done = command("audit", *files[:3], *QUICK, "--out", tmp_path / "audit")
     assert done.code == 130
     assert list(tmp_path.iterdir()) == []
@@ -317,10 +317,10 @@ def test_another_thread_starts_when_jax_is_whole(files, tmp_path):
     """SciPy asks a module of that name for its arrays, and fails where it is imported by half."""
     code = """
 import os, sys
-from solidtouch.analysis import audit
+from solidtouch.analysis.audit import run as study
 from solidtouch.cli.main import run
 
-audit.variance_components = lambda *_: os._exit(7 if hasattr(sys.modules.get("jax"), "Array") else 8)
+study.variance_components = lambda *_: os._exit(7 if hasattr(sys.modules.get("jax"), "Array") else 8)
 run()
 """
     words = ["audit", *map(str, files[:3]), *QUICK, "--out", str(tmp_path / "audit")]

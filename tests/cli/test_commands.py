@@ -6,7 +6,7 @@ import sys
 import numpy as np
 import pytest
 import xarray as xr
-from solidtouch.analysis.crosscheck import CrossCheck, Row
+from solidtouch.analysis.correctness.crosscheck import CrossCheck, Row
 from solidtouch.cli.options import MODELS
 from solidtouch.models.catalogue import CATALOGUE, FitSettings, fit_model
 from solidtouch.models.model_file import load_model
@@ -146,7 +146,7 @@ def compared(monkeypatch):
         seen.append(model.name)
         return agreeing(model.name not in differ)
 
-    monkeypatch.setattr("solidtouch.analysis.crosscheck.crosscheck", compare)
+    monkeypatch.setattr("solidtouch.analysis.correctness.crosscheck.crosscheck", compare)
     return seen, differ
 
 
@@ -316,7 +316,7 @@ def test_a_file_tested_on_itself_is_named(command, taps_file, tmp_path):
     assert "Warning: all 84 taps of session 0 and all 84 taps of session 1 trained the model" in done.out
 
 
-@pytest.mark.parametrize("module", ["solidtouch.analysis.reproduce", "jax"])
+@pytest.mark.parametrize("module", ["solidtouch.analysis.reproduce.run", "jax"])
 def test_an_interrupt_while_libraries_load_ends_the_program(module, tmp_path):
     """At once, with the sentence and exit code of every interrupt."""
     code = (

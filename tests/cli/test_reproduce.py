@@ -11,7 +11,7 @@ import time
 import numpy as np
 import pytest
 import xarray as xr
-from solidtouch.analysis.study import study
+from solidtouch.analysis.experiment.study import study
 from solidtouch.models.errors import InputError
 from solidtouch.models.seeds import data_set_seed
 from solidtouch.models.setting import Setting
@@ -368,7 +368,7 @@ def test_data_sets_draw_their_own_random_numbers(command, tmp_path, monkeypatch)
             raise InputError("seen enough")
         return study(fold, grid, settings, *more)
 
-    monkeypatch.setattr("solidtouch.analysis.reproduce.study", watched)
+    monkeypatch.setattr("solidtouch.analysis.reproduce.run.study", watched)
     done = command("reproduce", *SMALL, "--seed", 5, "--out", tmp_path / "run")
 
     assert "seen enough" in done.err

@@ -4,7 +4,7 @@ import re
 
 import numpy as np
 import pytest
-from solidtouch.analysis.reproduce import simulated_split
+from solidtouch.analysis.reproduce.run import simulated_split
 from solidtouch.cli.simulate import simulate
 from solidtouch.hardware.data_collection import simulate_session
 from solidtouch.hardware.model_rig import draw_taps

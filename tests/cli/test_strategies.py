@@ -4,7 +4,7 @@ import json
 
 import pytest
 import typer
-from solidtouch.analysis import regret, regret_cases
+from solidtouch.analysis.strategies import regret, regret_cases
 from solidtouch.cli.strategies import strategies
 from solidtouch.models.errors import InputError
 from typer.testing import CliRunner

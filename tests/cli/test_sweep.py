@@ -3,8 +3,8 @@
 import time
 
 import pytest
-from solidtouch.analysis import sweep_dask
-from solidtouch.analysis.sweep_result import open_sweep
+from solidtouch.analysis.sweep import dask as sweep_dask
+from solidtouch.analysis.sweep.result import open_sweep
 from solidtouch.models.errors import InputError
 
 

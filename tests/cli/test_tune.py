@@ -6,7 +6,7 @@ from functools import partial
 import numpy as np
 import pytest
 import typer
-from solidtouch.analysis.tuning import Price, shown_threshold
+from solidtouch.analysis.tuning.run import Price, shown_threshold
 from solidtouch.cli.tune import tune
 from solidtouch.cli.tune_online import Course, learned
 from solidtouch.inference.control_table import load_table

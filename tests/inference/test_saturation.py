@@ -5,8 +5,8 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from solidtouch.analysis.compare_classes import class_scores
-from solidtouch.analysis.contacts import accuracy
+from solidtouch.analysis.compare.classes import class_scores
+from solidtouch.analysis.stats.contacts import accuracy
 from solidtouch.hardware.pool import tap_pool
 from solidtouch.hardware.replay import ReplayRig
 from solidtouch.inference import device

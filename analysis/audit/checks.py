@@ -1,0 +1,256 @@
+"""Posterior predictive checks of an audit: could taps that are as naive Bayes says look like these?
+
+The model is fitted to the very taps that are checked, of all sessions, and replicates of them are drawn from it: new
+histograms from their posterior, then every sample by itself. The posterior is that without a pseudocount, a Dirichlet
+distribution of the bins that taps fell into: a pseudocount keeps the other bins possible, and where classes have few
+samples it would give replicates outliers that no assumption of independence is to blame for. What `compare_checks`
+measures, dependence of taxels, of samples and of taps, is then taken of the taps and of each replicate. Results are
+kept as ArviZ keeps them, a tree with the groups `posterior_predictive` and `observed_data`, so that its functions take
+them as they are.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from functools import partial
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import xarray as xr
+from numpy.typing import NDArray
+
+from ...models import seeds
+from ...models.errors import InputError
+from ...models.histogram import HistogramModel, fit
+from ...models.taps import TapSet
+from ...models.threads import cores, in_order
+from ..page.figure_style import DECIDED, TRUE, TWO_COLUMNS, label_panel, new_figure, styled
+from ..stats.checks import STATISTICS, Labels, observed_statistics, replicate
+from ..stats.metrics import CONFIDENCE
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+REPLICATES = 100
+FEWEST = 40
+_SAMPLES = 180_000_000  # in all replicates, some seconds
+_AT_ONCE = 1 << 26  # samples of replicates at a time, some GiB with what is taken of them
+_FAR = 4.0  # standard deviations of the replicates
+_ROUNDING = 1e-9
+_COLUMNS = 3
+
+
+def count_replicates(taps: TapSet, replicates: int = REPLICATES) -> int:
+    """How many replicates are drawn: those wanted, or of many taps so many that it takes seconds, at least 40."""
+    return min(replicates, max(FEWEST, _SAMPLES // max(taps.taps.size, 1)))
+
+
+def audit_checks(
+    taps: TapSet,
+    model: HistogramModel,
+    seed: int = 0,
+    replicates: int = REPLICATES,
+    progress: Callable[[int], None] | None = None,
+) -> xr.DataTree:
+    """Statistics of taps and of replicates from histograms that are fitted to the same taps.
+
+    Args:
+        taps: Taps of all sessions, numbered apart; those outside the classes are left out.
+        model: Gives classes and bins.
+        seed: Of the replicates.
+        replicates: How many are wanted, see `count_replicates`.
+        progress: Told of every replicate.
+
+    Returns:
+        A tree with the groups `posterior_predictive`, a variable (chain, draw) for each of `STATISTICS` that the taps
+        show, and `observed_data`, the same variables without dimensions; attributes of variables: `long_name` and
+        `assumption`. The root has the attributes `replicates`, `wanted`, `taps` and `seed`.
+
+    Raises:
+        InputError: No tap belongs to a class, or fewer than two replicates are wanted.
+    """
+    if replicates < 2:
+        raise InputError(f"Checks need at least two replicates, got {replicates}.")
+    inside = np.minimum(*taps.indices(model.grid)) >= 0
+    if not inside.any():
+        raise InputError("No tap belongs to a class of the model, so nothing can be checked.")
+    taps = taps if inside.all() else taps.select(inside)
+    fitted = fit(taps, model.grid, bins=model.edges.shape[-1] - 1, power="none", edges=model.edges)
+    labels = Labels.of(taps, model.grid)
+    observed = observed_statistics(labels, model.edges)
+    used = count_replicates(taps, replicates)
+
+    def of_replicate(r: int) -> list[float]:
+        generator = seeds.generator(seed, seeds.Purpose.REPLICATES, r)
+        made = replicate(_draw(fitted.counts, generator), fitted, labels, generator)
+        return [STATISTICS[name].of(made) for name in observed]
+
+    at_once = max(1, min(cores(None), _AT_ONCE // max(1, taps.taps.size)))
+    values = np.empty((used, len(observed)))
+    for r, found in enumerate(in_order((partial(of_replicate, r) for r in range(used)), at_once)):
+        values[r] = found
+        if progress is not None:
+            progress(1)
+    attributes = {
+        name: {"long_name": STATISTICS[name].label, "assumption": STATISTICS[name].assumption} for name in observed
+    }
+    predicted = {
+        name: (("chain", "draw"), values[np.newaxis, :, i], attributes[name]) for i, name in enumerate(observed)
+    }
+    groups = {
+        "posterior_predictive": xr.Dataset(predicted, {"chain": [0], "draw": np.arange(used)}),
+        "observed_data": xr.Dataset({name: ((), value, attributes[name]) for name, value in observed.items()}),
+    }
+    tree = xr.DataTree.from_dict(groups)
+    tree.attrs = {"replicates": used, "wanted": replicates, "taps": len(taps), "seed": seed}
+    return tree
+
+
+def _draw(counts: NDArray[np.int64], generator: np.random.Generator) -> dict[str, NDArray[np.float64]]:
+    """Histograms from a Dirichlet distribution with these counts; bins without any stay empty."""
+    weight = generator.standard_gamma(counts)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        return {"log_prob": np.log(weight / weight.sum(axis=-1, keepdims=True))}
+
+
+def summarise_checks(tree: xr.DataTree) -> xr.Dataset:
+    """Where the observed statistics lie among those of the replicates.
+
+    Args:
+        tree: From `audit_checks`.
+
+    Returns:
+        Dim statistic: `observed`; `mean`, `low` and `high` of the replicates, the latter at 95 %; `z`, by how many of
+        their standard deviations the observed value exceeds their mean; `p`, twice the share of replicates and the
+        observed value that are at least as far out on its side, at most 1; `differs`, whether it lies outside all
+        replicates and by more than four standard deviations; `label` and `assumption`.
+    """
+    predicted, observed = tree["posterior_predictive"].to_dataset(), tree["observed_data"].to_dataset()
+    names = [str(name) for name in observed.data_vars]
+    values = np.array([predicted[name].values.ravel() for name in names]).reshape(len(names), predicted.sizes["draw"])
+    seen = np.array([float(observed[name]) for name in names])
+    mean, sd = values.mean(axis=1), values.std(axis=1, ddof=1)
+    tail = (1 - CONFIDENCE) / 2
+    low, high = np.quantile(values, [tail, 1 - tail], axis=1)
+    z = np.divide(seen - mean, sd, out=np.copysign(np.inf, seen - mean), where=sd > 0)
+    z[seen == mean] = 0.0
+    above, below = ((side.sum(axis=1) + 1) / (values.shape[1] + 1) for side in _sides(values, seen))
+    outside = (seen < values.min(axis=1)) | (seen > values.max(axis=1))
+    text = {
+        key: np.array([observed[name].attrs[attribute] for name in names], dtype=np.str_)
+        for key, attribute in (("label", "long_name"), ("assumption", "assumption"))
+    }
+    numbers = {"observed": seen, "mean": mean, "low": low, "high": high, "z": z}
+    numbers |= {"p": np.minimum(1.0, 2 * np.minimum(above, below)), "differs": outside & (np.abs(z) > _FAR)}
+    return xr.Dataset({key: ("statistic", value) for key, value in (numbers | text).items()}, {"statistic": names})
+
+
+def _sides(values: NDArray[np.float64], seen: NDArray[np.float64]) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
+    """Which replicates are at or above and at or below what was observed, both of the shape of the values."""
+    return values >= seen[:, np.newaxis], values <= seen[:, np.newaxis]
+
+
+@styled
+def figure_checks(tree: xr.DataTree) -> Figure | None:
+    """Statistics of replicates as `arviz_plots.plot_ppc_tstat` draws them, and what was observed as a line.
+
+    Args:
+        tree: From `audit_checks`.
+
+    Returns:
+        A panel per statistic, `None` where the taps show none.
+    """
+    import arviz_plots as azp  # noqa: PLC0415
+
+    summary = summarise_checks(tree)
+    names = [str(name) for name in summary["statistic"].values]
+    if not names:
+        return None
+    columns = min(_COLUMNS, len(names))
+    rows = -(-len(names) // columns)
+    figure, axes = new_figure(TWO_COLUMNS * columns / _COLUMNS, 1.4 * rows + 0.35, rows, columns)
+    panels = dict(zip(names, axes.flat, strict=False))
+    for panel in list(axes.flat)[len(names) :]:
+        panel.set_visible(False)
+    predicted = tree["posterior_predictive"].to_dataset()
+    varied = [name for name in names if _varies(predicted[name].values)]
+    if varied:
+        azp.plot_ppc_tstat(
+            # Without the observed data, a single 0 or 1 of which would be warned of as binary.
+            xr.DataTree.from_dict({"posterior_predictive": predicted[varied]}),
+            t_stat="mean",  # of the single value that a replicate has
+            kind="hist",
+            plot_collection=_collection(predicted[varied], figure, panels),
+            visuals={"dist": {"color": "black", "width": 0.8}, "observed_tstat": False, "title": False},
+        )
+        for name in varied:
+            _close(panels[name])
+    for i, name in enumerate(names):
+        plot_observed(panels[name], summary.sel(statistic=name), predicted[name].values.ravel())
+        label_panel(panels[name], chr(ord("A") + i))
+    _key(figure)
+    return figure
+
+
+def _close(axes: Axes) -> None:
+    """Leads the outline of a histogram down to the axis at both ends."""
+    for line in axes.get_lines():
+        x, y = np.asarray(line.get_data())
+        line.set_data(np.pad(x, 1, mode="edge"), np.pad(y, 1))
+
+
+def plot_observed(axes: Axes, check: xr.Dataset, values: NDArray[np.float64]) -> Axes:
+    """Draws what was observed as a line beside the replicates, orange and solid where they differ, and says both."""
+    seen = float(check["observed"])
+    axes.axvline(seen, ymax=0.9, **_line(differs=bool(check["differs"])))
+    if not _varies(values):
+        axes.axvline(values[0], ymax=0.9, color="black", linewidth=0.8)
+    low, high = min(seen, values.min()), max(seen, values.max())
+    margin = 0.05 * (high - low or abs(high) or 1.0)
+    axes.set_xlim(low - margin, high + margin)
+    axes.set_ylim(0, None)
+    axes.set_yticks([])
+    axes.spines["left"].set_visible(False)
+    axes.locator_params(axis="x", nbins=4)
+    expected = f"{float(check['low']):.2g} to {float(check['high']):.2g}"
+    axes.set_xlabel(f"{check['label'].values!s}\n{seen:.2g}, replicates {expected}")
+    return axes
+
+
+def _varies(values: NDArray[np.float64]) -> bool:
+    """Whether there is more than rounding to be drawn."""
+    return bool(np.ptp(values) > _ROUNDING * np.abs(values).max())
+
+
+def _collection(predicted: xr.Dataset, figure: Figure, panels: Mapping[str, Axes]) -> Any:
+    """An ArviZ plot collection over axes that are already there."""
+    import arviz_plots as azp  # noqa: PLC0415
+
+    def whole(things: Mapping[str, Any]) -> xr.Dataset:
+        return xr.Dataset({name: ((), np.array(thing, dtype=object)) for name, thing in things.items()})
+
+    names, numbers = list(map(str, predicted)), {name: i for i, name in enumerate(panels)}
+    parts = {
+        "/": whole({"figure": figure}),
+        "plot": whole({name: panels[name] for name in names}),
+        "row_index": whole({name: numbers[name] // _COLUMNS for name in names}),
+        "col_index": whole({name: numbers[name] % _COLUMNS for name in names}),
+    }
+    collection: Any = azp.PlotCollection  # pyright: ignore[reportPrivateImportUsage]
+    return collection(predicted, xr.DataTree.from_dict(parts), backend="matplotlib", aes={})
+
+
+def _line(*, differs: bool) -> dict[str, Any]:
+    return {"color": DECIDED if differs else TRUE, "linestyle": "-" if differs else "--", "linewidth": 1.6, "zorder": 0}
+
+
+def _key(figure: Figure) -> None:
+    from matplotlib.lines import Line2D  # noqa: PLC0415
+
+    keys = {
+        "replicates": Line2D([], [], color="black", linewidth=0.8),
+        "observed, outside all replicates": Line2D([], [], **_line(differs=True)),
+        "observed, not told from them": Line2D([], [], **_line(differs=False)),
+    }
+    figure.legend(list(keys.values()), list(keys), loc="outside lower center", ncols=3)

@@ -1,0 +1,456 @@
+"""Figures of an audit: where the naive-Bayes assumption fails, and what each remedy buys.
+
+Data are those of `causes.split_variance`, `dependence_taxels.taxel_dependence`, `dependence_times.time_dependence`,
+`remedy_scores.measure` and `leakage.leakage`. A figure that there is nothing to draw for is `None`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from textwrap import fill
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import xarray as xr
+from numpy.typing import NDArray
+
+from ..page.figure_style import (
+    ACTIVE,
+    DECIDED,
+    MOST_FACTOR,
+    OTHERS,
+    TRUE,
+    TWO_COLUMNS,
+    axis_label,
+    label_panel,
+    new_figure,
+    styled,
+)
+from .variance.causes import first_cause, is_cause, part_words
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+    from .leakage.run import Leakage
+    from .remedy_scores import Measured
+
+type Interval = tuple[float | None, float | None, float | None]
+"""An estimate with the ends of its interval; `None`, NaN or infinite where there is none."""
+
+_ROW = 0.24  # inches
+_QUANTITIES = {"what": "object", "where": "position", "joint": "object and position"}
+_TOUCHES = ("whole taps", "tared taps")
+_TAXEL_TICKS = 9
+_LEAST_REACH = {"rank": 0.1, "distance": 0.1, "table": 0.02}  # of colours, so that chance looks pale
+_SPARED = "0.9"
+_BAR_COLOURS = {"first": DECIDED, "there": TRUE, "perhaps": "#b3d4e8", "other": OTHERS}
+_WRAP = 36  # characters
+_BARS = 60  # lags, beyond which bars give way to a line
+_SPAN = 300.0  # from the least to the largest factor that the axis holds
+
+
+@styled
+def causes(split: xr.Dataset, named: str | None = None) -> Figure | None:
+    """Shares of the variance of evidence by cause, the largest on top, the one that is named first in orange.
+
+    Args:
+        split: From `causes.split_variance`.
+        named: The cause that is marked, by default that of `causes.first_cause`; an empty name marks none.
+    """
+    if not np.isfinite(split["share"].values).any():
+        return None
+    figure, axes = new_figure(TWO_COLUMNS, 0.75 + 1.35 * _ROW * split.sizes["part"])
+    plot_causes(axes[0, 0], split, first_cause(split.fillna(0.0)) if named is None else named)
+    _cause_key(axes[0, 0])
+    return figure
+
+
+def plot_causes(axes: Axes, split: xr.Dataset, named: str | None) -> Axes:
+    """Draws a bar with its interval for each part; pale where it may be none, last where it cannot be told."""
+    order = np.argsort(-np.nan_to_num(split["share"].values, nan=-np.inf), kind="stable")
+    split = split.isel(part=order)
+    parts = [str(part) for part in split["part"].values]
+    share, low, high = (100 * split[f"share{end}"].values for end in ("", "_low", "_high"))
+    axes.axvline(0, color="black", linewidth=0.6)
+    for i, part in enumerate(parts):
+        if not np.isfinite(share[i]):
+            axes.annotate("cannot be told", (0, i), xytext=(4, 0), textcoords="offset points", va="center")
+            continue
+        kind = "other" if not is_cause(part) else "first" if part == named else _kind(split["share_sure"].values[i])
+        axes.barh(i, share[i], height=0.7, color=_BAR_COLOURS[kind])
+        if np.isfinite([low[i], high[i]]).all():
+            axes.plot([low[i], high[i]], [i, i], color="black", linewidth=0.8)
+        at = np.nanmax([share[i], high[i], 0.0])
+        axes.annotate(f"{share[i]:.0f} %", (at, i), xytext=(4, 0), textcoords="offset points", va="center")
+    axes.set_yticks(range(len(parts)), [fill(part_words(part), _WRAP) for part in parts])
+    axes.set_ylim(len(parts) - 0.4, -0.6)
+    axes.set_xlim(*_padded(np.concatenate([low, high, share, [0.0]])))
+    axes.tick_params(axis="y", length=0)
+    axes.spines["left"].set_visible(False)
+    axes.set_xlabel(f"share of the variance of the evidence of {split.attrs.get('taps', 'some')} taps (%)")
+    return axes
+
+
+def _kind(sure: float) -> str:
+    return "there" if sure > 0 else "perhaps"
+
+
+def _padded(values: NDArray[np.float64]) -> tuple[float, float]:
+    """Ends of an axis that leave room for a number behind the longest bar."""
+    values = values[np.isfinite(values)]
+    span = float(np.ptp(values)) or 1.0
+    return float(values.min()) - (0.02 * span if values.min() < 0 else 0.0), float(values.max()) + 0.12 * span
+
+
+@styled
+def taxel_map(dependence: xr.Dataset) -> Figure | None:
+    """A map of the effect of every pair of taxels for each test.
+
+    Effects stand below the diagonal and are mirrored above it by which pairs survive the false discovery rate.
+
+    Args:
+        dependence: From `dependence_taxels.taxel_dependence`.
+    """
+    if not np.isfinite(dependence["effect"].values).any():
+        return None
+    tests = [str(test) for test in dependence["test"].values]
+    figure, axes = new_figure(TWO_COLUMNS, 3.5, 1, len(tests), sharey=True)
+    for i, (panel, test) in enumerate(zip(axes[0], tests, strict=True)):
+        plot_taxel_map(panel, dependence.sel(test=test))
+        label_panel(panel, chr(ord("A") + i), panel.get_title())
+    axes[0, 0].set_ylabel("taxel")
+    _map_key(figure, dependence)
+    return figure
+
+
+def plot_taxel_map(axes: Axes, one: xr.Dataset) -> Axes:
+    """Draws one test: effects below the diagonal in colour, survivors above it in black, dead taxels hatched."""
+    from matplotlib.colors import ListedColormap  # noqa: PLC0415
+
+    effect, rejected = one["effect"].values, one["rejected"].values
+    K = len(effect)
+    known = np.isfinite(effect)
+    below, above = np.tril(known, -1), np.triu(known, 1)
+    axes.set_facecolor("white")
+    axes.add_patch(_hatched((-0.5, -0.5), K))
+    test = str(one["test"].values)
+    signed = test == "rank"
+    reach = float(np.abs(effect[known]).max(initial=_LEAST_REACH.get(test, 0.01)))
+    place: dict[str, Any] = {"origin": "upper", "interpolation": "nearest", "zorder": 2}
+    image = axes.imshow(
+        np.ma.masked_array(effect, ~below),
+        cmap="RdBu_r" if signed else "YlGnBu",
+        vmin=-reach if signed else 0.0,
+        vmax=reach,
+        **place,
+    )
+    survives = np.ma.masked_array(rejected, ~above)
+    axes.imshow(survives, cmap=ListedColormap([_SPARED, "black"]), vmin=0, vmax=1, **place)
+    axes.imshow(np.ma.masked_array(np.ones((K, K)), ~np.eye(K, dtype=bool)), cmap="Greys", vmin=1, vmax=2, **place)
+    bar = axes.figure.colorbar(image, ax=axes, orientation="horizontal", pad=0.02, shrink=0.9, aspect=25)
+    bar.set_label(str(one["effect_unit"].values))
+    bar.locator = _few(5)
+    bar.update_ticks()
+    pairs = int(below.sum())
+    axes.set_title(f"{int((rejected & below).sum())} of {pairs} pair{'s' * (pairs != 1)}")
+    if not known.any():
+        axes.set_title("")
+        said = {"ha": "center", "va": "center", "transform": axes.transAxes, "zorder": 3}
+        text = axes.text(0.5, 0.5, fill(str(one["reason"].values), 24), bbox={"color": "white"}, **said)
+        text.set_in_layout(False)
+    ticks = range(0, K, next((step for step in (1, 2, 5, 10, 20, 50) if step * _TAXEL_TICKS >= K), 100))
+    axes.set_xticks(ticks)
+    axes.set_yticks(ticks)
+    axes.set_xlabel("taxel")
+    axes.spines[["top", "right"]].set_visible(True)
+    return axes
+
+
+@styled
+def times(dependence: xr.Dataset, rate_hz: float | None = None) -> Figure | None:
+    """Autocorrelation and partial autocorrelation of residuals against the lag.
+
+    Args:
+        dependence: From `dependence_times.time_dependence`.
+        rate_hz: Samples per second; without it lags are in samples.
+    """
+    if dependence.sizes["lag"] < 2 or not np.isfinite(dependence["autocorrelation"].values[1:]).any():
+        return None
+    figure, axes = new_figure(TWO_COLUMNS, 2.3, 1, 2, sharey=True)
+    for panel, letter, name in zip(axes[0], "AB", ("autocorrelation", "partial"), strict=True):
+        plot_lags(panel, dependence, name, rate_hz)
+        label_panel(panel, letter, panel.get_title())
+    return figure
+
+
+def plot_lags(axes: Axes, dependence: xr.Dataset, name: str, rate_hz: float | None = None) -> Axes:
+    """Draws a correlation at every lag from 1 on, with its interval where it has one; many lags as a line."""
+    x = dependence["lag"].values[1:] / (rate_hz or 1.0)
+    value = dependence[name].values[1:]
+    axes.axhline(0, color="black", linewidth=0.6)
+    if len(x) > _BARS:
+        axes.plot(x, value, color=TRUE)
+    else:
+        axes.vlines(x, 0, value, color=TRUE, linewidth=1.2)
+        axes.plot(x, value, "o", color=TRUE, markersize=2.5)
+    if f"{name}_low" in dependence:
+        low, high = (dependence[f"{name}{end}"].values[1:] for end in ("_low", "_high"))
+        axes.fill_between(x, low, high, color=TRUE, alpha=0.25, linewidth=0)
+        if len(x) == 1:
+            axes.vlines(x, low, high, color="black", linewidth=0.8)
+    whole = name == "autocorrelation"
+    axes.set_title(_effective(dependence) if whole else "given the samples between")
+    axes.set_ylabel(name if whole else f"{name} autocorrelation")
+    axes.set_xlabel("lag (s)" if rate_hz else "lag (samples)")
+    axes.set_xlim(0, float(x[-1]) * 1.03)
+    if not rate_hz:
+        axes.locator_params(axis="x", integer=True)
+    return axes
+
+
+@styled
+def remedies(measured: Measured) -> Figure | None:
+    """What each remedy buys, a row each with the setting as it is on top, and a panel per currency.
+
+    Args:
+        measured: From `remedy_scores.measure`.
+
+    Returns:
+        Gain in log score, change of the error where decisions can err, and miscalibration; blue is better than the
+        setting as it is, orange worse, grey not told apart.
+    """
+    scores = measured.scores
+    if not scores:
+        return None
+    names = [score.name for score in scores]
+    panels: list[tuple[list[Interval], str, bool]] = [
+        (
+            [_per_tap(score.gain, measured.n) for score in scores],
+            f"gain in log score\nafter {_taps(measured.n)} (nats per tap)",
+            True,
+        )
+    ]
+    errors, label = _error_changes(measured)
+    if any(_known(error) for error in errors[1:]):
+        panels.append((errors, label, False))
+    height = 1.2 + _ROW * len(names)
+    figure, axes = new_figure(TWO_COLUMNS, height, 1, len(panels) + 1, sharey=True)
+    for panel, (values, title, more) in zip(axes[0], panels, strict=False):
+        plot_changes(panel, values, more_is_better=more)
+        panel.set_xlabel(title)
+    plot_factors(axes[0, -1], [score.factor for score in scores])
+    axes[0, 0].set_yticks(range(len(names)), names)
+    axes[0, 0].set_ylim(len(names) - 0.4, -0.6)
+    for i, panel in enumerate(axes[0]):
+        panel.tick_params(axis="y", length=0)
+        panel.spines["left"].set_visible(False)
+        label_panel(panel, chr(ord("A") + i))
+    _change_key(figure)
+    return figure
+
+
+def plot_changes(axes: Axes, values: Sequence[Interval], *, more_is_better: bool) -> Axes:
+    """Draws changes from the first row, which has none, as dots with intervals."""
+    axes.axvline(0, color="grey", linewidth=0.8, linestyle=":")
+    axes.plot(0, 0, "o", color=ACTIVE, markersize=4)
+    for i, change in enumerate(values[1:], start=1):
+        if not _known(change):
+            axes.annotate("not known", (0, i), xytext=(4, 0), textcoords="offset points", va="center", color="grey")
+            continue
+        value, low, high = _numbers(change)
+        better, worse = (low > 0, high < 0) if more_is_better else (high < 0, low > 0)
+        _dot(axes, i, value, low, high, TRUE if better else DECIDED if worse else "grey")
+    axes.set_xmargin(0.08)
+    axes.locator_params(axis="x", nbins=5)
+    return axes
+
+
+def plot_factors(axes: Axes, values: Sequence[Interval]) -> Axes:
+    """Draws miscalibration factors on a log axis with 1, which is right, as a line."""
+    from matplotlib.ticker import FixedLocator, NullLocator, StrMethodFormatter  # noqa: PLC0415
+
+    axes.set_xscale("log")
+    axes.axvline(1, color="grey", linewidth=0.8, linestyle=":")
+    numbers = np.array([_numbers(value) for value in values])
+    least, most = _reach(numbers)
+    most = min(most, MOST_FACTOR)
+    for i, (value, low, high) in enumerate(numbers):
+        if np.isinf(value):
+            axes.plot(most, i, ">", color=ACTIVE, clip_on=False)
+            axes.annotate("infinite", (most, i), xytext=(-6, 0), textcoords="offset points", ha="right", va="center")
+        elif np.isnan(value):
+            axes.annotate("no decision", (1, i), xytext=(4, 0), textcoords="offset points", va="center", color="grey")
+        elif value < least:
+            axes.plot(least, i, "<", color=ACTIVE, clip_on=False)
+            axes.plot([least, np.clip(high, least, most)], [i, i], color=ACTIVE, linewidth=1.0)
+        elif value > most:
+            axes.plot(most, i, ">", color=ACTIVE, clip_on=False)
+            axes.plot([np.clip(low, least, most), most], [i, i], color=ACTIVE, linewidth=1.0)
+        else:
+            _dot(axes, i, value, max(low, least), min(high, most), ACTIVE)
+    axes.set_xlim(least, most)
+    marks = np.outer(10.0 ** np.arange(-4, 7), (1, 2, 5)).ravel()
+    marks = marks[(marks >= least) & (marks <= most)]
+    axes.xaxis.set_major_locator(FixedLocator(_spread_marks(marks)))
+    axes.xaxis.set_major_formatter(StrMethodFormatter("{x:g}"))
+    axes.xaxis.set_minor_locator(NullLocator())
+    axes.set_xlabel("miscalibration factor\nwrong / mean (1 - belief)")
+    return axes
+
+
+@styled
+def leakage(result: Leakage) -> Figure | None:
+    """What is inferred without touch beside what whole taps achieve, a panel for each of object, position and both.
+
+    Args:
+        result: From `leakage.leakage`.
+    """
+    told = result.told
+    told = told.isel(source=np.isfinite(told["accuracy"].values).any(axis=1))
+    if not told.sizes["source"]:
+        return None
+    quantities = [str(name) for name in told["quantity"].values]
+    width = TWO_COLUMNS * {1: 0.62, 2: 0.84}.get(len(quantities), 1.0)
+    rows = [*map(str, told["source"].values), "chance"]
+    figure, axes = new_figure(width, 0.95 + _ROW * len(rows), 1, len(quantities), sharey=True)
+    for i, (panel, name) in enumerate(zip(axes[0], quantities, strict=True)):
+        plot_told(panel, told.sel(quantity=name))
+        if set(rows) - {*_TOUCHES, "chance"}:
+            panel.set_xlabel(f"{panel.get_xlabel()}\ninferred without touch: {result.explains[name]}")
+        label_panel(panel, chr(ord("A") + i) if len(quantities) > 1 else "", _QUANTITIES[name])
+    axes[0, 0].set_yticks(range(len(rows)), rows)
+    axes[0, 0].set_ylim(len(rows) - 0.4, -0.6)
+    return figure
+
+
+def plot_told(axes: Axes, told: xr.Dataset) -> Axes:
+    """Draws the fraction right from each source with its interval; orange without touch, and chance as a line."""
+    axes.axvline(float(told["chance"]), color="grey", linewidth=0.8, linestyle=":")
+    for i, source in enumerate(told["source"].values):
+        value, low, high = (float(told[name].sel(source=source)) for name in ("accuracy", "low", "high"))
+        if np.isfinite(value):
+            _dot(axes, i, value, low, high, ACTIVE if source in _TOUCHES else DECIDED)
+    axes.plot(float(told["chance"]), told.sizes["source"], "|", color="grey", markersize=8)
+    axes.set_xlim(0, 1.02)
+    axes.set_xlabel("fraction right after one tap")
+    axes.tick_params(axis="y", length=0)
+    axes.spines["left"].set_visible(False)
+    return axes
+
+
+def _dot(axes: Axes, row: int, value: float, low: float, high: float, colour: str) -> None:
+    """An estimate with its interval in a row; ends that are not finite are left out."""
+    if np.isfinite([low, high]).all():
+        axes.plot([low, high], [row, row], color=colour, linewidth=1.0)
+    axes.plot(value, row, "o", color=colour, markersize=4)
+
+
+def _known(change: Interval | None) -> bool:
+    return change is not None and bool(np.isfinite(_numbers(change)).all())
+
+
+def _changed(changes: Sequence[Interval]) -> bool:
+    return any(_known(change) and any(change) for change in changes)
+
+
+def _numbers(interval: Interval) -> tuple[float, float, float]:
+    """The same with NaN for what is not there."""
+    value, low, high = (np.nan if number is None else float(number) for number in interval)
+    return value, low, high
+
+
+def _per_tap(gain: Interval | None, n: int) -> Interval:
+    if gain is None:
+        return None, None, None
+    value, low, high = _numbers(gain)
+    return value / n, low / n, high / n
+
+
+def _taps(n: int) -> str:
+    return f"{n} tap{'s' * (n != 1)}"
+
+
+def _error_changes(measured: Measured) -> tuple[list[Interval], str]:
+    """Changes of the error in the object, or in the position where no change of that is seen, and what they are."""
+    nothing: Interval = (None, None, None)
+    changes: list[Interval] = [score.error_change or nothing for score in measured.scores]
+    places: list[Interval] = [score.where_error_change or nothing for score in measured.scores]
+    name = "what_error"
+    if not _changed(changes) and _changed(places):
+        name, changes = "where_error", places
+    unit = measured.played[name].attrs.get("units", "")
+    quantity = "change of the error" if name == "what_error" else "change of the position error"
+    label = f"change of {unit}" if unit == "P(wrong)" else axis_label(quantity, unit)
+    taps = f"{measured.taps:.3g}"
+    return changes, f"{label}\nat {taps} tap{'s' * (taps != '1')} on average"
+
+
+def _reach(numbers: NDArray[np.float64]) -> tuple[float, float]:
+    """Ends of an axis of factors: all that is there about 1, but a few hundred times at most."""
+    seen = numbers[np.isfinite(numbers) & (numbers > 0)]
+    most = max(2.0, 1.25 * seen.max(initial=1.0))
+    least = min(0.5, 0.8 * seen.min(initial=1.0))
+    return min(0.5, max(least, most / _SPAN)), most
+
+
+def _spread_marks(marks: NDArray[np.float64]) -> list[float]:
+    """At most about six of the round numbers, 1 among them if it is there."""
+    step = max(1, -(-len(marks) // 6))
+    start = int(np.flatnonzero(marks == 1)[0]) % step if (marks == 1).any() else 0
+    return marks[start::step].tolist()
+
+
+def _effective(dependence: xr.Dataset) -> str:
+    value, low, high = (float(dependence[f"effective_samples{end}"]) for end in ("", "_low", "_high"))
+    J = dependence.sizes["lag"]
+    return f"{J} samples are worth {value:.3g} ({low:.3g} to {high:.3g})" if np.isfinite(value) else ""
+
+
+def _few(n: int) -> Any:
+    from matplotlib.ticker import MaxNLocator  # noqa: PLC0415
+
+    return MaxNLocator(nbins=n, steps=[1, 2, 5, 10])
+
+
+def _hatched(corner: tuple[float, float], side: float) -> Any:
+    from matplotlib.patches import Rectangle  # noqa: PLC0415
+
+    return Rectangle(corner, side, side, facecolor="white", edgecolor="0.7", hatch="/////", linewidth=0, zorder=1)
+
+
+def _map_key(figure: Figure, dependence: xr.Dataset) -> None:
+    from matplotlib.patches import Patch  # noqa: PLC0415
+
+    alpha = float(dependence.attrs.get("alpha", np.nan))
+    keys = {
+        f"dependent, false discovery rate {alpha:.0%}": Patch(facecolor="black"),
+        "not shown to be": Patch(facecolor=_SPARED),
+    }
+    off = ~np.eye(dependence.sizes["taxel"], dtype=bool)
+    if np.isnan(dependence["effect"].values[:, off]).any():
+        keys["dead taxel, or not tested"] = _hatched((0, 0), 1)
+    figure.legend(list(keys.values()), list(keys), loc="outside lower center", ncols=len(keys))
+
+
+def _cause_key(axes: Axes) -> None:
+    """Names the colours of bars that are there."""
+    from matplotlib.colors import to_rgba  # noqa: PLC0415
+    from matplotlib.patches import Patch  # noqa: PLC0415
+
+    words = {"first": "named first", "there": "a cause", "perhaps": "may be none", "other": "no cause by itself"}
+    seen = {patch.get_facecolor() for patch in axes.patches}
+    keys = [
+        Patch(facecolor=_BAR_COLOURS[kind], label=word)
+        for kind, word in words.items()
+        if to_rgba(_BAR_COLOURS[kind]) in seen
+    ]
+    axes.legend(handles=keys, loc="lower right")
+
+
+def _change_key(figure: Figure) -> None:
+    from matplotlib.lines import Line2D  # noqa: PLC0415
+
+    words = {"surely better than as it is": TRUE, "surely worse": DECIDED, "not told apart": "grey"}
+    keys = [Line2D([], [], color=colour, marker="o", markersize=4, label=word) for word, colour in words.items()]
+    figure.legend(handles=keys, loc="outside lower center", ncols=len(keys))

@@ -1,0 +1,258 @@
+"""What a stopping rule promises when the measurement model is right, and by what factor the promise is broken.
+
+With a correct model and prior, the likelihood at power 1 and the border `clamp`, which is what a finger that stops at
+the end of its range does to the belief, two things hold for any moves, because these depend on past taps only:
+
+- **overall**, by Bayes' rule: of the trials that stop, at most 1 - theta are wrong. The chance of a wrong decision is
+  the mean of 1 - belief at stopping, and that is below 1 - theta in each of them.
+- **for each object**, by Ville's inequality: the chance to stop for a wrong one is at most (M - 1) (1 - theta) / theta,
+  the start being drawn from its prior. For a wrong object to be believed at theta, its evidence must exceed that of the
+  true one theta / (1 - theta) times, and evidence ratios are martingales.
+
+Trials start in classes with a test tap, alike, and the prior must say so: it does where every class has one. The
+paper's root and the border `uniform` are outside the proofs, and no recorded tap was drawn from a fitted model.
+"""
+
+from functools import partial
+from typing import NamedTuple
+
+import numpy as np
+import xarray as xr
+from numpy.typing import ArrayLike, NDArray
+
+from ...inference.control import check_fixation
+from ...inference.episode import DEADLINE
+from ...inference.montecarlo import Trials
+from ...inference.reference import Border
+from ...inference.resampling import CONFIDENCE, RESAMPLES, play_resamples, spread, trial_noise, widened
+from ...inference.trial_plan import TapTable, TrialPlan
+from ...models.classes import ClassGrid
+from ...models.errors import InputError
+from ...models.model import TapModel
+from ..stats.reliability import EVERYTHING, TRIALS, Subject, decided_about, independent_decisions, plain
+from ..stats.right_model import LEVEL, SIMULATIONS, Beside, compare, simulate
+from ..stats.uniformity import rejected
+
+PROMISED = "power none, border clamp"
+USED = "as used"
+_DIMS = ("setup", "policy", "theta", "what")
+_COUNTED = ("wrong", "wrong_low", "wrong_high", "doubt", "taps", "stopped")
+
+
+def guarantees(
+    correct: TapTable,
+    used: TapTable,
+    grid: ClassGrid,
+    thresholds: ArrayLike,
+    seed: int,
+    *,
+    border: Border = "uniform",
+    trials: int = TRIALS,
+    deadline: int = DEADLINE,
+    fixation: int | None = None,
+    theta_x: float = 0.0,
+    resamples: int = RESAMPLES,
+) -> xr.Dataset:
+    """How often decisions are wrong, beside what the stopping rule would promise were the model right.
+
+    Args:
+        correct: Test taps as the model at power none sees them; played with the border `clamp`.
+        used: The same taps at the power in use; played with the border in use.
+        grid: The classes.
+        thresholds: theta_W, shape (H,), between 0 and 1.
+        seed: Of the trials and the resamples.
+        border: The one in use.
+        trials: Of each setup and policy; the same ones.
+        deadline: Taps after which a trial ends without a decision of its own.
+        fixation: Where class that active trials aim for; `None` for the middle.
+        theta_x: Threshold for a move of active trials.
+        resamples: For the intervals.
+
+    Returns:
+        Over (setup, policy, theta, what), setup being `PROMISED` or `USED` and what `EVERYTHING` or an object: `wrong`,
+        `limit`, and `factor`, which is their ratio and at most 1 where the promise is kept. Overall, wrong is counted
+        among the trials that stopped; of an object, those that stopped for another among all of its trials. `wrong` and
+        `factor` have `_low` and `_high`; `holds` is whether the interval reaches down to the limit, `doubt` the mean of
+        1 - belief of the trials that stopped, `stopped` their fraction, and `taps` the mean number of taps of all.
+
+    Raises:
+        InputError: The tables hold different taps, there is nothing to decide, or a setting is out of range.
+    """
+    thresholds = np.unique(np.asarray(thresholds, dtype=np.float64))
+    if not len(thresholds) or not ((thresholds > 0) & (thresholds < 1)).all():
+        raise InputError(f"Guarantees need thresholds between 0 and 1, got {thresholds.tolist()}.")
+    if not all(np.array_equal(a, b) for a, b in zip(correct.pool, used.pool, strict=True)):
+        raise InputError("The tables at power none and at the power in use hold different taps.")
+    if resamples < 1:
+        raise InputError(f"Intervals need at least one resample, got {resamples}.")
+    subjects = [decided_about(table, grid) for table in (correct, used)]
+    first = subjects[0]
+    M = len(first.names)
+    limit = np.array([1 - thresholds, *[(M - 1) * (1 - thresholds) / thresholds] * M]).T
+    shape = 2, len(first.policies), len(thresholds), 1 + M
+    found = {name: np.full(shape, np.nan) for name in _COUNTED}
+    for i, (subject, edge) in enumerate(zip(subjects, ("clamp", border), strict=True)):
+        for j, policy in enumerate(first.policies):
+            kept = play_resamples(
+                subject.table,
+                thresholds,
+                partial(_counts, M),
+                trials=trials,
+                theta_x=1.0 if policy == "passive" else theta_x,
+                fixation=check_fixation(fixation, grid.L) if grid.M > 1 else 0,
+                border=edge,
+                deadline=deadline,
+                seed=seed,
+                resamples=resamples,
+            )
+            for name, values in _described(kept.samples["counts"], subject, trials).items():
+                found[name][i, j] = values
+    data = {name: (_DIMS, values) for name, values in found.items()}
+    result = xr.Dataset(
+        {**data, "limit": (("theta", "what"), limit)},
+        {
+            "setup": np.array((PROMISED, USED)),
+            "policy": np.array(first.policies, dtype=np.str_),
+            "theta": thresholds,
+            "what": np.array([EVERYTHING, *first.names], dtype=np.str_),
+        },
+        {"trials": trials, "seed": seed, "deadline": deadline, "border": border, "decides": first.kind},
+    )
+    for end in ("", "_low", "_high"):
+        result[f"factor{end}"] = (result[f"wrong{end}"] / result["limit"]).transpose(*_DIMS)
+    result["holds"] = (result["wrong_low"] <= result["limit"]).transpose(*_DIMS)
+    return result
+
+
+def broken(data: xr.Dataset, policy: str, theta: float) -> dict[str, dict[str, list[float | None]]]:
+    """By what factors the promises are exceeded at the threshold next to one, as plain numbers for JSON.
+
+    Args:
+        data: From `guarantees`.
+        policy: Which.
+        theta: The threshold.
+
+    Returns:
+        By setup and object: the factor and the ends of its interval, `None` where no trial counts.
+    """
+    at = data.sel(policy=policy).sel(theta=theta, method="nearest")
+    return {
+        str(setup): {
+            str(what): [plain(float(at[f"factor{end}"].sel(setup=setup, what=what))) for end in ("", "_low", "_high")]
+            for what in at["what"].values
+        }
+        for setup in at["setup"].values
+    }
+
+
+class Promise(NamedTuple):
+    """Whether a promise is exceeded by more than so few taps explain.
+
+    Attributes:
+        exceeded: Whether it is.
+        beside: The factor beside what a right model gives; `None` where nothing had to be simulated, as no interval
+            lies above its limit.
+    """
+
+    exceeded: bool
+    beside: Beside | None = None
+
+
+def exceeded(
+    data: xr.Dataset,
+    model: TapModel,
+    table: TapTable,
+    policy: str,
+    theta: float,
+    *,
+    fixation: int | None = None,
+    theta_x: float = 0.0,
+    trials: int = TRIALS // 2,
+    simulations: int = SIMULATIONS,
+) -> dict[str, Promise]:
+    """Which promises at the threshold next to one are exceeded, with power none and border clamp.
+
+    The interval of the factor must lie above 1, and a Monte Carlo test against a right model on as many taps must
+    reject, at `right_model.LEVEL` for all objects together and each (Holm). Only where an interval does is simulated.
+
+    Args:
+        data: From `guarantees`.
+        model: At power none.
+        table: The test taps as it sees them.
+        policy: `"passive"` or `"active"`.
+        theta: The threshold.
+        fixation: As in `guarantees`.
+        theta_x: As in `guarantees`.
+        trials: In each simulated data set.
+        simulations: At least; as many more as Holm's first step needs.
+
+    Returns:
+        By object, `EVERYTHING` first.
+    """
+    at = data.sel(setup=PROMISED, policy=policy).sel(theta=theta, method="nearest")
+    names, above = [str(name) for name in at["what"].values], ~at["holds"].values & np.isfinite(at["wrong_low"].values)
+    if not above.any():
+        return dict.fromkeys(names, Promise(exceeded=False))
+    reference = simulate(
+        model,
+        table,
+        [float(at["theta"])],
+        theta_x=1.0 if policy == "passive" else theta_x,
+        fixation=check_fixation(fixation, model.grid.L) if model.grid.M > 1 else 0,
+        border="clamp",
+        deadline=int(data.attrs["deadline"]),
+        trials=trials,
+        seed=int(data.attrs["seed"]),
+        simulations=max(simulations, int(np.ceil(len(names) / LEVEL)) - 1),
+    ).missed[:, 0]
+    factor, limit = at["factor"].values, at["limit"].values
+    beside = [compare(value, missed / most) for value, missed, most in zip(factor, reference.T, limit, strict=True)]
+    sure = above & rejected([one.above for one in beside], LEVEL)
+    return {name: Promise(bool(yes), one) for name, yes, one in zip(names, sure, beside, strict=True)}
+
+
+def guarantee_sentence(data: xr.Dataset) -> str:
+    """What is promised, what the intervals mean and what counts as exceeded, in three sentences."""
+    return (
+        "With a right model, power none and border clamp at most 1 - theta of the stopped trials are wrong, and of "
+        f"each {data.attrs['decides']} at most (M - 1) (1 - theta) / theta stop for another. Intervals are "
+        f"{CONFIDENCE:.0%} jackknife intervals from trials on the test taps without a quarter of each class, or "
+        "without one session in turn where several test. A promise counts as exceeded where the interval lies above 1 "
+        "and a right model on as many taps exceeds it by so much in less than "
+        f"{LEVEL:.0%} of its data sets, after Holm over all objects."
+    )
+
+
+def _counts(M: int, trials: Trials, plan: TrialPlan) -> dict[str, NDArray[np.float64]]:
+    """Trials with each object: all, stopped, stopped for another, doubt of the stopped, taps of all; (H, M, 5)."""
+    stopped, missed = trials.stopped, trials.stopped & (trials.what != plan.what[:, np.newaxis])
+    doubt = np.where(stopped, np.clip(1 - trials.belief, 0.0, 1.0), 0.0)
+    columns = np.ones_like(doubt), stopped, missed, doubt, trials.taps
+    counts = [[np.bincount(plan.what, one, M) for one in np.transpose(column)] for column in columns]
+    return {"counts": np.array(counts).transpose(1, 2, 0)}
+
+
+def _described(counts: NDArray[np.float64], subject: Subject, trials: int) -> dict[str, NDArray[np.float64]]:
+    """`_COUNTED` of all objects together and of each, shape (H, 1 + M), from counts (H, M, 5, 1 + 3 R)."""
+    how, pool = spread(subject.table, noise=trial_noise(trials), thinned=True), subject.table.pool
+    every = np.concatenate([counts.sum(axis=1, keepdims=True), counts], axis=1)
+    all_, stopped, missed, doubt, taps = np.moveaxis(every, 2, 0)
+    among = all_.copy()
+    among[:, 0] = stopped[:, 0]
+    with np.errstate(invalid="ignore", divide="ignore"):
+        share, per_trial = missed / among, taps[..., 0] / all_[..., 0]
+        uncertain, ended = doubt[..., 0] / stopped[..., 0], stopped[..., 0] / all_[..., 0]
+    objects = (None, *range(len(subject.names)))
+    independent = np.array(
+        [
+            [
+                independent_decisions(pool, m, n, np.nan_to_num(t, nan=1.0))
+                for m, n, t in zip(objects, *row, strict=True)
+            ]
+            for row in zip(among[..., 0], per_trial, strict=True)
+        ]
+    )
+    low, high = widened(*how.interval(share, 0.0, 1.0), how.center(share), independent, opened=how.tells)
+    nothing = np.isnan(share[..., 0])
+    low, high = np.where(nothing, np.nan, low), np.where(nothing, np.nan, high)
+    return dict(zip(_COUNTED, (share[..., 0], low, high, uncertain, per_trial, ended), strict=True))

@@ -1,0 +1,1 @@
+"""Whether classes are inferred without touch. Start at `run`."""

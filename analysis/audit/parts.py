@@ -1,0 +1,195 @@
+"""Which taps of an audit train, which tune and which measure."""
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...models.classes import ClassGrid
+from ...models.digest import tap_digests
+from ...models.errors import InputError
+from ...models.importers import load_taps
+from ...models.joining import check_alike, numbered
+from ...models.splits import rank_in_class
+from ...models.taps import TapSet, concatenate
+from ...models.training import without_training
+
+_HALVED = (
+    "Taps that tune and taps that measure are the odd and the even ones of the same session, so what is tuned suits "
+    "that session better than it would a new one."
+)
+
+
+class AuditParts(NamedTuple):
+    """Taps by what they are for. Sessions are numbered anew, so that no two of different files share a number.
+
+    Attributes:
+        train: What models are fitted to.
+        tune: Sessions by which exponents and thresholds are chosen.
+        measure: What everything is measured on.
+        session_names: What each session number is called.
+        description: In words.
+        warnings: What the division cannot show, one sentence each.
+        halved: Whether tuning and measuring taps are of the same session.
+    """
+
+    train: TapSet
+    tune: tuple[TapSet, ...]
+    measure: TapSet
+    session_names: tuple[str, ...]
+    description: str
+    warnings: tuple[str, ...]
+    halved: bool
+
+    @property
+    def of_one_session(self) -> bool:
+        """Whether the session that measures trains as well."""
+        return bool(np.isin(self.measure.session, self.train.session).any())
+
+    @property
+    def all_taps(self) -> TapSet:
+        """All taps together, those that train first and those that measure last."""
+        return concatenate([self.train, *self.tune, self.measure])
+
+
+def load_parts(
+    files: Sequence[str | Path],
+    where_cell: str | None = None,
+    what_cell: str | None = None,
+    training_taps: bool = False,
+) -> tuple[AuditParts, ClassGrid]:
+    """The parts of an audit and the classes, from its files; `training_taps` as `audit_parts`.
+
+    Raises:
+        InputError: As `load_taps`, `TapSet.grid` and `audit_parts`.
+    """
+    taps = [load_taps(path) for path in files]
+    grid = taps[0].grid(where_cell, what_cell)
+    return audit_parts(taps, [Path(path).name for path in files], grid, training_taps), grid
+
+
+def audit_parts(
+    taps: Sequence[TapSet], names: Sequence[str], grid: ClassGrid, training_taps: bool = False
+) -> AuditParts:
+    """Divides tap sets: the first trains, the last measures, those between tune.
+
+    Of two the second is halved by trial, within each class. A single one is divided by its sessions as if each were a
+    file, except that all but the last two train; a single session is divided within each class, half of it trains.
+    Taps that train neither tune nor measure, see `without_training`; warnings say which are left out.
+
+    Args:
+        taps: Tap sets in the order of their files.
+        names: What the files are called.
+        grid: The classes.
+        training_taps: Whether they tune and measure all the same.
+
+    Raises:
+        InputError: There is none, they do not fit together, or one of the parts would hold no tap of a class.
+    """
+    if not taps:
+        raise InputError("An audit needs a file of taps or several.")
+    warnings = []
+    check_alike(taps, names)
+    parts, session_names = numbered(taps, names)
+
+    def fresh(train: TapSet, *others: TapSet) -> list[TapSet]:
+        known, found = tap_digests(train.taps), []
+        for other in others:
+            rest, sentence = without_training(other, known, training_taps, session_names)
+            found.append(rest)
+            if sentence:
+                warnings.append(f"{sentence[0].upper()}{sentence[1:]}")
+        return found
+
+    if len(taps) == 1:
+        train, tune, measure, description, halved = _of_one(parts[0], session_names, grid)
+        *tune, measure = fresh(train, *tune, measure)
+        tune = tuple(tune)
+    elif len(taps) == 2:
+        train, halved = parts[0], True
+        (rest,) = fresh(*parts)
+        tune, measure = _halves(rest, grid)
+        description = f"{names[0]} trains; {names[1]}, halved by trial, tunes and measures."
+        tune = (tune,)
+    else:
+        train, halved = parts[0], False
+        *tune, measure = fresh(*parts)
+        tune = tuple(tune)
+        description = f"{names[0]} trains, {_listed(names[1:-1])}, {names[-1]} measures."
+    if halved:
+        warnings.append(_HALVED)
+    _check(grid, train, tune, measure)
+    copies = np.isin(tap_digests(measure.taps), np.concatenate([tap_digests(other.taps) for other in tune])).sum()
+    if copies:
+        warnings.append(f"{copies} of the {len(measure)} measuring taps stand among the tuning taps too.")
+    return AuditParts(train, tune, measure, session_names, description, tuple(warnings), halved)
+
+
+def _of_one(
+    taps: TapSet, names: tuple[str, ...], grid: ClassGrid
+) -> tuple[TapSet, tuple[TapSet, ...], TapSet, str, bool]:
+    """The parts of a single tap set."""
+    sessions = np.unique(taps.session)
+    if len(sessions) == 1:
+        train, rest = _halves(taps, grid)
+        tune, measure = _halves(rest, grid)
+        return (
+            train,
+            (tune,),
+            measure,
+            f"There is one session, {names[0]}: within each class half of the taps train, a quarter tunes and a "
+            "quarter measures.",
+            True,
+        )
+    if len(sessions) == 2:
+        tune, measure = _halves(taps.select(taps.session == 1), grid)
+        return (
+            taps.select(taps.session == 0),
+            (tune,),
+            measure,
+            f"{names[0]} trains; {names[1]}, halved by trial, tunes and measures.",
+            True,
+        )
+    train = taps.select(taps.session < len(sessions) - 2)
+    tune, measure = (taps.select(taps.session == len(sessions) - back) for back in (2, 1))
+    verb = "train" if len(sessions) > 3 else "trains"
+    description = f"{', '.join(names[:-2])} {verb}, {_listed(names[-2:-1])}, {names[-1]} measures."
+    return train, (tune,), measure, description, False
+
+
+def _halves(taps: TapSet, grid: ClassGrid) -> tuple[TapSet, TapSet]:
+    """The first, third, fifth, ... tap of each class and the others.
+
+    Raises:
+        InputError: No class has two taps.
+    """
+    rank, _ = rank_in_class(taps, grid)
+    odd: NDArray[np.bool_] = rank % 2 == 0
+    if odd.all():
+        raise InputError(
+            "The taps that tune and those that measure cannot be told apart: no class has two taps in the session that "
+            "is to be halved; a third file or session would do."
+        )
+    return taps.select(odd), taps.select(~odd)
+
+
+def _check(grid: ClassGrid, train: TapSet, tune: Sequence[TapSet], measure: TapSet) -> None:
+    trained = _own(train, grid)
+    if not (trained >= 0).any():
+        raise InputError("There is no tap to train with: none falls into a class of the first file.")
+    for verb, part in (("measure", measure), *(("tune with", part) for part in tune)):
+        if not np.isin(_own(part, grid), trained[trained >= 0]).any():
+            raise InputError(f"There is no tap to {verb}: none belongs to a class with a training tap.")
+
+
+def _own(taps: TapSet, grid: ClassGrid) -> NDArray[np.intp]:
+    """Class of each tap, where * M + what, -1 outside the grid, shape (N,)."""
+    where, what = taps.indices(grid)
+    return np.where(np.minimum(where, what) >= 0, where * grid.M + what, -1)
+
+
+def _listed(names: Sequence[str]) -> str:
+    """Names and what they do."""
+    return f"{', '.join(names)} {'tunes' if len(names) == 1 else 'tune'}"

@@ -1,0 +1,263 @@
+"""What could be done about beliefs that are wrong: other readings of the evidence, other models, other classes.
+
+Each remedy changes one thing and, where it has one, tunes its exponent on sessions that did not train it: a model that
+assumes less still deserves an exponent of its own. None sees the taps that it is later measured on.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+
+from ...inference.tempering import best_power, learn_saturation
+from ...models.catalogue import FitSettings, fit_model
+from ...models.classes import ClassGrid
+from ...models.errors import InputError
+from ...models.histogram import trim
+from ...models.model import TapModel
+from ...models.setting import Setting
+from ...models.taps import TapSet
+from ..stats.right_exponent import SIMULATIONS, Tuned, beside_right_model, simulate_tuned
+
+BASELINE = "as it is"
+EXPONENT = "exponent"
+FALLING = "falling exponent"
+FINER = "finer grid"
+THRESHOLD = "threshold"
+_FINER = 2  # where classes for one
+
+
+class Remedy(NamedTuple):
+    """A way to perceive that might be better.
+
+    Attributes:
+        name: For tables.
+        title: What it is, in words.
+        assumes: What it still assumes.
+        setting: Everything chosen.
+        model: Fitted to the training taps.
+        grid: Its classes.
+        how: How it was tuned, in a sentence.
+        beside: What was tuned beside what a right model gives, where that was simulated.
+    """
+
+    name: str
+    title: str
+    assumes: str
+    setting: Setting
+    model: TapModel
+    grid: ClassGrid
+    how: str
+    beside: Tuned | None = None
+
+
+class Refused(NamedTuple):
+    """A remedy that these taps do not allow.
+
+    Attributes:
+        name: For tables.
+        reason: Why, in a sentence.
+    """
+
+    name: str
+    reason: str
+
+
+MODELS = {
+    "time-indexed": (
+        "profile",
+        "a mean and a variance for each time of a tap",
+        "samples independent given their times, taxels and taps independent",
+    ),
+    "taxel covariance": (
+        "profile-mvn",
+        "each sample forecast from the other taxels at its time",
+        "times and taps independent",
+    ),
+    "session state": (
+        "session",
+        "an unknown gain and offset of the session, enumerated exactly",
+        "samples and taxels independent, sessions alike but for one gain and offset",
+    ),
+}
+"""Remedies that are models of the catalogue: which, what it does, and what it still assumes."""
+_MANY_TAXELS = 24
+_FOR_MANY = (
+    "matrix-normal",
+    "one covariance across taxels times one in time",
+    "the same covariance in all classes, taps independent",
+)
+"""What stands for taxel covariance where a forecast from every other taxel in every class would take minutes to fit."""
+_PAPER = "samples, taxels and taps independent"
+
+
+def make_remedies(
+    train: TapSet,
+    tune: Sequence[TapSet],
+    grid: ClassGrid,
+    setting: Setting,
+    n: int,
+    seed: int,
+    advance: Callable[[int], None],
+) -> tuple[list[Remedy], list[Refused]]:
+    """The setting as it is and every remedy that the taps allow, fitted and tuned; the setting as it is comes first.
+
+    Args:
+        train: Training taps.
+        tune: Sessions by which exponents are chosen.
+        grid: The classes.
+        setting: How perception is done now.
+        n: Taps after which exponents are judged.
+        seed: Of random draws.
+        advance: Told of every remedy.
+
+    Raises:
+        InputError: The setting as it is cannot be fitted.
+    """
+    base = _fit(setting, train, grid)
+    remedies = [Remedy(BASELINE, "nothing changed", _assumes(setting), setting, base, grid, "")]
+    refused: list[Refused] = []
+    advance(1)
+
+    def attempt(name: str, make: Callable[[], Remedy]) -> None:
+        try:
+            remedies.append(make())
+        except InputError as error:
+            refused.append(Refused(name, str(error)))
+        advance(1)
+
+    def exponent() -> Remedy:
+        learned = best_power(base, tune, n, seed)
+        chosen = replace(setting, power=learned.power)
+        title = "evidence counts less, by one exponent for all numbers of taps"
+        return Remedy(EXPONENT, title, _assumes(setting), chosen, _powered(base, chosen), grid, learned.sentence)
+
+    def falling() -> Remedy:
+        learned = learn_saturation(base, tune, seed=seed)
+        limit = None if np.isinf(learned.saturation) else float(learned.saturation)
+        chosen = replace(setting, power=learned.power, saturation=limit)
+        title = "an exponent that falls with the number of taps: a sequence never counts more than so many taps"
+        assumes = "samples and taxels independent, taps dependent to the same degree everywhere"
+        return Remedy(FALLING, title, assumes, chosen, _powered(base, chosen), grid, learned.sentence)
+
+    def other(name: str) -> Remedy:
+        model, title, assumes = _model_of(name, train)
+        fitted = _fit(replace(setting, model=model), train, grid)
+        learned = best_power(fitted, tune, n, seed)
+        chosen = replace(setting, model=model, power=learned.power)
+        return Remedy(name, title, assumes, chosen, _powered(fitted, chosen), grid, learned.sentence)
+
+    def finer() -> Remedy:
+        cell, fine = _finer(train, grid, setting)
+        chosen = replace(setting, where_cell=cell, fixation=_same_place(setting.fixation, grid, fine))
+        title = f"where classes half as wide, {cell}"
+        return Remedy(FINER, title, _assumes(setting), chosen, _fit(chosen, train, fine), fine, "")
+
+    attempt(EXPONENT, exponent)
+    attempt(FALLING, falling)
+    for name in MODELS:
+        if _model_of(name, train)[0] == setting.model:
+            advance(1)
+        else:
+            attempt(name, lambda name=name: other(name))
+    attempt(FINER, finer)
+    return remedies, refused
+
+
+def beside_right(
+    remedies: Sequence[Remedy],
+    train: TapSet,
+    tune: Sequence[TapSet],
+    n: int,
+    seed: int,
+    advance: Callable[[int], None],
+) -> list[Remedy]:
+    """The remedies, exponents and saturation of the model in use beside those of a right one.
+
+    Other models than that in use take minutes to be fitted and tuned as often.
+
+    Args:
+        remedies: From `make_remedies`, with the arguments that follow.
+        train: Training taps.
+        tune: Sessions by which exponents were chosen.
+        n: Taps after which exponents were judged.
+        seed: Of random draws.
+        advance: Told of every simulated data set, of `right_exponent.SIMULATIONS`.
+    """
+    base = remedies[0]
+    tuned = {remedy.name: remedy.setting for remedy in remedies if remedy.name in (EXPONENT, FALLING)}
+    if not tuned:
+        advance(SIMULATIONS)
+        return list(remedies)
+
+    def again(sets: Sequence[TapSet]) -> Sequence[float]:
+        model = _fit(base.setting, sets[0], base.grid)
+        falling = learn_saturation(model, sets[1:], seed=seed)
+        return best_power(model, sets[1:], n, seed).power, falling.power, falling.saturation
+
+    found = simulate_tuned(base.model, [train, *tune], again, 3, seed, progress=advance)
+    columns, beside = {EXPONENT: [0], FALLING: [1, 2]}, {}
+    for name, setting in tuned.items():
+        limit = None
+        if name == FALLING:
+            limit = np.inf if setting.saturation is None else setting.saturation
+        beside[name] = beside_right_model(float(setting.power), limit, found[:, columns[name]], base.model, train)
+    return [remedy._replace(beside=beside.get(remedy.name)) for remedy in remedies]
+
+
+def count_remedies() -> int:
+    """How often `make_remedies` reports progress."""
+    return 4 + len(MODELS)
+
+
+def _model_of(name: str, train: TapSet) -> tuple[str, str, str]:
+    """The model of a remedy, what it does, and what it still assumes."""
+    if name == "taxel covariance" and train.dataset.sizes["taxel"] > _MANY_TAXELS:
+        return _FOR_MANY
+    return MODELS[name]
+
+
+def _assumes(setting: Setting) -> str:
+    known = {model: assumes for model, _, assumes in MODELS.values()}
+    return _PAPER if setting.model == "histogram" else known.get(setting.model, f"what the model {setting.model} does")
+
+
+def _fit(setting: Setting, train: TapSet, grid: ClassGrid) -> TapModel:
+    settings = FitSettings(
+        bins=setting.bins,
+        pseudocount=setting.pseudocount,
+        power=setting.power,
+        value_range=setting.value_range,
+    )
+    return _powered(fit_model(setting.model, train, grid, settings, "the training taps of an audit").model, setting)
+
+
+def _powered(model: TapModel, setting: Setting) -> TapModel:
+    """The model at the power and saturation of a setting."""
+    saturation = np.inf if setting.saturation is None else setting.saturation
+    return replace(model, power=setting.power, saturation=saturation)  # pyright: ignore[reportArgumentType]
+
+
+def _finer(train: TapSet, grid: ClassGrid, setting: Setting) -> tuple[str, ClassGrid]:
+    """Width of half a where class, and the classes of that width.
+
+    Raises:
+        InputError: Classes have no width, or their taps do not lie at several places.
+    """
+    if grid.where_edges is None or grid.L < 2:
+        raise InputError("There are no where classes with a width that could be halved.")
+    where, _ = train.indices(grid)
+    several = [len(np.unique(train.where[where == l])) for l in np.unique(where[where >= 0])]
+    if np.median(several) < _FINER:
+        raise InputError("Taps of one where class all lie at the same place, so that finer classes would be empty.")
+    width = float(np.diff(grid.where_edges).mean()) / _FINER
+    cell = f"{width:.6g}{grid.where_unit.partition(' ')[0].rstrip(',;')}"
+    return cell, trim(train.grid(cell, setting.what_cell), [train])[0]
+
+
+def _same_place(fixation: int | None, grid: ClassGrid, finer: ClassGrid) -> int | None:
+    """The finer class nearest to a fixation point, the lower one of two."""
+    if fixation is None:
+        return None
+    return int(np.abs(finer.where_value - grid.where_value[fixation]).argmin())

@@ -1,0 +1,1 @@
+"""The variance of the evidence of taps, split by its causes."""

@@ -1,0 +1,1 @@
+"""`compare`: measurement models side by side. Start at `run`."""

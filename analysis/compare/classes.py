@@ -1,0 +1,320 @@
+"""Models compared by what they say of the class after a fixed number of contacts, without stopping rule or moves.
+
+All models see the same sequences of distinct test taps, and the same sequences from resamples of these taps, so that
+differences pair; see `inference.resampling` for what is drawn anew and how that gives intervals.
+"""
+
+from collections.abc import Mapping, Sequence
+from typing import NamedTuple
+
+import numpy as np
+import xarray as xr
+from numpy.typing import NDArray
+
+from ...hardware.pool import TapPool
+from ...inference.judged_sequences import without_replacement
+from ...inference.resampling import CONFIDENCE, spread
+from ...inference.saturation import share
+from ...inference.selections import thinned_pools
+from ...inference.trial_plan import TapTable
+from ...models import seeds
+from ...models.errors import InputError
+from ...models.states import log_fold
+from ..stats.contacts import CONTACTS
+from ..stats.pairing import check_tables, reference_name, with_intervals
+
+MEANS = {
+    "log_score_joint": "mean log belief in the true class",
+    "log_score_what": "mean log belief in the true object",
+    "brier_joint": "Brier score over classes",
+    "brier_what": "Brier score over objects",
+    "accuracy_joint": "fraction of right classes",
+    "accuracy_where": "fraction of right positions",
+    "accuracy_what": "fraction of right objects",
+    "impossible": "fraction of sequences whose true class has belief 0",
+    "no_class_left": "fraction of sequences that are impossible under every class",
+}
+IMPOSSIBLE = ("impossible", "no_class_left")
+CALIBRATIONS = {
+    "calibration_what": "calibration error of the belief in the most probable object",
+    "calibration_where": "calibration error of the belief in the most probable position",
+}
+_UNKNOWN = np.full(len(MEANS) + len(CALIBRATIONS), np.nan)  # of a resample in which too few classes have the taps
+CALIBRATION_BINS = 10
+_DRAWS, _RESAMPLE_DRAWS = 50, 20  # per class, at least
+# Share of the classes that must have n distinct test taps: with fewer, dropping the hard ones would look like growth.
+_ENOUGH = 0.9
+_RESAMPLES = 100
+_LOG_LEAST = np.log(1e-290)  # below which a belief may have lost digits
+_AT_ONCE = 1 << 17  # numbers, about what a core keeps close
+
+
+class _Sequences(NamedTuple):
+    """Sequences of n taps of one class.
+
+    Attributes:
+        taps: Shape (sequences, n).
+        where: Their where class, shape (sequences,).
+        what: Their what class, shape (sequences,).
+        weight: How many test taps each stands for, shape (sequences,).
+    """
+
+    taps: NDArray[np.intp]
+    where: NDArray[np.intp]
+    what: NDArray[np.intp]
+    weight: NDArray[np.float64]
+
+    def part(self, piece: slice) -> "_Sequences":
+        """Some of them."""
+        return _Sequences(self.taps[piece], self.where[piece], self.what[piece], self.weight[piece])
+
+
+class _Scores(NamedTuple):
+    """What a model scores on sequences.
+
+    Attributes:
+        values: `MEANS` of each sequence in that order, shape (sequences, 9).
+        top: Belief in the most probable object and position, shape (sequences, 2).
+        hit: Whether these are right, shape (sequences, 2).
+    """
+
+    values: NDArray[np.float64]
+    top: NDArray[np.float64]
+    hit: NDArray[np.float64]
+
+    def part(self, piece: slice | NDArray[np.intp]) -> "_Scores":
+        """Some of them."""
+        return _Scores(self.values[piece], self.top[piece], self.hit[piece])
+
+
+def class_scores(
+    tables: Mapping[str, TapTable],
+    seed: int,
+    contacts: Sequence[int] = CONTACTS,
+    reference: str | None = None,
+    resamples: int = _RESAMPLES,
+) -> xr.Dataset:
+    """Scores of every model after each number of contacts, with intervals and paired differences to one of them.
+
+    One contact uses every test tap once; more are drawn without replacement, at least 50 times per class, from one
+    session each. Classes count by their test taps. A number that less than nine tenths of the classes have test taps
+    for in some session is left out. What is drawn for one number does not depend on the others.
+
+    A log score is -inf where the belief in the true class of some sequence is 0, and stays so: nothing is dropped or
+    floored, and `impossible` tells how many these are, `no_class_left` how many of them are impossible under every
+    class: these count as wrong, with belief 0 in everything. The interval ends in -inf where resamples do; the
+    difference of two models that both score -inf is NaN.
+
+    The calibration error is the mean distance between belief and fraction right, over `CALIBRATION_BINS` bins of
+    about equally many sequences by belief, equal beliefs in one bin. Noise makes it larger, by chance and not by
+    miscalibration: see `compare_pairing.with_intervals` for its interval.
+
+    Args:
+        tables: The same test taps as every model sees them, by the model's name.
+        seed: Of the draws and the resamples.
+        contacts: Numbers of contacts.
+        reference: Model that the others are compared with, by default the first.
+        resamples: Of the test taps.
+
+    Returns:
+        Dims (model, contacts): `MEANS` (log scores in nats) and `CALIBRATIONS`, each with `_low`, `_high`,
+        `_difference` (model less reference), `_difference_low` and `_difference_high`; and over (contacts) the
+        numbers of `classes` and `sequences`.
+
+    Raises:
+        InputError: The tables do not hold the same taps, or no number of contacts is left.
+    """
+    check_tables(tables)
+    if resamples < 1:
+        raise InputError(f"Intervals need at least one resample, got {resamples}.")
+    names = list(tables)
+    base = names.index(reference_name(names, reference))
+    table = tables[names[0]]
+    N = len(table.log_likelihood)
+    session = np.zeros(N, dtype=np.intp) if table.session is None else np.asarray(table.session)
+    pools = list(thinned_pools(table, resamples, seed))
+    answered, samples, classes, count = [], [], [], []
+    for n in dict.fromkeys(contacts):
+        sequences = _draw(pools[0], session, n, seeds.generator(seed, seeds.Purpose.CONTACT_SCORES, n, 0))
+        if sequences is None:
+            continue
+        generator = seeds.generator(seed, seeds.Purpose.CONTACT_SCORES, n, 1)
+        drawn = [_draw(pool, session, n, generator, _RESAMPLE_DRAWS) for pool in pools[1:]]
+        samples.append([_samples(table, sequences, drawn) for table in tables.values()])
+        answered.append(n)
+        classes.append(len(np.unique(np.stack([sequences.where, sequences.what]), axis=1).T))
+        count.append(len(sequences.taps))
+    if not answered:
+        raise InputError(f"Too few classes have test taps for sequences of {', '.join(map(str, contacts))} taps.")
+    joined = np.array(samples).swapaxes(0, 1)  # (model, contacts, 1 + 3 resamples, quantity)
+    result = xr.Dataset(
+        {"classes": ("contacts", np.array(classes)), "sequences": ("contacts", np.array(count))},
+        {"model": np.array(names, dtype=np.str_), "contacts": np.array(answered)},
+        {
+            "reference": names[base],
+            "seed": seed,
+            "resamples": resamples,
+            "calibration_bins": CALIBRATION_BINS,
+        },
+    )
+    how, independent = (
+        spread(table, noise=_RESAMPLE_DRAWS / _DRAWS, thinned=True),
+        int(table.pool.count.sum()) / np.array(answered),
+    )
+    L, M = table.pool.count.shape
+    answers = {"accuracy_where": L, "accuracy_what": M}
+    for i, (name, meaning) in enumerate((MEANS | CALIBRATIONS).items()):
+        attributes = {"long_name": meaning, "units": "nat" if name.startswith("log_score") else ""}
+        result.update(
+            with_intervals(
+                name,
+                joined[..., i],
+                ("model", "contacts"),
+                base,
+                attributes,
+                how,
+                limits=_limits(name),
+                biased=name in CALIBRATIONS,
+                smallest=float(answers.get(name, 2) > 1),
+                independent=independent if name.startswith("accuracy") or name in IMPOSSIBLE else None,
+            )
+        )
+    return result
+
+
+def class_interval_sentence() -> str:
+    """What the intervals of `class_scores` mean, in a sentence."""
+    return (
+        f"Intervals are {CONFIDENCE:.0%} jackknife intervals from the test taps without a quarter of each class, or "
+        "without one session in turn where several test, the same for all models."
+    )
+
+
+def _limits(name: str) -> tuple[float, float]:
+    """Least and greatest value of a score."""
+    if name.startswith("log_score"):
+        return -np.inf, 0.0
+    return 0.0, 2.0 if name.startswith("brier") else 1.0
+
+
+def _draw(
+    pool: TapPool, session: NDArray[np.generic], n: int, generator: np.random.Generator, draws: int = _DRAWS
+) -> _Sequences | None:
+    """Sequences of n taps, class by class; `None` where too few classes have so many."""
+    if n < 1:
+        raise InputError(f"A sequence has at least one contact, got {n}.")
+    parts: list[_Sequences] = []
+    for l, m in np.argwhere(pool.count > 0):
+        first = pool.first[l, m]
+        own = pool.order[first : first + pool.count[l, m]]
+        groups = [group for s in np.unique(session[own]) if len(group := own[session[own] == s]) >= n]
+        total = sum(map(len, groups))
+        for group in groups:
+            taps = (
+                group[:, np.newaxis]
+                if n == 1
+                else without_replacement(group, n, -(-draws * len(group) // total), generator)
+            )
+            where, what = np.repeat([[l], [m]], len(taps), axis=1)
+            parts.append(_Sequences(taps, where, what, np.full(len(taps), len(group) / len(taps))))
+    classes = len({(int(part.where[0]), int(part.what[0])) for part in parts})
+    if not classes or classes < _ENOUGH * np.count_nonzero(pool.count):
+        return None
+    return _Sequences(*(np.concatenate(column) for column in zip(*parts, strict=True)))
+
+
+def _scores(table: TapTable, sequences: _Sequences) -> _Scores:
+    step = max(1, _AT_ONCE // table.log_prior.size)
+    pieces = (slice(first, first + step) for first in range(0, len(sequences.taps), step))
+    parts = [_score(table, sequences.part(piece)) for piece in pieces]
+    return _Scores(*(np.concatenate(column) for column in zip(*parts, strict=True)))
+
+
+def _score(table: TapTable, sequences: _Sequences) -> _Scores:
+    """Scores of sequences; where no class is left nothing is believed, so nothing is right."""
+    M, each = table.pool.nearest.shape[1], np.arange(len(sequences.taps))
+    where, what = sequences.where, sequences.what
+    log_joint = np.repeat(table.log_prior[np.newaxis], len(each), axis=0)
+    for tap in sequences.taps.T:
+        log_joint += table.log_likelihood[tap]
+    log_joint *= share(sequences.taps.shape[1], table.saturation)
+    log_belief = log_fold(log_joint, M)
+    top = log_belief.max(axis=(1, 2))
+    none_left = np.isneginf(top)
+    log_belief -= np.where(none_left, 0.0, top)[:, np.newaxis, np.newaxis]
+    belief = np.exp(log_belief)
+    total = belief.sum(axis=(1, 2))
+    total[none_left] = 1.0
+    belief /= total[:, np.newaxis, np.newaxis]
+    log_total = np.log(total)
+    log_true = log_belief[each, where, what] - log_total
+    by_where, by_what = belief.sum(axis=2), belief.sum(axis=1)
+    with np.errstate(divide="ignore"):
+        log_what = np.log(by_what[each, what])
+    tiny = log_what < _LOG_LEAST
+    log_what[tiny] = np.logaddexp.reduce(log_belief[tiny, :, what[tiny]], axis=1) - log_total[tiny]
+    hits = {
+        "joint": belief.reshape(len(each), -1).argmax(axis=1) == where * M + what,
+        "where": by_where.argmax(axis=1) == where,
+        "what": by_what.argmax(axis=1) == what,
+    }
+    values = {
+        "log_score_joint": log_true,
+        "log_score_what": log_what,
+        "brier_joint": (belief**2).sum(axis=(1, 2)) - 2 * np.exp(log_true) + 1,
+        "brier_what": (by_what**2).sum(axis=1) - 2 * by_what[each, what] + 1,
+        **{f"accuracy_{part}": hit & ~none_left for part, hit in hits.items()},
+        "impossible": np.isneginf(log_true),
+        "no_class_left": none_left,
+    }
+    return _Scores(
+        np.stack([np.asarray(values[key], dtype=np.float64) for key in MEANS], axis=1),
+        np.stack([by_what.max(axis=1), by_where.max(axis=1)], axis=1),
+        np.stack([values["accuracy_what"], values["accuracy_where"]], axis=1).astype(np.float64),
+    )
+
+
+def _samples(table: TapTable, sequences: _Sequences, drawn: Sequence[_Sequences | None]) -> NDArray[np.float64]:
+    """Summaries of sequences, of resampled ones, and of halves of these, as `Spread.interval` wants them in rows.
+
+    Single taps are all used: they are scored once, and nothing varies between halves.
+    """
+    every, place = _scores(table, sequences), np.empty(len(table.log_likelihood), dtype=np.intp)
+    single = sequences.taps.shape[1] == 1
+    if single:
+        place[sequences.taps[:, 0]] = np.arange(len(sequences.taps))
+    first = _summary(every, sequences)
+    layers: list[list[NDArray[np.float64]]] = [[], [], []]
+    for some in drawn:
+        if some is None:
+            parts = [_UNKNOWN] * 3
+        else:
+            scores = every.part(place[some.taps[:, 0]]) if single else _scores(table, some)
+            whole = _summary(scores, some)
+            parts = [whole, *(whole if single else _summary(*_every_second(scores, some, i)) for i in range(2))]
+        for layer, part in zip(layers, parts, strict=True):
+            layer.append(part)
+    return np.array([first, *layers[0], *layers[1], *layers[2]])
+
+
+def _every_second(scores: _Scores, sequences: _Sequences, start: int) -> tuple[_Scores, _Sequences]:
+    piece = slice(start, None, 2)
+    return scores.part(piece), sequences.part(piece)
+
+
+def _summary(scores: _Scores, sequences: _Sequences) -> NDArray[np.float64]:
+    """`MEANS` and `CALIBRATIONS` of sequences, shape (11,)."""
+    weight = sequences.weight / sequences.weight.sum()
+    columns = [weight @ scores.values]
+    for top, hit in zip(scores.top.T, scores.hit.T, strict=True):
+        gap = np.bincount(_bins(top, weight), weight * (hit - top), CALIBRATION_BINS)
+        columns.append(np.abs(gap).sum(keepdims=True))
+    return np.concatenate(columns)
+
+
+def _bins(belief: NDArray[np.float64], weight: NDArray[np.float64]) -> NDArray[np.intp]:
+    """The calibration bin of each belief: bins weigh about the same, and equal beliefs share one."""
+    _, group = np.unique(belief, return_inverse=True)
+    mass = np.bincount(group, weight)
+    middle = (np.cumsum(mass) - mass / 2) / mass.sum()
+    return np.minimum((middle * CALIBRATION_BINS).astype(np.intp), CALIBRATION_BINS - 1)[group]

@@ -1,0 +1,137 @@
+"""Figures of how well models predict taps: sessions left out, single taps left out, and predictive checks."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import xarray as xr
+from numpy.typing import NDArray
+
+from ..page.figure_style import OTHERS, TRUE, TWO_COLUMNS, label_panel, new_figure, styled
+from .figures import model_styles
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+_ROW = 0.24  # inches per model
+
+
+@styled
+def sessions_left_out(means: xr.Dataset) -> Figure:
+    """Difference of each model's mean log probability per tap to that of the reference model, sessions left out.
+
+    Args:
+        means: From `compare_taps.mean_scores`, of `integrated` and `plug_in` or one of them.
+    """
+    names = [str(name) for name in means["model"].values]
+    figure, axes = new_figure(TWO_COLUMNS, 0.9 + _ROW * max(len(names), 4))
+    plot_sessions_left_out(axes[0, 0], means)
+    return figure
+
+
+def plot_sessions_left_out(axes: Axes, means: xr.Dataset) -> Axes:
+    """Dots with intervals, a row per model: filled where parameters are integrated over, open where they are fixed."""
+    names = [str(name) for name in means["model"].values]
+    styles = model_styles(names, means.attrs.get("reference", names[0]))
+    for kind, offset, filled, label in (
+        ("integrated", -0.16, True, "integrated over the posterior"),
+        ("plug_in", 0.16, False, "at one value of the parameters"),
+    ):
+        if kind not in means:
+            continue
+        for i, name in enumerate(names):
+            row = means.sel(model=name)
+            middle, low, high = (float(row[f"{kind}_difference{end}"]) for end in ("", "_low", "_high"))
+            if not np.isfinite(middle):
+                continue
+            colour = styles[name]["color"]
+            axes.plot([low, high], [i + offset] * 2, color=colour, linewidth=0.8, solid_capstyle="butt")
+            face = colour if filled else "white"
+            axes.plot(middle, i + offset, "o", color=colour, markerfacecolor=face, markersize=4)
+        axes.plot([], [], "o", color="black", markerfacecolor="black" if filled else "white", markersize=4, label=label)
+    axes.axvline(0, color=OTHERS, linewidth=0.6, zorder=0)
+    axes.set_yticks(range(len(names)), names)
+    axes.invert_yaxis()
+    axes.set_xlabel(f"log probability per tap less that of {means.attrs.get('reference', names[0])} (nat)")
+    axes.legend(loc="lower left", bbox_to_anchor=(0, 1), ncols=2)
+    return axes
+
+
+@styled
+def pareto(left_out: xr.Dataset) -> Figure:
+    """Pareto k of every training tap under every model, with the share that importance sampling cannot answer.
+
+    Args:
+        left_out: Over (model, tap), from `compare_taps.leave_one_tap_out`.
+    """
+    names = [str(name) for name in left_out["model"].values]
+    figure, axes = new_figure(TWO_COLUMNS, 0.9 + _ROW * max(len(names), 4))
+    plot_pareto(axes[0, 0], left_out)
+    return figure
+
+
+def plot_pareto(axes: Axes, left_out: xr.Dataset) -> Axes:
+    """Quantiles of Pareto k, a row per model."""
+    names = [str(name) for name in left_out["model"].values]
+    styles = model_styles(names, names[0])
+    good_k = float(left_out["good_k"].min())
+    for i, name in enumerate(names):
+        k = left_out["pareto_k"].sel(model=name).values
+        k = k[np.isfinite(k)]
+        low, quarter, median, three, high = np.quantile(k, [0.025, 0.25, 0.5, 0.75, 0.975])
+        colour = styles[name]["color"]
+        axes.plot([low, high], [i, i], color=colour, linewidth=0.8)
+        axes.plot([quarter, three], [i, i], color=colour, linewidth=3.5, solid_capstyle="butt")
+        axes.plot(median, i, "o", color="white", markeredgecolor=colour, markersize=4)
+        axes.annotate(
+            f"{(k > good_k).mean():.0%} above {good_k:.2g}",
+            (1.01, i),
+            xycoords=("axes fraction", "data"),
+            va="center",
+            fontsize=7,
+        )
+    axes.axvline(good_k, color=OTHERS, linewidth=0.8, linestyle="--", zorder=0)
+    axes.set_yticks(range(len(names)), names)
+    axes.invert_yaxis()
+    axes.set_xlabel("Pareto k of the training taps: median, middle half and 95 %")
+    return axes
+
+
+@styled
+def predictive_checks(checks: xr.Dataset) -> Figure:
+    """What training taps show beside what each model would have made of them, a panel per statistic.
+
+    Args:
+        checks: From `compare_checks.predictive_checks`.
+    """
+    names = [str(name) for name in checks["model"].values]
+    count = checks.sizes["statistic"]
+    columns = min(3, count)
+    rows = -(-count // columns)
+    figure, axes = new_figure(TWO_COLUMNS, rows * (0.75 + _ROW * len(names)), rows, columns, sharey=True)
+    for i, (panel, statistic) in enumerate(zip(axes.flat, checks["statistic"].values, strict=False)):
+        plot_check(panel, checks.sel(statistic=statistic), names)
+        label_panel(panel, chr(ord("A") + i))
+    for panel in list(axes.flat)[count:]:
+        panel.set_visible(False)
+    return figure
+
+
+def plot_check(axes: Axes, check: xr.Dataset, names: list[str]) -> Axes:
+    """The observed value as a line and each model's replicates as a row of ticks."""
+    observed = float(check["observed"])
+    axes.axvline(observed, color=TRUE, linewidth=1.2, zorder=0)
+    styles = model_styles(names, names[0])
+    values: NDArray[Any] = check["replicated"].values
+    for i, name in enumerate(names):
+        axes.plot(values[i], np.full(values.shape[1], i), "|", color=styles[name]["color"], markersize=5, alpha=0.8)
+    axes.set_yticks(range(len(names)), names)
+    axes.set_ylim(len(names) - 0.5, -0.5)
+    every = np.append(values[np.isfinite(values)], observed)
+    margin = 0.06 * (np.ptp(every) or 1.0)
+    axes.set_xlim(every.min() - margin, every.max() + margin)
+    axes.locator_params(axis="x", nbins=4)
+    axes.set_xlabel(str(check["label"].values))
+    return axes

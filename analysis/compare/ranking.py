@@ -1,0 +1,132 @@
+"""Where each model stands at each level of a comparison, and where the levels disagree."""
+
+from collections.abc import Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+import xarray as xr
+
+from ..page.page import number
+from .run import Comparison
+
+
+class Level(NamedTuple):
+    """One way to rank models.
+
+    Attributes:
+        title: For the head of a column.
+        said: What the best model does, for a sentence.
+        unit: Of the values.
+        larger: Whether larger is better.
+        values: Of each model that has one.
+        low: Lower ends of the intervals of the differences to the reference model.
+        high: Upper ends.
+    """
+
+    title: str
+    said: str
+    unit: str
+    larger: bool
+    values: dict[str, float]
+    low: dict[str, float]
+    high: dict[str, float]
+
+    def rank(self, name: str) -> int:
+        """One more than the models that are better; equal ones share a rank."""
+        sign = 1 if self.larger else -1
+        return 1 + sum(sign * value > sign * self.values[name] for value in self.values.values())
+
+    @property
+    def best(self) -> list[str]:
+        """All models of rank 1."""
+        return [name for name in self.values if self.rank(name) == 1]
+
+
+def levels(comparison: Comparison) -> list[Level]:
+    """All levels that the comparison can rank by."""
+    found = []
+    means = comparison.left_out_sessions
+    if means is not None and "integrated" in means:
+        found.append(
+            _level("taps", "predicts the taps of a session left out best", "nat per tap", True, means, "integrated")
+        )
+    contacts = comparison.classes["contacts"].values
+    for n in dict.fromkeys((int(contacts[0]), int(contacts[-1]))):
+        title = f"class after {n} tap{'s' * (n > 1)}"
+        scores = comparison.classes.sel(contacts=n)
+        found.append(_level(title, f"tells the {title} best", "nat", True, scores, "log_score_joint"))
+    unit = comparison.grid.what_error_unit
+    for policy in comparison.equal["policy"].values:
+        taps = _ranking_time(comparison.equal, str(policy))
+        if taps is None:
+            continue
+        at = comparison.equal.sel(policy=policy, taps=taps)
+        number_of = f"{taps:g} tap{'s' * (taps != 1)}"
+        title = f"{policy} error at {number_of}"
+        said = f"has the smallest {policy} error at a mean of {number_of}"
+        found.append(_level(title, said, "" if unit == "P(wrong)" else unit, False, at, "what_error"))
+    return [level for level in found if level.values]
+
+
+def rank_rows(levels: Sequence[Level], names: Sequence[str]) -> list[dict[str, Any]]:
+    """A row per model: its rank and value at each level, `None` where it has none."""
+    return [
+        {
+            "name": name,
+            "levels": [
+                {"rank": level.rank(name), "value": level.values[name]} if name in level.values else None
+                for level in levels
+            ],
+        }
+        for name in names
+    ]
+
+
+def findings(levels: Sequence[Level], reference: str) -> list[str]:
+    """Who is best at each level, by how much, and what the best of the first level does at the others."""
+    sentences = []
+    for level in levels:
+        best = level.best[0]
+        equal = f" (equally good: {', '.join(level.best[1:])})" if len(level.best) > 1 else ""
+        sentence = f"{best} {level.said}: {_value(level, best)}{equal}"
+        if reference not in level.best and reference in level.values:
+            sentence += f", against {_value(level, reference)} of {reference}{_interval(level, best)}"
+        first = levels[0].best[0]
+        if first not in (*level.best, reference) and first in level.values:
+            sentence += f"; {first}, best at predicting {levels[0].title}, comes to {_value(level, first)}"
+        sentences.append(sentence + ".")
+    if levels and not set.intersection(*(set(level.best) for level in levels)):
+        sentences.append("The levels do not agree on a best model; the table of ranks shows how the orders differ.")
+    return sentences
+
+
+def _level(title: str, said: str, unit: str, larger: bool, data: xr.Dataset, name: str) -> Level:
+    values, low, high = (_finite(data[key]) for key in (name, f"{name}_difference_low", f"{name}_difference_high"))
+    return Level(title, said, unit, larger, values, low, high)
+
+
+def _finite(values: xr.DataArray) -> dict[str, float]:
+    pairs = zip(values["model"].values, values.values, strict=True)
+    return {str(name): float(value) for name, value in pairs if np.isfinite(value)}
+
+
+def _ranking_time(equal: xr.Dataset, policy: str) -> float | None:
+    """The longest mean reaction time that all models reach, or else most."""
+    at = equal.sel(policy=policy)
+    if not at.sizes["taps"]:
+        return None
+    reached = np.isfinite(at["what_error"].values).sum(axis=0)
+    return float(at["taps"].values[np.flatnonzero(reached == reached.max())[-1]])
+
+
+def _value(level: Level, name: str) -> str:
+    return f"{number(level.values[name], 4)} {level.unit}".strip()
+
+
+def _interval(level: Level, name: str) -> str:
+    if name not in level.low or name not in level.high:
+        why = "too few test taps" if level.larger else "too near the end of a curve"
+        return f" ({why} for an interval)"
+    low, high = level.low[name], level.high[name]
+    unsure = ", so perhaps none" if low <= 0 <= high else ""
+    return f" (difference {number(low)} to {number(high)}{unsure})"

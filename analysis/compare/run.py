@@ -1,0 +1,291 @@
+"""Models of the catalogue compared on the same taps at three levels: taps, classes and decisions."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from typing import Any, NamedTuple
+
+import numpy as np
+import xarray as xr
+
+from ...inference.episode import DEADLINE
+from ...inference.montecarlo import THRESHOLDS
+from ...inference.reference import Border
+from ...inference.tempering import fit_tempered
+from ...inference.trial_plan import TapTable, tap_table
+from ...models.bins import bin_edges
+from ...models.catalogue import FitSettings, Fitted, fit_model, split_name
+from ...models.classes import ClassGrid
+from ...models.errors import InputError
+from ...models.taps import TapSet
+from ..page.stages import Clock, Progress
+from ..stats.checks import REPLICATES, predictive_checks
+from ..stats.decisions import at_equal_taps, decision_curves, planned, play_models
+from .classes import class_scores
+from .taps import (
+    SessionFold,
+    TapScores,
+    join_scores,
+    known_taps,
+    leave_one_tap_out,
+    mean_scores,
+    score_fold,
+    session_folds,
+    stacked,
+)
+
+
+@dataclass(frozen=True)
+class CompareSettings:
+    """Everything that changes the numbers of a comparison.
+
+    Attributes:
+        models: Names, the reference first.
+        fit: How they are fitted.
+        draws: From each posterior, for leaving out single taps; 0 skips that and the predictive checks.
+        trials: Of each model and policy.
+        thresholds: theta_W.
+        theta_x: Threshold for a move of active trials.
+        fixation: Where class that they aim for; `None` for the middle.
+        border: Reading of Eq. 9.
+        deadline: Taps after which the most probable classes are taken.
+        seed: Of every random draw.
+        one_recording: Whether sessions of the same number in training and test taps are the same session.
+    """
+
+    models: tuple[str, ...]
+    fit: FitSettings = field(default_factory=FitSettings)
+    draws: int = 400
+    trials: int = 4000
+    thresholds: tuple[float, ...] = THRESHOLDS
+    theta_x: float = 0.0
+    fixation: int | None = None
+    border: Border = "uniform"
+    deadline: int = DEADLINE
+    seed: int = 0
+    one_recording: bool = False
+
+
+class Comparison(NamedTuple):
+    """What came out.
+
+    Attributes:
+        grid: The classes.
+        fits: Of every model that could be fitted, by name.
+        learned: How the power of each was learned, where it was.
+        refused: Why each of the others could not.
+        seconds: How long each model took to fit to the training taps.
+        left_out_taps: Over (model, tap), see `compare_taps.leave_one_tap_out`; `None` where it was skipped.
+        left_out_sessions: Means over (model) of `integrated` and `plug_in`, see `compare_taps.mean_scores`; `None`
+            without a second session.
+        stacking: ArviZ's comparison by sessions left out, a data frame; `None` with less than two models.
+        sessions: How sessions were left out, in a sentence.
+        checks: See `compare_checks`; `None` where they were skipped.
+        classes: See `compare_classes`.
+        curves: See `compare_decisions.decision_curves`.
+        equal: See `compare_decisions.at_equal_taps`.
+        test_taps: How many test taps all models were given.
+        elapsed_s: Seconds per stage.
+    """
+
+    grid: ClassGrid
+    fits: dict[str, Fitted]
+    learned: dict[str, str]
+    refused: dict[str, str]
+    seconds: dict[str, float]
+    left_out_taps: xr.Dataset | None
+    left_out_sessions: xr.Dataset | None
+    stacking: Any
+    sessions: str
+    checks: xr.Dataset | None
+    classes: xr.Dataset
+    curves: xr.Dataset
+    equal: xr.Dataset
+    test_taps: int
+    elapsed_s: dict[str, float]
+
+
+def compare(train: TapSet, test: TapSet, grid: ClassGrid, settings: CompareSettings, progress: Progress) -> Comparison:
+    """Fits every model and compares those that the training taps can carry.
+
+    Args:
+        train: Training taps.
+        test: Test taps.
+        grid: The classes.
+        settings: What to do.
+        progress: Told the name and size of every stage; gives the function that counts what is done.
+
+    Raises:
+        InputError: No model could be fitted, no test tap belongs to a class that all know, or a setting is wrong.
+    """
+    _check(settings)
+    clock = Clock(progress)
+    edges = _edges(train, grid, settings.fit)
+    fit = settings.fit._replace(edges=edges, bins=edges.shape[-1] - 1)
+    fits, learned, refused, seconds = _fit_all(settings.models, train, grid, fit, clock)
+    shared = _shared(fits, test)
+    left_out = _leave_out_taps(fits, train, settings, clock)
+    sessions, stacking, sentence = _leave_out_sessions(fits, train, test, grid, fit, settings, clock)
+    checks = None
+    if settings.draws:
+        known = known_taps(train, grid, np.all([f.model.trained for f in fits.values()], axis=0))
+        with clock.stage("Predictive checks", len(fits) * REPLICATES) as advance:
+            checks = predictive_checks(fits, known, settings.seed, progress=advance)
+    with clock.stage("Scoring classes", len(fits)) as advance:
+        tables = _tables(fits, shared, advance)
+        classes = class_scores(tables, settings.seed)
+    with clock.stage("Playing trials", planned(len(tables), grid, settings.trials)) as advance:
+        played = play_models(
+            tables,
+            grid,
+            settings.thresholds,
+            settings.trials,
+            settings.seed,
+            fixation=settings.fixation,
+            border=settings.border,
+            deadline=settings.deadline,
+            theta_x=settings.theta_x,
+            progress=advance,
+        )
+    return Comparison(
+        grid=grid,
+        fits=fits,
+        learned=learned,
+        refused=refused,
+        seconds=seconds,
+        left_out_taps=left_out,
+        left_out_sessions=sessions,
+        stacking=stacking,
+        sessions=sentence,
+        checks=checks,
+        classes=classes,
+        curves=decision_curves(played),
+        equal=at_equal_taps(played),
+        test_taps=len(shared),
+        elapsed_s=clock.elapsed_s,
+    )
+
+
+def _check(settings: CompareSettings) -> None:
+    """Refuses what would fail only after the work."""
+    in_states = [name for name in settings.models if split_name(name)[1]]
+    if settings.border == "prior" and in_states:
+        raise InputError(
+            "--border prior renormalises the belief and does not go with models that carry a state: "
+            f"{', '.join(in_states)}."
+        )
+
+
+def _edges(train: TapSet, grid: ClassGrid, fit: FitSettings) -> Any:
+    """The bins on which all models are judged: those of the training taps in the grid."""
+    known = known_taps(train, grid, np.ones(grid.shape, dtype=bool))
+    return bin_edges(known.taps, fit.bins, fit.value_range) if fit.edges is None else fit.edges
+
+
+def _fit_all(
+    names: Sequence[str], train: TapSet, grid: ClassGrid, fit: FitSettings, clock: Clock
+) -> tuple[dict[str, Fitted], dict[str, str], dict[str, str], dict[str, float]]:
+    fits: dict[str, Fitted] = {}
+    learned: dict[str, str] = {}
+    refused: dict[str, str] = {}
+    seconds: dict[str, float] = {}
+    for name in names:
+        stage = f"Fitting {name}"
+        with clock.stage(stage, 1) as advance:
+            try:
+                fits[name], power = fit_tempered(name, train, grid, fit)
+                learned |= {} if power is None else {name: power.sentence}
+            except InputError as error:
+                refused[name] = str(error)
+            advance(1)
+        seconds[name] = clock.elapsed_s[stage]
+    if not fits:
+        raise InputError("No model can be fitted. " + " ".join(dict.fromkeys(refused.values())))
+    return fits, learned, refused, seconds
+
+
+def _shared(fits: dict[str, Fitted], test: TapSet) -> TapSet:
+    """The test taps of classes that all models know."""
+    first = next(iter(fits.values())).model
+    first.check_taps(test.preprocessing)
+    return known_taps(test, first.grid, np.all([fitted.model.trained for fitted in fits.values()], axis=0))
+
+
+def _tables(fits: dict[str, Fitted], test: TapSet, advance: Callable[[int], None]) -> dict[str, TapTable]:
+    tables = {}
+    for name, fitted in fits.items():
+        tables[name] = tap_table(fitted.model, test)
+        advance(1)
+    return tables
+
+
+def _leave_out_taps(
+    fits: dict[str, Fitted], train: TapSet, settings: CompareSettings, clock: Clock
+) -> xr.Dataset | None:
+    with_posterior = {name: fitted for name, fitted in fits.items() if fitted.posterior is not None}
+    if not settings.draws or not with_posterior:
+        return None
+    known = known_taps(
+        train, next(iter(fits.values())).model.grid, np.all([f.model.trained for f in fits.values()], axis=0)
+    )
+    parts = []
+    for name, fitted in with_posterior.items():
+        with clock.stage(f"Leaving out taps, {name}", settings.draws) as advance:
+            parts.append(leave_one_tap_out(fitted, known, settings.draws, settings.seed, advance))
+    names = xr.DataArray(np.array(list(with_posterior), dtype=np.str_), dims="model", name="model")
+    return xr.concat(parts, dim=names, join="outer", data_vars="all").assign_attrs(draws=settings.draws)
+
+
+def _leave_out_sessions(
+    fits: dict[str, Fitted],
+    train: TapSet,
+    test: TapSet,
+    grid: ClassGrid,
+    fit: FitSettings,
+    settings: CompareSettings,
+    clock: Clock,
+) -> tuple[xr.Dataset | None, Any, str]:
+    folds, sentence = session_folds(train, test, one_recording=settings.one_recording)
+    if not folds:
+        return None, None, sentence
+    scores: dict[str, dict[str, list[TapScores]]] = {"integrated": {}, "plug_in": {}}
+    failed: dict[str, str] = {}
+    with clock.stage("Leaving out sessions", len(folds) * len(fits)) as advance:
+        for fold in folds:
+            refitted = _refit(fits, fold, train, grid, fit, failed)
+            shared = np.all([fitted.model.trained for fitted in refitted.values()], axis=0)
+            taps = fold._replace(test=known_taps(fold.test, grid, shared))
+            for name, fitted in refitted.items():
+                for kind, score in score_fold(fitted, taps, settings.seed).items():
+                    scores[kind].setdefault(name, []).append(score)
+                advance(1)
+    whole = {
+        kind: {name: join_scores(parts) for name, parts in named.items() if len(parts) == len(folds)}
+        for kind, named in scores.items()
+    }
+    means = [mean_scores(named, next(iter(named)), kind, settings.seed) for kind, named in whole.items() if named]
+    for name, reason in failed.items():
+        sentence += f" {name} could not be fitted to the others each time: {reason}"
+    table = stacked(whole["integrated"], len(folds)) if len(whole["integrated"]) > 1 else None
+    return xr.merge(means, join="outer", combine_attrs="drop_conflicts") if means else None, table, sentence
+
+
+def _refit(
+    fits: dict[str, Fitted],
+    fold: SessionFold,
+    train: TapSet,
+    grid: ClassGrid,
+    fit: FitSettings,
+    failed: dict[str, str],
+) -> dict[str, Fitted]:
+    """The models fitted to the training taps of a fold; their power does not matter for taps."""
+    if fold.train is train:
+        return fits
+    fit, refitted = fit._replace(power="none"), {}
+    for name in fits:
+        try:
+            refitted[name] = fit_model(name, fold.train, grid, fit)
+        except InputError as error:
+            failed.setdefault(name, str(error))
+    if not refitted:
+        raise InputError(f"No model can be fitted without {fold.name}.")
+    return refitted

@@ -1,0 +1,1 @@
+"""`crosscheck`, `validate` and simulation-based calibration (`sbc`): whether all routes compute the same."""

@@ -1,0 +1,318 @@
+"""Passive and active trials from the same starts with the same random numbers, on test taps and resamples of them."""
+
+from collections.abc import Callable, Sequence
+from functools import partial
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+import xarray as xr
+from numpy.typing import NDArray
+
+from ...hardware.pool import TapPool
+from ...inference.cut_short import Farthest, endings
+from ...inference.montecarlo import LoopPlayer, Trials, empty_trials, make_rule, run_trials
+from ...inference.resampling import RESAMPLE_TRIALS, Spread, spread
+from ...inference.selections import resampled_pools, thinned_pools
+from ...inference.trial_plan import TapTable, TrialPlan, checked_plan, join_plans, plan_trials
+from ...models.classes import ClassGrid
+from ...models.threads import cores, in_order
+from ..stats.metrics import Means, confusion, mean_outcomes, outcomes_dataset
+
+if TYPE_CHECKING:
+    from .study import Settings
+
+type Play = Callable[[TrialPlan, bool, bool], Trials]
+"""Plays a plan; the arguments behind it are whether the sensor moves and whether no tap is drawn twice."""
+
+
+class Outcomes[T](NamedTuple):
+    """What came of trials, by place and threshold.
+
+    Attributes:
+        passive: By sensing position.
+        active: By the position of the start, at the default fixation point; `None` where nothing can be acted on.
+        difference: Passive minus active, trial by trial, by the position of the start; likewise.
+        fixations: By fixation point, averaged over the same fewer starts; likewise, and for trials on fresh taps.
+    """
+
+    passive: T
+    active: T | None = None
+    difference: T | None = None
+    fixations: T | None = None
+
+
+def combined[T, R](outcomes: Sequence[Outcomes[T]], join: Callable[[list[T]], R]) -> Outcomes[R]:
+    """Several outcomes of the same policies as one, each part made of the same parts by `join`."""
+
+    def part(name: str) -> R | None:
+        parts = [getattr(one, name) for one in outcomes]
+        return None if parts[0] is None else join(parts)
+
+    return Outcomes(join([one.passive for one in outcomes]), part("active"), part("difference"), part("fixations"))
+
+
+class Played(NamedTuple):
+    """Trials on one data set.
+
+    Attributes:
+        stored: With taps drawn with replacement up to the deadline, as in the paper, at all thresholds.
+        fresh: With no tap drawn twice, at the shown threshold and those below.
+        passive_confusion: Shape (M, M) at the shown threshold, of `stored`.
+        active_confusion: The same at the default fixation point; `None` where nothing can be acted on.
+        used_up: Share of the fresh decisions of each policy, at each of their thresholds, made because all stored taps
+            of a class were drawn, shape (policy, H).
+        selected: That share where a quarter of the taps is left out, for intervals.
+        spread: How resamples of stored taps turn into intervals.
+        fresh_spread: How those of fresh taps do.
+    """
+
+    stored: Outcomes[xr.Dataset]
+    fresh: Outcomes[xr.Dataset]
+    passive_confusion: NDArray[np.int64]
+    active_confusion: NDArray[np.int64] | None
+    used_up: NDArray[np.float64]
+    selected: NDArray[np.float64]
+    spread: Spread
+    fresh_spread: Spread
+
+
+class Resampled(NamedTuple):
+    """Selections of the test taps, see `inference.resampling`.
+
+    Attributes:
+        stored: For trials that draw with replacement.
+        fresh: For those that draw no tap twice.
+    """
+
+    stored: Sequence[TapPool] = ()
+    fresh: Sequence[TapPool] = ()
+
+
+NO_POOLS = Resampled()
+
+
+class Plans(NamedTuple):
+    """Which trials are played.
+
+    Attributes:
+        starts: The same number at every position with a test tap, aiming for the default fixation point. Passive
+            trials are the same ones without moves.
+        others: At every other fixation point the first few of each position, in equal numbers; `None` where nothing
+            can be acted on.
+        compared: Which of `starts` the others repeat, so that fixation points compare in pairs, shape (n,).
+    """
+
+    starts: TrialPlan
+    others: TrialPlan | None
+    compared: NDArray[np.intp]
+
+
+def make_plans(
+    pool: TapPool, trials: int, seed: int, fixation: int, acts: bool, first_stream: int = 0, fewest: int = 1
+) -> Plans:
+    """The trials of both policies.
+
+    Args:
+        pool: The test taps.
+        trials: Per position, and at least as many in all per other fixation point.
+        seed: Of the objects that trials start on.
+        fixation: The default fixation point.
+        acts: Whether active trials are wanted.
+        first_stream: Random stream of the first trial at position 0.
+        fewest: Trials per position at the other fixation points, at least.
+
+    Raises:
+        InputError: There are no trials, or a stream is out of range.
+    """
+    positions = np.flatnonzero(pool.count.sum(axis=1))
+    by_position = [
+        plan_trials(pool, trials, seed, fixation, where=int(l), first_stream=first_stream + int(l) * trials)
+        for l in positions
+    ]
+    if not acts:
+        return Plans(join_plans(by_position), None, np.empty(0, np.intp))
+    each = min(trials, max(fewest, -(-trials // len(positions))))
+    starts = join_plans(by_position)
+    compared = np.flatnonzero(np.arange(len(starts.where)) % trials < each)
+    few = TrialPlan(*(column[compared] for column in starts))
+    others = [few._replace(fixation=np.full_like(few.fixation, l)) for l in range(pool.count.shape[0]) if l != fixation]
+    return Plans(starts, join_plans(others), compared)
+
+
+def most_trials(grid: ClassGrid, settings: "Settings", acts: bool, resamples: int) -> int:
+    """How many trials `play_policies` plays where every position has a test tap."""
+
+    def on_pool(trials: int, fewest: int) -> int:
+        each = min(trials, max(fewest, -(-trials // grid.L)))
+        return grid.L * (4 * trials + (grid.L - 1) * each if acts else 2 * trials)
+
+    return on_pool(settings.trials, 1) + resamples * on_pool(_per_position(grid.L, settings), 2)
+
+
+def play_policies(
+    table: TapTable,
+    grid: ClassGrid,
+    settings: "Settings",
+    fixation: int,
+    *,
+    acts: bool,
+    pools: Resampled = NO_POOLS,
+    progress: Callable[[int], None] | None = None,
+) -> Played:
+    """Plays passive and active trials, on stored and on fresh taps.
+
+    Args:
+        table: Test taps.
+        grid: The classes.
+        settings: What to do.
+        fixation: The default fixation point.
+        acts: Whether active perception means anything.
+        pools: Selections of the test taps, for intervals.
+        progress: Told how many more trials were played.
+
+    Raises:
+        InputError: A setting is out of range.
+    """
+    plans = make_plans(table.pool, settings.trials, settings.seed, fixation, acts)
+
+    def play(plan: TrialPlan, moves: bool, fresh: bool) -> Trials:
+        return run_trials(
+            table,
+            plan,
+            settings.fresh_thresholds if fresh else settings.thresholds,
+            theta_x=settings.theta_x if moves else 1.0,
+            border=settings.border,
+            deadline=settings.deadline,
+            seed=settings.seed,
+            fresh=fresh,
+            progress=progress,
+        )
+
+    stored, stored_trials = _outcomes(plans, play, grid, fresh=False)
+    fresh, fresh_trials = _outcomes(plans, play, grid, fresh=True)
+    resampled, selected = _on_resamples(table, grid, settings, fixation, acts, pools, progress)
+
+    def datasets(
+        outcomes: Outcomes[Means], ends: Sequence[Outcomes[Means]], of: int, thresholds: Sequence[float]
+    ) -> Outcomes[xr.Dataset]:
+        drawn, n = [pair[of] for pair in resampled], 1 + len(ends)
+        return combined(
+            [outcomes, *ends, *drawn],
+            lambda means: outcomes_dataset(means[0], means[n:], grid, thresholds, settings.deadline, means[1:n]),
+        )
+
+    used_up = _used_up(fresh_trials)
+    confusions = [confusion(plans.starts.what, trials.what[:, settings.shown], grid.M) for trials in stored_trials]
+    return Played(
+        datasets(stored, (), 0, settings.thresholds),
+        datasets(fresh, _endings(plans.starts, fresh_trials, grid, settings.deadline), 1, settings.fresh_thresholds),
+        confusions[0],
+        confusions[1] if acts else None,
+        used_up,
+        selected,
+        spread(table),
+        spread(table, thinned=True),
+    )
+
+
+def _used_up(policies: Sequence[Trials]) -> NDArray[np.float64]:
+    """The share of trials that all taps of a class end, of each policy, shape (policy, H)."""
+    return np.array([trials.used_up.mean(axis=0) for trials in policies])
+
+
+def _endings(
+    starts: TrialPlan, policies: Sequence[Trials], grid: ClassGrid, deadline: int
+) -> tuple[Outcomes[Means], Outcomes[Means]]:
+    """What came of passive, and active, trials on fresh taps with those that were cut short at their best and worst."""
+    passive, *active = (endings(trials, starts, deadline, Farthest.on(grid)) for trials in policies)
+    mean = partial(mean_outcomes, plan=starts, place=starts.where, grid=grid)
+
+    def outcomes(end: int) -> Outcomes[Means]:
+        if not active:
+            return Outcomes(mean(passive[end]))
+        moved = active[0]
+        return Outcomes(mean(passive[end]), mean(moved[end]), mean(passive[end], minus=moved[1 - end]))
+
+    return outcomes(0), outcomes(1)
+
+
+def _outcomes(plans: Plans, play: Play, grid: ClassGrid, *, fresh: bool) -> tuple[Outcomes[Means], list[Trials]]:
+    """What came of the trials, and the trials that started everywhere, passive and active."""
+    starts, others, compared = plans
+    passive = play(starts, False, fresh)
+    by_start = partial(mean_outcomes, plan=starts, place=starts.where, grid=grid)
+    if others is None:
+        return Outcomes(by_start(passive)), [passive]
+    if fresh:
+        active = play(starts, True, True)
+        return Outcomes(by_start(passive), by_start(active), by_start(passive, minus=active)), [passive, active]
+    plan = join_plans([starts, others])
+    trials = play(plan, True, False)
+    active = Trials._make(column[: len(starts.where)] for column in trials)
+    rows = np.concatenate([compared, np.arange(len(starts.where), len(plan.where))])
+    paired = TrialPlan(*(column[rows] for column in plan))
+    fixations = mean_outcomes(Trials._make(column[rows] for column in trials), paired, paired.fixation, grid)
+    return Outcomes(by_start(passive), by_start(active), by_start(passive, minus=active), fixations), [passive, active]
+
+
+def _on_resamples(
+    table: TapTable,
+    grid: ClassGrid,
+    settings: "Settings",
+    fixation: int,
+    acts: bool,
+    pools: Resampled,
+    progress: Callable[[int], None] | None,
+) -> tuple[list[tuple[Outcomes[Means], Outcomes[Means]]], NDArray[np.float64]]:
+    """Outcomes on stored and on fresh taps of each selection, and the share that used up the latter."""
+    thresholds = settings.thresholds, settings.fresh_thresholds
+    rules = [make_rule(some, 1.0, settings.border, settings.deadline, settings.seed) for some in thresholds]
+    players = {
+        (moves, fresh): LoopPlayer(
+            table, rules[fresh]._replace(theta_x=settings.theta_x if moves else 1.0, fresh=fresh)
+        )
+        for moves in (False, True)
+        for fresh in (False, True)
+    }
+    trials = _per_position(grid.L, settings)
+
+    def one(
+        number: int, pair: tuple[TapPool, TapPool]
+    ) -> tuple[tuple[Outcomes[Means], Outcomes[Means]], NDArray[np.float64], int]:
+        counted = 0
+
+        def play(plan: TrialPlan, moves: bool, fresh: bool) -> Trials:
+            nonlocal counted
+            n = len(plan.where)
+            played = empty_trials(n, len(thresholds[fresh]))
+            pool = pair[fresh]
+            players[moves, fresh].on(pool)(checked_plan(plan, pool), 0, n, played)
+            counted += n
+            return played
+
+        def outcomes(fresh: bool) -> tuple[Outcomes[Means], list[Trials]]:
+            first = grid.L * (settings.trials + number * trials)
+            plans = make_plans(pair[fresh], trials, settings.seed, fixation, acts, first, fewest=2)
+            return _outcomes(plans, play, grid, fresh=fresh)
+
+        (stored, _), (fresh, trials_of) = outcomes(False), outcomes(True)
+        return (stored, fresh), _used_up(trials_of), counted
+
+    kept, used_up = [], []
+    tasks = (partial(one, i, pair) for i, pair in enumerate(zip(*pools, strict=True)))
+    for pair, share, counted in in_order(tasks, cores(None)):
+        kept.append(pair)
+        used_up.append(share)
+        if progress is not None:
+            progress(counted)
+    return kept, np.mean(used_up, axis=0) if used_up else np.zeros((1 + acts, len(settings.fresh_thresholds)))
+
+
+def resamples_of(table: TapTable, resamples: int, seed: int) -> Resampled:
+    """Selections of the test taps, without the taps as they are."""
+    return Resampled(*(list(pools(table, resamples, seed))[1:] for pools in (resampled_pools, thinned_pools)))
+
+
+def _per_position(L: int, settings: "Settings") -> int:
+    """Trials at each position on a resample."""
+    return min(settings.trials, -(-RESAMPLE_TRIALS // L))

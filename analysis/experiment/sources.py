@@ -1,0 +1,119 @@
+"""The data on which open choices are measured: many simulated data sets, or one recording, and their units."""
+
+from collections.abc import Callable
+from dataclasses import replace
+from functools import partial
+from pathlib import Path
+from typing import NamedTuple
+
+from ...hardware.data_collection import simulate_session
+from ...hardware.presets import preset
+from ...models.classes import ClassGrid
+from ...models.experiment import load_experiment
+from ...models.histogram import trim
+from ...models.importers import load_taps
+from ...models.recording import naming
+from ...models.seeds import data_set_seed
+from ...models.splits import Fold
+from ..stats.resampled_units import RESAMPLES, resampled_sentence
+from .study import can_act
+
+_FEWEST_SESSIONS = 3
+
+
+class Source(NamedTuple):
+    """Where the units of a comparison come from.
+
+    Attributes:
+        name: For print.
+        simulated: Whether it can be simulated anew with another high-pass.
+        folds: Data sets or folds.
+        load: Gives one of them, by its number and the cut-off of the high-pass.
+        grid: The classes.
+        samples: J.
+        units: What varies between the units, in a sentence.
+    """
+
+    name: str
+    simulated: bool
+    folds: int
+    load: Callable[[int, float], Fold]
+    grid: ClassGrid
+    samples: int
+    units: str
+
+    @property
+    def resamples(self) -> int:
+        """Of test taps, which are the units where there is a single fold."""
+        return 0 if self.folds > 1 else RESAMPLES
+
+    @property
+    def number_of_units(self) -> int:
+        """Data sets, sessions or resamples of test taps."""
+        return self.resamples or self.folds
+
+    @property
+    def scope(self) -> str:
+        """What sure differences are limited to where there is one fold; empty where units are data of their own."""
+        return "" if self.folds > 1 else f"for taps of {'this data set' if self.simulated else 'these sessions'}"
+
+    @property
+    def policies(self) -> tuple[str, ...]:
+        """The policies that mean anything; the last one is the one that choices are ranked by."""
+        return ("passive", "active") if can_act(self.grid) else ("passive",)
+
+
+def simulated_source(name: str, data_sets: int, seed: int) -> Source:
+    """Data sets of a preset, each of a sensor of its own with one session to train and one to test.
+
+    Raises:
+        InputError: There is no such preset.
+    """
+    settings = preset(name)
+    load = partial(_simulate, name, seed)
+    first = load(0, settings.highpass_hz)
+    grid = first.train.grid()
+    units = (
+        f"Units are {data_sets} simulated data sets, each with a sensor, a training and a test session of its own."
+        if data_sets > 1
+        else f"There is one simulated data set. {resampled_sentence(first.test, grid)}"
+    )
+    title = f"simulated, preset {name}"
+    return Source(title, True, data_sets, load, grid, settings.preprocessing.samples, units)
+
+
+def recorded_source(
+    path: str | Path, where_cell: str | None = None, what_cell: str | None = None, training_taps: bool = False
+) -> Source:
+    """A recording, whose sessions are left out in turn where there are three or more.
+
+    Args:
+        path: As for `load_taps`.
+        where_cell: Width of the where cells with unit.
+        what_cell: Width of the what cells.
+        training_taps: Whether to keep test taps that stand among the training taps.
+
+    Raises:
+        InputError: It cannot be read or divided.
+    """
+    sessions = len(set(load_taps(path).session.tolist()))
+    with naming(path):
+        method = "leave-one-session-out" if sessions >= _FEWEST_SESSIONS else None
+        parts, grid = load_experiment([path], where_cell, what_cell, method, training_taps=training_taps)
+        grid, _ = trim(grid, [fold.train for fold in parts.folds])
+    folds = list(parts.folds)
+    units = (
+        f"Units are {len(folds)} sessions, each tested with the model of the others."
+        if len(folds) > 1
+        else f"{parts.description} {resampled_sentence(folds[0].test, grid)}"
+    )
+    samples = folds[0].train.preprocessing.samples
+    units = f"{units} {parts.warning}".strip()
+    return Source(Path(path).stem, False, len(folds), lambda number, _: folds[number], grid, samples, units)
+
+
+def _simulate(name: str, seed: int, number: int, highpass_hz: float) -> Fold:
+    settings = replace(preset(name), highpass_hz=highpass_hz)
+    own = data_set_seed(seed, number)
+    train, test = (simulate_session(settings, own, session) for session in (0, 1))
+    return Fold(train, test, f"data set {number}")

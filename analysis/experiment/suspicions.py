@@ -1,0 +1,227 @@
+"""What in a tap set may mislead: each function looks for one thing and yields a sentence if it is there."""
+
+from collections.abc import Iterator, Sequence
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ...models.classes import ClassGrid
+from ...models.taps import TapSet
+
+FEW = 5  # distinct taps per class, below which a histogram is mostly empty
+_NAMED = 6  # how many cells, classes or taxels a sentence names before it only counts
+
+
+def suspicions(taps: TapSet, grid: ClassGrid, *, alone: bool = True) -> Iterator[str]:
+    """One sentence for each thing that may mislead, the gravest first.
+
+    Args:
+        taps: What to look at.
+        grid: The classes.
+        alone: Whether there are no other taps, of other sessions.
+    """
+    where, what = taps.indices(grid)
+    inside = (where >= 0) & (what >= 0)
+    if not inside.all():
+        yield f"{np.count_nonzero(~inside)} of {len(taps)} taps lie outside all classes and are not used."
+    cells = np.ravel_multi_index((where[inside], what[inside]), grid.shape)
+    yield from _empty(cells, grid)
+    yield from _sessions(taps, cells, inside, grid, alone)
+    yield from _few(taps, cells, inside, grid)
+    yield from _blocks(taps, where, what, grid)
+    yield from _uneven(grid)
+    yield from _taxels(taps)
+
+
+def _uneven(grid: ClassGrid) -> Iterator[str]:
+    steps = np.diff(grid.where_value)
+    if len(steps) and steps.max() > 1.5 * steps.min():
+        yield (
+            f"Positions are unevenly spaced, by {steps.min():g} to {steps.max():g} {grid.where_unit}".rstrip()
+            + ": moves are counted in classes, so equal moves are of unequal length."
+        )
+
+
+def _empty(cells: NDArray[np.intp], grid: ClassGrid) -> Iterator[str]:
+    filled = np.zeros(grid.shape, dtype=bool)
+    filled.flat[cells] = True
+    objects, positions = filled.any(axis=0), filled.any(axis=1)
+    if not objects.all():
+        yield f"Objects without any tap: {_named([f'“{grid.what_name[m]}”' for m in np.flatnonzero(~objects)])}."
+    if not positions.all():
+        yield f"Positions without any tap: {_named([grid.where_label(int(l)) for l in np.flatnonzero(~positions)])}."
+    holes = np.argwhere(~filled & objects & positions[:, np.newaxis])
+    if len(holes):
+        names = _named([_cell_name(grid, l, m) for l, m in holes])
+        yield f"{len(holes)} of {filled.size} (where, what) cells have no tap: {names}."
+
+
+def _sessions(
+    taps: TapSet, cells: NDArray[np.intp], inside: NDArray[np.bool_], grid: ClassGrid, alone: bool
+) -> Iterator[str]:
+    session = taps.session[inside]
+    sessions = np.unique(taps.session)
+    if len(sessions) == 1:
+        if alone:
+            yield (
+                "There is one session only: whether what is learned holds on another day cannot be seen, "
+                "and training and test taps share whatever drifts slowly."
+            )
+        return
+    missing = [
+        f"{_cell_name(grid, *np.unravel_index(cell, grid.shape))} in session {number}"
+        for cell in np.unique(cells)
+        for number in sorted(set(sessions.tolist()) - set(session[cells == cell].tolist()))
+    ]
+    if missing:
+        yield f"Some cells have no tap in some sessions: {_named(missing)}."
+
+
+def _few(taps: TapSet, cells: NDArray[np.intp], inside: NDArray[np.bool_], grid: ClassGrid) -> Iterator[str]:
+    """Distinct taps: exact copies count once."""
+    content = np.array([hash(tap.tobytes()) for tap in taps.taps[inside]], dtype=np.int64)
+    session = taps.session[inside]
+    distinct = np.unique(np.stack([cells, session, content]), axis=1)
+    if distinct.shape[1] < len(cells):
+        yield f"{len(cells) - distinct.shape[1]} taps are exact copies of another one of their class and session."
+    per_session = np.unique(distinct[:2], axis=1, return_counts=True)[1]
+    if len(per_session) and per_session.max() == 1:
+        yield (
+            "Single contact only: nothing can accumulate over distinct contacts of one session "
+            "(each class has one tap in each session)."
+        )
+    filled, counts = np.unique(distinct[0], return_counts=True)
+    few = filled[counts < FEW]
+    if len(few):
+        names = [
+            f"{_cell_name(grid, *np.unravel_index(cell, grid.shape))}: {counts[filled == cell][0]}" for cell in few
+        ]
+        yield f"{len(few)} of {len(filled)} filled cells have fewer than {FEW} distinct taps ({_named(names)})."
+
+
+def _blocks(taps: TapSet, where: NDArray[np.intp], what: NDArray[np.intp], grid: ClassGrid) -> Iterator[str]:
+    """Sessions in which the taps of a class follow one another, for objects, positions and their pairs."""
+    pair = np.where((where >= 0) & (what >= 0), where * grid.M + what, -1)
+    found: dict[str, list[int]] = {}
+    for name, classes in (("object", what), ("position", where), ("(where, what) cell", pair)):
+        for session in np.unique(taps.session).tolist():
+            chosen = taps.session == session
+            order = recorded_order(taps.trial[chosen])
+            if in_blocks(classes[chosen][order]):
+                found.setdefault(name, []).append(session)
+    for name, sessions in found.items():
+        if name == "(where, what) cell" and len(found) > 1:
+            continue  # follows from the blocks of objects or positions in most recordings
+        yield (
+            f"Recorded in blocks: in session {', '.join(map(str, sessions))} the taps of each {name} follow one "
+            f"another, so a slow drift of the sensor can tell the {name}s apart before any contact."
+        )
+
+
+def recorded_order(trial: NDArray[np.int64]) -> NDArray[np.intp]:
+    """The order in which the taps of one session were recorded, as far as the file tells.
+
+    Trial numbers that are all different number the taps of the session. Where they repeat they count within each
+    class (as in most published sets) and say nothing about the order of the classes; then the order in the file
+    stands for it.
+    """
+    if len(np.unique(trial)) == len(trial):
+        return np.argsort(trial)
+    return np.arange(len(trial))
+
+
+def in_blocks(classes: ArrayLike) -> bool:
+    """Whether nine in ten of the classes with two or more taps occur in one uninterrupted run.
+
+    Args:
+        classes: Class of each tap of a session in recorded order, -1 for none.
+    """
+    classes = np.asarray(classes)
+    first_of_run = np.flatnonzero(np.diff(classes, prepend=-2) != 0)
+    runs = np.bincount(classes[first_of_run] + 1)[1:]
+    taps = np.bincount(classes + 1)[1:]
+    repeated = taps >= 2
+    return bool(np.count_nonzero(repeated) >= 2 and (runs[repeated] == 1).mean() >= 0.9)
+
+
+def _taxels(taps: TapSet) -> Iterator[str]:
+    constant, saturated = constant_taxels(taps.taps), saturated_taxels(taps.taps)
+    if constant:
+        yield f"{len(constant)} of {taps.taps.shape[2]} taxels are dead (one value throughout): {_named(constant)}."
+    if saturated:
+        yield (
+            f"{len(saturated)} of {taps.taps.shape[2]} taxels stay long at an extreme that is not their idle level "
+            f"and may be saturated: {_named(saturated)}."
+        )
+
+
+def taxel_ranges(taps: NDArray[np.floating]) -> tuple[NDArray[np.floating], NDArray[np.floating]]:
+    """Lowest and highest value of each taxel, shape (K,), `taps` of shape (N, J, K)."""
+    return taps.min(axis=0).min(axis=0), taps.max(axis=0).max(axis=0)  # faster than over both axes at once
+
+
+def constant_taxels(taps: NDArray[np.floating]) -> tuple[int, ...]:
+    """The taxels that have one value in all taps, `taps` of shape (N, J, K)."""
+    low, high = taxel_ranges(taps)
+    return tuple(np.flatnonzero(low == high).tolist())
+
+
+def saturated_taxels(taps: NDArray[np.floating]) -> tuple[int, ...]:
+    """The taxels whose values are cut off at an extreme.
+
+    A taxel is taken for saturated at its lowest or highest value `e` when all of this holds:
+
+    - `e` is not its idle level: it is at least half the taxel's range away from the median of the first samples
+      of all taps, which most of the time are free of contact or only at its beginning;
+    - three taps or more stay at exactly `e` for a tenth of their samples (at least three, all where a tap has fewer)
+      without a break;
+    - its range is at least a tenth of the widest taxel's, so that the noise of an untouched taxel is not meant;
+    - values pile up there: `e` is more frequent than the three next values towards the idle level together, so
+      that a coarse quantisation is not taken for a limit.
+
+    Limits that were moved tap by tap, by a tare or a high-pass, are not found.
+
+    Args:
+        taps: Samples, shape (N, J, K).
+    """
+    low, high = taxel_ranges(taps)
+    span = high - low
+    moving = np.flatnonzero((span > 0) & (span >= span.max() / 10))
+    return tuple(k for k in moving.tolist() if _is_saturated(taps[:, :, k].copy()))
+
+
+def _is_saturated(samples: NDArray[np.floating]) -> bool:
+    """Whether one taxel's samples, shape (N, J), are cut off."""
+    low, high = samples.min(), samples.max()
+    idle, span = np.median(samples[:, 0]), high - low
+    stay = min(samples.shape[1], max(3, -(-samples.shape[1] // 10)))
+    for extreme, inwards in ((low, slice(None)), (high, slice(None, None, -1))):
+        at_extreme = samples == extreme
+        if abs(extreme - idle) < span / 2 or np.count_nonzero(_longest_run(at_extreme) >= stay) < 3:
+            continue
+        next_counts = np.unique(samples, return_counts=True)[1][inwards][:4]
+        if next_counts[0] > next_counts[1:].sum():
+            return True
+    return False
+
+
+def _longest_run(at_extreme: NDArray[np.bool_]) -> NDArray[np.intp]:
+    """Length of the longest uninterrupted run of true values in each row."""
+    longest = np.zeros(len(at_extreme), dtype=np.intp)
+    length = np.zeros(len(at_extreme), dtype=np.intp)
+    for column in at_extreme.T:
+        length = np.where(column, length + 1, 0)
+        longest = np.maximum(longest, length)
+    return longest
+
+
+def _cell_name(grid: ClassGrid, l: int | np.intp, m: int | np.intp) -> str:
+    if grid.L == 1:
+        return grid.what_name[int(m)]
+    return f"({grid.where_label(int(l))}, {grid.what_name[int(m)]})"
+
+
+def _named(things: Sequence[object]) -> str:
+    """The first things by name and how many follow."""
+    names = ", ".join(str(thing) for thing in things[:_NAMED])
+    return names if len(things) <= _NAMED else f"{names} and {len(things) - _NAMED} more"

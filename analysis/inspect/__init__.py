@@ -1,0 +1,1 @@
+"""`inspect`: what a recording holds. Start at `run`."""

@@ -1,0 +1,92 @@
+"""An `Inspection` as tables in the terminal."""
+
+from collections.abc import Iterator
+
+import numpy as np
+from rich.console import Console
+from rich.markup import escape
+from rich.table import Table
+
+from .run import Inspection
+
+_ROWS, _COLUMNS = 40, 8  # a larger grid of cells is condensed to its smallest, middle and largest count
+
+
+def show(inspection: Inspection, console: Console, title: str = "") -> None:
+    """Prints the tables, then the warnings.
+
+    Args:
+        inspection: The facts.
+        console: Where to print.
+        title: What was inspected.
+    """
+    overview = Table(title=escape(title), show_header=False, title_justify="left")
+    for name, value in overview_lines(inspection):
+        overview.add_row(name, escape(value))
+    console.print(overview)
+    console.print("Taps per cell" + (", session by session" if len(inspection.sessions) > 1 else ""))
+    console.print(_counts(inspection))
+    for warning in inspection.warnings:
+        console.print(f"[yellow]![/yellow] {escape(warning)}", highlight=False)
+    if not inspection.warnings:
+        console.print("Nothing that may mislead was found.")
+
+
+def overview_lines(inspection: Inspection) -> Iterator[tuple[str, str]]:
+    """Name and value of each line of the overview; what is unknown is left out."""
+    taps, samples, taxels = inspection.size
+    yield "taps", f"{taps} of {samples} sample{_s(samples)} from {taxels} taxel{_s(taxels)}"
+    yield "sessions", f"{len(inspection.sessions)} ({_condensed([str(s) for s in inspection.sessions])})"
+    yield "what", f"{len(inspection.what_label)} ({_condensed(inspection.what_label)})"
+    yield "where", f"{len(inspection.where_label)} ({_condensed(inspection.where_label)})"
+    if inspection.where_unit:
+        yield "unit of where", inspection.where_unit
+    yield "values", _range(inspection)
+    chosen = ", ".join(f"{name} {value}" for name, value in inspection.preprocessing.items())
+    yield "preprocessing", chosen or "none known, taps were imported as they are"
+    yield from ((name, text) for name, text in inspection.attributes.items() if text)
+
+
+def _range(inspection: Inspection) -> str:
+    low, high = inspection.low, inspection.high
+    spans = high - low
+    narrow, wide = int(spans.argmin()), int(spans.argmax())
+    unit = f" {inspection.units}" if inspection.units else ""
+    return (
+        f"{low.min():g} to {high.max():g}{unit}; narrowest taxel {narrow}: {low[narrow]:g} to {high[narrow]:g}, "
+        f"widest taxel {wide}: {low[wide]:g} to {high[wide]:g}"
+    )
+
+
+def _counts(inspection: Inspection) -> Table:
+    """Taps per cell, sessions joined by `+`; or the spread of the counts where the grid is large."""
+    counts, rows, columns = inspection.counts, inspection.where_label, inspection.what_label
+    if len(rows) < len(columns):
+        counts, rows, columns = counts.transpose(0, 2, 1), columns, rows
+    if len(rows) > _ROWS or len(columns) > _COLUMNS or len(counts) > _COLUMNS:
+        return _condensed_counts(inspection)
+    table = Table()
+    for name in ("", *(columns if len(columns) > 1 else ("taps",))):
+        table.add_column(escape(name))
+    for r, name in enumerate(rows):
+        table.add_row(escape(name), *("+".join(map(str, counts[:, r, c])) for c in range(len(columns))))
+    return table
+
+
+def _condensed_counts(inspection: Inspection) -> Table:
+    table = Table()
+    for name in ("session", "taps", "filled cells", "fewest", "median", "most"):
+        table.add_column(name, justify="right")
+    for session, counts in zip(inspection.sessions, inspection.counts, strict=True):
+        filled = f"{np.count_nonzero(counts)} of {counts.size}"
+        spread = counts.min(), np.median(counts), counts.max()
+        table.add_row(str(session), str(counts.sum()), filled, *(f"{value:g}" for value in spread))
+    return table
+
+
+def _condensed(names: tuple[str, ...] | list[str]) -> str:
+    return ", ".join(names) if len(names) <= _COLUMNS else f"{', '.join(names[:3])}, ..., {names[-1]}"
+
+
+def _s(number: int) -> str:
+    return "" if number == 1 else "s"

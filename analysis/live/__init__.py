@@ -1,0 +1,1 @@
+"""The live view of an episode, and its picture."""

@@ -1,0 +1,194 @@
+"""One look for all figures: sizes, fonts, colours, axis labels, and how a figure is written.
+
+Matplotlib is imported when a figure is drawn, so that importing this package stays cheap. Figures are plain
+`matplotlib.figure.Figure` objects and settings hold only while one is drawn or written: no pyplot and no global
+state.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Sequence
+from functools import wraps
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ...models.storage import complete_file
+
+if TYPE_CHECKING:
+    import xarray as xr
+    from matplotlib.axes import Axes
+    from matplotlib.cm import ScalarMappable
+    from matplotlib.figure import Figure
+
+ONE_COLUMN = 3.4  # inches
+TWO_COLUMNS = 7.0
+PNG_DPI = 200
+MOST_FACTOR = 1000.0  # beyond which the size of a factor says nothing
+
+PASSIVE = "#c8102e"
+ACTIVE = "#000000"
+TRUE = "#0072b2"
+DECIDED = "#d55e00"
+OTHERS = "#a0a0a0"
+TWELVE = (
+    "#88ccee",
+    "#cc6677",
+    "#ddcc77",
+    "#117733",
+    "#332288",
+    "#aa4499",
+    "#44aa99",
+    "#999933",
+    "#882255",
+    "#661100",
+    "#6699cc",
+    "#888888",
+)  # CARTO "Safe", told apart under the common colour deficiencies
+
+_STYLE: dict[Any, Any] = {
+    "font.family": "DejaVu Sans",  # comes with matplotlib, so figures look alike everywhere
+    "font.size": 8,
+    "axes.titlesize": 8,
+    "axes.labelsize": 8,
+    "xtick.labelsize": 8,
+    "ytick.labelsize": 8,
+    "legend.fontsize": 8,
+    "legend.frameon": False,
+    "legend.handlelength": 1.6,
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "axes.linewidth": 0.6,
+    "axes.formatter.useoffset": False,
+    "axes.xmargin": 0.02,
+    "xtick.major.width": 0.6,
+    "ytick.major.width": 0.6,
+    "xtick.major.size": 3,
+    "ytick.major.size": 3,
+    "xtick.minor.width": 0.4,
+    "xtick.minor.size": 1.5,
+    "lines.linewidth": 1.0,
+    "lines.markersize": 3.0,
+    "figure.dpi": 100,
+    "savefig.facecolor": "white",
+    "svg.fonttype": "path",
+    "svg.hashsalt": "solidtouch",
+}
+
+
+def styled[**P, R](draw: Callable[P, R]) -> Callable[P, R]:
+    """The same function, run under the settings of this package."""
+
+    @wraps(draw)
+    def drawn(*args: P.args, **kwargs: P.kwargs) -> R:
+        import matplotlib as mpl  # noqa: PLC0415
+
+        with mpl.rc_context(_STYLE):
+            return draw(*args, **kwargs)
+
+    return drawn
+
+
+def new_figure(
+    width: float, height: float, rows: int = 1, columns: int = 1, **options: Any
+) -> tuple[Figure, NDArray[Any]]:
+    """A figure of this size in inches and its axes, shape (rows, columns)."""
+    from matplotlib.figure import Figure  # noqa: PLC0415
+
+    figure = Figure(figsize=(width, height), layout="constrained")
+    return figure, figure.subplots(rows, columns, squeeze=False, **options)
+
+
+@styled
+def save(figure: Figure, folder: str | Path, name: str) -> tuple[Path, Path]:
+    """Writes `name.png` (200 dpi) and `name.svg` into a folder; the same figure gives the same bytes.
+
+    Raises:
+        InputError: The folder cannot be written.
+    """
+    png, svg = Path(folder) / f"{name}.png", Path(folder) / f"{name}.svg"
+    with complete_file(png, force=True) as temporary:
+        figure.savefig(temporary, format="png", dpi=PNG_DPI)
+    with complete_file(svg, force=True) as temporary:
+        figure.savefig(temporary, format="svg", dpi=300, metadata={"Date": None, "Creator": "solidtouch"})
+    return png, svg
+
+
+def short_unit(unit: str) -> str:
+    """A unit up to its first comma, semicolon or bracket, for labels."""
+    return re.split("[,;(]", unit, maxsplit=1)[0].strip()
+
+
+def axis_label(quantity: str, unit: str) -> str:
+    """A quantity with its unit in brackets; an error that is a `"P(wrong)"` is named so."""
+    if unit == "P(wrong)":
+        return f"{quantity.removesuffix(' error')}: {unit}"
+    unit = short_unit(unit)
+    return f"{quantity} ({unit})" if unit else quantity
+
+
+def label_panel(axes: Axes, letter: str, title: str = "") -> None:
+    """Writes the panel's letter at its upper left corner and a title above its middle."""
+    axes.set_title(letter, loc="left", fontsize=9, fontweight="bold")
+    axes.set_title(title)
+
+
+def class_ticks(axes: Axes, values: ArrayLike) -> None:
+    """Marks the class centres by small ticks on the x axis, beside round numbers."""
+    axes.locator_params(axis="x", steps=[1, 2, 5, 10])
+    axes.set_xticks(np.unique(values), minor=True)
+
+
+def colours(n: int) -> list[Any]:
+    """`n` colours to tell lines apart: a qualitative palette up to twelve, then a sequential map."""
+    if n <= len(TWELVE):
+        return list(TWELVE[:n])
+    return list(_colormap("viridis")(np.linspace(0, 0.95, n)))
+
+
+def shades(n: int) -> list[Any]:
+    """`n` greys from light to black."""
+    return [str(level) for level in np.linspace(0.8, 0, n)] if n > 1 else ["0"]
+
+
+def discrete_colours(palette: Sequence[Any]) -> ScalarMappable:
+    """What a colour bar needs to show these colours as equal steps; colour `i` is centred at `i`."""
+    from matplotlib.cm import ScalarMappable  # noqa: PLC0415
+    from matplotlib.colors import BoundaryNorm, ListedColormap  # noqa: PLC0415
+
+    n = len(palette)
+    return ScalarMappable(BoundaryNorm(np.arange(n + 1) - 0.5, n), ListedColormap(list(palette)))
+
+
+def line_bundle(axes: Axes, x: NDArray[Any], ys: NDArray[Any], **style: Any) -> None:
+    """Draws many lines over the same `x`, shape (lines, len(x)); NaN ends a line.
+
+    Bundles of more than 200 lines become pixels in vector formats, which keeps the files small.
+    """
+    from matplotlib.collections import LineCollection  # noqa: PLC0415
+
+    lines = [np.column_stack([x, y])[np.isfinite(y)] for y in ys]
+    axes.add_collection(LineCollection(lines, rasterized=len(lines) > 200, **style))
+
+
+def band(axes: Axes, x: ArrayLike, data: xr.Dataset, name: str, colour: Any) -> None:
+    """Shades the interval of one curve over `x`; of a single point, draws it as a line."""
+    low, high = data[f"{name}_low"].values, data[f"{name}_high"].values
+    if len(low) == 1:
+        axes.vlines(x, low, high, color=colour, linewidth=0.6)
+    else:
+        axes.fill_between(np.asarray(x), low, high, color=colour, alpha=0.18, linewidth=0)
+
+
+def every(labels: Sequence[str], characters: int) -> int:
+    """Each how manyth label to print so that a row holds no more than this many characters."""
+    return max(1, -(-sum(len(label) + 2 for label in labels) // characters))
+
+
+def _colormap(name: str) -> Any:
+    import matplotlib as mpl  # noqa: PLC0415
+
+    return mpl.colormaps[name]

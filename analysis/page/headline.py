@@ -1,0 +1,103 @@
+"""Passive and active perception at one threshold: errors on stored and on fresh taps, and how they differ."""
+
+import math
+from typing import Any
+
+import xarray as xr
+
+from ..reproduce.results import Results
+from ..stats import metrics
+
+STILL = 1.1
+"""Mean taps to a decision below which passive and active perception are reported as not comparable."""
+
+STORED = (
+    "Stored taps: test taps are drawn with replacement up to the deadline, as in the paper, so long trials see the "
+    "same taps again."
+)
+"""What trials that draw with replacement estimate."""
+STORED_ONLY = f"{STORED} Errors on fresh taps, of which none is drawn twice in a trial, differ."
+"""The same where fresh taps are not played."""
+_FRESH = (
+    "Fresh taps: no test tap is drawn twice in a trial. One that has had all test taps of a class is decided there, "
+    "and intervals hold whatever it would come to on further ones."
+)
+
+_ENOUGH = "Fresh taps at threshold {:g}, the highest of those played at which the test taps suffice."
+
+
+def curve_rows(policy: str, curve: xr.Dataset) -> list[dict[str, Any]]:
+    """A row per threshold with quantities, their intervals and fractions; `None` where a number is missing."""
+    names = [name for name in metrics.QUANTITIES for name in (name, f"{name}_low", f"{name}_high")]
+    return [
+        {"policy": policy, "theta": float(curve["theta"][h])}
+        | {name: finite(curve[name][h]) for name in (*names, *metrics.FRACTIONS)}
+        for h in range(curve.sizes["theta"])
+    ]
+
+
+def difference_rows(curve: xr.Dataset | None) -> list[dict[str, Any]]:
+    """Passive minus active, a row per threshold with intervals; none where nothing can be acted on."""
+    if curve is None:
+        return []
+    names = [name for name in metrics.QUANTITIES for name in (name, f"{name}_low", f"{name}_high")]
+    return [
+        {"policy": "passive - active", "theta": float(curve["theta"][h])}
+        | {name: finite(curve[name][h]) for name in names}
+        for h in range(curve.sizes["theta"])
+    ]
+
+
+def headline(results: Results, shown: int) -> dict[str, Any]:
+    """What is said of both policies at the shown threshold.
+
+    Args:
+        results: What came out.
+        shown: Index of the threshold.
+
+    Returns:
+        `theta`; `stored` and `fresh`, each a sentence on its `meaning` and `rows` of policies and their difference;
+        `enough`, the same as `fresh` at the highest threshold at which the test taps suffice, or `None` where that is
+        `theta` or there is none; `used_up`, the share of fresh decisions made for want of test taps; `few`, whether
+        there are too few test taps, and `still`, whether the finger has hardly moved, sentences or `None`.
+    """
+    stored = {name: curve.isel(theta=[shown]) for name, curve in results.curves.items()}
+    theta = float(stored["passive"]["theta"][0])
+
+    def fresh(at: float) -> list[dict[str, Any]]:
+        curves = results.fresh_curves  # of equal thresholds the first
+        return _side({name: one.isel(theta=[list(one["theta"].values).index(at)]) for name, one in curves.items()})
+
+    enough = results.enough
+    return {
+        "theta": theta,
+        "stored": {"meaning": STORED, "rows": _side(stored)},
+        "fresh": {"meaning": _FRESH, "rows": fresh(theta)},
+        "enough": None if enough is None else {"meaning": _ENOUGH.format(enough), "rows": fresh(enough)},
+        "used_up": results.used_up,
+        "few": results.few or None,
+        "still": still(stored),
+    }
+
+
+def still(curves: dict[str, xr.Dataset]) -> str | None:
+    """A sentence where both policies decide after fewer than `STILL` taps on average, at the only threshold."""
+    if "active" not in curves:
+        return None
+    taps = max(float(curves[policy]["taps"][0]) for policy in ("passive", "active"))
+    if not taps < STILL:
+        return None
+    return (
+        f"Decisions take {taps:.2f} taps on average, so the finger has hardly moved: passive and active perception "
+        f"{'cannot' if taps == 1 else 'can hardly'} differ."
+    )
+
+
+def _side(curves: dict[str, xr.Dataset]) -> list[dict[str, Any]]:
+    rows = [row for policy in ("passive", "active") if policy in curves for row in curve_rows(policy, curves[policy])]
+    return rows + difference_rows(curves.get("difference"))
+
+
+def finite(value: Any) -> float | None:
+    """A number, or `None` where it is missing."""
+    return None if not math.isfinite(value) else value if isinstance(value, int) else float(value)

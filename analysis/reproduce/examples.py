@@ -1,0 +1,80 @@
+"""Single episodes for the figures: evolving beliefs (Fig. 4) and trajectories (Fig. 6)."""
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...hardware.replay import ReplayRig
+from ...inference.control import MovePolicy, fixation, passive
+from ...inference.engine import Engine
+from ...inference.episode import perceive
+from ...inference.trial_plan import plan_trials, trial_uniforms
+from ...models.states import fold
+from ..experiment.study import Settings, Study
+from ..page.figure_episodes import BeliefCase
+
+_CANDIDATES = 40
+_CASE_TAPS = 20
+_TRAJECTORIES = 100
+
+
+class Trajectories(NamedTuple):
+    """Where the sensor stood at each tap, -1 after the decision; where indices, shape (trials, taps)."""
+
+    passive: NDArray[np.int64]
+    active: NDArray[np.int64]
+
+
+def belief_cases(study: Study, engine: Engine, settings: Settings) -> tuple[BeliefCase, BeliefCase]:
+    """One clear and one ambiguous passive sequence of 20 taps.
+
+    Clear is the one in which the right class leads for good the earliest, ties go to the surer end; ambiguous the
+    one in which the runner-up is believed in most, on average over the taps.
+    """
+    cases, prior = [], fold(np.exp(engine.model.log_prior), engine.model.grid.M)
+    for where, what, stream in _starts(study, _CANDIDATES, settings.seed):
+        rig = _rig(study, where, what, stream, settings.seed, _CASE_TAPS)
+        episode = perceive(rig, engine, 1.0, passive, deadline=_CASE_TAPS)
+        cases.append(BeliefCase(np.exp(episode.log_beliefs), prior, where, what))
+    return max(cases, key=_clarity), max(cases, key=_ambiguity)
+
+
+def trajectories(study: Study, engine: Engine, settings: Settings, fixation_index: int) -> Trajectories:
+    """A hundred trials each, passive and active, from the same random starts up to their decisions."""
+    theta = settings.thresholds[settings.shown]
+
+    def positions(move: MovePolicy) -> NDArray[np.int64]:
+        paths = np.full((_TRAJECTORIES, settings.deadline), -1)
+        for row, (where, what, stream) in enumerate(_starts(study, _TRAJECTORIES, settings.seed)):
+            rig = _rig(study, where, what, stream, settings.seed, settings.deadline)
+            episode = perceive(rig, engine, theta, move, settings.deadline)
+            paths[row, : episode.taps] = where + np.concatenate([[0], np.cumsum(episode.realised)])
+        return paths[:, : int((paths >= 0).any(axis=0).sum())]
+
+    return Trajectories(positions(passive), positions(fixation(fixation_index, settings.theta_x)))
+
+
+def _starts(study: Study, n: int, seed: int) -> list[tuple[int, int, int]]:
+    plan = plan_trials(study.table.pool, n, seed)
+    return [(int(l), int(m), int(stream)) for l, m, stream in zip(plan.where, plan.what, plan.stream, strict=True)]
+
+
+def _rig(study: Study, where: int, what: int, stream: int, seed: int, taps: int) -> ReplayRig:
+    return ReplayRig(study.test, study.model.grid, where, what, iter(trial_uniforms(seed, stream, taps).tolist()))
+
+
+def _clarity(case: BeliefCase) -> tuple[int, float]:
+    leaders = _leaders(case)
+    true = case.where * case.beliefs.shape[2] + case.what
+    wrong = np.flatnonzero(leaders != true)
+    return -(int(wrong[-1]) + 1 if len(wrong) else 0), float(case.beliefs[-1].ravel()[true])
+
+
+def _ambiguity(case: BeliefCase) -> float:
+    beliefs = np.sort(case.beliefs.reshape(len(case.beliefs), -1), axis=1)
+    return float(beliefs[:, -2:].min(axis=1).mean()) if beliefs.shape[1] > 1 else 0.0
+
+
+def _leaders(case: BeliefCase) -> NDArray[np.intp]:
+    return case.beliefs.reshape(len(case.beliefs), -1).argmax(axis=1)

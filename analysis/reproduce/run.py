@@ -1,0 +1,130 @@
+"""The paper end to end: data sets through the experiment, then figures, tables and the report in one folder."""
+
+import json
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import xarray as xr
+
+from ...hardware.data_collection import simulate_session
+from ...hardware.presets import preset
+from ...inference.control import check_fixation
+from ...inference.engine import make_engine
+from ...inference.resampling import RESAMPLES
+from ...models.histogram import trim
+from ...models.seeds import data_set_seed
+from ...models.splits import Fold, Split
+from ...models.storage import complete_folder
+from ..correctness.crosscheck import crosscheck
+from ..experiment.policies import combined
+from ..experiment.study import Study, can_act, check_settings, planned, study
+from ..page.page import write_report
+from ..page.pictures import count, draw
+from ..page.stages import Clock, Progress, no_progress
+from ..stats import metrics
+from .examples import belief_cases, trajectories
+from .results import Request, Results
+from .summary import results_tree, summarise
+
+
+def simulated_split(name: str, data_sets: int, seed: int, progress: Progress = no_progress) -> Split:
+    """Simulated data sets of two sessions each: the first trains, the second tests.
+
+    Data set d is what `solidtouch simulate --seed SEED --data-set d` writes.
+
+    Raises:
+        InputError: There is no such preset.
+    """
+    settings = preset(name)
+    advance = progress("Simulating taps", data_sets)
+    folds = []
+    for d in range(data_sets):
+        own = data_set_seed(seed, d)
+        train, test = (simulate_session(settings, own, session) for session in (0, 1))
+        folds.append(Fold(train, test, f"data set {d}"))
+        advance(1)
+    return Split(tuple(folds), "sessions", "In every simulated data set session 0 trains and session 1 tests.")
+
+
+def reproduce(request: Request, folder: Path, force: bool = False, progress: Progress = no_progress) -> dict[str, Any]:
+    """Runs the experiment and writes its folder, whole or not at all.
+
+    Args:
+        request: What to reproduce.
+        folder: Where the figures, `results.nc`, `summary.json` and `report.html` go.
+        force: Whether files in an existing folder may be replaced.
+        progress: Told the name and size of every stage; gives the function that counts what is done.
+
+    Returns:
+        What `summary.json` holds.
+
+    Raises:
+        InputError: The folder cannot be written, or the data or settings cannot be used.
+    """
+    with complete_folder(folder, force) as temporary:
+        clock = Clock(progress)
+        results = _run(request, clock)
+        with clock.stage("Drawing figures", count(results.grid)) as advance:
+            pictures = draw(request, results, temporary, advance)
+        summary = summarise(request, results)
+        results_tree(request, results).to_netcdf(temporary / "results.nc", engine="h5netcdf")
+        (temporary / "summary.json").write_text(json.dumps(summary, indent=1, allow_nan=False) + "\n", encoding="utf-8")
+        write_report(temporary, summary, pictures)
+    return summary
+
+
+def _run(request: Request, clock: Clock) -> Results:
+    settings, folds = request.settings, request.split.folds
+    grid, left_out = trim(request.grid, [fold.train for fold in folds])
+    check_settings(settings, grid)
+    fixation = check_fixation(settings.fixation, grid.L)
+    resamples = RESAMPLES if len(folds) == 1 else 0
+    with clock.stage("Playing trials", planned(grid, settings, resamples) * len(folds)) as advance:
+        # Data sets must not share random numbers, or their spread would miss the sampling of trials.
+        studies = [
+            study(fold, grid, replace(settings, seed=data_set_seed(settings.seed, d)), advance, resamples)
+            for d, fold in enumerate(folds)
+        ]
+    first = studies[0]
+    with clock.stage("Cross-checking engines", request.episodes) as advance:
+        check = crosscheck(
+            first.model,
+            first.test,
+            train=folds[0].train,
+            settings=settings,
+            border=settings.border,
+            episodes=request.episodes,
+            sequence_taps=request.sequence_taps,
+            seed=settings.seed,
+            progress=lambda: advance(1),
+        )
+    with clock.stage("Following single episodes", 1) as advance:
+        engine = make_engine("filter", first.model, settings.border)
+        cases = belief_cases(first, engine, settings)
+        paths = trajectories(first, engine, settings, fixation) if can_act(grid) else None
+        advance(1)
+    names = [part.name for part in studies]
+
+    def joined(parts: list[xr.Dataset]) -> xr.Dataset:
+        return metrics.join(parts, names)
+
+    return Results(
+        grid=grid,
+        left_out=_left_out(left_out, studies),
+        studies=studies,
+        stored=combined([part.played.stored for part in studies], joined),
+        fresh=combined([part.played.fresh for part in studies], joined),
+        fixation=fixation,
+        cases=cases,
+        paths=paths,
+        check=check,
+        elapsed_s=clock.elapsed_s,
+    )
+
+
+def _left_out(trimmed: tuple[str, ...], studies: Sequence[Study]) -> tuple[str, ...]:
+    if len(studies) == 1:
+        return (*trimmed, *studies[0].model.left_out)
+    return (*trimmed, *(f"{name} ({part.name})" for part in studies for name in part.model.left_out))

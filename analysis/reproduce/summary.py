@@ -1,0 +1,271 @@
+"""A run in words and numbers: `summary.json` and `results.nc`."""
+
+import platform
+from collections.abc import Sequence
+from dataclasses import asdict
+from importlib.metadata import version
+from typing import Any
+
+import numpy as np
+import xarray as xr
+
+from ...models.catalogue import CATALOGUE, split_name
+from ...models.classes import ClassGrid
+from ...models.power import learned_taps
+from ...models.splits import Fold
+from ...models.taps import TapSet, concatenate
+from ..correctness.crosscheck import CrossCheck
+from ..experiment.study import Settings, can_act
+from ..experiment.suspicions import FEW, suspicions
+from ..page.figure_style import short_unit
+from ..page.headline import curve_rows, difference_rows, finite, headline
+from ..stats import metrics
+from ..stats.no_class_left import no_class_left_sentence
+from .paper import compare
+from .results import Request, Results
+
+_PACKAGES = ("solidtouch", "numpy", "jax", "numpyro", "funsor", "arviz", "xarray", "scipy", "matplotlib")
+
+
+def summarise(request: Request, results: Results) -> dict[str, Any]:
+    """What `summary.json` holds and the report is written from."""
+    settings, grid = request.settings, results.grid
+    curves = results.curves
+    kind = "simulated data sets" if request.simulated else "folds"
+    test = results.studies[0].test
+    sizes = test.dataset.sizes
+    return {
+        "title": f"Active Bayesian perception: {_subject(request)}",
+        "what_was_run": _what_was_run(request, results),
+        "command": request.command,
+        "simulated": request.simulated is not None,
+        "versions": {"python": platform.python_version()} | {name: version(name) for name in _PACKAGES},
+        "model": settings.model,
+        "seed": settings.seed,
+        "data_sets": [part.name for part in results.studies],
+        "options": asdict(settings) | {"fixation": results.fixation, "data_sets": len(results.studies)},
+        "data": _sources(request),
+        "split": {
+            "method": request.split.method,
+            "description": request.split.description,
+            "warning": request.split.warning,
+        },
+        "grid": {
+            "L": grid.L,
+            "M": grid.M,
+            "K": sizes["taxel"],
+            "J": sizes["sample"],
+            "where": _span([grid.where_label(l) for l in range(grid.L)]) if grid.L > 1 else "",
+            "what": _span(grid.what_name),
+            "where_value": grid.where_value.tolist(),
+            "what_name": list(grid.what_name),
+            "left_out": list(results.left_out),
+        },
+        "units": {"what": grid.what_error_unit, "where": short_unit(grid.where_unit)},
+        "fixation": _fixation(results),
+        "headline": headline(results, settings.shown),
+        "results": [row for name in ("passive", "active") if name in curves for row in curve_rows(name, curves[name])],
+        "differences": difference_rows(curves.get("difference")),
+        "shown_theta": settings.thresholds[settings.shown],
+        "interval": metrics.interval_sentence(len(results.studies), kind, results.spread),
+        "accuracy": [{name: finite(value) for name, value in row.items()} for row in results.accuracy],
+        "paper": compare(curves, results.by_position.isel(place=results.fixation)) if request.simulated else None,
+        "crosscheck": _check_summary(results.check),
+        "warnings": _warnings(request, results),
+        "skipped": _skipped(grid),
+        "elapsed_s": results.elapsed_s,
+    }
+
+
+def _check_summary(check: CrossCheck) -> dict[str, Any]:
+    return check._asdict() | {
+        "passed": check.passed,
+        "rows": [row._asdict() | {"passed": row.passed} for row in check.rows],
+        "notes": list(check.notes),
+    }
+
+
+def _subject(request: Request) -> str:
+    if request.simulated:
+        return f"simulated rig, preset {request.simulated}"
+    return ", ".join(request.files)
+
+
+def _sources(request: Request) -> list[dict[str, Any]]:
+    """What was simulated or read, one row per preset or file."""
+    folds = request.split.folds
+    if request.simulated:
+        taps = sum(len(fold.train) + len(fold.test) for fold in folds)
+        row = _source(f"preset {request.simulated}", taps, folds[0].train, folds[0].test)
+        sets = f"{len(folds)} data set{'s' * (len(folds) > 1)} of seed {request.settings.seed}"
+        return [row | {"description": f"{folds[0].train.dataset.attrs['sensor']}; {sets}"}]
+    first = folds[0]
+    if len(request.files) == 1:
+        return [_source(request.files[0], len(first.train) + len(first.test), first.train, first.test)]
+    sides = zip(request.files, (first.train, first.test), strict=True)
+    return [_source(name, len(taps), taps) for name, taps in sides]
+
+
+def _source(name: str, taps: int, *parts: TapSet) -> dict[str, Any]:
+    attributes = parts[0].dataset.attrs
+    told = (attributes.get(key, "") for key in ("sensor", "source", "licence"))
+    sessions = sorted({int(session) for part in parts for session in part.session})
+    return {
+        "name": name,
+        "taps": taps,
+        "sessions": ", ".join(str(session) for session in sessions),
+        "description": "; ".join(text for text in told if text),
+    }
+
+
+def _fixation(results: Results) -> dict[str, Any] | None:
+    if results.by_fixation is None:
+        return None
+    return {"index": results.fixation, "value": float(results.grid.where_value[results.fixation])}
+
+
+def _span(names: Sequence[str]) -> str:
+    """Names in print, many of them by the first and the last."""
+    return ", ".join(names) if len(names) <= 8 else f"{names[0]} to {names[-1]}"
+
+
+def _what_was_run(request: Request, results: Results) -> list[str]:
+    settings, grid = request.settings, results.grid
+    sets = len(results.studies)
+    return [
+        f"{_model(settings)} was fitted to training taps of {grid.L} x {grid.M} "
+        f"(where, what) classes and tested on other taps, {sets} data set{'s' * (sets > 1)} in all. A trial draws "
+        "test taps of one object where the finger stands, with replacement as in the paper or, on fresh taps, none "
+        "twice, and Bayes' rule accumulates the joint belief until the belief in one object exceeds the threshold.",
+        f"Passive: {settings.trials} trials at each sensing position. "
+        + (
+            "Active: the same trials, with the same objects and random numbers, start at each position and move to the "
+            f"fixation point {grid.where_label(results.fixation)}; about {settings.trials} of them go to each other "
+            "fixation point. "
+            if can_act(grid)
+            else ""
+        )
+        + f"All thresholds are read off the same trials. After {settings.deadline} taps the most probable classes "
+        "are taken. "
+        + (
+            "Object errors are shares of wrong decisions, position errors distances between classes."
+            if grid.what_value is None
+            else "Errors are distances between classes."
+        ),
+        *_learned(request, results),
+    ]
+
+
+def _model(settings: Settings) -> str:
+    """The measurement model, in words."""
+    kind, in_states = split_name(settings.model)
+    words = f"A histogram model of {settings.bins} bins"
+    if kind != "histogram":
+        words = f"The model {kind} ({CATALOGUE[kind].how}; likelihoods over {settings.bins} bins)"
+    return words + " under a gain and offset that all taps of an episode share" * in_states
+
+
+def _learned(request: Request, results: Results) -> list[str]:
+    """What power was learned, where one was."""
+    taps = learned_taps(request.settings.power)
+    if taps is None:
+        return []
+    powers = ", ".join(f"{part.model.exponent:.3g}" for part in results.studies)
+    return [
+        f"The root of the likelihood was learned on training sessions left out in turn, for beliefs after {taps} "
+        f"tap{'s' * (taps > 1)}: {powers}."
+    ]
+
+
+def _warnings(request: Request, results: Results) -> list[str]:
+    sentences = [request.split.warning] if request.split.warning else []
+    sentences += _repeated_taps(results)
+    if not request.simulated:
+        sentences += _suspicions(request, results.grid)
+    dropped = sum(part.dropped for part in results.studies)
+    if dropped:
+        sentences.append(f"Test taps of classes without a training tap were left out: {dropped}.")
+    substituted = [part for part in (results.stored.passive, results.stored.fixations) if part is not None]
+    if any(float(part["substituted_fraction"].max()) > 0 for part in substituted):
+        sentences.append(
+            "Some moves led to a class without a test tap; the nearest class with one was used, as the table counts."
+        )
+    none_left = max(float(part["no_class_left_fraction"].max()) for part in substituted)
+    if none_left > 0:
+        sentences.append(no_class_left_sentence(none_left, results.studies[0].model))
+    if not results.check.passed:
+        sentences.append("The engines disagree: see the cross-check below before using any number.")
+    return [*sentences, *results.check.notes]
+
+
+def _repeated_taps(results: Results) -> list[str]:
+    """Whether trials see the same few taps again and again."""
+    distinct = np.concatenate([part.table.pool.count[part.table.pool.count > 0] for part in results.studies])
+    if distinct.min() >= FEW:
+        return []
+    few = "only one test tap" if distinct.max() == 1 else f"fewer than {FEW} test taps"
+    share = np.mean(distinct < FEW)
+    return [
+        f"{'All' if share == 1 else f'{share:.0%} of the'} test classes have {few}, drawn again and again in a trial: "
+        "what is reported after several taps tells of repetition, not of new contacts."
+    ]
+
+
+def _suspicions(request: Request, grid: ClassGrid) -> list[str]:
+    """What `inspect` says about the files."""
+    return fold_suspicions(request.split.folds[0], grid, one_file=len(request.files) == 1)
+
+
+def fold_suspicions(fold: Fold, grid: ClassGrid, *, one_file: bool) -> list[str]:
+    """What may mislead in training and test taps, looked at together where they come from one file."""
+    files = [concatenate([fold.train, fold.test])] if one_file else [fold.train, fold.test]
+    sentences = [sentence for taps in files for sentence in suspicions(taps, grid, alone=one_file)]
+    return list(dict.fromkeys(sentences))
+
+
+def _skipped(grid: ClassGrid) -> list[str]:
+    if can_act(grid):
+        return []
+    reason = (
+        "one where class, so there is nowhere to move" if grid.L == 1 else "one object, so nothing is to be told apart"
+    )
+    return [f"These data have {reason}: active perception and figures 5 and 6 are left out."]
+
+
+def results_tree(request: Request, results: Results) -> xr.DataTree:
+    """Every curve, labelled, with intervals; groups without an interval hold the single data sets."""
+    grid = results.grid
+    groups = {
+        "passive/data_sets": _without_resamples(results.stored.passive),
+        "passive/by_position": results.by_position,
+        "contacts": results.accuracy_dataset,
+    }
+    if results.stored.fixations is not None and results.by_fixation is not None:
+        groups["active/data_sets"] = _without_resamples(results.stored.fixations)
+        groups["active/by_fixation"] = results.by_fixation
+    if results.stored.active is not None:
+        groups["active/by_start"] = metrics.by_place(results.stored.active, results.spread)
+    groups |= {f"{policy}/curve": curve for policy, curve in results.curves.items()}
+    groups |= {f"{policy}/fresh": curve for policy, curve in results.fresh_curves.items()}
+    passive, active = results.confusions
+    confusion = {"passive": (("what_true", "what_decided"), passive)}
+    if active is not None:
+        confusion["active"] = (("what_true", "what_decided"), active)
+    names = np.asarray(grid.what_name, dtype=np.str_)
+    groups["confusion"] = xr.Dataset(confusion, {"what_true": names, "what_decided": names})
+    if results.paths is not None:
+        for policy, paths in results.paths._asdict().items():
+            groups[f"{policy}/trajectories"] = xr.Dataset({"where_index": (("trial", "tap"), paths)})
+    tree = xr.DataTree.from_dict(groups)
+    tree.attrs = {
+        "command": request.command,
+        "model": request.settings.model,
+        "split": f"{request.split.method}: {request.split.description}",
+        "seed": request.settings.seed,
+        "solidtouch": version("solidtouch"),
+    }
+    return tree
+
+
+def _without_resamples(data_sets: xr.Dataset) -> xr.Dataset:
+    return data_sets.drop_vars([name for name in data_sets.data_vars if "_resampled" in str(name)])

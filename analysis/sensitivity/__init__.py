@@ -1,0 +1,1 @@
+"""`sensitivity`: what each choice that the paper leaves open is worth. Start at `run`."""

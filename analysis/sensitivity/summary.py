@@ -1,0 +1,180 @@
+"""A sensitivity study in numbers and sentences: `sensitivity.json`, from which page, table and document are made."""
+
+import math
+import platform
+from collections.abc import Mapping, Sequence
+from importlib.metadata import version
+from typing import Any
+
+import numpy as np
+
+from ...models.classes import ClassGrid
+from ..experiment.study import SHOWN_THETA
+from ..page.figure_style import short_unit
+from ..stats.effects import SUMS, Effect, Interval, limits, verdict
+from .choices import Choice, Option
+from .findings import VERDICTS, WORDS, listed, worded
+from .run import Sensitivity, SensitivitySettings
+
+_ERRORS = ("what_error", "where_error")
+_PACKAGES = ("solidtouch", "numpy", "scipy", "numba", "xarray", "matplotlib")
+
+
+def summarise(
+    studies: Sequence[Sensitivity], settings: SensitivitySettings, described: Mapping[str, Any]
+) -> dict[str, Any]:
+    """What `sensitivity.json` holds.
+
+    Args:
+        studies: One for each source of data.
+        settings: What was asked for.
+        described: `title` and `command`.
+    """
+    summary = {
+        **described,
+        "versions": {"python": platform.python_version()} | {name: version(name) for name in _PACKAGES},
+        "seed": settings.seed,
+        "trials": settings.trials,
+        "theta": SHOWN_THETA,
+        "sources": [summarise_source(one) for one in studies],
+    }
+    return worded(summary)
+
+
+def summarise_source(study: Sensitivity) -> dict[str, Any]:
+    """What came out for one source of data, in numbers."""
+    limit = limits(study.default, study.source.grid)
+    options = [_option(study, index, limit) for index in range(len(study.effects))]
+    order = study.strongest_first()
+    choices = [_choice(study, choice, index, options) for choice, index in order]
+    grid = study.source.grid
+    return {
+        "name": study.source.name,
+        "simulated": study.source.simulated,
+        "units": study.source.units,
+        "number_of_units": study.source.number_of_units,
+        "scope": study.source.scope,
+        "policies": list(study.scale.policies),
+        "intervals": study.scale.intervals,
+        "grid": {"L": grid.L, "M": grid.M},
+        "what_unit": grid.what_error_unit,
+        "where_unit": short_unit(grid.where_unit),
+        "blind_error": blind_error(grid),
+        "default": [_flat(study.default, policy) | {"policy": policy} for policy in study.scale.policies],
+        "advantage": {name: as_numbers(value) for name, value in study.reference.advantage.items()},
+        "limits": {f"{p}_{q}": limit[p, q] for p, q in limit},
+        "choices": choices,
+        "skipped": [dict(zip(("choice", "option", "reason"), row, strict=True)) for row in study.catalogue.skipped],
+        "not_run": [
+            {"choice": choice.name, "option": name, "reason": reason}
+            for choice in study.catalogue.choices
+            for name, reason in choice.not_run
+        ],
+        "pairs": [
+            {
+                "first": _named(*pair.first),
+                "second": _named(*pair.second),
+                **as_numbers(pair.beyond, "beyond"),
+                **as_numbers(pair.together, "together"),
+                "sure": pair.beyond.sure,
+            }
+            for pair in study.pairs
+        ],
+        "pair_options": [_named(choice, study.catalogue.options[index][1]) for choice, index in order],
+    }
+
+
+def blind_error(grid: ClassGrid) -> float:
+    """The least mean object error of an answer that is always the same, objects being equally frequent."""
+    what = np.arange(grid.M)
+    return float(grid.what_error(what[:, np.newaxis], what).mean(axis=1).min())
+
+
+def _choice(study: Sensitivity, choice: Choice, strongest: int, options: Sequence[dict[str, Any]]) -> dict[str, Any]:
+    """A choice with its options; `verdict_of` names those of the gravest verdict, the strongest first, or all."""
+    own = [i for i, (other, _) in enumerate(study.catalogue.options) if other.name == choice.name]
+    gravest = next(key for key in VERDICTS if any(options[i]["verdict"] == key for i in own))
+    of = [i for i in sorted(own, key=lambda i: -study.strength(i)) if options[i]["verdict"] == gravest]
+    return {
+        "name": choice.name,
+        "paper": choice.paper,
+        "record": choice.record,
+        "default": choice.default,
+        "note": choice.note,
+        "strongest": study.catalogue.options[strongest][1].name,
+        "verdict": gravest,
+        "verdict_of": "all" if 1 < len(of) == len(own) else listed([options[i]["name"] for i in of]),
+        "options": [options[i] for i in own],
+    }
+
+
+def _option(study: Sensitivity, index: int, limit: Mapping[tuple[str, str], float]) -> dict[str, Any]:
+    _, option = study.catalogue.options[index]
+    found, last = study.effects[index], study.scale.policies[-1]
+    decided, of = verdict(found, study.reference.advantage, limit)
+    shares = study.shares[1 + index][-1]
+    return {
+        "name": option.name,
+        "verdict": decided,
+        "of": [_quantity(name) for name in of],
+        **{
+            key: value
+            for policy in study.scale.policies
+            for key, value in _flat(found.change, policy, f"{policy}_").items()
+        },
+        **as_numbers(found.equal_taps[last], "equal_taps"),
+        **{
+            key: value
+            for name, one in found.advantage.items()
+            for key, value in as_numbers(one, f"advantage_{name}").items()
+        },
+        "better": _better(study, found, limit),
+        "impossible_taps": study.impossible[index],
+        "impossible_trials": float(shares[SUMS.index("impossible")]),
+        "stopped": float(shares[SUMS.index("stopped")]),
+    }
+
+
+def _better(study: Sensitivity, found: Effect, limit: Mapping[tuple[str, str], float]) -> dict[str, list[str]]:
+    """What an option does better than the default by more than does not matter, surely or by its own interval only."""
+    last = study.scale.policies[-1]
+    errors = {(p, q): change for (p, q), change in found.change.items() if q in _ERRORS}
+    told = {f"{p} {WORDS[q]}": (change, limit[p, q]) for (p, q), change in errors.items()}
+    told[f"{last} object error at equal taps"] = found.equal_taps[last], limit[last, "what_error"]
+    large = {name: change for name, (change, bound) in told.items() if change.value < -bound}
+    more = " with more taps" if found.change[last, "taps"].low > 0 else ""
+    words = {name: name if name.endswith("equal taps") or last not in name else name + more for name in large}
+    return {
+        "surely": [words[name] for name, change in large.items() if change.most < 0],
+        "perhaps": [words[name] for name, change in large.items() if change.most >= 0 > change.high],
+    }
+
+
+def _quantity(name: str) -> str:
+    """`active what_error` or `what_error reversed` in words."""
+    return " ".join(WORDS.get(word, word) for word in name.split(" "))
+
+
+def _named(choice: Choice, option: Option) -> dict[str, str]:
+    return {"choice": choice.name, "option": option.name}
+
+
+def _flat(values: Mapping[tuple[str, str], Interval], policy: str, prefix: str = "") -> dict[str, float | None]:
+    flat: dict[str, float | None] = {}
+    for (p, quantity), value in values.items():
+        if p == policy:
+            shown = as_factor(value) if quantity == "factor" else value
+            flat |= as_numbers(shown, f"{prefix}{quantity}")
+    return flat
+
+
+def as_factor(value: Interval) -> Interval:
+    """The interval of a factor from that of its logarithm; infinite where a float cannot hold it."""
+    with np.errstate(over="ignore"):
+        return Interval(*np.exp(value).tolist())
+
+
+def as_numbers(value: Interval, name: str = "value") -> dict[str, float | None]:
+    """The five numbers under names that pages know; `None` where there is none."""
+    ends = ("", "_low", "_high", "_least", "_most")
+    return {f"{name}{end}": x if math.isfinite(x) else None for end, x in zip(ends, value, strict=True)}

@@ -1,0 +1,398 @@
+"""Posterior predictive checks: what training taps show and what each model would have made of them.
+
+Every statistic belongs to an assumption that some models of the catalogue give up. It is taken of the training taps and
+of replicates, taps of the same classes drawn from the fitted model with parameters from its posterior; a model that
+lacks what the statistic measures shows it by replicates that all lie to one side (Gelman et al., "Bayesian Data
+Analysis", 3rd ed., sec. 6.3). Samples are rounded to their bins on both sides, as the histogram has no finer values.
+"""
+
+from collections.abc import Callable, Iterator, Mapping
+from typing import NamedTuple, Self
+
+import numpy as np
+import xarray as xr
+from numpy.typing import NDArray
+
+from ...models import seeds
+from ...models.bins import find_bins
+from ...models.catalogue import Fitted
+from ...models.classes import ClassGrid
+from ...models.forms import TableForm, in_states
+from ...models.histogram import HistogramModel
+from ...models.model import TapModel
+from ...models.model_draws import form_of
+from ...models.shapes import Parameters
+from ...models.taps import TapSet
+from .evidence import halves, rivals
+
+REPLICATES = 20
+_DEAD = 1e-9  # of the largest deviation: what is below is rounding
+_RANKED = 10  # times of a tap at which ranks are taken, at most
+_LEAST_FREEDOM = 3
+_PSEUDOCOUNT = 0.01  # of the tables that judge taps
+
+
+class Labels(NamedTuple):
+    """What is known of N taps beside their samples, the same for all replicates.
+
+    Taps of a class stand together, in it those of a session, and in it those of a half (see `evidence.halves`).
+
+    Attributes:
+        taps: The taps in this order.
+        grid: The classes, all taps belong to one.
+        where: Where class of each tap, shape (N,).
+        what: Likewise.
+        half: Shape (N,).
+        classes: First tap of each class that has one, and N, shape (C + 1,).
+        sessions: First tap of each session of a class, shape (S,).
+        parts: First tap of each half of a session of a class.
+    """
+
+    taps: TapSet
+    grid: ClassGrid
+    where: NDArray[np.intp]
+    what: NDArray[np.intp]
+    half: NDArray[np.intp]
+    classes: NDArray[np.intp]
+    sessions: NDArray[np.intp]
+    parts: NDArray[np.intp]
+
+    @classmethod
+    def of(cls, taps: TapSet, grid: ClassGrid) -> Self:
+        """Those of taps that all belong to a class, sorted."""
+        where, what = taps.indices(grid)
+        half = halves(taps, grid)
+        keys = where * grid.M + what, taps.session, half
+        order = np.lexsort(keys[::-1])
+        changes = [np.append(True, np.diff(key[order]) != 0) for key in keys]
+        classes, sessions, parts = (np.flatnonzero(starts) for starts in np.logical_or.accumulate(changes))
+        return cls(
+            taps.select(order),
+            grid,
+            where[order],
+            what[order],
+            half[order],
+            np.append(classes, len(taps)),
+            sessions,
+            parts,
+        )
+
+    def each(self) -> Iterator[slice]:
+        """The taps of one class after the other."""
+        return map(slice, self.classes[:-1].tolist(), self.classes[1:].tolist())
+
+
+class Cells(NamedTuple):
+    """Taps in their bins, and what is left of them without the mean tap of their class.
+
+    Attributes:
+        labels: Of the taps.
+        cell: Bin b of each sample of taxel k as k B + b, shape (N, J, K).
+        edges: Of the bins, shape (K, B + 1).
+        mean: Mean tap of each class, shape (C, J, K).
+        residual: Shape (N, J, K).
+    """
+
+    labels: Labels
+    cell: NDArray[np.intp]
+    edges: NDArray[np.float64]
+    mean: NDArray[np.float64]
+    residual: NDArray[np.float64]
+
+    @classmethod
+    def of(cls, labels: Labels, bins: NDArray[np.integer], edges: NDArray[np.float64]) -> Self:
+        """Those of taps in the order of the labels, by the bins of their samples, shape (N, J, K)."""
+        K, B = bins.shape[2], edges.shape[-1] - 1
+        edges = np.broadcast_to(edges, (K, B + 1))
+        centre = (0.5 * (edges[:, :-1] + edges[:, 1:])).ravel()
+        cell = bins + np.arange(K) * B
+        mean = np.empty((len(labels.classes) - 1, *bins.shape[1:]))
+        residual = np.empty(bins.shape)
+        for c, own in enumerate(labels.each()):
+            values = centre[cell[own]]
+            values.mean(axis=0, out=mean[c])
+            np.subtract(values, mean[c], out=residual[own])
+        return cls(labels, cell, edges, mean, residual)
+
+    @property
+    def variance(self) -> NDArray[np.float64]:
+        """Mean square of the residuals of each taxel, shape (K,); 0 where there is rounding only."""
+        square = np.einsum("njk,njk->k", self.residual, self.residual) / max(self.residual[..., 0].size, 1)
+        return np.where(square > (_DEAD * np.ptp(self.edges)) ** 2, square, 0.0)
+
+
+class Statistic(NamedTuple):
+    """What a check looks at.
+
+    Attributes:
+        label: For print.
+        assumption: Which it tests.
+        of: Its value, NaN where the taps do not show it.
+        needs: Least samples, taxels, taps per class, positions per class, sessions, and taps per class and session.
+    """
+
+    label: str
+    assumption: str
+    of: Callable[[Cells], float]
+    needs: tuple[int, int, int, int, int, int]
+
+
+def _profile_share(cells: Cells) -> float:
+    """Share of the variance between times of a class in its whole variance."""
+    between = cells.mean.var(axis=1).mean()
+    return float(between / max(between + cells.variance.mean(), 1e-300))
+
+
+def _lag_one(cells: Cells) -> float:
+    """Autocorrelation of neighbouring samples' residuals."""
+    first, second = cells.residual[:, :-1], cells.residual[:, 1:]
+    return _ratio(_product(first, second), np.sqrt(_product(first, first) * _product(second, second)))
+
+
+def _taxel_correlation(cells: Cells) -> float:
+    """Mean absolute correlation of the residuals of two taxels at the same time."""
+    live = cells.variance > 0
+    flat = cells.residual.reshape(-1, len(live))
+    return _mean_absolute((flat.T @ flat)[np.ix_(live, live)] / len(flat), cells.variance[live])
+
+
+def _rank_correlation(cells: Cells) -> float:
+    """Mean absolute rank correlation of two taxels at the same time, within classes and sessions."""
+    (_, J, K), B = cells.cell.shape, cells.edges.shape[1] - 1
+    times = np.unique(np.linspace(0, J - 1, min(J, _RANKED)).round().astype(np.intp))
+    product, weight = np.zeros((K, K)), np.zeros((K, K))
+    for start, end in zip(cells.labels.sessions, np.append(cells.labels.sessions[1:], len(cells.cell)), strict=True):
+        rank = _ranks(cells.cell[start:end, times], K * B)
+        length = np.sqrt((rank**2).sum(axis=0))
+        varies = (length > 0).astype(np.float64)
+        unit = (rank / np.where(length > 0, length, 1.0)).reshape(-1, K)
+        product += (end - start) * (unit.T @ unit)
+        weight += (end - start) * (varies.T @ varies)
+    return _mean_absolute(product / np.maximum(weight, 1.0), np.ones(K), weight > 0)
+
+
+def _ranks(cell: NDArray[np.intp], cells: int) -> NDArray[np.float64]:
+    """Ranks along the first axis of (n, times, K) less their mean; equal values share one."""
+    index = cell + np.arange(cell.shape[1])[:, None] * cells
+    count = np.bincount(index.ravel(), minlength=cell.shape[1] * cells).reshape(cell.shape[1] * cell.shape[2], -1)
+    upto = count.cumsum(axis=1)
+    return (upto - 0.5 * count).ravel()[index] - 0.5 * len(cell)
+
+
+def _strength(cells: Cells) -> float:
+    """Share of the variance within classes that goes with how strong whole taps are, along the mean tap."""
+    mean = (cells.mean - cells.mean.mean(axis=(0, 1))).reshape(len(cells.mean), -1)
+    power = (mean**2).sum(axis=1)
+    explained = 0.0
+    for c, own in enumerate(cells.labels.each()):
+        if power[c] > 0:
+            product = cells.residual[own].reshape(-1, mean.shape[1]) @ mean[c]
+            explained += float(product @ product) / power[c]
+    return _ratio(explained, _product(cells.residual, cells.residual))
+
+
+def _design_effect(cells: Cells) -> float:
+    """Variance of the evidence of taps over that of independent samples, the median over classes.
+
+    Evidence is the log-likelihood ratio to the most similar class by histograms of the other half of the taps.
+    """
+    labels, (K, B) = cells.labels, (len(cells.edges), cells.edges.shape[1] - 1)
+    counts = np.zeros((2, *labels.grid.shape, K * B), dtype=np.int64)
+    at = [(labels.where[own.start], labels.what[own.start]) for own in labels.each()]
+    for own, (l, m) in zip(labels.each(), at, strict=True):
+        for h in (0, 1):
+            counts[h, l, m] = np.bincount(cells.cell[own][labels.half[own] == h].ravel(), minlength=K * B)
+    trained = (counts.sum(axis=-1) > 0).all(axis=0)
+    if trained.sum() < 2:
+        return np.nan
+    ratios = [_log_ratios(labels, counts[1 - h].reshape(*labels.grid.shape, K, B), cells, trained) for h in (0, 1)]
+    effects = []
+    for own, (l, m) in zip(labels.each(), at, strict=True):
+        parts = labels.parts[(labels.parts >= own.start) & (labels.parts < own.stop)] - own.start
+        table = [ratio[l * labels.grid.M + m] for ratio in ratios]
+        if own.stop - own.start - len(parts) < _LEAST_FREEDOM or np.isnan(table).any():
+            continue
+        values = np.stack(table)[labels.half[own, None, None], cells.cell[own]]
+        count = np.diff(np.append(parts, len(values)))
+        values = values.reshape(len(values), -1)
+        values -= np.repeat(np.add.reduceat(values, parts, axis=0) / count[:, None], count, axis=0)
+        effects.append(_ratio(float((values.sum(axis=1) ** 2).sum()), _product(values, values)))
+    return float(np.nanmedian(effects)) if np.isfinite(effects).any() else np.nan
+
+
+def _log_ratios(
+    labels: Labels, counts: NDArray[np.int64], cells: Cells, trained: NDArray[np.bool_]
+) -> NDArray[np.float64]:
+    """Log ratios of each class's table to that of its rival, shape (L M, K B); NaN without a rival."""
+    model = HistogramModel(labels.grid, cells.edges, counts, _PSEUDOCOUNT, "none", labels.taps.preprocessing)
+    rival = rivals(model, trained)
+    table = model.log_prob.reshape(len(rival), -1)
+    return np.where((rival >= 0)[:, None], table - table[rival], np.nan)
+
+
+def _tails(cells: Cells) -> float:
+    """Share of residuals beyond three standard deviations of their class and taxel."""
+    beyond, total = 0, 0
+    for own in cells.labels.each():
+        residual = cells.residual[own]
+        deviation = np.sqrt(np.einsum("njk,njk->k", residual, residual) / max(residual[..., 0].size, 1))
+        live = deviation > _DEAD * np.ptp(cells.edges)
+        beyond += int((np.abs(residual)[..., live] > 3 * deviation[live]).sum())
+        total += int(live.sum()) * residual[..., 0].size
+    return _ratio(beyond, total)
+
+
+def _slope_over_place(cells: Cells) -> float:
+    """Share of the variance within classes that goes with the position within the class."""
+    explained = 0.0
+    for own in cells.labels.each():
+        place = cells.labels.taps.where[own] - cells.labels.taps.where[own].mean()
+        square = float(place @ place)
+        if square > 0:
+            product = place @ cells.residual[own].reshape(len(place), -1)
+            explained += float(product @ product) / square
+    return _ratio(explained, _product(cells.residual, cells.residual))
+
+
+def _between_sessions(cells: Cells) -> float:
+    """Share of the variance within classes that is between sessions."""
+    first = cells.labels.sessions
+    count = np.diff(np.append(first, len(cells.residual)))
+    total = np.add.reduceat(cells.residual.reshape(len(cells.residual), -1), first, axis=0)
+    return _ratio(float(((total**2).sum(axis=1) / count).sum()), _product(cells.residual, cells.residual))
+
+
+STATISTICS: dict[str, Statistic] = {
+    "profile": Statistic("variance between times", "exchangeable samples", _profile_share, (2, 1, 1, 1, 1, 1)),
+    "lag": Statistic("correlation of neighbouring samples", "independence in time", _lag_one, (2, 1, 2, 1, 1, 1)),
+    "taxels": Statistic("correlation of taxels", "independence of taxels", _taxel_correlation, (1, 2, 2, 1, 1, 1)),
+    "ranks": Statistic("rank correlation of taxels", "independence of taxels", _rank_correlation, (1, 2, 3, 1, 1, 3)),
+    "gain": Statistic("variance with tap strength", "independence within a tap", _strength, (2, 1, 2, 1, 1, 1)),
+    "design": Statistic("design effect of evidence", "independence within a tap", _design_effect, (1, 1, 4, 1, 1, 2)),
+    "tails": Statistic("residuals beyond 3 SD", "shape of the distribution", _tails, (1, 1, 2, 1, 1, 1)),
+    "place": Statistic("variance with place in class", "one mean per class", _slope_over_place, (1, 1, 3, 2, 1, 1)),
+    "sessions": Statistic("variance between sessions", "independence of taps", _between_sessions, (1, 1, 2, 1, 2, 2)),
+}
+"""Checks by name."""
+
+
+def predictive_checks(
+    models: Mapping[str, Fitted],
+    taps: TapSet,
+    seed: int,
+    replicates: int = REPLICATES,
+    progress: Callable[[int], None] | None = None,
+) -> xr.Dataset:
+    """Statistics of training taps and of replicates from every model.
+
+    Args:
+        models: Fits with a posterior, by name.
+        taps: The training taps, of classes that all models know.
+        seed: Of the replicates.
+        replicates: How many of each model.
+        progress: Told of every replicate.
+
+    Returns:
+        `observed` (statistic), `replicated` (model, statistic, replicate), and `p` (model, statistic), the share of
+        replicates at or above what was observed, from 0 to 1.
+    """
+    first = next(iter(models.values())).model
+    labels = Labels.of(taps, first.grid)
+    observed = observed_statistics(labels, first.edges)
+    result = np.full((len(models), len(observed), replicates), np.nan)
+    for i, fitted in enumerate(models.values()):
+        if fitted.posterior is None:
+            continue
+        generator = seeds.generator(seed, seeds.Purpose.CHECKS, i)
+        for r in range(replicates):
+            made = replicate(fitted.posterior.draw(generator), fitted.model, labels, generator)
+            result[i, :, r] = [STATISTICS[name].of(made) for name in observed]
+            if progress is not None:
+                progress(1)
+    values, chosen = np.array(list(observed.values())), [STATISTICS[name] for name in observed]
+    above = (result >= values[:, None]).mean(axis=-1)
+    return xr.Dataset(
+        {
+            "observed": ("statistic", values),
+            "replicated": (("model", "statistic", "replicate"), result),
+            "p": (("model", "statistic"), np.where(np.isnan(result).all(axis=-1), np.nan, above)),
+            "label": ("statistic", np.array([s.label for s in chosen], dtype=np.str_)),
+            "assumption": ("statistic", np.array([s.assumption for s in chosen], dtype=np.str_)),
+        },
+        {"model": np.array(list(models), dtype=np.str_), "statistic": np.array(list(observed), dtype=np.str_)},
+    )
+
+
+def observed_statistics(labels: Labels, edges: NDArray[np.float64]) -> dict[str, float]:
+    """The statistics that taps show, by name.
+
+    Args:
+        labels: With the taps.
+        edges: Of the bins, shape (B + 1,) or (K, B + 1).
+    """
+    cells = Cells.of(labels, find_bins(labels.taps.taps, edges), edges)
+    values = {name: statistic.of(cells) for name, statistic in STATISTICS.items() if _can(statistic, labels)}
+    return {name: value for name, value in values.items() if np.isfinite(value)}
+
+
+def replicate(parameters: Parameters, model: TapModel, labels: Labels, generator: np.random.Generator) -> Cells:
+    """Taps of the same classes and, where the model knows places within a class, at the same places.
+
+    Args:
+        parameters: Of the model.
+        model: Gives classes, bins and states.
+        labels: Of the taps.
+        generator: Of all random numbers.
+    """
+    form = in_states(form_of(model, parameters), model.states, model.edges)
+    state = _states_of_sessions(model.states.log_prior, labels.taps.session, generator)
+    where, hypothesis = labels.where, state * model.grid.M + labels.what
+    J = labels.taps.taps.shape[1]
+    if isinstance(form, TableForm):
+        return Cells.of(labels, form.sample_bins(where, hypothesis, J, generator), model.edges)
+    if len(form.log_weight) == 1 or model.grid.where_edges is None:
+        made = form.sample(where, hypothesis, model.edges, J, generator)
+    else:
+        edges, Q = model.grid.where_edges, len(form.log_weight)
+        share = (labels.taps.where - edges[where]) / np.diff(edges)[where]
+        made, q = np.empty(labels.taps.taps.shape), np.clip((share * Q).astype(int), 0, Q - 1)
+        for i in np.unique(q):
+            this = q == i
+            at = form._replace(mean=form.mean[i : i + 1], scale=form.scale[i : i + 1], log_weight=np.zeros(1))
+            made[this] = at.sample(where[this], hypothesis[this], model.edges, J, generator)
+    return Cells.of(labels, find_bins(made, model.edges), model.edges)
+
+
+def _states_of_sessions(
+    log_prior: NDArray[np.float64], session: NDArray[np.int64], generator: np.random.Generator
+) -> NDArray[np.intp]:
+    """One state for all taps of a session, shape (N,)."""
+    numbers, index = np.unique(session, return_inverse=True)
+    return generator.choice(len(log_prior), size=len(numbers), p=np.exp(log_prior))[index]
+
+
+def _can(statistic: Statistic, labels: Labels) -> bool:
+    """Whether taps show a statistic at all."""
+    N, C, S = len(labels.where), len(labels.classes) - 1, len(labels.sessions)
+    places = np.mean([len(np.unique(labels.taps.where[own])) for own in labels.each()])
+    has = (*labels.taps.taps.shape[1:], N / C, places, len(np.unique(labels.taps.session)), N / S)
+    return all(value >= least for value, least in zip(has, statistic.needs, strict=True))
+
+
+def _product(a: NDArray[np.float64], b: NDArray[np.float64]) -> float:
+    """Sum of the products of two arrays of the same shape."""
+    return float(np.einsum("...,...->", a, b) if a.ndim == 1 else np.einsum("n...,n...->...", a, b).sum())
+
+
+def _mean_absolute(
+    covariance: NDArray[np.float64], variance: NDArray[np.float64], known: NDArray[np.bool_] | None = None
+) -> float:
+    """Mean absolute correlation of all known pairs, NaN without any."""
+    below = np.tril(np.ones(covariance.shape, dtype=bool), -1)
+    below = below if known is None else below & known
+    correlation = covariance / np.sqrt(np.outer(variance, variance))
+    return float(np.abs(correlation[below]).mean()) if below.any() else np.nan
+
+
+def _ratio(part: float, whole: float) -> float:
+    return float(part / whole) if whole > 0 else np.nan

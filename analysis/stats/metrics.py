@@ -1,0 +1,272 @@
+"""Errors, reaction times and their intervals.
+
+Outcomes are xarray datasets with the dims ``place`` (sensing position or start of a trial, or fixation point) and
+``theta``; several data sets add the dim ``data_set`` in front. Position errors are those between classes, at the
+place where the sensor stood when it decided, in the unit of the positions.
+"""
+
+from collections.abc import Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+import xarray as xr
+from numpy.typing import ArrayLike, NDArray
+from scipy.sparse import csr_array
+from scipy.stats import t
+
+from ...inference.cut_short import ENDINGS
+from ...inference.montecarlo import Trials
+from ...inference.resampling import CONFIDENCE, Spread, resamples_in_words, widened
+from ...inference.trial_plan import TrialPlan
+from ...models.classes import ClassGrid
+from .ranges import Range, ranges
+
+QUANTITIES = ("what_error", "where_error", "taps")
+FRACTIONS = ("stopped_fraction", "clamped_fraction", "substituted_fraction", "what_wrong", "no_class_left_fraction")
+NO_SPREAD = Spread(1.0)
+
+
+class Means(NamedTuple):
+    """Mean outcomes of trials.
+
+    Attributes:
+        trials: Number of trials at each place, shape (places,).
+        mean: By the name of the quantity, shape (places, H); NaN at places without a trial.
+        noise: Variance of the means of `QUANTITIES` by the sampling of trials on the same taps, likewise.
+    """
+
+    trials: NDArray[np.float64]
+    mean: dict[str, NDArray[np.float64]]
+    noise: dict[str, NDArray[np.float64]]
+
+
+def mean_outcomes(
+    trials: Trials, plan: TrialPlan, place: ArrayLike, grid: ClassGrid, minus: Trials | None = None
+) -> Means:
+    """Mean outcome at each place and threshold.
+
+    Args:
+        trials: n decided trials at H thresholds.
+        plan: The same trials as planned.
+        place: Class of positions that each trial belongs to, shape (n,).
+        grid: The classes.
+        minus: Other trials of the same plan, whose outcomes are subtracted trial by trial.
+    """
+    place = np.asarray(place, dtype=np.intp)
+    values = _values(trials, plan, grid)
+    if minus is not None:
+        subtracted = _values(minus, plan, grid)
+        values = {name: value - subtracted[name] for name, value in values.items()}
+    # Starts are planned in equal numbers, so only what varies between trials of one start is noise.
+    stratum, key = np.unique(place * grid.L + plan.where, return_inverse=True)
+    of = _sums(key, len(stratum))
+    count = np.bincount(key).astype(np.float64)
+    places = _sums(stratum // grid.L, grid.L)
+    total = places @ count
+    mean, noise = {}, {}
+    with np.errstate(invalid="ignore"):
+        for name, value in values.items():
+            sums = of @ value
+            mean[name] = (places @ sums) / total[:, np.newaxis]
+            if name in QUANTITIES:
+                own = (value - (sums / count[:, np.newaxis])[key]) ** 2
+                variance = (of @ own) / np.maximum(count - 1, 1)[:, np.newaxis]
+                noise[name] = (places @ (variance * count[:, np.newaxis])) / np.maximum(total, 1)[:, np.newaxis] ** 2
+    return Means(total, mean, noise)
+
+
+def outcomes_dataset(
+    means: Means,
+    resampled: Sequence[Means],
+    grid: ClassGrid,
+    thresholds: ArrayLike,
+    deadline: int,
+    endings: Sequence[Means] = (),
+) -> xr.Dataset:
+    """Mean outcomes with labels.
+
+    Args:
+        means: The means.
+        resampled: The same on resamples of the test taps.
+        grid: The classes.
+        thresholds: theta_W, shape (H,).
+        deadline: Taps after which a trial ends.
+        endings: Means of trials that were cut short at their best, and at their worst, see `inference.cut_short`.
+
+    Returns:
+        Dims (place, theta): `Means.mean` by name, `Means.noise` as ``<quantity>_noise``, endings with the suffixes of
+        `inference.cut_short.ENDINGS`, and the number of ``trials`` (place). With resamples also
+        ``<quantity>_resampled`` (resample, place, theta), and the mean of their noise as
+        ``<quantity>_resampled_noise``.
+    """
+    cells = ["place", "theta"]
+    columns: dict[str, Any]
+    columns = {"trials": ("place", means.trials)} | {name: (cells, value) for name, value in means.mean.items()}
+    for name, noise in means.noise.items():
+        columns[f"{name}_noise"] = (cells, noise)
+        for suffix, ending in zip(ENDINGS, endings, strict=bool(endings)):
+            columns[name + suffix] = (cells, ending.mean[name])
+        if resampled:
+            columns[f"{name}_resampled"] = (["resample", *cells], np.stack([part.mean[name] for part in resampled]))
+            columns[f"{name}_resampled_noise"] = (cells, np.mean([part.noise[name] for part in resampled], axis=0))
+    return xr.Dataset(
+        columns,
+        {
+            "place": ("place", grid.where_value, {"units": grid.where_unit}),
+            "theta": ("theta", np.asarray(thresholds, dtype=np.float64)),
+        },
+        {
+            "what_unit": grid.what_error_unit,
+            "where_unit": grid.where_unit,
+            **{f"range_{name}": one for name, one in ranges(grid, deadline).items()},
+        },
+    )
+
+
+def by_place(
+    data_sets: xr.Dataset, spread: Spread = NO_SPREAD, *, difference: bool = False, parts: int | None = None
+) -> xr.Dataset:
+    """Mean and interval at each place and threshold; dims (place, theta).
+
+    Args:
+        data_sets: Outcomes with the dim ``data_set``.
+        spread: How resamples of a single data set turn into intervals; several data sets have t-intervals.
+        difference: Whether outcomes are differences, which can be below what an outcome can.
+        parts: Into how many the test taps are parted by place; `None` for the number of places.
+    """
+    parts = data_sets.sizes.get("place", 1) if parts is None else parts
+    result = data_sets[[*QUANTITIES, *FRACTIONS]].mean("data_set", keep_attrs=True)
+    for name in QUANTITIES:
+        own = Range(*data_sets.attrs[f"range_{name}"])
+        least, most = (-np.inf, np.inf) if difference else own[:2]
+        might_be = [data_sets[name + suffix].mean("data_set") for suffix in ENDINGS if name + suffix in data_sets]
+        if data_sets.sizes["data_set"] > 1:
+            half = _half_width(data_sets[name])
+            low, high = result[name] - half, result[name] + half
+            for ending in might_be:
+                low, high = np.minimum(low, ending - half), np.maximum(high, ending + half)
+            low, high = low.clip(least, most), high.clip(least, most)
+        else:
+            values = [one.values for one in might_be]
+            samples = _samples(data_sets.isel(data_set=0), name, spread)
+            ends = spread.interval(samples, least, most, values)
+            if not difference:
+                independent = spread.taps / parts / result["taps"].values
+                ends = widened(*ends, spread.center(samples), independent, own.step, most, least=least)
+            low, high = (xr.DataArray(end, result[name].coords, result[name].dims) for end in ends)
+        result[f"{name}_low"], result[f"{name}_high"] = low, high
+    return result
+
+
+def over_places(data_sets: xr.Dataset, spread: Spread = NO_SPREAD, *, difference: bool = False) -> xr.Dataset:
+    """Mean and interval at each threshold of the mean over all places; arguments as `by_place`, dim theta."""
+    mean = data_sets.mean("place", skipna=True, keep_attrs=True)
+    share = (data_sets["trials"] > 0).sum("place")
+    for name in data_sets.data_vars:
+        if str(name).endswith("_noise"):  # places are averaged with equal weight, so their variances add up to this
+            mean[name] = data_sets[name].sum("place") / share**2
+    return by_place(mean, spread, difference=difference)
+
+
+def confusion(true: ArrayLike, decided: ArrayLike, M: int) -> NDArray[np.int64]:
+    """How often each object (row) was taken for each (column), shape (M, M).
+
+    Args:
+        true: What class of every trial, shape (n,).
+        decided: Decided what class, shape (n,).
+        M: Number of what classes.
+    """
+    return np.bincount(np.asarray(true) * M + np.asarray(decided), minlength=M * M).reshape(M, M)
+
+
+def join(parts: Sequence[xr.Dataset], names: Sequence[str]) -> xr.Dataset:
+    """Outcomes of several data sets along the dim ``data_set``."""
+    return xr.concat(parts, dim=xr.DataArray(list(names), dims="data_set", name="data_set"))
+
+
+def interval_sentence(data_sets: int, kind: str, spread: Spread = NO_SPREAD) -> str:
+    """What the intervals mean, in a sentence.
+
+    Args:
+        data_sets: How many data sets were averaged.
+        kind: What one of them is called: "simulated data sets" or "folds".
+        spread: How resamples of a single one turn into intervals.
+    """
+    if data_sets > 1:
+        shared = "; folds share training sessions, which these intervals ignore" if kind == "folds" else ""
+        return (
+            f"Intervals are {CONFIDENCE:.0%} t-intervals of the mean over {data_sets} {kind}; they hold the spread "
+            f"between data sets as well as that between trials{shared}."
+        )
+    if np.isnan(spread.factor):
+        return spread.few
+    if spread.sessions > 1:
+        return (
+            f"Intervals are {CONFIDENCE:.0%} jackknife intervals from trials on the test taps "
+            f"{resamples_in_words(spread.sessions)}; they hold how other test sessions would differ for the same model."
+        )
+    return (
+        f"Intervals are {CONFIDENCE:.0%} intervals from trials on test taps {resamples_in_words(1, thinned=False)}, "
+        f"or, for fresh taps and accuracies, {resamples_in_words(1)}; they hold how other test taps would differ for "
+        "the same model and session, not how another session would differ."
+    )
+
+
+def _half_width(values: xr.DataArray) -> xr.DataArray:
+    """Half the t-interval over data sets; a place may lack trials in some of them."""
+    seen = values.count("data_set")
+    return values.std("data_set", ddof=1) * t.ppf(0.5 + CONFIDENCE / 2, seen - 1) / np.sqrt(seen)
+
+
+def _samples(data: xr.Dataset, name: str, spread: Spread) -> NDArray[np.float64]:
+    """The estimate and, behind it, resamples that vary by their taps and by as many trials as the estimate's.
+
+    Resamples have fewer trials than the estimate, so their variance is reduced by the excess of sampling noise.
+    """
+    estimate = data[name].values[..., np.newaxis]
+    if f"{name}_resampled" not in data:
+        return np.concatenate([estimate, np.full_like(estimate, np.nan)], axis=-1)
+    drawn = np.moveaxis(data[f"{name}_resampled"].values, 0, -1)
+    noise = data[f"{name}_noise"].values / spread.factor**2, data[f"{name}_resampled_noise"].values
+    return np.concatenate([estimate, with_noise(drawn, *noise)], axis=-1)
+
+
+def with_noise(
+    drawn: NDArray[np.float64], wanted: NDArray[np.float64], present: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Resamples brought closer to their mean, or further from it, for another variance by the sampling of trials.
+
+    Args:
+        drawn: Means on R resamples, shape (..., R).
+        wanted: Variance by the sampling of trials that they should have, shape (...): that of the estimate, before
+            deviations are enlarged.
+        present: The one that they have, likewise.
+    """
+    known = np.isfinite(drawn)
+    number = known.sum(axis=-1, keepdims=True)
+    mean = np.where(known, drawn, 0).sum(axis=-1, keepdims=True) / np.maximum(number, 1)
+    variance = (np.where(known, drawn - mean, 0) ** 2).sum(axis=-1) / np.maximum(number[..., 0] - 1, 1)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        scale = np.sqrt((np.maximum(variance - present, 0) + wanted) / variance)
+    return mean + np.where(variance > 0, scale, 1.0)[..., np.newaxis] * (drawn - mean)
+
+
+def _values(trials: Trials, plan: TrialPlan, grid: ClassGrid) -> dict[str, NDArray[np.float64]]:
+    """Outcomes of single trials, each of shape (n, H)."""
+    what = plan.what[:, np.newaxis]
+    return {
+        "what_error": grid.what_error(trials.what, what),
+        "where_error": grid.where_error(trials.where, trials.true_where),
+        "taps": trials.taps.astype(np.float64),
+        "stopped_fraction": trials.stopped.astype(np.float64),
+        "clamped_fraction": (trials.clamped > 0).astype(np.float64),
+        "substituted_fraction": (trials.substituted > 0).astype(np.float64),
+        "what_wrong": (trials.what != what).astype(np.float64),
+        "no_class_left_fraction": trials.no_class_left.astype(np.float64),
+    }
+
+
+def _sums(group: NDArray[np.intp], groups: int) -> csr_array:
+    """The matrix that adds up rows by their group."""
+    n = len(group)
+    return csr_array((np.ones(n), (group, np.arange(n))), shape=(groups, n))

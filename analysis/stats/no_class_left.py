@@ -1,0 +1,27 @@
+"""What is said of trials in which no class was left."""
+
+from ...models.histogram import HistogramModel
+from ...models.model import TapModel
+
+
+def impossible_cause(model: TapModel) -> str:
+    """Why a tap can be impossible under every class of a model, in a sentence."""
+    if isinstance(model, HistogramModel) and model.pseudocount == 0:
+        return (
+            "Without a pseudocount a sample in an empty bin is impossible; a --pseudocount above 0 makes every tap "
+            "possible."
+        )
+    return f"The {model.name} model gives some bins probability 0."
+
+
+def no_class_left_sentence(share: float, model: TapModel) -> str:
+    """How often trials ended so, what counts as their decision, and why.
+
+    Args:
+        share: Of the trials, where it is largest.
+        model: The fitted model.
+    """
+    return (
+        f"No class left: in up to {share:.1%} of the trials a tap was impossible under every class still believed in; "
+        f"they end undecided with what was most probable before that tap. {impossible_cause(model)}"
+    )

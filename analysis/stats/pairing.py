@@ -1,0 +1,125 @@
+"""What makes comparisons of models fair: the same test taps, and the same resamples, so that differences pair."""
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+import xarray as xr
+from numpy.typing import ArrayLike, NDArray
+
+from ...inference.resampling import Spread, widened
+from ...inference.trial_plan import TapTable
+from ...models.errors import InputError
+
+RESAMPLES = 1000
+"""Where resampling costs no trials."""
+_FEW_ERRORS = 5  # with fewer of either model, resamples do not show how much the difference of errors varies
+
+
+def check_tables(tables: Mapping[str, TapTable]) -> tuple[int, int]:
+    """Refuses tables that do not hold the same test taps.
+
+    Args:
+        tables: Of each model by its name.
+
+    Returns:
+        (L, M).
+
+    Raises:
+        InputError: There is no table, or two of them cannot be compared.
+    """
+    if not tables:
+        raise InputError("There is no model to compare.")
+    first, *_ = tables
+    pool = tables[first].pool
+    L, M = pool.nearest.shape
+    for name, table in tables.items():
+        same = all(np.array_equal(a, b) for a, b in zip(pool, table.pool, strict=True))
+        if not same or len(table.log_likelihood) != len(tables[first].log_likelihood):
+            raise InputError(f"The models {first!r} and {name!r} were given different test taps.")
+        H = table.log_prior.shape[-1]
+        if table.log_prior.shape != (L, H) or table.log_likelihood.shape[1:] != (L, H) or not H or H % M:
+            raise InputError(
+                f"The table of model {name!r} has likelihoods of shape {table.log_likelihood.shape} and a prior of "
+                f"shape {table.log_prior.shape}, which do not go with {L} x {M} classes."
+            )
+    return L, M
+
+
+def reference_name(names: Sequence[str], reference: str | None) -> str:
+    """The model that the others are compared with, by default the first.
+
+    Raises:
+        InputError: There is no such model.
+    """
+    reference = names[0] if reference is None else reference
+    if reference not in names:
+        raise InputError(f"The reference model {reference!r} is none of the models {', '.join(names)}.")
+    return reference
+
+
+def with_intervals(
+    name: str,
+    samples: NDArray[np.float64],
+    dims: tuple[str, ...],
+    reference: int,
+    attributes: Mapping[str, Any],
+    spread: Spread,
+    *,
+    limits: tuple[float, float] = (-np.inf, np.inf),
+    biased: bool = False,
+    independent: ArrayLike | None = None,
+    smallest: float = 1.0,
+    endings: Sequence[NDArray[np.float64]] = (),
+) -> xr.Dataset:
+    """A quantity of every model and its difference to the reference model, each with an interval.
+
+    Args:
+        name: Of the quantity.
+        samples: Its estimate and, behind that, resamples that all models share, shape (models, ..., 1 + R) or as
+            `resampling.Spread.interval` says.
+        dims: Of the axes but the last.
+        reference: Index of the reference model.
+        attributes: Of the variables.
+        spread: How resamples turn into intervals.
+        limits: Least and greatest possible value.
+        biased: Whether noise makes the quantity larger, as it does a calibration error. A resample adds as much noise
+            again, so that its excess over the estimate says how much too large that may be: the interval reaches
+            down by so much more.
+        independent: Of what may not have been seen, such as errors: how many decisions are independent, see
+            `resampling.widened`, broadcast to (models, ...).
+        smallest: The smallest error.
+        endings: Best and worst that the estimates might have been, shape (models, ...), see `inference.cut_short`; none
+            where they could not.
+
+    Returns:
+        `<name>`, `<name>_low`, `<name>_high`, and the same of `<name>_difference`, which is NaN where both models
+        are infinite.
+    """
+    with np.errstate(invalid="ignore"):
+        difference = samples - samples[reference]
+        apart = [one - other[reference] for one, other in zip(endings, endings[::-1], strict=True)]
+    for one in apart:
+        one[reference] = difference[reference, ..., 0]
+    least, most = limits
+    own, event = spread.interval(samples, least, most, endings), np.zeros(samples.shape[:-1])
+    if independent is not None:
+        center = spread.center(samples)
+        own = widened(*own, center, independent, smallest, most, least=least)
+        seen = spread.per_error(samples, least, most)
+        event += np.where(seen > 0, seen, smallest / np.maximum(independent, 1))
+        few = (seen == 0) | (np.minimum(center - least, most - center) < _FEW_ERRORS * seen)
+        event = np.where(few | few[reference], np.hypot(event, event[reference]), 0.0)
+        event[reference] = 0.0
+    apart_by = spread.interval(difference, endings=apart, event=event)
+    result = {}
+    for label, values, ends, bounds in (
+        (name, samples, own, limits),
+        (f"{name}_difference", difference, apart_by, (least - most, most - least)),
+    ):
+        # The lower end moves by an excess, the upper one by what is missing.
+        excess = np.nan_to_num(spread.center(values) - values[..., 0]) if biased else np.zeros(values.shape[:-1])
+        low, high = ends[0] - np.maximum(excess, 0.0), ends[1] - np.minimum(excess, 0.0)
+        low, high = np.clip(low, *bounds), np.clip(high, *bounds)
+        result |= {label: values[..., 0], f"{label}_low": low, f"{label}_high": high}
+    return xr.Dataset({key: (dims, values, dict(attributes)) for key, values in result.items()})

@@ -1,0 +1,557 @@
+"""Whether the belief in a decision is as often right as it says: at stopping, and after fixed numbers of taps.
+
+A decision is for the object of which the belief is largest. Decisions with belief b are right b of the time if the
+measurement model is; the headline is the **miscalibration factor**, the fraction of wrong decisions over the mean of
+1 - belief, which is 1 then. A calibrated belief overshoots its threshold, so that wrong / (1 - theta), given beside it,
+is about a half when all is well.
+
+With a single object there is nothing to tell but the place: decisions are for the place then, stop by the belief in it,
+and places stand where objects stand otherwise. The finger does not move in these trials, nor where there is one place.
+
+Trials draw no tap twice, see `inference.resampling`: drawing the same few stored taps again makes right beliefs too
+sure by a factor of three and more. Errors persist: an object that is taken for another mostly always is. So everything
+is also told object by object; objects are those that there are and are not resampled.
+"""
+
+from collections.abc import Sequence
+from functools import partial
+from typing import Any, NamedTuple
+
+import numpy as np
+import xarray as xr
+from numpy.typing import ArrayLike, NDArray
+
+from ...hardware.pool import TapPool
+from ...inference.control import check_fixation
+from ...inference.cut_short import Farthest, endings
+from ...inference.episode import DEADLINE
+from ...inference.montecarlo import Trials, run_trials
+from ...inference.reference import Border
+from ...inference.resampling import (
+    CONFIDENCE,
+    RESAMPLE_TRIALS,
+    RESAMPLES,
+    Spread,
+    no_endings,
+    play_resamples,
+    resamples_in_words,
+    spread,
+    too_few_in,
+    trial_noise,
+    widened,
+)
+from ...inference.selections import sessions_drawn
+from ...inference.trial_plan import TapTable, TrialPlan, plan_trials
+from ...models.classes import ClassGrid
+from ...models.compiled import compiled
+from ...models.errors import InputError
+from .decisions import policies
+from .metrics import confusion
+from .ranges import SHARE, Range, of_taps
+
+CONTACTS = (1, 2, 5, 10, 20, 50)
+TRIALS = 4000
+THETAS = (0.5, 0.8, 0.9, 0.95, 0.99)
+"""Thresholds at which an audit compares beliefs with outcomes, beside the one in use."""
+BINS = 10
+EVERYTHING = "all"
+"""Label of all objects together."""
+COUNTED = ("stopped", "all")
+"""Trials that crossed the threshold, and all: at the deadline the most probable is decided. After a fixed number of
+taps both are the same."""
+MEANS = {
+    "wrong": "fraction of wrong decisions",
+    "doubt": "mean of 1 - belief in what was decided",
+    "log_loss": "mean log loss of 'the decision is right'",
+    "brier": "mean Brier score of 'the decision is right'",
+    "taps": "mean number of taps",
+}
+RATIOS = {
+    "factor": "miscalibration factor, wrong decisions over 1 - belief",
+    "over_promise": "wrong decisions over 1 - threshold",
+}
+CALIBRATION = {"calibration_error": "mean distance of belief and fraction right"}
+_SHARES = ("wrong", "doubt", "brier")
+_SCORES = ("log_loss", "brier")
+_ENOUGH = 0.9  # of the classes must have as many taps as are looked at after
+_ROUNDING = 1e-9  # of beliefs
+_LEAST_DOUBT = np.finfo(np.float64).eps  # 1 - belief is not known better
+
+
+class Subject(NamedTuple):
+    """What decisions are about.
+
+    Attributes:
+        kind: `"object"`, or `"place"` where there is one object only.
+        names: What can be decided for, M of them.
+        table: Test taps, whose what classes these are.
+        policies: Passive, and active where the finger can move.
+    """
+
+    kind: str
+    names: tuple[str, ...]
+    table: TapTable
+    policies: tuple[str, ...]
+
+
+class Decisions(NamedTuple):
+    """How n trials ended at one threshold or after one number of taps; all of shape (n,).
+
+    Attributes:
+        true: What class that was there.
+        decided: What class that was decided for.
+        belief: In the latter.
+        stopped: Whether the threshold was crossed; where there is none, always.
+        taps: How many it took.
+    """
+
+    true: NDArray[np.intp]
+    decided: NDArray[np.intp]
+    belief: NDArray[np.float64]
+    stopped: NDArray[np.bool_]
+    taps: NDArray[np.int64]
+
+
+class Sums(NamedTuple):
+    """What is kept of trials, by threshold, `COUNTED` and true object, and where joined by `play_resamples`.
+
+    Attributes:
+        sums: Of 1 and of `MEANS`, shape (H, 2, M, 6).
+        curve: Of 1, wrong and doubt by bin of belief, for all objects and each, shape (H, 2, 1 + M, BINS, 3).
+        used_up: Share of trials that ended because the stored taps of a class were used up, shape (H,).
+    """
+
+    sums: NDArray[np.float64]
+    curve: NDArray[np.float64]
+    used_up: NDArray[np.float64]
+
+
+def reliability(
+    table: TapTable,
+    grid: ClassGrid,
+    thresholds: ArrayLike,
+    seed: int,
+    *,
+    trials: int = TRIALS,
+    contacts: Sequence[int] = CONTACTS,
+    border: Border = "uniform",
+    deadline: int = DEADLINE,
+    fixation: int | None = None,
+    theta_x: float = 0.0,
+    resamples: int = RESAMPLES,
+    resample_trials: int = RESAMPLE_TRIALS,
+    only: str | None = None,
+) -> xr.Dataset:
+    """How the belief in decisions compares with how often they are right.
+
+    Args:
+        table: Test taps as the model sees them.
+        grid: The classes.
+        thresholds: theta_W, shape (H,), all below 1.
+        seed: Of the trials and the resamples.
+        trials: Of each policy.
+        contacts: Numbers of taps after which passive trials are looked at besides, where nearly all classes have them.
+        border: Reading of Eq. 9.
+        deadline: Taps after which the most probable is decided.
+        fixation: Where class that active trials aim for; `None` for the middle.
+        theta_x: Threshold for a move of active trials.
+        resamples: Of the test taps, for the intervals.
+        resample_trials: On each of them.
+        only: The policy to play; `None` for passive, and active where the finger can move.
+
+    Returns:
+        Dim `setting` with the coordinates `policy`, `theta` (NaN after fixed numbers of taps) and `contacts` (0 at
+        stopping); see `at_stopping` and `after_contacts`. Over (setting, counted, what), where what is `EVERYTHING` and
+        then each object: `MEANS`, `RATIOS` and `CALIBRATION`, each with `_low` and `_high`, `trials` counted and the
+        `fraction` of them. Over (..., bin), bins of about equally many trials by belief, equal beliefs in one bin:
+        `curve_belief`, `curve_right` with `_low` and `_high`, and `curve_trials`. Over (setting, counted, true,
+        decided): the `confusion`. Over (setting): `used_up`, the share of trials that the stored taps ended, and `few`,
+        whether there are too few of them, see `resampling.spread`. NaN where nothing was counted, infinite ratios where
+        decisions are wrong of which the belief is 1.
+
+    Raises:
+        InputError: There is nothing to decide, or a setting is out of range.
+    """
+    subject = decided_about(table, grid)
+    thresholds = np.unique(np.asarray(thresholds, dtype=np.float64))
+    if not len(thresholds) or not (thresholds < 1).all():
+        raise InputError(f"Reliability at stopping needs thresholds below 1, got {thresholds.tolist()}.")
+    if resamples < 1 or min(contacts, default=1) < 1:
+        raise InputError(f"There must be a resample and a tap, got {resamples} and contacts {list(contacts)}.")
+    aim = check_fixation(fixation, grid.L) if grid.M > 1 else 0
+    plan = plan_trials(subject.table.pool, trials, seed, aim)
+    options = {"trials": trials, "fixation": aim, "border": border, "seed": seed, "resamples": resamples}
+    how = spread(subject.table, noise=trial_noise(trials, resample_trials), thinned=True)
+    far = Farthest.among(*subject.table.pool.nearest.shape)
+
+    def might_be(most: int, played: Trials, plan: TrialPlan) -> list[Trials]:
+        best, worst = endings(played, plan, most, far)
+        return [best, worst, best._replace(belief=np.where(played.used_up, 1.0, best.belief))]
+
+    settings: list[tuple[str, float, int]] = []
+    rows: list[dict[str, NDArray[Any]]] = []
+    for policy in subject.policies if only is None else (only,):
+        still = policy == "passive"
+        moves = 1.0 if still else theta_x
+        stops = [(thresholds, deadline), *((np.ones(1), n) for n in _answerable(subject.table.pool, contacts) if still)]
+        for theta, most in stops:
+            fixed = bool((theta == 1).all())
+            played = play(subject.table, plan, theta, moves, border=border, deadline=most, seed=seed, fresh=True)
+            if fixed:
+                played = [one._replace(stopped=np.ones(trials, dtype=bool)) for one in played]
+            edges = np.array(
+                [[_edges(one, counted, len(subject.names)) for counted in (True, False)] for one in played]
+            )
+            ends = no_endings if fixed else partial(might_be, most)
+            kept = play_resamples(
+                subject.table,
+                theta,
+                partial(_sums, edges, fixed),
+                resample_trials=resample_trials,
+                theta_x=moves,
+                deadline=most,
+                endings=ends,
+                **options,
+            )
+            for h, decisions in enumerate(played):
+                settings.append((policy, float("nan") if fixed else float(theta[h]), most if fixed else 0))
+                one = Sums(**{name: values[h] for name, values in kept.samples.items()})
+                ends_of = [end["sums"][h] for end in kept.endings]
+                rows.append(_described(decisions, one, ends_of, settings[-1][1], most, subject, how))
+    return _dataset(settings, rows, subject, {"trials": trials, "seed": seed, "deadline": deadline, "border": border})
+
+
+def _answerable(pool: TapPool, contacts: Sequence[int]) -> list[int]:
+    """The numbers of taps that nearly every class has."""
+    count = pool.count[pool.count > 0]
+    return [n for n in dict.fromkeys(contacts) if (count >= n).mean() >= _ENOUGH]
+
+
+def decided_about(table: TapTable, grid: ClassGrid) -> Subject:
+    """What the decisions of trials are about, and the table to play them on.
+
+    Raises:
+        InputError: The table holds other classes, or there is one object at one place.
+    """
+    if table.pool.nearest.shape != grid.shape:
+        raise InputError(f"The table holds other classes than the grid of {grid.L} x {grid.M}.")
+    if grid.shape == (1, 1):
+        raise InputError("One object at one place leaves nothing to decide.")
+    if grid.M > 1:
+        return Subject("object", grid.what_name, table, policies(grid))
+    order, first, count, _ = table.pool
+    places = tuple(grid.where_label(l) for l in range(grid.L))
+    pool = TapPool(order, first.T.copy(), count.T.copy(), np.where(count.T > 0, 0, -1))
+    turned = table._replace(
+        log_likelihood=_turned(table.log_likelihood),
+        pool=pool,
+        log_prior=_turned(table.log_prior[np.newaxis])[0],
+        given_trained=None,
+    )
+    return Subject("place", places, turned, ("passive",))
+
+
+def play(
+    table: TapTable,
+    plan: TrialPlan,
+    thresholds: ArrayLike,
+    theta_x: float,
+    *,
+    border: Border,
+    deadline: int,
+    seed: int,
+    fresh: bool = False,
+) -> list[Decisions]:
+    """Plays trials and gives how they end at each threshold."""
+    trials = run_trials(
+        table, plan, thresholds, theta_x=theta_x, border=border, deadline=deadline, seed=seed, fresh=fresh
+    )
+    return decisions_of(trials, plan)
+
+
+def decisions_of(trials: Trials, plan: TrialPlan) -> list[Decisions]:
+    """How trials end at each threshold."""
+    columns = trials.what.T, trials.belief.T, trials.stopped.T, trials.taps.T
+    return [Decisions(plan.what, *column) for column in zip(*columns, strict=True)]
+
+
+def independent_decisions(pool: TapPool, m: int | None, trials: int, taps: float) -> float:
+    """How many decisions the test taps make if none is used twice, at most the number of trials and at least 1.
+
+    Args:
+        pool: The test taps.
+        m: Of which object; `None` for all.
+        trials: That were played.
+        taps: Mean number of taps of a decision.
+    """
+    count = pool.count.sum() if m is None else pool.count[:, m].sum()
+    return float(max(1.0, min(trials, count / max(taps, 1.0))))
+
+
+def at_stopping(data: xr.Dataset, policy: str) -> xr.Dataset:
+    """What `reliability` says of trials that stop by themselves, with the dim `theta` for `setting`."""
+    chosen = (data["policy"] == policy).values & (data["contacts"] == 0).values
+    return data.isel(setting=chosen).swap_dims(setting="theta").drop_vars(["setting", "contacts"], errors="ignore")
+
+
+def after_contacts(data: xr.Dataset) -> xr.Dataset:
+    """What `reliability` says of passive trials after fixed numbers of taps, with the dim `contacts`."""
+    part = data.isel(setting=(data["contacts"] > 0).values, counted=COUNTED.index("all"))
+    return part.swap_dims(setting="contacts").drop_vars(["setting", "theta"], errors="ignore")
+
+
+def headline(data: xr.Dataset, policy: str, theta: float) -> dict[str, Any]:
+    """The numbers to say first, at the threshold next to one: plain ones for JSON, `None` where there is none.
+
+    Args:
+        data: From `reliability`.
+        policy: Which.
+        theta: The threshold.
+    """
+    at = at_stopping(data, policy).sel(theta=theta, method="nearest")
+    names = [str(name) for name in at["what"].values]
+
+    def value(name: str, counted: str, what: str) -> list[float | None]:
+        cell = at.sel(counted=counted, what=what)
+        return [plain(float(cell[name + suffix])) for suffix in ("", "_low", "_high")]
+
+    keys = ("factor", "over_promise", "wrong", "doubt", "calibration_error", "log_loss", "brier", "taps")
+    return {
+        "policy": policy,
+        "theta": float(at["theta"]),
+        "decides": str(data.attrs["decides"]),
+        "stopped": plain(float(at["fraction"].sel(counted="stopped", what=EVERYTHING))),
+        "used_up": plain(float(at["used_up"])),
+        "few": str(at["few"].values),
+        **{key: value(key, "stopped", EVERYTHING) for key in keys},
+        "all trials": {key: value(key, "all", EVERYTHING) for key in keys},
+        "each": {
+            name: {key: value(key, "all", name) for key in ("factor", "over_promise", "wrong", "doubt")}
+            for name in names[1:]
+        },
+        "confusion": at["confusion"].sel(counted="all").values.tolist(),
+    }
+
+
+def plain(value: float) -> float | None:
+    """A number as JSON takes it: `None` for NaN and infinity."""
+    return value if np.isfinite(value) else None
+
+
+def interval_sentence(data: xr.Dataset) -> str:
+    """What the intervals of `reliability` mean, in a sentence."""
+    sessions = data.attrs["sessions"]
+    return (
+        f"Intervals are {CONFIDENCE:.0%} jackknife intervals: the trials are played again on the test taps "
+        f"{resamples_in_words(sessions)}{'' if sessions > 1 else '; another session may differ by more'}. No "
+        "trial uses a tap twice, so errors are those on fresh taps. One that has had all stored taps of a class is "
+        "decided there, and intervals hold whatever it would come to on further ones."
+    )
+
+
+def _turned(values: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Values over (N, L, S) of one object in S states as those of L objects at one place, (N, 1, S L)."""
+    return np.ascontiguousarray(values.swapaxes(1, 2)).reshape(len(values), 1, -1)
+
+
+def _edges(decisions: Decisions, stopped_only: bool, M: int) -> NDArray[np.float64]:
+    """Lower ends of the bins of belief, for all objects and each, infinite behind the last; shape (1 + M, BINS)."""
+    counted = decisions.stopped if stopped_only else np.ones(len(decisions.true), dtype=bool)
+    ends = np.full((1 + M, BINS), np.inf)
+    for g, group in enumerate((counted, *(counted & (decisions.true == m) for m in range(M)))):
+        own = bin_edges(decisions.belief[group])
+        ends[g, : len(own)] = own
+    return ends
+
+
+def _sums(edges: NDArray[np.float64], fixed: bool, trials: Trials, plan: TrialPlan) -> dict[str, NDArray[np.float64]]:
+    """`Sums` of trials by bins (H, 2, 1 + M, BINS); those of a fixed number of taps all count as stopped."""
+    H, _, groups, _ = edges.shape
+    sums, curve = np.zeros((H, 2, groups - 1, 1 + len(MEANS))), np.zeros((H, 2, groups, BINS, 3))
+    for h, decisions in enumerate(decisions_of(trials, plan)):
+        every = np.ones(len(decisions.true))
+        values = np.stack([every, *_values(decisions).values()], axis=1)
+        for c, counted in enumerate((fixed | decisions.stopped, every > 0)):
+            _add(values, decisions.true, counted, decisions.belief, edges[h, c], sums[h, c], curve[h, c])
+    return {"sums": sums, "curve": curve, "used_up": trials.used_up.mean(axis=0)}
+
+
+@compiled
+def _add(
+    values: NDArray[np.float64],
+    true: NDArray[np.intp],
+    counted: NDArray[np.bool_],
+    belief: NDArray[np.float64],
+    ends: NDArray[np.float64],
+    sums: NDArray[np.float64],
+    curve: NDArray[np.float64],
+) -> None:
+    """Adds up values (n, 6) by what is true and, the first three, by bin of belief; groups without a bin have none."""
+    for i in range(len(true)):
+        if counted[i]:
+            for v in range(sums.shape[1]):
+                sums[true[i], v] += values[i, v]
+            for g in (0, 1 + true[i]):
+                if ends[g, 0] < np.inf:
+                    place = max(np.searchsorted(ends[g], belief[i], side="right") - 1, 0)
+                    for v in range(3):
+                        curve[g, place, v] += values[i, v]
+
+
+def _described(
+    decisions: Decisions,
+    joined: Sums,
+    ends: Sequence[NDArray[np.float64]],
+    theta: float,
+    deadline: int,
+    subject: Subject,
+    how: Spread,
+) -> dict[str, NDArray[Any]]:
+    """Everything about the decisions of one setting, arrays over (counted, what, ...).
+
+    Args:
+        decisions: Of the trials.
+        joined: What was kept of them and of resamples.
+        ends: What the sums of the former might have been besides, each of shape (2, M, 6); the last for scores only.
+        theta: The threshold.
+        deadline: Taps after which a trial ends.
+        subject: What decisions are about.
+        how: How resamples turn into intervals.
+    """
+    pool, M, everyone = subject.table.pool, len(subject.names), np.ones(len(decisions.true), dtype=bool)
+    samples, size = _ratios(joined.sums, theta)
+    might_be = [_ratios(end, theta)[0] for end in ends]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        fraction = size[..., 0] / size[1, :, 0]
+    taps = samples["taps"][..., 0]
+    independent = np.array(
+        [
+            [independent_decisions(pool, m, n, t) for m, n, t in zip((None, *range(M)), counts, means, strict=True)]
+            for counts, means in zip(size[..., 0], np.nan_to_num(taps, nan=1.0), strict=True)
+        ]
+    )
+    found: dict[str, Any] = {
+        "trials": size[..., 0],
+        "fraction": fraction,
+        "used_up": float(joined.used_up[0]),
+        "few": too_few_in(pool, how, joined.used_up),
+    }
+    limits = dict.fromkeys(_SHARES, SHARE) | {"taps": of_taps(deadline)}
+    for name in MEANS | RATIOS:
+        least, most, step = limits.get(name, Range())
+        ends_of = might_be if name in _SCORES else might_be[:-1]
+        low, high = how.interval(samples[name], least, most, [one[name] for one in ends_of])
+        if name == "taps":
+            low, high = widened(low, high, how.center(samples[name]), independent, step, most, least=least)
+        if name in ("wrong", *RATIOS):
+            unit = {"wrong": 1.0, "factor": samples["doubt"][..., 0], "over_promise": 1 - theta}[name]
+            with np.errstate(divide="ignore", invalid="ignore"):
+                center = how.center(samples[name]) * unit
+                ends = widened(low * unit, high * unit, center, independent, opened=how.tells)
+                low, high = (end / unit for end in ends)
+        found |= _with_ends(name, samples[name][..., 0], low, high)
+    found |= _curve(joined.curve, size, independent, how)
+    found["confusion"] = np.array(
+        [confusion(decisions.true[some], decisions.decided[some], M) for some in (decisions.stopped, everyone)]
+    )
+    return found
+
+
+def _ratios(sums: NDArray[np.float64], theta: float) -> tuple[dict[str, NDArray[np.float64]], NDArray[np.float64]]:
+    """`MEANS` and `RATIOS` of sums (2, M, 6, ...), of all objects together and of each, and how many were counted."""
+    total = np.concatenate([sums.sum(axis=1, keepdims=True), sums], axis=1)
+    size = total[:, :, 0]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        means = {name: total[:, :, 1 + i] / size for i, name in enumerate(MEANS)}
+        means["factor"] = means["wrong"] / means["doubt"]
+    return means | {"over_promise": means["wrong"] / (1 - theta)}, size
+
+
+def _values(decisions: Decisions) -> dict[str, NDArray[np.float64]]:
+    """`MEANS` of single decisions."""
+    wrong = (decisions.decided != decisions.true).astype(np.float64)
+    doubt = np.clip(1 - decisions.belief, 0.0, 1.0)
+    return {
+        "wrong": wrong,
+        "doubt": doubt,
+        "log_loss": -np.where(wrong > 0, np.log(np.maximum(doubt, _LEAST_DOUBT)), np.log1p(-doubt)),
+        "brier": (wrong - doubt) ** 2,
+        "taps": decisions.taps.astype(np.float64),
+    }
+
+
+def _curve(
+    curve: NDArray[np.float64], size: NDArray[np.float64], independent: NDArray[np.float64], how: Spread
+) -> dict[str, Any]:
+    """Reliability curves from bins (2, 1 + M, BINS, 3, 1 + 3 R), and their calibration errors."""
+    count, wrong, doubt = np.moveaxis(curve, 3, 0)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        errors = np.abs(wrong - doubt).sum(axis=2) / size
+        right = 1 - wrong / count
+        middle = (1 - doubt / count)[..., 0]
+        trials = count[..., 0]
+        share = trials / trials.sum(axis=2, keepdims=True)
+    low, high = how.interval(right, 0.0, 1.0)
+    seldom = independent[..., np.newaxis] * np.nan_to_num(share)
+    low, high = widened(low, high, how.center(right), seldom, opened=how.tells)
+    empty = trials == 0
+    e_low, e_high = how.interval(errors, 0.0, 1.0)
+    # Noise makes it larger, in a resample once more: see `compare_pairing.with_intervals`.
+    excess = np.maximum(np.nan_to_num(how.center(errors) - errors[..., 0]), 0.0)
+    return {
+        **_with_ends("calibration_error", errors[..., 0], np.maximum(e_low - excess, 0.0), e_high),
+        "curve_belief": middle,
+        "curve_right": right[..., 0],
+        "curve_right_low": np.where(empty, np.nan, low),
+        "curve_right_high": np.where(empty, np.nan, high),
+        "curve_trials": trials,
+    }
+
+
+def bin_edges(belief: NDArray[np.float64], bins: int = BINS) -> NDArray[np.float64]:
+    """Lower ends of bins of about equally many beliefs, equal ones in one bin, increasing; at most `bins`.
+
+    Beliefs after the same taps in another order are equal but for rounding, so ends lie just below them.
+    """
+    ordered = np.sort(belief)
+    if not len(ordered):
+        return ordered
+    ends = ordered[np.arange(bins) * len(ordered) // bins]
+    return ends[np.diff(ends, prepend=-np.inf) > 2 * _ROUNDING] - _ROUNDING
+
+
+def _with_ends(
+    name: str, estimate: NDArray[np.float64], low: NDArray[np.float64], high: NDArray[np.float64]
+) -> dict[str, NDArray[np.float64]]:
+    """An estimate and its interval, which is NaN where the estimate is."""
+    ends = (np.where(np.isnan(estimate), np.nan, end) for end in (low, high))
+    return {name: estimate} | dict(zip((f"{name}_low", f"{name}_high"), ends, strict=True))
+
+
+def _dataset(
+    settings: Sequence[tuple[str, float, int]],
+    rows: Sequence[dict[str, NDArray[Any]]],
+    subject: Subject,
+    attributes: dict[str, Any],
+) -> xr.Dataset:
+    meanings = MEANS | RATIOS | CALIBRATION
+    dims = {"confusion": ("setting", "counted", "true", "decided"), "used_up": ("setting",), "few": ("setting",)}
+    data = {}
+    for key in rows[0]:
+        own = dims.get(key, ("setting", "counted", "what", *(("bin",) if key.startswith("curve") else ())))
+        units = {"log_loss": "nat", "taps": "taps"}.get(key, "")
+        data[key] = (own, np.array([row[key] for row in rows]), {"long_name": meanings.get(key, key), "units": units})
+    policy, theta, contacts = zip(*settings, strict=True)
+    return xr.Dataset(
+        data,
+        {
+            "policy": ("setting", np.array(policy, dtype=np.str_)),
+            "theta": ("setting", np.array(theta)),
+            "contacts": ("setting", np.array(contacts)),
+            "counted": np.array(COUNTED, dtype=np.str_),
+            "what": np.array([EVERYTHING, *subject.names], dtype=np.str_),
+            "true": np.array(subject.names, dtype=np.str_),
+            "decided": np.array(subject.names, dtype=np.str_),
+        },
+        {**attributes, "decides": subject.kind, "sessions": sessions_drawn(subject.table)},
+    )

@@ -1,0 +1,109 @@
+"""Units of a comparison where there is one data set: resamples of its test taps.
+
+Trials on the same taps are no units, however many: they say nothing of what other taps would give. So the same trials
+are played on resampled taps too (see `inference.resampling`), under all options alike, so that differences pair.
+"""
+
+from collections.abc import Sequence
+from itertools import islice
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.stats import t
+
+from ...hardware.pool import tap_pool
+from ...inference.resampling import CONFIDENCE, Spread, spread
+from ...inference.selections import resampled_pools
+from ...inference.trial_plan import TapTable
+from ...models.classes import ClassGrid
+from ...models.taps import TapSet
+
+RESAMPLES = 40
+"""Of the test taps of a single data set; with so many an interval is 3 % wider than with any number."""
+
+
+def resampled_tables(table: TapTable, resamples: int, seed: int) -> list[TapTable]:
+    """Test taps as they are, then resamples of them within class and session.
+
+    Args:
+        table: Test taps.
+        resamples: How many, or 0.
+        seed: Of the resamples.
+    """
+    return [table._replace(pool=pool) for pool in resampled_pools(table, resamples, seed)]
+
+
+def resampled_table(table: TapTable, number: int, seed: int) -> TapTable:
+    """One of `resampled_tables`; 0 is that of the test taps as they are.
+
+    Args:
+        table: Test taps.
+        number: Which resample, from 1 on.
+        seed: Of all of them.
+    """
+    return table._replace(pool=next(islice(resampled_pools(table, number, seed), number, None)))
+
+
+def units_of(samples: Sequence[NDArray[np.float64]], how: Spread) -> NDArray[np.float64]:
+    """Units with the mean of the estimate and, as their standard error, the spread of its resamples.
+
+    So what is computed from means of data sets, and their jackknife, also is from resamples of one.
+
+    Args:
+        samples: Means of trials on each of the tables.
+        how: How resamples vary, from `spread` of the first table.
+
+    Returns:
+        One unit for each resample, or for each session that is left out in turn, further apart where their sizes leave
+        fewer degrees of freedom than so many units have; the estimate as the only one where there is no interval.
+        Shape (units, ...).
+    """
+    first, drawn = np.asarray(samples[0]), np.asarray(samples[1:])
+    if not len(drawn) or np.isnan(how.factor):
+        return first[np.newaxis]
+    if how.sessions > 1:  # a unit for each session, from the resamples without it
+        without = np.array([drawn[s :: how.sessions].mean(axis=0) for s in range(min(how.sessions, len(drawn)))])
+        return first + unit_factor(how) * np.sqrt(how.sessions - 1) * (without.mean(axis=0) - without)
+    return first + unit_factor(how) * np.sqrt(len(drawn)) * (drawn - drawn.mean(axis=0))
+
+
+def unit_factor(how: Spread) -> float:
+    """By which deviations of resamples are enlarged where their number gives the degrees of freedom.
+
+    Args:
+        how: How resamples vary; sessions of unequal sizes, and lone taps, leave fewer.
+    """
+    taken = how.sessions - 1 if how.sessions > 1 else np.inf
+    wanted, used = t.ppf(0.5 + CONFIDENCE / 2, [how.freedom, taken])
+    return how.factor * float(wanted / used)
+
+
+def spread_of_taps(test: TapSet, grid: ClassGrid) -> Spread:
+    """How resamples of test taps turn into intervals, and why they may be off.
+
+    Args:
+        test: Test taps.
+        grid: The classes.
+    """
+    nothing = np.empty((len(test), 0, 0))
+    return spread(TapTable(nothing, tap_pool(*test.indices(grid), grid.shape), nothing[0], session=test.session))
+
+
+def resampled_sentence(test: TapSet, grid: ClassGrid) -> str:
+    """What the units of a single data set are, and whether its taps are too few for them.
+
+    Args:
+        test: Its test taps.
+        grid: The classes.
+    """
+    how = spread_of_taps(test, grid)
+    few = " " * bool(how.few) + how.few
+    if how.sessions > 1:
+        return (
+            f"Units are the {how.sessions} test sessions, each left out in turn, so intervals hold how other sessions "
+            f"would differ, not another recording.{few}"
+        )
+    return (
+        f"Units are {RESAMPLES} resamples of the test taps within class and session, so intervals hold how other taps "
+        f"of these sessions would differ, not another session or recording.{few}"
+    )

@@ -1,0 +1,227 @@
+"""Tuned exponents and saturations beside those of a right model, tuned on as many taps in the same way.
+
+An exponent below 1 does not show that samples or taps depend on each other: tables of few training taps deserve less
+than full weight too, and sequences that draw stored taps again deserve a saturation. So both stand beside what data
+sets give in which the model is right: as many taps of each class and session, of independent samples, to which it is
+fitted and tuned anew.
+
+For histograms these are the taps at hand, each sample (taxel and time) shuffled between the taps of its class. Where
+samples of a class are independent and sessions alike, shuffled taps are as probable as they were, whatever the
+histograms, so the test has its level by itself. Taps drawn from the fitted histograms would be too easy to tell apart:
+bins without a training sample never occur in them. Models that know of dependence, and others, have taps drawn from
+their point estimate. Where belief in the true class is 1 to machine precision at several exponents, the smallest is
+taken, so a right model need not give 1.
+The test has one side, below: neither exponent nor saturation can be tuned above what independence allows.
+"""
+
+from collections.abc import Callable, Sequence
+from functools import partial
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...inference.tempering import CONTACTS, learn_power
+from ...models import seeds
+from ...models.catalogue import FitSettings
+from ...models.errors import InputError
+from ...models.histogram import HistogramModel
+from ...models.model import TapModel
+from ...models.taps import TapSet
+from ...models.threads import cores, in_order
+from .right_model import LEVEL, Beside, compare, drawn_set
+
+type Floats = NDArray[np.float64]
+
+SIMULATIONS = 19
+"""The fewest with which a value below all is significant at `right_model.LEVEL`."""
+MOST_TAPS = float(max(CONTACTS))
+"""Saturation that stands for none: that of the longest sequence over which it is tuned."""
+
+
+class Tuned(NamedTuple):
+    """A tuned exponent, and saturation where there is one, beside those of a right model.
+
+    Attributes:
+        power: The exponent.
+        saturation: In taps, at most `MOST_TAPS`; `None` where only an exponent was tuned.
+        taps: Training taps of a class, the median.
+        simulations: Data sets drawn from the fitted model.
+    """
+
+    power: Beside
+    saturation: Beside | None
+    taps: int
+    simulations: int
+
+    @property
+    def sentence(self) -> str:
+        """Both in words, with what the tests say."""
+        parts = [self._beside("Exponent", self.power, _number)]
+        if self.saturation is not None:
+            parts.append(self._beside("Saturation", self.saturation, _limit))
+        return " ".join(parts)
+
+    def _beside(self, name: str, one: Beside, shown: Callable[[float], str]) -> str:
+        if np.isnan(one.median):
+            return f"{name} {shown(one.value)}; what a right model gives could not be simulated."
+        found = (
+            f"the {name.lower()} is lower, by a Monte Carlo test at 5 % (p = {one.below:.2g})"
+            if outside(one)
+            else "it cannot be told from a right model"
+        )
+        return (
+            f"{name} {shown(one.value)}; a right model on {self.taps} training tap{'s' * (self.taps > 1)} per class "
+            f"gives {shown(one.median)} ({shown(one.low)} to {shown(one.high)}): {found}."
+        )
+
+
+def check_simulations(simulations: int) -> None:
+    """Refuses too few.
+
+    Raises:
+        InputError: With so few data sets nothing is significant.
+    """
+    if simulations < SIMULATIONS:
+        raise InputError(f"--simulations must be 0 or at least {SIMULATIONS}, got {simulations}.")
+
+
+def simulate_tuned(
+    model: TapModel,
+    sets: Sequence[TapSet],
+    tune: Callable[[Sequence[TapSet]], Sequence[float]],
+    count: int,
+    seed: int,
+    simulations: int = SIMULATIONS,
+    progress: Callable[[int], None] | None = None,
+) -> Floats:
+    """What tuning finds in data sets in which a model is right.
+
+    Args:
+        model: The model; of its parameters the power and saturation do not count.
+        sets: The taps at hand.
+        tune: Fits and tunes on such sets; may raise `InputError`.
+        count: C, how many numbers it returns.
+        seed: Of all random numbers.
+        simulations: S, how many data sets.
+        progress: Told of every data set.
+
+    Returns:
+        What `tune` returns, shape (S, C); NaN where it could not.
+    """
+    usable = [taps.select(known) for taps in sets if (known := model.known(taps)).any()]
+
+    def one(number: int) -> Sequence[float] | None:
+        generator = seeds.generator(seed, seeds.Purpose.RIGHT_EXPONENT, number)
+        try:
+            return tune(right_sets(model, usable, generator))
+        except InputError:
+            return None
+
+    found = []
+    for result in in_order((partial(one, number) for number in range(simulations)), cores(None)):
+        found.append(result)
+        if progress is not None:
+            progress(1)
+    return np.array([[np.nan] * count if row is None else row for row in found])
+
+
+def right_sets(model: TapModel, sets: Sequence[TapSet], generator: np.random.Generator) -> list[TapSet]:
+    """As many taps of each class and session, of which a model is right.
+
+    Args:
+        model: The model.
+        sets: Taps of trained classes.
+        generator: Of what is shuffled or drawn.
+
+    Returns:
+        For a histogram the same samples, shuffled between the taps of their class; in a model with states of an
+        episode, between those of their session. For others, taps drawn from the model.
+    """
+    if not isinstance(model, HistogramModel):
+        return [drawn_set(model, taps, generator) for taps in sets]
+    taps = np.concatenate([one.taps for one in sets])
+    part = np.repeat(np.arange(len(sets)), [len(one) for one in sets])
+    group = np.concatenate([np.stack(one.indices(model.grid)) for one in sets], axis=1)
+    if len(model.states.gain) > 1:
+        group = np.stack([*group, part, np.concatenate([one.session for one in sets])])
+    number = np.unique(group, axis=1, return_inverse=True)[1]
+    for own in range(number.max() + 1):
+        members = np.flatnonzero(number == own)
+        taps[members] = generator.permuted(taps[members], axis=0)
+    return [TapSet(one.dataset.assign(taps=(one.dataset["taps"].dims, taps[part == i]))) for i, one in enumerate(sets)]
+
+
+def beside_right_model(
+    power: float, saturation: float | None, simulated: Floats, model: TapModel, train: TapSet
+) -> Tuned:
+    """Tuned values beside simulated ones.
+
+    Args:
+        power: The exponent.
+        saturation: In taps, infinity for no limit; `None` where only an exponent was tuned.
+        simulated: Exponents and, where one was tuned, saturations of simulated data sets, shape (S, 1) or (S, 2).
+        model: The model.
+        train: Its training taps.
+    """
+    where, what = model.usable(train).indices(model.grid)
+    count = np.unique(where * model.grid.M + what, return_counts=True)[1]
+    limit = None
+    if saturation is not None:
+        limit = compare_below(min(saturation, MOST_TAPS), np.minimum(simulated[:, 1], MOST_TAPS))
+    return Tuned(compare_below(power, simulated[:, 0]), limit, int(np.median(count)), len(simulated))
+
+
+def compare_below(value: float, simulated: Floats) -> Beside:
+    """A tuned value beside simulated ones, shape (S,), its ends those of a test that it is not below them.
+
+    The value is below `low` just where `below` is at most `LEVEL`, if no simulation failed; `high` is the largest.
+    Exponents and saturations are bounded above, so values above those of a right model mean nothing.
+    """
+    found = compare(value, simulated)
+    known = np.sort(simulated[~np.isnan(simulated)])
+    if np.isnan(found.median):
+        return found
+    most = max(int(LEVEL * (1 + len(simulated)) + 1e-9), 1)  # simulations up to the value with which it is significant
+    return found._replace(low=float(known[min(most, len(known)) - 1]), high=float(known[-1]))
+
+
+def outside(beside: Beside) -> bool:
+    """Whether a tuned value is below what a right model gives, by a test at `LEVEL`."""
+    return beside.below <= LEVEL
+
+
+def learned_beside(
+    name: str,
+    model: TapModel,
+    taps: TapSet,
+    settings: FitSettings,
+    n: int,
+    simulations: int = SIMULATIONS,
+    progress: Callable[[int], None] | None = None,
+) -> Tuned:
+    """A power of `tempering.learn_power` beside those of a right model.
+
+    Args:
+        name: Of the model.
+        model: Fitted to all training taps, at the learned power.
+        taps: Training taps.
+        settings: How it was fitted.
+        n: Taps after which the power was judged.
+        simulations: Data sets.
+        progress: Told of every data set.
+    """
+
+    def tune(sets: Sequence[TapSet]) -> Sequence[float]:
+        return [learn_power(name, sets[0], model.grid, settings, n, settings.seed).power]
+
+    found = simulate_tuned(model, [taps], tune, 1, settings.seed, simulations, progress)
+    return beside_right_model(model.exponent, None, found, model, taps)
+
+
+def _number(value: float) -> str:
+    return f"{value:.2g}"
+
+
+def _limit(taps: float) -> str:
+    return "no limit" if taps >= MOST_TAPS else f"{taps:.2g}"

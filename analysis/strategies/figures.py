@@ -1,0 +1,383 @@
+"""Figures of a comparison of strategies: curves, differences at equal taps, stopping rules and trajectories.
+
+Data are those of `strategies_summary.summarise`. A strategy has one colour in all of them, and the fixation point is
+black. Intervals of curves stand right of a panel, in the order of its key, so that none hides another.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from string import ascii_uppercase
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...models.classes import ClassGrid
+from ..page.figure_episodes import plot_trajectories
+from ..page.figure_style import ACTIVE, OTHERS, PASSIVE, TWO_COLUMNS, axis_label, label_panel, new_figure, styled
+from .findings import FIXED, LOOK, PAPER, TAPS
+from .run import BASE
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+type Points = Sequence[Mapping[str, Any]]
+"""A curve over the levels of a rule."""
+
+_BLUE, _ORANGE, _GREEN, _PURPLE = "#0072b2", "#d55e00", "#009e73", "#aa4499"
+_DASHED, _DOTTED, _BROKEN = (0, (4, 1.5)), (0, (1, 1.2)), (0, (5, 1.2, 1, 1.2))
+_LOOKS: dict[str, dict[str, Any]] = {
+    BASE: {"color": ACTIVE, "marker": "o", "linewidth": 1.6},
+    "passive": {"color": PASSIVE, "marker": "v"},
+    "random": {"color": _BLUE, "marker": "x", "linestyle": _DASHED},
+    "step": {"color": _GREEN, "marker": "+", "linestyle": _BROKEN},
+    "fixation:0.8": {"color": _PURPLE, "marker": "h", "linestyle": _DOTTED},
+    "info-what": {"color": _BLUE, "marker": "s"},
+    "info-where": {"color": _ORANGE, "marker": "D", "linestyle": _DASHED},
+    "info-joint": {"color": _GREEN, "marker": "^", "linestyle": _BROKEN},
+    "info-what-per-mm": {"color": _BLUE, "marker": "<"},
+    "info-what-per-s": {"color": _ORANGE, "marker": ">", "linestyle": _DASHED},
+    "two-taps": {"color": _GREEN, "marker": "P", "linestyle": _BROKEN},
+    "table": {"color": _PURPLE, "marker": "p", "linestyle": _DOTTED},
+}
+"""Strategies: each mark is used once, each colour and line once in a group."""
+_GROUPS = {
+    "without looking ahead": ("passive", "random", "step", "fixation:0.8"),
+    "one tap ahead": ("info-what", "info-where", "info-joint"),
+    "way counts, two taps, table": ("info-what-per-mm", "info-what-per-s", "two-taps", "table"),
+}
+_PANELS = (("what_error", "taps"), ("where_error", "taps"), ("what_error", "way"), ("where_error", "way"))
+"""Rows of `curves`: what is shown and what it is shown against."""
+_RULES = tuple(zip((_BLUE, _ORANGE, _GREEN, _PURPLE), ("s", "D", "^", "P"), strict=True))
+_FEW_TICKS = (1, 1.2, 1.5, 2, 2.5)
+_TICKS = (1, 2, 3, 5, 10, 20, 50, 100, 200, 500, 1000)
+_ROW = 0.19  # inches
+_COLUMNS = 4
+_STRIP, _APART = 0.05, 0.05  # where intervals begin right of a panel, and steps between them, in its widths
+_LONG = 4.0  # the largest point so often is as far as a panel goes for intervals
+_NOTE: dict[str, Any] = {"fontsize": 6, "color": "#555555"}
+
+
+@styled
+def curves(source: Mapping[str, Any]) -> Figure:
+    """Object and position errors against mean taps and way, along the paper's thresholds: a column for each group."""
+    drawn = source["powers"][0]["curves"][PAPER]
+    groups = grouped(drawn)
+    figure, axes = new_figure(TWO_COLUMNS, 7.4, len(_PANELS), len(groups), sharey="row")
+    letters = iter(ascii_uppercase)
+    for panels, (quantity, across) in zip(axes, _PANELS, strict=True):
+        panels[0].set_ylim(0, _top(drawn.values(), quantity))
+        for panel, names in zip(panels, groups.values(), strict=True):
+            for place, name in enumerate((BASE, *names)):
+                plot_curve(panel, drawn[name], across, quantity, _look(name))
+                plot_end(panel, drawn[name], quantity, place, _look(name))
+            label_panel(panel, next(letters))
+            _across(panel, drawn.values(), across)
+        words = "object error" if quantity == "what_error" else "position error"
+        panels[0].set_ylabel(axis_label(words, source[quantity.replace("error", "unit")]).replace(" (", "\n("))
+    most = max(map(len, groups.values()))
+    for panel, (title, names) in zip(axes[0], groups.items(), strict=True):
+        _group_key(panel, title, (BASE, *names), 1 + most)
+        _name_strip(panel)
+    for row, label in ((1, "mean number of taps"), (3, axis_label("mean way of the sensor", source["where_unit"]))):
+        axes[row, (len(groups) - 1) // 2].set_xlabel(label)
+        for above in axes[row - 1]:
+            above.tick_params(labelbottom=False)
+    return figure
+
+
+def grouped(names: Iterable[str]) -> dict[str, list[str]]:
+    """Strategies other than the fixation point by group, without empty groups; the last has those of none."""
+    *_, last = _GROUPS
+    group_of = {name: title for title, members in _GROUPS.items() for name in members}
+    found: dict[str, list[str]] = {title: [] for title in _GROUPS}
+    for name in names:
+        if name != BASE:
+            found[group_of.get(name, last)].append(name)
+    return {title: members for title, members in found.items() if members} or {"": []}
+
+
+def plot_curve(axes: Axes, points: Points, across: str, quantity: str, look: Mapping[str, Any]) -> Axes:
+    """Draws one curve over the levels of a rule."""
+    known = [point for point in points if point[quantity] is not None]
+    axes.plot([point[across] for point in known], [point[quantity] for point in known], **look)
+    return axes
+
+
+def plot_end(axes: Axes, points: Points, quantity: str, place: int, look: Mapping[str, Any]) -> Axes:
+    """Draws the last known point of a curve with its 95 % interval, if there is one, in a strip right of the panel.
+
+    What the panel cuts off has an arrowhead.
+    """
+    known = [point for point in points if point[quantity] is not None]
+    if not known or known[-1][f"{quantity}_low"] is None:
+        return axes
+    last, at = known[-1], 1 + _STRIP + place * _APART
+    strip: dict[str, Any] = {"transform": axes.get_yaxis_transform(), "clip_on": False}
+    low, high, top = max(last[f"{quantity}_low"], 0), last[f"{quantity}_high"], axes.get_ylim()[1]
+    axes.plot([at, at], [low, min(high, top)], color=look["color"], linewidth=0.8, **strip)
+    if high > top:
+        axes.scatter([at], [top], s=9, marker="^", color=look["color"], linewidths=0, **strip)
+    axes.plot([at], [last[quantity]], **{**look, "linestyle": "none", "markersize": 2.6}, **strip)
+    return axes
+
+
+def _name_strip(axes: Axes) -> None:
+    axes.text(1 + 0.5 * _STRIP, 1.03, "95 %", transform=axes.transAxes, **_NOTE)
+
+
+def _top(drawn: Iterable[Points], quantity: str) -> float:
+    """The end of an axis that holds all points, and the intervals of the last ones unless they are very long."""
+    known = [[point for point in points if point[quantity] is not None] for points in drawn]
+    most = max([0.0, *(point[quantity] for points in known for point in points)])
+    ends = [point[f"{quantity}_high"] or 0.0 for points in known for point in points[-1:]]
+    return 1.06 * max(most, min(_LONG * most, max([0.0, *ends]))) or 1.0
+
+
+def _across(axes: Axes, drawn: Iterable[Points], across: str) -> None:
+    """Sets up the axis of taps or way."""
+    most = max(point[across] for points in drawn for point in points)
+    if across == "taps":
+        _taps_axis(axes, most)
+    else:
+        _way_axis(axes, most or 1.0)
+
+
+def _taps_axis(axes: Axes, most: float) -> None:
+    """Logarithmic, with round numbers."""
+    ticks = [tick for tick in (_FEW_TICKS if most < 3 else _TICKS) if tick <= 1.02 * most]
+    axes.set_xscale("log")
+    axes.set_xticks(ticks, [f"{tick:g}" for tick in ticks])
+    axes.minorticks_off()
+    axes.set_xlim(0.93, max(1.07 * most, 1.3))
+
+
+def _way_axis(axes: Axes, most: float) -> None:
+    """Linear up to its first number and logarithmic beyond."""
+    unit = 10.0 ** np.floor(np.log10(most)) / 10
+    ticks = [0.0, *(unit * step for step in (1, 3, 10, 30) if unit * step <= 1.2 * most)]
+    axes.set_xscale("symlog", linthresh=unit)
+    axes.set_xticks(ticks, [f"{tick:g}" for tick in ticks])
+    axes.minorticks_off()
+    axes.set_xlim(-0.1 * unit, 1.2 * most)
+
+
+@styled
+def equal_taps(source: Mapping[str, Any]) -> Figure:
+    """Object error less that of the fixation point at equal taps, by threshold (A to D) and by number (E to H)."""
+    first = source["powers"][0]
+    names = [name for name in first["strategies"] if name != BASE]
+    figure, axes = new_figure(TWO_COLUMNS, 1.5 + 2 * _ROW * len(names), 2, len(TAPS), sharey=True, sharex=True)
+    rows = [row for family in (PAPER, FIXED) for row in first["equal"][family] if row["strategy"] != BASE]
+    axes[0, 0].set_xlim(*_ends(rows, _DIFFERENCE))
+    axes[0, 0].set_yticks(range(len(names)), names)
+    axes[0, 0].set_ylim(len(names) - 0.4, -0.6)
+    for panels, letters, family in zip(axes, ("ABCD", "EFGH"), (PAPER, FIXED), strict=True):
+        for panel, letter, taps in zip(panels, letters, TAPS, strict=True):
+            found = {row["strategy"]: row for row in first["equal"][family] if row["taps"] == taps}
+            _differences(panel, [found[name] for name in names])
+            label_panel(panel, letter, f"mean {taps} taps" if family == PAPER else f"{taps} taps each")
+    figure.supxlabel(axis_label("object error less that of the fixation point", source["what_unit"]), fontsize=8)
+    _interval_key(figure, [row for row in rows if row[_DIFFERENCE] is not None])
+    return figure
+
+
+_DIFFERENCE = "what_error_difference"
+_TOGETHER, _OWN = ("_least", "_most"), ("_low", "_high")
+
+
+def _ends(rows: Points, name: str) -> tuple[float, float]:
+    """Ends of an axis that holds all differences with their own intervals, and most of what holds together."""
+    own, together = (
+        [row[name + end] for row in rows for end in ends if row[name + end] is not None]
+        for ends in (("", *_OWN), _TOGETHER)
+    )
+    low, high = min([0.0, *own]), max([0.0, *own])
+    more = 0.5 * (high - low)
+    low, high = max(min([low, *together]), low - more), min(max([high, *together]), high + more)
+    pad = 0.06 * (high - low) or 0.1
+    return low - pad, high + pad
+
+
+def _differences(axes: Axes, rows: Points) -> None:
+    """Draws a panel of differences, a row for each strategy."""
+    axes.axvline(0, color=OTHERS, linewidth=0.8, zorder=0)
+    if all(row[_DIFFERENCE] is None for row in rows):
+        axes.text(0.5, 0.5, "not reached", transform=axes.transAxes, ha="center", backgroundcolor="white", **_NOTE)
+        return
+    for y, row in enumerate(rows):
+        plot_interval(axes, row, _DIFFERENCE, y, _look(row["strategy"])["color"])
+
+
+def plot_interval(axes: Axes, row: Mapping[str, Any], name: str, y: float, colour: Any) -> Axes:
+    """Draws an estimate with both intervals in a row of its own, hollow where it has none.
+
+    Intervals that the panel cuts get an arrowhead there; what is not known is said to be not reached.
+    """
+    left, right = axes.get_xlim()
+    if row[name] is None:
+        side = "left" if -left < right else "right"
+        axes.text(0, y, " not reached ", ha=side, va="center", **_NOTE)
+        return axes
+    for ends, width in ((_TOGETHER, 0.5), (_OWN, 1.8)):
+        low, high = (row[name + end] for end in ends)
+        if low is None or high is None:
+            continue
+        axes.plot([max(low, left), min(high, right)], [y, y], color=colour, linewidth=width, zorder=2)
+        for cut, edge, mark in ((low < left, left, "<"), (high > right, right, ">")):
+            if cut:
+                axes.scatter([edge], [y], s=9, marker=mark, color=colour, linewidths=0, clip_on=False)
+    hollow = row[f"{name}_low"] is None
+    axes.plot([row[name]], [y], "o", color=colour, markersize=3.8, markerfacecolor="white" if hollow else colour)
+    return axes
+
+
+def _interval_key(figure: Figure, rows: Points) -> None:
+    """Tells of both intervals and of none, if they are there."""
+    from matplotlib.lines import Line2D  # noqa: PLC0415
+
+    black: dict[str, Any] = {"color": ACTIVE, "markersize": 3.8}
+    shown = [Line2D([], [], marker="o", linewidth=1.8, label="95 % interval", **black)]
+    if any(row[f"{_DIFFERENCE}_least"] is not None for row in rows):
+        shown.append(Line2D([], [], linewidth=0.5, label="95 % for all together", **black))
+    if any(row[f"{_DIFFERENCE}_low"] is None for row in rows):
+        words = "no interval: units too few or all alike"
+        shown.append(Line2D([], [], marker="o", linestyle="none", markerfacecolor="white", label=words, **black))
+    figure.legend(handles=shown, loc="outside upper center", ncols=len(shown), columnspacing=2)
+
+
+@styled
+def stopping(source: Mapping[str, Any]) -> Figure:
+    """Each stopping rule beside the paper's, object error against mean taps, and null decisions; fixation point."""
+    drawn = {rule: by_strategy[BASE] for rule, by_strategy in source["powers"][0]["curves"].items()}
+    others = [rule for rule in drawn if rule != PAPER]
+    rows = -(-(len(others) + 1) // _COLUMNS)
+    figure, axes = new_figure(TWO_COLUMNS, 0.3 + 1.6 * rows, rows, _COLUMNS)
+    *panels, last = axes.flat[: len(others) + 1]
+    looks = {rule: _rule_look(number) for number, rule in enumerate(others)}
+    top = _top(drawn.values(), "what_error")
+    for panel, rule in zip(panels, others, strict=True):
+        panel.set_ylim(0, top)
+        for place, (points, look) in enumerate(((drawn[PAPER], _PAPER_LOOK), (drawn[rule], looks[rule]))):
+            plot_curve(panel, points, "taps", "what_error", look)
+            plot_end(panel, points, "what_error", place, look)
+        panel.tick_params(labelleft=panel in axes[:, 0])
+    _null_decisions(last, {rule: drawn[rule] for rule in others}, looks)
+    titles = [*(rule.replace(", ", ",\n") for rule in others), "null decisions"]
+    for panel, letter, title in zip((*panels, last), ascii_uppercase, titles, strict=False):
+        label_panel(panel, letter, title)
+        panel.title.set_fontsize(7)
+        _across(panel, drawn.values(), "taps")
+    for panel in axes.flat[len(titles) :]:
+        panel.set_visible(False)
+    for panel in axes[0]:
+        _name_strip(panel)
+    for panel in axes[:, 0]:
+        panel.set_ylabel(axis_label("object error", source["what_unit"]))
+    figure.supxlabel("mean number of taps", fontsize=8)
+    _paper_key(figure)
+    return figure
+
+
+_PAPER_LOOK: dict[str, Any] = {"color": "#9a9a9a", "marker": "o", "linewidth": 2.6, "markersize": 3.2}
+
+
+def _rule_look(number: int) -> dict[str, Any]:
+    colour, marker = _RULES[number % len(_RULES)]
+    return {"color": colour, "marker": marker, "linewidth": 1.0, "markersize": 2.6}
+
+
+def _null_decisions(axes: Axes, drawn: Mapping[str, Points], looks: Mapping[str, Mapping[str, Any]]) -> None:
+    """Draws the share of null decisions of the rules that ever give up."""
+    giving = {rule: points for rule, points in drawn.items() if any(point["given_up"] for point in points)}
+    axes.set_ylim(0, min(_top(giving.values(), "given_up"), 1.02))
+    for place, (rule, points) in enumerate(giving.items()):
+        plot_curve(axes, points, "taps", "given_up", looks[rule])
+        plot_end(axes, points, "given_up", place, looks[rule])
+    axes.set_ylabel("share of trials")
+    if not giving:
+        axes.text(0.5, 0.5, "no rule gives up", transform=axes.transAxes, ha="center", **_NOTE)
+
+
+def _paper_key(figure: Figure) -> None:
+    from matplotlib.lines import Line2D  # noqa: PLC0415
+
+    handles = [
+        Line2D([], [], label="what: the paper's rule", **_PAPER_LOOK),
+        Line2D([], [], color=ACTIVE, label="the rule of the panel, in colour"),
+    ]
+    figure.legend(handles=handles, loc="outside upper center", ncols=2, handlelength=2.6)
+
+
+@styled
+def trajectories(source: Mapping[str, Any]) -> Figure:
+    """Where the sensor stood in trials of one data set under each strategy, up to their decisions; Fig. 6."""
+    names = list(source["paths"])
+    rows = -(-len(names) // _COLUMNS)
+    figure, axes = new_figure(TWO_COLUMNS, 1.6 * rows + 0.3, rows, _COLUMNS, sharex=True, sharey=True)
+    grid = ClassGrid(np.array(source["grid"]["where_value"]), source["grid"]["where_unit"], None, (("object",),))
+    for panel, name in zip(axes.flat, names, strict=False):
+        plot_paths(panel, np.array(source["paths"][name]), grid)
+        if name.startswith(BASE):
+            value = grid.where_value[source["fixation"]]
+            panel.axhline(value, color=PASSIVE, linewidth=0.8, linestyle=(0, (4, 2)), zorder=0)
+        panel.set_title(name)
+        panel.set_xlabel("")
+    for panel in axes.flat[len(names) :]:
+        panel.set_visible(False)
+    _taps_axis(axes[0, 0], max(len(path) for paths in source["paths"].values() for path in paths))
+    axes[0, 0].set_xlim(left=0.72)
+    low, high = grid.where_value.min(), grid.where_value.max()
+    reach = high - low or 1.0
+    axes[0, 0].set_ylim(low - 0.08 * reach, high + 0.25 * reach)
+    figure.supxlabel(
+        "tap (grey: share of trials that make it; strokes at the left: decided with the first)", fontsize=8
+    )
+    figure.supylabel(axis_label("position", source["where_unit"]), fontsize=8)
+    return figure
+
+
+def plot_paths(axes: Axes, paths: NDArray[np.integer], grid: ClassGrid) -> Axes:
+    """Draws trials as lines, those that decide with their first tap as strokes at its left, and how many go on.
+
+    Args:
+        axes: Where to draw.
+        paths: Where class at each tap, shape (n, T); -1 after the decision.
+        grid: What the classes stand for.
+    """
+    made = (paths >= 0).sum(axis=1)
+    if (made > 1).any():
+        plot_trajectories(axes, paths[made > 1], grid)
+    at = grid.where_value[paths[made == 1, 0]]
+    axes.hlines(at, 0.76, 0.92, color="black", linewidth=1.4, alpha=0.25)
+    edges = np.arange(paths.shape[1] + 1) + 0.5
+    share = (paths >= 0).mean(axis=0)
+    axes.stairs(share, edges, fill=True, color="#e4e4e4", transform=axes.get_xaxis_transform(), zorder=-1)
+    told = f"decided: {(made == 1).sum()} at tap 1, {(made <= LOOK).sum()} by {LOOK}"
+    axes.text(0.98, 0.97, told, transform=axes.transAxes, ha="right", va="top", **_NOTE)
+    return axes
+
+
+def _look(name: str) -> dict[str, Any]:
+    own: dict[str, Any] = _LOOKS.get(name, {"color": "#882255", "marker": "*"})
+    return {"linewidth": 1.0, "markersize": 2.8} | own
+
+
+def _group_key(axes: Axes, title: str, names: Sequence[str], rows: int) -> None:
+    """Lists strategies above a panel, with empty rows up to this many."""
+    from matplotlib.lines import Line2D  # noqa: PLC0415
+
+    lines = [Line2D([], [], **_look(name), label=name) for name in names]
+    lines += [Line2D([], [], linestyle="none", label=" ") for _ in range(rows - len(names))]
+    axes.legend(
+        handles=lines,
+        title=title,
+        alignment="left",
+        loc="lower left",
+        bbox_to_anchor=(0, 1.12),
+        borderaxespad=0,
+        handlelength=2.8,
+        labelspacing=0.25,
+    )

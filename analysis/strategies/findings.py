@@ -1,0 +1,129 @@
+"""What a reader of a comparison of strategies should know first, in sentences.
+
+Data are those of `strategies_summary.summarise`.
+"""
+
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Any
+
+from ..experiment.study import SHOWN_THETA
+from ..page.page import number
+from ..sensitivity.findings import listed
+
+TAPS = (2, 3, 5, 10)
+"""Mean numbers of taps at which strategies are held against each other."""
+LOOK = 5
+"""Taps after which what was expected of them and miscalibration are looked at."""
+PAPER, FIXED = "what", "number of taps"
+"""The paper's stopping rule, and the one under which all make the same number of taps."""
+INFORMED = ("info-what", "info-joint")
+RULES = {PAPER: "At equal mean taps by threshold", FIXED: "After equal numbers of taps"}
+
+
+def source_findings(source: Mapping[str, Any]) -> list[str]:
+    """What one kind of data says, in sentences."""
+    first = source["powers"][0]
+    said = []
+    for family, words in RULES.items():
+        for quantity, word in (("what_error", "object"), ("where_error", "position")):
+            found = (_sure(first["equal"][family], f"{quantity}_difference", sign) for sign in (-1, 1))
+            said.append(f"{words} {_told(f'the {word} error', *map(_named, found))}.")
+    ways = {name: _at_theta(first, name)["way"] for name in first["strategies"]}
+    far = listed([f"{name} {number(way)}" for name, way in ways.items() if way])
+    return [*said, f"Way of a decision at threshold {SHOWN_THETA:g} in {source['where_unit']}: {far}."]
+
+
+def findings(sources: Sequence[Mapping[str, Any]]) -> list[str]:
+    """What holds across the data, in sentences; none where there are no data."""
+    if not sources:
+        return []
+    said = [better_finding(sources), *random_findings(sources)]
+    for name in INFORMED:
+        gains = [
+            f"{source['name']} at power {power['power']} {_words(row, 'gain')}"
+            for source in sources
+            for power in source["powers"]
+            for row in power["trust"]
+            if row["strategy"] == name
+        ]
+        said.append(f"P(wrong object) of the fixation point less that of {name} after {LOOK} taps: {'; '.join(gains)}.")
+    return said
+
+
+def better_finding(sources: Sequence[Mapping[str, Any]]) -> str:
+    """Whether anything surely errs less in the object than the fixation point, on any data."""
+    found = [
+        f"{name} on {source['name']}"
+        for source in sources
+        for name in dict.fromkeys(
+            name
+            for family in RULES
+            for name in _sure(source["powers"][0]["equal"][family], "what_error_difference", -1)
+        )
+    ]
+    what = "surely errs less in the object than the paper's fixation point at equal taps"
+    return f"{listed(found)}: this {what}." if found else f"No strategy {what}, on any of these data."
+
+
+def random_findings(sources: Sequence[Mapping[str, Any]]) -> list[str]:
+    """Whether random moves err more than the fixation point, for each kind of data and both rules."""
+    return [_random(source, family) for source in sources for family in RULES]
+
+
+def _random(source: Mapping[str, Any], family: str) -> str:
+    key, rows = "what_error_difference", source["powers"][0]["equal"][family]
+    known = [row for row in rows if row["strategy"] == "random" and row[f"{key}_low"] is not None]
+    worse = _taps(row for row in known if (row[f"{key}_least"] or 0.0) > 0)
+    perhaps = _taps(row for row in known if row[f"{key}_low"] > 0 >= (row[f"{key}_least"] or 0.0))
+    better = _taps(row for row in known if (row[f"{key}_most"] or 0.0) < 0)
+    hoped = _taps(row for row in known if row[f"{key}_high"] < 0 <= (row[f"{key}_most"] or 0.0))
+    told = (
+        (worse, "surely more"),
+        (perhaps, "more by their own interval"),
+        (better, "surely less"),
+        (hoped, "less by their own interval"),
+    )
+    parts = [f"{words} at {listed(taps)} taps" for taps, words in told if taps]
+    where = RULES[family][0].lower() + RULES[family][1:]
+    return (
+        f"{source['name']}, {where}: random moves err {', '.join(parts) or 'neither surely more nor less'} than the "
+        "fixation point."
+    )
+
+
+def _taps(rows: Iterable[Mapping[str, Any]]) -> list[str]:
+    return [str(row["taps"]) for row in rows]
+
+
+def _sure(rows: Sequence[Mapping[str, Any]], key: str, sign: int) -> dict[str, list[int]]:
+    """Numbers of taps at which strategies surely differ in one direction, by strategy."""
+    found: dict[str, list[int]] = {}
+    for row in rows:
+        end = row[f"{key}_least" if sign > 0 else f"{key}_most"]
+        if end is not None and sign * end > 0:
+            found.setdefault(row["strategy"], []).append(row["taps"])
+    return found
+
+
+def _named(found: Mapping[str, Sequence[int]]) -> str:
+    return listed([f"{name} ({', '.join(map(str, taps))} taps)" for name, taps in found.items()])
+
+
+def _told(error: str, better: str, worse: str) -> str:
+    """How an error compares with that of the fixation point under strategies that surely differ."""
+    if not better and not worse:
+        return f"{error} surely differs from that with the fixation point under no strategy"
+    first, second = ("smaller", "larger") if better else ("larger", "smaller")
+    these, others = (better, worse or "no other") if better else (worse, "no other")
+    return f"{error} is surely {first} than with the fixation point under {these}, surely {second} under {others}"
+
+
+def _at_theta(power: Mapping[str, Any], strategy: str) -> Mapping[str, Any]:
+    """The point of the paper's rule at `SHOWN_THETA`."""
+    return next(row for row in power["curves"][PAPER][strategy] if math.isclose(row["level"], SHOWN_THETA))
+
+
+def _words(row: Mapping[str, Any], name: str) -> str:
+    low, high = row[f"{name}_low"], row[f"{name}_high"]
+    return f"{row[name]:.2f}" + (f" [{low:.2f}, {high:.2f}]" if low is not None and high is not None else "")

@@ -1,0 +1,212 @@
+"""What strategies cost more than need be: than the exact rule on small cases, than a lower bound on a larger one."""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import partial
+from itertools import batched
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...inference.bayes_risk import exact_rule
+from ...inference.exact_cost import Cost, course, expected_cost
+from ...inference.lockstep import Record, play
+from ...inference.recorded_stops import stops
+from ...inference.risk_bounds import alpha_cost_bound, known_place_bound, qmdp
+from ...inference.risk_problem import RiskProblem
+from ...inference.stopping import StopRule
+from ...inference.trial_plan import plan_trials
+from ...models.errors import InputError
+from ...models.threads import cores, in_order, one_blas_thread
+from ..page.stages import Progress
+from .regret_cases import LARGE, SMALL, TAP_COSTS, World, policies, policy_of, problem_of, rules, watch_of, world
+
+type Floats = NDArray[np.float64]
+
+TRIALS, QUICK_TRIALS = 10_000, 2_000
+_AT_ONCE = 1000  # trials, so that all workers have some to the end
+_FEWEST_TRIALS = 4  # two choose rules, two price them
+_GRID_STEPS = 60  # of the bound
+_ALIKE = 5e-5  # mm by which costs differ that look alike in tables
+
+
+@dataclass(frozen=True)
+class RegretSettings:
+    """What changes the numbers.
+
+    Attributes:
+        trials: Of each policy where costs are drawn; half of them choose rules, the others price them.
+        seed: Of the trials.
+        workers: Policies at a time; `None` for as many as there are cores. Changes the speed only.
+    """
+
+    trials: int = TRIALS
+    seed: int = 0
+    workers: int | None = None
+
+
+class Priced(NamedTuple):
+    """A policy with the cheapest rule of a kind.
+
+    Attributes:
+        policy: Its name.
+        kind: Of the rule.
+        rule: Threshold or number of taps; empty where nothing is chosen.
+        judged: Mean cost that made it the cheapest, which it flatters where costs are drawn.
+        each: Cost of each of the trials that price it, the same for all policies, shape (trials,); an exact cost is
+            alone.
+    """
+
+    policy: str
+    kind: str
+    rule: str
+    judged: float
+    each: Floats
+
+    @property
+    def cost(self) -> float:
+        """The mean cost."""
+        return float(self.each.mean())
+
+
+class Regrets(NamedTuple):
+    """What policies cost in a case at one cost of taps.
+
+    Attributes:
+        world: The case.
+        problem: With the costs.
+        bounds: Costs that no strategy stays below, the largest first: that of the exact rule, or bounds by name.
+        best: What the cost of the exact rule is made of; `None` where it is not known.
+        prices: Of every policy with every kind of rule.
+    """
+
+    world: World
+    problem: RiskProblem
+    bounds: Mapping[str, float]
+    best: Cost | None
+    prices: tuple[Priced, ...]
+
+    @property
+    def least(self) -> float:
+        """What costs are held against."""
+        return next(iter(self.bounds.values()))
+
+    @property
+    def cheapest(self) -> Priced:
+        """What the trials that chose the rules choose among all."""
+        return min(self.prices, key=lambda price: price.judged)
+
+    def equals(self, price: Priced) -> bool:
+        """Whether a price is that of the cheapest, in every trial, but for what no table shows."""
+        return bool(np.abs(price.each - self.cheapest.each).max() < _ALIKE)
+
+
+def regret_study(settings: RegretSettings, progress: Progress) -> list[Regrets]:
+    """All cases at all costs of taps.
+
+    Args:
+        settings: What to do.
+        progress: Told of the stage.
+
+    Raises:
+        InputError: There are too few trials.
+    """
+    if settings.trials < _FEWEST_TRIALS:
+        raise InputError(f"Regret needs {_FEWEST_TRIALS} trials or more, got {settings.trials}.")
+    workers = cores(settings.workers)
+    with one_blas_thread():
+        *small, large = in_order([partial(world, case) for case in (*SMALL, LARGE)], workers)
+        tasks = len(TAP_COSTS) * sum(len(policies(one)) for one in small)
+        tasks += len(policies(large)) * len(_parts(settings.trials))
+        advance = progress("regret", tasks)
+        found = [exact_regrets(one, cost, workers, advance) for one in small for cost in TAP_COSTS]
+        return found + drawn_regrets(large, settings.trials, settings.seed, workers, advance)
+
+
+def exact_regrets(world: World, tap_cost: float, workers: int, advance: Callable[[int], None]) -> Regrets:
+    """Every policy with every kind of rule, and the exact rule."""
+    problem = problem_of(world, tap_cost)
+    tasks = [partial(exact_prices, world, problem, name, advance) for name in policies(world)]
+    prices = tuple(price for of in in_order(tasks, workers) for price in of)
+    rule = exact_rule(problem)
+    return Regrets(world, problem, {"exact": rule.value}, expected_cost(problem, rule), prices)
+
+
+def exact_prices(world: World, problem: RiskProblem, name: str, advance: Callable[[int], None]) -> list[Priced]:
+    """One policy with every kind of rule, exact."""
+    policy, chances = policy_of(name, world, problem)
+    costs: dict[str, list[Priced]] = {}
+    for kind, label, rule in rules(world, problem):
+        cost = expected_cost(problem, course(policy, rule, watch_of(problem)), chances).total
+        costs.setdefault(kind, []).append(Priced(name, kind, label, cost, np.array([cost])))
+    advance(1)
+    return _cheapest_rules(costs)
+
+
+def _cheapest_rules(prices: Mapping[str, Sequence[Priced]]) -> list[Priced]:
+    return [min(of, key=lambda price: price.judged) for of in prices.values()]
+
+
+def drawn_regrets(world: World, trials: int, seed: int, workers: int, advance: Callable[[int], None]) -> list[Regrets]:
+    """Every policy with every kind of rule at each cost of taps, on drawn trials, the same for all."""
+    problems = [problem_of(world, cost) for cost in TAP_COSTS]
+    names, parts = policies(world), _parts(trials)
+    tasks = [partial(drawn_costs, world, name, part, seed, advance) for name in names for part in parts]
+    prices: list[list[Priced]] = [[] for _ in problems]
+    for name, of in zip(names, batched(in_order(tasks, workers), len(parts)), strict=True):
+        for number, costs in enumerate(zip(*of, strict=True)):
+            prices[number] += drawn_prices(world, problems[number], name, np.concatenate(costs, axis=1))
+    bounds = in_order([partial(lower_bounds, problem) for problem in problems], workers)
+    return [
+        Regrets(world, problem, bound, None, tuple(of))
+        for problem, bound, of in zip(problems, bounds, prices, strict=True)
+    ]
+
+
+def _parts(trials: int) -> list[range]:
+    return [range(start, min(start + _AT_ONCE, trials)) for start in range(0, trials, _AT_ONCE)]
+
+
+def drawn_costs(world: World, name: str, part: range, seed: int, advance: Callable[[int], None]) -> list[Floats]:
+    """What trials of one policy cost under each of `rules`, shape (rules, trials) for each of `TAP_COSTS`."""
+    problems = [problem_of(world, cost) for cost in TAP_COSTS]
+    first = problems[0]  # no policy minds what a tap costs
+    table, watch = world.symbols.table, watch_of(first)
+    plan = plan_trials(table.pool, len(part), seed, first_stream=part.start)
+    move, _ = policy_of(name, world, first)
+    record = play(table, plan, move, border="clamp", deadline=first.most_taps, seed=seed, watch=watch)
+    advance(1)
+    return [
+        np.array([trial_costs(problem, record, rule) for *_, rule in rules(world, problem)]) for problem in problems
+    ]
+
+
+def trial_costs(problem: RiskProblem, record: Record, rule: StopRule) -> Floats:
+    """What each recorded trial costs under a rule, shape (n,); one decides for the object of least expected loss.
+
+    As beliefs are right here, the expected loss stands for the one that is met, and varies less.
+    """
+    found = stops(rule, record)
+    last = np.arange(len(found.taps)), found.taps - 1
+    loss = (record.what_marginal[last] @ problem.loss.T).min(axis=1)
+    return loss + problem.tap_cost * found.taps + problem.class_cost * record.travelled[last]
+
+
+def drawn_prices(world: World, problem: RiskProblem, name: str, costs: Floats) -> list[Priced]:
+    """One policy with every kind of rule, from what trials cost under each of `rules`, shape (rules, trials).
+
+    Half of the trials choose the rule of a kind, the others price it.
+    """
+    found: dict[str, list[Priced]] = {}
+    for (kind, label, _), each in zip(rules(world, problem), costs, strict=True):
+        chosen_by, priced_by = np.array_split(each, 2)
+        found.setdefault(kind, []).append(Priced(name, kind, label, float(chosen_by.mean()), priced_by))
+    return _cheapest_rules(found)
+
+
+def lower_bounds(problem: RiskProblem) -> dict[str, float]:
+    """Costs that no strategy stays below, by what becomes known to it."""
+    depths = {"the place known after two taps": 2, "the place known after one": 1}
+    bounds = {name: known_place_bound(problem, depth, _GRID_STEPS) for name, depth in depths.items()}
+    return bounds | {"QMDP or the fast informed bound after two": alpha_cost_bound(problem, qmdp(problem), 2)}

@@ -1,0 +1,179 @@
+"""What strategies cost more than need be, in numbers and sentences for page and document."""
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.stats import norm
+
+from ...inference.exact_cost import Cost
+from ...inference.strategies import parse_strategy
+from ..page.page import interval, percent
+from ..sensitivity.findings import listed
+from ..stats.metrics import CONFIDENCE
+from .regret import Priced, Regrets, RegretSettings
+from .regret_cases import KINDS, THRESHOLD, WAY_COST
+
+NEAR = 0.05
+"""Of the least cost, within which a strategy is named as near it."""
+RULES = (
+    f"A millimetre of error costs 1, one of way {WAY_COST:g}, taps as said; the first tap is always made, and who "
+    "stops decides for the rod of least expected error; nobody gives up. Taps are symbols of a right model; the border "
+    "is clamp.",
+    '"Best theta" and "best number" are the threshold and the number of taps, in brackets, that are cheapest for that '
+    "strategy; lookahead and MSPRT are as they come. Where costs are drawn, half of the trials choose thresholds, "
+    "numbers and the strategy in bold, and the other half price them, the same trials for all; errors are those "
+    "expected under the beliefs, which are right here. Intervals are 95 %, normal, over trials.",
+    '"Risk" moves to where the expected error of a decision after one more tap and the cost of the way are least '
+    "together. Two taps ahead take all first taps in the small cases, in the larger one they draw "
+    f"{parse_strategy('two-taps').number:g}; fixation:0.8 aims for the middle, the lower one of two places.",
+)
+
+
+def summarise_regret(found: Sequence[Regrets], settings: RegretSettings) -> dict[str, Any]:
+    """What `strategies.json` holds of it.
+
+    Args:
+        found: All cases at all costs of taps.
+        settings: What was asked for.
+    """
+    cases = [_case(one) for one in found]
+    return {
+        "trials": settings.trials,
+        "seed": settings.seed,
+        "way_cost": WAY_COST,
+        "kinds": list(KINDS),
+        "rules": list(RULES),
+        "cases": cases,
+        "findings": findings(cases),
+    }
+
+
+def _case(found: Regrets) -> dict[str, Any]:
+    grid, case = found.world.model.grid, found.world.case
+    rows = [_row(price, found) for price in found.prices]
+    sizes = np.asarray(grid.what_value).tolist()
+    summary: dict[str, Any] = {
+        "name": f"{grid.L} places, rods {', '.join(f'{size:g}' for size in sizes)} mm",
+        "exact": case.exact,
+        "places": grid.where_value.tolist(),
+        "rods": sizes,
+        "tap_cost": found.problem.tap_cost,
+        "bounds": dict(found.bounds),
+        "described": described(found),
+        "caption": _caption(found),
+        "prices": rows,
+        "strategies": list(dict.fromkeys(price.policy for price in found.prices)),
+    }
+    said = _bounded(found, rows) if found.best is None else _exactly(found, found.best, rows)
+    return summary | {"said": said}
+
+
+def _caption(found: Regrets) -> str:
+    """Of the table."""
+    if found.world.case.exact:
+        return "Cost above the exact rule (mm), exact"
+    return f"Cost above the bound (mm), {len(found.prices[0].each):,} trials each"
+
+
+def _row(price: Priced, found: Regrets) -> dict[str, Any]:
+    """A price, its regret and by how much it is more than that of the cheapest, with 95 % intervals."""
+    regret = _mean(price.each - found.least, "regret")
+    shown = f"{regret['regret']:.4f}" if found.world.case.exact else interval(regret, "regret")
+    return {
+        "strategy": price.policy,
+        "kind": price.kind,
+        "rule": price.rule,
+        "cost": price.cost,
+        "best": found.equals(price),
+        "shown": f"{shown} ({price.rule})" if price.rule else shown,
+        **regret,
+        **_mean(price.each - found.cheapest.each, "more"),
+    }
+
+
+def _mean(each: NDArray[np.float64], name: str) -> dict[str, float | None]:
+    """A mean with its 95 % interval under names that pages know; of a single number it has none."""
+    mean = round(float(each.mean()), 9) + 0.0  # no rounding errors and no negative zero
+    if len(each) < 2:
+        return {name: mean, f"{name}_low": None, f"{name}_high": None}
+    half = float(norm.ppf((1 + CONFIDENCE) / 2) * each.std(ddof=1) / np.sqrt(len(each)))
+    return {name: mean, f"{name}_low": mean - half, f"{name}_high": mean + half}
+
+
+def described(found: Regrets) -> str:
+    """A case in a sentence without its end."""
+    case, grid = found.world.case, found.world.model.grid
+    rods = ", ".join(f"{size:g}" for size in np.asarray(grid.what_value))
+    return (
+        f"{grid.L} places {np.diff(grid.where_value).mean():g} mm apart, rods of {rods} mm, {case.samples} "
+        f"sample{'s' if case.samples > 1 else ''} per tap, {found.world.symbols.channel.shape[2]} symbols that keep "
+        f"{percent(found.world.symbols.kept)} of what a tap tells, {case.taps} taps at most; a tap costs "
+        f"{found.problem.tap_cost:g} mm"
+    )
+
+
+def _exactly(found: Regrets, best: Cost, rows: Sequence[Mapping[str, Any]]) -> str:
+    """What the exact rule costs, and how near one comes to it."""
+    alike = [row for row in rows if row["best"]]
+    names = listed([row["strategy"] for row in alike if row["kind"] == alike[0]["kind"]])
+    way = best.steps * found.problem.class_cost / WAY_COST
+    return (
+        f"The exact rule costs {found.least:.4f} mm: errors of {best.loss:.3f} mm, {best.taps:.2f} taps, {way:.2f} mm "
+        f"of way. The cheapest, {names} with {alike[0]['kind']}, cost{'' if len(alike) > 1 else 's'} "
+        f"{alike[0]['regret']:.4f} mm or {percent(alike[0]['regret'] / found.least)} more."
+    )
+
+
+def _bounded(found: Regrets, rows: Sequence[Mapping[str, Any]]) -> str:
+    """The bounds, the gap to the cheapest, and what may be as cheap."""
+    best = next(row for row in rows if row["best"])
+    (name, least), *weaker = found.bounds.items()
+    also = ", ".join(f"{bound:.4f} with {words}" for words, bound in weaker)
+    rivals = [row for row in rows if row["kind"] == best["kind"] and not row["best"]]
+    alike = [row["strategy"] for row in rivals if row["more_low"] <= 0]
+    return (
+        f"No strategy costs less than {least:.4f} mm, the bound with {name} ({also}). "
+        f"The cheapest, {_named(best)}, costs {interval(best, 'regret')} mm or {percent(best['regret'] / least)} more, "
+        f"which is the most that any strategy could save. With {best['kind']} all others cost still more"
+        f"{' but ' + listed(alike) if alike else ''}, by paired 95 % intervals of their own."
+    )
+
+
+def findings(cases: Sequence[Mapping[str, Any]]) -> list[str]:
+    """What all cases say together."""
+    small = [case for case in cases if case["exact"]]
+    said = []
+    if small:
+        near = [name for name in small[0]["strategies"] if all(_near(case, name) for case in small)]
+        said.append(
+            f"Regret where the exact rule is known: with the best threshold {listed(near) or 'no strategy'} cost at "
+            f"most {percent(NEAR)} more than it in every case."
+        )
+    gaps = [_gap(case) for case in cases if not case["exact"]]
+    if gaps:
+        said.append(f"Regret where only a bound is known: {'; '.join(gaps)}. No strategy could save more than that.")
+    return said
+
+
+def _near(case: Mapping[str, Any], strategy: str) -> bool:
+    """Whether a strategy with the best threshold costs little more than the exact rule."""
+    row = next(row for row in case["prices"] if (row["strategy"], row["kind"]) == (strategy, THRESHOLD))
+    return row["regret"] <= NEAR * _least(case)
+
+
+def _gap(case: Mapping[str, Any]) -> str:
+    best = next(row for row in case["prices"] if row["best"])
+    return (
+        f"at {case['tap_cost']:g} mm a tap {_named(best)} costs {interval(best, 'regret')} mm above it, "
+        f"{percent(best['regret'] / _least(case))}"
+    )
+
+
+def _least(case: Mapping[str, Any]) -> float:
+    return max(case["bounds"].values())
+
+
+def _named(row: Mapping[str, Any]) -> str:
+    return f"{row['strategy']} with {row['kind']}"

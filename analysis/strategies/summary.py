@@ -1,0 +1,223 @@
+"""A comparison of strategies in numbers and sentences: `strategies.json`, from which page and document are made."""
+
+import platform
+from collections.abc import Mapping, Sequence
+from importlib.metadata import version
+from typing import Any
+
+import numpy as np
+
+from ...inference.control import default_fixation
+from ..experiment.study import SHOWN_THETA
+from ..page.figure_style import short_unit
+from ..page.headline import STORED_ONLY
+from ..sensitivity.summary import as_factor, as_numbers
+from ..stats.effects import Interval, Means, interval, jackknife
+from .curves import AT_TAPS, QUANTITIES, at_taps, curve, differences, quantities
+from .findings import FIXED, LOOK, PAPER, RULES, TAPS, findings, source_findings
+from .run import BASE, Played, StrategySettings, StrategyStudy
+from .words import RULE_WORDS, STRATEGY_WORDS
+
+_GIVEN_UP, _WRONG = QUANTITIES.index("given_up"), QUANTITIES.index("wrong")
+_AMOUNT, _SHARE = (0.0, np.inf), (0.0, 1.0)
+_LIMITS = {
+    **dict.fromkeys(("what_error", "where_error", "taps", "way", "expected"), _AMOUNT),
+    **dict.fromkeys(("wrong", "given_up", "unstopped"), _SHARE),
+}
+_ALIKE = 1e-12  # width of an interval that rounding leaves
+_PACKAGES = ("solidtouch", "numpy", "scipy", "numba", "xarray", "matplotlib")
+
+
+def summarise(
+    studies: Sequence[StrategyStudy],
+    settings: StrategySettings,
+    described: Mapping[str, Any],
+    regret: Mapping[str, Any] | None = None,
+) -> dict[str, Any]:
+    """What `strategies.json` holds.
+
+    Args:
+        studies: One for each kind of data.
+        settings: What was asked for.
+        described: `title` and `command`.
+        regret: See `regret_summary.summarise_regret`; `None` where it was not asked for.
+    """
+    sources = [summarise_source(one) for one in studies]
+    return {
+        **described,
+        "versions": {"python": platform.python_version()} | {name: version(name) for name in _PACKAGES},
+        "seed": settings.seed,
+        "trials": settings.trials,
+        "deadline": settings.deadline,
+        "pool": settings.pool,
+        "theta": SHOWN_THETA,
+        "look": LOOK,
+        "rules": rules(settings),
+        "strategy_words": STRATEGY_WORDS,
+        "rule_words": {name.replace(" N ", f" {settings.deadline // 2} "): text for name, text in RULE_WORDS.items()},
+        "sources": sources,
+        "regret": regret,
+        "findings": [*findings(sources), *(regret["findings"] if regret else ())],
+    }
+
+
+def rules(settings: StrategySettings) -> list[str]:
+    """How it is compared, in sentences."""
+    return [
+        f"All strategies start from the same places and objects with the same random numbers. Trials have "
+        f"{settings.deadline} taps; what has not stopped by then takes the most probable classes. Errors are of the "
+        "trials that answer, taps and way of all; those that gave up have a column of their own.",
+        STORED_ONLY,
+        "Strategies that look ahead enumerate training taps, evenly chosen of all classes, "
+        f"about {settings.pool} of them; they never see a test tap. Two taps ahead look at the "
+        "three places that are best one tap ahead, draw eight first taps, and aim for every third place with the "
+        "second.",
+        f"Equal taps are mean numbers of taps along the curve of a stopping rule, between its levels by interpolation. "
+        f'Differences are those to the strategy "{BASE}" on the same trials, below zero where it is beaten.',
+        "Intervals in brackets are 95 % each, t-intervals over units, cut where errors, ways and shares end; a number "
+        "without brackets has none, as its units are too few or all alike. A dash says that the curve does not come to "
+        "so many taps. Sure is what holds for all strategies and numbers of taps of a table together with 95 % "
+        "(Bonferroni); of many tables one may still be wrong.",
+        f"Miscalibration is P(wrong object) over the mean of 1 - belief after {LOOK} taps, 1 where beliefs are right. "
+        "Promised is the information about the object that strategies expect of the taps behind the first, as they "
+        "compute it; told is by how much the log belief in the true object really grew, in nats. Taps that are typical "
+        "of their class are frequent among training taps and count twice, so less is promised than told even where the "
+        "model is right, and least where objects differ most: what counts is the difference to the fixation point, and "
+        "how much larger it is than for a right model.",
+    ]
+
+
+def summarise_source(study: StrategyStudy) -> dict[str, Any]:
+    """What came out for one kind of data."""
+    bench, grid = study.bench, study.bench.grid
+    powers = [_power(one, first=i == 0) for i, one in enumerate(study.played)]
+    summary = {
+        "name": bench.name,
+        "simulated": bench.simulated,
+        "units": bench.units,
+        "grid": {"L": grid.L, "M": grid.M, "where_value": grid.where_value.tolist(), "where_unit": grid.where_unit},
+        "what_unit": grid.what_error_unit,
+        "where_unit": short_unit(grid.where_unit),
+        "border": bench.border,
+        "fixation": default_fixation(grid.L),
+        "strategies": powers[0]["strategies"],
+        "powers": powers,
+        "paths": {name: path.tolist() for name, path in study.played[0].paths.items()},
+    }
+    return summary | {"findings": source_findings(summary)}
+
+
+def _power(played: Played, *, first: bool) -> dict[str, Any]:
+    """One root of the likelihood; only the first has the curves of all rules."""
+    strategies = list(played.nats)
+    shown = [family for family in played.families if first or family.name in RULES]
+    return {
+        "power": played.power,
+        "exponent": played.exponents,
+        "strategies": strategies,
+        "families": [{"name": family.name, "parameter": family.parameter} for family in shown],
+        "curves": {
+            family.name: {name: _curve(played.means[name, family.name], family.levels) for name in strategies}
+            for family in shown
+        },
+        "shown": _shown(played) if first else [],
+        "equal": {family: _equal(played, family, strategies) for family in RULES},
+        "rules": _rules(played) if first else [],
+        "trust": [_trust(played, name) for name in strategies],
+    }
+
+
+def _shown(played: Played) -> list[dict[str, Any]]:
+    """Taps and way of each strategy at the shown threshold less those of the fixation point, paired."""
+    levels = next(family.levels for family in played.families if family.name == PAPER)
+    at = int(np.argmin(np.abs(np.array(levels) - SHOWN_THETA)))
+    base, rows = played.means[BASE, PAPER][:, at], []
+    for name in played.nats:
+        values, errors = jackknife(
+            [played.means[name, PAPER][:, at], base], lambda new, old: quantities(new) - quantities(old)
+        )
+        row: dict[str, Any] = {"strategy": name}
+        for quantity in ("taps", "way"):
+            i = QUANTITIES.index(quantity)
+            row |= _numbers(interval(values[i], errors[i], len(base), 1), f"{quantity}_difference")
+        rows.append(row)
+    return rows
+
+
+def _numbers(value: Interval, name: str) -> dict[str, float | None]:
+    """The numbers of an interval, cut where the quantity ends; no interval where all units are alike."""
+    low, high = _LIMITS.get(name, (-np.inf, np.inf))
+    if value.high - value.low <= _ALIKE:
+        value = Interval(value.value, *[np.nan] * 4)
+    return as_numbers(Interval(value.value, *(float(np.clip(end, low, high)) for end in value[1:])), name)
+
+
+def _curve(means: Means, levels: Sequence[float]) -> list[dict[str, float | None]]:
+    """`QUANTITIES` at every level, each with its 95 % interval."""
+    rows = []
+    for level, row in zip(levels, curve(means), strict=True):
+        point: dict[str, float | None] = {"level": float(level)}
+        for quantity, value in zip(QUANTITIES, row, strict=True):
+            numbers = _numbers(value, quantity)
+            point |= {f"{quantity}{end}": numbers[f"{quantity}{end}"] for end in ("", "_low", "_high")}
+        rows.append(point)
+    return rows
+
+
+def _equal(played: Played, family: str, strategies: Sequence[str]) -> list[dict[str, Any]]:
+    """Each strategy at equal taps, and by how much it differs from the fixation point."""
+    base = played.means[BASE, family]
+    count = max(1, len(strategies) - 1) * len(TAPS)
+    return [
+        {"strategy": name, **row} for name in strategies for row in _against(played.means[name, family], base, count)
+    ]
+
+
+def _rules(played: Played) -> list[dict[str, Any]]:
+    """Stopping rules with the fixation point, held against the paper's at equal mean numbers of taps."""
+    base = played.means[BASE, PAPER]
+    count = (len(played.families) - 1) * len(TAPS)
+    return [
+        {"rule": family.name, **row}
+        for family in played.families
+        for row in _against(played.means[BASE, family.name], base, count)
+    ]
+
+
+def _against(means: Means, base: Means, count: int) -> list[dict[str, Any]]:
+    """`AT_TAPS` of a curve at `TAPS`, and what they differ from those of another."""
+    values, errors = jackknife([means], lambda mean: at_taps(mean, TAPS))
+    changes = differences(means, base, TAPS, count)
+    rows = []
+    for i, taps in enumerate(TAPS):
+        row: dict[str, Any] = {"taps": taps}
+        for j, quantity in enumerate(AT_TAPS):
+            row |= _numbers(interval(values[i, j], errors[i, j], len(means), 1), quantity)
+            row |= _numbers(changes[i][j], f"{quantity}_difference")
+        rows.append(row)
+    return rows
+
+
+def _trust(played: Played, name: str) -> dict[str, Any]:
+    """Miscalibration, gain over the fixation point and what taps were expected to tell, after `LOOK` taps."""
+    levels = next(family.levels for family in played.families if family.name == FIXED)
+    at = levels.index(LOOK)
+    means, base = (played.means[one, FIXED][:, at] for one in (name, BASE))
+    nats, base_nats = (played.nats[one][:, LOOK - 1] for one in (name, BASE))
+    n = len(means)
+
+    def statistic(new: Means, old: Means, told: Means, told_base: Means) -> np.ndarray:
+        found, before = quantities(new), quantities(old)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            factors = np.log([found[-1], before[-1]])
+        excess, base_excess = told[0] - told[1], told_base[0] - told_base[1]
+        gain = before[_WRONG] - found[_WRONG]
+        return np.array([*factors, factors[0] - factors[1], gain, *told, excess, base_excess, excess - base_excess])
+
+    values, errors = jackknife([means, base, nats, base_nats], statistic)
+    row: dict[str, Any] = {"strategy": name, "given_up": float(quantities(means.mean(axis=0))[_GIVEN_UP])}
+    names = ("factor", "base_factor", "factor_ratio", "gain", "expected", "told", "excess", "base_excess")
+    for key, value, error in zip((*names, "excess_difference"), values, errors, strict=True):
+        found = interval(value, error, n, 1)
+        row |= _numbers(as_factor(found) if "factor" in key else found, key)
+    return row

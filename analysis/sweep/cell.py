@@ -1,0 +1,137 @@
+"""The work of a sweep: one cell from its data set to means over trials."""
+
+import hashlib
+import time
+import traceback
+from collections.abc import Callable, Generator, Iterator
+from functools import lru_cache, partial
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...inference.control import MovePolicy, check_fixation
+from ...inference.control_information import training_outcomes
+from ...inference.information import TapOutcomes
+from ...inference.lockstep_tally import tally_policy
+from ...inference.strategies import make_policy, parse_strategy
+from ...inference.table_learning import held_out_tables, learn_table
+from ...inference.tally import Tally, tally_trials
+from ...inference.trial_plan import TapTable, tap_table
+from ...models.seeds import Purpose, derived_seed
+from ..stats.resampled_units import resampled_table
+from ..trials.tallied import tally_means
+from .cells import Cell, Effort
+from .data import DataSet
+from .models import FitSettings, fit_cell
+
+if TYPE_CHECKING:
+    from ...models.model import TapModel
+
+_TABLES = 4
+
+
+class Outcome(NamedTuple):
+    """What became of a cell.
+
+    Attributes:
+        number: The cell.
+        values: Results by name, shapes (H,); nothing where it failed.
+        seconds: How long it took.
+        traceback: Why it failed.
+    """
+
+    number: int
+    values: dict[str, NDArray[np.float64]]
+    seconds: float
+    traceback: str = ""
+
+
+type Load = Callable[[str], DataSet]
+"""Gives a data set by name."""
+
+type Runner = Callable[[Iterator[Cell], Effort, Load], Generator[Outcome]]
+"""Runs cells, neighbours of which share data sets and fits, in any order and places, and yields outcomes as they come;
+closing it stops everything."""
+
+
+def try_cell(cell: Cell, effort: Effort, data: DataSet) -> Outcome:
+    """The outcome of a cell, whatever it raises."""
+    began = time.perf_counter()
+    try:
+        values, failure = run_cell(cell, effort, data), ""
+    except Exception:  # a cell that fails must not end the others
+        values, failure = {}, traceback.format_exc()
+    return Outcome(cell.number, values, time.perf_counter() - began, failure)
+
+
+def run_cell(cell: Cell, effort: Effort, data: DataSet) -> dict[str, NDArray[np.float64]]:
+    """Fits the cell's model, plays its trials and takes means over them.
+
+    Args:
+        cell: Which one.
+        effort: Trials, thresholds and deadline.
+        data: The cell's data set.
+
+    Returns:
+        Those of `tally_means` and `trials`, shape (H,) each.
+
+    Raises:
+        InputError: The settings do not go with the data.
+    """
+    counts = _counts(cell, effort, data)
+    means = tally_means(counts, data.grid)
+    return {**means, "trials": np.full_like(means["taps"], counts.trials)}
+
+
+def _counts(cell: Cell, effort: Effort, data: DataSet) -> Tally:
+    """Trials of a cell, compiled where their strategy is."""
+    table = resampled_table(_table(data, cell.fit_settings), cell.resample, _seed_of(cell.data, 0))
+    trials = effort.thresholds, effort.trials
+    common: dict[str, Any] = {"border": cell.border, "deadline": effort.deadline, "seed": _trial_seed(cell)}
+    theta_x = cell.theta_x
+    if theta_x is None:
+        return tally_policy(table, *trials, _policy(cell, data), **common)
+    point = check_fixation(cell.fixation, data.grid.L)
+    return tally_trials(table, *trials, theta_x=theta_x, fixation=point, workers=1, **common)
+
+
+def _policy(cell: Cell, data: DataSet) -> MovePolicy:
+    """The strategy of a cell; what it learns from are the training taps."""
+    strategy = parse_strategy(cell.strategy)
+    outcomes = _outcomes(data, cell.fit_settings) if strategy.needs_outcomes else None
+    targets = None
+    if strategy.kind == "table":
+        fitted = partial(fit_cell, settings=cell.fit_settings)
+        tables = held_out_tables(data.fold.train, data.grid, fitted)
+        targets = learn_table(tables, data.grid, border=cell.border, seed=_seed_of(cell.data, cell.seed))
+    return make_policy(cell.strategy, data.grid, border=cell.border, outcomes=outcomes, table=targets)
+
+
+@lru_cache(maxsize=_TABLES)
+def _model(data: DataSet, settings: FitSettings) -> "TapModel":
+    """The fitted model that cells with the same data and fit share."""
+    return fit_cell(data.fold.train, data.grid, settings)
+
+
+@lru_cache(maxsize=_TABLES)
+def _table(data: DataSet, settings: FitSettings) -> TapTable:
+    """The likelihoods that cells with the same data and fit share."""
+    model = _model(data, settings)
+    return tap_table(model, model.usable(data.fold.test))
+
+
+@lru_cache(maxsize=_TABLES)
+def _outcomes(data: DataSet, settings: FitSettings) -> TapOutcomes:
+    """The training taps that such cells look ahead to."""
+    return training_outcomes(_model(data, settings), data.fold.train)
+
+
+def _trial_seed(cell: Cell) -> int:
+    """Of the cell's trials: data sets and resamples must not share random numbers, all other cells of one seed do."""
+    return _seed_of(cell.data, cell.seed, *([cell.resample] if cell.resample else []))
+
+
+def _seed_of(data: str, seed: int, *further: int) -> int:
+    name = hashlib.sha256(data.encode()).digest()
+    return derived_seed(seed, Purpose.CELL, *(int.from_bytes(name[i : i + 4], "little") for i in (0, 4)), *further)

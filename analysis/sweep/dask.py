@@ -1,0 +1,223 @@
+"""Runs the cells of a sweep on a Dask cluster.
+
+The scheduler holds few batches at a time, whatever the size of the study, and sees to workers that die. When it dies
+itself, its successor at the same address is given what was not finished. A data set goes to the scheduler once and
+from there to the workers that need it.
+"""
+
+import logging
+import time
+from collections.abc import Callable, Generator, Iterator
+from concurrent.futures import CancelledError
+from contextlib import contextmanager, suppress
+from queue import Empty, SimpleQueue
+from typing import Any
+from uuid import uuid4
+
+from dask import config
+from distributed import Client, Future, KilledWorker, get_worker
+
+from ...models.errors import InputError
+from .batches import Batch, CellQueue
+from .cell import Load, Outcome, Runner, try_cell
+from .cells import Cell, Effort
+from .code import code, differences
+from .data import DataSet
+
+_SECONDS_PER_THREAD = 0.01  # batches that take this long for each thread of the cluster come back 100 times a second
+_LEAST_S = 0.5
+_LOOK_S = 1.0
+_ANSWER_S = 30.0
+
+
+class WrongCode(Exception):
+    """A worker runs other software than the client."""
+
+
+class _Lost(Exception):
+    """The scheduler is gone, or has forgotten what it was told."""
+
+
+def on_cluster(address: str, patience_s: float, note: Callable[[str], None]) -> Runner:
+    """A runner on the Dask scheduler at this address.
+
+    Args:
+        address: Such as `tcp://10.0.0.1:8786`.
+        patience_s: Time in seconds to wait for a scheduler and a worker, at the start and whenever they are lost.
+        note: Told in a sentence when they are.
+
+    Raises:
+        InputError: There is no scheduler or no worker in that time, or a worker runs other software.
+    """
+    # What these libraries log about a lost connection is pages long; `note` says it in a sentence.
+    for library in ("distributed", "tornado", "asyncio"):
+        logging.getLogger(library).setLevel(logging.CRITICAL)
+
+    def run(cells: Iterator[Cell], effort: Effort, load: Load) -> Generator[Outcome]:
+        queue = CellQueue(cells, _LEAST_S)
+        while queue:
+            with _connected(address, patience_s) as client:
+                try:
+                    yield from _Session(client, queue, effort, load).outcomes()
+                except _Lost:
+                    note(f"The connection to the scheduler at {address} is lost; waiting for it to come back.")
+
+    return run
+
+
+@contextmanager
+def _connected(address: str, patience_s: float) -> Iterator[Client]:
+    """A client of a scheduler with workers of the same software."""
+    deadline = time.monotonic() + patience_s
+    client = _client(address, deadline, patience_s)
+    try:
+        _await_worker(client, address, deadline, patience_s)
+        yield client
+    finally:
+        with suppress(Exception):  # a scheduler that is gone cannot be told goodbye
+            client.close(timeout=2)
+
+
+def _client(address: str, deadline: float, patience_s: float) -> Client:
+    while True:
+        left = deadline - time.monotonic()
+        try:
+            return Client(address, timeout=max(min(left, 5.0), 0.1), set_as_default=False)
+        except (OSError, ValueError) as error:
+            if isinstance(error, ValueError) or time.monotonic() > deadline:
+                raise InputError(f"There is no Dask scheduler at {address} after {patience_s:g} s.") from error
+            time.sleep(0.2)
+
+
+def _await_worker(client: Client, address: str, deadline: float, patience_s: float) -> None:
+    try:
+        client.wait_for_workers(1, timeout=max(deadline - time.monotonic(), 0.1))
+        found: Any = client.run(code, on_error="return")
+    except (TimeoutError, OSError, CancelledError) as error:
+        raise InputError(f"The scheduler at {address} has no worker after {patience_s:g} s.") from error
+    for worker, theirs in found.items():
+        _check(worker, code(), theirs)
+
+
+def _check(worker: str, expected: dict[str, str], found: Any) -> None:
+    """Refuses a worker with other software.
+
+    Raises:
+        InputError: The sentence says which worker and what.
+    """
+    if isinstance(found, BaseException):
+        raise InputError(f"The worker {worker} cannot run this solidtouch: {type(found).__name__}: {found}") from found
+    if different := differences(expected, found):
+        raise InputError(f"The worker {worker} runs other software than this client: {', '.join(different)}.")
+
+
+class _Session:
+    """What a scheduler has been given, until all is done or it is lost.
+
+    Args:
+        client: Of the scheduler.
+        queue: Cells to do.
+        effort: The same in every cell.
+        load: Gives a data set by name.
+    """
+
+    def __init__(self, client: Client, queue: CellQueue, effort: Effort, load: Load) -> None:
+        self._client = client
+        self._queue = queue
+        self._effort = effort
+        self._load = load
+        self._name = uuid4().hex[:8]
+        self._submitted = 0
+        self._out: dict[Future, Batch] = {}
+        self._data: dict[str, Future] = {}
+        self._ended: SimpleQueue[Future] = SimpleQueue()
+        self._looked = -_LOOK_S
+        self._limit = 0
+
+    def outcomes(self) -> Iterator[Outcome]:
+        """Cells as they finish.
+
+        Raises:
+            _Lost: The scheduler has to be found anew; what it had goes back to the queue.
+            InputError: A worker runs other software.
+        """
+        try:
+            while self._queue or self._out:
+                self._fill()
+                try:
+                    future = self._ended.get(timeout=_LOOK_S)
+                except Empty:
+                    continue
+                yield from self._received(future, self._out.pop(future))
+        except (OSError, CancelledError, TimeoutError) as error:
+            raise _Lost from error
+        finally:
+            for batch in self._out.values():
+                self._queue.lost(batch)
+            with suppress(Exception):
+                self._client.cancel([*self._out, *self._data.values()], force=True)
+
+    def _fill(self) -> None:
+        """Keeps the workers in work."""
+        if time.monotonic() - self._looked > _LOOK_S:
+            workers: Any = self._client.nthreads()
+            threads = sum(workers.values())
+            self._looked, self._limit = time.monotonic(), 3 * threads + 2
+            self._queue.seconds = max(_LEAST_S, _SECONDS_PER_THREAD * threads)
+        while self._queue and len(self._out) < self._limit:
+            batch = self._queue.take()
+            self._submitted += 1
+            # A name for each data set lets the scheduler see its batches as one group and hand them to any worker.
+            future = self._client.submit(
+                _work,
+                self._given(batch.data),
+                batch,
+                self._effort,
+                code(),
+                key=(f"cells-{self._name}-{batch.data}", self._submitted),
+                pure=False,
+            )
+            self._out[future] = batch
+            future.add_done_callback(self._ended.put)
+
+    def _given(self, name: str) -> Future:
+        """The data set on the cluster; those no batch needs are dropped there."""
+        if name not in self._data:
+            needed = {batch.data for batch in self._out.values()}
+            self._data = {other: future for other, future in self._data.items() if other in needed}
+            # As an argument the scheduler keeps it, and can give it to another worker when one dies with it.
+            with config.set({"distributed.admin.large-graph-warning-threshold": "1TB"}):
+                self._data[name] = self._client.submit(
+                    _keep, self._load(name), key=f"data-{self._name}-{name}", pure=False
+                )
+        return self._data[name]
+
+    def _received(self, future: Future, batch: Batch) -> list[Outcome]:
+        """The outcomes of a batch that has ended one way or the other."""
+        if future.status == "finished":
+            outcomes: Any = self._client.gather(future, direct=False)
+            self._queue.finished(outcomes)
+            return outcomes
+        if future.status != "error":
+            self._queue.lost(batch)
+            raise _Lost
+        error = future.exception(timeout=_ANSWER_S)
+        if isinstance(error, WrongCode):
+            raise InputError(str(error)) from error
+        if isinstance(error, KilledWorker):
+            return self._queue.died(batch, "The workers that it ran on died; they may have run out of memory.")
+        return self._queue.died(batch, f"The worker could not run it: {type(error).__name__}: {error}.")
+
+
+def _keep(data: DataSet) -> DataSet:
+    """The data set, as a task of the cluster."""
+    return data
+
+
+def _work(data: DataSet, batch: Batch, effort: Effort, expected: dict[str, str]) -> list[Outcome]:
+    """The outcomes of a batch, on a worker."""
+    try:
+        _check(get_worker().address, expected, code())
+    except InputError as error:
+        raise WrongCode(str(error)) from error
+    return [try_cell(cell, effort, data) for cell in batch.cells]

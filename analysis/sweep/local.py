@@ -1,0 +1,157 @@
+"""Runs the cells of a sweep on this machine: in this process, or in a pool of processes that may die.
+
+Workers are fresh interpreters, so nothing of this process leaks into them; each has a pipe, holds one data set at a
+time and is sent the next when it needs it. They end with this process, however it ends.
+"""
+
+import os
+import signal
+import threading
+from collections.abc import Generator, Iterator
+from contextlib import suppress
+from multiprocessing import connection, get_context, parent_process
+from multiprocessing.connection import Connection
+
+from ...models.errors import InputError
+from .batches import Batch, CellQueue
+from .cell import Load, Outcome, Runner, try_cell
+from .cells import Cell, Effort
+from .data import DataSet
+from .threads import one_thread
+
+_BATCH_S = 0.2
+
+
+def in_this_process(cells: Iterator[Cell], effort: Effort, load: Load) -> Generator[Outcome]:
+    """Runs one cell after the other."""
+    for cell in cells:
+        yield try_cell(cell, effort, load(cell.data))
+
+
+def in_processes(workers: int) -> Runner:
+    """A runner with this many processes.
+
+    Raises:
+        InputError: A process ends before it is ready to work.
+    """
+
+    def run(cells: Iterator[Cell], effort: Effort, load: Load) -> Generator[Outcome]:
+        queue = CellQueue(cells, _BATCH_S)
+        crew: list[_Worker] = []
+        try:
+            while True:
+                if queue and len(crew) < workers:
+                    crew.append(_Worker(effort))
+                    continue
+                for worker in crew:
+                    if worker.idle and queue:
+                        worker.give(queue.take(), load)
+                if not queue and not any(worker.batch for worker in crew):
+                    return
+                for worker in _heard(crew):
+                    try:
+                        outcomes = worker.hear()
+                    except (EOFError, OSError):
+                        crew.remove(worker)
+                        outcomes = _mourn(worker, queue, alone=not any(other.ready for other in crew))
+                    else:
+                        queue.finished(outcomes)
+                    yield from outcomes
+        finally:
+            for worker in crew:
+                worker.end()
+
+    return run
+
+
+class _Worker:
+    """One process and what it is at."""
+
+    def __init__(self, effort: Effort) -> None:
+        context = get_context("spawn")
+        self.batch: Batch | None = None
+        self.ready = False
+        self._data = ""
+        self.pipe, other = context.Pipe()
+        self._process = context.Process(target=_work, args=(other, effort), daemon=True)
+        # Ctrl-C reaches every process of a terminal; what to do about it is decided here alone.
+        signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+        try:
+            with one_thread():
+                self._process.start()
+        finally:
+            signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGINT})
+            other.close()
+
+    @property
+    def idle(self) -> bool:
+        """Whether it waits for work."""
+        return self.ready and self.batch is None
+
+    def give(self, batch: Batch, load: Load) -> None:
+        """Sends a batch, and its data set where the worker holds another."""
+        data = load(batch.data) if batch.data != self._data else None
+        self.batch, self._data = batch, batch.data
+        with suppress(OSError):  # a worker that has died is noticed when nothing comes back
+            self.pipe.send((batch.cells, data))
+
+    def hear(self) -> list[Outcome]:
+        """What it has sent: that it is ready, or the outcomes of its batch.
+
+        Raises:
+            EOFError: It has died.
+            OSError: Likewise.
+        """
+        outcomes = self.pipe.recv()
+        self.ready, self.batch = True, None
+        return outcomes
+
+    def end(self) -> int | None:
+        """Ends the process, whatever it does; returns its exit code."""
+        self._process.kill()
+        self._process.join()
+        code = self._process.exitcode
+        self.pipe.close()
+        self._process.close()
+        return code
+
+
+def _heard(crew: list[_Worker]) -> list[_Worker]:
+    """Workers that have sent something or died; waits for one."""
+    pipes = connection.wait([worker.pipe for worker in crew if not worker.idle])
+    return [worker for worker in crew if worker.pipe in pipes]
+
+
+def _mourn(worker: _Worker, queue: CellQueue, *, alone: bool) -> list[Outcome]:
+    """What becomes of the work of a process that died; one that was killed while others work is replaced.
+
+    Raises:
+        InputError: It ended before it was ready, and nobody killed it or no other is ready.
+    """
+    code = worker.end()
+    killed = code is not None and code < 0
+    if not worker.ready and (alone or not killed):
+        raise InputError(f"A worker process ended before it was ready to work, exit code {code}.")
+    how = f"signal {-(code or 0)}" if killed else f"exit code {code}"
+    if worker.batch is None:
+        return []
+    return queue.died(worker.batch, f"The worker process died ({how}); the machine may have run out of memory.")
+
+
+def _work(pipe: Connection, effort: Effort) -> None:
+    """The life of a worker process."""
+    threading.Thread(target=_end_with_parent, daemon=True).start()
+    pipe.send([])
+    held: list[DataSet] = []
+    with suppress(EOFError, OSError):
+        while True:
+            cells, sent = pipe.recv()
+            held = [sent] if sent else held
+            pipe.send([try_cell(cell, effort, held[0]) for cell in cells])
+
+
+def _end_with_parent() -> None:
+    parent = parent_process()
+    if parent is not None:
+        connection.wait([parent.sentinel])
+    os._exit(1)

@@ -1,0 +1,194 @@
+"""How much counted trials depend on the test taps: the same trials on resamples of these, and trials on fresh taps.
+
+Counts of ten million trials on the same few taps have no Monte Carlo error worth naming, and still vary with the taps.
+"""
+
+from collections.abc import Callable, Mapping, Sequence
+from functools import partial
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ...inference.cut_short import Farthest, endings
+from ...inference.episode import DEADLINE
+from ...inference.montecarlo import Trials
+from ...inference.resampling import (
+    CONFIDENCE,
+    RESAMPLES,
+    Resampled,
+    Spread,
+    no_endings,
+    planned_trials,
+    play_resamples,
+    resamples_in_words,
+    spread,
+    too_few_in,
+    trial_noise,
+    widened,
+)
+from ...inference.selections import sessions_drawn
+from ...inference.tally import tally
+from ...inference.trial_plan import TapTable, TrialPlan
+from ...models.classes import ClassGrid
+from ..stats.ranges import SHARE, Range, ranges
+from .tallied import tally_means
+
+type Floats = NDArray[np.float64]
+
+SPREAD = ("what_error", "where_error", "taps", "what_wrong", "belief", "stopped_fraction", "no_class_left_fraction")
+"""What has intervals."""
+FRESH_TRIALS = 20_000
+SELECTED_TRIALS = 5000
+"""On each resample: where decisions take a tap or two, the chance of fewer trials would hide that of the taps."""
+_RANGES = dict.fromkeys(SPREAD[3:], SHARE)
+_SELDOM = ("what_error", "where_error", "taps", "what_wrong", "stopped_fraction", "no_class_left_fraction")
+
+
+class TapSpread(NamedTuple):
+    """What resampled test taps give, at H thresholds.
+
+    Attributes:
+        stored: Means of trials that draw with replacement, on the taps as they are and on resamples, shape
+            (H, 1 + 3 R), by name, see `resampling.play_resamples`.
+        fresh: Likewise of trials that draw no tap twice.
+        endings: What else their estimates might have been, shape (H,) each, see `inference.cut_short`.
+        used_up: Share of the latter that ended because all taps of a class were drawn, shape (H,).
+        spread: How resamples of trials with replacement turn into intervals.
+        fresh_spread: Likewise without.
+        few: Why intervals may be off, in a sentence; empty where they hold.
+        sentence: What intervals hold.
+        ranges: Between which values means lie, by name.
+    """
+
+    stored: dict[str, Floats]
+    fresh: dict[str, Floats]
+    endings: tuple[Mapping[str, Floats], ...]
+    used_up: Floats
+    spread: Spread
+    fresh_spread: Spread
+    few: str
+    sentence: str
+    ranges: dict[str, Range]
+
+    def intervals(self, means: Mapping[str, Floats]) -> dict[str, tuple[Floats, Floats]]:
+        """Ends of the 95 % intervals of means of trials with replacement, each of shape (H,), by name."""
+        return {
+            name: self._interval(self.spread, name, np.column_stack([means[name], samples[:, 1:]]), means["taps"])
+            for name, samples in self.stored.items()
+        }
+
+    def fresh_intervals(self) -> dict[str, tuple[Floats, Floats]]:
+        """Those of the means of trials on fresh taps."""
+        taps = self.fresh["taps"][:, 0]
+        return {
+            name: self._interval(self.fresh_spread, name, samples, taps, [one[name] for one in self.endings])
+            for name, samples in self.fresh.items()
+        }
+
+    def _interval(
+        self, how: Spread, name: str, samples: Floats, taps: Floats, ends: Sequence[Floats] = ()
+    ) -> tuple[Floats, Floats]:
+        least, most, step = self.ranges[name]
+        low, high = how.interval(samples, least, most, ends)
+        if name not in _SELDOM:
+            return low, high
+        return widened(low, high, how.center(samples), how.taps / taps, step, most, least=least)
+
+
+def tap_spread(
+    table: TapTable,
+    grid: ClassGrid,
+    thresholds: ArrayLike,
+    trials: int,
+    *,
+    deadline: int = DEADLINE,
+    progress: Callable[[int], None] | None = None,
+    **rule: Any,
+) -> TapSpread:
+    """Plays trials on resampled test taps, on the processor.
+
+    Args:
+        table: Test taps.
+        grid: The classes.
+        thresholds: theta_W, shape (H,).
+        trials: Whose means are to have intervals; on each resample as many, `SELECTED_TRIALS` at most.
+        deadline: Taps after which a trial ends.
+        progress: Told how many more trials were played; `spread_trials` says of how many.
+        rule: As for `resampling.play_resamples`: `theta_x`, `fixation`, `where`, `border`, `seed`, `workers`.
+
+    Raises:
+        InputError: An argument is out of range.
+    """
+    thresholds = np.atleast_1d(np.asarray(thresholds, dtype=np.float64))
+
+    def reduce(played: Trials, plan: TrialPlan) -> dict[str, Floats]:
+        means = tally_means(tally(played, plan, grid.shape), grid)
+        return {name: means[name] for name in SPREAD} | {"used_up": played.used_up.mean(axis=0)}
+
+    ends = partial(endings, deadline=deadline, farthest=Farthest.on(grid))
+    rule |= {"deadline": deadline, "progress": progress}
+
+    def samples(fresh: bool, number: int) -> Resampled:
+        might_be = ends if fresh else no_endings
+        return play_resamples(
+            table,
+            thresholds,
+            reduce,
+            trials=number,
+            fresh=fresh,
+            endings=might_be,
+            resample_trials=SELECTED_TRIALS,
+            **rule,
+        )
+
+    fresh_trials = min(trials, FRESH_TRIALS)
+    stored, fresh = samples(False, min(trials, SELECTED_TRIALS)), samples(True, fresh_trials)
+    used_up = fresh.samples["used_up"]
+    fresh_spread = spread(table, noise=trial_noise(fresh_trials, SELECTED_TRIALS), thinned=True)
+    return TapSpread(
+        {name: stored.samples[name] for name in SPREAD},
+        {name: fresh.samples[name] for name in SPREAD},
+        fresh.endings,
+        used_up[:, 0],
+        spread(table, noise=trial_noise(trials, SELECTED_TRIALS)),
+        fresh_spread,
+        _few(table, thresholds, fresh_spread, used_up),
+        _sentence(table),
+        _RANGES | ranges(grid, deadline),
+    )
+
+
+def spread_trials(trials: int) -> int:
+    """How many trials `tap_spread` plays."""
+    own = (min(trials, most) for most in (SELECTED_TRIALS, FRESH_TRIALS))
+    return sum(planned_trials(number, resample_trials=SELECTED_TRIALS) for number in own)
+
+
+def _few(table: TapTable, thresholds: Floats, how: Spread, used_up: Floats) -> str:
+    """The gravest sentence of `resampling.too_few`, and at which thresholds it does not hold."""
+    few = [too_few_in(table.pool, how, samples) for samples in used_up]
+    told = few[int((used_up[:, 0] + how.center(used_up)).argmax())]
+    at = [f"{theta:g}" for theta, words in zip(thresholds, few, strict=True) if words]
+    return told if len(at) in (0, len(few)) else f"{told} This concerns theta {', '.join(at)}."
+
+
+def _sentence(table: TapTable) -> str:
+    """What intervals hold, from what is drawn anew, and whether a trial mixes sessions."""
+    taps, drawn = table.pool.order, sessions_drawn(table)
+    sessions = 1 if table.session is None else len(np.unique(np.asarray(table.session)[taps]))
+    held = (
+        f"{resamples_in_words(drawn)}: they hold how other test sessions"
+        if drawn > 1
+        else f"{resamples_in_words(1, thinned=False)}; for trials on fresh taps {resamples_in_words(1)}: they hold how "
+        "other test data"
+    )
+    missing = "" if drawn > 1 else ", but not how another session would differ"
+    mixed = (
+        f" Each trial draws taps of all {sessions} test sessions, so what lasts within a session averages out: errors "
+        "within one session, as with --test N, may be larger."
+    )
+    return (
+        f"Brackets are {CONFIDENCE:.0%} intervals from {RESAMPLES} resamples of the test taps {held} of these classes "
+        f"would differ{missing}; the model stays.{mixed if sessions > 1 else ''}"
+    )

@@ -1,0 +1,1 @@
+"""`tune`: fixation point and threshold from training taps. Start at `run`."""

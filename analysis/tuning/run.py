@@ -1,0 +1,245 @@
+"""Fixation point and threshold chosen together from training taps, and what was found in words.
+
+The fixation point comes first, at the threshold that a setting has; then the threshold, for trials that aim for the
+chosen point. What is wanted of the threshold is either the least cost or a P(wrong) that is kept in a new session, see
+`target_error`. All estimates are of models that have not seen the taps; those at the chosen values are the least of
+many and so a little too good.
+"""
+
+from collections.abc import Callable
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+
+from ...inference.fixation_choice import FixationChoice, choose_fixation
+from ...inference.held_out import RESAMPLES, Estimate, Parts
+from ...inference.online_learning import Learner, beliefs, interval, recommended
+from ...inference.resampling import USED_UP
+from ...inference.threshold_choice import ThresholdChoice, check_cost, choose_threshold
+from ...models.classes import ClassGrid
+from ...models.errors import InputError
+from ...models.setting import Setting
+from ..stats.metrics import CONFIDENCE
+from ..stats.target_error import FEWEST, choose, prediction_interval, threshold_grid
+
+ONLINE_THRESHOLDS = (0.5, 0.7, 0.8, 0.9, 0.95, 0.975, 0.99, 0.995)
+"""Of the arms that a learner tries."""
+
+
+class Price(NamedTuple):
+    """What is wanted.
+
+    Attributes:
+        cost_error: Taps that a unit of error is worth.
+        wrong: Whether errors are P(wrong) even where objects have sizes.
+        target: A P(wrong) that is wanted instead of the least cost, or `None`.
+    """
+
+    cost_error: float = 50.0
+    wrong: bool = False
+    target: float | None = None
+
+
+class Tuning(NamedTuple):
+    """What was found.
+
+    Attributes:
+        grid: The classes.
+        fixation: The curve over positions.
+        threshold: The curve over thresholds at the chosen position.
+        chosen: Index of the threshold that is taken.
+        reachable: Whether a wanted P(wrong) is kept in a new session; `None` where none is wanted.
+        setting: With both.
+        price: What was wanted.
+    """
+
+    grid: ClassGrid
+    fixation: FixationChoice
+    threshold: ThresholdChoice
+    chosen: int
+    reachable: bool | None
+    setting: Setting
+    price: Price
+
+    @property
+    def sentences(self) -> list[str]:
+        """What was chosen, with intervals."""
+        used_up = float(self.threshold.used_up[self.chosen])
+        few = (
+            f"At this threshold {used_up:.0%} of the decisions were made because all taps of a class were used up: "
+            "there are too few taps to judge it, and intervals hold whatever these would come to on further ones."
+        )
+        return [_about_fixation(self), _about_threshold(self), *[few] * (used_up > USED_UP)]
+
+
+def check_price(price: Price, sessions: int) -> None:
+    """Refuses what cannot be wanted.
+
+    Args:
+        price: What is wanted.
+        sessions: That train.
+
+    Raises:
+        InputError: The price is negative, or a wanted error is none or cannot be promised with so few sessions.
+    """
+    check_cost(price.cost_error)
+    if price.target is None:
+        return
+    if not 0 < price.target < 1:
+        raise InputError(f"The wanted error must lie between 0 and 1, got {price.target}.")
+    if sessions < FEWEST:
+        raise InputError(f"A threshold for a wanted error needs at least {FEWEST} training sessions, got {sessions}.")
+
+
+def tune(
+    parts: Parts,
+    setting: Setting,
+    price: Price,
+    *,
+    thresholds: tuple[float, ...] | None = None,
+    passive: bool = False,
+    trials: int = 1000,
+    seed: int = 0,
+    progress: Callable[[int], None] | None = None,
+) -> Tuning:
+    """Both choices.
+
+    Args:
+        parts: Training taps and models that have not seen them.
+        setting: All else; its threshold is that of the trials from which the fixation point is chosen.
+        price: What is wanted.
+        thresholds: Those to choose from; `None` for `target_error.threshold_grid`.
+        passive: Whether positions are judged by trials that stand there.
+        trials: In each part, at each position and for the threshold.
+        seed: Of the trials.
+        progress: Told how many more trials have ended; `tuning_trials` says of how many.
+
+    Raises:
+        InputError: There is one object only, or a setting is out of range.
+    """
+    check_objects(parts.grid)
+    check_price(price, len(parts.parts) if parts.by_session else 1)
+    common = {
+        "wrong": price.wrong,
+        "trials": trials,
+        "theta_x": setting.theta_x,
+        "border": setting.border,
+        "deadline": setting.deadline,
+        "seed": seed,
+        "progress": progress,
+    }
+    fixation = choose_fixation(parts, setting.threshold, passive=passive, **common)
+    theta = threshold_grid(parts.grid.M) if thresholds is None else np.array(thresholds)
+    threshold = choose_threshold(parts, theta, price.cost_error, fixation=fixation.chosen, **common)
+    chosen, reachable, missed = threshold.chosen, None, ""
+    if price.target is not None:
+        chosen, reachable = choose(threshold.wrong, price.target)
+        missed = "" if reachable else f" A P(wrong) of {price.target:g} is not reached in a new session."
+    tuned = replace(
+        setting,
+        fixation=fixation.chosen,
+        threshold=float(threshold.theta[chosen]),
+        passive=False,
+        note=f"Fixation point and threshold tuned on training taps. {parts.sentence}{missed}",
+    )
+    return Tuning(parts.grid, fixation, threshold, chosen, reachable, tuned, price)
+
+
+def tuning_trials(parts: Parts, trials: int) -> int:
+    """At most how many trials `tune` plays."""
+    times = 1 if parts.by_session else 1 + RESAMPLES
+    return times * len(parts.parts) * (parts.grid.L + 1) * trials
+
+
+def check_objects(grid: ClassGrid) -> None:
+    """Refuses data that leave nothing to decide.
+
+    Raises:
+        InputError: There is one object only.
+    """
+    if grid.M < 2:
+        raise InputError("There is one object only, so no decision that a fixation point or a threshold could improve.")
+
+
+def learned_setting(learner: Learner, setting: Setting) -> Setting:
+    """A setting with what a learner recommends.
+
+    Raises:
+        InputError: It has been told of less than two episodes.
+    """
+    arm = recommended(learner)
+    return replace(
+        setting,
+        fixation=int(learner.fixation[arm]),
+        threshold=float(learner.theta[arm]),
+        passive=False,
+        note=f"Fixation point and threshold learned on line by {learner.method} in {learner.episodes} episodes.",
+    )
+
+
+def learned_sentence(learner: Learner, grid: ClassGrid) -> str:
+    """What a learner recommends, with an interval."""
+    arm, (mean, _) = recommended(learner), beliefs(learner)
+    low, high = interval(learner, arm, CONFIDENCE)
+    return (
+        f"After {learner.episodes} episodes: fixation point {grid.where_label(int(learner.fixation[arm]))} (class "
+        f"{learner.fixation[arm]}) and threshold {learner.theta[arm]:g}, believed to cost {mean[arm]:.1f} taps an "
+        f"episode ({CONFIDENCE:.0%} interval {max(1.0, low):.1f} to {high:.1f}); it was played in "
+        f"{learner.count[arm]} of them, and {np.count_nonzero(learner.count)} of {len(learner.count)} pairs were tried."
+    )
+
+
+def _about_fixation(found: Tuning) -> str:
+    choice, grid = found.fixation, found.grid
+    if grid.L == 1:
+        return "There is one position only, so no fixation point to choose."
+    unit = unit_of(found)
+    alike = int(choice.alike.sum())
+    told = (
+        f"Fixation point {grid.where_label(choice.chosen)} (class {choice.chosen}): error "
+        f"{_interval(choice.error, choice.chosen, 3)} {unit}"
+    )
+    if choice.chosen == choice.best:
+        others = {1: "no other is", 2: "one other is"}.get(alike, f"{alike - 1} others are")
+        return f"{told}, the least of all, and {others} within a standard error of it."
+    return (
+        f"{told}, {_interval(choice.excess, choice.chosen, 3)} more than the least at {grid.where_label(choice.best)}; "
+        f"of {alike} positions within a standard error of the least it is the nearest to the middle."
+    )
+
+
+def _about_threshold(found: Tuning) -> str:
+    choice, h = found.threshold, found.chosen
+    told = (
+        f"Threshold {shown_threshold(choice.theta[h])}: error {_interval(choice.error, h, 3)} {unit_of(found)} after "
+        f"{_interval(choice.taps, h, 1)} taps"
+    )
+    if found.reachable is None:
+        alike = choice.theta[choice.alike]
+        first, last = shown_threshold(alike[0]), shown_threshold(alike[-1])
+        return (
+            f"{told}, cost {_interval(choice.cost, h, 1)} taps at {found.price.cost_error:g} taps for an error of 1; "
+            f"thresholds whose cost cannot be told from it lie between {first} and {last}."
+        )
+    low, high = (ends[h] for ends in prediction_interval(choice.wrong))
+    verdict = "is reachable" if found.reachable else "is not reachable, and this is where it is lowest"
+    return (
+        f"{told}; P(wrong) of a new session {choice.wrong[:, h].mean():.3f} ({low:.3f} to {high:.3f}, 90% prediction "
+        f"interval), so a wanted P(wrong) of {found.price.target:g} {verdict}."
+    )
+
+
+def shown_threshold(theta: float) -> str:
+    """A threshold in so many digits that none below 1 looks like 1, which would never decide."""
+    return next(text for digits in range(4, 18) if (text := f"{theta:.{digits}g}") != "1" or theta == 1)
+
+
+def unit_of(found: Tuning) -> str:
+    """Of errors."""
+    return "P(wrong)" if found.price.wrong else found.grid.what_error_unit
+
+
+def _interval(estimate: Estimate, index: int, digits: int) -> str:
+    mean, low, high = estimate.mean[index], estimate.low[index], estimate.high[index]
+    return f"{mean:.{digits}f} ({low:.{digits}f} to {high:.{digits}f})"

@@ -1,0 +1,79 @@
+"""Ranks of models at the levels of a comparison, and the sentences about them."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+import xarray as xr
+from solidtouch.analysis.compare.ranking import Level, findings, levels, rank_rows
+
+
+def level(title: str, values: dict[str, float], *, larger: bool = True) -> Level:
+    """A level whose intervals are of width 2 around the differences to the first model."""
+    base = next(iter(values.values()))
+    low = {name: value - base - 1 for name, value in values.items()}
+    high = {name: value - base + 1 for name, value in values.items()}
+    return Level(title, f"is best at {title}", "nat", larger, values, low, high)
+
+
+TAPS = level("taps", {"a": -10.0, "b": -8.0, "c": -9.0})
+ERROR = level("active error", {"a": 0.4, "b": 0.9}, larger=False)
+
+
+def test_ranks_follow_the_direction_of_the_level():
+    """Larger scores and smaller errors are better; a model without a value has no rank."""
+    rows = rank_rows([TAPS, ERROR], ["a", "b", "c"])
+    ranks = [[cell and cell["rank"] for cell in row["levels"]] for row in rows]
+    assert ranks == [[3, 1], [1, 2], [2, None]]
+
+
+def test_equal_models_share_the_better_rank():
+    """Two winners are both first, the next is third, and the sentence names both."""
+    tied = level("taps", {"a": -9.0, "b": -8.0, "c": -8.0, "d": -10.0})
+    assert [tied.rank(name) for name in "abcd"] == [3, 1, 1, 4]
+    assert tied.best == ["b", "c"]
+    assert findings([tied], "a")[0].startswith("b is best at taps: -8 nat (equally good: c), against -9 nat of a")
+
+
+def test_sentences_name_the_best_and_what_it_costs_elsewhere():
+    """The best at taps is followed through the other levels, the reference is given beside every winner."""
+    sentences = findings([TAPS, ERROR], "a")
+    assert sentences[0] == "b is best at taps: -8 nat, against -10 nat of a (difference 1 to 3)."
+    assert "a is best at active error: 0.4 nat; b, best at predicting taps, comes to 0.9 nat." in sentences
+    assert "do not agree" in sentences[-1]
+
+
+@pytest.mark.parametrize(("worse", "words"), [(-8.5, "-0.5 to 1.5, so perhaps none"), (-9.5, "0.5 to 2.5")])
+def test_differences_that_may_be_none_are_called_so(worse, words):
+    assert findings([level("taps", {"a": worse, "b": -8.0})], "a")[0].endswith(f"of a (difference {words}).")
+
+
+def test_agreement_is_not_called_disagreement():
+    """With one winner no sentence speaks of different orders."""
+    assert not any("do not agree" in sentence for sentence in findings([TAPS, TAPS], "a"))
+
+
+@pytest.mark.parametrize("levels", [[], [ERROR]])
+def test_missing_levels_are_left_out(levels):
+    """Without sessions to leave out there is no level of taps, and the rest still speaks."""
+    assert len(findings(levels, "a")) == len(levels)
+
+
+def test_errors_are_ranked_at_the_longest_time_that_most_models_reach():
+    """Not at the shortest, where all have hardly learned, nor at one that a single model reaches."""
+    error = np.array([[0.6, 0.5, 0.3, 0.2], [0.5, 0.4, 0.1, np.nan]])
+    coords = {"model": ["a", "b"], "policy": ["active"], "taps": [1.0, 2.0, 5.0, 9.0]}
+    dims = ("model", "policy", "taps")
+    errors = {f"what_error{end}": (dims, error[:, None]) for end in ("", "_difference_low", "_difference_high")}
+    scores = {
+        f"log_score_joint{end}": (("model", "contacts"), error[:, :1])
+        for end in ("", "_difference_low", "_difference_high")
+    }
+    comparison = SimpleNamespace(
+        left_out_sessions=None,
+        classes=xr.Dataset(scores, {"model": ["a", "b"], "contacts": [1]}),
+        grid=SimpleNamespace(what_error_unit="mm"),
+        equal=xr.Dataset(errors, coords),
+    )
+    assert levels(comparison)[-1].title == "active error at 5 taps"
+    assert levels(comparison)[-1].values == {"a": 0.3, "b": 0.1}

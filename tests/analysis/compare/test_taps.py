@@ -1,0 +1,221 @@
+"""Models compared by taps: sessions and single taps left out, stacking, predictive checks."""
+
+import numpy as np
+import pytest
+from solidtouch.analysis.compare.taps import (
+    TapScores,
+    join_scores,
+    leave_one_tap_out,
+    mean_scores,
+    score_fold,
+    session_folds,
+    stacked,
+)
+from solidtouch.analysis.stats.checks import STATISTICS, predictive_checks
+from solidtouch.models.catalogue import FitSettings, fit_model
+from solidtouch.models.preprocessing import Preprocessing
+from solidtouch.models.taps import TapSet
+
+J, K = 6, 3
+SETTINGS = FitSettings(bins=25, pseudocount=0.5)
+
+
+def make_taps(seed: int, sessions: int, first: int = 0, rho: float = 0.0) -> TapSet:
+    """Taps with a profile in time, residuals of order one with slope rho."""
+    generator = np.random.default_rng(seed)
+    session = np.repeat(np.arange(sessions), 24)
+    what = np.tile(np.repeat([0, 1], 12), sessions)
+    noise = generator.normal(size=(len(what), J, K))
+    for j in range(1, J):
+        noise[:, j] += rho * noise[:, j - 1]
+    profile = np.linspace(0, 6, J)[:, None] * (1 + what)[:, None, None]
+    return TapSet.from_arrays(
+        profile + noise,
+        what,
+        ["a", "b"],
+        session=session + first,
+        preprocessing=Preprocessing(samples=J),
+    )
+
+
+def test_every_session_is_left_out_once():
+    """The folds' test taps are all taps, each once, and no training tap is of a session left out."""
+    train, test = make_taps(0, 2), make_taps(1, 1, first=2)
+    folds, sentence = session_folds(train, test)
+    assert len(folds) == 3
+    assert sum(len(fold.test) for fold in folds) == len(train) + len(test)
+    for fold in folds:
+        assert not np.isin(fold.train.session, fold.test.session).any()
+    assert folds[-1].train is train
+    assert "Each session of TRAIN and TEST" in sentence
+
+
+def test_sessions_of_two_recordings_are_told_apart():
+    """Session 0 of two files is two sessions, that of one file divided between both is one."""
+    assert len(session_folds(make_taps(0, 1), make_taps(1, 1))[0]) == 2
+    whole = make_taps(0, 1)
+    parts = whole.select(np.arange(12)), whole.select(np.arange(12, 24))
+    folds, sentence = session_folds(*parts, one_recording=True)
+    assert folds == []
+    assert "one session only" in sentence
+
+
+def test_many_sessions_are_left_out_in_groups():
+    """Never more than six fits."""
+    folds, sentence = session_folds(make_taps(0, 9), make_taps(1, 1, first=20))
+    assert len(folds) == 6
+    assert "6 groups of sessions" in sentence
+
+
+def test_other_objects_in_test_leave_one_direction():
+    """Recordings that cannot be pooled are compared from TRAIN to TEST."""
+    train = make_taps(0, 1)
+    test = TapSet(make_taps(1, 1, first=1).dataset.isel(taxel=slice(0, 2)))
+    folds, sentence = session_folds(train, test)
+    assert [fold.name for fold in folds] == ["TEST"]
+    assert "cannot be pooled" in sentence
+
+
+def test_histogram_is_left_out_exactly_and_importance_sampling_says_where_it_fails():
+    """Pareto k is there for every tap, and the exact value lies below the one that knows the tap."""
+    taps = make_taps(0, 1)
+    fitted = fit_model("histogram", taps, taps.grid(), SETTINGS)
+    result = leave_one_tap_out(fitted, taps, 200, seed=0)
+    assert result["pareto_k"].shape == (len(taps),)
+    within = score_fold(fitted, session_folds(taps, make_taps(1, 1, first=1))[0][-1]._replace(test=taps), 0)
+    assert float(result["exact_plug_in"].mean()) < within["plug_in"].values.mean()
+    assert set(result) == {"psis", "pareto_k", "good_k", "exact", "exact_plug_in"}
+
+
+def test_importance_sampling_agrees_where_it_can():
+    """With many taps of few samples it is as good as the exact value."""
+    generator = np.random.default_rng(5)
+    taps = TapSet.from_arrays(
+        generator.normal(size=(300, 1, 1)), np.zeros(300, dtype=int), ["a"], preprocessing=Preprocessing(samples=1)
+    )
+    fitted = fit_model("histogram", taps, taps.grid(), SETTINGS._replace(bins=5))
+    result = leave_one_tap_out(fitted, taps, 2000, seed=0)
+    assert float(result["pareto_k"].max()) < 0.7
+    np.testing.assert_allclose(result["psis"], result["exact"], atol=0.02)
+
+
+def test_the_model_that_made_the_taps_wins():
+    """Correlated residuals are predicted better by the model that knows of them, by weight and by interval."""
+    folds, _ = session_folds(make_taps(0, 1, rho=0.8), make_taps(1, 1, first=1, rho=0.8))
+    scores = {}
+    for name in ("profile", "profile-ar"):
+        parts = [score_fold(fit_model(name, fold.train, fold.train.grid(), SETTINGS), fold, 0) for fold in folds]
+        scores[name] = join_scores([part["integrated"] for part in parts])
+    table = stacked(scores, len(folds))
+    assert table.loc["profile-ar", "rank"] == 0
+    assert table.loc["profile-ar", "weight"] > 0.8
+    means = mean_scores(scores, "profile", "integrated", seed=0)
+    assert float(means["integrated_difference_low"].sel(model="profile-ar")) > 0
+
+
+def test_weights_do_not_depend_on_a_common_number():
+    """Log probabilities of -1000 per tap are weighed like those of -1."""
+    generator = np.random.default_rng(0)
+    cluster = np.arange(40)
+    a, b = generator.normal(size=(2, 40))
+    weights = [
+        stacked({"a": TapScores(a + c, cluster), "b": TapScores(b + c, cluster)}, 2).loc["a", "weight"]
+        for c in (0.0, -1000.0)
+    ]
+    assert weights[0] == pytest.approx(weights[1], abs=1e-6)
+
+
+def test_means_are_those_of_taps_and_differences_pair():
+    """A model that is everywhere 1 nat better is so without doubt."""
+    generator = np.random.default_rng(0)
+    values, cluster = generator.normal(size=30), np.repeat(np.arange(6), 5)
+    scores = {"a": TapScores(values, cluster), "b": TapScores(values + 1, cluster)}
+    means = mean_scores(scores, "a", "x", seed=1)
+    assert float(means["x"].sel(model="a")) == pytest.approx(values.mean())
+    for end in ("", "_low", "_high"):
+        assert float(means[f"x_difference{end}"].sel(model="b")) == pytest.approx(1.0)
+
+
+def test_taps_of_a_session_and_class_are_drawn_together():
+    """Ten taps that err alike are worth one: intervals stay the same, however often a cluster's tap is repeated."""
+    values = np.random.default_rng(3).normal(size=(2, 8))
+    one, ten = (
+        mean_scores(
+            {n: TapScores(v.repeat(k), np.arange(8).repeat(k)) for n, v in zip("ab", values, strict=True)},
+            "a",
+            "x",
+            seed=4,
+        )
+        for k in (1, 10)
+    )
+    assert float((one["x_high"] - one["x_low"]).min()) > 0.3
+    for name in one:
+        np.testing.assert_allclose(one[name], ten[name], err_msg=name)
+
+
+def test_clusters_are_sessions_and_classes():
+    """Taps share a cluster where they share both, and clusters of different folds stay apart."""
+    taps = make_taps(0, 2)
+    fitted = fit_model("histogram", taps, taps.grid(), SETTINGS)
+    fold = session_folds(taps, make_taps(1, 2, first=2))[0][-1]._replace(test=taps)
+    part = score_fold(fitted, fold, 0)["plug_in"]
+    label = 2 * taps.session + taps.indices(taps.grid())[1]
+    assert len(np.unique(part.cluster)) == len(np.unique(label)) == 4
+    assert len(np.unique(np.stack([part.cluster, label]), axis=1).T) == 4
+
+    none = TapScores(np.empty(0), np.empty(0, dtype=np.intp))
+    joined = join_scores([part, none, part, part])
+    assert len(joined.values) == 3 * len(taps)
+    assert len(np.unique(joined.cluster)) == joined.cluster.max() + 1 == 12
+
+
+def test_checks_show_what_a_model_leaves_out():
+    """The profile lies far off for exchangeable samples, the correlation in time for independent residuals."""
+    taps = make_taps(0, 2, rho=0.8)
+    models = {name: fit_model(name, taps, taps.grid(), SETTINGS) for name in ("histogram", "profile", "profile-ar")}
+    checks = predictive_checks(models, taps, seed=0, replicates=12)
+    p = checks["p"]
+    assert float(p.sel(model="histogram", statistic="profile")) == 0
+    assert float(p.sel(model="profile", statistic="lag")) == 0
+    assert 0 < float(p.sel(model="profile-ar", statistic="lag")) < 1
+    assert "place" not in checks["statistic"].values
+    assert set(checks["statistic"].values) < set(STATISTICS)
+
+
+def test_places_within_a_class_are_replicated_where_the_model_knows_them():
+    """Curves over position explain variance within classes that one mean per class leaves to noise."""
+    generator = np.random.default_rng(4)
+    place = np.linspace(0, 4, 64, endpoint=False)
+    taps = TapSet.from_arrays(
+        (np.sin(2 * place) * 5)[:, None, None] + generator.normal(size=(64, J, K)),
+        np.zeros(64, dtype=int),
+        ["a"],
+        where=place,
+        where_value=np.arange(4) + 0.5,
+        where_edges=np.arange(5.0),
+        preprocessing=Preprocessing(samples=J),
+    )
+    models = {n: fit_model(n, taps, taps.grid(), SETTINGS._replace(unconverged=True)) for n in ("profile", "smooth")}
+    checks = predictive_checks(models, taps, seed=0, replicates=6).sel(statistic="place")
+    replicated = checks["replicated"].mean("replicate")
+    assert float(replicated.sel(model="profile")) < 0.5 * float(checks["observed"])
+    assert float(replicated.sel(model="smooth")) > 0.7 * float(checks["observed"])
+
+
+@pytest.mark.parametrize("clusters", [4, 8, 40])
+def test_intervals_of_mean_scores_hold_the_truth(clusters):
+    """Of 300 sets of clusters whose taps share what their session and class did, and of a model half as good."""
+    rng, held = np.random.default_rng(3), []
+    cluster = np.repeat(np.arange(clusters), 5)
+    for number in range(300):
+        shared, own = rng.normal(-10, 1, clusters)[cluster], rng.normal(0, 1, 5 * clusters)
+        values = {"a": shared + own, "b": shared - 2 + rng.normal(0, 0.5, clusters)[cluster]}
+        means = mean_scores({name: TapScores(one, cluster) for name, one in values.items()}, "a", "x", number)
+        held.append(
+            [
+                float(means.x_low.sel(model="a")) <= -10 <= float(means.x_high.sel(model="a")),
+                float(means.x_difference_low.sel(model="b")) <= -2 <= float(means.x_difference_high.sel(model="b")),
+            ]
+        )
+    assert (np.mean(held, axis=0) > 0.91).all()
+    assert (np.mean(held, axis=0) < 0.985).all()

@@ -1,0 +1,78 @@
+"""`validate`: all is well where all is well, and what is not is named."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from solidtouch.analysis.conformance import run
+from solidtouch.analysis.conformance.catalogue import catalogue
+from solidtouch.analysis.correctness import validate as module
+from solidtouch.cli.main import app
+from typer.testing import CliRunner
+
+NAMES = ("root-j", "shift-prior", "episode-clamp")
+
+
+@pytest.fixture
+def short(monkeypatch):
+    """Three cases and few episodes."""
+    cases = {name: catalogue()[name] for name in NAMES}
+    monkeypatch.setattr(module, "catalogue", lambda: cases)
+    monkeypatch.setattr(module, "SHORT", {"filter": 60, "cpu": 60})
+    monkeypatch.setattr(module, "ROUTES", ("numpy", "montecarlo"))
+    monkeypatch.setattr(module, "_routes", lambda _stage, _seed: ("nothing differs", True))
+
+
+def test_every_check_passes_and_the_last_line_says_so(short):
+    done = CliRunner().invoke(app, ["validate"])
+
+    assert done.exit_code == 0, done.output
+    assert done.output.splitlines()[-1] == "All 5 checks passed."
+    assert done.output.count("3 of 3 cases pass") == 2
+
+
+def test_an_engine_that_is_wrong_is_named_with_its_first_case(short, monkeypatch):
+    """A belief off by 1e-6 in one case."""
+    right = run.routes.answers
+
+    def wrong(route, case):
+        for answer in right(route, case):
+            off = {"posterior": answer.values["posterior"] + 1e-6 * (case.name == "shift-prior" and route == "numpy")}
+            yield replace(answer, values={**answer.values, **off})
+
+    monkeypatch.setattr(run.routes, "answers", wrong)
+    done = CliRunner().invoke(app, ["validate"])
+
+    assert done.exit_code == 1
+    assert done.output.splitlines()[-1] == "1 of 5 checks FAILED: engine numpy."
+    assert "shift-prior: DIFFERS tap 1: posterior" in " ".join(done.output.split())
+
+
+def test_beliefs_that_are_too_cautious_are_found(short, monkeypatch):
+    calibrate = module.calibrate
+
+    def rooted(truth, trials, **options):
+        return calibrate(truth, trials, believed=replace(truth, power="J"), **options)
+
+    monkeypatch.setattr(module, "SHORT", {"filter": 300})
+    monkeypatch.setattr(module, "calibrate", rooted)
+    done = CliRunner().invoke(app, ["validate"])
+
+    assert done.exit_code == 1
+    assert done.output.splitlines()[-1] == "1 of 4 checks FAILED: beliefs, engine filter."
+
+
+@pytest.mark.slow
+def test_the_whole_command_passes(capsys):
+    done = CliRunner().invoke(app, ["validate", "--seed", "3"])
+
+    assert done.exit_code == 0, done.output
+    assert f"{len(catalogue())} of {len(catalogue())} cases pass" in " ".join(done.output.split())
+
+
+def test_checks_are_timed():
+    check = module._timed("a", "b", lambda: ("c", True))
+
+    assert check[:4] == ("a", "b", "c", True)
+    assert 0 <= check.seconds < 1
+    assert np.isfinite(check.seconds)

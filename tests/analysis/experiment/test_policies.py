@@ -1,0 +1,207 @@
+"""Passive and active trials of one plan: what they share, what their difference is, and when nothing can differ."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+import xarray as xr
+from solidtouch.analysis.experiment.policies import make_plans, most_trials, play_policies, resamples_of
+from solidtouch.analysis.experiment.study import Settings
+from solidtouch.analysis.page.headline import STILL, still
+from solidtouch.analysis.reproduce.results import Results
+from solidtouch.analysis.stats import metrics
+from solidtouch.hardware.pool import tap_pool
+from solidtouch.inference.montecarlo import run_trials
+from solidtouch.inference.trial_plan import TapTable
+from solidtouch.models.classes import ClassGrid
+
+L, M, SYMBOLS = 5, 3, 6
+FIXATION = 2
+HOLES = [(0, 1), (3, 0), (3, 2), (4, 1)]
+"""Classes without a test tap."""
+
+
+@pytest.fixture
+def grid():
+    return ClassGrid(1.0 * np.arange(L), "mm", None, tuple((f"object {m}",) for m in range(M)))
+
+
+def table_of(seed=0, taps=9, holes=(), sharpness=0.5):
+    """Taps of one symbol each, drawn from the table that the likelihoods are those of."""
+    rng = np.random.default_rng(seed)
+    chances = rng.dirichlet(np.full(SYMBOLS, sharpness), size=(L, M)) * 0.97 + 0.03 / SYMBOLS
+    cells = [(l, m) for l in range(L) for m in range(M) if (l, m) not in holes]
+    where, what = np.repeat(cells, taps, axis=0).T
+    symbols = np.array([rng.choice(SYMBOLS, p=chances[l, m]) for l, m in zip(where, what, strict=True)])
+    log_likelihood = np.log(chances)[:, :, symbols].transpose(2, 0, 1).copy()
+    return TapTable(log_likelihood, tap_pool(where, what, (L, M)), np.full((L, M), -np.log(L * M)))
+
+
+def settings_of(**options):
+    return Settings(**{"trials": 30, "thresholds": (0.2, 0.9), "shown_theta": 0.2, "border": "clamp"} | options)
+
+
+@pytest.mark.parametrize("holes", [(), HOLES], ids=["whole grid", "holes"])
+def test_active_trials_are_the_passive_ones(holes):
+    """All of them at the default fixation point, the first of each position at the others, in equal numbers."""
+    pool = table_of(holes=holes).pool
+    starts, others, compared = make_plans(pool, 7, 0, FIXATION, acts=True)
+    by_stream = {stream: (l, m) for l, m, _, stream in zip(*starts, strict=True)}
+
+    assert np.bincount(starts.where).tolist() == [7] * L
+    assert set(starts.fixation) == {FIXATION}
+    assert len(by_stream) == 7 * L
+    assert sorted(set(others.fixation)) == [l for l in range(L) if l != FIXATION]
+    for fixation in set(others.fixation):
+        chosen = others.fixation == fixation
+        np.testing.assert_array_equal(others.stream[chosen], starts.stream[compared])
+        assert np.bincount(others.where[chosen]).tolist() == [2] * L
+    for l, m, _, stream in zip(*others, strict=True):
+        assert by_stream[stream] == (l, m)
+    assert all(pool.count[l, m] for l, m in by_stream.values())
+
+
+@pytest.mark.parametrize("holes", [(), HOLES], ids=["whole grid", "holes"])
+def test_decisions_after_one_tap_are_identical(holes):
+    """Trial by trial, whatever is decided."""
+    table = table_of(holes=holes, sharpness=0.1)
+    starts, _, _ = make_plans(table.pool, 40, 3, FIXATION, acts=True)
+    passive, active = (run_trials(table, starts, (0.2, 0.6), theta_x=theta, seed=3) for theta in (1.0, 0.0))
+    once = passive.taps == 1
+
+    assert 0.1 < once[:, 1].mean() < 0.9
+    assert once[:, 0].all()
+    np.testing.assert_array_equal(active.taps == 1, once)
+    for one, other in zip(passive, active, strict=True):
+        np.testing.assert_array_equal(one[once], other[once])
+    assert (passive.what != active.what).any()
+
+
+@pytest.mark.parametrize("holes", [(), HOLES], ids=["whole grid", "holes"])
+def test_means_are_identical_where_every_decision_takes_one_tap(grid, holes):
+    """Below one over the number of objects, on several data sets, in all digits; above, they are not."""
+    sets = [
+        play_policies(table_of(seed, holes=holes), grid, settings_of(seed=seed), FIXATION, acts=True)
+        for seed in range(3)
+    ]
+    names = ["a", "b", "c"]
+    passive, active, difference = (
+        metrics.over_places(metrics.join([getattr(played.stored, name) for played in sets], names), difference=d)
+        for name, d in (("passive", False), ("active", False), ("difference", True))
+    )
+
+    xr.testing.assert_identical(passive.isel(theta=0), active.isel(theta=0))
+    assert float(passive["taps"][0]) == 1.0
+    for name in metrics.QUANTITIES:
+        assert [float(difference[f"{name}{end}"][0]) for end in ("", "_low", "_high")] == [0.0, 0.0, 0.0]
+        np.testing.assert_allclose(difference[name], passive[name] - active[name], atol=1e-12)
+        assert float(passive[name][1]) != float(active[name][1])
+
+
+def test_fixation_points_are_averages_over_starts(grid):
+    """The same ones everywhere, so at a threshold of one tap every point is exactly as good as any other."""
+    played = play_policies(table_of(), grid, settings_of(trials=40), FIXATION, acts=True)
+    fixations = played.stored.fixations
+
+    assert fixations["trials"].values.tolist() == [40] * L
+    for name in metrics.QUANTITIES:
+        assert np.ptp(fixations[name].values[:, 0]) == 0
+    assert np.ptp(fixations["taps"].values[:, 1]) > 0
+
+
+def test_fresh_trials_draw_no_tap_twice(grid):
+    """With one tap per class nobody gets a second one of it, so passive trials are all used up after the first."""
+    table = table_of(taps=1)
+    settings = settings_of(shown_theta=0.9)
+    played = play_policies(table, grid, settings, FIXATION, acts=True)
+
+    assert played.fresh.passive["theta"].values.tolist() == [theta for theta in settings.thresholds if theta <= 0.9]
+    assert float(played.fresh.passive["taps"].max()) == 1.0
+    assert float(played.stored.passive["taps"].max()) > 1.0
+    assert played.used_up.shape == played.selected.shape == (2, played.fresh.passive.sizes["theta"])
+    assert 0.1 < played.used_up[0, -1] <= 1.0
+    assert (np.diff(played.used_up) >= 0).all()
+    assert (played.selected == 0).all()  # no selections
+    assert np.isnan(played.spread.factor)
+    assert "one test tap" in played.spread.few
+
+
+def test_what_selections_use_up_is_that_of_their_trials(grid):
+    table, settings = table_of(taps=4), settings_of(shown_theta=0.9)
+    pools = resamples_of(table, 3, 0)
+    played = play_policies(table, grid, settings, FIXATION, acts=True, pools=pools)
+    own = [play_policies(table._replace(pool=pool), grid, settings, FIXATION, acts=True) for pool in pools.fresh]
+
+    assert (played.selected[:, -1] > played.used_up[:, -1]).all()
+    assert played.selected == pytest.approx(np.mean([one.used_up for one in own], axis=0), abs=0.05)
+
+
+def test_resamples_give_paired_intervals(grid):
+    """The difference varies less than passive and active apart, and is exactly nothing after one tap."""
+    table = table_of(taps=20)
+    pools = resamples_of(table, 60, 1)
+    counted = []
+    settings = settings_of(seed=1)
+    played = play_policies(table, grid, settings, FIXATION, acts=True, pools=pools, progress=counted.append)
+    ends = {}
+    for name in ("passive", "active", "difference"):
+        joined = metrics.join([getattr(played.stored, name)], ["only"])
+        ends[name] = metrics.over_places(joined, played.spread, difference=True)  # widths go with variances then
+    width = {name: data["what_error_high"] - data["what_error_low"] for name, data in ends.items()}
+
+    assert (width["passive"] > 0.02).all()
+    assert float(width["difference"][1]) ** 2 < float(width["passive"][1]) ** 2 + float(width["active"][1]) ** 2
+    assert [float(ends["difference"][f"what_error{end}"][0]) for end in ("", "_low", "_high")] == [0.0, 0.0, 0.0]
+    assert sum(counted) == most_trials(grid, settings, True, 60)
+
+
+def test_resamples_depend_on_the_seed_alone(grid):
+    """The same intervals again, others with another seed."""
+    table = table_of()
+
+    def ends(seed):
+        pools = resamples_of(table, 20, seed)
+        played = play_policies(table, grid, settings_of(seed=seed), FIXATION, acts=True, pools=pools)
+        return played.stored.active["taps_resampled"].values
+
+    np.testing.assert_array_equal(ends(0), ends(0))
+    assert (ends(0) != ends(1)).any()
+
+
+def curves(passive, active):
+    return {
+        name: xr.Dataset({"taps": ("theta", [taps])}, {"theta": [0.95]})
+        for name, taps in (("passive", passive), ("active", active))
+    }
+
+
+def test_a_sentence_where_nothing_can_differ():
+    """Below the limit for both policies; certain only where nobody took a second tap."""
+    assert still(curves(1.0, 1.0)).endswith("cannot differ.")
+    assert "take 1.04 taps on average" in still(curves(1.04, 1.02))
+    assert still(curves(1.04, 1.02)).endswith("can hardly differ.")
+    assert still(curves(STILL, 1.0)) is None
+    assert still(curves(1.0, STILL + 0.5)) is None
+    assert still({"passive": curves(1.0, 1.0)["passive"]}) is None
+
+
+@pytest.mark.parametrize(
+    ("used_up", "selected", "theta"),
+    [
+        ([0, 0, 0], [0, 0, 0.004], None),  # at the shown one too
+        ([0, 0, 0], [0, 0.004, 0.006], 0.5),
+        ([0, 0, 0.01], [0, 0, 0], 0.5),  # several data sets have no selections
+        ([0, 0.2, 0.3], [0, 0, 0], 0.2),
+        ([0.1, 0.2, 0.3], [0, 0, 0], None),
+    ],
+)
+def test_fresh_taps_are_shown_where_they_suffice(used_up, selected, theta):
+    """At the highest threshold below the one that is shown, if they do not there; shares are means of data sets."""
+    of = [
+        SimpleNamespace(played=SimpleNamespace(used_up=np.array([u, 0 * u]), selected=np.array([s, s])))
+        for u, s in ((0 * np.array(used_up), np.array(selected)), (2 * np.array(used_up), np.array(selected)))
+    ]
+    passive = xr.Dataset(coords={"theta": [0.2, 0.5, 0.9]})
+    results = Results((), (), of, None, SimpleNamespace(passive=passive), 0, (), None, None, {})
+    assert results.enough == theta
+    assert results.used_up == pytest.approx(used_up[-1])

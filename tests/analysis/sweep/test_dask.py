@@ -1,0 +1,227 @@
+"""Sweeps on a Dask cluster: a scheduler and two workers as processes of their own."""
+
+import os
+import socket
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+import xarray as xr
+from solidtouch.analysis.sweep.dask import on_cluster
+from solidtouch.analysis.sweep.local import in_this_process
+from solidtouch.analysis.sweep.result import open_sweep
+from solidtouch.analysis.sweep.run import Tally, sweep
+from solidtouch.models.errors import InputError
+
+pytestmark = [
+    pytest.mark.slow,
+    # A connection that a process at the other end has dropped without a word is found by the garbage collector.
+    pytest.mark.filterwarnings("ignore::ResourceWarning", "ignore::pytest.PytestUnraisableExceptionWarning"),
+]
+
+GRID = 'policy = ["active"]\nseed = [0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11]\npseudocount = [0.01, 1]'
+CELLS = 24
+TRIALS = 100_000
+OTHER_VERSION = """
+import solidtouch.analysis.sweep.code as sweep_code
+real = sweep_code.code()
+sweep_code.code = lambda: real | {"numba": "0.1"}
+"""
+
+WITHOUT = """
+import sys
+class Without:
+    def find_spec(self, name, *more):
+        if name.startswith("solidtouch"):
+            raise ModuleNotFoundError(f"No module named {name!r}")
+sys.meta_path.insert(0, Without())
+"""
+
+
+class Cluster:
+    """A scheduler on a port of its own, and workers."""
+
+    def __init__(self, folder: Path) -> None:
+        with socket.socket() as free:
+            free.bind(("127.0.0.1", 0))
+            self.port = free.getsockname()[1]
+        self.folder = folder
+        self.processes: list[subprocess.Popen] = []
+
+    @property
+    def address(self) -> str:
+        """Of the scheduler."""
+        return f"tcp://127.0.0.1:{self.port}"
+
+    def scheduler(self) -> subprocess.Popen:
+        return self._start("scheduler", "--host", "127.0.0.1", "--port", str(self.port), "--no-dashboard")
+
+    def worker(self, *words: object) -> subprocess.Popen:
+        return self._start("worker", self.address, "--nthreads", "1", "--no-nanny", "--no-dashboard", *words)
+
+    def end(self) -> None:
+        for process in self.processes:
+            process.kill()
+            process.wait()
+
+    def _start(self, *words: object) -> subprocess.Popen:
+        call = [sys.executable, "-m", "dask", *map(str, words)]
+        environment = os.environ | {
+            "OMP_NUM_THREADS": "1",
+            "OPENBLAS_NUM_THREADS": "1",
+            "DASK_LOGGING__DISTRIBUTED": "error",
+        }
+        self.processes.append(
+            subprocess.Popen(
+                call, cwd=self.folder, env=environment, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL
+            )
+        )
+        return self.processes[-1]
+
+
+@pytest.fixture
+def cluster(tmp_path_factory) -> Iterator[Cluster]:
+    made = Cluster(tmp_path_factory.mktemp("cluster"))
+    try:
+        yield made
+    finally:
+        made.end()
+
+
+def run(path: Path, cluster: Cluster, progress: Callable[[Tally], None] = lambda _: None, patience: float = 25.0):
+    """Runs a study and gives its results."""
+    notes = []
+    out = path.with_suffix(".zarr")
+    tally = sweep(path, out, on_cluster(cluster.address, patience, notes.append), progress=progress)
+    return tally, open_sweep(out).load().drop_vars("seconds"), notes
+
+
+def alone(path: Path) -> xr.Dataset:
+    """The same study in this process."""
+    out = path.with_suffix(".alone.zarr")
+    sweep(path, out, in_this_process)
+    return open_sweep(out).load().drop_vars("seconds")
+
+
+def test_a_worker_killed_in_the_middle_changes_nothing(make_study, cluster):
+    path = make_study(GRID, trials=TRIALS)
+    cluster.scheduler()
+    victim, _ = cluster.worker(), cluster.worker()
+
+    def kill(tally: Tally) -> None:
+        if tally.done == 4:
+            victim.kill()
+
+    tally, dataset, _ = run(path, cluster, kill)
+
+    assert victim.poll() is not None
+    assert tally == Tally(CELLS, CELLS, 0)
+    xr.testing.assert_identical(dataset, alone(path))
+
+
+def test_a_scheduler_that_comes_back_is_given_what_is_left(make_study, cluster):
+    path = make_study(GRID, trials=TRIALS)
+    cluster.scheduler(), cluster.worker(), cluster.worker()
+    seen = []
+
+    def restart(tally: Tally) -> None:
+        seen.append(tally.done)
+        if tally.done == 4:
+            cluster.end()
+            cluster.scheduler(), cluster.worker(), cluster.worker()
+
+    tally, dataset, notes = run(path, cluster, restart)
+
+    assert tally == Tally(CELLS, CELLS, 0)
+    assert seen == list(range(CELLS + 1))
+    assert any("is lost; waiting for it to come back" in note for note in notes)
+    xr.testing.assert_identical(dataset, alone(path))
+
+
+def test_a_scheduler_that_stays_away_ends_the_sweep_which_goes_on_later(make_study, cluster):
+    path = make_study(GRID, trials=TRIALS)
+    cluster.scheduler()
+    wait_for(cluster.port)
+    cluster.worker()
+
+    def stop(tally: Tally) -> None:
+        if tally.done == 4:
+            cluster.end()
+
+    with pytest.raises(InputError, match=r"There is no Dask scheduler at tcp://127\.0\.0\.1:\d+ after 5 s"):
+        run(path, cluster, stop, patience=5.0)
+    done = int((open_sweep(path.with_suffix(".zarr"))["status"] == 1).sum())
+
+    assert 4 <= done < CELLS
+    assert sweep(path, path.with_suffix(".zarr"), in_this_process) == Tally(CELLS, CELLS, 0)
+
+
+def test_a_cell_that_raises_does_not_stop_the_others(make_study, cluster):
+    path = make_study('power = ["J", "learned"]\nseed = [0, 1, 2]')
+    cluster.scheduler(), cluster.worker(), cluster.worker()
+
+    tally, dataset, _ = run(path, cluster)
+
+    assert tally[:3] == (12, 6, 6)
+    failed = dataset.sel(policy="active", power="learned").squeeze()
+    assert all("and there is session 0 only" in text for text in failed["traceback"].values)
+    assert np.isfinite(dataset["taps"].sel(power="J")).all()
+
+
+def test_a_worker_with_other_software_is_refused(make_study, cluster):
+    preload = cluster.folder / "other.py"
+    preload.write_text(OTHER_VERSION, encoding="utf-8")
+    cluster.scheduler(), cluster.worker("--preload", preload)
+
+    with pytest.raises(InputError, match=r"The worker tcp://.* other software than this client: numba 0\.1 instead of"):
+        run(make_study(), cluster)
+
+
+def test_a_worker_without_this_software_is_refused(make_study, cluster):
+    preload = cluster.folder / "without.py"
+    preload.write_text(WITHOUT, encoding="utf-8")
+    cluster.scheduler(), cluster.worker("--preload", preload)
+
+    with pytest.raises(InputError, match=r"The worker tcp://.* cannot run this solidtouch: .*No module named"):
+        run(make_study(), cluster)
+
+
+def test_a_worker_with_other_software_that_comes_late_is_refused(make_study, cluster):
+    preload = cluster.folder / "other.py"
+    preload.write_text(OTHER_VERSION, encoding="utf-8")
+    cluster.scheduler(), cluster.worker()
+
+    def join(tally: Tally) -> None:
+        if tally.done == 1:
+            cluster.worker("--preload", preload)
+
+    with pytest.raises(InputError, match=r"other software than this client: numba 0\.1 instead of"):
+        run(
+            make_study(GRID.replace("seed = [", f"seed = [{', '.join(map(str, range(20, 90)))}, "), TRIALS),
+            cluster,
+            join,
+        )
+
+
+def test_a_scheduler_without_workers_is_named(make_study, cluster):
+    cluster.scheduler()
+    wait_for(cluster.port)
+
+    with pytest.raises(InputError, match="has no worker after 1 s"):
+        run(make_study(), cluster, patience=1.0)
+
+
+def wait_for(port: int) -> None:
+    """Until a program listens on a port."""
+    for _ in range(300):
+        try:
+            socket.create_connection(("127.0.0.1", port), 1).close()
+        except OSError:
+            time.sleep(0.1)
+        else:
+            return
+    raise TimeoutError(port)
