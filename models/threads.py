@@ -51,13 +51,6 @@ def in_order[T](tasks: Iterable[Callable[[], T]], workers: int, unwanted: Event 
 
 
 @contextmanager
-def meanwhile[T](task: Callable[[], T]) -> Iterator[Future[T]]:
-    """Runs a task beside what the block does, which ends no earlier than the task; gives where its result will be."""
-    with ThreadPoolExecutor(1) as executor:
-        yield executor.submit(task)
-
-
-@contextmanager
 def one_blas_thread() -> Iterator[None]:
     """Keeps linear algebra to one thread: for many small matrices more of them are several times slower."""
     from threadpoolctl import threadpool_limits  # noqa: PLC0415

@@ -86,7 +86,7 @@ def audit_checks(
         made = replicate(_draw(fitted.counts, generator), fitted, labels, generator)
         return [STATISTICS[name].of(made) for name in observed]
 
-    at_once = max(1, min(cores(None), _AT_ONCE // max(1, taps.taps.size)))
+    at_once = max(1, min(cores(None), _AT_ONCE // (taps.taps.size + 2 * fitted.counts.size)))
     values = np.empty((used, len(observed)))
     for r, found in enumerate(in_order((partial(of_replicate, r) for r in range(used)), at_once)):
         values[r] = found

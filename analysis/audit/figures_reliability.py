@@ -153,7 +153,7 @@ def plot_factor(axes: Axes, data: xr.Dataset) -> Axes:
     taps, factor = data["contacts"].values, data["factor"].values
     none, beyond = factor == 0, factor > MOST_FACTOR
     value, low, high = _from_lowest(data)
-    ends = {"factor": np.where(beyond, np.nan, value), "factor_low": low, "factor_high": np.fmin(high, MOST_FACTOR)}
+    ends = {"factor": np.where(beyond, np.nan, value), "factor_low": low, "factor_high": np.minimum(high, MOST_FACTOR)}
     shown = data.assign({name: (data[name].dims, values) for name, values in ends.items()})
     marker = {"marker": "o", "markevery": (~none[np.isfinite(ends["factor"])]).tolist()}
     _bars(axes, taps, shown, "factor", color=PASSIVE, **marker)

@@ -2,7 +2,6 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
-from functools import partial
 from typing import NamedTuple
 
 import numpy as np
@@ -16,7 +15,7 @@ from ...models.histogram import HistogramModel
 from ...models.model import TapModel
 from ...models.setting import Setting
 from ...models.taps import TapSet, concatenate
-from ...models.threads import meanwhile, one_blas_thread
+from ...models.threads import one_blas_thread
 from ..page.stages import Clock, Progress
 from ..stats.evidence import evidence
 from ..stats.reliability import THETAS
@@ -176,21 +175,17 @@ def audit(parts: AuditParts, grid: ClassGrid, settings: AuditSettings, progress:
         known = [parts.train] if parts.halved else [parts.train, *parts.tune]
         leaks = leakage(concatenate(known), parts.measure, grid, seed, settings.pre)
         advance(1)
-    import arviz  # noqa: F401, PLC0415 - whole, before SciPy on this thread finds a half of JAX on the other
-    import numpyro  # noqa: F401, PLC0415
-
-    where, what = taps.indices(grid)
-    with meanwhile(partial(variance_components, taps.taps, where * grid.M + what, taps.session, seed)) as sampled:
-        with clock.stage("Testing taxels", 2 * len(np.unique(stratum))) as advance:
-            local = contrasts(taps.taps, stratum, recorded_time(taps), taps.session, MOST_TAPS) if by_session else None
-            taxels = _taxels(taps.taps[some], stratum[some], local, settings, advance)
-        with clock.stage("Testing times", len(np.unique(stratum))) as advance:
-            times = time_dependence(
-                taps.taps[some], stratum[some], permutations=settings.permutations, seed=seed, progress=advance
-            )
-        with clock.stage("Sampling variance components", 1) as advance:
-            components = sampled.result()
-            advance(1)
+    with clock.stage("Testing taxels", 2 * len(np.unique(stratum))) as advance:
+        local = contrasts(taps.taps, stratum, recorded_time(taps), taps.session, MOST_TAPS) if by_session else None
+        taxels = _taxels(taps.taps[some], stratum[some], local, settings, advance)
+    with clock.stage("Testing times", len(np.unique(stratum))) as advance:
+        times = time_dependence(
+            taps.taps[some], stratum[some], permutations=settings.permutations, seed=seed, progress=advance
+        )
+    with clock.stage("Sampling variance components", 1) as advance:
+        where, what = taps.indices(grid)
+        components = variance_components(taps.taps, where * grid.M + what, taps.session, seed)
+        advance(1)
     with clock.stage("Fitting remedies", count_remedies()) as advance:
         remedies, refused = make_remedies(parts.train, parts.tune, grid, setting, SEQUENCE, seed, advance)
     with clock.stage("Tuning on taps of a right model", RIGHT_EXPONENTS) as advance:

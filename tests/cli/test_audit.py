@@ -4,7 +4,6 @@ import contextlib
 import io
 import json
 import re
-import subprocess
 import sys
 from dataclasses import replace
 from typing import Any, NamedTuple
@@ -311,17 +310,3 @@ def test_an_interrupted_audit_leaves_nothing(command, files, tmp_path, monkeypat
     done = command("audit", *files[:3], *QUICK, "--out", tmp_path / "audit")
     assert done.code == 130
     assert list(tmp_path.iterdir()) == []
-
-
-def test_another_thread_starts_when_jax_is_whole(files, tmp_path):
-    """SciPy asks a module of that name for its arrays, and fails where it is imported by half."""
-    code = """
-import os, sys
-from solidtouch.analysis.audit import run as study
-from solidtouch.cli.main import run
-
-study.variance_components = lambda *_: os._exit(7 if hasattr(sys.modules.get("jax"), "Array") else 8)
-run()
-"""
-    words = ["audit", *map(str, files[:3]), *QUICK, "--out", str(tmp_path / "audit")]
-    assert subprocess.run([sys.executable, "-c", code, *words], capture_output=True, check=False).returncode == 7

@@ -3,7 +3,7 @@
 from threading import Event
 
 import pytest
-from solidtouch.models.threads import in_order, meanwhile
+from solidtouch.models.threads import in_order
 
 
 @pytest.mark.parametrize("workers", [1, 3])
@@ -26,22 +26,3 @@ def test_tasks_under_way_hear_that_nobody_wants_their_results():
     results.close()
     assert heard
     assert all(heard)
-
-
-def test_a_task_runs_meanwhile():
-    """Not before or after the block but beside it; the block ends with it, and its error is that of the result."""
-    begun, done = Event(), Event()
-
-    def task():
-        begun.set()
-        assert done.wait(10)
-        return 7
-
-    with meanwhile(task) as found:
-        assert begun.wait(10)
-        done.set()
-    assert found.done()
-    assert found.result() == 7
-
-    with meanwhile(lambda: 1 // 0) as found, pytest.raises(ZeroDivisionError):
-        found.result()

@@ -114,6 +114,14 @@ def test_a_factor_of_0_is_an_open_mark_at_the_lower_end(factor, zeros):
     assert bars[:, 1].min() == pytest.approx(0.01)
 
 
+def test_a_factor_without_an_interval_has_no_bar():
+    """Its ends are unknown, not beyond the axis."""
+    _, axes = factor_panel([2.0, 1.0, 0.5], [np.nan] * 3, [np.nan] * 3)
+    bars = np.concatenate([path.vertices for path in axes.collections[0].get_paths()])
+
+    np.testing.assert_allclose(np.unique(bars[:, 1]), [0.5, 1.0, 2.0])
+
+
 @pytest.mark.parametrize("large", [1e7, np.inf])
 def test_an_axis_of_factors_ends_where_their_size_says_nothing(large):
     """What is beyond is a mark at the top with its interval, and numbers stand on the axis."""
