@@ -113,7 +113,8 @@ def _draw(
 ) -> None:
     """Bins in which random numbers (N, K, J) fall by cumulative distributions (C, K, B), into `bins`, (N, J, K).
 
-    A table says from which of the first bins on to search, for each of B equal parts of the whole.
+    Numbers in each of B equal parts of the whole are searched from the bin in which the part before begins: starting
+    one part early leaves room for rounding.
     """
     C, K, B = cumulative.shape
     start = np.zeros((C, K, B), dtype=np.uint32)
@@ -121,7 +122,7 @@ def _draw(
         for k in range(K):
             b = 0
             for part in range(B):
-                while b < B - 1 and cumulative[c, k, b] * B <= part * cumulative[c, k, B - 1]:
+                while b < B - 1 and cumulative[c, k, b] * B <= (part - 1) * cumulative[c, k, B - 1]:
                     b += 1
                 start[c, k, part] = b
     N, _, J = uniform.shape
@@ -131,8 +132,6 @@ def _draw(
             for j in range(J):
                 value = uniform[i, k, j] * upto[B - 1]
                 b = start[row[i], k, int(uniform[i, k, j] * B)]
-                while b > 0 and upto[b - 1] > value:
-                    b -= 1
                 while b < B - 1 and upto[b] <= value:
                     b += 1
                 bins[i, j, k] = b

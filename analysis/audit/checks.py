@@ -3,7 +3,7 @@
 The model is fitted to the very taps that are checked, of all sessions, and replicates of them are drawn from it: new
 histograms from their posterior, then every sample by itself. The posterior is that without a pseudocount, a Dirichlet
 distribution of the bins that taps fell into: a pseudocount keeps the other bins possible, and where classes have few
-samples it would give replicates outliers that no assumption of independence is to blame for. What `compare_checks`
+samples it would give replicates outliers that no assumption of independence is to blame for. What `stats.checks`
 measures, dependence of taxels, of samples and of taps, is then taken of the taps and of each replicate. Results are
 kept as ArviZ keeps them, a tree with the groups `posterior_predictive` and `observed_data`, so that its functions take
 them as they are.

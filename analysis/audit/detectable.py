@@ -1,7 +1,7 @@
 """What data would be enough: the smallest miscalibration factor that a design can detect.
 
 The factor of a data set is the number of wrong decisions over the number that beliefs expect. A right model gives it a
-distribution on each design (sessions, taps per class), by simulation from the fitted model (`right_model`);
+distribution on each design (sessions, taps per class), by simulation from the fitted model (`stats.right_model`);
 "overconfident" is said above that distribution's 1 - level quantile. If wrong decisions come f times as often as a
 right model's, clustered as before, the factor has a mean f times as large and, as an overdispersed Poisson count, a
 variance f times as large. With a gamma distribution of these moments (the "quasi-Poisson" of McCullagh and Nelder,

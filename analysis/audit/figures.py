@@ -1,7 +1,7 @@
 """Figures of an audit: where the naive-Bayes assumption fails, and what each remedy buys.
 
-Data are those of `causes.split_variance`, `dependence_taxels.taxel_dependence`, `dependence_times.time_dependence`,
-`remedy_scores.measure` and `leakage.leakage`. A figure that there is nothing to draw for is `None`.
+Data are those of `causes.split_variance`, `dependence.taxels.taxel_dependence`, `dependence.times.time_dependence`,
+`remedy_scores.measure` and `leakage.run.leakage`. A figure that there is nothing to draw for is `None`.
 """
 
 from __future__ import annotations
@@ -110,7 +110,7 @@ def taxel_map(dependence: xr.Dataset) -> Figure | None:
     Effects stand below the diagonal and are mirrored above it by which pairs survive the false discovery rate.
 
     Args:
-        dependence: From `dependence_taxels.taxel_dependence`.
+        dependence: From `dependence.taxels.taxel_dependence`.
     """
     if not np.isfinite(dependence["effect"].values).any():
         return None
@@ -172,7 +172,7 @@ def times(dependence: xr.Dataset, rate_hz: float | None = None) -> Figure | None
     """Autocorrelation and partial autocorrelation of residuals against the lag.
 
     Args:
-        dependence: From `dependence_times.time_dependence`.
+        dependence: From `dependence.times.time_dependence`.
         rate_hz: Samples per second; without it lags are in samples.
     """
     if dependence.sizes["lag"] < 2 or not np.isfinite(dependence["autocorrelation"].values[1:]).any():
@@ -304,7 +304,7 @@ def leakage(result: Leakage) -> Figure | None:
     """What is inferred without touch beside what whole taps achieve, a panel for each of object, position and both.
 
     Args:
-        result: From `leakage.leakage`.
+        result: From `leakage.run.leakage`.
     """
     told = result.told
     told = told.isel(source=np.isfinite(told["accuracy"].values).any(axis=1))

@@ -10,8 +10,7 @@ from ...models.storage import complete_folder
 from ..page.figure_confusion import confusion
 from ..page.page import write_page
 from ..page.pictures import Picture
-from . import figures as figure_audit
-from . import figures_reliability as figure_reliability
+from . import figures, figures_reliability
 from .checks import figure_checks
 from .remedies import BASELINE, Remedy
 from .run import Audit
@@ -28,7 +27,7 @@ def write_audit(folder: Path, audit: Audit, summary: Mapping[str, Any], setting:
     Args:
         folder: Where to.
         audit: What came out.
-        summary: See `audit_summary.summarise`.
+        summary: See `summary.summarise`.
         setting: The chosen one, see `chosen_setting`.
         force: Whether files in an existing folder may be replaced.
 
@@ -78,26 +77,26 @@ def _drawn(audit: Audit, summary: Mapping[str, Any]) -> Iterator[tuple[str, str,
             "What makes evidence vary",
             f"Shares of the variance of the evidence of {audit.split.attrs['taps']} taps of one class and session, "
             "with 95 % intervals over classes; pale bars may be none.",
-            figure_audit.causes(_seen(audit.split), summary["first_cause"]["name"] or ""),
+            figures.causes(_seen(audit.split), summary["first_cause"]["name"] or ""),
         )
     yield (
         "leakage",
         "What is inferred without touch",
         "Accuracy after one tap from samples before contact where they are known, from subtracted offsets, which the "
         "filter never sees, from whole taps, and from taps less their level before contact, beside chance.",
-        figure_audit.leakage(audit.leakage),
+        figures.leakage(audit.leakage),
     )
     yield (
         "taxels",
         "Dependence of taxels at the same sample, within class",
         "Effect sizes of three tests below the diagonal; above it, pairs that survive a false discovery rate of 5 %.",
-        figure_audit.taxel_map(audit.taxels),
+        figures.taxel_map(audit.taxels),
     )
     yield (
         "times",
         "Dependence of samples, within class",
         "Autocorrelation and partial autocorrelation of what is left of a taxel without the mean tap of its class.",
-        figure_audit.times(audit.times, audit.parts.train.preprocessing.rate_hz),
+        figures.times(audit.times, audit.parts.train.preprocessing.rate_hz),
     )
     yield (
         "checks",
@@ -110,20 +109,20 @@ def _drawn(audit: Audit, summary: Mapping[str, Any]) -> Iterator[tuple[str, str,
         "Beliefs and outcomes after a number of taps",
         "Fraction of right decisions against their belief, passive; calibration error and Brier score; "
         "miscalibration factor, a triangle at an end of its axis where it is 0 or over 1000.",
-        figure_reliability.reliability_after_taps(audit.measured.reliability),
+        figures_reliability.reliability_after_taps(audit.measured.reliability),
     )
     yield (
         "at_stopping",
         "Wrong decisions at stopping",
         "Against the threshold, of all objects, with a 95 % interval in grey, and of each; dotted what the threshold "
         "promises, dashed what beliefs say.",
-        figure_reliability.reliability_at_stopping(audit.measured.reliability),
+        figures_reliability.reliability_at_stopping(audit.measured.reliability),
     )
     yield (
         "guarantees",
         "Promises of the stopping rule",
         "By what factor they are exceeded, with power none and border clamp and as used; at most 1 for a right model.",
-        figure_reliability.guarantee_factors(audit.guarantees),
+        figures_reliability.guarantee_factors(audit.guarantees),
     )
     cost = summary["miscalibration"]["evidence"]
     if audit.grid.M > 1:
@@ -140,12 +139,12 @@ def _drawn(audit: Audit, summary: Mapping[str, Any]) -> Iterator[tuple[str, str,
         "What remedies buy",
         f"Gain in log score per tap over {audit.measured.n} taps, change of the error at the same mean reaction time, "
         "and miscalibration at the threshold, with 95 % intervals.",
-        figure_audit.remedies(audit.measured),
+        figures.remedies(audit.measured),
     )
     if audit.target is not None:
         yield (
             "target_error",
             "The threshold for the wanted error",
             "Errors and reaction times of the tuning sessions against the threshold, and what a new one is to expect.",
-            figure_reliability.wanted_error(audit.target),
+            figures_reliability.wanted_error(audit.target),
         )

@@ -109,7 +109,7 @@ class Measured(NamedTuple):
         policy: `"active"` or `"passive"`.
         judged: The setting as it is.
         reliability: Of its decisions, at `THETAS` too.
-        played: Of the remedies with the classes of the setting as it is, see `compare_decisions.play_models`.
+        played: Of the remedies with the classes of the setting as it is, see `stats.decisions.play_models`.
         table: Test taps as the setting as it is sees them.
     """
 

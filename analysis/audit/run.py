@@ -101,8 +101,8 @@ class Audit(NamedTuple):
         parts: Which taps did what.
         grid: The classes.
         leakage: What is told without touch.
-        taxels: See `dependence_taxels` and `dependence_drift.against_drift`.
-        times: See `dependence_times`.
+        taxels: See `dependence.taxels` and `dependence.drift.against_drift`.
+        times: See `dependence.times`.
         by_session: Whether taps were exchanged within sessions only; otherwise sessions had one tap of a class each.
         components: Gains and offsets of taps and sessions.
         split: The variance of evidence by cause; `None` where evidence cannot be judged.

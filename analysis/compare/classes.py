@@ -107,7 +107,7 @@ def class_scores(
 
     The calibration error is the mean distance between belief and fraction right, over `CALIBRATION_BINS` bins of
     about equally many sequences by belief, equal beliefs in one bin. Noise makes it larger, by chance and not by
-    miscalibration: see `compare_pairing.with_intervals` for its interval.
+    miscalibration: see `stats.pairing.with_intervals` for its interval.
 
     Args:
         tables: The same test taps as every model sees them, by the model's name.

@@ -1,6 +1,6 @@
 """Figures that compare models: scores by contacts, errors by reaction time, and paired differences.
 
-Datasets are those of `compare_classes.class_scores`, `compare_decisions.decision_curves` and `at_equal_taps`. A model
+Datasets are those of `classes.class_scores`, `stats.decisions.decision_curves` and `at_equal_taps`. A model
 has the same colour, marker and line in all of them; the reference model is black.
 """
 
@@ -73,7 +73,7 @@ def class_scores(scores: xr.Dataset, grid: ClassGrid) -> Figure:
     """Scores against the number of contacts, a panel each; those of a part with one class are left out.
 
     Args:
-        scores: From `compare_classes.class_scores`.
+        scores: From `classes.class_scores`.
         grid: The classes.
     """
     names = [name for name in _class_panels(grid) if name in scores]
@@ -94,7 +94,7 @@ def decision_curves(curves: xr.Dataset, grid: ClassGrid) -> Figure:
     """Errors against mean reaction time, a row each, passive and active in columns.
 
     Args:
-        curves: From `compare_decisions.decision_curves`.
+        curves: From `stats.decisions.decision_curves`.
         grid: The classes; an error of a part with one class is left out.
     """
     rows = [[(plot_against_taps, {"name": name, "policy": p}) for p in _policies(curves)] for name in _errors(grid)]
@@ -106,7 +106,7 @@ def decision_differences(equal: xr.Dataset, grid: ClassGrid) -> Figure:
     """Differences of the errors to those of the reference model at equal mean reaction times.
 
     Args:
-        equal: From `compare_decisions.at_equal_taps`.
+        equal: From `stats.decisions.at_equal_taps`.
         grid: The classes; an error of a part with one class is left out.
     """
     rows = [[(plot_differences, {"name": name, "policy": p}) for p in _policies(equal)] for name in _errors(grid)]

@@ -23,7 +23,7 @@ def sessions_left_out(means: xr.Dataset) -> Figure:
     """Difference of each model's mean log probability per tap to that of the reference model, sessions left out.
 
     Args:
-        means: From `compare_taps.mean_scores`, of `integrated` and `plug_in` or one of them.
+        means: From `taps.mean_scores`, of `integrated` and `plug_in` or one of them.
     """
     names = [str(name) for name in means["model"].values]
     figure, axes = new_figure(TWO_COLUMNS, 0.9 + _ROW * max(len(names), 4))
@@ -64,7 +64,7 @@ def pareto(left_out: xr.Dataset) -> Figure:
     """Pareto k of every training tap under every model, with the share that importance sampling cannot answer.
 
     Args:
-        left_out: Over (model, tap), from `compare_taps.leave_one_tap_out`.
+        left_out: Over (model, tap), from `taps.leave_one_tap_out`.
     """
     names = [str(name) for name in left_out["model"].values]
     figure, axes = new_figure(TWO_COLUMNS, 0.9 + _ROW * max(len(names), 4))
@@ -104,7 +104,7 @@ def predictive_checks(checks: xr.Dataset) -> Figure:
     """What training taps show beside what each model would have made of them, a panel per statistic.
 
     Args:
-        checks: From `compare_checks.predictive_checks`.
+        checks: From `stats.checks.predictive_checks`.
     """
     names = [str(name) for name in checks["model"].values]
     count = checks.sizes["statistic"]

@@ -10,8 +10,7 @@ import xarray as xr
 from ...models.storage import complete_folder
 from ..page.page import write_page
 from ..page.pictures import Picture
-from . import figures as figure_compare
-from . import figures_taps as figure_compare_taps
+from . import figures, figures_taps
 from .run import Comparison
 
 
@@ -21,7 +20,7 @@ def write_comparison(folder: Path, comparison: Comparison, summary: Mapping[str,
     Args:
         folder: Where to.
         comparison: What came out.
-        summary: See `compare_summary.summarise`.
+        summary: See `summary.summarise`.
         force: Whether files in an existing folder may be replaced.
 
     Raises:
@@ -58,21 +57,21 @@ def _pictures(comparison: Comparison) -> Iterator[Picture]:
             "sessions",
             "Sessions left out",
             "Mean log probability of a tap’s bins less that of the reference model, with 95 % intervals.",
-            figure_compare_taps.sessions_left_out(comparison.left_out_sessions),
+            figures_taps.sessions_left_out(comparison.left_out_sessions),
         )
     if comparison.left_out_taps is not None:
         yield Picture(
             "pareto",
             "Where importance sampling can leave out a tap",
             "Pareto k of the training taps; beyond the dashed line the estimate of a tap is not to be trusted.",
-            figure_compare_taps.pareto(comparison.left_out_taps),
+            figures_taps.pareto(comparison.left_out_taps),
         )
     if comparison.checks is not None and comparison.checks.sizes["statistic"]:
         yield Picture(
             "checks",
             "Predictive checks",
             "Statistics of the training taps (lines) and of replicates drawn from each fitted model (ticks).",
-            figure_compare_taps.predictive_checks(comparison.checks),
+            figures_taps.predictive_checks(comparison.checks),
         )
     grid = comparison.grid
     for name, title, caption, draw in _levels(comparison):
@@ -85,30 +84,30 @@ def _levels(comparison: Comparison) -> list[tuple[str, str, str, Callable[[Any],
             "classes",
             "Beliefs after a number of taps",
             "Scores of beliefs against the number of taps of one class, with 95 % intervals.",
-            lambda grid: figure_compare.class_scores(comparison.classes, grid),
+            lambda grid: figures.class_scores(comparison.classes, grid),
         ),
         (
             "class_differences",
             "Beliefs, differences",
             "The same, less the score of the reference model on the same sequences.",
-            lambda grid: figure_compare.class_differences(comparison.classes, grid),
+            lambda grid: figures.class_differences(comparison.classes, grid),
         ),
         (
             "decisions",
             "Errors against reaction time",
             "Mean errors against mean reaction times, one point per threshold; bands are 95 % intervals.",
-            lambda grid: figure_compare.decision_curves(comparison.curves, grid),
+            lambda grid: figures.decision_curves(comparison.curves, grid),
         ),
         (
             "decision_differences",
             "Errors at equal reaction times, differences",
             "Error less that of the reference model at the same mean reaction time, in the same trials.",
-            lambda grid: figure_compare.decision_differences(comparison.equal, grid),
+            lambda grid: figures.decision_differences(comparison.equal, grid),
         ),
         (
             "miscalibration",
             "Are decisions as right as they believe?",
             "Fraction of wrong objects over the mean of 1 - belief against the threshold; 1 where beliefs are right.",
-            lambda _: figure_compare.miscalibration(comparison.curves),
+            lambda _: figures.miscalibration(comparison.curves),
         ),
     ]

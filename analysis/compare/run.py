@@ -74,15 +74,15 @@ class Comparison(NamedTuple):
         learned: How the power of each was learned, where it was.
         refused: Why each of the others could not.
         seconds: How long each model took to fit to the training taps.
-        left_out_taps: Over (model, tap), see `compare_taps.leave_one_tap_out`; `None` where it was skipped.
-        left_out_sessions: Means over (model) of `integrated` and `plug_in`, see `compare_taps.mean_scores`; `None`
+        left_out_taps: Over (model, tap), see `taps.leave_one_tap_out`; `None` where it was skipped.
+        left_out_sessions: Means over (model) of `integrated` and `plug_in`, see `taps.mean_scores`; `None`
             without a second session.
         stacking: ArviZ's comparison by sessions left out, a data frame; `None` with less than two models.
         sessions: How sessions were left out, in a sentence.
-        checks: See `compare_checks`; `None` where they were skipped.
-        classes: See `compare_classes`.
-        curves: See `compare_decisions.decision_curves`.
-        equal: See `compare_decisions.at_equal_taps`.
+        checks: See `stats.checks`; `None` where they were skipped.
+        classes: See `classes`.
+        curves: See `stats.decisions.decision_curves`.
+        equal: See `stats.decisions.at_equal_taps`.
         test_taps: How many test taps all models were given.
         elapsed_s: Seconds per stage.
     """

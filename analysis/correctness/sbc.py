@@ -3,7 +3,7 @@
 Episodes are drawn in a world that fulfils every assumption (preset `model`: histograms, power none, a sensor that stops
 at the ends of its range). There the posterior is exact for any moves and any stopping rule, as both depend on past taps
 only. So the truth must rank uniformly in the beliefs, and decisions must be right as often as believed, after a fixed
-number of taps and at stopping; what is not so is an error of the software. `calibration_tests` says how that is judged.
+number of taps and at stopping; what is not so is an error of the software. `stats.uniformity` says how that is judged.
 Reference: Talts et al., "Validating Bayesian inference algorithms with simulation-based calibration" (2018).
 """
 
@@ -47,7 +47,7 @@ class Row(NamedTuple):
         moment: When, see `Moments.names`.
         quantity: `what`, `where` (at the place of the last tap) or `joint`.
         n: Trials.
-        p: P-value of each test, see `calibration_tests`.
+        p: P-value of each test, see `stats.uniformity`.
         factor: Wrong decisions over those announced.
     """
 
@@ -113,7 +113,7 @@ def calibrate(
     """Whether beliefs are exact in a world drawn from a model.
 
     Args:
-        truth: Taps are drawn from its histograms, see `calibration_chain.right_model`.
+        truth: Taps are drawn from its histograms, see `sbc_chain.right_model`.
         trials: How many, of each policy, by route.
         believed: The model of the filter; `None` for the truth, which then has power none. Another plants an error.
         border: The filter's reading of Eq. 9; any but `clamp` is an error.

@@ -36,7 +36,7 @@ def array_beliefs(
     generator: np.random.Generator,
     progress: Callable[[int], None] | None = None,
 ) -> Beliefs:
-    """Episodes side by side; arguments as of `calibration_chain.engine_beliefs`."""
+    """Episodes side by side; arguments as of `sbc_chain.engine_beliefs`."""
     truth, (L, M) = world.truth, world.truth.grid.shape
     tables = bin_tables(truth.probabilities, truth.edges, (L, M))
     found = empty_beliefs(trials, moments, (L, M))

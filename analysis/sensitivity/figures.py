@@ -1,6 +1,6 @@
 """Figures of a sensitivity study: a forest plot of all options, and what pairs of options do beyond their sum.
 
-Data are the sources of `sensitivity_summary.summarise`.
+Data are the sources of `summary.summarise`.
 """
 
 from __future__ import annotations

@@ -37,7 +37,7 @@ def worded(summary: Mapping[str, Any]) -> dict[str, Any]:
     """The summary with its words, made from its numbers.
 
     Args:
-        summary: What `sensitivity_summary.summarise` gives, with words or without.
+        summary: What `summary.summarise` gives, with words or without.
     """
     sources = [{**source, "findings": findings(source), "lists": [*lists_of(source)]} for source in summary["sources"]]
     return {**summary, "rules": rules(), "sources": sources}

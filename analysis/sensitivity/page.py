@@ -7,7 +7,7 @@ from typing import Any
 from ...models.storage import complete_folder
 from ..page.page import write_page
 from ..page.pictures import Picture
-from . import figures as figure_sensitivity
+from . import figures
 
 
 def write_sensitivity(folder: Path, summary: Mapping[str, Any], force: bool = False) -> None:
@@ -15,7 +15,7 @@ def write_sensitivity(folder: Path, summary: Mapping[str, Any], force: bool = Fa
 
     Args:
         folder: Where to.
-        summary: See `sensitivity_summary.summarise`.
+        summary: See `summary.summarise`.
         force: Whether files in an existing folder may be replaced.
 
     Raises:
@@ -34,9 +34,9 @@ def pictures(summary: Mapping[str, Any]) -> Iterator[Picture]:
             f"Changes against the default (in brackets), {source['policies'][-1]} perception, choices by the object "
             "error of their strongest option. Thick lines are 95 % intervals, thin ones hold all together; changes in "
             "the grey bands do not matter. Axes are linear in the bands and logarithmic beyond.",
-            figure_sensitivity.forest(source),
+            figures.forest(source),
         )
-        pairs = figure_sensitivity.interactions(source)
+        pairs = figures.interactions(source)
         if pairs is not None:
             yield Picture(
                 f"pairs-{number}",

@@ -496,7 +496,7 @@ def _curve(
     low, high = widened(low, high, how.center(right), seldom, opened=how.tells)
     empty = trials == 0
     e_low, e_high = how.interval(errors, 0.0, 1.0)
-    # Noise makes it larger, in a resample once more: see `compare_pairing.with_intervals`.
+    # Noise makes it larger, in a resample once more: see `pairing.with_intervals`.
     excess = np.maximum(np.nan_to_num(how.center(errors) - errors[..., 0]), 0.0)
     return {
         **_with_ends("calibration_error", errors[..., 0], np.maximum(e_low - excess, 0.0), e_high),

@@ -1,6 +1,6 @@
 """Figures of a comparison of strategies: curves, differences at equal taps, stopping rules and trajectories.
 
-Data are those of `strategies_summary.summarise`. A strategy has one colour in all of them, and the fixation point is
+Data are those of `summary.summarise`. A strategy has one colour in all of them, and the fixation point is
 black. Intervals of curves stand right of a panel, in the order of its key, so that none hides another.
 """
 

@@ -1,6 +1,6 @@
 """What is left of the gain of information where the model is too sure, as a figure.
 
-Data are those of `strategies_summary.summarise`.
+Data are those of `summary.summarise`.
 """
 
 from __future__ import annotations

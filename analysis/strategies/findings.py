@@ -1,6 +1,6 @@
 """What a reader of a comparison of strategies should know first, in sentences.
 
-Data are those of `strategies_summary.summarise`.
+Data are those of `summary.summarise`.
 """
 
 import math

@@ -7,7 +7,7 @@ from typing import Any
 from ...models.storage import complete_folder
 from ..page.page import write_page
 from ..page.pictures import Picture
-from . import figures as figure_strategies
+from . import figures
 from .figures_regret import regret
 from .figures_trust import trust
 
@@ -17,7 +17,7 @@ def write_strategies(folder: Path, summary: Mapping[str, Any], force: bool = Fal
 
     Args:
         folder: Where to.
-        summary: See `strategies_summary.summarise`.
+        summary: See `summary.summarise`.
         force: Whether files in an existing folder may be replaced.
 
     Raises:
@@ -38,7 +38,7 @@ def pictures(summary: Mapping[str, Any]) -> Iterator[Picture]:
             "the mean way of the sensor (linear up to its first number), each group of strategies beside the fixation "
             "point. Right of each panel stand the last points with their 95 % intervals, in the order of the key; an "
             "arrowhead is where one is cut.",
-            figure_strategies.curves(source),
+            figures.curves(source),
         )
         yield Picture(
             f"equal-taps-{number}",
@@ -46,7 +46,7 @@ def pictures(summary: Mapping[str, Any]) -> Iterator[Picture]:
             "Object error less that of the fixation point, paired, at equal mean numbers of taps. Thick lines are "
             "95 % intervals, thin ones, where there are any, hold all together; hollow points have none. An arrowhead "
             "is where a thin line is cut.",
-            figure_strategies.equal_taps(source),
+            figures.equal_taps(source),
         )
         yield Picture(
             f"stopping-{number}",
@@ -54,7 +54,7 @@ def pictures(summary: Mapping[str, Any]) -> Iterator[Picture]:
             "Object error of the trials that answer along the levels of each rule, in colour, and of the paper's, in "
             "grey, with the fixation point; in the last panel the share of null decisions of the rules that give up. "
             "Right of each panel stand the last points with their 95 % intervals; an arrowhead is where one is cut.",
-            figure_strategies.stopping(source),
+            figures.stopping(source),
         )
         yield Picture(
             f"trajectories-{number}",
@@ -63,7 +63,7 @@ def pictures(summary: Mapping[str, Any]) -> Iterator[Picture]:
             f"decision at threshold {summary['theta']:g}, from the same starts. Lines on one position are spread by up "
             "to a quarter of a class and a dot ends each; strokes at the left are trials that decide with their first "
             "tap, grey is the share of trials that make a tap, dashed the fixation point.",
-            figure_strategies.trajectories(source),
+            figures.trajectories(source),
         )
     if summary["sources"]:
         yield _trust(summary)

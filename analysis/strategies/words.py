@@ -28,4 +28,4 @@ RULE_WORDS = {
     "what, at N taps decide": "as the paper's rule, but after N taps the most probable object is taken: a deadline",
     "what, at N taps give up": "as the paper's rule, but after N taps nothing is decided: a null decision",
 }
-"""By the names of `strategies_curves.families`, N for half the deadline."""
+"""By the names of `curves.families`, N for half the deadline."""

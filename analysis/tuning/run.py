@@ -2,8 +2,8 @@
 
 The fixation point comes first, at the threshold that a setting has; then the threshold, for trials that aim for the
 chosen point. What is wanted of the threshold is either the least cost or a P(wrong) that is kept in a new session, see
-`target_error`. All estimates are of models that have not seen the taps; those at the chosen values are the least of
-many and so a little too good.
+`stats.target_error`. All estimates are of models that have not seen the taps; those at the chosen values are the least
+of many and so a little too good.
 """
 
 from collections.abc import Callable

@@ -1,6 +1,6 @@
 """Whether taxels depend on each other beyond slow courses of their own.
 
-The tests of `dependence_taxels` permute whole taps of a class and session, so their null is that taps come in no
+The tests of `dependence.taxels` permute whole taps of a class and session, so their null is that taps come in no
 particular order. Taxels that are independent but each drift along the session break it, and are found. Here drift is
 removed first: of three neighbouring taps of a class and session at times t1 < t2 < t3, in every sample and taxel, only
 

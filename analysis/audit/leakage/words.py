@@ -38,7 +38,7 @@ def leakage_sentences(
     """The findings, the gravest first.
 
     Args:
-        told: See `leakage.Leakage`.
+        told: See `leakage.run.Leakage`.
         before: The samples before contact.
         blocks: Whether classes were recorded in blocks, by side and session, then by quantity.
         explains: Whether leakage explains the accuracy of each quantity.

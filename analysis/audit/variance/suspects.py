@@ -2,7 +2,7 @@
 
 What a suspect explains is what it adds to place or order, tap by tap within sessions: one that is the same throughout a
 session cannot be told from the session, and one that follows the order of taps not from drift. **The test** is that of
-drifting taxels (see `dependence_drift`): contrasts of three neighbouring taps of a class, session and half leave
+drifting taxels (see `dependence.drift`): contrasts of three neighbouring taps of a class, session and half leave
 nothing of a line; the contrasts of evidence are permuted, alike in all classes, and the statistic is the sum over
 classes of the variance that contrasts of the suspect explain. So it holds its level if evidence drifts, whatever the
 suspect does.

@@ -97,6 +97,16 @@ def test_the_same_seed_gives_the_same_replicates():
     assert (few != other).all()
 
 
+def test_large_taps_are_judged_one_replicate_at_a_time(monkeypatch):
+    """With the same values as several at a time."""
+    taps = make(0)
+    model = fit(taps, taps.grid())
+    several = audit_checks(taps, model, 3, 4)
+    monkeypatch.setattr("solidtouch.analysis.audit.checks._AT_ONCE", 1)
+
+    assert audit_checks(taps, model, 3, 4).identical(several)
+
+
 def test_taps_outside_the_classes_are_left_out_and_progress_counts_replicates(make_taps):
     """A model of two of four objects checks the taps of these."""
     taps = make_taps()

@@ -13,6 +13,7 @@ from solidtouch.inference.judged_sequences import without_replacement
 from solidtouch.inference.resampling import Spread, spread
 from solidtouch.inference.selections import thinned_pools
 from solidtouch.inference.trial_plan import TapTable
+from solidtouch.models import seeds
 
 GENERATOR = np.random.default_rng(0)
 
@@ -94,6 +95,25 @@ def test_log_beliefs_are_those_of_the_resampled_taps():
         exact.append(np.mean([own[np.asarray(taps.indices(0)[0])[pool.order] == l].mean() for l in range(3)]))
     assert np.corrcoef(means[1 : 1 + remedy_scores._RESAMPLES], exact[1:])[0, 1] > 0.5
     assert means[0] == pytest.approx(exact[0], abs=0.25)
+
+
+def test_estimate_and_halves_are_of_so_many_disjoint_sequences():
+    """The estimate takes all sequences of more draws, resamples those of fewer, halves every second of them."""
+    table, remedy, grid, taps = two_positions(40, 30, 35)
+    values = table.log_likelihood + np.random.default_rng(2).normal(size=table.log_likelihood.shape)
+    table = table._replace(log_likelihood=values)
+    generator = seeds.generator(3, seeds.Purpose.REMEDY_SCORES)
+    halves = []
+    for i, pool in enumerate(thinned_pools(table, remedy_scores._RESAMPLES, 3)):
+        each = remedy_scores._RESAMPLE_SEQUENCES if i else remedy_scores._SEQUENCES
+        drawn, weight = _sequences(pool, 2, each, generator)
+        belief = weight * _log_belief(table, remedy, grid, taps.indices(grid), drawn)
+        halves.append([2 * belief[::2].sum(), 2 * belief[1::2].sum()])
+    first, second = np.transpose(halves)
+
+    found = _log_beliefs(table, remedy, grid=grid, taps=taps, n=2, seed=3, pool_of=table)
+
+    np.testing.assert_allclose(found, np.concatenate([(first + second) / 2, first[1:], second[1:]]))
 
 
 def drawn_gain(seed, taps):
