@@ -12,7 +12,7 @@ and the mounting in the variance between taps without the noise of single taxels
 """
 
 from collections.abc import Iterator
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 import xarray as xr
@@ -283,22 +283,27 @@ def collapse(gains: TapGains, own: NDArray[np.integer], session: NDArray[np.inte
 def _sample(cells: "Cells", amplitude: float, seed: int) -> xr.DataTree:
     import arviz as az  # noqa: PLC0415 - as are JAX and NumPyro, slow to import
     import jax  # noqa: PLC0415
-    from numpyro.infer import MCMC, NUTS, init_to_value  # noqa: PLC0415
+    from numpyro.infer import MCMC, NUTS  # noqa: PLC0415
+    from numpyro.infer.util import potential_energy  # noqa: PLC0415
 
     from ...models.components import COMPONENTS, components  # noqa: PLC0415
 
-    start = {name: np.full(len(QUANTITIES), 0.03) for name in COMPONENTS}
+    @jax.jit  # as a whole: JAX would compile the story operation by operation, which takes longer than the chains
+    def potential(log_sd: dict[str, Any]) -> Any:
+        return potential_energy(components, (cells,), {}, log_sd)
+
+    start = {name: np.full((CHAINS, len(QUANTITIES)), np.log(0.03)) for name in COMPONENTS}
     with jax.enable_x64(True), one_blas_thread():
         sampler = MCMC(
-            NUTS(components, target_accept_prob=_ACCEPT, init_strategy=init_to_value(values=start)),
+            NUTS(potential_fn=potential, target_accept_prob=_ACCEPT),
             num_warmup=WARM_UP,
             num_samples=DRAWS,
             num_chains=CHAINS,
             chain_method="vectorized",
             progress_bar=False,
         )
-        sampler.run(jax.random.key(derived_seed(seed, Purpose.COMPONENTS)), cells)
-        sites = {name: np.asarray(values) for name, values in sampler.get_samples(group_by_chain=True).items()}
+        sampler.run(jax.random.key(derived_seed(seed, Purpose.COMPONENTS)), init_params=start)
+        sites = {name: np.exp(values) for name, values in sampler.get_samples(group_by_chain=True).items()}
         diverging = np.asarray(sampler.get_extra_fields(group_by_chain=True)["diverging"])
     shared = sites["session"] ** 2 + sites["mounting"] ** 2
     rho = shared / (shared + sites["tap"] ** 2)

@@ -161,19 +161,20 @@ def measure(
     thetas = sorted({*THETAS, base.setting.threshold})
     reliable = decisions(tables[base.name], base.grid, base.setting, thetas, trials=trials, seed=seed)
     as_it_is = headline(reliable, policy, base.setting.threshold)
-    scores, own = [], {}
+    beliefs_of = partial(_log_beliefs, grid=base.grid, taps=shared, n=n, seed=seed)
+    seen = [(alike[remedy.name], remedy) for remedy in remedies if remedy.name in alike]
+    beliefs = dict(zip(alike, beliefs_of(seen, tables[base.name]), strict=True))
+    scores = []
     for remedy in remedies:
         table = tables[remedy.name]
         if remedy.grid is base.grid:
             errors = at_time.sel(model=remedy.name)
+            as_is, own = beliefs[base.name], beliefs[remedy.name]
         else:
             alone = {remedy.name: table}
             finer = _play(alone, remedy, highest=_needed(_rough(alone, remedy, **options), time), **options)
             errors = _against(at_time.sel(model=base.name), finer, policy, time)
-        beliefs_of = partial(_log_beliefs, grid=base.grid, taps=shared, n=n, seed=seed, pool_of=table)
-        if not own or remedy.grid is not base.grid:
-            own[id(remedy.grid)] = beliefs_of(tables[base.name], base)
-        beliefs = own[id(remedy.grid)] if remedy is base else beliefs_of(table, remedy)
+            as_is, own = beliefs_of([(tables[base.name], base), (table, remedy)], table)
         rounding = _rounding((table, tables[base.name]), n * shared.taps[0].size)
         how = spread(table, noise=_RESAMPLE_SEQUENCES / _SEQUENCES, thinned=True)
         if remedy is base:
@@ -183,7 +184,7 @@ def measure(
         scores.append(
             Scored(
                 remedy.name,
-                *_gains(beliefs, own[id(remedy.grid)], rounding, how, len(remedies) - 1, is_base=remedy is base),
+                *_gains(own, as_is, rounding, how, len(remedies) - 1, is_base=remedy is base),
                 _triple(errors, "what_error"),
                 None if remedy is base else _triple(errors, "what_error_difference"),
                 None if remedy is base else _triple(errors, "where_error_difference"),
@@ -344,21 +345,21 @@ def _sequences(
 
 
 def _log_beliefs(
-    table: TapTable, remedy: Remedy, *, grid: ClassGrid, taps: TapSet, n: int, seed: int, pool_of: TapTable
+    seen: Sequence[tuple[TapTable, Remedy]], pool_of: TapTable, *, grid: ClassGrid, taps: TapSet, n: int, seed: int
 ) -> NDArray[np.float64]:
-    """Mean log belief in what is true after n taps, of the taps as they are and resamples, see `Spread.interval`."""
+    """Mean log belief of P remedies in what is true after the same n taps; a row is as `Spread.interval` takes it."""
     generator = seeds.generator(seed, seeds.Purpose.REMEDY_SCORES)
     classes = taps.indices(grid)
 
-    def halves(drawn: NDArray[np.intp], weight: NDArray[np.float64]) -> tuple[float, float]:
-        values = weight * _log_belief(table, remedy, grid, classes, drawn)
-        return 2 * values[::2].sum(), 2 * values[1::2].sum()
+    def halves(drawn: NDArray[np.intp], weight: NDArray[np.float64]) -> list[tuple[float, float]]:
+        values = [weight * _log_belief(table, remedy, grid, classes, drawn) for table, remedy in seen]
+        return [(2 * one[::2].sum(), 2 * one[1::2].sum()) for one in values]
 
     pools = enumerate(thinned_pools(pool_of, _RESAMPLES, seed))
     drawn = (_sequences(pool, n, _RESAMPLE_SEQUENCES if i else _SEQUENCES, generator) for i, pool in pools)
     tasks = (partial(halves, *sequences) for sequences in drawn)
-    found = np.array(list(in_order(tasks, cores(None))))
-    return np.concatenate([found.mean(axis=1), *found[1:].T])
+    found = np.array(list(in_order(tasks, cores(None)))).transpose(1, 0, 2)
+    return np.concatenate([found.mean(axis=2), found[:, 1:, 0], found[:, 1:, 1]], axis=1)
 
 
 def _log_belief(

@@ -112,6 +112,7 @@ def save(figure: Figure, folder: str | Path, name: str) -> tuple[Path, Path]:
     png, svg = Path(folder) / f"{name}.png", Path(folder) / f"{name}.svg"
     with complete_file(png, force=True) as temporary:
         figure.savefig(temporary, format="png", dpi=PNG_DPI)
+    figure.set_layout_engine("none")  # laid out once, so that both show the same
     with complete_file(svg, force=True) as temporary:
         figure.savefig(temporary, format="svg", dpi=300, metadata={"Date": None, "Creator": "solidtouch"})
     return png, svg

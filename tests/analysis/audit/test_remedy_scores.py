@@ -75,11 +75,11 @@ def two_positions(*count):
 def test_log_beliefs_are_means_over_classes_with_taps():
     """Each counts alike, however many taps it has, and one without any does not; resamples follow."""
     table, remedy, grid, taps = two_positions(9, 0, 4)
-    means = _log_beliefs(table, remedy, grid=grid, taps=taps, n=1, seed=0, pool_of=table)
+    (means,) = _log_beliefs([(table, remedy)], table, grid=grid, taps=taps, n=1, seed=0)
     assert means.shape == (1 + 3 * remedy_scores._RESAMPLES,)
     assert means == pytest.approx(np.full(len(means), (np.log(0.8) + np.log(0.3)) / 2))
     two = [p[0] ** 2 / np.sum(np.square(p)) for p in ([0.8, 0.1, 0.1], [0.3, 0.1, 0.6])]
-    means = _log_beliefs(table, remedy, grid=grid, taps=taps, n=2, seed=0, pool_of=table)
+    (means,) = _log_beliefs([(table, remedy)], table, grid=grid, taps=taps, n=2, seed=0)
     assert means[0] == pytest.approx(np.log(two).mean())
 
 
@@ -88,13 +88,23 @@ def test_log_beliefs_are_those_of_the_resampled_taps():
     table, remedy, grid, taps = two_positions(5, 3, 4)
     values = table.log_likelihood + np.random.default_rng(2).normal(size=table.log_likelihood.shape)
     table = table._replace(log_likelihood=values)
-    means = _log_beliefs(table, remedy, grid=grid, taps=taps, n=1, seed=3, pool_of=table)
+    (means,) = _log_beliefs([(table, remedy)], table, grid=grid, taps=taps, n=1, seed=3)
     exact = []
     for pool in thinned_pools(table, remedy_scores._RESAMPLES, 3):
         own = _log_belief(table, remedy, grid, taps.indices(grid), pool.order[:, None])
         exact.append(np.mean([own[np.asarray(taps.indices(0)[0])[pool.order] == l].mean() for l in range(3)]))
     assert np.corrcoef(means[1 : 1 + remedy_scores._RESAMPLES], exact[1:])[0, 1] > 0.5
     assert means[0] == pytest.approx(exact[0], abs=0.25)
+
+
+def test_log_beliefs_of_several_remedies_are_those_of_each_alone():
+    """All see the same sequences, so gains are differences on the same taps."""
+    table, remedy, grid, taps = two_positions(8, 6, 7)
+    noisy = table.log_likelihood + np.random.default_rng(2).normal(size=table.log_likelihood.shape)
+    seen = [(table, remedy), (table._replace(log_likelihood=noisy), remedy)]
+    both = _log_beliefs(seen, table, grid=grid, taps=taps, n=3, seed=1)
+    alone = [_log_beliefs([one], table, grid=grid, taps=taps, n=3, seed=1)[0] for one in seen]
+    np.testing.assert_array_equal(both, alone)
 
 
 def test_estimate_and_halves_are_of_so_many_disjoint_sequences():
@@ -111,7 +121,7 @@ def test_estimate_and_halves_are_of_so_many_disjoint_sequences():
         halves.append([2 * belief[::2].sum(), 2 * belief[1::2].sum()])
     first, second = np.transpose(halves)
 
-    found = _log_beliefs(table, remedy, grid=grid, taps=taps, n=2, seed=3, pool_of=table)
+    (found,) = _log_beliefs([(table, remedy)], table, grid=grid, taps=taps, n=2, seed=3)
 
     np.testing.assert_allclose(found, np.concatenate([(first + second) / 2, first[1:], second[1:]]))
 
@@ -128,7 +138,7 @@ def drawn_gain(seed, taps):
     as_it_is, halved = (TapTable(values, pool, np.full((3, 2), -np.log(6))) for values in (noisy, noisy / 2))
     remedy = SimpleNamespace(grid=grid, model=SimpleNamespace(saturation=np.inf))
     common = {"grid": grid, "taps": SimpleNamespace(indices=lambda _: (where, what)), "n": 5, "seed": seed}
-    base, beliefs = (_log_beliefs(table, remedy, pool_of=table, **common) for table in (as_it_is, halved))
+    base, beliefs = _log_beliefs([(as_it_is, remedy), (halved, remedy)], as_it_is, **common)
     how = spread(as_it_is, noise=remedy_scores._RESAMPLE_SEQUENCES / remedy_scores._SEQUENCES, thinned=True)
     return _gains(beliefs, base, 0.0, how, 1, is_base=False)
 
