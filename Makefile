@@ -65,7 +65,6 @@ reference-studies: $(VENV)/.ready-run
 
 strategy-studies: $(VENV)/.ready-run
 	@$(PY) benchmarks/strategies.py --document docs/strategies.md
-	@$(PY) benchmarks/ahead.py --document docs/strategies.md
 	@$(PY) benchmarks/tuning.py --document docs/tuning.md
 
 fuzz: $(VENV)/.ready-run

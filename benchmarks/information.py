@@ -12,7 +12,6 @@ from rows import Row, interleaved, per_unit
 from solidtouch.inference import reference
 from solidtouch.inference.control import MovePolicy
 from solidtouch.inference.control_information import informative
-from solidtouch.inference.control_two_taps import two_taps
 from solidtouch.inference.information import (
     ABOUT,
     TapOutcomes,
@@ -61,10 +60,7 @@ def rows(quick: bool = False) -> list[Row]:
 
 def _on_line(outcomes: TapOutcomes) -> dict[str, MovePolicy]:
     """Strategies as a rig asks them: one belief in, one move out."""
-    ahead = {
-        f"about {'where and what' if about == 'joint' else about}": informative(outcomes, about) for about in ABOUT
-    }
-    return ahead | {"two taps ahead, about what": two_taps(outcomes, "what")}
+    return {f"about {'where and what' if about == 'joint' else about}": informative(outcomes, about) for about in ABOUT}
 
 
 def _beliefs(log_likelihood: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -54,9 +54,7 @@ def load_outcomes(model: TapModel, training: Sequence[Path] | None, move: str, s
     if not training:
         return None
     if not ahead:
-        raise InputError(
-            "--training goes with a --move that looks ahead, info-what and its like or two-taps, or --stop lookahead."
-        )
+        raise InputError("--training goes with a --move that looks ahead, info-what and its like, or --stop lookahead.")
     with naming(f"--training {', '.join(map(str, training))}"):
         taps = concatenate([load_taps(file) for file in training])
         outcomes = training_outcomes(model, taps)

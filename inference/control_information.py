@@ -82,7 +82,7 @@ def informative(
         InputError: An argument makes no sense.
     """
     L = len(outcomes.given)
-    targets = checked_targets(about, border, candidates, L)
+    targets = _checked_targets(about, border, candidates, L)
     costs = _checked_costs(per, L)
 
     def move(beliefs: Floats, chance: Floats) -> Integers:  # noqa: ARG001
@@ -91,10 +91,10 @@ def informative(
         values = information_of_moves(outcomes, beliefs, deltas, border, about)
         return best_move(values if costs is None else values / costs[here, targets], deltas)
 
-    return in_parts(move)
+    return _in_parts(move)
 
 
-def in_parts(policy: MovePolicy) -> MovePolicy:
+def _in_parts(policy: MovePolicy) -> MovePolicy:
     """The same strategy, asked for so many beliefs at a time that memory is bounded."""
 
     def move(beliefs: Floats, chance: Floats) -> Integers:
@@ -107,7 +107,7 @@ def in_parts(policy: MovePolicy) -> MovePolicy:
     return move
 
 
-def checked_targets(about: About, border: Border, candidates: Sequence[int] | None, L: int) -> NDArray[np.int64]:
+def _checked_targets(about: About, border: Border, candidates: Sequence[int] | None, L: int) -> NDArray[np.int64]:
     """The where classes to aim for.
 
     Raises:

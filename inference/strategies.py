@@ -12,7 +12,6 @@ from ..models.errors import InputError
 from .control import MovePolicy, check_fixation, fixation, passive, random_place, random_step
 from .control_information import informative
 from .control_table import TargetTable, lookup
-from .control_two_taps import DRAWS, two_taps
 from .information import About, TapOutcomes
 from .move_costs import time_costs, way_costs
 from .reference import Border
@@ -25,13 +24,11 @@ FORMS = (
     "step",
     "step:REACH",
     *(f"info-{about}{per}" for about in ("what", "where", "joint") for per in ("", "-per-mm", "-per-s")),
-    "two-taps",
-    "two-taps:DRAWS",
     "table",
 )
 """All names; capitals stand for numbers."""
 _INFORMATION = re.compile(r"info-(what|where|joint)(?:-per-(mm|s))?")
-_WITH_NUMBER = ("fixation", "step", "two-taps")
+_WITH_NUMBER = ("fixation", "step")
 _REACH = 1
 _LARGEST = 1000  # number in a name
 
@@ -40,8 +37,8 @@ class Strategy(NamedTuple):
     """A name taken apart.
 
     Attributes:
-        kind: `"passive"`, `"fixation"`, `"random"`, `"step"`, `"info"`, `"two-taps"` or `"table"`.
-        number: theta_X of `fixation`, the reach of `step`, the draws of `two-taps`.
+        kind: `"passive"`, `"fixation"`, `"random"`, `"step"`, `"info"` or `"table"`.
+        number: theta_X of `fixation`, the reach of `step`.
         about: What information is about.
         per: `"mm"` or `"s"` where it is had per millimetre or second.
     """
@@ -64,7 +61,7 @@ class Strategy(NamedTuple):
     @property
     def needs_outcomes(self) -> bool:
         """Whether it needs outcomes of training taps."""
-        return self.kind in ("info", "two-taps")
+        return self.kind == "info"
 
 
 def parse_strategy(name: str) -> Strategy:
@@ -81,7 +78,7 @@ def parse_strategy(name: str) -> Strategy:
         return Strategy(kind, _number(name, kind, number))
     if name not in FORMS:
         raise InputError(f"There is no control strategy {name!r}; there are {', '.join(FORMS)}.")
-    return Strategy(name, {"step": _REACH, "two-taps": DRAWS}.get(name, 0.0))
+    return Strategy(name, _REACH if name == "step" else 0.0)
 
 
 def make_policy(
@@ -100,7 +97,7 @@ def make_policy(
         grid: The classes.
         border: Reading of Eq. 9, for strategies that look ahead.
         fixation_index: The where class that `fixation` aims for; `None` for the middle.
-        outcomes: Training taps as outcomes, see `control_information.training_outcomes`, for `info-...` and `two-taps`.
+        outcomes: Training taps as outcomes, see `control_information.training_outcomes`, for `info-...`.
         table: Learned targets, see `control_table`, for `table`.
 
     Raises:
@@ -125,8 +122,6 @@ def _looking_ahead(
         raise InputError(f"The strategy {name} needs training taps.")
     if outcomes.possible.shape != grid.shape:
         raise InputError(f"The training taps are of {outcomes.possible.shape} classes, the model of {grid.shape}.")
-    if strategy.kind == "two-taps":
-        return two_taps(outcomes, strategy.about, border, int(strategy.number))
     costs = {"mm": way_costs, "s": time_costs}
     return informative(outcomes, strategy.about, border, per=costs[strategy.per](grid) if strategy.per else None)
 

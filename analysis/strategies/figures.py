@@ -39,14 +39,13 @@ _LOOKS: dict[str, dict[str, Any]] = {
     "info-joint": {"color": _GREEN, "marker": "^", "linestyle": _BROKEN},
     "info-what-per-mm": {"color": _BLUE, "marker": "<"},
     "info-what-per-s": {"color": _ORANGE, "marker": ">", "linestyle": _DASHED},
-    "two-taps": {"color": _GREEN, "marker": "P", "linestyle": _BROKEN},
     "table": {"color": _PURPLE, "marker": "p", "linestyle": _DOTTED},
 }
 """Strategies: each mark is used once, each colour and line once in a group."""
 _GROUPS = {
     "without looking ahead": ("passive", "random", "step", "fixation:0.8"),
     "one tap ahead": ("info-what", "info-where", "info-joint"),
-    "way counts, two taps, table": ("info-what-per-mm", "info-what-per-s", "two-taps", "table"),
+    "way counts, table": ("info-what-per-mm", "info-what-per-s", "table"),
 }
 _PANELS = (("what_error", "taps"), ("where_error", "taps"), ("what_error", "way"), ("where_error", "way"))
 """Rows of `curves`: what is shown and what it is shown against."""

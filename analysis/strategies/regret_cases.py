@@ -106,10 +106,7 @@ def policies(world: World) -> list[str]:
 
 
 def policy_of(name: str, world: World, problem: RiskProblem) -> tuple[MovePolicy, int]:
-    """One of `policies`, with the number of equal parts of its random number in which it does the same.
-
-    Two taps ahead enumerate first taps where there are no more symbols than draws, as in the small cases.
-    """
+    """One of `policies`, with the number of equal parts of its random number in which it does the same."""
     grid, outcomes = world.model.grid, problem.outcomes
     if name == RISK:
         return risk_mover(outcomes, problem.loss, step_cost=problem.class_cost, border="clamp"), 1

@@ -8,7 +8,6 @@ from numpy.typing import NDArray
 from scipy.stats import norm
 
 from ...inference.exact_cost import Cost
-from ...inference.strategies import parse_strategy
 from ..page.page import interval, percent
 from ..sensitivity.findings import listed
 from ..stats.metrics import CONFIDENCE
@@ -26,8 +25,7 @@ RULES = (
     "numbers and the strategy in bold, and the other half price them, the same trials for all; errors are those "
     "expected under the beliefs, which are right here. Intervals are 95 %, normal, over trials.",
     '"Risk" moves to where the expected error of a decision after one more tap and the cost of the way are least '
-    "together. Two taps ahead take all first taps in the small cases, in the larger one they draw "
-    f"{parse_strategy('two-taps').number:g}; fixation:0.8 aims for the middle, the lower one of two places.",
+    "together; fixation:0.8 aims for the middle, the lower one of two places.",
 )
 
 

@@ -11,7 +11,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...inference.control import MovePolicy, default_fixation
-from ...inference.control_two_taps import two_taps
 from ...inference.expected_gain import gain_watch
 from ...inference.information import TapOutcomes, information_of_moves
 from ...inference.lockstep import Record, play
@@ -46,7 +45,6 @@ STRATEGIES = (
     "info-joint",
     "info-what-per-mm",
     "info-what-per-s",
-    "two-taps",
     "table",
 )
 """What is compared; the names are those of `inference.strategies`."""
@@ -54,7 +52,6 @@ TRUSTED = ("passive", "random", BASE, "info-what", "info-joint")
 """Those that are compared under other roots of the likelihood too."""
 PATHS = 40
 """Trials whose trajectories are kept."""
-_SECOND = 3  # the second of two taps ahead aims for each such where class only
 _TABLE_TRIALS = 500
 
 
@@ -207,11 +204,8 @@ def _play_power(
 
 
 def _policy(name: str, bench: Bench, unit: Unit, model: TapModel, outcomes: TapOutcomes, seed: int) -> MovePolicy:
-    kind, grid, border = parse_strategy(name).kind, bench.grid, bench.border
-    if kind == "two-taps":
-        every = range(_SECOND // 2, grid.L, _SECOND)
-        return two_taps(outcomes, "what", border, second=every)
-    if kind == "table":
+    grid, border = bench.grid, bench.border
+    if name == "table":
         tables = unit.held_out(model, grid)
         learned = learn_table(tables, grid, border=border, trials=_TABLE_TRIALS, seed=seed)
         return make_policy(name, grid, table=learned)

@@ -69,9 +69,7 @@ def rules(settings: StrategySettings) -> list[str]:
         "trials that answer, taps and way of all; those that gave up have a column of their own.",
         STORED_ONLY,
         "Strategies that look ahead enumerate training taps, evenly chosen of all classes, "
-        f"about {settings.pool} of them; they never see a test tap. Two taps ahead look at the "
-        "three places that are best one tap ahead, draw eight first taps, and aim for every third place with the "
-        "second.",
+        f"about {settings.pool} of them; they never see a test tap.",
         f"Equal taps are mean numbers of taps along the curve of a stopping rule, between its levels by interpolation. "
         f'Differences are those to the strategy "{BASE}" on the same trials, below zero where it is beaten.',
         "Intervals in brackets are 95 % each, t-intervals over units, cut where errors, ways and shares end; a number "

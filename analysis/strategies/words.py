@@ -12,7 +12,6 @@ STRATEGY_WORDS = {
     "info-what-per-mm": "goes where the next tap tells most about the object per millimetre of way, 5 mm of them for "
     "the tap",
     "info-what-per-s": "the same per second: 1 s for the tap, moves at 20 mm/s",
-    "two-taps": "goes where the next two taps are expected to tell most about the object; approximate",
     "table": "goes to the place that a table, learned from training taps, has for where it believes to be",
     "risk": "goes where the expected error of a decision after one more tap and the cost of the way are least together",
 }

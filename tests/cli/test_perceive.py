@@ -210,6 +210,7 @@ def test_the_picture_is_kept(command, folder, tmp_path):
         (["--give-up", "soon"], "--give-up: Giving up is after so many taps"),
         (["--give-up", "9", "--deadline", "8"], "--give-up 9 comes after the deadline of 8 taps"),
         (["--move", "lazy"], "--move: There is no control strategy 'lazy'"),
+        (["--move", "two-taps"], "--move: There is no control strategy 'two-taps'; there are passive, fixation, "),
         (["--move", "step:0"], "--move: The number of a strategy must be a whole number from 1 to 1000, got 'step:0'"),
         (["--move", "info-what"], "--move info-what needs --training with the taps that trained the model"),
         (["--move", "table"], "--move table needs --targets with a learned table"),
@@ -217,7 +218,7 @@ def test_the_picture_is_kept(command, folder, tmp_path):
         (["--targets", "t.json"], "--targets goes with --move table only"),
         (["--move", "random", "--fixation", "3"], "--fixation does not go with --move random"),
         (["--move", "table", "--targets", "t.json"], "--targets t.json: t.json cannot be read"),
-        (["--move", "two-taps", "--training", "none.nc"], "--training none.nc: none.nc does not exist"),
+        (["--move", "info-what", "--training", "none.nc"], "--training none.nc: none.nc does not exist"),
         (["--theta", "1.5"], "--theta must lie between 0 and 1, got 1.5"),
         (["--theta-x", "nan"], "--theta-x must lie between 0 and 1"),
         (["--unknown", "2"], "--unknown must lie between 0 and 1, got 2.0"),
@@ -243,7 +244,6 @@ MOVES = [
     "step:2",
     "info-what",
     "info-joint-per-mm",
-    "two-taps",
     "table",
 ]
 
@@ -256,7 +256,7 @@ def test_an_episode_moves_as_the_strategy_says(command, folder, session, monkeyp
     table = learn_table(held_out_tables(known, model.grid, fit), model.grid, trials=50)
     save_table(table, folder / "targets.json", force=True)
     more = {"table": ["--targets", folder / "targets.json"]}.get(name, [])
-    more += ["--training", folder / "taps.nc"] if name.startswith(("info", "two")) else []
+    more += ["--training", folder / "taps.nc"] if name.startswith("info") else []
     base = ("perceive", folder / "model.nc", "--engine", "filter", "--seed", 4, "--theta", 1, "--deadline", 4, "--json")
     done = command(*base, "--move", name, *more)
     outcomes = tap_outcomes(model.log_likelihood(known.taps))

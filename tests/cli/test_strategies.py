@@ -87,5 +87,5 @@ def test_a_quick_look_at_simulated_data(call, tmp_path):
     assert summary["regret"]["trials"] == regret.QUICK_TRIALS
     first, second = summary["sources"]
     assert first["simulated"]
-    assert len(first["strategies"]) == 12
+    assert len(first["strategies"]) == 11
     assert second["border"] == "clamp"

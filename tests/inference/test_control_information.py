@@ -4,9 +4,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from solidtouch.inference import control_information, control_two_taps, reference
+from solidtouch.inference import control_information, reference
 from solidtouch.inference.control_information import informative, state_mean, training_outcomes
-from solidtouch.inference.control_two_taps import two_tap_values, two_taps
 from solidtouch.inference.information import ABOUT, information_of_moves, tap_outcomes
 from solidtouch.models.catalogue import FitSettings, fit_model
 from solidtouch.models.errors import InputError
@@ -89,7 +88,6 @@ def test_who_is_certain_stays(pool, about):
     outcomes = tap_outcomes(pool)
 
     assert not asked(informative(outcomes, about, "clamp"), certain).any()
-    assert not asked(two_taps(outcomes, about, "clamp", 3), certain).any()
     assert asked(informative(outcomes, about, "clamp", [0, 4]), certain)[:, 0].tolist() == [0, -1, -2, 1, 0]
 
 
@@ -103,13 +101,11 @@ def test_of_equal_places_it_takes_the_one_where_it_is_then_the_nearest_then_the_
     assert asked(informative(tap_outcomes(pool), "what", "clamp", [0, 4]), belief) == -2
 
 
-@pytest.mark.parametrize("make", [informative, lambda outcomes, *more: two_taps(outcomes, *more, 4)])
 @pytest.mark.parametrize("about", ABOUT)
-def test_a_batch_moves_as_its_beliefs_one_by_one(pool, beliefs, rng, monkeypatch, make, about):
+def test_a_batch_moves_as_its_beliefs_one_by_one(pool, beliefs, rng, monkeypatch, about):
     """Also a batch that is worked on in parts."""
     monkeypatch.setattr(control_information, "_AT_ONCE", 4)
-    monkeypatch.setattr(control_two_taps, "_NUMBERS", 7 * 4 * L * L * M)
-    policy, chance = make(tap_outcomes(pool), about, "uniform"), rng.random(20)
+    policy, chance = informative(tap_outcomes(pool), about, "uniform"), rng.random(20)
     single = [int(policy(belief, u)) for belief, u in zip(beliefs[:20], chance, strict=True)]
     moves = policy(beliefs[:20].reshape(4, 5, L, M), chance.reshape(4, 5))
 
@@ -118,17 +114,16 @@ def test_a_batch_moves_as_its_beliefs_one_by_one(pool, beliefs, rng, monkeypatch
     assert policy(beliefs[:0], chance[:0]).shape == (0,)
 
 
-@pytest.mark.parametrize("make", [informative, lambda outcomes, *more: two_taps(outcomes, *more, N)])
 @pytest.mark.parametrize("about", ABOUT)
-def test_numbers_of_objects_taps_and_places_do_not_matter(pool, beliefs, rng, make, about):
+def test_numbers_of_objects_taps_and_places_do_not_matter(pool, beliefs, rng, about):
     """Permuted objects and taps move the same, a mirrored range the other way, a turned circle by the same angle."""
     beliefs = beliefs[:10]
-    moves = asked(make(tap_outcomes(pool), about, "uniform"), beliefs)
+    moves = asked(informative(tap_outcomes(pool), about, "uniform"), beliefs)
     what = rng.permutation(M)
-    permuted = make(tap_outcomes(rng.permutation(pool)[:, :, what]), about, "uniform")
-    mirrored = make(tap_outcomes(pool[:, ::-1]), about, "uniform")
-    circle = asked(make(tap_outcomes(pool), about, "circular"), beliefs)
-    turned = asked(make(tap_outcomes(np.roll(pool, 2, axis=1)), about, "circular"), np.roll(beliefs, 2, axis=1))
+    permuted = informative(tap_outcomes(rng.permutation(pool)[:, :, what]), about, "uniform")
+    mirrored = informative(tap_outcomes(pool[:, ::-1]), about, "uniform")
+    circle = asked(informative(tap_outcomes(pool), about, "circular"), beliefs)
+    turned = asked(informative(tap_outcomes(np.roll(pool, 2, axis=1)), about, "circular"), np.roll(beliefs, 2, axis=1))
 
     assert asked(permuted, beliefs[:, :, what]).tolist() == moves.tolist()
     assert asked(mirrored, beliefs[:, ::-1]).tolist() == (-moves).tolist()
@@ -152,79 +147,6 @@ def test_information_may_be_had_per_cost(pool, beliefs, rng):
     assert asked(informative(outcomes, "what", "clamp", per=np.full((L, L), 7.0)), beliefs).tolist() == free
     dear = np.where(np.eye(L) > 0, 1.0, 1e9)
     assert not asked(informative(outcomes, "what", "clamp", per=dear), beliefs).any()
-
-
-@pytest.mark.parametrize("border", reference.BORDERS)
-@pytest.mark.parametrize("about", ABOUT)
-def test_two_taps_enumerated_are_those_of_loops(pool, beliefs, border, about):
-    """The first tap, then after each of them the best of all second moves."""
-    belief, outcomes = beliefs[0], tap_outcomes(pool)
-    given = np.exp(pool) / np.exp(pool).sum(axis=0)
-    deltas = np.arange(L) - reference.where_decision(belief, 0)
-    expected = []
-    for first in deltas:
-        moved = reference.shift(belief, first, border)
-        value = brute_force(pool, moved, about)
-        for likelihood in given:
-            joint = moved * likelihood
-            after = joint / joint.sum()
-            here = reference.where_decision(after, 0)
-            second = [brute_force(pool, reference.shift(after, to - here, border), about) for to in range(L)]
-            value += joint.sum() * max(second)
-        expected.append(value)
-
-    values, error = two_tap_values(outcomes, belief, deltas, np.arange(L), 0.3, about, border, N)
-    np.testing.assert_allclose(values, expected, rtol=0, atol=1e-10)
-    assert not error.any()
-    assert asked(two_taps(outcomes, about, border, N, further=L), belief) == best(expected, deltas)
-
-
-@pytest.mark.parametrize("draws", [2, 5, 11])
-def test_drawn_first_taps_are_right_in_the_mean_and_as_sure_as_said(pool, beliefs, rng, draws):
-    """Over many draws; the standard error is not too small."""
-    outcomes, deltas, n = tap_outcomes(pool), np.array([-1, 0, 2]), 500
-    whole, _ = two_tap_values(outcomes, beliefs[:2], deltas, np.arange(L), np.zeros(2), "what", Q=N)
-    for belief, exact in zip(beliefs[:2], whole, strict=True):
-        repeated = np.broadcast_to(belief, (n, L, M))
-        values, error = two_tap_values(outcomes, repeated, deltas, np.arange(L), rng.random(n), "what", Q=draws)
-        spread = np.sqrt(((values - exact) ** 2).mean(axis=0))
-        assert (spread > 0).all()
-        assert (np.abs(values.mean(axis=0) - exact) < 4 * spread / np.sqrt(n)).all()
-        assert (spread < 1.1 * np.sqrt((error**2).mean(axis=0))).all()
-
-
-def test_draws_are_surer_for_knowing_what_they_leave_unknown_in_the_mean(pool, beliefs, rng, monkeypatch):
-    """Than the plain means of the same draws."""
-    outcomes, deltas, n = tap_outcomes(3 * pool), np.arange(-2, 3), 400
-    repeated, chance = np.broadcast_to(beliefs[0], (n, L, M)), rng.random(n)
-    values, _ = two_tap_values(outcomes, repeated, deltas, np.arange(L), chance, "what", Q=6)
-    plain = lambda told, left, expected: (told.mean(axis=2), 0 * expected)  # noqa: E731, ARG005
-    monkeypatch.setattr(control_two_taps, "_corrected", plain)
-    others, _ = two_tap_values(outcomes, repeated, deltas, np.arange(L), chance, "what", Q=6)
-
-    assert (values.std(axis=0) < 0.8 * others.std(axis=0)).all()
-
-
-@pytest.mark.parametrize("further", [1, 2, 4])
-def test_only_the_best_moves_are_looked_at_further(pool, beliefs, further):
-    """One of them is looking one tap ahead; where more agree the choice is that of all."""
-    outcomes, deltas = tap_outcomes(pool), np.array([np.arange(L) - reference.where_decision(b, 0) for b in beliefs])
-    first = information_of_moves(outcomes, beliefs, deltas, "clamp", "what")
-    whole, _ = two_tap_values(outcomes, beliefs, deltas, np.arange(L), np.full(BELIEFS, 0.5), "what", "clamp", N)
-    expected = []
-    for one, two, moves in zip(first, whole, deltas.tolist(), strict=True):
-        kept = sorted(range(L), key=lambda i, one=one, moves=moves: (-one[i], abs(moves[i])))[:further]
-        expected.append(best([two[i] for i in sorted(kept)], [moves[i] for i in sorted(kept)]))
-
-    assert asked(two_taps(outcomes, "what", "clamp", N, further=further), beliefs).tolist() == expected
-    if further == 1:
-        assert asked(informative(outcomes, "what", "clamp"), beliefs).tolist() == expected
-
-
-def test_a_single_draw_has_no_error_that_is_known(pool, beliefs):
-    _, error = two_tap_values(tap_outcomes(pool), beliefs[0], [0, 1], np.arange(L), 0.2, Q=1)
-
-    assert np.isinf(error).all()
 
 
 @pytest.fixture(scope="module")
@@ -281,10 +203,6 @@ def test_models_with_states_predict_in_the_mean_over_them(sessions):
         (lambda o: informative(o, candidates=[0, 5]), r"classes 0 to 4, got \[0, 5\]"),
         (lambda o: informative(o, per=np.ones((L, M))), r"5 x 5 numbers above 0, got shape \(5, 3\)"),
         (lambda o: informative(o, per=np.zeros((L, L))), "numbers above 0"),
-        (lambda o: two_taps(o, Q=0), "at least one first tap to look at, got 0"),
-        (lambda o: two_taps(o, further=0), "at least one move to look at, got 0"),
-        (lambda o: two_taps(o, second=[5]), r"classes 0 to 4, got \[5\]"),
-        (lambda o: two_tap_values(o, np.ones((L, M)) / 15, [0], [0], 0.0, Q=0), "one first tap to look at, got 0"),
     ],
 )
 def test_what_makes_no_sense_is_refused(pool, make, message):

@@ -5,7 +5,6 @@ import pytest
 from solidtouch.inference.control import fixation, passive, random_place, random_step
 from solidtouch.inference.control_information import informative
 from solidtouch.inference.control_table import TargetTable, lookup
-from solidtouch.inference.control_two_taps import two_taps
 from solidtouch.inference.information import tap_outcomes
 from solidtouch.inference.move_costs import time_costs, way_costs
 from solidtouch.inference.strategies import FORMS, make_policy, parse_strategy
@@ -39,8 +38,6 @@ NAMED = {
     "info-joint": informative(OUTCOMES, "joint", "clamp"),
     "info-what-per-mm": informative(OUTCOMES, "what", "clamp", per=way_costs(GRID)),
     "info-joint-per-s": informative(OUTCOMES, "joint", "clamp", per=time_costs(GRID)),
-    "two-taps": two_taps(OUTCOMES, "what", "clamp"),
-    "two-taps:2": two_taps(OUTCOMES, "what", "clamp", 2),
     "table": lookup(TABLE),
 }
 
@@ -63,7 +60,7 @@ def test_every_name_without_a_number_can_be_asked_at_once():
     moves = [named(name)(BELIEFS, CHANCE) for name in names]
 
     assert all((row.shape, row.dtype) == ((300,), np.int64) for row in moves)
-    assert len({tuple(row.tolist()) for row in moves}) == len(names) == 15
+    assert len({tuple(row.tolist()) for row in moves}) == len(names) == 14
 
 
 def test_the_default_fixation_point_is_the_middle():
@@ -95,8 +92,10 @@ def test_compiled_trials_know_the_paper_and_nothing_else():
         ("fixation:nan", "between 0 and 1"),
         ("step:0", "whole number from 1 to 1000, got 'step:0'"),
         ("step:1.5", "whole number from 1 to 1000, got 'step:1.5'"),
-        ("two-taps:", "whole number from 1 to 1000"),
-        ("two-taps:100000", "whole number from 1 to 1000"),
+        ("step:", "whole number from 1 to 1000"),
+        ("step:100000", "whole number from 1 to 1000"),
+        ("two-taps", "no control strategy 'two-taps'; there are passive, fixation, .*table"),
+        ("two-taps:8", "no control strategy 'two-taps:8'; there are passive, fixation, .*table"),
         (f"step:{10**24}", "whole number from 1 to 1000"),
     ],
 )
@@ -112,7 +111,7 @@ OTHER = ClassGrid(2.0 * np.arange(L), "mm", None, GRID.what_members)
     ("name", "change", "message"),
     [
         ("info-what", {"outcomes": None}, "info-what needs training taps"),
-        ("two-taps:3", {"outcomes": None}, "two-taps:3 needs training taps"),
+        ("info-joint-per-mm", {"outcomes": None}, "info-joint-per-mm needs training taps"),
         ("table", {"table": None}, "needs a table of targets"),
         ("info-what", {"outcomes": tap_outcomes(np.zeros((N, L, 2)))}, r"of \(6, 2\) classes, the model of \(6, 3\)"),
         ("table", {"table": TABLE._replace(where_value=OTHER.where_value)}, "6 places from 0 to 10, the model has 6"),

@@ -33,11 +33,9 @@ from solidtouch.analysis.strategies.regret_summary import summarise_regret
 from solidtouch.analysis.strategies.run import BASE, STRATEGIES, StrategySettings
 from solidtouch.analysis.strategies.summary import summarise
 from solidtouch.inference.bayes_risk import exact_rule
-from solidtouch.inference.control_two_taps import two_taps
 from solidtouch.inference.exact_cost import course, expected_cost
 from solidtouch.inference.lockstep import play
 from solidtouch.inference.stopping import after, lookahead, what_above
-from solidtouch.inference.strategies import parse_strategy
 from solidtouch.inference.trial_plan import plan_trials
 from solidtouch.models.errors import InputError
 
@@ -116,16 +114,6 @@ def test_every_strategy_of_the_comparison_is_priced(tiny):
         f"{BASE} at {place} mm" for place in (2.5, 7.5, 12.5)
     ]
     assert names[-1] == "risk"
-
-
-def test_two_taps_ahead_take_all_first_taps_of_the_small_cases(tiny):
-    """They draw as many as there are symbols or more, so they do what a policy does that enumerates them."""
-    assert all(case.symbols <= parse_strategy("two-taps").number for case in SMALL)
-    problem = problem_of(tiny, 0.05)
-    policy, _ = policy_of("two-taps", tiny, problem)
-    other = two_taps(problem.outcomes, "what", "clamp", 10**6)
-    beliefs = np.random.default_rng(0).dirichlet(np.ones(6), 50).reshape(50, 3, 2)
-    np.testing.assert_array_equal(policy(beliefs, np.zeros(50)), other(beliefs, np.zeros(50)))
 
 
 @pytest.mark.parametrize("tap_cost", [0.001, 0.02, 0.1, 1.0])

@@ -87,9 +87,7 @@ def test_a_cell_holds_the_means_of_its_trials(make_study):
     assert values["trials"].tolist() == [50, 50]
 
 
-@pytest.mark.parametrize(
-    "policy", ["random", "step:2", "info-what", "info-joint-per-mm", "info-where-per-s", "two-taps:2", "table"]
-)
+@pytest.mark.parametrize("policy", ["random", "step:2", "info-what", "info-joint-per-mm", "info-where-per-s", "table"])
 def test_a_cell_plays_any_strategy(make_study, policy):
     """Those that learn are given the training taps of the fold, and no others."""
     cell, effort, data = first_cell(make_study(f'policy = ["{policy}"]\nborder = ["clamp"]\nbins = [9]'))

@@ -48,6 +48,11 @@ WRONG = {
     ),
     "theta_X is a number": (f'{LEAST}[grid]\npolicy = ["fixation:0.5"]', "with its theta_X as a number"),
     "a reach of 0": (f'{LEAST}[grid]\npolicy = ["step:0"]', "grid.policy: The number of a strategy must be a whole"),
+    "a strategy that was left out": (
+        f'{LEAST}[grid]\npolicy = ["two-taps"]',
+        "grid.policy: it must be passive, active or a",
+    ),
+    "the same with a number": (f'{LEAST}[grid]\npolicy = ["two-taps:8"]', "grid.policy: There is no control strategy"),
     "an unknown strategy": (f'{LEAST}[grid]\npolicy = ["info:3"]', "grid.policy: There is no control strategy"),
     "a power below 0": (f"{LEAST}[grid]\npower = [-1]", "grid.power: The power must be J, JK, none or a positive"),
     "an infinite pseudocount": (f"{LEAST}[grid]\npseudocount = [inf]", "grid.pseudocount: the numbers must be finite"),
