@@ -19,7 +19,6 @@ from numpy.typing import NDArray
 from scipy.stats import binomtest
 from solidtouch.analysis.audit.dependence.taxels import TESTS, taxel_dependence
 from solidtouch.analysis.audit.dependence.times import time_dependence
-from solidtouch.analysis.page.figure_study import PowerCurve, power_figure
 from solidtouch.hardware.data_collection import simulate_session
 from solidtouch.hardware.model_rig import draw_taps
 from solidtouch.hardware.presets import preset
@@ -40,6 +39,7 @@ from studies import (
     write_block,
     write_json,
 )
+from studies.figure_study import PowerCurve, power_figure
 
 ALPHA = 0.05
 PERMUTATIONS = 199

@@ -18,7 +18,6 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 from sbc import DRAWS, distribution, simultaneous_band
-from solidtouch.analysis.correctness.figure_sbc import CalibrationPanel, calibration_figure
 from solidtouch.analysis.correctness.sbc import (
     ARRAYS,
     LEVEL,
@@ -37,6 +36,7 @@ from solidtouch.inference.reference import Border
 from solidtouch.models.histogram import HistogramModel
 from solidtouch.models.seeds import Purpose, derived_seed, generator
 from studies import check_block, publish, share_interval, table, until_interrupted, write_block, write_json
+from studies.figure_chain import CalibrationPanel, calibration_figure
 
 KINDS = ("rank", "credible set", "decisions", "decisions by belief")
 SHARES = (0.5, 0.9, 1.0)

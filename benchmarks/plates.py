@@ -4,11 +4,11 @@ from pathlib import Path
 
 import numpy as np
 from numpyro.infer.inspect import get_model_relations
-from solidtouch.analysis.page.figure_stories import Story, plates
 from solidtouch.analysis.page.figure_style import save
 from solidtouch.models import stories
 from solidtouch.models.histogram import histogram_model
 from solidtouch.models.priors import CellPrior, CurvePrior, KroneckerPrior, Taps
+from studies.figure_stories import Story, plates
 
 L, M, N, J, K, B, D = 2, 1, 6, 4, 3, 7, 5
 

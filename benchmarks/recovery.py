@@ -17,7 +17,6 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from solidtouch.analysis.page.figure_study import recovery_figure
 from solidtouch.hardware.data_collection import simulate_session
 from solidtouch.hardware.fingertip_layout import ICUB_FINGERTIP
 from solidtouch.hardware.presets import preset
@@ -34,6 +33,7 @@ from solidtouch.models.shapes import Parameters
 from solidtouch.models.states import States
 from solidtouch.models.taps import TapSet, concatenate
 from studies import check_block, publish, share_interval, table, thinned, until_interrupted, write_block, write_json
+from studies.figure_study import recovery_figure
 
 MODELS = (
     "histogram",

@@ -17,7 +17,6 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import binom, chisquare
-from solidtouch.analysis.page.figure_study import RankPanel, rank_figure
 from solidtouch.models.bins import find_bins
 from solidtouch.models.classes import ClassGrid
 from solidtouch.models.fit_cells import fit_gaussian, fit_profile, fit_profile_ar, fit_profile_mvn
@@ -33,6 +32,7 @@ from solidtouch.models.seeds import Purpose, derived_seed, generator
 from solidtouch.models.shapes import Frame, Parameters
 from solidtouch.models.taps import TapSet
 from studies import check_block, publish, table, until_interrupted, write_block, write_json
+from studies.figure_study import RankPanel, rank_figure
 
 DRAWS = 99
 """Draws from each posterior; ranks go from 0 to this."""

@@ -15,7 +15,6 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from solidtouch.analysis.page.figure_study import Gain, session_figure
 from solidtouch.hardware.data_collection import simulate_session
 from solidtouch.hardware.presets import preset
 from solidtouch.hardware.simulation_settings import RigSettings
@@ -26,6 +25,7 @@ from solidtouch.models.seeds import data_set_seed
 from solidtouch.models.states import log_fold
 from solidtouch.models.taps import TapSet, concatenate
 from studies import check_block, mean_interval, publish, table, thinned, until_interrupted, write_block, write_json
+from studies.figure_study import Gain, session_figure
 
 TRAIN, HELD_OUT, TEST = slice(0, 4), slice(4, 6), slice(6, 8)
 """Sessions of a data set."""

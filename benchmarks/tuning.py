@@ -16,8 +16,6 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from solidtouch.analysis.strategies.learning_regret import regrets
-from solidtouch.analysis.tuning.figures import regret_figure, tuning_figure
 from solidtouch.analysis.tuning.run import ONLINE_THRESHOLDS, Price, Tuning, tune
 from solidtouch.hardware.data_collection import simulate_session
 from solidtouch.hardware.presets import preset
@@ -30,6 +28,8 @@ from solidtouch.models.seeds import data_set_seed
 from solidtouch.models.setting import Setting
 from solidtouch.models.taps import TapSet, concatenate
 from studies import check_block, mean_interval, publish, table, until_interrupted, write_block, write_json
+from studies.figure_tuning import regret_figure, tuning_figure
+from studies.learning_regret import regrets
 
 BLOCKS = ("tuning-choice", "tuning-learning")
 PRESETS = ("paper", "nodrift", "broken")

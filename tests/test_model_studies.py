@@ -7,7 +7,6 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
-from solidtouch.analysis.page import figure_study
 from solidtouch.hardware.presets import preset
 from solidtouch.models.catalogue import FitSettings, fit_model
 
@@ -19,8 +18,8 @@ def parts():
     """The modules of the studies."""
     with pytest.MonkeyPatch.context() as patch:
         patch.syspath_prepend(FOLDER)
-        names = ("studies", "recovery", "sbc", "sessions")
-        modules = SimpleNamespace(**{name: importlib.import_module(name) for name in names})
+        names = ("studies", "recovery", "sbc", "sessions", "studies.figure_stories", "studies.figure_study")
+        modules = SimpleNamespace(**{name.rpartition(".")[2]: importlib.import_module(name) for name in names})
         patch.setattr(modules.sbc, "DRAWS", 19)
         yield modules
 
@@ -267,19 +266,33 @@ def test_the_page_has_a_place_for_every_study(parts):
 
 def test_figures_are_drawn(parts, rng):
     """With as many panels as there is something to show."""
-    assert len(figure_study.recovery_figure(np.eye(3, dtype=int), ["a", "b", "c"]).axes) == 1
+    assert len(parts.figure_study.recovery_figure(np.eye(3, dtype=int), ["a", "b", "c"]).axes) == 1
     band = parts.sbc.simultaneous_band(30)
     curves = {"level": parts.sbc.distribution(rng.integers(0, 20, size=30))}
-    panel = figure_study.RankPanel("a", band.z, band.low, band.high, curves)
-    shown = figure_study.rank_figure([panel] * 3)
+    panel = parts.figure_study.RankPanel("a", band.z, band.low, band.high, curves)
+    shown = parts.figure_study.rank_figure([panel] * 3)
     assert [axes.get_visible() for axes in shown.axes] == [True, True, True, False]
-    gain = figure_study.Gain("b", np.array([1, 5]), {"power J": rng.normal(size=(4, 2))})
-    assert figure_study.session_figure([gain], "log score").axes[0].get_title() == "b"
+    gain = parts.figure_study.Gain("b", np.array([1, 5]), {"power J": rng.normal(size=(4, 2))})
+    assert parts.figure_study.session_figure([gain], "log score").axes[0].get_title() == "b"
 
 
 def test_a_figure_stands_beside_the_page_as_one_file(parts, tmp_path, monkeypatch):
     monkeypatch.setattr(parts.studies, "OUT", tmp_path / "out")
-    figure = figure_study.recovery_figure(np.eye(2, dtype=int), ["a", "b"])
+    figure = parts.figure_study.recovery_figure(np.eye(2, dtype=int), ["a", "b"])
     parts.studies.publish(figure, tmp_path / "page.md", "wins")
     assert [path.name for path in (tmp_path / "images").iterdir()] == ["wins.svg"]
     assert {path.suffix for path in (tmp_path / "out").iterdir()} == {".png", ".svg"}
+
+
+def test_plate_diagrams_show_every_site_with_its_distribution(parts):
+    """Names and plates come from the model's own relations."""
+    relations = {
+        "sample_sample": {"mean": [], "scale": [], "x": ["mean", "scale"]},
+        "plate_sample": {"K": ["mean"], "tap": ["x"]},
+        "observed": ["x"],
+        "sample_dist": {"mean": "Normal", "scale": "HalfNormal", "x": "Normal"},
+    }
+    axes, other = parts.figure_stories.plates([parts.figure_stories.Story("small", relations)]).axes
+    texts = {text.get_text() for text in axes.texts}
+    assert {"mean\nNormal", "scale\nHalfNormal", "x\nNormal", "K", "tap"} <= texts
+    assert not other.get_visible()

@@ -1,10 +1,9 @@
-"""Figures of how models predict taps, and plate diagrams."""
+"""Figures of how models predict taps."""
 
 import numpy as np
 import pytest
 import xarray as xr
 from solidtouch.analysis.compare import figures_taps as figures
-from solidtouch.analysis.page.figure_stories import Story, plates
 
 NAMES = np.array(["histogram", "profile", "session:matrix-normal"])
 
@@ -62,17 +61,3 @@ def test_checks_show_what_was_observed_within_the_axes(statistics):
     for axes, observed in zip(shown, checks["observed"].values, strict=True):
         low, high = axes.get_xlim()
         assert low < observed < high
-
-
-def test_plate_diagrams_show_every_site_with_its_distribution():
-    """Names and plates come from the model's own relations."""
-    relations = {
-        "sample_sample": {"mean": [], "scale": [], "x": ["mean", "scale"]},
-        "plate_sample": {"K": ["mean"], "tap": ["x"]},
-        "observed": ["x"],
-        "sample_dist": {"mean": "Normal", "scale": "HalfNormal", "x": "Normal"},
-    }
-    axes, other = plates([Story("small", relations)]).axes
-    texts = {text.get_text() for text in axes.texts}
-    assert {"mean\nNormal", "scale\nHalfNormal", "x\nNormal", "K", "tap"} <= texts
-    assert not other.get_visible()

@@ -7,8 +7,16 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-
-from ..page.figure_style import ACTIVE, DECIDED, OTHERS, TRUE, TWO_COLUMNS, label_panel, new_figure, styled
+from solidtouch.analysis.page.figure_style import (
+    ACTIVE,
+    DECIDED,
+    OTHERS,
+    TRUE,
+    TWO_COLUMNS,
+    label_panel,
+    new_figure,
+    styled,
+)
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any, NamedTuple
 
-from .figure_style import OTHERS, TWO_COLUMNS, new_figure, styled
+from solidtouch.analysis.page.figure_style import OTHERS, TWO_COLUMNS, new_figure, styled
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

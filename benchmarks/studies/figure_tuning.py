@@ -8,9 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import t
-
-from ...inference.held_out import Estimate
-from ..page.figure_style import (
+from solidtouch.analysis.page.figure_style import (
     ACTIVE,
     DECIDED,
     OTHERS,
@@ -22,8 +20,9 @@ from ..page.figure_style import (
     new_figure,
     styled,
 )
-from ..stats.metrics import CONFIDENCE
-from .run import Tuning
+from solidtouch.analysis.stats.metrics import CONFIDENCE
+from solidtouch.analysis.tuning.run import Tuning
+from solidtouch.inference.held_out import Estimate
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -1,9 +1,11 @@
-"""Regret of learners against the best pair, with expectations from trials apart."""
+"""Both choices of tuning, the figures of its study, and the regret of learners against the best pair."""
+
+import importlib
+from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from solidtouch.analysis.strategies.learning_regret import arm_prices, regrets
-from solidtouch.analysis.tuning.figures import regret_figure, tuning_figure
 from solidtouch.analysis.tuning.run import Price, check_price, tune, tuning_trials
 from solidtouch.hardware.model_rig import draw_session
 from solidtouch.inference.episode_costs import trial_costs
@@ -16,6 +18,15 @@ from solidtouch.models.setting import Setting
 from solidtouch.models.taps import concatenate
 
 THETA = (0.6, 0.9)
+
+
+@pytest.fixture(scope="module")
+def study():
+    """The modules of the study."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.syspath_prepend(Path(__file__).parents[1] / "benchmarks")
+        names = ("figure_tuning", "learning_regret")
+        yield SimpleNamespace(**{name: importlib.import_module(f"studies.{name}") for name in names})
 
 
 @pytest.fixture(scope="module")
@@ -33,21 +44,23 @@ def parts(make_model):
     return held_out(taps, model.grid, lambda part, grid: fit(part, grid, bins=6, pseudocount=0.5))
 
 
-def test_arms_are_priced_by_trials_and_the_best_without_its_luck(drawn):
+def test_arms_are_priced_by_trials_and_the_best_without_its_luck(study, drawn):
     """What one half of the trials calls best is priced by the other, and so no cheaper than the cheapest of all."""
     table, grid = drawn
     learner = Learner.new("gp", range(4), THETA)
-    prices = arm_prices(table, grid, learner, 20.0, 400, deadline=15)
+    prices = study.learning_regret.arm_prices(table, grid, learner, 20.0, 400, deadline=15)
     fresh = trial_costs(table, grid, learner.fixation, learner.theta, 20.0, 4000, deadline=15, first_stream=7)
     assert np.abs(prices.mean - fresh.mean(axis=1)).max() < 6 * fresh.std(axis=1).max() / np.sqrt(400)
     assert prices.least >= prices.mean.min() - 1e-9
     assert prices.of(2, 0.9) == prices.mean[5]
 
 
-def test_regret_adds_up_what_chosen_arms_cost_more(drawn):
+def test_regret_adds_up_what_chosen_arms_cost_more(study, drawn):
     """Learners lose less than an arm at random, and what they end with is no worse."""
     table, grid = drawn
-    lost, prices = regrets(table, grid, range(4), THETA, 20.0, episodes=200, trials=2000, seed=1, deadline=15)
+    lost, prices = study.learning_regret.regrets(
+        table, grid, range(4), THETA, 20.0, episodes=200, trials=2000, seed=1, deadline=15
+    )
     steps = prices.mean - prices.least
     np.testing.assert_allclose(lost["random"].regret, steps.mean() * np.arange(1, 201))
     for method in ("gp", "thompson"):
@@ -77,13 +90,13 @@ def test_a_target_that_three_sessions_cannot_promise_is_refused(parts):
         check_price(Price(target=0.0), 9)
 
 
-def test_figures_show_every_curve(parts):
+def test_figures_show_every_curve(study, parts):
     """Every learner has a line in both panels; chosen and as good positions are marked."""
     curves = {"gp": np.arange(1.0, 21).reshape(2, 10), "random": np.ones((2, 10))}
-    both = regret_figure(curves).axes
+    both = study.figure_tuning.regret_figure(curves).axes
     assert [len(axes.lines) for axes in both] == [2, 2]
     assert [text.get_text() for text in both[0].get_legend().get_texts()] == ["Gaussian process", "random pair"]
     found = tune(parts, Setting(), Price(), trials=100)
-    places, thresholds = tuning_figure(found).axes
+    places, thresholds = study.figure_tuning.tuning_figure(found).axes
     assert places.lines[0].get_xdata().tolist() == parts.grid.where_value.tolist()
     assert thresholds.lines[0].get_ydata().tolist() == found.threshold.cost.mean.tolist()
