@@ -70,8 +70,8 @@ def tune(
         int | None, Option("--online", metavar="N", min=2, help="Learn both in N episodes instead.")
     ] = None,
     learner: Annotated[
-        Literal["thompson", "gp"], Option(help="Of --online: pairs apart, or with a Gaussian process over them.")
-    ] = "gp",
+        Literal["thompson"], Option(help="Of --online: Thompson sampling, each pair by its own costs.")
+    ] = "thompson",
     rig: Annotated[
         str | None, Option(metavar="RIG", help="Of --online: play on this rig, as `perceive`; default held-out taps.")
     ] = None,

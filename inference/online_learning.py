@@ -3,14 +3,11 @@
 A pair of fixation point and threshold is an arm of a bandit: an episode is played with one of them, its cost is told,
 and the next arm is chosen by what all costs so far say. This is how Lepora, Martinez-Hernandez, Pezzulo and Prescott,
 "Active Bayesian perception and reinforcement learning" (IROS 2013), find both; their reward is the negative cost here,
-in other units. Two learners are there, both by Thompson's idea of playing what a draw from the posterior calls best:
+in other units. The learner, `thompson`, has Thompson's idea of playing what a draw from the posterior calls best.
 
-`thompson` knows each arm by its own costs alone, taken as normal with unknown mean and variance. The prior has the
-mean and variance of all costs so far and weighs as much as one episode for the mean and four for the variance, so it
-needs no scale to be given.
-
-`gp` also knows that neighbours are alike, see `gaussian_process`: Bayesian optimisation over (fixation, logit of the
-threshold), which needs far fewer episodes where there are many arms.
+It knows each arm by its own costs alone, taken as normal with unknown mean and variance. The prior has the mean and
+variance of all costs so far and weighs as much as one episode for the mean and four for the variance, so it needs no
+scale to be given.
 
 A learner is a value: what it has been told as three numbers for each arm. Random numbers belong to its seed and the
 number of the episode, so a learner that was saved goes on as if nothing had happened.
@@ -27,22 +24,20 @@ from typing import Annotated, Any, Literal, Self, get_args
 import msgspec
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import norm, t
+from scipy.stats import t
 
 from ..models.errors import InputError
 from ..models.json_object import read_object
 from ..models.seeds import Purpose, generator
 from ..models.storage import complete_file
-from .gaussian_process import Smoothness, arm_posterior, fitted_smoothness, places
 
 type Floats = NDArray[np.float64]
-type Method = Literal["thompson", "gp"]
+type Method = Literal["thompson"]
 METHODS: tuple[str, ...] = get_args(Method.__value__)
 FORMAT = 1
 _FEWEST = 2  # episodes before anything is known of the spread of costs
 _PRIOR = 1.0  # episodes that the prior of an arm's mean weighs
 _PRIOR_SPREAD = 4.0  # and that of its variance
-_ROUNDING = 1e-6  # of the largest variance, by which a covariance may miss being one
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,14 +45,13 @@ class Learner:
     """What has been learned so far.
 
     Attributes:
-        method: `"thompson"` or `"gp"`.
+        method: Of `METHODS`.
         seed: Of what is drawn.
         fixation: Fixation point of each arm, shape (A,).
         theta: Its threshold, shape (A,).
         count: Episodes played with it, shape (A,).
         mean: Their mean cost, 0 without one, shape (A,).
         squares: Sum of the squared deviations from it, shape (A,).
-        smoothness: Of the Gaussian process; `None` before it has been fitted.
         setup: What its costs are of, as words by name; costs of another setup mean something else.
     """
 
@@ -68,7 +62,6 @@ class Learner:
     count: NDArray[np.int64]
     mean: Floats
     squares: Floats
-    smoothness: Smoothness | None = None
     setup: Mapping[str, str] = field(default_factory=dict)
 
     @property
@@ -129,14 +122,8 @@ def choose(learner: Learner) -> int:
     rng = generator(learner.seed, Purpose.ARM, learner.episodes)
     if learner.episodes < _FEWEST:
         return int(rng.integers(len(learner.theta)))
-    if learner.method == "gp":
-        mean, covariance = _process(learner)
-        slack = _ROUNDING * np.diag(covariance).max() * np.eye(len(mean))
-        drawn = mean + np.linalg.cholesky(covariance + slack) @ rng.standard_normal(len(mean))
-    else:
-        mean, scale, freedom = _posterior(learner)
-        drawn = mean + scale * rng.standard_t(freedom)
-    return int(drawn.argmin())
+    mean, scale, freedom = _posterior(learner)
+    return int((mean + scale * rng.standard_t(freedom)).argmin())
 
 
 def told(learner: Learner, arm: int, cost: float) -> Learner:
@@ -157,11 +144,7 @@ def told(learner: Learner, arm: int, cost: float) -> Learner:
     count[arm] += 1
     mean[arm] += away / count[arm]
     squares[arm] += away * (cost - mean[arm])
-    after = replace(learner, count=count, mean=mean, squares=squares)
-    if learner.method == "gp" and after.episodes >= 8 and after.episodes.bit_count() == 1:  # at 8, 16, 32, ...
-        smoothness = fitted_smoothness(_arm_places(after), count, mean, squares)
-        return replace(after, smoothness=smoothness)
-    return after
+    return replace(learner, count=count, mean=mean, squares=squares)
 
 
 def learn(
@@ -194,15 +177,12 @@ def beliefs(learner: Learner) -> tuple[Floats, Floats]:
     """
     if learner.episodes < _FEWEST:
         raise InputError(f"At least {_FEWEST} episodes are needed to know a cost, got {learner.episodes}.")
-    if learner.method == "gp":
-        mean, covariance = _process(learner)
-        return mean, np.sqrt(np.maximum(np.diag(covariance), 0.0))
     mean, scale, freedom = _posterior(learner)
     return mean, scale * np.sqrt(freedom / (freedom - 2.0))
 
 
 def interval(learner: Learner, arm: int, level: float) -> tuple[float, float]:
-    """Ends of a credible interval of an arm's mean cost: of the normal posterior of `gp`, of Student's of `thompson`.
+    """Ends of a credible interval of an arm's mean cost.
 
     Args:
         learner: What is known.
@@ -212,12 +192,9 @@ def interval(learner: Learner, arm: int, level: float) -> tuple[float, float]:
     Raises:
         InputError: As `beliefs`.
     """
-    mean, scale = beliefs(learner)
-    quantile = norm.ppf((1 + level) / 2)
-    if learner.method == "thompson":
-        _, scale, freedom = _posterior(learner)
-        quantile = t.ppf((1 + level) / 2, freedom[arm])
-    half = float(quantile * scale[arm])
+    mean, _ = beliefs(learner)
+    _, scale, freedom = _posterior(learner)
+    half = float(t.ppf((1 + level) / 2, freedom[arm]) * scale[arm])
     return float(mean[arm]) - half, float(mean[arm]) + half
 
 
@@ -244,7 +221,6 @@ def save_learner(learner: Learner, path: str | Path, force: bool = False) -> Non
         "method": learner.method,
         "seed": learner.seed,
         **{name: getattr(learner, name).tolist() for name in _COLUMNS},
-        "smoothness": None if learner.smoothness is None else learner.smoothness._asdict(),
         "setup": dict(learner.setup),
     }
     with complete_file(path, force) as temporary:
@@ -262,13 +238,11 @@ def load_learner(path: str | Path) -> Learner:
         raise InputError(f"{path} is no learner: its key format is not {FORMAT}.")
     try:
         file = msgspec.convert({name: value for name, value in values.items() if name != "format"}, _File)
-        smoothness = None if file.smoothness is None else Smoothness(**file.smoothness)
-    except (msgspec.ValidationError, TypeError) as error:
+    except msgspec.ValidationError as error:
         raise InputError(f"{path} is no whole learner: {error}.") from error
     learner = Learner(
         method=file.method,
         seed=file.seed,
-        smoothness=smoothness,
         **{name: np.array(getattr(file, name), dtype=kind) for name, kind in _COLUMNS.items()},
         setup=file.setup,
     )
@@ -280,7 +254,6 @@ def load_learner(path: str | Path) -> Learner:
 
 
 type _Count = Annotated[int, msgspec.Meta(ge=0, lt=1 << 53)]
-type _Positive = Annotated[float, msgspec.Meta(gt=1e-12, lt=1e12)]
 
 
 class _File(msgspec.Struct, forbid_unknown_fields=True):
@@ -293,8 +266,8 @@ class _File(msgspec.Struct, forbid_unknown_fields=True):
     count: list[_Count]
     mean: list[float]
     squares: list[Annotated[float, msgspec.Meta(ge=0)]]
-    smoothness: dict[str, _Positive] | None
     setup: dict[str, str]
+    smoothness: None = None  # in files of versions that had a learner with one
 
 
 _COLUMNS: dict[str, Any] = {
@@ -316,12 +289,3 @@ def _posterior(learner: Learner) -> tuple[Floats, Floats, Floats]:
     total_squares = _PRIOR_SPREAD * spread + learner.squares + _PRIOR * n / weight * (learner.mean - centre) ** 2
     freedom = _PRIOR_SPREAD + n.astype(np.float64)
     return mean, np.sqrt(total_squares / (freedom * weight)), freedom
-
-
-def _process(learner: Learner) -> tuple[Floats, Floats]:
-    """Mean (A,) and covariance (A, A) of the costs of all arms under the Gaussian process."""
-    return arm_posterior(_arm_places(learner), learner.count, learner.mean, learner.squares, learner.smoothness)
-
-
-def _arm_places(learner: Learner) -> Floats:
-    return places(learner.fixation, learner.theta)

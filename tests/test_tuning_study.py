@@ -47,7 +47,7 @@ def parts(make_model):
 def test_arms_are_priced_by_trials_and_the_best_without_its_luck(study, drawn):
     """What one half of the trials calls best is priced by the other, and so no cheaper than the cheapest of all."""
     table, grid = drawn
-    learner = Learner.new("gp", range(4), THETA)
+    learner = Learner.new("thompson", range(4), THETA)
     prices = study.learning_regret.arm_prices(table, grid, learner, 20.0, 400, deadline=15)
     fresh = trial_costs(table, grid, learner.fixation, learner.theta, 20.0, 4000, deadline=15, first_stream=7)
     assert np.abs(prices.mean - fresh.mean(axis=1)).max() < 6 * fresh.std(axis=1).max() / np.sqrt(400)
@@ -56,18 +56,17 @@ def test_arms_are_priced_by_trials_and_the_best_without_its_luck(study, drawn):
 
 
 def test_regret_adds_up_what_chosen_arms_cost_more(study, drawn):
-    """Learners lose less than an arm at random, and what they end with is no worse."""
+    """A learner loses less than an arm at random, and what it ends with is no worse."""
     table, grid = drawn
     lost, prices = study.learning_regret.regrets(
         table, grid, range(4), THETA, 20.0, episodes=200, trials=2000, seed=1, deadline=15
     )
     steps = prices.mean - prices.least
     np.testing.assert_allclose(lost["random"].regret, steps.mean() * np.arange(1, 201))
-    for method in ("gp", "thompson"):
-        each = np.diff(lost[method].regret, prepend=0.0)
-        assert np.abs(each[:, np.newaxis] - steps).min(axis=1).max() < 1e-9
-        assert lost[method].regret[-1] < lost["random"].regret[-1]
-        assert lost[method].kept < steps.mean()
+    each = np.diff(lost["thompson"].regret, prepend=0.0)
+    assert np.abs(each[:, np.newaxis] - steps).min(axis=1).max() < 1e-9
+    assert lost["thompson"].regret[-1] < lost["random"].regret[-1]
+    assert lost["thompson"].kept < steps.mean()
 
 
 def test_both_choices_end_in_a_setting_and_in_words(parts):
@@ -92,10 +91,10 @@ def test_a_target_that_three_sessions_cannot_promise_is_refused(parts):
 
 def test_figures_show_every_curve(study, parts):
     """Every learner has a line in both panels; chosen and as good positions are marked."""
-    curves = {"gp": np.arange(1.0, 21).reshape(2, 10), "random": np.ones((2, 10))}
+    curves = {"thompson": np.arange(1.0, 21).reshape(2, 10), "random": np.ones((2, 10))}
     both = study.figure_tuning.regret_figure(curves).axes
     assert [len(axes.lines) for axes in both] == [2, 2]
-    assert [text.get_text() for text in both[0].get_legend().get_texts()] == ["Gaussian process", "random pair"]
+    assert [text.get_text() for text in both[0].get_legend().get_texts()] == ["arms apart", "random pair"]
     found = tune(parts, Setting(), Price(), trials=100)
     places, thresholds = study.figure_tuning.tuning_figure(found).axes
     assert places.lines[0].get_xdata().tolist() == parts.grid.where_value.tolist()

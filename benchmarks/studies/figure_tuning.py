@@ -28,8 +28,8 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-_COLOURS = {"gp": TRUE, "thompson": DECIDED, "random": OTHERS}
-_NAMES = {"gp": "Gaussian process", "thompson": "arms apart", "random": "random pair"}
+_COLOURS = {"thompson": DECIDED, "random": OTHERS}
+_NAMES = {"thompson": "arms apart", "random": "random pair"}
 
 
 @styled

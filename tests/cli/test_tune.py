@@ -136,10 +136,9 @@ def test_one_session_is_halved(call, make_taps, tmp_path):
     assert "A new session would differ more" in result.output
 
 
-@pytest.mark.parametrize("learner", ["gp", "thompson"])
-def test_a_learner_goes_on_where_it_stopped(call, recorded, tmp_path, learner):
+def test_a_learner_goes_on_where_it_stopped(call, recorded, tmp_path):
     """Two halves end as the whole does, and the setting is what it recommends."""
-    words = (recorded, *COMMON, "--learner", learner, "--thresholds", "0.6,0.9", "--force")
+    words = (recorded, *COMMON, "--learner", "thompson", "--thresholds", "0.6,0.9", "--force")
     whole = tmp_path / "whole.json"
     result = call(*words, "--online", 24, "--state", whole, "--out", tmp_path / "a.json")
     assert result.exit_code == 0, result.output
@@ -175,7 +174,7 @@ def test_what_was_learned_is_kept_when_it_is_interrupted(make_taps, recorded, tm
         if len(ended) == 3:
             raise KeyboardInterrupt
 
-    course = Course("gp", None, 20, 0, state, f"replay:{recorded}", None)
+    course = Course("thompson", None, 20, 0, state, f"replay:{recorded}", None)
     with pytest.raises(KeyboardInterrupt):
         learned(course, Setting(deadline=20), Price(), taps, model.grid, lambda: model, lambda: None, bar)
     assert load_learner(state).episodes == 3
@@ -190,7 +189,7 @@ def test_what_was_learned_is_kept_when_it_is_interrupted(make_taps, recorded, tm
         (("--rig", "simulated"), "--rig goes with --online only"),
         (("--state", "s.json"), "--state goes with --online only"),
         (("--online", 9, "--target-error", 0.1), "does not go with --online"),
-        (("--learner", "gp"), "--learner goes with --online only"),
+        (("--learner", "thompson"), "--learner goes with --online only"),
         (("--online", 9, "--home"), "--home goes with --rig only"),
         (("--online", 9, "--by", "passive"), "--by judges positions from all training taps"),
         (("--target-error", 0.1, "--cost-error", 9), "does not go with --cost-error"),
@@ -212,6 +211,13 @@ def test_nonsense_is_refused_in_a_sentence(call, recorded, tmp_path, words, said
     assert not (tmp_path / "setting.json").exists()
 
 
+def test_a_learner_that_is_not_there_is_refused_with_those_that_are(call, recorded, tmp_path):
+    result = call(recorded, "--out", tmp_path / "setting.json", *COMMON, "--online", 9, "--learner", "gp")
+    assert result.exit_code == 2
+    assert "'gp' is not one of 'thompson'" in " ".join(result.output.split())
+    assert not (tmp_path / "setting.json").exists()
+
+
 def test_one_object_leaves_nothing_to_tune(call, make_taps, tmp_path):
     make_taps(M=1).save(tmp_path / "one.nc")
     result = call(tmp_path / "one.nc", "--out", tmp_path / "setting.json")
@@ -226,7 +232,7 @@ def test_one_place_has_a_threshold_to_tune(call, make_taps, tmp_path):
 
 
 def test_what_was_learned_for_other_pairs_is_not_gone_on_with(call, recorded, tmp_path):
-    """Nor by another learner or seed; the file stays as it is."""
+    """Nor with another seed; the file stays as it is."""
     state = tmp_path / "state.json"
     words = (recorded, "--out", tmp_path / "setting.json", "--force", "--online", 4, "--state", state, *COMMON)
     assert call(*words, "--thresholds", "0.6,0.9").exit_code == 0
@@ -235,7 +241,6 @@ def test_what_was_learned_for_other_pairs_is_not_gone_on_with(call, recorded, tm
     same = (*words, "--thresholds", "0.6,0.9")
     for more, said in (
         (("--seed", 1), "the seed was 0, and 1 is asked for"),
-        (("--learner", "thompson"), "the learner was gp, and thompson"),
         (("--cost-error", 10), "the cost of an error was 50 taps, and 10 taps"),
         (("--wrong",), "the kind of error was"),
         (("--deadline", 19), "the deadline was 20, and 19"),

@@ -1,26 +1,16 @@
-"""Learners of fixation point and threshold: planted problems, regret, resuming, and real episodes."""
+"""The learner of fixation point and threshold: planted problems, regret, resuming, and real episodes."""
 
 import json
 from dataclasses import replace
 
 import numpy as np
 import pytest
-from scipy.stats import multivariate_normal
 from solidtouch.hardware.model_rig import draw_session
 from solidtouch.hardware.replay import ReplayRig
 from solidtouch.inference.engine import make_engine
 from solidtouch.inference.episode_costs import episode_cost, held_out_costs, trial_costs
-from solidtouch.inference.gaussian_process import (
-    Smoothness,
-    arm_posterior,
-    covariance,
-    fitted_smoothness,
-    log_likelihood,
-    places,
-)
 from solidtouch.inference.held_out import held_out
 from solidtouch.inference.online_learning import (
-    METHODS,
     Learner,
     beliefs,
     choose,
@@ -57,11 +47,10 @@ def played(learner, episodes, cost):
     return learn(learner, episodes, cost, lambda _, arm: arms.append(arm)), arms
 
 
-@pytest.mark.parametrize("method", METHODS)
-def test_the_best_arm_is_found_and_regret_grows_ever_slower(method):
+def test_the_best_arm_is_found_and_regret_grows_ever_slower():
     """Of 15 arms, with noise as large as the step to the next one."""
     mean, cost = planted()
-    learner, arms = played(Learner.new(method, FIXATIONS, THETA, 1), 512, cost)
+    learner, arms = played(Learner.new("thompson", FIXATIONS, THETA, 1), 512, cost)
     regret = np.cumsum(mean[arms] - mean.min())
 
     assert recommended(learner) == mean.argmin()
@@ -70,69 +59,50 @@ def test_the_best_arm_is_found_and_regret_grows_ever_slower(method):
     assert regret[511] < 0.15 * 512 * (mean - mean.min()).mean()
 
 
-def test_neighbours_teach_the_process_and_not_the_arms():
-    """With a budget of two episodes for each arm, the process has lost less on average."""
-    mean, cost = planted()
-    lost = {
-        method: np.mean(
-            [np.sum(mean[played(Learner.new(method, FIXATIONS, THETA, s), 2 * A, cost)[1]]) for s in range(12)]
-        )
-        for method in METHODS
-    }
-    assert lost["gp"] < lost["thompson"]
-
-
-@pytest.mark.parametrize("method", METHODS)
-def test_a_resumed_learner_goes_on_as_an_uninterrupted_one(method, tmp_path):
+def test_a_resumed_learner_goes_on_as_an_uninterrupted_one(tmp_path):
     """Through a file, at any episode, to the last bit."""
     _, cost = planted()
-    whole, arms = played(Learner.new(method, FIXATIONS, THETA, 4), 60, cost)
+    whole, arms = played(Learner.new("thompson", FIXATIONS, THETA, 4), 60, cost)
     for stop in (0, 1, 7, 33):
-        first, before = played(Learner.new(method, FIXATIONS, THETA, 4), stop, cost)
+        first, before = played(Learner.new("thompson", FIXATIONS, THETA, 4), stop, cost)
         save_learner(first, tmp_path / "learner.json", force=True)
         second, after = played(load_learner(tmp_path / "learner.json"), 60 - stop, cost)
         assert before + after == arms
         for name in ("count", "mean", "squares", "theta", "fixation"):
             np.testing.assert_array_equal(getattr(second, name), getattr(whole, name))
-        assert second.smoothness == whole.smoothness
 
 
-@pytest.mark.parametrize("method", METHODS)
-def test_the_seed_alone_decides(method):
+def test_the_seed_alone_decides():
     _, cost = planted()
-    runs = [played(Learner.new(method, FIXATIONS, THETA, seed), 30, cost)[1] for seed in (1, 1, 2)]
+    runs = [played(Learner.new("thompson", FIXATIONS, THETA, seed), 30, cost)[1] for seed in (1, 1, 2)]
     assert runs[0] == runs[1] != runs[2]
 
 
-@pytest.mark.parametrize("method", METHODS)
-def test_from_the_third_episode_on_arms_are_not_drawn_blindly(method):
+def test_from_the_third_episode_on_arms_are_not_drawn_blindly():
     _, cost = planted()
-    learners = [played(Learner.new(method, FIXATIONS, THETA, seed), 2, cost)[0] for seed in range(20)]
+    learners = [played(Learner.new("thompson", FIXATIONS, THETA, seed), 2, cost)[0] for seed in range(20)]
     blind = [int(generator(seed, Purpose.ARM, 2).integers(A)) for seed in range(20)]
     assert [choose(learner) for learner in learners] != blind
 
 
-@pytest.mark.parametrize("method", METHODS)
 @pytest.mark.parametrize("scale", [1e-3, 1e4])
-def test_units_of_costs_do_not_matter(method, scale):
+def test_units_of_costs_do_not_matter(scale):
     """Costs in other units, from another zero, lead to the same arms."""
     _, cost = planted()
-    _, arms = played(Learner.new(method, FIXATIONS, THETA, 3), 40, cost)
-    _, others = played(Learner.new(method, FIXATIONS, THETA, 3), 40, lambda e, a: scale * (cost(e, a) - 7))
+    _, arms = played(Learner.new("thompson", FIXATIONS, THETA, 3), 40, cost)
+    _, others = played(Learner.new("thompson", FIXATIONS, THETA, 3), 40, lambda e, a: scale * (cost(e, a) - 7))
     assert np.mean(np.array(arms) == others) > 0.9
 
 
-@pytest.mark.parametrize("method", METHODS)
 @pytest.mark.parametrize(("fixations", "theta"), [((0,), (0.9,)), ((0, 1), (0.9,)), ((0,), (0.5, 0.9))])
-def test_one_place_or_one_threshold_is_enough(method, fixations, theta):
-    learner, arms = played(Learner.new(method, fixations, theta), 20, lambda _, arm: 1.0 + arm)
+def test_one_place_or_one_threshold_is_enough(fixations, theta):
+    learner, arms = played(Learner.new("thompson", fixations, theta), 20, lambda _, arm: 1.0 + arm)
     assert learner.count.sum() == 20 == len(arms)
     assert recommended(learner) == 0
 
 
-@pytest.mark.parametrize("method", METHODS)
-def test_equal_costs_are_no_trouble(method):
-    learner, _ = played(Learner.new(method, FIXATIONS, THETA), 20, lambda *_: 5.0)
+def test_equal_costs_are_no_trouble():
+    learner, _ = played(Learner.new("thompson", FIXATIONS, THETA), 20, lambda *_: 5.0)
     mean, deviation = beliefs(learner)
     np.testing.assert_allclose(mean, 5)
     assert np.isfinite(deviation).all()
@@ -175,49 +145,6 @@ def test_intervals_of_arms_apart_are_those_of_students_posterior(rng, episodes):
 
     assert np.quantile(drawn, [0.025, 0.975]) == pytest.approx([low, high], abs=0.02 * deviation)
     assert drawn.std() == pytest.approx(deviation, rel=0.02)
-
-
-def test_the_interval_of_a_process_is_normal():
-    learner = Learner.new("gp", FIXATIONS, THETA)
-    for episode in range(20):
-        learner = told(learner, episode % A, float(episode % 5))
-    mean, deviation = (values[2] for values in beliefs(learner))
-    assert interval(learner, 2, 0.95) == pytest.approx((mean - 1.959964 * deviation, mean + 1.959964 * deviation))
-
-
-def test_the_process_is_conditioned_on_every_cost(rng):
-    """Means and numbers of costs say as much as the costs themselves, conditioned on one by one."""
-    x = places([0, 0, 1, 1, 2], [0.5, 0.9, 0.5, 0.99, 0.9])
-    arms = rng.integers(4, size=25)  # the last arm is never played
-    costs = rng.normal(size=25) + arms
-    count = np.bincount(arms, minlength=5)
-    mean = np.bincount(arms, costs, 5) / np.maximum(count, 1)
-    squares = np.bincount(arms, (costs - mean[arms]) ** 2, 5)
-    smoothness = Smoothness(0.4, 0.6, 0.7, 0.8)
-    unit, z = costs.std(), (costs - costs.mean()) / costs.std()
-    prior = covariance(x, smoothness)
-    own = prior[np.ix_(arms, arms)] + 0.64 * np.eye(25)
-    cross = prior[:, arms]
-    found, spread = arm_posterior(x, count, mean, squares, smoothness)
-
-    np.testing.assert_allclose(found, costs.mean() + unit * cross @ np.linalg.solve(own, z), rtol=1e-6)
-    np.testing.assert_allclose(spread, unit**2 * (prior - cross @ np.linalg.solve(own, cross.T)), rtol=1e-5, atol=1e-7)
-    density = multivariate_normal(np.zeros(25), own).logpdf(z)
-    assert log_likelihood(x, count, mean, squares, smoothness) == pytest.approx(density, rel=1e-6)
-
-
-def test_the_smoothness_of_a_process_is_recovered(rng):
-    """Within a factor of two, from 20 costs at each of 60 arms."""
-    x = places(*(axis.ravel() for axis in np.meshgrid(np.arange(12), (0.5, 0.8, 0.95, 0.99, 0.999))))
-    truth = Smoothness(0.15, 0.5, 1.0, 0.5)
-    ratios = []
-    for _ in range(5):
-        value = np.linalg.cholesky(covariance(x, truth) + 1e-9 * np.eye(60)) @ rng.normal(size=60)
-        costs = value[:, np.newaxis] + 0.5 * rng.normal(size=(60, 20))
-        mean, squares = costs.mean(axis=1), costs.var(axis=1) * 20
-        found = fitted_smoothness(x, np.full(60, 20), mean, squares)
-        ratios.append([found.fixation / 0.15, found.noise * costs.std() / 0.5])
-    assert np.abs(np.log(np.median(ratios, axis=0))).max() < np.log(2)
 
 
 # Episodes ----------------------------------------------------------------------------------------------------------
@@ -263,15 +190,15 @@ def test_episodes_of_a_learner_go_round_the_parts(drawn):
 
 def test_bad_arguments_are_refused():
     """Each in a sentence."""
-    with pytest.raises(InputError, match="one of thompson, gp, got 'ucb'"):
-        Learner.new("ucb", FIXATIONS, THETA)
+    with pytest.raises(InputError, match="one of thompson, got 'gp'"):
+        Learner.new("gp", FIXATIONS, THETA)
     with pytest.raises(InputError, match="at least one fixation point"):
-        Learner.new("gp", (), THETA)
+        Learner.new("thompson", (), THETA)
     with pytest.raises(InputError, match="threshold and none twice"):
-        Learner.new("gp", FIXATIONS, (0.9, 0.9))
+        Learner.new("thompson", FIXATIONS, (0.9, 0.9))
     with pytest.raises(InputError, match="must lie between 0 and 1"):
-        Learner.new("gp", FIXATIONS, (0.9, 1.0))
-    learner = Learner.new("gp", FIXATIONS, THETA)
+        Learner.new("thompson", FIXATIONS, (0.9, 1.0))
+    learner = Learner.new("thompson", FIXATIONS, THETA)
     with pytest.raises(InputError, match="must be a number, got nan"):
         told(learner, 0, float("nan"))
     with pytest.raises(InputError, match="At least 2 episodes"):
@@ -284,6 +211,7 @@ def test_bad_arguments_are_refused():
     [
         ({"format": 2}, "its key format is not 1"),
         ({"method": "ucb"}, "no whole learner: .*ucb"),
+        ({"method": "gp", "smoothness": {"fixation": 1.0}}, "no whole learner: .*'gp'"),
         ({"count": [1]}, "the length of a list is wrong"),
         ({"count": [-1] * 12}, "no whole learner: .*count"),
         ({"count": [1.5] * 12}, "no whole learner: .*count"),
@@ -295,15 +223,21 @@ def test_bad_arguments_are_refused():
         ({"squares": [float("inf")] * 12}, "a number is not finite"),
         ({"squares": [-1.0] * 12}, "no whole learner: .*squares"),
         ({"smoothness": "rough"}, "no whole learner: .*smoothness"),
-        ({"smoothness": {"fixation": 1.0}}, "no whole learner"),
-        ({"smoothness": {"fixation": -1.0, "theta": 1.0, "size": 1.0, "noise": 1.0}}, "no whole learner"),
-        ({"smoothness": {"fixation": 1e300, "theta": 1.0, "size": 1.0, "noise": 1.0}}, "no whole learner"),
         ({"setup": None}, "no whole learner: .*setup"),
     ],
 )
 def test_a_file_that_holds_no_learner_is_refused(tmp_path, change, said):
     path = tmp_path / "learner.json"
-    save_learner(Learner.new("gp", FIXATIONS, THETA), path)
+    save_learner(Learner.new("thompson", FIXATIONS, THETA), path)
     path.write_text(json.dumps(json.loads(path.read_text()) | change))
     with pytest.raises(InputError, match=said):
         load_learner(path)
+
+
+def test_a_file_of_a_version_with_more_learners_is_taken_up(tmp_path):
+    """It says of arms apart that they have no smoothness."""
+    path, (_, cost) = tmp_path / "learner.json", planted()
+    learner, _ = played(Learner.new("thompson", FIXATIONS, THETA, 4), 20, cost)
+    save_learner(learner, path)
+    path.write_text(json.dumps(json.loads(path.read_text()) | {"smoothness": None}))
+    assert choose(load_learner(path)) == choose(learner)
