@@ -25,7 +25,6 @@ from solidtouch.models import seeds
 from solidtouch.models.classes import ClassGrid
 from solidtouch.models.experiment import load_experiment
 from solidtouch.models.histogram import HistogramModel, fit, trim
-from solidtouch.models.novelty import novelty_scores
 from solidtouch.models.taps import TapSet, concatenate
 
 PAPER = preset("paper")
@@ -37,7 +36,7 @@ ALPHA, THETA, DEADLINE, RECORDED_DEADLINE = 0.05, 0.95, 30, 10
 def calibrated(train: TapSet, grid: ClassGrid | None = None) -> HistogramModel:
     """A model with novelty scores."""
     model = fit(train, train.grid() if grid is None else grid)
-    return replace(model, novelty=novelty_scores(model, train))
+    return model.with_scores(train)
 
 
 def p_values(model: HistogramModel, taps: TapSet) -> NDArray[np.float64]:

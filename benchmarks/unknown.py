@@ -25,7 +25,6 @@ from solidtouch.inference.conformal_bets import log_mixture, ranks
 from solidtouch.inference.novelty import Novelty
 from solidtouch.models.classes import ClassGrid
 from solidtouch.models.histogram import fit
-from solidtouch.models.novelty import with_scores
 from solidtouch.models.seeds import Purpose, generator
 from solidtouch.models.taps import TapSet, concatenate
 from studies import check_block, table, thinned, until_interrupted, write_block, write_json
@@ -108,7 +107,7 @@ def alarms(true: Truth, n: int, rule: str, seed: int) -> dict[tuple[str, int], i
     L, M = true.grid.shape
     chosen = [chance.choice(true.pool[l, m], n) for l in range(L) for m in range(M)]
     train = true.taps.select(np.concatenate(chosen))
-    model = with_scores(fit(train, true.grid, bins=BINS), train)
+    model = fit(train, true.grid, bins=BINS).with_scores(train)
     novelty = RULES[rule](model)
     T = max(TIMES)
     found = {}

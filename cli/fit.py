@@ -83,7 +83,6 @@ def fit(
         from ..models.experiment import load_experiment
         from ..models.histogram import trim
         from ..models.model_file import save_model
-        from ..models.novelty import with_scores
         from ..models.power import check_saturation, learned_taps, parse_power_choice
 
     _, in_states = split_name(model)
@@ -118,7 +117,7 @@ def fit(
     fitted, learned = fit_tempered(model, fold.train, grid, settings, trained_on)
     kept = _draws(fitted, fold.train, draws, seed)
     beside = "" if learned is None else _beside(model, fitted, fold.train, settings, learned.taps, simulations)
-    save_model(with_scores(fitted.model, fold.train), out, force, kept, fitted.convergence)
+    save_model(fitted.model.with_scores(fold.train), out, force, kept, fitted.convergence)
     left_out = [*dropped, *fitted.model.left_out]
     print(parts.description)
     if parts.warning:

@@ -121,7 +121,6 @@ def tune(
         from ..inference.held_out import held_out
         from ..inference.table_learning import learn_table
         from ..models.model_file import save_model
-        from ..models.novelty import with_scores
         from ..models.power import check_saturation, parse_power
         from ..models.setting import Setting
         from ..models.storage import check_netcdf_name
@@ -168,7 +167,7 @@ def tune(
             save_table(learn_table(tables, grid, border=border, trials=trials, seed=seed), targets, force)
             print(f"The table of targets is {targets}")
     if model_file is not None:
-        save_model(with_scores(study.fit(taps, grid), taps), model_file, force)
+        save_model(study.fit(taps, grid).with_scores(taps), model_file, force)
         print(f"The model of all training taps is {model_file}")
     best.save(out, force)
     print(f"The setting is {out}")

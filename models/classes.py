@@ -149,6 +149,13 @@ class ClassGrid:
             phrases.append("the objects differ")
         return phrases
 
+    def coords(self) -> dict[str, Any]:
+        """Coordinates of datasets over the classes."""
+        return {
+            "where": ("where", self.where_value, {"units": self.where_unit}),
+            "what": ("what", np.asarray(self.what_name, dtype=np.str_)),
+        }
+
     def to_dict(self) -> dict[str, Any]:
         """The grid as plain lists and strings, for JSON and file attributes."""
         return {

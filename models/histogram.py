@@ -9,12 +9,13 @@ Reference: Lepora, Martinez-Hernandez and Prescott, "A SOLID case for active Bay
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from importlib.metadata import version
 from typing import Any, Literal
 
 import numpy as np
+import xarray as xr
 from numpy.typing import ArrayLike, NDArray
 
 from .bins import bin_edges, count_taps
@@ -23,7 +24,7 @@ from .digest import tap_digests
 from .errors import InputError
 from .forms import TableForm
 from .model import TapModel
-from .novelty import NoveltyScores
+from .novelty import NoveltyScores, novelty_scores
 from .power import likelihood_exponent
 from .preprocessing import Preprocessing
 from .states import ONE_STATE, States
@@ -122,6 +123,28 @@ class HistogramModel(TapModel):
     def kind(self) -> str:
         """What the catalogue calls it."""
         return "histogram"
+
+    @property
+    def dims(self) -> dict[str, tuple[str, ...]]:
+        """Those of the log tables."""
+        return {"log_prob": ("where", "what", "taxel", "bin")}
+
+    def groups(self) -> dict[str, xr.Dataset]:
+        """With its counts, which say all, and for readers the probabilities."""
+        groups = super().groups()
+        bins = self.dims["log_prob"]
+        own = {"counts": (bins, self.counts), "probabilities": (bins, self.probabilities)}
+        return {
+            "/": groups["/"].assign_attrs(pseudocount=self.pseudocount),
+            "constant_data": groups["constant_data"].assign(own),
+        }
+
+    def with_scores(self, taps: TapSet) -> "HistogramModel":
+        """With the scores of its training taps, if it has one state."""
+        if len(self.states.gain) > 1:
+            return self
+        B, value_range = self.counts.shape[-1], "global" if self.edges.ndim == 1 else "taxel"
+        return replace(self, novelty=novelty_scores(taps, self.grid, B, value_range, self.pseudocount))
 
 
 def fit(

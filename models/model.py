@@ -4,11 +4,14 @@ A model gives the likelihood of a tap under each class through its form (see `fo
 trials, sweeps and comparisons, knows models by this file only.
 """
 
+import json
 from abc import ABC, abstractmethod
 from functools import cached_property
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+import xarray as xr
 from numpy.typing import ArrayLike, NDArray
 
 from .bins import find_bins
@@ -16,16 +19,18 @@ from .errors import InputError
 from .forms import in_states
 from .power import check_saturation, likelihood_exponent
 from .states import States
+from .storage import write_groups
 from .training import training_taps
 
 if TYPE_CHECKING:
-    from pathlib import Path
-
     from .classes import ClassGrid
     from .forms import Form, PreparedGaussian, PreparedTable
     from .novelty import NoveltyScores
     from .preprocessing import Preprocessing
     from .taps import TapSet
+
+FORMAT = 2
+"""Of the files of fitted models."""
 
 
 class TapModel(ABC):
@@ -69,6 +74,11 @@ class TapModel(ABC):
     @abstractmethod
     def kind(self) -> str:
         """What the catalogue calls it, apart from its states."""
+
+    @property
+    @abstractmethod
+    def dims(self) -> dict[str, tuple[str, ...]]:
+        """Dims of its parameters, and of draws of them, by name."""
 
     @property
     def name(self) -> str:
@@ -198,12 +208,49 @@ class TapModel(ABC):
         known[known] = self.trained[where[known], what[known]]
         return known
 
-    def save(self, path: "str | Path", force: bool = False) -> None:
+    def with_scores(self, taps: "TapSet") -> "TapModel":  # noqa: ARG002 - histograms alone can use them
+        """The model with the novelty scores of its training taps, where its kind knows them."""
+        return self
+
+    def groups(self) -> dict[str, xr.Dataset]:
+        """The groups of its file but draws and how the fit ended, see `model_file`; kinds add what is their own.
+
+        Raises:
+            InputError: Files hold no such model.
+        """
+        attributes = {
+            "kind": self.kind,
+            "name": self.name,
+            "format": FORMAT,
+            "power": str(self.power),
+            "saturation": float(self.saturation),
+            "preprocessing": self.preprocessing.to_json(),
+            "grid": json.dumps(self.grid.to_dict()),
+            "left_out": json.dumps(self.left_out),
+            "trained_on": self.trained_on,
+            "version": self.version,
+        }
+        edge = ("edge",) if self.edges.ndim == 1 else ("taxel", "edge")
+        data: dict[str, Any] = {
+            "edges": (edge, self.edges),
+            "training": ("digest", self.training),
+            "state_gain": ("state", self.states.gain),
+            "state_offset": ("state", self.states.offset),
+            "state_log_prior": ("state", self.states.log_prior),
+        }
+        if self.novelty is not None:
+            data |= {
+                "novelty_misfit": ("calibration_tap", self.novelty.misfit, {"units": "nat"}),
+                "novelty_cell": ("calibration_tap", self.novelty.cell),
+                "novelty_reference": (("where", "what", "taxel", "bin"), self.novelty.reference),
+                "novelty_edges": (edge, self.novelty.edges),
+            }
+        return {"/": xr.Dataset(attrs=attributes), "constant_data": xr.Dataset(data, self.grid.coords())}
+
+    def save(self, path: str | Path, force: bool = False) -> None:
         """Writes the model as netCDF, complete or not at all; see `model_file`.
 
         Raises:
             InputError: The file cannot be written, or exists and `force` is not set.
         """
-        from .model_file import save_model  # noqa: PLC0415 - it knows all kinds of models
-
-        save_model(self, path, force)
+        write_groups(self.groups(), path, force)

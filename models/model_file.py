@@ -29,36 +29,16 @@ from .convergence import Convergence
 from .errors import InputError
 from .exported_reader import load_exported
 from .histogram import HistogramModel
-from .model import TapModel
+from .model import FORMAT, TapModel
 from .novelty import NoveltyScores
-from .parametric import FORMS, ParametricModel
+from .parametric import DIMS, ParametricModel
 from .power import parse_power
 from .preprocessing import Preprocessing
 from .scaling import Scaling
 from .states import ONE_STATE, States
-from .storage import complete_file
+from .storage import write_groups
 
-FORMAT, _FIRST_FORMAT = 2, 1
-_CELL = ("where", "what", "sample", "taxel")
-DIMS: dict[str, dict[str, tuple[str, ...]]] = {
-    "histogram": {"log_prob": ("where", "what", "taxel", "bin")},
-    "gaussian": {"level": ("where", "what", "once", "taxel"), "variance": ("where", "what", "once", "taxel")},
-    "student": {
-        "level": ("where", "what", "once", "taxel"),
-        "scale": ("where", "what", "once", "taxel"),
-        "freedom": ("taxel",),
-    },
-    "profile": {"level": _CELL, "variance": _CELL},
-    "profile-ar": {"rho": ("taxel",), "level": _CELL, "variance": _CELL},
-    "profile-mvn": {"slope": ("where", "what", "taxel", "from_taxel"), "level": _CELL, "variance": _CELL},
-    "matrix-normal": {
-        "level": _CELL,
-        "time_covariance": ("sample", "other_sample"),
-        "taxel_covariance": ("where", "what", "taxel", "other_taxel"),
-    },
-    "smooth": {"weight": ("what", "sample", "taxel", "basis"), "variance": _CELL},
-}
-"""Dims of the parameters of each kind of model."""
+_FIRST_FORMAT = 1
 _POSITIVE = ("variance", "scale", "freedom")
 _COVARIANCES = {"time_covariance", "taxel_covariance"}
 _ROUNDING = 1e-9
@@ -93,25 +73,20 @@ def save_model(
         convergence: How the fit ended, likewise.
 
     Raises:
-        InputError: The file cannot be written, or exists and `force` is not set, or the model is none of the catalogue.
+        InputError: The file cannot be written, or exists and `force` is not set, or files hold no such model.
     """
-    if model.kind not in DIMS:
-        raise InputError(f"{path} cannot be written: netCDF files hold fitted models, and not given tables.")
-    groups = {"/": xr.Dataset(attrs=_attributes(model, convergence)), "constant_data": _constant_data(model)}
-    dims = DIMS[model.kind]
-    coords = _coords(model.grid)
-    if isinstance(model, ParametricModel):
-        groups["parameters"] = xr.Dataset({name: (dims[name], model.parameters[name]) for name in dims}, coords)
+    groups = model.groups()
     if draws is not None:
-        posterior = {name: (("chain", "draw", *dims[name]), values) for name, values in draws.parameters.items()}
+        posterior = {name: (("chain", "draw", *model.dims[name]), values) for name, values in draws.parameters.items()}
         numbers = dict(zip(("chain", "draw"), map(np.arange, draws.log_likelihood.shape[:2]), strict=True))
-        groups["posterior"] = xr.Dataset(posterior, coords | numbers)
+        groups["posterior"] = xr.Dataset(posterior, model.grid.coords() | numbers)
         groups["log_likelihood"] = xr.Dataset({"bins": (("chain", "draw", "tap"), draws.log_likelihood)}, numbers)
     if convergence is not None:
+        ended = {"converged": str(convergence.converged), "fit": convergence.sentence}
+        groups["/"] = groups["/"].assign_attrs(ended)
         stats = {name: (("step",) * np.ndim(value), value) for name, value in convergence.stats.items()}
         groups["sample_stats"] = xr.Dataset(stats)
-    with complete_file(path, force) as temporary:
-        xr.DataTree.from_dict(groups).to_netcdf(temporary, engine="h5netcdf")
+    write_groups(groups, path, force)
 
 
 def load_model(path: str | Path) -> TapModel:
@@ -130,62 +105,6 @@ def load_model(path: str | Path) -> TapModel:
     except (TypeError, ValueError) as error:
         raise InputError(f"{path} is damaged: {error}") from error
     return model
-
-
-def _attributes(model: TapModel, convergence: Convergence | None) -> dict[str, Any]:
-    attributes = {
-        "kind": model.kind,
-        "name": model.name,
-        "format": FORMAT,
-        "power": str(model.power),
-        "saturation": float(model.saturation),
-        "preprocessing": model.preprocessing.to_json(),
-        "grid": json.dumps(model.grid.to_dict()),
-        "left_out": json.dumps(model.left_out),
-        "trained_on": model.trained_on,
-        "version": model.version,
-    }
-    if isinstance(model, HistogramModel):
-        attributes["pseudocount"] = model.pseudocount
-    if convergence is not None:
-        attributes |= {"converged": str(convergence.converged), "fit": convergence.sentence}
-    return attributes
-
-
-def _coords(grid: ClassGrid) -> dict[str, Any]:
-    return {
-        "where": ("where", grid.where_value, {"units": grid.where_unit}),
-        "what": ("what", np.asarray(grid.what_name, dtype=np.str_)),
-    }
-
-
-def _constant_data(model: TapModel) -> xr.Dataset:
-    dataset = xr.Dataset(
-        {
-            "edges": (("edge",) if model.edges.ndim == 1 else ("taxel", "edge"), model.edges),
-            "training": ("digest", model.training),
-            "state_gain": ("state", model.states.gain),
-            "state_offset": ("state", model.states.offset),
-            "state_log_prior": ("state", model.states.log_prior),
-        },
-        _coords(model.grid),
-    )
-    if isinstance(model, HistogramModel):
-        dataset["counts"] = (("where", "what", "taxel", "bin"), model.counts)
-        dataset["probabilities"] = (("where", "what", "taxel", "bin"), model.probabilities)
-    elif isinstance(model, ParametricModel):
-        dataset["centre"] = ("taxel", model.scaling.centre)
-        dataset["unit"] = ("taxel", model.scaling.unit)
-        dataset["covered"] = (("where", "what"), model.covered)
-        if model.basis.size:
-            dataset["basis"] = (("place", "where", "basis_function"), model.basis)
-    if model.novelty is not None:
-        scores = model.novelty
-        dataset["novelty_misfit"] = ("calibration_tap", scores.misfit, {"units": "nat"})
-        dataset["novelty_cell"] = ("calibration_tap", scores.cell)
-        dataset["novelty_reference"] = (("where", "what", "taxel", "bin"), scores.reference)
-        dataset["novelty_edges"] = (dataset["edges"].dims, scores.edges)
-    return dataset
 
 
 def _read(path: Path) -> tuple[dict[str, Any], xr.Dataset, xr.Dataset]:
@@ -211,7 +130,7 @@ def _read(path: Path) -> tuple[dict[str, Any], xr.Dataset, xr.Dataset]:
     version = attributes.get("format")
     if attributes.get("kind") == "histogram" and version == _FIRST_FORMAT:
         return attributes, root, parameters
-    if attributes.get("kind") not in DIMS or version != FORMAT:
+    if attributes.get("kind") not in {"histogram", *DIMS} or version != FORMAT:
         raise InputError(f"{path} is netCDF but no fitted model of format {FORMAT} or {_FIRST_FORMAT}.")
     return attributes, data, parameters
 
@@ -251,7 +170,7 @@ def _check_counts(model: HistogramModel) -> None:
 
 
 def _parametric(kind: str, data: xr.Dataset, parameters: xr.Dataset, common: dict[str, Any]) -> ParametricModel:
-    if kind not in FORMS:
+    if kind not in DIMS:
         raise ValueError(f"there is no model {kind!r}.")
     grid: ClassGrid = common["grid"]
     values = {name: parameters[name].transpose(*dims).values for name, dims in DIMS[kind].items()}

@@ -10,8 +10,7 @@ independent draws of what new taps of that class will have. Scores of taps left 
 each other and on fits to one tap less.
 """
 
-from dataclasses import replace
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,8 +19,7 @@ from scipy.special import rel_entr, xlogy
 from .bins import bin_edges, find_bins, tap_counts
 
 if TYPE_CHECKING:
-    from .histogram import HistogramModel
-    from .model import TapModel
+    from .classes import ClassGrid
     from .taps import TapSet
 
 FEWEST = 5
@@ -83,19 +81,24 @@ def misfits(share: NDArray[np.floating], log_prob: NDArray[np.floating]) -> NDAr
     return np.maximum(xlogy(share, share).sum(axis=1, keepdims=True) - share @ log_prob.T, 0.0)
 
 
-def novelty_scores(model: "HistogramModel", taps: "TapSet") -> NoveltyScores:
+def novelty_scores(
+    taps: "TapSet", grid: "ClassGrid", bins: int, value_range: Literal["global", "taxel"], pseudocount: float
+) -> NoveltyScores:
     """The reference and the scores of the calibration taps.
 
     Args:
-        model: Fitted to these taps.
         taps: The training taps; those outside the grid are left out.
+        grid: The classes.
+        bins: Number of bins.
+        value_range: Whether they span the range of all taxels together or of each.
+        pseudocount: As in Eq. 2.
     """
-    L, M, K, B = model.counts.shape
-    where, what = taps.indices(model.grid)
+    L, M, K, B = *grid.shape, taps.dataset.sizes["taxel"], bins
+    where, what = taps.indices(grid)
     inside = np.flatnonzero((where >= 0) & (what >= 0))
     cell, samples = (where * M + what)[inside], taps.taps[inside]
     calibrates = calibrating(cell, taps.session[inside])
-    edges = bin_edges(samples[~calibrates], B, "global" if model.edges.ndim == 1 else "taxel")
+    edges = bin_edges(samples[~calibrates], B, value_range)
     reference = np.zeros((L * M, K, B), dtype=np.int64)
     start, own = 0, cell[~calibrates]
     for part in tap_counts(find_bins(samples[~calibrates], edges), B):
@@ -104,9 +107,9 @@ def novelty_scores(model: "HistogramModel", taps: "TapSet") -> NoveltyScores:
     scores, start, own = [np.empty(0)], 0, cell[calibrates]
     for part in tap_counts(find_bins(samples[calibrates], edges), B):
         rest = reference[own[start : start + len(part)]]
-        scores.append(misfit(part.reshape(-1, K, B), rest, model.pseudocount))
+        scores.append(misfit(part.reshape(-1, K, B), rest, pseudocount))
         start += len(part)
-    return NoveltyScores(reference.reshape(model.counts.shape), edges, np.concatenate(scores), own)
+    return NoveltyScores(reference.reshape(L, M, K, B), edges, np.concatenate(scores), own)
 
 
 def calibrating(cell: NDArray[np.intp], session: NDArray[np.integer]) -> NDArray[np.bool_]:
@@ -127,15 +130,6 @@ def calibrating(cell: NDArray[np.intp], session: NDArray[np.integer]) -> NDArray
         _, number = np.unique(session[own], return_inverse=True)
         chosen[own] = number % 2 == 0 if number.any() else np.arange(len(own)) % 2 == 1
     return chosen
-
-
-def with_scores(model: "TapModel", taps: "TapSet") -> "TapModel":
-    """The model with the scores of its training taps, if it is the plain histogram, which alone can use them."""
-    from .histogram import HistogramModel  # noqa: PLC0415 - which knows of scores
-
-    if not isinstance(model, HistogramModel) or len(model.states.gain) > 1:
-        return model
-    return replace(model, novelty=novelty_scores(model, taps))
 
 
 def centres(misfits: NDArray[np.float64], cell: NDArray[np.intp], cells: int) -> NDArray[np.float64]:

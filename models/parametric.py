@@ -3,8 +3,10 @@
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import cached_property
+from typing import Any
 
 import numpy as np
+import xarray as xr
 from numpy.typing import NDArray
 
 from . import shapes
@@ -27,6 +29,27 @@ FORMS: dict[str, Callable[[Parameters, Frame], Form]] = {
     "smooth": shapes.smooth_form,
 }
 """From parameters to probabilities of bins, by the name of the model."""
+
+
+_CELL = ("where", "what", "sample", "taxel")
+DIMS: dict[str, dict[str, tuple[str, ...]]] = {
+    "gaussian": {"level": ("where", "what", "once", "taxel"), "variance": ("where", "what", "once", "taxel")},
+    "student": {
+        "level": ("where", "what", "once", "taxel"),
+        "scale": ("where", "what", "once", "taxel"),
+        "freedom": ("taxel",),
+    },
+    "profile": {"level": _CELL, "variance": _CELL},
+    "profile-ar": {"rho": ("taxel",), "level": _CELL, "variance": _CELL},
+    "profile-mvn": {"slope": ("where", "what", "taxel", "from_taxel"), "level": _CELL, "variance": _CELL},
+    "matrix-normal": {
+        "level": _CELL,
+        "time_covariance": ("sample", "other_sample"),
+        "taxel_covariance": ("where", "what", "taxel", "other_taxel"),
+    },
+    "smooth": {"weight": ("what", "sample", "taxel", "basis"), "variance": _CELL},
+}
+"""Dims of the parameters, by the name of the model."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -88,6 +111,27 @@ class ParametricModel(TapModel):
     def frame(self) -> Frame:
         """What its form needs beside parameters."""
         return Frame(self.scaling, self.edges, self.basis)
+
+    @property
+    def dims(self) -> dict[str, tuple[str, ...]]:
+        """Those of its story."""
+        return DIMS[self.story]
+
+    def groups(self) -> dict[str, xr.Dataset]:
+        """With its parameters and what they are measured in."""
+        groups = super().groups()
+        own: dict[str, Any] = {
+            "centre": ("taxel", self.scaling.centre),
+            "unit": ("taxel", self.scaling.unit),
+            "covered": (("where", "what"), self.covered),
+        }
+        if self.basis.size:
+            own["basis"] = (("place", "where", "basis_function"), self.basis)
+        parameters = {name: (dims, self.parameters[name]) for name, dims in self.dims.items()}
+        return groups | {
+            "constant_data": groups["constant_data"].assign(own),
+            "parameters": xr.Dataset(parameters, self.grid.coords()),
+        }
 
     @cached_property
     def plain_form(self) -> Form:

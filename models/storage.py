@@ -7,11 +7,15 @@ when it is complete, so an interrupted command leaves no half-written file behin
 import os
 import shutil
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from .errors import InputError
+
+if TYPE_CHECKING:
+    import xarray as xr
 
 
 def check_writable(path: str | Path, force: bool = False) -> Path:
@@ -61,6 +65,18 @@ def complete_file(path: str | Path, force: bool = False) -> Iterator[Path]:
         raise InputError(f"{path} cannot be written: {error.strerror or error}.") from error
     finally:
         temporary.unlink(missing_ok=True)
+
+
+def write_groups(groups: "Mapping[str, xr.Dataset]", path: str | Path, force: bool = False) -> None:
+    """Writes datasets as the groups of a netCDF file, complete or not at all.
+
+    Raises:
+        InputError: As `complete_file`.
+    """
+    import xarray as xr  # noqa: PLC0415
+
+    with complete_file(path, force) as temporary:
+        xr.DataTree.from_dict(groups).to_netcdf(temporary, engine="h5netcdf")
 
 
 def check_netcdf_name(path: str | Path) -> None:

@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass, field
 from functools import cached_property
+from typing import NoReturn
 
 import numpy as np
 from numpy.typing import NDArray
@@ -68,6 +69,19 @@ class TableModel(TapModel):
     def kind(self) -> str:
         """It is none of the catalogue's."""
         return "table"
+
+    @property
+    def dims(self) -> dict[str, tuple[str, ...]]:
+        """None: it has no file."""
+        return {}
+
+    def groups(self) -> NoReturn:
+        """None.
+
+        Raises:
+            InputError: Always; netCDF files hold fitted models.
+        """
+        raise InputError("A table that was given cannot be written as netCDF: files hold fitted models.")
 
     @cached_property
     def trained(self) -> NDArray[np.bool_]:

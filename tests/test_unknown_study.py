@@ -7,7 +7,6 @@ import pytest
 from solidtouch.hardware.model_rig import draw_taps
 from solidtouch.inference.novelty import UnknownTest
 from solidtouch.models.histogram import fit
-from solidtouch.models.novelty import with_scores
 
 FOLDER = Path(__file__).parents[1] / "benchmarks"
 
@@ -26,7 +25,7 @@ def test_alarms_come_when_the_test_gives_them(study, make_model):
     """The study computes all taps of an episode at once; `UnknownTest` goes tap by tap."""
     source = make_model(L=4, M=3, K=3, J=20, B=6, taps=50, seed=2)
     train = draw_taps(source.grid, source.probabilities, source.edges, source.preprocessing, 40, 1)
-    novelty = study.Novelty(with_scores(fit(train, source.grid, bins=12), train))
+    novelty = study.Novelty(fit(train, source.grid, bins=12).with_scores(train))
     where, what = train.indices(source.grid)
     found = []
     for seed in range(12):
@@ -52,7 +51,7 @@ def test_rules_that_pool_or_do_without_bounds_bet_otherwise(study, make_model):
     """Pooled ones the same at all places; those without bounds win more on the most unusual taps."""
     source = make_model(L=4, M=3, K=3, J=20, B=6, taps=50, seed=2)
     train = draw_taps(source.grid, source.probabilities, source.edges, source.preprocessing, 40, 1)
-    model = with_scores(fit(train, source.grid, bins=12), train)
+    model = fit(train, source.grid, bins=12).with_scores(train)
     strange = np.full((4, 3), 1e9)
     won = {name: rule(model).log_bets(strange) for name, rule in study.RULES.items()}
 

@@ -143,12 +143,11 @@ def test_several_episodes_differ_and_are_summed_up(command, folder):
 
 def test_an_object_that_the_model_does_not_know_is_unknown(command, tmp_path, session):
     """Contact that was never trained: p-values are small and the episode ends with `unknown`, which is right."""
-    from solidtouch.models.novelty import novelty_scores
 
     known = session.select(session.what != 4)
     grid = session.grid().select(range(16), range(4))
     model = fit(known, grid)
-    replace(model, novelty=novelty_scores(model, known)).save(tmp_path / "model.nc")
+    model.with_scores(known).save(tmp_path / "model.nc")
     dataset = session.dataset.copy(deep=True)
     dataset["taps"] = dataset["taps"].where(dataset["what"] < 4, -dataset["taps"])
     type(session)(dataset).save(tmp_path / "taps.nc")

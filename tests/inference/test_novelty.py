@@ -17,7 +17,7 @@ from solidtouch.models.catalogue import FitSettings, fit_model
 from solidtouch.models.errors import InputError
 from solidtouch.models.histogram import fit
 from solidtouch.models.model_file import load_model
-from solidtouch.models.novelty import calibrating, misfit, misfits, novelty_scores, own_excess
+from solidtouch.models.novelty import calibrating, misfit, misfits, own_excess
 
 
 def refitted(model, edges_of, taps, kept):
@@ -53,7 +53,7 @@ def calibrated(make_model):
 def learned(source, taps_per_class, seed=1):
     train = draw_taps(source.grid, source.probabilities, source.edges, source.preprocessing, taps_per_class, seed)
     model = fit(train, source.grid, bins=12)
-    return replace(model, novelty=novelty_scores(model, train))
+    return model.with_scores(train)
 
 
 @pytest.mark.parametrize("value_range", ["global", "taxel"])
@@ -63,7 +63,7 @@ def test_scores_are_those_of_a_model_that_knows_no_calibration_tap(make_taps, va
     taps = make_taps(L=2, M=3, sessions=sessions, repeats=4)
     settings = {"bins": 7, "pseudocount": pseudocount, "value_range": value_range}
     model = fit(taps, taps.grid(), **settings)
-    scores = novelty_scores(model, taps)
+    scores = model.with_scores(taps).novelty
     where, what = taps.indices(model.grid)
     calibrates = calibrating(where * model.grid.M + what, taps.session)
     alone = fit(taps.select(~calibrates), taps.grid(), **settings)
@@ -98,7 +98,7 @@ def test_a_tap_alone_in_its_class_is_reference_and_bets_nothing(make_taps):
     alone[np.flatnonzero(alone)[0]] = False
     few = taps.select(~alone)
     model = fit(few, few.grid())
-    scores = novelty_scores(model, few)
+    scores = model.with_scores(few).novelty
     won = Novelty(replace(model, novelty=scores)).log_bets(np.full((2, 2), 1e9))
 
     assert len(scores.misfit) == 9
@@ -111,7 +111,7 @@ def test_a_tap_alone_in_its_class_is_reference_and_bets_nothing(make_taps):
 def test_taps_outside_the_grid_have_no_score(make_taps):
     taps = make_taps(L=3, M=2)
     grid = taps.grid().select([0, 1], [0])
-    scores = novelty_scores(fit(taps, grid), taps)
+    scores = fit(taps, grid).with_scores(taps).novelty
 
     assert len(scores.misfit) + scores.reference[:, :, 0].sum() / taps.taps.shape[1] == np.sum(
         np.minimum(*taps.indices(grid)) >= 0
@@ -192,7 +192,7 @@ def test_damaged_scores_are_refused(calibrated, tmp_path, name, value):
 def test_too_few_scores_are_refused(make_model):
     source = make_model(L=1, M=1)
     train = draw_taps(source.grid, source.probabilities, source.edges, source.preprocessing, 8, 1)
-    model = replace(source, novelty=novelty_scores(source, train))
+    model = source.with_scores(train)
 
     assert not can_tell(model)
     with pytest.raises(InputError, match="has 4 novelty scores and --unknown needs 5"):
@@ -203,7 +203,7 @@ def test_too_few_scores_are_refused(make_model):
 def test_other_models_cannot_tell(make_taps, name):
     """P-values are those of histograms without states, whatever scores a model carries."""
     taps = make_taps(L=2, M=3)
-    scores = novelty_scores(fit(taps, taps.grid()), taps)
+    scores = fit(taps, taps.grid()).with_scores(taps).novelty
     model = replace(fit_model(name, taps, taps.grid(), FitSettings(bins=9)).model, novelty=scores)
 
     assert not can_tell(model)
@@ -250,7 +250,7 @@ def test_an_untrained_class_explains_nothing(calibrated):
     where, what = train.indices(source.grid)
     train = train.select((where != 1) | (what != 2))
     model = fit(train, source.grid, bins=12)
-    novelty = Novelty(replace(model, novelty=novelty_scores(model, train)))
+    novelty = Novelty(model.with_scores(train))
     misfit = novelty.misfit(train.taps)
     p, test = novelty.p_values(misfit), UnknownTest(novelty, 0.1)
     for arrived in (0, 1):
@@ -284,7 +284,7 @@ def test_a_constant_sensor_is_usual(make_taps):
     dataset["taps"][:] = 3.0
     flat = type(taps)(dataset)
     model = fit(flat, flat.grid())
-    novelty = Novelty(replace(model, novelty=novelty_scores(model, flat)))
+    novelty = Novelty(model.with_scores(flat))
     usual = novelty.misfit(flat.taps[0])
 
     assert novelty.p_values(usual) == 1

@@ -12,7 +12,7 @@ from solidtouch.models.errors import InputError
 from solidtouch.models.histogram import fit
 from solidtouch.models.model_draws import posterior_draws
 from solidtouch.models.model_file import DIMS, Draws, load_model, save_model
-from solidtouch.models.novelty import NoveltyScores, novelty_scores
+from solidtouch.models.novelty import NoveltyScores
 from solidtouch.models.preprocessing import Preprocessing
 
 L, M, J, K, B = 3, 4, 6, 5, 9
@@ -159,7 +159,7 @@ def test_existing_models_are_kept(make_model, tmp_path):
 def test_files_of_the_first_format_are_read(taps, grid, tmp_path, more):
     """Without their novelty scores, which have no reference; there were no states."""
     model = fit(taps, grid, bins=B, trained_on="taps.nc", **more)
-    model = replace(model, novelty=novelty_scores(model, taps))
+    model = model.with_scores(taps)
     old_layout(model, tmp_path / "old.nc")
     loaded = load_model(tmp_path / "old.nc")
 
