@@ -35,7 +35,8 @@ from solidtouch.hardware.presets import preset
 from solidtouch.inference.control import check_fixation
 from solidtouch.inference.resampling import RESAMPLES
 from solidtouch.inference.tempering import best_power
-from solidtouch.inference.trial_plan import TapTable, tap_table
+from solidtouch.inference.trial_plan import tap_table
+from solidtouch.inference.trial_records import TapTable
 from solidtouch.models.histogram import HistogramModel, fit
 from solidtouch.models.model import TapModel
 from solidtouch.models.preprocessing import Preprocessing

@@ -25,7 +25,7 @@ from solidtouch.analysis.stats.reliability import EVERYTHING, at_stopping, relia
 from solidtouch.hardware.pool import tap_pool
 from solidtouch.inference.cut_short import ENDINGS
 from solidtouch.inference.resampling import FEW, RESAMPLES
-from solidtouch.inference.trial_plan import TapTable
+from solidtouch.inference.trial_records import TapTable
 from solidtouch.models import seeds
 from solidtouch.models.classes import ClassGrid
 from studies import OUT, check_block, processes, share_interval, table, write_block, write_json

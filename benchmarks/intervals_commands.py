@@ -25,7 +25,8 @@ from solidtouch.inference.resampling import spread
 from solidtouch.inference.stopping import after
 from solidtouch.inference.tally import tally_trials
 from solidtouch.inference.threshold_choice import choose_threshold
-from solidtouch.inference.trial_plan import TapTable, plan_trials, tap_table
+from solidtouch.inference.trial_plan import plan_trials, tap_table
+from solidtouch.inference.trial_records import TapTable
 from solidtouch.models import seeds
 from solidtouch.models.classes import ClassGrid
 from solidtouch.models.histogram import HistogramModel, fit

@@ -10,8 +10,9 @@ from solidtouch.hardware.data_collection import simulate_session
 from solidtouch.hardware.pool import TapPool
 from solidtouch.hardware.presets import preset
 from solidtouch.inference import draws, kernel
-from solidtouch.inference.montecarlo import Trials, empty_trials, make_player, make_rule, run_trials
-from solidtouch.inference.trial_plan import TapTable, TrialPlan, plan_trials, tap_table
+from solidtouch.inference.montecarlo import empty_trials, make_player, make_rule, run_trials
+from solidtouch.inference.trial_plan import plan_trials, tap_table
+from solidtouch.inference.trial_records import TapTable, TrialPlan, Trials
 from solidtouch.models.histogram import fit
 
 POLICIES = {"passive": 1.0, "active": 0.0}

@@ -11,8 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..models.classes import ClassGrid
-from .montecarlo import Trials
-from .trial_plan import TrialPlan
+from .trial_records import TrialPlan, Trials
 
 ENDINGS = ("_at_best", "_at_worst")
 """Suffixes of what trials come to with those that were cut short so, in datasets."""

@@ -16,9 +16,8 @@ from jax.scipy.special import logsumexp
 from ..models.errors import InputError
 from . import draws, kernel
 from .hole_moves import holes
-from .montecarlo import Rule, Trials
 from .reference import BORDERS
-from .trial_plan import TapTable, TrialPlan
+from .trial_records import Rule, TapTable, TrialPlan, Trials
 
 _SLOTS = {"cpu": 1024, "gpu": 1 << 16}
 _AT_ONCE = {"cpu": 1 << 14, "gpu": 1 << 20}

@@ -20,7 +20,8 @@ from .montecarlo import run_trials
 from .online_learning import Learner
 from .reference import Border
 from .threshold_choice import check_cost
-from .trial_plan import TapTable, join_plans, plan_trials
+from .trial_plan import join_plans, plan_trials
+from .trial_records import TapTable
 
 
 def episode_cost(

@@ -6,7 +6,6 @@ classes.
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -16,52 +15,9 @@ from ..models.model import TapModel
 from . import kernel
 from .hole_moves import nearest_trained
 from .reference import BORDERS, Border, ZeroEvidenceError
+from .trial_records import Classes, Likelihoods, ScaledBelief
 
 _UNIT = kernel.UNIT * np.log(2.0)
-
-
-class Likelihoods(NamedTuple):
-    """Likelihoods of N taps over the largest of each, as scaled numbers z 2^(-256 k).
-
-    Attributes:
-        rows: z, 0 where the tap is impossible, shape (N, S M, L).
-        least: The smallest z above 0 of each tap, shape (N,).
-        wide: Whether some k is not 0, shape (N,).
-        units: k, shape (N, S M, L), or (0, S M, L) where no tap is wide.
-    """
-
-    rows: NDArray[np.float64]
-    least: NDArray[np.float64]
-    wide: NDArray[np.bool_]
-    units: NDArray[np.int64]
-
-
-class ScaledBelief(NamedTuple):
-    """A belief over its largest class, as scaled numbers.
-
-    Attributes:
-        z: Shape (S M, L).
-        k: Shape (S M, L).
-        least: The smallest z above 0.
-    """
-
-    z: NDArray[np.float64]
-    k: NDArray[np.int64]
-    least: float
-
-
-class Classes(NamedTuple):
-    """Which classes belief may be in.
-
-    Attributes:
-        holes: Whether some may hold none.
-        trained: Which may, shape (M, L).
-        nearest: The nearest such position of the same object, shape (M, L).
-    """
-
-    holes: bool
-    trained: NDArray[np.bool_]
-    nearest: NDArray[np.int64]
 
 
 def classes(trained: NDArray[np.bool_]) -> Classes:

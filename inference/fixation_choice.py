@@ -24,7 +24,8 @@ from .episode import DEADLINE
 from .held_out import Estimate, Floats, Parts, decision_error, excess_over_parts, over_parts, resampled_means
 from .montecarlo import run_trials
 from .reference import Border
-from .trial_plan import TapTable, TrialPlan, join_plans, plan_trials
+from .trial_plan import join_plans, plan_trials
+from .trial_records import TapTable, TrialPlan
 
 TRIALS = 1000
 

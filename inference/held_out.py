@@ -27,7 +27,8 @@ from ..models.splits import Fold, split
 from ..models.taps import TapSet
 from .resampling import spread, too_few
 from .selections import resampled_pools
-from .trial_plan import TapTable, tap_table
+from .trial_plan import tap_table
+from .trial_records import TapTable
 
 type Floats = NDArray[np.float64]
 CONFIDENCE = 0.95

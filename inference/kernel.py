@@ -11,18 +11,14 @@ a state of the episode, rows are hypotheses instead, S M of them, see `models.st
 """
 
 import math
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from ..hardware.pool import TapPool
 from ..models.compiled import compiled
-
-if TYPE_CHECKING:
-    from ..hardware.pool import TapPool
-    from .filter import Classes, Likelihoods, ScaledBelief
-    from .montecarlo import Rule, Trials
-    from .trial_plan import TrialPlan
+from .trial_records import Classes, Likelihoods, Rule, ScaledBelief, TrialPlan, Trials
 
 type Floats = NDArray[np.float64]
 type Integers = NDArray[np.int64]
@@ -362,16 +358,16 @@ def shift_around(
 
 @compiled
 def play(
-    table: "Likelihoods",
-    pool: "TapPool",
-    prior: "ScaledBelief",
-    classes: "Classes",
+    table: Likelihoods,
+    pool: TapPool,
+    prior: ScaledBelief,
+    classes: Classes,
     saturation: float,
-    plan: "TrialPlan",
-    rule: "Rule",
+    plan: TrialPlan,
+    rule: Rule,
     first: int,
     last: int,
-    trials: "Trials",
+    trials: Trials,
 ) -> None:
     """Plays trials `first` to `last` - 1 of a plan and decides them at every threshold.
 

@@ -22,7 +22,8 @@ from .hole_moves import Mask, holes
 from .reference import Border
 from .saturation import share, temper
 from .stopping import Watch
-from .trial_plan import TapTable, TrialPlan, checked_plan
+from .trial_plan import checked_plan
+from .trial_records import TapTable, TrialPlan
 
 type Floats = NDArray[np.float64]
 type Integers = NDArray[np.int64]

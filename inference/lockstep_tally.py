@@ -9,12 +9,12 @@ from ..models.errors import InputError
 from .control import MovePolicy
 from .episode import DEADLINE
 from .lockstep import Record, play
-from .montecarlo import Trials
 from .recorded_stops import stops
 from .reference import Border
 from .stopping import DECIDE, what_above
 from .tally import Tally, tally
-from .trial_plan import TapTable, plan_trials
+from .trial_plan import plan_trials
+from .trial_records import TapTable, Trials
 
 _AT_ONCE = 500  # trials
 

@@ -10,7 +10,7 @@ are cut into pieces and wherever these are played.
 from collections.abc import Callable
 from copy import copy
 from functools import partial
-from typing import NamedTuple, Protocol
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -23,67 +23,13 @@ from . import draws, kernel
 from .episode import DEADLINE
 from .filter import border_number, classes, likelihoods, refuse_border, scaled_belief
 from .reference import BORDERS, Border
-from .trial_plan import TapTable, TrialPlan, checked_plan
+from .trial_plan import checked_plan
+from .trial_records import Rule, TapTable, TrialPlan, Trials
 
 # The paper's range of belief thresholds; its spacing is not given.
 THRESHOLDS = (0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 0.95, 0.975, 0.99, 0.995)
 _AT_ONCE, _TAPS_AT_ONCE = 8192, 1 << 20  # trials and taps between two looks at what else there is to do
 _PIECES = 8  # of each thread at least, so that all end together
-
-
-class Trials(NamedTuple):
-    """Decisions of n trials at H thresholds; all arrays of shape (n, H).
-
-    Attributes:
-        taps: Reaction time.
-        what: Decided what class.
-        where: Decided where class, at the place of the last tap.
-        true_where: Class in which the sensor stood then.
-        stopped: Whether the threshold was crossed; otherwise the deadline came.
-        clamped: Moves before the last tap that the end of the range cut short.
-        substituted: Times before the last tap that a class without a tap was replaced by the nearest with one.
-        belief: Belief in the decided what class.
-        used_up: Whether a trial on fresh taps ended because it had had all stored taps of the class, see `Rule.fresh`.
-        no_class_left: Whether the trial ended undecided with a tap that was impossible under every class still believed
-            in; the decision is what was most probable before that tap, which `taps` counts.
-    """
-
-    taps: NDArray[np.int64]
-    what: NDArray[np.int64]
-    where: NDArray[np.int64]
-    true_where: NDArray[np.int64]
-    stopped: NDArray[np.bool_]
-    clamped: NDArray[np.int64]
-    substituted: NDArray[np.int64]
-    belief: NDArray[np.float64]
-    used_up: NDArray[np.bool_]
-    no_class_left: NDArray[np.bool_]
-
-
-class Rule(NamedTuple):
-    """How trials move and stop, in the form that compiled loops take.
-
-    Attributes:
-        thresholds: theta_W in increasing order, infinity for those that never stop, shape (H,).
-        column: Where each stands in the results, shape (H,).
-        theta_x: Threshold for a move.
-        border: Number of the border, see `filter.border_number`.
-        deadline: Taps after which the most probable classes are taken.
-        key0: First key word of the seed.
-        key1: Second key word.
-        fresh: Whether no tap is drawn twice in a trial. A trial that has had all stored taps of the class where it
-            stands then ends with the most probable classes, as at the deadline. Otherwise taps are drawn with
-            replacement. The move to that class is no part of the trial: it brought no tap.
-    """
-
-    thresholds: NDArray[np.float64]
-    column: NDArray[np.int64]
-    theta_x: float
-    border: int
-    deadline: int
-    key0: np.uint64
-    key1: np.uint64
-    fresh: bool = False
 
 
 class Player(Protocol):

@@ -30,10 +30,11 @@ from scipy.special import stdtrit
 from ..hardware.pool import TapPool
 from ..models.threads import cores, in_order
 from .episode import DEADLINE
-from .montecarlo import LoopPlayer, Trials, empty_trials, make_rule
+from .montecarlo import LoopPlayer, empty_trials, make_rule
 from .reference import Border
 from .selections import LEFT_OUT, resampled_pools, session_sizes, thinned_pools, uncaught
-from .trial_plan import TapTable, TrialPlan, checked_plan, plan_trials
+from .trial_plan import checked_plan, plan_trials
+from .trial_records import TapTable, TrialPlan, Trials
 
 type Floats = NDArray[np.float64]
 

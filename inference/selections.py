@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from ..hardware.pool import TapPool, pool_of
 from ..models import seeds
-from .trial_plan import TapTable
+from .trial_records import TapTable
 
 LEFT_OUT = 1 / 3
 """Mean number left out for each that stays in `thinned_pools`, so that these vary a third as much as data sets do."""

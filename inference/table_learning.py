@@ -23,7 +23,8 @@ from .held_out import held_out
 from .lockstep import drawn_taps, shifted, updated
 from .reference import Border
 from .saturation import share, temper
-from .trial_plan import TapTable, plan_trials
+from .trial_plan import plan_trials
+from .trial_records import TapTable
 
 type Floats = NDArray[np.float64]
 type Integers = NDArray[np.int64]

@@ -14,9 +14,10 @@ from ..models.compiled import compiled
 from ..models.errors import InputError
 from ..models.threads import cores, in_order
 from .episode import DEADLINE
-from .montecarlo import Player, Rule, Trials, empty_trials, make_player, make_rule
+from .montecarlo import Player, empty_trials, make_player, make_rule
 from .reference import Border
-from .trial_plan import TapTable, TrialPlan, plan_trials
+from .trial_plan import plan_trials
+from .trial_records import Rule, TapTable, TrialPlan, Trials
 
 
 class Tally(NamedTuple):

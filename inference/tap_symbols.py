@@ -15,7 +15,7 @@ from ..hardware.pool import tap_pool
 from ..models.errors import InputError
 from ..models.model import TapModel
 from ..models.seeds import Purpose, generator
-from .trial_plan import TapTable
+from .trial_records import TapTable
 
 type Floats = NDArray[np.float64]
 

@@ -20,7 +20,8 @@ from .episode import DEADLINE
 from .held_out import Estimate, Floats, Parts, decision_error, excess_over_parts, over_parts, resampled_means
 from .montecarlo import run_trials
 from .reference import Border
-from .trial_plan import TapTable, plan_trials
+from .trial_plan import plan_trials
+from .trial_records import TapTable
 
 TRIALS = 4000
 _DEAREST = 1e9  # taps for an error of 1

@@ -2,7 +2,6 @@
 
 from collections.abc import Sequence
 from functools import lru_cache
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,51 +11,7 @@ from ..models.errors import InputError
 from ..models.model import TapModel
 from ..models.taps import TapSet
 from . import draws, kernel
-
-
-class TapTable(NamedTuple):
-    """Test taps as perception sees them.
-
-    Attributes:
-        log_likelihood: log P(z | class) of every tap, shape (N, L, S M): hypothesis s M + m is object m in state s of
-            the episode, see `models.states`; without states S is 1.
-        pool: Which taps belong to which class; its arrays have the shape (L, M).
-        log_prior: Log belief before the first tap, shape (L, S M).
-        saturation: How many taps' evidence a sequence of them carries at most, see `saturation`.
-        session: Of each tap, shape (N,); `None` where all are of one.
-        given_trained: Which classes belief may move into, shape (L, M); `None` for those with a prior above 0.
-    """
-
-    log_likelihood: NDArray[np.float64]
-    pool: TapPool
-    log_prior: NDArray[np.float64]
-    saturation: float = np.inf
-    session: NDArray[np.integer] | None = None
-    given_trained: NDArray[np.bool_] | None = None
-
-    @property
-    def trained(self) -> NDArray[np.bool_]:
-        """Which classes belief may move into, shape (L, M)."""
-        if self.given_trained is not None:
-            return self.given_trained
-        L, M = self.pool.nearest.shape
-        return (self.log_prior > -np.inf).reshape(L, -1, M).any(axis=1)
-
-
-class TrialPlan(NamedTuple):
-    """What distinguishes the trials, n of them.
-
-    Attributes:
-        where: Class in which the sensor starts, shape (n,).
-        what: Class of the object, shape (n,).
-        fixation: Class that the sensor aims for, shape (n,).
-        stream: Random stream, shape (n,); trials of one stream see the same random numbers.
-    """
-
-    where: NDArray[np.intp]
-    what: NDArray[np.intp]
-    fixation: NDArray[np.intp]
-    stream: NDArray[np.intp]
+from .trial_records import TapTable, TrialPlan
 
 
 def tap_table(model: TapModel, taps: TapSet) -> TapTable:

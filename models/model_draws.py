@@ -15,7 +15,7 @@ from .errors import InputError
 from .forms import Form, TableForm
 from .histogram import HistogramModel
 from .model import TapModel
-from .model_file import DIMS, Draws
+from .model_file import Draws
 from .own import OwnTaps
 from .parametric import FORMS, ParametricModel
 from .seeds import Purpose, generator
@@ -61,7 +61,7 @@ def posterior_draws(
     log_likelihood = np.empty((chains, draws, len(used)), dtype=np.float32)
     for number, (parameters, values) in enumerate(drawn(fitted, used, chains * draws, seed)):
         place = divmod(number, draws)
-        for name in DIMS[model.kind]:
+        for name in model.dims:
             if name not in kept:
                 kept[name] = np.empty((chains, draws, *parameters[name].shape), dtype=np.float32)
             kept[name][place] = parameters[name]

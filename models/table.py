@@ -81,7 +81,7 @@ class TableModel(TapModel):
         Raises:
             InputError: Always; netCDF files hold fitted models.
         """
-        raise InputError("A table that was given cannot be written as netCDF: files hold fitted models.")
+        raise InputError("A given table has no such file: netCDF files hold fitted models.")
 
     @cached_property
     def trained(self) -> NDArray[np.bool_]:

@@ -20,7 +20,7 @@ from scipy.optimize import root_scalar
 from scipy.stats import gamma
 
 from ...hardware.pool import tap_pool
-from ...inference.trial_plan import TapTable
+from ...inference.trial_records import TapTable
 from ...models.errors import InputError
 from ...models.model import TapModel
 from ...models.setting import Setting

@@ -22,10 +22,9 @@ from numpy.typing import ArrayLike, NDArray
 
 from ...inference.control import check_fixation
 from ...inference.episode import DEADLINE
-from ...inference.montecarlo import Trials
 from ...inference.reference import Border
 from ...inference.resampling import CONFIDENCE, RESAMPLES, play_resamples, spread, trial_noise, widened
-from ...inference.trial_plan import TapTable, TrialPlan
+from ...inference.trial_records import TapTable, TrialPlan, Trials
 from ...models.classes import ClassGrid
 from ...models.errors import InputError
 from ...models.model import TapModel

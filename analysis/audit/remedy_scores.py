@@ -28,7 +28,8 @@ from ...inference.resampling import (
 )
 from ...inference.saturation import share
 from ...inference.selections import sessions_drawn, thinned_pools
-from ...inference.trial_plan import TapTable, tap_table
+from ...inference.trial_plan import tap_table
+from ...inference.trial_records import TapTable
 from ...models import seeds
 from ...models.classes import ClassGrid
 from ...models.errors import InputError

@@ -16,7 +16,7 @@ from ...inference.judged_sequences import without_replacement
 from ...inference.resampling import CONFIDENCE, spread
 from ...inference.saturation import share
 from ...inference.selections import thinned_pools
-from ...inference.trial_plan import TapTable
+from ...inference.trial_records import TapTable
 from ...models import seeds
 from ...models.errors import InputError
 from ...models.states import log_fold

@@ -11,7 +11,8 @@ from ...inference.episode import DEADLINE
 from ...inference.montecarlo import THRESHOLDS
 from ...inference.reference import Border
 from ...inference.tempering import fit_tempered
-from ...inference.trial_plan import TapTable, tap_table
+from ...inference.trial_plan import tap_table
+from ...inference.trial_records import TapTable
 from ...models.bins import bin_edges
 from ...models.catalogue import FitSettings, Fitted, fit_model, split_name
 from ...models.classes import ClassGrid

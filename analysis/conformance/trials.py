@@ -9,8 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...hardware.pool import TapPool
-from ...inference.montecarlo import Trials, run_trials
-from ...inference.trial_plan import TapTable, TrialPlan, trial_uniforms
+from ...inference.montecarlo import run_trials
+from ...inference.trial_plan import trial_uniforms
+from ...inference.trial_records import TapTable, TrialPlan, Trials
 from .answers import Answer
 from .case import Case
 from .comparison import Difference

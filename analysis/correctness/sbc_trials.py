@@ -13,8 +13,9 @@ from numpy.typing import NDArray
 from ...hardware.model_rig import bin_tables
 from ...hardware.pool import tap_pool
 from ...inference.control import default_fixation
-from ...inference.montecarlo import Trials, run_trials
-from ...inference.trial_plan import TapTable, TrialPlan, plan_trials
+from ...inference.montecarlo import run_trials
+from ...inference.trial_plan import plan_trials
+from ...inference.trial_records import TapTable, TrialPlan, Trials
 from ..stats.uniformity import Judged
 from .sbc_arrays import draw
 from .sbc_chain import PASSIVE, Moments, World

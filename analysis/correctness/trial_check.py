@@ -10,10 +10,11 @@ from ...hardware.replay import ReplayRig
 from ...inference.control import fixation
 from ...inference.engine import Engine
 from ...inference.episode import steps
-from ...inference.montecarlo import THRESHOLDS, Trials, run_trials
+from ...inference.montecarlo import THRESHOLDS, run_trials
 from ...inference.raw import Decision, LabelledTaps, RawFilter
 from ...inference.reference import Border
-from ...inference.trial_plan import TapTable, TrialPlan, trial_uniforms
+from ...inference.trial_plan import trial_uniforms
+from ...inference.trial_records import TapTable, TrialPlan, Trials
 from ...models.taps import TapSet
 
 DEVICES = ("cpu", "xla-cpu")

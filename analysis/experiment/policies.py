@@ -10,10 +10,11 @@ from numpy.typing import NDArray
 
 from ...hardware.pool import TapPool
 from ...inference.cut_short import Farthest, endings
-from ...inference.montecarlo import LoopPlayer, Trials, empty_trials, make_rule, run_trials
+from ...inference.montecarlo import LoopPlayer, empty_trials, make_rule, run_trials
 from ...inference.resampling import RESAMPLE_TRIALS, Spread, spread
 from ...inference.selections import resampled_pools, thinned_pools
-from ...inference.trial_plan import TapTable, TrialPlan, checked_plan, join_plans, plan_trials
+from ...inference.trial_plan import checked_plan, join_plans, plan_trials
+from ...inference.trial_records import TapTable, TrialPlan, Trials
 from ...models.classes import ClassGrid
 from ...models.threads import cores, in_order
 from ..stats.metrics import Means, confusion, mean_outcomes, outcomes_dataset

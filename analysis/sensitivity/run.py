@@ -9,9 +9,10 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ...inference.montecarlo import THRESHOLDS, Trials, run_trials
+from ...inference.montecarlo import THRESHOLDS, run_trials
 from ...inference.resampling import spread
-from ...inference.trial_plan import TapTable, TrialPlan, plan_trials, tap_table
+from ...inference.trial_plan import plan_trials, tap_table
+from ...inference.trial_records import TapTable, TrialPlan, Trials
 from ...models.classes import ClassGrid
 from ...models.model import TapModel
 from ...models.seeds import data_set_seed

@@ -11,8 +11,9 @@ from numpy.typing import ArrayLike, NDArray
 
 from ...inference import draws, kernel
 from ...inference.lockstep import drawn_taps, log_sum, shift_beliefs
-from ...inference.montecarlo import Rule, Trials, empty_trials, make_rule
-from ...inference.trial_plan import TapTable, TrialPlan, checked_plan
+from ...inference.montecarlo import empty_trials, make_rule
+from ...inference.trial_plan import checked_plan
+from ...inference.trial_records import Rule, TapTable, TrialPlan, Trials
 from .choices import Reading
 
 type Floats = NDArray[np.float64]

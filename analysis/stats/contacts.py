@@ -11,7 +11,7 @@ from scipy.stats import t
 from ...hardware.pool import TapPool
 from ...inference.resampling import Spread, widened
 from ...inference.saturation import share, temper
-from ...inference.trial_plan import TapTable
+from ...inference.trial_records import TapTable
 from ...models import seeds
 from ...models.states import fold
 from ...models.threads import cores, in_order

@@ -15,7 +15,6 @@ from numpy.typing import ArrayLike, NDArray
 from ...inference.control import check_fixation
 from ...inference.cut_short import ENDINGS, Farthest, endings
 from ...inference.episode import DEADLINE
-from ...inference.montecarlo import Trials
 from ...inference.reference import Border
 from ...inference.resampling import (
     CONFIDENCE,
@@ -29,7 +28,7 @@ from ...inference.resampling import (
     too_few,
     trial_noise,
 )
-from ...inference.trial_plan import TapTable, TrialPlan
+from ...inference.trial_records import TapTable, TrialPlan, Trials
 from ...models.classes import ClassGrid
 from ...models.errors import InputError
 from ..experiment.study import can_act

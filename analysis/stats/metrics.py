@@ -15,9 +15,8 @@ from scipy.sparse import csr_array
 from scipy.stats import t
 
 from ...inference.cut_short import ENDINGS
-from ...inference.montecarlo import Trials
 from ...inference.resampling import CONFIDENCE, Spread, resamples_in_words, widened
-from ...inference.trial_plan import TrialPlan
+from ...inference.trial_records import TrialPlan, Trials
 from ...models.classes import ClassGrid
 from .ranges import Range, ranges
 

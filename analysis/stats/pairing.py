@@ -8,7 +8,7 @@ import xarray as xr
 from numpy.typing import ArrayLike, NDArray
 
 from ...inference.resampling import Spread, widened
-from ...inference.trial_plan import TapTable
+from ...inference.trial_records import TapTable
 from ...models.errors import InputError
 
 RESAMPLES = 1000

@@ -25,7 +25,7 @@ from ...hardware.pool import TapPool
 from ...inference.control import check_fixation
 from ...inference.cut_short import Farthest, endings
 from ...inference.episode import DEADLINE
-from ...inference.montecarlo import Trials, run_trials
+from ...inference.montecarlo import run_trials
 from ...inference.reference import Border
 from ...inference.resampling import (
     CONFIDENCE,
@@ -41,7 +41,8 @@ from ...inference.resampling import (
     widened,
 )
 from ...inference.selections import sessions_drawn
-from ...inference.trial_plan import TapTable, TrialPlan, plan_trials
+from ...inference.trial_plan import plan_trials
+from ...inference.trial_records import TapTable, TrialPlan, Trials
 from ...models.classes import ClassGrid
 from ...models.compiled import compiled
 from ...models.errors import InputError

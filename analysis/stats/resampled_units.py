@@ -14,7 +14,7 @@ from scipy.stats import t
 from ...hardware.pool import tap_pool
 from ...inference.resampling import CONFIDENCE, Spread, spread
 from ...inference.selections import resampled_pools
-from ...inference.trial_plan import TapTable
+from ...inference.trial_records import TapTable
 from ...models.classes import ClassGrid
 from ...models.taps import TapSet
 

@@ -20,7 +20,8 @@ from numpy.typing import ArrayLike, NDArray
 from ...inference.control import check_fixation
 from ...inference.montecarlo import LoopPlayer, empty_trials, make_rule
 from ...inference.reference import Border
-from ...inference.trial_plan import TapTable, plan_trials
+from ...inference.trial_plan import plan_trials
+from ...inference.trial_records import TapTable
 from ...models import seeds
 from ...models.forms import GaussianForm
 from ...models.model import TapModel

@@ -15,7 +15,8 @@ from ...inference.information import TapOutcomes, tap_outcomes
 from ...inference.reference import Border
 from ...inference.table_learning import held_out_tables
 from ...inference.tempering import best_power, learn_power
-from ...inference.trial_plan import TapTable, tap_table
+from ...inference.trial_plan import tap_table
+from ...inference.trial_records import TapTable
 from ...models.catalogue import FitSettings
 from ...models.classes import ClassGrid
 from ...models.errors import InputError

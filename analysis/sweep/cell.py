@@ -17,7 +17,8 @@ from ...inference.lockstep_tally import tally_policy
 from ...inference.strategies import make_policy, parse_strategy
 from ...inference.table_learning import held_out_tables, learn_table
 from ...inference.tally import Tally, tally_trials
-from ...inference.trial_plan import TapTable, tap_table
+from ...inference.trial_plan import tap_table
+from ...inference.trial_records import TapTable
 from ...models.seeds import Purpose, derived_seed
 from ..stats.resampled_units import resampled_table
 from ..trials.tallied import tally_means

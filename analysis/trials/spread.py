@@ -12,7 +12,6 @@ from numpy.typing import ArrayLike, NDArray
 
 from ...inference.cut_short import Farthest, endings
 from ...inference.episode import DEADLINE
-from ...inference.montecarlo import Trials
 from ...inference.resampling import (
     CONFIDENCE,
     RESAMPLES,
@@ -29,7 +28,7 @@ from ...inference.resampling import (
 )
 from ...inference.selections import sessions_drawn
 from ...inference.tally import tally
-from ...inference.trial_plan import TapTable, TrialPlan
+from ...inference.trial_records import TapTable, TrialPlan, Trials
 from ...models.classes import ClassGrid
 from ..stats.ranges import SHARE, Range, ranges
 from .tallied import tally_means

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 from solidtouch.inference.episode_costs import trial_costs
 from solidtouch.inference.online_learning import METHODS, Learner, learn, recommended
-from solidtouch.inference.trial_plan import TapTable
+from solidtouch.inference.trial_records import TapTable
 from solidtouch.models.classes import ClassGrid
 
 type Floats = NDArray[np.float64]

@@ -9,7 +9,8 @@ from solidtouch.inference.control_table import load_table, lookup, save_table
 from solidtouch.inference.engine import make_engine
 from solidtouch.inference.reference import BORDERS
 from solidtouch.inference.table_learning import BEFORE, held_out_tables, learn_table
-from solidtouch.inference.trial_plan import TapTable, plan_trials, tap_table, trial_uniforms
+from solidtouch.inference.trial_plan import plan_trials, tap_table, trial_uniforms
+from solidtouch.inference.trial_records import TapTable
 from solidtouch.models.classes import ClassGrid
 from solidtouch.models.errors import InputError
 from solidtouch.models.histogram import fit

@@ -9,7 +9,8 @@ from solidtouch.inference import draws, kernel, reference
 from solidtouch.inference.filter import likelihoods, scaled_belief
 from solidtouch.inference.montecarlo import run_trials
 from solidtouch.inference.reference import BORDERS, ZeroEvidenceError
-from solidtouch.inference.trial_plan import TapTable, TrialPlan, trial_uniforms
+from solidtouch.inference.trial_plan import trial_uniforms
+from solidtouch.inference.trial_records import TapTable, TrialPlan
 
 NEAR_TIE = 1e-6
 

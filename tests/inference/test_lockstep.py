@@ -16,7 +16,8 @@ from solidtouch.inference.montecarlo import run_trials
 from solidtouch.inference.recorded_stops import stops
 from solidtouch.inference.reference import BORDERS
 from solidtouch.inference.stopping import DECIDE, GO_ON, what_above
-from solidtouch.inference.trial_plan import TapTable, TrialPlan, tap_table, trial_chances, trial_uniforms
+from solidtouch.inference.trial_plan import tap_table, trial_chances, trial_uniforms
+from solidtouch.inference.trial_records import TapTable, TrialPlan
 from solidtouch.models.errors import InputError
 from solidtouch.models.states import States
 from solidtouch.models.taps import TapSet

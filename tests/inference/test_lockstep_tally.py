@@ -9,7 +9,8 @@ from solidtouch.inference.lockstep import play
 from solidtouch.inference.lockstep_tally import tally_policy, trials_of
 from solidtouch.inference.montecarlo import run_trials
 from solidtouch.inference.tally import tally_trials
-from solidtouch.inference.trial_plan import TapTable, plan_trials
+from solidtouch.inference.trial_plan import plan_trials
+from solidtouch.inference.trial_records import TapTable
 from solidtouch.models.errors import InputError
 
 L, M, N, TRIALS = 5, 3, 90, 70

@@ -13,7 +13,8 @@ from solidtouch.inference.engine import make_engine
 from solidtouch.inference.episode import perceive
 from solidtouch.inference.montecarlo import run_trials
 from solidtouch.inference.reference import BORDERS
-from solidtouch.inference.trial_plan import TapTable, TrialPlan, join_plans, plan_trials, tap_table, trial_uniforms
+from solidtouch.inference.trial_plan import join_plans, plan_trials, tap_table, trial_uniforms
+from solidtouch.inference.trial_records import TapTable, TrialPlan
 from solidtouch.models.errors import InputError
 from solidtouch.models.taps import TapSet
 

@@ -16,7 +16,8 @@ from solidtouch.inference.episode import perceive, steps
 from solidtouch.inference.montecarlo import run_trials
 from solidtouch.inference.saturation import share, temper
 from solidtouch.inference.tally import tally_trials
-from solidtouch.inference.trial_plan import TapTable, TrialPlan, plan_trials, tap_table, trial_uniforms
+from solidtouch.inference.trial_plan import plan_trials, tap_table, trial_uniforms
+from solidtouch.inference.trial_records import TapTable, TrialPlan
 from solidtouch.models.catalogue import FitSettings, fit_model
 from solidtouch.models.errors import InputError
 

@@ -6,7 +6,7 @@ from scattered_taps import COUNT, L, M, table_of, taps_of
 from solidtouch.hardware.pool import pool_of, tap_pool
 from solidtouch.inference.resampling import play_resamples, spread
 from solidtouch.inference.selections import resampled_pools, sessions_drawn, thinned_pools
-from solidtouch.inference.trial_plan import TapTable
+from solidtouch.inference.trial_records import TapTable
 
 
 def cells(pool):

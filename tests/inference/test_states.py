@@ -14,7 +14,8 @@ from solidtouch.inference.montecarlo import run_trials
 from solidtouch.inference.reference import BORDERS
 from solidtouch.inference.shadow import EnginesDisagree, ShadowEngine
 from solidtouch.inference.tally import tally, tally_trials
-from solidtouch.inference.trial_plan import TapTable, TrialPlan, plan_trials, tap_table, trial_uniforms
+from solidtouch.inference.trial_plan import plan_trials, tap_table, trial_uniforms
+from solidtouch.inference.trial_records import TapTable, TrialPlan
 from solidtouch.models.classes import ClassGrid
 from solidtouch.models.errors import InputError
 from solidtouch.models.preprocessing import Preprocessing

@@ -6,7 +6,8 @@ from solidtouch.hardware.pool import tap_pool
 from solidtouch.inference import montecarlo
 from solidtouch.inference.montecarlo import run_trials
 from solidtouch.inference.tally import Tally, tally, tally_trials
-from solidtouch.inference.trial_plan import TapTable, plan_trials
+from solidtouch.inference.trial_plan import plan_trials
+from solidtouch.inference.trial_records import TapTable
 from solidtouch.models.errors import InputError
 
 L, M, TRIALS, DEADLINE = 4, 3, 200, 9

@@ -6,7 +6,6 @@ from solidtouch.models.catalogue import CATALOGUE, FitSettings, fit_model
 from solidtouch.models.errors import InputError
 from solidtouch.models.forms import TableForm, in_states
 from solidtouch.models.model_draws import posterior_draws
-from solidtouch.models.model_file import DIMS
 from solidtouch.models.parametric import FORMS
 from solidtouch.models.states import log_fold
 
@@ -37,7 +36,7 @@ def test_every_tap_has_its_probability_under_the_drawn_parameters(fitted, taps, 
 
     assert draws.log_likelihood.shape == (CHAINS, DRAWS, len(taps))
     assert draws.log_likelihood.dtype == np.float32
-    assert set(draws.parameters) == set(DIMS[model.kind])
+    assert set(draws.parameters) == set(model.dims)
     assert counted == [1] * (CHAINS * DRAWS)
     for chain, number in np.ndindex(CHAINS, DRAWS):
         parameters = {key: values[chain, number].astype(float) for key, values in draws.parameters.items()}

@@ -11,7 +11,7 @@ from solidtouch.models.catalogue import CATALOGUE, FitSettings, fit_model
 from solidtouch.models.errors import InputError
 from solidtouch.models.histogram import fit
 from solidtouch.models.model_draws import posterior_draws
-from solidtouch.models.model_file import DIMS, Draws, load_model, save_model
+from solidtouch.models.model_file import Draws, load_model, save_model
 from solidtouch.models.novelty import NoveltyScores
 from solidtouch.models.preprocessing import Preprocessing
 
@@ -187,10 +187,10 @@ def test_arviz_opens_files_with_draws(fitted, taps, tmp_path, name):
     draws = posterior_draws(fitted[name], taps, 4, 10, 0)
     save_model(fitted[name].model, tmp_path / "model.nc", draws=draws, convergence=fitted[name].convergence)
     tree = opened(tmp_path / "model.nc")
-    parameter = next(iter(DIMS[fitted[name].model.kind]))
+    parameter = next(iter(fitted[name].model.dims))
 
     assert np.isfinite(az.loo(tree, reff=1.0).elpd)
-    assert tree["posterior"][parameter].dims == ("chain", "draw", *DIMS[fitted[name].model.kind][parameter])
+    assert tree["posterior"][parameter].dims == ("chain", "draw", *fitted[name].model.dims[parameter])
     assert tree["log_likelihood"]["bins"].sizes == {"chain": 4, "draw": 10, "tap": len(taps)}
     assert tree["posterior"]["what"].values.tolist() == list(fitted[name].model.grid.what_name)
     np.testing.assert_array_equal(tree["log_likelihood"]["bins"], draws.log_likelihood)

@@ -8,7 +8,7 @@ from solidtouch.analysis.page.figure_style import save
 from solidtouch.analysis.stats.reliability import EVERYTHING, reliability
 from solidtouch.analysis.stats.target_error import Curves, TargetError, choose, leave_out, predicted
 from solidtouch.hardware.pool import tap_pool
-from solidtouch.inference.trial_plan import TapTable
+from solidtouch.inference.trial_records import TapTable
 from solidtouch.models.classes import ClassGrid
 
 

@@ -12,7 +12,7 @@ from solidtouch.hardware.pool import tap_pool
 from solidtouch.inference.judged_sequences import without_replacement
 from solidtouch.inference.resampling import Spread, spread
 from solidtouch.inference.selections import thinned_pools
-from solidtouch.inference.trial_plan import TapTable
+from solidtouch.inference.trial_records import TapTable
 from solidtouch.models import seeds
 
 GENERATOR = np.random.default_rng(0)

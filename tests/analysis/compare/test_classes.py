@@ -17,7 +17,7 @@ from solidtouch.analysis.stats.contacts import accuracy
 from solidtouch.analysis.stats.pairing import with_intervals
 from solidtouch.hardware.pool import tap_pool
 from solidtouch.inference.resampling import Spread
-from solidtouch.inference.trial_plan import TapTable
+from solidtouch.inference.trial_records import TapTable
 from solidtouch.models.errors import InputError
 
 L, M, S, N = 3, 2, 4, 90

@@ -12,7 +12,7 @@ from solidtouch.analysis.reproduce.results import Results
 from solidtouch.analysis.stats import metrics
 from solidtouch.hardware.pool import tap_pool
 from solidtouch.inference.montecarlo import run_trials
-from solidtouch.inference.trial_plan import TapTable
+from solidtouch.inference.trial_records import TapTable
 from solidtouch.models.classes import ClassGrid
 
 L, M, SYMBOLS = 5, 3, 6

@@ -12,7 +12,8 @@ from solidtouch.hardware.presets import preset
 from solidtouch.inference import reference
 from solidtouch.inference.montecarlo import THRESHOLDS, run_trials
 from solidtouch.inference.reference import BORDERS
-from solidtouch.inference.trial_plan import TapTable, TrialPlan, plan_trials, tap_table, trial_uniforms
+from solidtouch.inference.trial_plan import plan_trials, tap_table, trial_uniforms
+from solidtouch.inference.trial_records import TapTable, TrialPlan
 from solidtouch.models.histogram import fit
 
 L, M, TRIALS, DEADLINE, SEED = 5, 3, 30, 17, 4

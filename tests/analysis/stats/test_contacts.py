@@ -8,7 +8,7 @@ from solidtouch.analysis.stats.contacts import Accuracy, accuracy, summarise
 from solidtouch.hardware.pool import tap_pool
 from solidtouch.inference.resampling import Spread, share_beyond, spread
 from solidtouch.inference.selections import thinned_pools
-from solidtouch.inference.trial_plan import TapTable
+from solidtouch.inference.trial_records import TapTable
 
 L, M = 2, 3
 

@@ -21,7 +21,8 @@ from solidtouch.inference.cut_short import ENDINGS
 from solidtouch.inference.montecarlo import run_trials
 from solidtouch.inference.resampling import share_beyond
 from solidtouch.inference.selections import thinned_pools
-from solidtouch.inference.trial_plan import TapTable, plan_trials
+from solidtouch.inference.trial_plan import plan_trials
+from solidtouch.inference.trial_records import TapTable
 from solidtouch.models.classes import ClassGrid
 from solidtouch.models.errors import InputError
 

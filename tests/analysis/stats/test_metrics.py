@@ -17,9 +17,8 @@ from solidtouch.analysis.stats.metrics import (
 )
 from solidtouch.analysis.stats.ranges import Range, ranges
 from solidtouch.inference.cut_short import ENDINGS
-from solidtouch.inference.montecarlo import Trials
 from solidtouch.inference.resampling import Spread
-from solidtouch.inference.trial_plan import TrialPlan
+from solidtouch.inference.trial_records import TrialPlan, Trials
 from solidtouch.models.classes import ClassGrid
 
 THETAS = (0.5, 0.9)

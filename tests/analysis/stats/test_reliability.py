@@ -24,7 +24,8 @@ from solidtouch.analysis.stats.reliability import (
 from solidtouch.analysis.stats.right_model import Reference
 from solidtouch.hardware.pool import tap_pool
 from solidtouch.inference.montecarlo import run_trials
-from solidtouch.inference.trial_plan import TapTable, plan_trials
+from solidtouch.inference.trial_plan import plan_trials
+from solidtouch.inference.trial_records import TapTable
 from solidtouch.models.classes import ClassGrid
 from solidtouch.models.errors import InputError
 from solidtouch.models.histogram import HistogramModel

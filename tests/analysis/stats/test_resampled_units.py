@@ -13,7 +13,7 @@ from solidtouch.analysis.stats.resampled_units import (
 )
 from solidtouch.hardware.pool import tap_pool
 from solidtouch.inference.resampling import Spread, spread
-from solidtouch.inference.trial_plan import TapTable
+from solidtouch.inference.trial_records import TapTable
 
 L, M, N = 2, 3, 12
 

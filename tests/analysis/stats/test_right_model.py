@@ -18,7 +18,8 @@ from solidtouch.analysis.stats.right_model import (
 )
 from solidtouch.hardware.pool import tap_pool
 from solidtouch.inference.montecarlo import run_trials
-from solidtouch.inference.trial_plan import TapTable, plan_trials
+from solidtouch.inference.trial_plan import plan_trials
+from solidtouch.inference.trial_records import TapTable
 from solidtouch.models.catalogue import FitSettings, fit_model
 from solidtouch.models.classes import ClassGrid
 from solidtouch.models.histogram import HistogramModel
