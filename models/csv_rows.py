@@ -17,8 +17,10 @@ other          one number or text per tap, kept under its own name
 
 import csv
 from array import array
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
+from itertools import chain, islice
 from pathlib import Path
 from typing import Any
 
@@ -56,17 +58,31 @@ def read_rows(path: Path) -> CsvRows:
             missing cell or a cell that is no finite number; the sentence names line and column.
     """
     try:
-        with path.open(encoding="utf-8-sig", newline="") as file:
-            reader = csv.reader(file, strict=True)
-            header = [name.strip() for name in next(reader, [])]
-            _check_header(header)
-            return _parse(header, ((reader.line_num, row) for row in reader if row))
+        rows = _rows(path)
+        header = [name.strip() for name in next(rows, (1, []))[1]]
+        _check_header(header)
+        numeric = [i for i, name in enumerate(header) if name in NUMBERS or name.startswith("taxel")]
+        lines = _check_rows(rows, header, numeric)
+        table, cells = _cells(path, header, numeric)
     except UnicodeDecodeError as error:
         raise InputError("this is no CSV file: it holds bytes that are no UTF-8 text.") from error
     except csv.Error as error:
         raise InputError(f"this is no CSV file: {error}.") from error
     except OSError as error:
         raise InputError(f"the file cannot be read: {error.strerror}.") from error
+    _check_finite(table, lines, [header[i] for i in numeric])
+    columns = {header[i]: table[:, j] for j, i in enumerate(numeric) if header[i] in NUMBERS}
+    columns |= {name: _column(name, cells[i], lines) for i, name in enumerate(header) if i not in numeric}
+    taxels = [j for j, i in enumerate(numeric) if header[i] not in NUMBERS]
+    names = tuple(header[numeric[j]] for j in taxels)
+    return CsvRows(table[:, taxels], names, columns | _whole(columns, lines), lines)
+
+
+def _rows(path: Path) -> Iterator[tuple[int, list[str]]]:
+    """Line and cells of the first row and of all that are not empty."""
+    with path.open(encoding="utf-8-sig", newline="") as file:
+        reader = csv.reader(file, strict=True)
+        yield from ((reader.line_num, row) for row in reader if row or reader.line_num == 1)
 
 
 def _check_header(header: Sequence[str]) -> None:
@@ -81,41 +97,58 @@ def _check_header(header: Sequence[str]) -> None:
         raise InputError("line 1 has no column whose name begins with taxel.")
 
 
-def _parse(header: Sequence[str], rows: Iterable[tuple[int, Sequence[str]]]) -> CsvRows:
-    numeric = [i for i, name in enumerate(header) if name in NUMBERS or name.startswith("taxel")]
-    textual = [i for i in range(len(header)) if i not in numeric]
-    numbers, lines, texts = array("d"), array("q"), [[] for _ in textual]
+def _check_rows(
+    rows: Iterable[tuple[int, list[str]]], header: Sequence[str], numeric: Sequence[int]
+) -> NDArray[np.int64]:
+    """The line of each row; pandas counts none, fills short rows and joins what stands around quotes."""
+    lines = array("q")
     for line, row in rows:
         if len(row) != len(header):
             raise InputError(f"line {line} has {len(row)} cells, the header has {len(header)}.")
-        try:
-            numbers.extend([float(row[i]) for i in numeric])
-        except ValueError:
-            raise _no_number(line, row, [(i, header[i]) for i in numeric]) from None
+        if not lines:
+            _floats(line, row, header, numeric)  # to pandas a column of nothing but True and False is one of numbers
         lines.append(line)
-        for column, i in zip(texts, textual, strict=True):
-            column.append(row[i].strip())
     if not lines:
         raise InputError("the file has a header but no rows.")
-    table = np.asarray(numbers).reshape(-1, len(numeric))
-    _check_finite(table, lines, [header[i] for i in numeric])
-    columns = {header[i]: table[:, j] for j, i in enumerate(numeric) if header[i] in NUMBERS}
-    columns |= {header[i]: _column(header[i], column, lines) for i, column in zip(textual, texts, strict=True)}
-    taxels = [j for j, i in enumerate(numeric) if header[i] not in NUMBERS]
-    names = tuple(header[numeric[j]] for j in taxels)
-    return CsvRows(table[:, taxels], names, _whole(columns, lines), np.asarray(lines))
+    return np.asarray(lines)
 
 
-def _no_number(line: int, row: Sequence[str], numeric: Sequence[tuple[int, str]]) -> InputError:
-    for i, name in numeric:
+def _cells(path: Path, header: Sequence[str], numeric: Sequence[int]) -> tuple[NDArray[np.float64], Any]:
+    """The numbers, shape (R, len(numeric)), and a frame with the text of the other columns."""
+    import pandas as pd  # noqa: PLC0415
+
+    kinds = {i: "float64" if i in numeric else "object" for i in range(len(header))}
+    how: Any = {"header": 0, "names": list(kinds), "dtype": kinds, "na_filter": False, "low_memory": False}
+    with path.open(encoding="utf-8-sig", newline="") as file:
         try:
-            float(row[i])
-        except ValueError:
-            return InputError(f"line {line}, column {name} holds {row[i]!r}, which is not a number.")
-    return InputError(f"line {line} holds something that is not a number.")
+            frame = pd.read_csv(file, **how)
+            return frame[numeric].to_numpy(), frame
+        except ValueError:  # pandas does not say where, and `float` reads more, such as 1_000
+            rows = islice(_rows(path), 1, None)
+            table = array("d", chain.from_iterable(_floats(line, row, header, numeric) for line, row in rows))
+            file.seek(0)
+            frame = pd.read_csv(file, usecols=[i for i in kinds if i not in numeric], **how)
+            return np.asarray(table).reshape(-1, len(numeric)), frame
 
 
-def _check_finite(table: NDArray[np.float64], lines: Sequence[int], names: Sequence[str]) -> None:
+def _floats(line: int, row: Sequence[str], header: Sequence[str], numeric: Sequence[int]) -> list[float]:
+    """The numbers of a row as Python reads them."""
+    try:
+        return [float(row[i]) for i in numeric]
+    except ValueError as error:
+        i = next(i for i in numeric if not _is_number(row[i]))
+        raise InputError(f"line {line}, column {header[i]} holds {row[i]!r}, which is not a number.") from error
+
+
+def _is_number(cell: str) -> bool:
+    try:
+        float(cell)
+    except ValueError:
+        return False
+    return True
+
+
+def _check_finite(table: NDArray[np.float64], lines: NDArray[np.int64], names: Sequence[str]) -> None:
     bad = np.argwhere(~np.isfinite(table))
     if len(bad):
         row, column = bad[0]
@@ -125,20 +158,22 @@ def _check_finite(table: NDArray[np.float64], lines: Sequence[int], names: Seque
         )
 
 
-def _column(name: str, cells: Sequence[str], lines: Sequence[int]) -> NDArray[Any]:
+def _column(name: str, cells: Any, lines: NDArray[np.int64]) -> NDArray[Any]:
     """A text column; one that is no label becomes numbers if all its cells are."""
+    codes, found = cells.factorize()
+    texts: Any = [text.strip() for text in found]
     if name == "what":
-        if "" in cells:
-            raise InputError(f"line {lines[cells.index('')]}, column what is empty.")
-        return np.array(cells, dtype=np.str_)
-    try:
-        return np.array([float(cell) for cell in cells])
-    except ValueError:
-        return np.array(cells, dtype=np.str_)
+        empty = np.flatnonzero(np.array([not text for text in texts])[codes])
+        if len(empty):
+            raise InputError(f"line {lines[empty[0]]}, column what is empty.")
+    else:
+        with suppress(ValueError):
+            texts = [float(text) for text in texts]
+    return np.array(texts)[codes]
 
 
-def _whole(columns: dict[str, NDArray[Any]], lines: Sequence[int]) -> dict[str, NDArray[Any]]:
-    """The columns, with those that count things as whole numbers."""
+def _whole(columns: dict[str, NDArray[Any]], lines: NDArray[np.int64]) -> dict[str, NDArray[Any]]:
+    """The columns that count things, as whole numbers."""
     whole = {}
     for name in set(WHOLE) & set(columns):
         values = columns[name]
@@ -146,4 +181,4 @@ def _whole(columns: dict[str, NDArray[Any]], lines: Sequence[int]) -> dict[str, 
         if len(bad):
             raise InputError(f"line {lines[bad[0]]}, column {name} holds {values[bad[0]]:g}, which is no whole number.")
         whole[name] = values.astype(np.int64)
-    return columns | whole
+    return whole

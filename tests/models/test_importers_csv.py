@@ -37,6 +37,25 @@ def test_bytes_that_spreadsheets_add_do_no_harm(tmp_path):
     assert taps.taps.ravel().tolist() == [1000.0, -2.0]
 
 
+def test_numbers_are_read_as_python_reads_them(tmp_path):
+    """Exactly, and also those that only Python takes for numbers."""
+    cells = ("0.1", "-0", "9007199254740993", "2.2250738585072011e-308", "1_000.5", " 7\t", "123456789012345678901")
+
+    for read in (cells, [cell for cell in cells if "_" not in cell]):
+        taps = load_taps(write(tmp_path, "tap,what,taxel\n" + "".join(f"{i},a,{c}\n" for i, c in enumerate(read))))
+
+        assert taps.taps.tobytes() == np.array([float(cell) for cell in read]).tobytes()
+
+
+def test_names_that_look_like_numbers_stay_as_they_are_written(tmp_path):
+    """Objects are text; so is another column, unless all of its cells are numbers."""
+    taps = load_taps(write(tmp_path, "tap,what,taxel,who,flag\n0,1.50,1,NA,True\n1,1.5,1,7,False\n"))
+
+    assert taps.what_name == ["1.50", "1.5"]
+    assert taps.dataset["who"].values.tolist() == ["NA", "7"]
+    assert taps.dataset["flag"].values.tolist() == ["True", "False"]
+
+
 def test_objects_are_in_the_order_of_their_size_or_of_their_appearance(tmp_path):
     by_size = load_taps(write(tmp_path, "tap,what,what_value,taxel\n0,big,9,1\n1,small,2,1\n2,big,9,1\n"))
     by_appearance = load_taps(write(tmp_path, "tap,what,taxel\n0,z,1\n1,a,1\n2,z,1\n"))
@@ -73,6 +92,11 @@ BAD = {
     "decimal comma": (HEADER + '0,a,1,"1,5",2\n', r"line 2, column taxel_1 holds '1,5'"),
     "nan": (HEADER + "0,a,1,1,nan\n", r"line 2, column taxel_2 holds nan; NaN and infinite"),
     "infinite": (HEADER + "0,a,1,1,2\n0,a,1,-inf,2\n", r"line 3, column taxel_1 holds -inf"),
+    "truth values": ("tap,what,taxel\n0,a,True\n1,a,False\n", r"line 2, column taxel holds 'True', which is not a"),
+    "zero bytes": (HEADER + "0,a,1,1,2\n0,a,1,1,2\0\0\n", r"line 3, column taxel_2 holds '2\\x00\\x00', which is not"),
+    "blanks only": (HEADER + "0,a,1,1,2\n   \n", "line 3 has 1 cells, the header has 5"),
+    "text cell missing": ("tap,what,taxel,who\n0,a,1,ann\n1,a,1\n", "line 3 has 3 cells, the header has 4"),
+    "after a quote": ('tap,what,taxel\n0,"a"b,1\n', "this is no CSV file: ',' expected after '\"'"),
     "cell missing": (HEADER + "0,a,1,1\n", "line 2 has 4 cells, the header has 5"),
     "cell too many": (HEADER + "0,a,1,1,2,\n", "line 2 has 6 cells, the header has 5"),
     "object empty": (HEADER + "0,a,1,1,2\n1, ,1,1,2\n", "line 3, column what is empty"),
