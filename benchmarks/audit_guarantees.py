@@ -21,7 +21,7 @@ import xarray as xr
 from numpy.typing import NDArray
 from scipy.stats import t
 from solidtouch.analysis.audit.guarantees import PROMISED, USED, guarantees
-from solidtouch.analysis.correctness.sbc_chain import right_model
+from solidtouch.analysis.experiment.sources import right_model
 from solidtouch.hardware.data_collection import simulate_session
 from solidtouch.hardware.model_rig import draw_session
 from solidtouch.hardware.presets import preset

@@ -29,7 +29,8 @@ from solidtouch.analysis.correctness.sbc import (
     told_factor,
     told_p,
 )
-from solidtouch.analysis.correctness.sbc_chain import ACTIVE, Moments, World, right_model
+from solidtouch.analysis.correctness.sbc_chain import ACTIVE, Moments, World
+from solidtouch.analysis.experiment.sources import right_model
 from solidtouch.analysis.stats.uniformity import Judged, error_factor
 from solidtouch.inference.control import default_fixation
 from solidtouch.inference.reference import Border

@@ -13,9 +13,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 from solidtouch.analysis.stats.resampled_units import RESAMPLES, resampled_tables, units_of
+from solidtouch.analysis.stats.tallied import tally_means
 from solidtouch.analysis.strategies.curves import AT_TAPS, Family, decided_sums, differences
 from solidtouch.analysis.trials.spread import tap_spread
-from solidtouch.analysis.trials.tallied import tally_means
 from solidtouch.hardware.model_rig import draw_taps
 from solidtouch.inference.control import fixation, passive
 from solidtouch.inference.held_out import held_out

@@ -17,7 +17,7 @@ from unittest.mock import patch
 import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import binomtest
-from solidtouch.analysis.correctness.sbc_chain import right_model
+from solidtouch.analysis.experiment.sources import right_model
 from solidtouch.hardware.data_collection import simulate_session
 from solidtouch.hardware.model_rig import draw_session
 from solidtouch.hardware.presets import preset

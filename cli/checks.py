@@ -31,7 +31,7 @@ from .options import (
 if TYPE_CHECKING:
     from rich.console import Console
 
-    from ..analysis.correctness.crosscheck import CrossCheck
+    from ..analysis.experiment.crosscheck import CrossCheck
 
 _ALL = "all"
 
@@ -61,7 +61,7 @@ def crosscheck(
     from rich.console import Console
 
     with loading():
-        from ..analysis.correctness.crosscheck import crosscheck as compare
+        from ..analysis.experiment.crosscheck import crosscheck as compare
         from ..analysis.experiment.study import Settings
         from ..models.experiment import load_experiment
         from ..models.histogram import trim
@@ -108,7 +108,7 @@ def crosscheck(
 
 def _check_one(check: "Callable[[str], CrossCheck]", name: str, console: "Console") -> bool:
     """Whether all routes agree for a model; prints the comparison."""
-    from ..analysis.correctness.crosscheck import render
+    from ..analysis.correctness.view import render
 
     result = check(name)
     if name != MODELS[0]:
@@ -123,7 +123,7 @@ def _check_all(check: "Callable[[str], CrossCheck]", console: "Console") -> bool
     Raises:
         InputError: No model could be checked.
     """
-    from ..analysis.correctness.crosscheck import render
+    from ..analysis.correctness.view import render
     from ..inference.reference import ZeroEvidenceError
     from ..models.errors import InputError
 

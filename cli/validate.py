@@ -18,11 +18,12 @@ def validate(
         from rich.console import Console
         from rich.table import Table
 
-        from ..analysis.correctness.validate import validate as checks
+        from ..analysis.conformance.validate import check_engines
+        from ..analysis.correctness.validate import check_beliefs, check_routes
     from .progress import bars
 
     with bars() as progress:
-        found = list(checks(progress, seed))
+        found = [check_routes(progress, seed), *check_engines(progress), *check_beliefs(progress, seed)]
     table = Table("check", "against", "found", "", *(["seconds"] if verbose else []), box=None)
     for check in found:
         row = [check.name, check.against, check.found, "ok" if check.passed else "FAILED"]

@@ -37,7 +37,7 @@ from ...models.model import TapModel
 from ...models.setting import Setting
 from ...models.taps import TapSet
 from ...models.threads import cores, in_order
-from ..experiment.study import can_act
+from ..stats.acting import can_act
 from ..stats.decisions import at_equal_taps, play_models, spread_of
 from ..stats.reliability import THETAS, headline, reliability
 from ..stats.right_model import SIMULATIONS, Beside, compare, exact, reference_factors

@@ -16,7 +16,7 @@ from ...models.model import TapModel
 from ...models.setting import Setting
 from ...models.taps import TapSet, concatenate
 from ...models.threads import one_blas_thread
-from ..page.stages import Clock, Progress
+from ..page.stages import Progress, StageClock
 from ..stats.evidence import evidence
 from ..stats.reliability import THETAS
 from ..stats.right_exponent import SIMULATIONS as RIGHT_EXPONENTS
@@ -166,7 +166,7 @@ def audit(parts: AuditParts, grid: ClassGrid, settings: AuditSettings, progress:
             f"--target-error needs {FEWEST} tuning sessions or more, between the first file and the last, got "
             f"{len(parts.tune)}."
         )
-    clock = Clock(progress)
+    clock = StageClock(progress)
     suspects = named_suspects(parts.all_taps, settings.covariates)
     taps = _inside(parts.all_taps, grid)
     stratum, by_session = strata(taps, grid)
@@ -247,7 +247,7 @@ def _taxels(
     return against_drift(whole, local, permutations=permutations, seed=seed, progress=advance)
 
 
-def _enough(base: Remedy, measured: Measured, settings: AuditSettings, clock: Clock) -> list[Detectable]:
+def _enough(base: Remedy, measured: Measured, settings: AuditSettings, clock: StageClock) -> list[Detectable]:
     """What other designs could detect, where data are not enough; the last stage."""
     if calibration(measured.judged) != NOT_ENOUGH:
         return []

@@ -8,8 +8,7 @@ import numpy as np
 import xarray as xr
 
 from ...models.storage import complete_folder
-from ..page.page import write_page
-from ..page.pictures import Picture
+from ..page.page import Picture, write_page
 from . import figures, figures_taps
 from .run import Comparison
 

@@ -18,7 +18,7 @@ from ...models.catalogue import FitSettings, Fitted, fit_model, split_name
 from ...models.classes import ClassGrid
 from ...models.errors import InputError
 from ...models.taps import TapSet
-from ..page.stages import Clock, Progress
+from ..page.stages import Progress, StageClock
 from ..stats.checks import REPLICATES, predictive_checks
 from ..stats.decisions import at_equal_taps, decision_curves, planned, play_models
 from .classes import class_scores
@@ -119,7 +119,7 @@ def compare(train: TapSet, test: TapSet, grid: ClassGrid, settings: CompareSetti
         InputError: No model could be fitted, no test tap belongs to a class that all know, or a setting is wrong.
     """
     _check(settings)
-    clock = Clock(progress)
+    clock = StageClock(progress)
     edges = _edges(train, grid, settings.fit)
     fit = settings.fit._replace(edges=edges, bins=edges.shape[-1] - 1)
     fits, learned, refused, seconds = _fit_all(settings.models, train, grid, fit, clock)
@@ -183,7 +183,7 @@ def _edges(train: TapSet, grid: ClassGrid, fit: FitSettings) -> Any:
 
 
 def _fit_all(
-    names: Sequence[str], train: TapSet, grid: ClassGrid, fit: FitSettings, clock: Clock
+    names: Sequence[str], train: TapSet, grid: ClassGrid, fit: FitSettings, clock: StageClock
 ) -> tuple[dict[str, Fitted], dict[str, str], dict[str, str], dict[str, float]]:
     fits: dict[str, Fitted] = {}
     learned: dict[str, str] = {}
@@ -220,7 +220,7 @@ def _tables(fits: dict[str, Fitted], test: TapSet, advance: Callable[[int], None
 
 
 def _leave_out_taps(
-    fits: dict[str, Fitted], train: TapSet, settings: CompareSettings, clock: Clock
+    fits: dict[str, Fitted], train: TapSet, settings: CompareSettings, clock: StageClock
 ) -> xr.Dataset | None:
     with_posterior = {name: fitted for name, fitted in fits.items() if fitted.posterior is not None}
     if not settings.draws or not with_posterior:
@@ -243,7 +243,7 @@ def _leave_out_sessions(
     grid: ClassGrid,
     fit: FitSettings,
     settings: CompareSettings,
-    clock: Clock,
+    clock: StageClock,
 ) -> tuple[xr.Dataset | None, Any, str]:
     folds, sentence = session_folds(train, test, one_recording=settings.one_recording)
     if not folds:

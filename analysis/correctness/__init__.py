@@ -1,1 +1,5 @@
-"""`crosscheck`, `validate` and simulation-based calibration (`sbc`): whether all routes compute the same."""
+"""Simulation-based calibration, the checks of `validate`, and the cross-check as printed.
+
+Start at `validate`, then `sbc`. The cross-check itself is in `analysis.experiment`, as `reproduce` runs it too.
+No recorded data: the truth must be known.
+"""

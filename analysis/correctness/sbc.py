@@ -113,7 +113,7 @@ def calibrate(
     """Whether beliefs are exact in a world drawn from a model.
 
     Args:
-        truth: Taps are drawn from its histograms, see `sbc_chain.right_model`.
+        truth: Taps are drawn from its histograms, see `sources.right_model`.
         trials: How many, of each policy, by route.
         believed: The model of the filter; `None` for the truth, which then has power none. Another plants an error.
         border: The filter's reading of Eq. 9; any but `clamp` is an error.

@@ -5,20 +5,17 @@ moves end at the ends of the range.
 """
 
 from collections.abc import Callable
-from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ...hardware.data_collection import simulate_session
 from ...hardware.model_rig import ModelRig
-from ...hardware.presets import preset
 from ...inference.control import MovePolicy, default_fixation, fixation, passive
 from ...inference.engine import Engine, make_engine
 from ...inference.episode import steps
 from ...inference.reference import Border
-from ...models.histogram import HistogramModel, fit
+from ...models.histogram import HistogramModel
 from ...models.model import TapModel
 
 PASSIVE, ACTIVE = "passive", "active"
@@ -78,13 +75,6 @@ class Beliefs(NamedTuple):
     where: NDArray[np.intp]
     what: NDArray[np.intp]
     taps: NDArray[np.intp]
-
-
-def right_model(seed: int, samples: int = 4, power: str = "none") -> HistogramModel:
-    """The model of preset `model`: histograms of a simulated session of the paper, for taps of a few samples."""
-    taps = simulate_session(preset("paper"), seed, 0)
-    model = fit(taps, taps.grid(), power=power)
-    return replace(model, preprocessing=replace(model.preprocessing, samples=samples))
 
 
 def empty_beliefs(trials: int, moments: Moments, shape: tuple[int, int]) -> Beliefs:

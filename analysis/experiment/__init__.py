@@ -1,1 +1,5 @@
-"""What the paper's experiment is made of: settings, data sets, policies, and suspicions about data."""
+"""The experiment that studies share: settings, data, passive and active trials, the cross-check of engines.
+
+Start at `study`, then `policies`; `sources` gives data sets and recordings, `suspicions` warnings about them.
+No pages or figures, and nothing that one study alone needs.
+"""

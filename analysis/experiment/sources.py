@@ -1,4 +1,4 @@
-"""The data on which open choices are measured: many simulated data sets, or one recording, and their units."""
+"""The data of a comparison: many simulated data sets or one recording, with their units; and a model to draw from."""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -10,13 +10,13 @@ from ...hardware.data_collection import simulate_session
 from ...hardware.presets import preset
 from ...models.classes import ClassGrid
 from ...models.experiment import load_experiment
-from ...models.histogram import trim
+from ...models.histogram import HistogramModel, fit, trim
 from ...models.importers import load_taps
 from ...models.recording import naming
 from ...models.seeds import data_set_seed
 from ...models.splits import Fold
+from ..stats.acting import policies
 from ..stats.resampled_units import RESAMPLES, resampled_sentence
-from .study import can_act
 
 _FEWEST_SESSIONS = 3
 
@@ -60,7 +60,7 @@ class Source(NamedTuple):
     @property
     def policies(self) -> tuple[str, ...]:
         """The policies that mean anything; the last one is the one that choices are ranked by."""
-        return ("passive", "active") if can_act(self.grid) else ("passive",)
+        return policies(self.grid)
 
 
 def simulated_source(name: str, data_sets: int, seed: int) -> Source:
@@ -110,6 +110,13 @@ def recorded_source(
     samples = folds[0].train.preprocessing.samples
     units = f"{units} {parts.warning}".strip()
     return Source(Path(path).stem, False, len(folds), lambda number, _: folds[number], grid, samples, units)
+
+
+def right_model(seed: int, samples: int = 4, power: str = "none") -> HistogramModel:
+    """The model of preset `model`: histograms of a simulated session of the paper, for taps of a few samples."""
+    taps = simulate_session(preset("paper"), seed, 0)
+    model = fit(taps, taps.grid(), power=power)
+    return replace(model, preprocessing=replace(model.preprocessing, samples=samples))
 
 
 def _simulate(name: str, seed: int, number: int, highpass_hz: float) -> Fold:

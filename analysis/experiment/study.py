@@ -20,6 +20,7 @@ from ...models.model import TapModel
 from ...models.power import check_saturation
 from ...models.splits import Fold
 from ...models.taps import TapSet
+from ..stats.acting import can_act
 from ..stats.contacts import Accuracy, accuracy
 from .policies import Played, most_trials, play_policies, resamples_of
 
@@ -143,11 +144,6 @@ def study(
     played = play_policies(table, grid, settings, fixation, acts=can_act(grid), pools=pools, progress=progress)
     dropped = len(fold.test) - len(test)
     return Study(fold.name, model, test, dropped, table, played, accuracy(table, settings.seed, pools=pools.fresh))
-
-
-def can_act(grid: ClassGrid) -> bool:
-    """Whether active perception means anything: there is somewhere to move and something to tell apart."""
-    return grid.L > 1 and grid.M > 1
 
 
 def planned(grid: ClassGrid, settings: Settings, resamples: int = 0) -> int:

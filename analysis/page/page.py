@@ -7,7 +7,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from importlib import resources
 from numbers import Integral, Real
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeGuard
+from typing import TYPE_CHECKING, Any, NamedTuple, TypeGuard
 
 from jinja2 import ChainableUndefined, Environment, FunctionLoader
 
@@ -15,11 +15,20 @@ from ...models.storage import complete_file
 from .figure_style import PNG_DPI, save
 
 if TYPE_CHECKING:
-    from .pictures import Picture
+    from matplotlib.figure import Figure
 
 _IMAGE_BYTES = 4_000_000  # of all figures together; base64 adds a third
 _MISSING = "–"
 _MOST_FACTOR = 99.0
+
+
+class Picture(NamedTuple):
+    """A figure and what is said of it."""
+
+    name: str
+    title: str
+    caption: str
+    figure: "Figure"
 
 
 def write_report(folder: str | Path, summary: Mapping[str, Any], figures: Sequence[Mapping[str, Any]]) -> Path:
@@ -45,9 +54,7 @@ def render_report(summary: Mapping[str, Any], figures: Sequence[Mapping[str, Any
     return render_page("report.html", summary, figures)
 
 
-def write_page(
-    folder: Path, template: str, summary: Mapping[str, Any], pictures: Iterable["Picture"], name: str
-) -> None:
+def write_page(folder: Path, template: str, summary: Mapping[str, Any], pictures: Iterable[Picture], name: str) -> None:
     """Writes figures, what they and the page show as JSON, and the page, into a folder that is complete later.
 
     Args:

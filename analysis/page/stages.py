@@ -1,16 +1,35 @@
-"""Stages of long work, each with a progress bar and its seconds."""
+"""Stages of long work, each with a progress bar and its seconds, and checks that are timed."""
 
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
+from typing import NamedTuple
 
 type Progress = Callable[[str, int], Callable[[int], None]]
 """Told the name and size of a stage; gives the function that counts what is done."""
 
 
+class Check(NamedTuple):
+    """A check of `validate`, one line of its table.
+
+    Attributes:
+        name: What was checked.
+        against: Against what.
+        found: What came out, in words.
+        passed: Whether it is as it must be.
+        seconds: How long it took.
+    """
+
+    name: str
+    against: str
+    found: str
+    passed: bool
+    seconds: float
+
+
 @dataclass
-class Clock:
+class StageClock:
     """Stages with their progress bars and seconds.
 
     Attributes:
@@ -41,3 +60,10 @@ class Clock:
 def no_progress(stage: str, total: int) -> Callable[[int], None]:  # noqa: ARG001 - the signature of Progress
     """Shows nothing."""
     return lambda done: None  # noqa: ARG005
+
+
+def timed_check(name: str, against: str, work: Callable[[], tuple[str, bool]]) -> Check:
+    """Does the work of a check, which gives what it found and whether that is as it must be."""
+    began = time.monotonic()
+    found, passed = work()
+    return Check(name, against, found, passed, time.monotonic() - began)

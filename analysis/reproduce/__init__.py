@@ -1,1 +1,5 @@
-"""`reproduce`: the experiment of the paper with its figures, tables and page. Start at `run`."""
+"""`reproduce`: the experiment of the paper with its figures, tables and page.
+
+Start at `run`, then `results` (what figures and tables are made of) and `summary`.
+Trials are played by `analysis.experiment`, single episodes in `examples`.
+"""

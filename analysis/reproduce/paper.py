@@ -4,7 +4,7 @@ from typing import Any
 
 import xarray as xr
 
-from ..page.headline import finite
+from .headline import finite
 
 _HEADLINES = (
     # quantity, curve, variable, the paper's number in mm, where it stands

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from ...inference.resampling import USED_UP_SELECTED, Spread, taps_per_class, too_few
 from ...models.classes import ClassGrid
 from ...models.splits import Split
-from ..correctness.crosscheck import CrossCheck
+from ..experiment.crosscheck import CrossCheck
 from ..experiment.policies import Outcomes
 from ..experiment.study import Settings, Study
 from ..stats import metrics

@@ -17,14 +17,15 @@ from ...models.histogram import trim
 from ...models.seeds import data_set_seed
 from ...models.splits import Fold, Split
 from ...models.storage import complete_folder
-from ..correctness.crosscheck import crosscheck
+from ..experiment.crosscheck import crosscheck
 from ..experiment.policies import combined
-from ..experiment.study import Study, can_act, check_settings, planned, study
+from ..experiment.study import Study, check_settings, planned, study
 from ..page.page import write_report
-from ..page.pictures import count, draw
-from ..page.stages import Clock, Progress, no_progress
+from ..page.stages import Progress, StageClock, no_progress
 from ..stats import metrics
+from ..stats.acting import can_act
 from .examples import belief_cases, trajectories
+from .pictures import count, draw
 from .results import Request, Results
 from .summary import results_tree, summarise
 
@@ -64,7 +65,7 @@ def reproduce(request: Request, folder: Path, force: bool = False, progress: Pro
         InputError: The folder cannot be written, or the data or settings cannot be used.
     """
     with complete_folder(folder, force) as temporary:
-        clock = Clock(progress)
+        clock = StageClock(progress)
         results = _run(request, clock)
         with clock.stage("Drawing figures", count(results.grid)) as advance:
             pictures = draw(request, results, temporary, advance)
@@ -75,7 +76,7 @@ def reproduce(request: Request, folder: Path, force: bool = False, progress: Pro
     return summary
 
 
-def _run(request: Request, clock: Clock) -> Results:
+def _run(request: Request, clock: StageClock) -> Results:
     settings, folds = request.settings, request.split.folds
     grid, left_out = trim(request.grid, [fold.train for fold in folds])
     check_settings(settings, grid)

@@ -14,13 +14,14 @@ from ...models.classes import ClassGrid
 from ...models.power import learned_taps
 from ...models.splits import Fold
 from ...models.taps import TapSet, concatenate
-from ..correctness.crosscheck import CrossCheck
-from ..experiment.study import Settings, can_act
+from ..experiment.crosscheck import CrossCheck
+from ..experiment.study import Settings
 from ..experiment.suspicions import FEW, suspicions
 from ..page.figure_style import short_unit
-from ..page.headline import curve_rows, difference_rows, finite, headline
 from ..stats import metrics
+from ..stats.acting import can_act
 from ..stats.no_class_left import no_class_left_sentence
+from .headline import curve_rows, difference_rows, finite, headline
 from .paper import compare
 from .results import Request, Results
 

@@ -5,12 +5,13 @@ Words can be made anew from the numbers of an older study, see `worded`.
 
 import math
 from collections import Counter
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from typing import Any
 
-from ..page.headline import STORED_ONLY
 from ..page.page import number
-from ..stats.effects import CLASS_FLOOR, FACTOR_LIMIT, FEWEST_UNITS, RELEVANT, TAPS_FLOOR
+from ..page.words import STORED_ONLY, listed
+from ..stats.jackknife import FEWEST_UNITS
+from .effects import CLASS_FLOOR, FACTOR_LIMIT, RELEVANT, TAPS_FLOOR
 
 WORDS = {
     "what_error": "object error",
@@ -132,11 +133,6 @@ def options_of(source: Mapping[str, Any]) -> list[tuple[str, Mapping[str, Any]]]
 def surely(source: Mapping[str, Any]) -> str:
     """The word, with what it is limited to."""
     return f"surely ({source['scope']})" if source["scope"] else "surely"
-
-
-def listed(names: Sequence[str]) -> str:
-    """Names with commas and an "and"."""
-    return " and ".join([", ".join(names[:-1]), names[-1]]) if len(names) > 1 else "".join(names)
 
 
 def _conclusion(source: Mapping[str, Any]) -> str:

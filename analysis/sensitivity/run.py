@@ -22,9 +22,10 @@ from ...models.threads import cores, in_order, one_blas_thread
 from ..experiment.sources import Source
 from ..experiment.study import SHOWN_THETA
 from ..page.stages import Progress
-from ..stats.effects import Effect, Interval, Means, Scale, absolute, effect, interaction, intervals_of
+from ..stats.jackknife import Interval, Means
 from ..stats.resampled_units import resampled_tables, units_of
 from .choices import CHOICES, Catalogue, Choice, Option, Reading, applicable, changed
+from .effects import Effect, Scale, absolute, effect, interaction, intervals_of
 from .model import impossible_share, read_model
 from .trials import OpenTrials, play_open
 

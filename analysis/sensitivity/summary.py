@@ -1,6 +1,5 @@
 """A sensitivity study in numbers and sentences: `sensitivity.json`, from which page, table and document are made."""
 
-import math
 import platform
 from collections.abc import Mapping, Sequence
 from importlib.metadata import version
@@ -11,9 +10,11 @@ import numpy as np
 from ...models.classes import ClassGrid
 from ..experiment.study import SHOWN_THETA
 from ..page.figure_style import short_unit
-from ..stats.effects import SUMS, Effect, Interval, limits, verdict
+from ..page.words import listed
+from ..stats.jackknife import Interval, as_factor, as_numbers
 from .choices import Choice, Option
-from .findings import VERDICTS, WORDS, listed, worded
+from .effects import SUMS, Effect, limits, verdict
+from .findings import VERDICTS, WORDS, worded
 from .run import Sensitivity, SensitivitySettings
 
 _ERRORS = ("what_error", "where_error")
@@ -166,15 +167,3 @@ def _flat(values: Mapping[tuple[str, str], Interval], policy: str, prefix: str =
             shown = as_factor(value) if quantity == "factor" else value
             flat |= as_numbers(shown, f"{prefix}{quantity}")
     return flat
-
-
-def as_factor(value: Interval) -> Interval:
-    """The interval of a factor from that of its logarithm; infinite where a float cannot hold it."""
-    with np.errstate(over="ignore"):
-        return Interval(*np.exp(value).tolist())
-
-
-def as_numbers(value: Interval, name: str = "value") -> dict[str, float | None]:
-    """The five numbers under names that pages know; `None` where there is none."""
-    ends = ("", "_low", "_high", "_least", "_most")
-    return {f"{name}{end}": x if math.isfinite(x) else None for end, x in zip(ends, value, strict=True)}

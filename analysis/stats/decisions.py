@@ -31,7 +31,7 @@ from ...inference.resampling import (
 from ...inference.trial_records import TapTable, TrialPlan, Trials
 from ...models.classes import ClassGrid
 from ...models.errors import InputError
-from ..experiment.study import can_act
+from .acting import policies
 from .pairing import check_tables, reference_name, with_intervals
 from .ranges import SHARE, Range, ranges
 
@@ -53,11 +53,6 @@ SHARES = ("stopped_fraction", "what_wrong", "used_up", "no_class_left")
 _SELDOM = (*ERRORS, *SHARES, "taps")
 """What may not have been seen at all: errors, ends without a decision, decisions of more than one tap."""
 _RANGES = dict.fromkeys((*SHARES, "doubt"), SHARE)
-
-
-def policies(grid: ClassGrid) -> tuple[str, ...]:
-    """The policies that mean anything: active needs somewhere to move and something to tell apart."""
-    return ("passive", "active") if can_act(grid) else ("passive",)
 
 
 def play_models(

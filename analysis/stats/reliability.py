@@ -46,7 +46,7 @@ from ...inference.trial_records import TapTable, TrialPlan, Trials
 from ...models.classes import ClassGrid
 from ...models.compiled import compiled
 from ...models.errors import InputError
-from .decisions import policies
+from .acting import policies
 from .metrics import confusion
 from .ranges import SHARE, Range, of_taps
 

@@ -30,7 +30,7 @@ from ...inference.stopping import (
 from ...inference.stopping_rules import error_loss
 from ...models.classes import ClassGrid
 from ...models.model import TapModel
-from ..stats.effects import Interval, Means, interval, jackknife
+from ..stats.jackknife import Interval, Means, interval, jackknife
 
 SUMS = ("answered", "what_error", "where_error", "taps", "way", "wrong", "doubt", "given_up", "unstopped")
 """Of each trial; errors, wrong and doubt are 0 where it gave up, taps and way count always."""

@@ -25,9 +25,8 @@ from ...models.model import TapModel
 from ...models.power import TAPS
 from ...models.seeds import data_set_seed
 from ...models.taps import TapSet
-from ..correctness.sbc_chain import right_model
-from ..experiment.sources import recorded_source
-from ..experiment.study import can_act
+from ..experiment.sources import recorded_source, right_model
+from ..stats.acting import can_act
 from ..stats.resampled_units import RESAMPLES
 
 RIGHT = "model"

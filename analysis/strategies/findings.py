@@ -9,7 +9,7 @@ from typing import Any
 
 from ..experiment.study import SHOWN_THETA
 from ..page.page import number
-from ..sensitivity.findings import listed
+from ..page.words import listed
 
 TAPS = (2, 3, 5, 10)
 """Mean numbers of taps at which strategies are held against each other."""

@@ -5,8 +5,7 @@ from pathlib import Path
 from typing import Any
 
 from ...models.storage import complete_folder
-from ..page.page import write_page
-from ..page.pictures import Picture
+from ..page.page import Picture, write_page
 from . import figures
 from .figures_regret import regret
 from .figures_trust import trust

@@ -9,7 +9,7 @@ from scipy.stats import norm
 
 from ...inference.exact_cost import Cost
 from ..page.page import interval, percent
-from ..sensitivity.findings import listed
+from ..page.words import listed
 from ..stats.metrics import CONFIDENCE
 from .regret import Priced, Regrets, RegretSettings
 from .regret_cases import KINDS, THRESHOLD, WAY_COST

@@ -28,7 +28,7 @@ from ...models.threads import cores, in_order, one_blas_thread
 from ..experiment.study import SHOWN_THETA
 from ..page.figure_style import short_unit
 from ..page.stages import Progress
-from ..stats.effects import Means
+from ..stats.jackknife import Means
 from ..stats.resampled_units import resampled_tables, units_of
 from .curves import Family, decided_sums, families, nats
 from .data import Bench, Unit, pool_of

@@ -10,9 +10,8 @@ import numpy as np
 from ...inference.control import default_fixation
 from ..experiment.study import SHOWN_THETA
 from ..page.figure_style import short_unit
-from ..page.headline import STORED_ONLY
-from ..sensitivity.summary import as_factor, as_numbers
-from ..stats.effects import Interval, Means, interval, jackknife
+from ..page.words import STORED_ONLY
+from ..stats.jackknife import Interval, Means, as_factor, as_numbers, interval, jackknife
 from .curves import AT_TAPS, QUANTITIES, at_taps, curve, differences, quantities
 from .findings import FIXED, LOOK, PAPER, RULES, TAPS, findings, source_findings
 from .run import BASE, Played, StrategySettings, StrategyStudy

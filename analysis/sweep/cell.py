@@ -21,7 +21,7 @@ from ...inference.trial_plan import tap_table
 from ...inference.trial_records import TapTable
 from ...models.seeds import Purpose, derived_seed
 from ..stats.resampled_units import resampled_table
-from ..trials.tallied import tally_means
+from ..stats.tallied import tally_means
 from .cells import Cell, Effort
 from .data import DataSet
 from .models import FitSettings, fit_cell

@@ -31,7 +31,7 @@ from ...inference.tally import tally
 from ...inference.trial_records import TapTable, TrialPlan, Trials
 from ...models.classes import ClassGrid
 from ..stats.ranges import SHARE, Range, ranges
-from .tallied import tally_means
+from ..stats.tallied import tally_means
 
 type Floats = NDArray[np.float64]
 

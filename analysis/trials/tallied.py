@@ -1,4 +1,4 @@
-"""What counted trials say: errors, reaction times and fractions at each threshold."""
+"""Counted trials as a labelled data set."""
 
 from typing import TYPE_CHECKING, Any
 
@@ -8,43 +8,10 @@ from numpy.typing import ArrayLike, NDArray
 
 from ...inference.tally import Tally
 from ...models.classes import ClassGrid
-from ..sweep.quantities import QUANTITIES
+from ..stats.tallied import QUANTITIES, tally_means
 
 if TYPE_CHECKING:
     from .spread import TapSpread
-
-
-def tally_means(tally: Tally, grid: ClassGrid) -> dict[str, NDArray[np.float64]]:
-    """Means over trials by name, each of shape (H,).
-
-    Args:
-        tally: At least one trial at H thresholds.
-        grid: The classes.
-
-    Returns:
-        Errors and taps with their standard errors over trials as `<name>_se` (NaN for a single trial), and
-        `what_wrong`, `stopped_fraction`, `clamped_fraction`, `substituted_fraction`, `no_class_left_fraction` and
-        `belief`.
-    """
-    n = tally.trials
-    what, where = np.arange(grid.M), np.arange(grid.L)
-    values = {
-        "what_error": (tally.what, grid.what_error(what, what[:, np.newaxis])),
-        "where_error": (tally.where, grid.where_error(where, where[:, np.newaxis])),
-        "taps": (tally.taps, np.arange(tally.taps.shape[1], dtype=np.float64)),
-    }
-    means: dict[str, NDArray[np.float64]] = {}
-    for name, (counts, value) in values.items():
-        flat = counts.reshape(len(counts), -1)
-        mean = flat @ value.ravel() / n
-        variance = np.maximum(flat @ value.ravel() ** 2 / n - mean**2, 0.0)
-        means[name] = mean
-        means[f"{name}_se"] = np.sqrt(variance / (n - 1)) if n > 1 else np.full_like(mean, np.nan)
-    means["what_wrong"] = 1 - np.trace(tally.what, axis1=1, axis2=2) / n
-    for name in ("stopped", "clamped", "substituted", "no_class_left"):
-        means[f"{name}_fraction"] = getattr(tally, name) / n
-    means["belief"] = tally.belief / n
-    return means
 
 
 def tally_dataset(

@@ -10,8 +10,8 @@ from rich.table import Table
 from ...inference.tally import Tally
 from ...models.classes import ClassGrid
 from ..page.figure_style import axis_label, short_unit
+from ..stats.tallied import tally_means
 from .spread import SPREAD, TapSpread
-from .tallied import tally_means
 
 type Floats = NDArray[np.float64]
 

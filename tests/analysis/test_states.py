@@ -5,7 +5,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from solidtouch.analysis.correctness.trial_check import DEVICES, compare_trials
+from solidtouch.analysis.experiment.trial_check import DEVICES, compare_trials
 from solidtouch.analysis.reproduce.examples import belief_cases
 from solidtouch.analysis.stats.contacts import accuracy
 from solidtouch.inference.filter import FilterEngine

@@ -6,7 +6,7 @@ import sys
 import numpy as np
 import pytest
 import xarray as xr
-from solidtouch.analysis.correctness.crosscheck import CrossCheck, Row
+from solidtouch.analysis.experiment.crosscheck import CrossCheck, Row
 from solidtouch.cli.options import MODELS
 from solidtouch.models.catalogue import CATALOGUE, FitSettings, fit_model
 from solidtouch.models.model_file import load_model
@@ -146,7 +146,7 @@ def compared(monkeypatch):
         seen.append(model.name)
         return agreeing(model.name not in differ)
 
-    monkeypatch.setattr("solidtouch.analysis.correctness.crosscheck.crosscheck", compare)
+    monkeypatch.setattr("solidtouch.analysis.experiment.crosscheck.crosscheck", compare)
     return seen, differ
 
 

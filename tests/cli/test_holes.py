@@ -4,7 +4,7 @@ import json
 
 import numpy as np
 import pytest
-from solidtouch.analysis.correctness.crosscheck import crosscheck
+from solidtouch.analysis.experiment.crosscheck import crosscheck
 from solidtouch.inference.montecarlo import run_trials
 from solidtouch.inference.reference import BORDERS
 from solidtouch.inference.trial_plan import plan_trials, tap_table

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from solidtouch.analysis.correctness.sbc_chain import right_model
+from solidtouch.analysis.experiment.sources import right_model
 from solidtouch.hardware.model_rig import bin_tables, draw_session
 from solidtouch.inference.control import fixation, passive
 from solidtouch.inference.expected_gain import gain_watch, representative_outcomes

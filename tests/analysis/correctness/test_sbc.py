@@ -12,7 +12,8 @@ from rich.console import Console
 from scipy.stats import binom
 from solidtouch.analysis.correctness.sbc import ARRAYS, POLICIES, ROUTES, Calibration, Row, calibrate, render
 from solidtouch.analysis.correctness.sbc_arrays import array_beliefs
-from solidtouch.analysis.correctness.sbc_chain import ACTIVE, PASSIVE, Moments, World, engine_beliefs, right_model
+from solidtouch.analysis.correctness.sbc_chain import ACTIVE, PASSIVE, Moments, World, engine_beliefs
+from solidtouch.analysis.experiment.sources import right_model
 from solidtouch.analysis.stats.uniformity import (
     Factor,
     count_p,

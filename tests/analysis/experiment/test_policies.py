@@ -1,14 +1,10 @@
 """Passive and active trials of one plan: what they share, what their difference is, and when nothing can differ."""
 
-from types import SimpleNamespace
-
 import numpy as np
 import pytest
 import xarray as xr
 from solidtouch.analysis.experiment.policies import make_plans, most_trials, play_policies, resamples_of
 from solidtouch.analysis.experiment.study import Settings
-from solidtouch.analysis.page.headline import STILL, still
-from solidtouch.analysis.reproduce.results import Results
 from solidtouch.analysis.stats import metrics
 from solidtouch.hardware.pool import tap_pool
 from solidtouch.inference.montecarlo import run_trials
@@ -166,42 +162,3 @@ def test_resamples_depend_on_the_seed_alone(grid):
 
     np.testing.assert_array_equal(ends(0), ends(0))
     assert (ends(0) != ends(1)).any()
-
-
-def curves(passive, active):
-    return {
-        name: xr.Dataset({"taps": ("theta", [taps])}, {"theta": [0.95]})
-        for name, taps in (("passive", passive), ("active", active))
-    }
-
-
-def test_a_sentence_where_nothing_can_differ():
-    """Below the limit for both policies; certain only where nobody took a second tap."""
-    assert still(curves(1.0, 1.0)).endswith("cannot differ.")
-    assert "take 1.04 taps on average" in still(curves(1.04, 1.02))
-    assert still(curves(1.04, 1.02)).endswith("can hardly differ.")
-    assert still(curves(STILL, 1.0)) is None
-    assert still(curves(1.0, STILL + 0.5)) is None
-    assert still({"passive": curves(1.0, 1.0)["passive"]}) is None
-
-
-@pytest.mark.parametrize(
-    ("used_up", "selected", "theta"),
-    [
-        ([0, 0, 0], [0, 0, 0.004], None),  # at the shown one too
-        ([0, 0, 0], [0, 0.004, 0.006], 0.5),
-        ([0, 0, 0.01], [0, 0, 0], 0.5),  # several data sets have no selections
-        ([0, 0.2, 0.3], [0, 0, 0], 0.2),
-        ([0.1, 0.2, 0.3], [0, 0, 0], None),
-    ],
-)
-def test_fresh_taps_are_shown_where_they_suffice(used_up, selected, theta):
-    """At the highest threshold below the one that is shown, if they do not there; shares are means of data sets."""
-    of = [
-        SimpleNamespace(played=SimpleNamespace(used_up=np.array([u, 0 * u]), selected=np.array([s, s])))
-        for u, s in ((0 * np.array(used_up), np.array(selected)), (2 * np.array(used_up), np.array(selected)))
-    ]
-    passive = xr.Dataset(coords={"theta": [0.2, 0.5, 0.9]})
-    results = Results((), (), of, None, SimpleNamespace(passive=passive), 0, (), None, None, {})
-    assert results.enough == theta
-    assert results.used_up == pytest.approx(used_up[-1])

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 import xarray as xr
 from scipy.stats import t
+from solidtouch.analysis.stats.acting import policies
 from solidtouch.analysis.stats.decisions import (
     ERRORS,
     MEANS,
@@ -12,7 +13,6 @@ from solidtouch.analysis.stats.decisions import (
     decision_interval_sentence,
     planned,
     play_models,
-    policies,
     spread_of,
     too_few_taps,
 )

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from scipy.stats import t
-from solidtouch.analysis.stats.effects import jackknife
+from solidtouch.analysis.stats.jackknife import jackknife
 from solidtouch.analysis.stats.resampled_units import (
     RESAMPLES,
     resampled_sentence,

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from solidtouch.analysis.stats.effects import Interval
+from solidtouch.analysis.stats.jackknife import Interval
 from solidtouch.analysis.strategies.curves import (
     AT_TAPS,
     QUANTITIES,

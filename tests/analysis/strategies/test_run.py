@@ -5,9 +5,9 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from solidtouch.analysis.page.headline import STORED_ONLY
 from solidtouch.analysis.page.page import render_page
 from solidtouch.analysis.page.stages import no_progress
+from solidtouch.analysis.page.words import STORED_ONLY
 from solidtouch.analysis.stats.resampled_units import RESAMPLES
 from solidtouch.analysis.strategies import figures as figure_strategies
 from solidtouch.analysis.strategies import summary as strategies_summary

@@ -16,6 +16,7 @@ import pytest
 import xarray as xr
 from scipy.stats import t
 from solidtouch.analysis.stats.resampled_units import spread_of_taps, units_of
+from solidtouch.analysis.stats.tallied import tally_means
 from solidtouch.analysis.sweep import cell as sweep_cell
 from solidtouch.analysis.sweep import code as sweep_code
 from solidtouch.analysis.sweep import run as sweep_module
@@ -29,7 +30,6 @@ from solidtouch.analysis.sweep.result import open_sweep, over_data
 from solidtouch.analysis.sweep.run import Tally, sweep
 from solidtouch.analysis.sweep.store import DONE, SweepStore
 from solidtouch.analysis.sweep.study import load_study
-from solidtouch.analysis.trials.tallied import tally_means
 from solidtouch.inference.information import tap_outcomes
 from solidtouch.inference.lockstep import play
 from solidtouch.inference.lockstep_tally import tally_policy

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from solidtouch.analysis.correctness.crosscheck import STORY, crosscheck
+from solidtouch.analysis.experiment.crosscheck import STORY, crosscheck
 from solidtouch.analysis.experiment.study import Settings
 from solidtouch.inference import raw, reference
 from solidtouch.models import histogram, model

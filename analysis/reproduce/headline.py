@@ -5,19 +5,13 @@ from typing import Any
 
 import xarray as xr
 
-from ..reproduce.results import Results
+from ..page.words import STORED
 from ..stats import metrics
+from .results import Results
 
 STILL = 1.1
 """Mean taps to a decision below which passive and active perception are reported as not comparable."""
 
-STORED = (
-    "Stored taps: test taps are drawn with replacement up to the deadline, as in the paper, so long trials see the "
-    "same taps again."
-)
-"""What trials that draw with replacement estimate."""
-STORED_ONLY = f"{STORED} Errors on fresh taps, of which none is drawn twice in a trial, differ."
-"""The same where fresh taps are not played."""
 _FRESH = (
     "Fresh taps: no test tap is drawn twice in a trial. One that has had all test taps of a class is decided there, "
     "and intervals hold whatever it would come to on further ones."

@@ -5,7 +5,7 @@ from itertools import product
 
 import numpy as np
 import pytest
-from solidtouch.analysis.correctness.crosscheck import STORY, crosscheck
+from solidtouch.analysis.experiment.crosscheck import STORY, crosscheck
 from solidtouch.inference import enumeration, plain
 from solidtouch.inference.engine import make_engine
 from solidtouch.inference.reference import BORDERS

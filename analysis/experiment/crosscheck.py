@@ -28,13 +28,11 @@ from ...models.model import TapModel
 from ...models.power import learned_taps
 from ...models.states import fold
 from ...models.taps import TapSet
-from ..experiment.study import Settings
 from ..stats.no_class_left import impossible_cause
+from .study import Settings
 from .trial_check import RAW, TrialDifferences, belief_gap, compare_trials
 
 if TYPE_CHECKING:
-    from rich.console import Console
-
     from ...inference.enumeration import SequencePosterior
 
 TOLERANCE = 1e-10
@@ -191,27 +189,6 @@ def crosscheck(
         comparison.near_ties,
         tuple(notes),
     )
-
-
-def render(check: CrossCheck, console: "Console") -> None:
-    """Prints the comparison as a table and a verdict."""
-    from rich.table import Table  # noqa: PLC0415
-
-    table = Table("routes", "quantity", "difference", "allowed", "")
-    for row in check.rows:
-        table.add_row(
-            row.routes, row.quantity, f"{row.largest:.2e}", f"{row.allowed:.0e}", "ok" if row.passed else "DIFFERS"
-        )
-    console.print(table)
-    console.print(
-        f"{check.episodes} episodes of {check.taps} taps, the first {check.sequence_taps} enumerated as whole "
-        f"sequences: {check.differing_decisions} decisions and {check.differing_moves} moves differ, "
-        f"{check.near_ties} near-ties within {NEAR_TIE:g}.",
-        highlight=False,
-    )
-    for note in check.notes:
-        console.print(note, highlight=False)
-    console.print("All routes agree." if check.passed else "The routes DISAGREE.", highlight=False)
 
 
 class _SequenceRoute:

@@ -1,21 +1,18 @@
 """What an option is worth against the default: paired differences with intervals, and what follows from them.
 
-Means of units have the axes (unit, policy, theta, `SUMS`); units are data sets, sessions or resamples of test taps, see
-`resampled_units`. Every quantity is a function of their mean over units; intervals are t-intervals of the jackknife
-over units, which for a plain mean is the usual t-interval and for a paired difference that of the differences.
+Means of units have the axes (unit, policy, theta, `SUMS`). Every quantity is a function of their mean over units;
+`stats.jackknife` gives its intervals.
 """
 
-from collections.abc import Callable, Mapping, Sequence
-from functools import cache
+from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import t
 
 from ...models.classes import ClassGrid
-from ..sensitivity.choices import Reading
-from .metrics import CONFIDENCE
+from ..stats.jackknife import Interval, Means, interval, jackknife
+from .choices import Reading
 
 SUMS = ("counted", "what_error", "where_error", "taps", "wrong", "doubt", "stopped", "clamped", "impossible")
 """Means over all trials of a unit; the errors, taps and beliefs of trials that are left out are 0."""
@@ -26,38 +23,7 @@ ADVANTAGES = ("what_error", "where_error", "taps")
 RELEVANT = 0.1
 """Change in relation to the default's value below which a quantity is taken for unchanged."""
 CLASS_FLOOR, TAPS_FLOOR = 0.01, 0.5
-FEWEST_UNITS = 5
-"""Below it nothing is called sure: the tails of t-intervals of so few units rest on a distribution nobody can see."""
 FACTOR_LIMIT = float(np.log(1.25))
-
-type Means = NDArray[np.float64]
-
-
-class Interval(NamedTuple):
-    """A number with its 95 % interval, and one that holds together with all others of the same source.
-
-    Attributes:
-        value: The estimate.
-        low: Lower end.
-        high: Upper end.
-        least: Lower end of the simultaneous interval.
-        most: Its upper end.
-    """
-
-    value: float
-    low: float
-    high: float
-    least: float
-    most: float
-
-    @property
-    def sure(self) -> bool:
-        """Whether zero lies outside the simultaneous interval."""
-        return self.least > 0 or self.most < 0
-
-    def within(self, limit: float) -> bool:
-        """Whether the whole simultaneous interval is closer to zero than a limit."""
-        return max(abs(self.least), abs(self.most)) <= limit
 
 
 class Effect(NamedTuple):
@@ -94,47 +60,6 @@ class Scale(NamedTuple):
 def intervals_of(policies: Sequence[str]) -> int:
     """How many intervals an option has."""
     return (len(QUANTITIES) + 1) * len(policies) + (2 * len(ADVANTAGES) if len(policies) > 1 else 0)
-
-
-def jackknife(
-    samples: Sequence[Means], statistic: Callable[..., NDArray[np.float64]]
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """A function of means over units and its standard error.
-
-    Args:
-        samples: Arrays whose first axis is the same n units.
-        statistic: Takes the mean of each array over units, gives an array.
-
-    Returns:
-        Its value and standard error; NaN for fewer than two units.
-    """
-    n = len(samples[0])
-    means = [values.mean(axis=0) for values in samples]
-    value = np.asarray(statistic(*means), dtype=np.float64)
-    if n < 2:
-        return value, np.full_like(value, np.nan)
-    others = np.array(
-        [
-            statistic(*(mean + (mean - values[i]) / (n - 1) for mean, values in zip(means, samples, strict=True)))
-            for i in range(n)
-        ]
-    )
-    spread = others - others.mean(axis=0)
-    return value, np.sqrt((n - 1) / n * (spread**2).sum(axis=0))
-
-
-def interval(value: float, error: float, units: int, intervals: int) -> Interval:
-    """The intervals of a number with this standard error; the simultaneous one is infinite below `FEWEST_UNITS`."""
-    tail = (1 - CONFIDENCE) / 2
-    half, wide = (_quantile(1 - share, max(units - 1, 1)) * error for share in (tail, tail / intervals))
-    if units < FEWEST_UNITS:
-        wide = np.inf
-    return Interval(*map(float, (value, value - half, value + half, value - wide, value + wide)))
-
-
-@cache
-def _quantile(share: float, freedom: int) -> float:
-    return float(t.ppf(share, freedom))
 
 
 def quantities(mean: Means, reading: Reading, thresholds: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -2,29 +2,17 @@
 
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any
 
 import xarray as xr
 
 from ...models.classes import ClassGrid
-from ..experiment.study import can_act
-from ..reproduce import figures
-from ..reproduce.results import Request, Results
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
-
+from ..page.page import Picture
+from ..stats.acting import can_act
+from . import figures
+from .results import Request, Results
 
 _BAND = "The band is the 95 % interval at the highest threshold."
-
-
-class Picture(NamedTuple):
-    """A figure and what is said of it."""
-
-    name: str
-    title: str
-    caption: str
-    figure: "Figure"
 
 
 def draw(request: Request, results: Results, folder: Path, advance: Callable[[int], None]) -> list[dict[str, Any]]:
