@@ -24,7 +24,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from intervals import SYMBOLS, grid_of
 from numpy.typing import NDArray
-from solidtouch.analysis.audit.remedy_scores import Judged, decisions, factor_of, judge
+from solidtouch.analysis.audit.remedy_scores import BeliefEvidence, decisions, factor_of, judge
 from solidtouch.analysis.audit.verdict import calibration
 from solidtouch.analysis.stats.reliability import headline
 from solidtouch.analysis.stats.right_model import LEVEL, Beside, compare, simulate
@@ -125,7 +125,7 @@ def compared(observed: NDArray[np.float64], reference: NDArray[np.float64]) -> l
 def state(one: Beside, taps: int) -> str:
     """The verdict; at these powers the interval of the factor has no part in it."""
     factor = (one.value,) * 3 if not np.isnan(one.value) else (None,) * 3
-    return calibration(Judged(factor, 0.0, one, True, {}, taps))
+    return calibration(BeliefEvidence(factor, 0.0, one, True, {}, taps))
 
 
 def drawn(

@@ -29,9 +29,9 @@ from solidtouch.analysis.correctness.sbc import (
     told_factor,
     told_p,
 )
-from solidtouch.analysis.correctness.sbc_chain import ACTIVE, Moments, World
+from solidtouch.analysis.correctness.sbc_chain import ACTIVE, Checkpoints, World
 from solidtouch.analysis.experiment.sources import right_model
-from solidtouch.analysis.stats.uniformity import Judged, error_factor
+from solidtouch.analysis.stats.uniformity import JudgedBeliefs, error_factor
 from solidtouch.inference.control import default_fixation
 from solidtouch.inference.reference import Border
 from solidtouch.models.histogram import HistogramModel
@@ -150,8 +150,8 @@ def rate(truth: HistogramModel, error: Planted, trials: int, repetitions: int, s
 
 def panel(error: Planted, truth: HistogramModel, trials: int, seed: int) -> CalibrationPanel:
     """Active trials of one filter: credible sets after two taps, factors at all moments."""
-    world, moments = World(truth, error.believed, error.border), Moments().names
-    found = judged(ARRAYS, world, ACTIVE, trials, Moments(), generator(seed, Purpose.STUDY))
+    world, moments = World(truth, error.believed, error.border), Checkpoints().names
+    found = judged(ARRAYS, world, ACTIVE, trials, Checkpoints(), generator(seed, Purpose.STUDY))
     names = list(dict.fromkeys(quantity for _, quantity in found))
     band = simultaneous_band(trials)
     curves = {name: spread(found[moments[1], name].credible) for name in names}
@@ -164,7 +164,7 @@ def spread(rank: NDArray[np.float64]) -> NDArray[np.float64]:
     return distribution(np.minimum((DRAWS + 1) * rank, DRAWS).astype(np.intp))
 
 
-def told(one: Judged) -> tuple[float, float, float]:
+def told(one: JudgedBeliefs) -> tuple[float, float, float]:
     """Wrong decisions over those announced with interval, NaN where there is neither one."""
     return error_factor(one) if max(one.doubt.sum(), (~one.right).sum()) >= 1 else (np.nan,) * 3
 
@@ -258,7 +258,7 @@ def study_figure(truth: HistogramModel, sizes: Sizes, seed: int, document: Path 
     tasks = [partial(panel, error, truth, sizes.trials, seed) for error in shown]
     panels = list(until_interrupted("Figure", tasks))
     if document is not None and len(panels) == len(shown):
-        publish(calibration_figure(panels, Moments().names), document, "calibration-of-beliefs")
+        publish(calibration_figure(panels, Checkpoints().names), document, "calibration-of-beliefs")
 
 
 STUDIES = {"right": study_right, "planted": study_planted, "figure": study_figure}

@@ -43,7 +43,7 @@ SENSOR_LINES = [b"# solidtouch-lines K=3 rate_hz=50\n", b"20,1,2,3\n", b"40,1.5,
 
 
 def _skin(unit: object) -> object:
-    return icub_skin.decode(unit) if isinstance(unit, slcan.Frame | slcan.RemoteFrame) else None
+    return icub_skin.decode(unit) if isinstance(unit, slcan.SlcanFrame | slcan.RemoteFrame) else None
 
 
 TARGETS = {

@@ -14,7 +14,7 @@ from typing import Any
 from solidtouch.analysis.experiment.study import SHOWN_THETA
 from solidtouch.analysis.page.page import factor, interval, number, percent
 from solidtouch.analysis.strategies import figures as figure_strategies
-from solidtouch.analysis.strategies.data import RIGHT, Bench, recorded_bench, simulated_bench
+from solidtouch.analysis.strategies.data import RIGHT, StrategyData, recorded_bench, simulated_bench
 from solidtouch.analysis.strategies.figures_regret import regret
 from solidtouch.analysis.strategies.figures_trust import trust
 from solidtouch.analysis.strategies.findings import FIXED, PAPER, TAPS, better_finding, random_findings
@@ -127,7 +127,7 @@ def trusted(sources: Sequence[Mapping[str, Any]]) -> str:
     return table([*head, "promised (nats)", "told (nats)", "excess less fixation's", "null decisions"], lines)
 
 
-def benches(data_sets: int, seed: int, folder: Path | None) -> Iterator[Bench]:
+def benches(data_sets: int, seed: int, folder: Path | None) -> Iterator[StrategyData]:
     """The presets and those of the recordings that are there."""
     for name in PRESETS:
         yield simulated_bench(name, data_sets, seed)

@@ -49,7 +49,7 @@ class Placed(NamedTuple):
     truth: Callable[[], Truth]
 
 
-class Source(NamedTuple):
+class PlaceableRig(NamedTuple):
     """A rig that can be placed.
 
     Attributes:
@@ -123,7 +123,7 @@ def open_source(
     home: bool = False,
     journal: "Journal | None" = None,
     fresh: "Callable[[TapSet], TapSet] | None" = None,
-) -> Iterator[Source]:
+) -> Iterator[PlaceableRig]:
     """The rig that `--rig` names, brought to rest when the block ends.
 
     Args:
@@ -151,7 +151,7 @@ def open_source(
         )
 
 
-def _simulated(rig: str, grid: ClassGrid, wish: Wish) -> Source:
+def _simulated(rig: str, grid: ClassGrid, wish: Wish) -> PlaceableRig:
     from ..hardware.presets import preset
     from ..hardware.simulated import SimulatedRig
 
@@ -165,10 +165,10 @@ def _simulated(rig: str, grid: ClassGrid, wish: Wish) -> Source:
         sensor = SimulatedRig(settings, wish.seed, _SESSION, wish.place(grid, episode), what, episode)
         return Placed(sensor, lambda: Truth(names[what], sensor.position_mm))
 
-    return Source(f"simulated rig, preset {name}", place)
+    return PlaceableRig(f"simulated rig, preset {name}", place)
 
 
-def _replayed(path: str, grid: ClassGrid, wish: Wish, fresh: "Callable[[TapSet], TapSet] | None") -> Source:
+def _replayed(path: str, grid: ClassGrid, wish: Wish, fresh: "Callable[[TapSet], TapSet] | None") -> PlaceableRig:
     from ..hardware.replay import ReplayRig, uniforms
     from ..models.importers import load_taps
 
@@ -194,11 +194,11 @@ def _replayed(path: str, grid: ClassGrid, wish: Wish, fresh: "Callable[[TapSet],
         sensor = ReplayRig(taps, whole, start, what, chance)
         return Placed(sensor, lambda: Truth(names[what], float(grid.where_value[sensor.where_index])))
 
-    return Source(f"taps of {Path(path).name}", place)
+    return PlaceableRig(f"taps of {Path(path).name}", place)
 
 
 @contextmanager
-def _real(rig: str, grid: ClassGrid, wish: Wish, home: bool, journal: "Journal | None") -> Iterator[Source]:
+def _real(rig: str, grid: ClassGrid, wish: Wish, home: bool, journal: "Journal | None") -> Iterator[PlaceableRig]:
     from ..hardware.journal import NoJournal
     from ..hardware.labelled import LabelledRig
     from ..hardware.open_rig import connected, unconnected
@@ -230,7 +230,7 @@ def _real(rig: str, grid: ClassGrid, wish: Wish, home: bool, journal: "Journal |
                 labelled.what = None if what is None else table.index(what)
                 return Placed(labelled, lambda: Truth(what, sensor.place_mm))
 
-            yield Source(settings.name, place)
+            yield PlaceableRig(settings.name, place)
 
 
 def _object(sensor: "Rig", grid: ClassGrid, wish: Wish, episode: int) -> str | None:

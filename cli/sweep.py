@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from rich.console import Console
 
     from ..analysis.sweep.cell import Runner
-    from ..analysis.sweep.run import Tally
+    from ..analysis.sweep.run import SweepProgress
 
 
 def sweep(
@@ -86,22 +86,22 @@ def _cores() -> int:
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
-def _counts(tally: "Tally") -> str:
+def _counts(tally: "SweepProgress") -> str:
     failed = f", {tally.failed} failed" if tally.failed else ""
     return f"{tally.done} of {tally.cells} cells{failed}"
 
 
 @contextmanager
-def _progress(console: "Console") -> Iterator[tuple[Callable[["Tally"], None], list["Tally"]]]:
+def _progress(console: "Console") -> Iterator[tuple[Callable[["SweepProgress"], None], list["SweepProgress"]]]:
     """A function that shows a tally, and a list that holds the last one; a bar, or lines where there is no terminal."""
     from .progress import LINE_S, progress_bars
 
     bars = progress_bars()
-    seen: list[Tally] = []
+    seen: list[SweepProgress] = []
     task = bars.add_task("Cells", total=None)
     said = time.monotonic()
 
-    def show(tally: "Tally") -> None:
+    def show(tally: "SweepProgress") -> None:
         nonlocal said
         seen[:] = [tally]
         ended = tally.done + tally.failed

@@ -28,7 +28,7 @@ from .options import (
     given,
     parse_thresholds,
 )
-from .tune_online import Course, learned
+from .tune_online import LearningPlan, learned
 from .untrained import check_training_taps
 
 if TYPE_CHECKING:
@@ -157,7 +157,7 @@ def tune(
             return held_out(taps, grid, study.fit, progress("Fitting models", models))
 
         if online is not None:
-            course = Course(learner, chosen, online, seed, state, rig, what, home, training_taps)
+            course = LearningPlan(learner, chosen, online, seed, state, rig, what, home, training_taps)
             fitted = partial(study.fit, taps, grid)
             best = learned(course, setting, price, taps, grid, fitted, parts, progress("Learning", online))
         else:

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from ..models.taps import TapSet
 
 
-class Course(NamedTuple):
+class LearningPlan(NamedTuple):
     """How something is learned.
 
     Attributes:
@@ -50,7 +50,7 @@ class Course(NamedTuple):
 
 
 def learned(
-    course: Course,
+    course: LearningPlan,
     setting: "Setting",
     price: "Price",
     taps: "TapSet",
@@ -121,7 +121,7 @@ def _resumed(path: Path, new: "Learner") -> "Learner":
     return known
 
 
-def _setup(course: Course, setting: "Setting", price: "Price", taps: "TapSet") -> dict[str, str]:
+def _setup(course: LearningPlan, setting: "Setting", price: "Price", taps: "TapSet") -> dict[str, str]:
     """What costs depend on beside fixation point and threshold; the object may change from call to call."""
     from ..models.digest import tap_digests
 
@@ -138,7 +138,7 @@ def _setup(course: Course, setting: "Setting", price: "Price", taps: "TapSet") -
 
 
 def _replayed(
-    parts: "Parts", known: "Learner", course: Course, setting: "Setting", price: "Price", options: dict[str, Any]
+    parts: "Parts", known: "Learner", course: LearningPlan, setting: "Setting", price: "Price", options: dict[str, Any]
 ) -> Callable[[int, int], float]:
     """Episodes on held-out taps."""
     from ..inference.episode_costs import held_out_costs
@@ -151,7 +151,7 @@ def _replayed(
 def _live(
     model: "TapModel",
     known: "Learner",
-    course: Course,
+    course: LearningPlan,
     setting: "Setting",
     price: "Price",
     options: dict[str, Any],

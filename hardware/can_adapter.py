@@ -19,12 +19,12 @@ from .slcan import (
     OPEN,
     STAMPS_OFF,
     VERSION,
+    Bell,
     Done,
-    Frame,
-    Refused,
     RemoteFrame,
     Reply,
     SlcanDecoder,
+    SlcanFrame,
     bit_rate,
     transmit,
 )
@@ -60,7 +60,7 @@ class CanAdapter:
         acks: Literal["auto", "none", "strict"],
         loop: Loop,
         journal: Journal,
-        on_frame: Callable[[Frame | RemoteFrame, float], None],
+        on_frame: Callable[[SlcanFrame | RemoteFrame, float], None],
     ) -> None:
         self.port = port
         self.refused = 0
@@ -71,7 +71,7 @@ class CanAdapter:
         self._journal = journal
         self._on_frame = on_frame
         self._decoder = SlcanDecoder(stamps="never")
-        self._answer: Done | Refused | None = None
+        self._answer: Done | Bell | None = None
         self._version: str | None = None
 
     @property
@@ -104,7 +104,7 @@ class CanAdapter:
         self._command(bit_rate(BUS_KBIT), f"{BUS_KBIT} kbit/s (S8)")
         self._command(OPEN, "open the bus (O)")
 
-    def transmit(self, frame: Frame, name: str) -> None:
+    def transmit(self, frame: SlcanFrame, name: str) -> None:
         """Sends a frame.
 
         Args:
@@ -117,7 +117,7 @@ class CanAdapter:
         """
         self._command(transmit(frame), name)
 
-    def close(self, *last: Frame) -> None:
+    def close(self, *last: SlcanFrame) -> None:
         """Sends last frames, closes bus and port, and raises no `RigError`."""
         try:
             with suppress(RigError), self._loop.unguarded():
@@ -134,12 +134,12 @@ class CanAdapter:
         """Takes bytes of the port."""
         for unit in self._decoder.push(data):
             match unit:
-                case Frame() | RemoteFrame():
+                case SlcanFrame() | RemoteFrame():
                     self.frames += 1
                     self._on_frame(unit, time_s)
-                case Done() | Refused():
+                case Done() | Bell():
                     self._answer = unit
-                    self.refused += isinstance(unit, Refused)
+                    self.refused += isinstance(unit, Bell)
                 case Reply(command="V", text=text):
                     self._version = text
                 case _:
@@ -161,7 +161,7 @@ class CanAdapter:
         self._journal.event(self._loop.now, "adapter", f"{self.port.address}: the adapter {found}.")
 
     def _has_spoken(self) -> bool:
-        return self._version is not None or isinstance(self._answer, Refused)
+        return self._version is not None or isinstance(self._answer, Bell)
 
     def _command(self, data: bytes, name: str, optional: bool = False) -> None:
         self._answer = None
@@ -175,7 +175,7 @@ class CanAdapter:
                 raise self.noise() if self.is_noise else error from None
             self._answers = False
             self._journal.event(self._loop.now, "adapter", f"{error} No more answers are expected.")
-        if isinstance(self._answer, Refused):
+        if isinstance(self._answer, Bell):
             self._refuse(name, optional)
 
     def _silence(self, name: str) -> str:

@@ -5,7 +5,20 @@ from dataclasses import dataclass
 
 from . import grbl
 from .errors import StageAlarm, StageFault
-from .grbl import Alarm, Banner, Error, Feedback, GrblDecoder, Ok, Setting, State, Status, Unit, Unknown, Vector
+from .grbl import (
+    Alarm,
+    Banner,
+    Error,
+    Feedback,
+    GrblDecoder,
+    GrblSetting,
+    Ok,
+    State,
+    StatusReport,
+    Unit,
+    Unknown,
+    Vector,
+)
 
 _HEARD = 40
 
@@ -64,7 +77,7 @@ class ControllerState:
         heard: The last readable line that no GRBL controller sends.
     """
 
-    def __init__(self, address: str, note: Note, on_status: Callable[[Status], None]) -> None:
+    def __init__(self, address: str, note: Note, on_status: Callable[[StatusReport], None]) -> None:
         self.counts = StageCounts()
         self._address = address
         self._note = note
@@ -79,7 +92,7 @@ class ControllerState:
         self.starts = self.reports = 0
         self.version: str | None = None
         self.values: dict[int, float] = {}
-        self.status: Status | None = None
+        self.status: StatusReport | None = None
         self.machine: Vector | None = None
         self.asking = False
         self.answer: Ok | Error | None = None
@@ -104,13 +117,13 @@ class ControllerState:
         match unit:
             case Ok() | Error():
                 self._take_answer(unit)
-            case Status():
+            case StatusReport():
                 self._take_status(unit)
             case Banner():
                 self._take_banner(unit)
             case Alarm(code):
                 self._alarm(code)
-            case Setting(number, value):
+            case GrblSetting(number, value):
                 self.values[number] = value
             case Feedback("VER", text):
                 self.version = text.partition(":")[0]
@@ -128,7 +141,7 @@ class ControllerState:
         self.counts.extra_answers += 1
         self._note("extra answer", f"{self._address}: {answer} came, and no command waited for it.")
 
-    def _take_status(self, status: Status) -> None:
+    def _take_status(self, status: StatusReport) -> None:
         self._offset = status.offset or self._offset
         self.machine = status.machine
         if status.work is not None and self._offset is not None:

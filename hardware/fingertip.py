@@ -15,8 +15,8 @@ from .icub_skin import (
     Head,
     MessageClass,
     Pairing,
-    Reading,
     Sensor,
+    SkinReading,
     Tail,
     address,
     board_command,
@@ -33,7 +33,7 @@ from .port import Port
 from .rig_settings import IcubSettings, LineSettings
 from .skin import SkinCounts, SkinFrame, ignore_frame
 from .skin_monitor import Skin, SkinMonitor
-from .slcan import Frame, RemoteFrame
+from .slcan import RemoteFrame, SlcanFrame
 
 SETTLE_S = 0.5
 """Time in seconds that the stock driver waits after it has set up the board; enough for a calibration too."""
@@ -163,7 +163,7 @@ class Fingertip:
     def _new_pairing(self) -> Pairing:
         return Pairing(PAIRING_PERIODS / self._settings.rate_hz)
 
-    def _receive(self, frame: Frame | RemoteFrame, time_s: float) -> None:
+    def _receive(self, frame: SlcanFrame | RemoteFrame, time_s: float) -> None:
         unit = decode(frame)
         if isinstance(unit, BoardVersion) and unit.board == self._sensor.board:
             self.version = unit
@@ -177,14 +177,14 @@ class Fingertip:
             if isinstance(unit, Head | Tail):
                 self._others.add(unit.sensor)
 
-    def _take(self, reading: Reading) -> None:
+    def _take(self, reading: SkinReading) -> None:
         raw = np.frombuffer(reading.taxels, np.uint8)[self._order].astype(np.float64)
         frame = SkinFrame(reading.time_s, raw, _LAST - raw, self._valid(reading, raw))
         self._journal.frame(frame)
         self.monitor.take(frame, frame.time_s)
         self.on_frame(frame)
 
-    def _valid(self, reading: Reading, raw: NDArray[np.float64]) -> NDArray[np.bool_]:
+    def _valid(self, reading: SkinReading, raw: NDArray[np.float64]) -> NDArray[np.bool_]:
         if reading.error or (raw == 0).all() or (raw == _LAST).all():
             return np.zeros(len(raw), bool)
         if reading.out_of_range:

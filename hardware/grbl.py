@@ -120,7 +120,7 @@ class Banner:
 
 
 @dataclass(frozen=True, slots=True)
-class Setting:
+class GrblSetting:
     """A line of the answer to `$$` whose value is a number."""
 
     number: int
@@ -149,7 +149,7 @@ class StartupLine:
 
 
 @dataclass(frozen=True, slots=True)
-class Status:
+class StatusReport:
     """A status report; lengths are in millimetres unless setting 13 is 1, then in inches.
 
     Attributes:
@@ -180,7 +180,7 @@ class Unknown:
     text: str
 
 
-Unit = Ok | Error | Alarm | Banner | Setting | Feedback | StartupLine | Status | Unknown
+Unit = Ok | Error | Alarm | Banner | GrblSetting | Feedback | StartupLine | StatusReport | Unknown
 
 _NUMBER = r"-?\d{1,6}\.\d{3,4}"
 _VECTOR = re.compile(rf"{_NUMBER},{_NUMBER},{_NUMBER}")
@@ -220,7 +220,7 @@ def _unit(text: str) -> Unit:
     return Unknown(text)
 
 
-def _status(match: re.Match[str]) -> Status | None:
+def _status(match: re.Match[str]) -> StatusReport | None:
     """A report with one position, and no field twice, as a torn one may have; fields come in any order."""
     found = [_FIELD.fullmatch(text) for text in match[3].split("|")]
     fields = {field[1]: field[2] for field in found if field}
@@ -230,7 +230,7 @@ def _status(match: re.Match[str]) -> Status | None:
         return None
     substate = int(match[2]) if match[2] else None
     machine, work, offset = (vectors.get(name) for name in ("MPos", "WPos", "WCO"))
-    return Status(State(match[1]), substate, machine, work, offset, tuple(fields.items()))
+    return StatusReport(State(match[1]), substate, machine, work, offset, tuple(fields.items()))
 
 
 def _vector(text: str) -> Vector | None:
@@ -244,7 +244,7 @@ _FORMS = (
     (re.compile(r"ok"), lambda _: Ok()),
     (re.compile(r"error:(\d{1,3})"), lambda match: Error(int(match[1]))),
     (re.compile(r"ALARM:(\d{1,3})"), lambda match: Alarm(int(match[1]))),
-    (re.compile(r"\$(\d{1,4})=(-?\d+(?:\.\d+)?)"), lambda match: Setting(int(match[1]), float(match[2]))),
+    (re.compile(r"\$(\d{1,4})=(-?\d+(?:\.\d+)?)"), lambda match: GrblSetting(int(match[1]), float(match[2]))),
     (re.compile(r"\[([A-Za-z0-9.]+):([^\[\]]*)\]"), lambda match: Feedback(match[1], match[2])),
     (re.compile(r"(Grbl(?:HAL)?)\s+(\S+)(?:\s.*)?"), lambda match: Banner(match[1], match[2])),
     (re.compile(r">(.*):(ok|error:\d{1,3})"), lambda match: StartupLine(match[1], match[2])),

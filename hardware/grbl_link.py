@@ -19,7 +19,7 @@ from .errors import (
     WriteTimeout,
     WrongDevice,
 )
-from .grbl import Error, State, Status
+from .grbl import Error, State, StatusReport
 from .journal import Journal
 from .loop import Loop
 from .patient_open import open_patiently
@@ -50,7 +50,7 @@ class GrblLink:
         said: What the controller said; its `trouble` is raised by every wait.
     """
 
-    def __init__(self, port: Port, loop: Loop, journal: Journal, on_status: Callable[[Status], None]) -> None:
+    def __init__(self, port: Port, loop: Loop, journal: Journal, on_status: Callable[[StatusReport], None]) -> None:
         self.port = port
         self.loop = loop
         self._journal = journal
@@ -179,7 +179,7 @@ class GrblLink:
             )
         return answered
 
-    def poll(self) -> Status:
+    def poll(self) -> StatusReport:
         """The next status report, asked for at most 10 times a second.
 
         Raises:

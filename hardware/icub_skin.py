@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from enum import IntEnum, IntFlag
 from typing import NamedTuple
 
-from .slcan import Frame, RemoteFrame
+from .slcan import RemoteFrame, SlcanFrame
 
 HEAD, TAIL = 0x40, 0xC0
 """First byte of a frame with taxels 0 to 6, and of one with 7 to 11 (`embot_prot_can_skin_periodic.cpp`)."""
@@ -110,7 +110,7 @@ class BoardVersion:
 
 
 @dataclass(frozen=True, slots=True)
-class Reading:
+class SkinReading:
     """All taxels of a sensor at one tick.
 
     Attributes:
@@ -138,7 +138,7 @@ def address(identifier: int) -> Address:
     return Address(identifier >> 8 & 7, identifier >> 4 & 15, identifier & 15)
 
 
-def board_command(board: int, skin_type: int = 1, period_ms: int = 20, no_load: int = 240) -> Frame:
+def board_command(board: int, skin_type: int = 1, period_ms: int = 20, no_load: int = 240) -> SlcanFrame:
     """Sets up a board and disables all its triangles; a stream under way restarts at the new period.
 
     Args:
@@ -158,7 +158,7 @@ def board_command(board: int, skin_type: int = 1, period_ms: int = 20, no_load: 
 
 def triangles_command(
     board: int, first: int, last: int, *, enabled: bool = True, shift: int = 0, offset: int = 0x2200
-) -> Frame:
+) -> SlcanFrame:
     """Enables or disables triangles; the board stops the stream and calibrates, whatever presses on it then.
 
     Args:
@@ -179,26 +179,26 @@ def triangles_command(
     return _command(board, SET_TRIANGLES, first, last, shift, int(enabled), offset & 0xFF, offset >> 8)
 
 
-def start_command(board: int) -> Frame:
+def start_command(board: int) -> SlcanFrame:
     """Starts the stream; an mtb3 may have started it by itself after its calibration."""
     return _command(board, SET_TRANSMISSION, 0)
 
 
-def stop_command(board: int) -> Frame:
+def stop_command(board: int) -> SlcanFrame:
     """Stops the stream."""
     return _command(board, SET_TRANSMISSION, 1)
 
 
-def version_command(board: int, major: int = 0, minor: int = 0) -> Frame:
+def version_command(board: int, major: int = 0, minor: int = 0) -> SlcanFrame:
     """Asks for the firmware, naming the protocol wanted; some old firmware stays silent."""
     _check("protocol major", major, 0, 255)
     _check("protocol minor", minor, 0, 255)
     return _command(board, GET_VERSION, major, minor)
 
 
-def _command(board: int, *data: int) -> Frame:
+def _command(board: int, *data: int) -> SlcanFrame:
     _check("board", board, 1, 14)
-    return Frame(identifier(Address(MessageClass.COMMAND, 0, board)), bytes(data))
+    return SlcanFrame(identifier(Address(MessageClass.COMMAND, 0, board)), bytes(data))
 
 
 def _check(name: str, value: int, low: int, high: int) -> None:
@@ -206,7 +206,7 @@ def _check(name: str, value: int, low: int, high: int) -> None:
         raise ValueError(f"The {name} lies between {low} and {high}, not at {value}.")
 
 
-def decode(frame: Frame | RemoteFrame) -> Head | Tail | BoardVersion | None:
+def decode(frame: SlcanFrame | RemoteFrame) -> Head | Tail | BoardVersion | None:
     """What a frame says, or None if it is not of the skin."""
     if isinstance(frame, RemoteFrame) or frame.extended or not frame.data:
         return None
@@ -260,7 +260,7 @@ class Pairing:
         """Halves that wait for the other one."""
         return len(self._waiting)
 
-    def push(self, half: Head | Tail, time_s: float) -> Reading | None:
+    def push(self, half: Head | Tail, time_s: float) -> SkinReading | None:
         """The reading that this half completes, if it does."""
         if half.sensor in self._waiting:
             other, other_s = self._waiting.pop(half.sensor)
@@ -283,9 +283,9 @@ class Pairing:
             self.lost_heads += 1
 
 
-def _joined(half: Head | Tail, time_s: float, other: Head | Tail, other_s: float) -> Reading:
+def _joined(half: Head | Tail, time_s: float, other: Head | Tail, other_s: float) -> SkinReading:
     if isinstance(half, Head) and isinstance(other, Tail):
-        return Reading(half.sensor, half.taxels + other.taxels, other.out_of_range, other.error, time_s)
+        return SkinReading(half.sensor, half.taxels + other.taxels, other.out_of_range, other.error, time_s)
     if isinstance(half, Tail) and isinstance(other, Head):
         return _joined(other, other_s, half, time_s)
     raise ValueError("A reading has one head and one tail.")

@@ -19,11 +19,11 @@ _ROUNDING = 1e-6
 _MOST_POSITIONS = 1_000_000
 
 
-class _Table(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+class _PlanTable(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """A table of the file: keys that are not known are refused."""
 
 
-class ObjectSettings(_Table, frozen=True):
+class ObjectSettings(_PlanTable, frozen=True):
     """An object to tap.
 
     Attributes:
@@ -35,7 +35,7 @@ class ObjectSettings(_Table, frozen=True):
     size_mm: Positive | None = None
 
 
-class SpacedPositions(_Table, frozen=True):
+class SpacedPositions(_PlanTable, frozen=True):
     """Positions at equal distances, each in the middle of its share of a range.
 
     Attributes:
@@ -49,7 +49,7 @@ class SpacedPositions(_Table, frozen=True):
     spacing_mm: Positive
 
 
-class Plan(_Table, frozen=True):
+class Plan(_PlanTable, frozen=True):
     """The whole file.
 
     Attributes:

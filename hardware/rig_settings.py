@@ -24,11 +24,11 @@ Count = Annotated[int, Meta(ge=1)]
 _ROUNDING = 1e-6
 
 
-class _Table(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+class _RigTable(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """A table of the file: keys that are not known are refused."""
 
 
-class AxisSettings(_Table, frozen=True):
+class AxisSettings(_RigTable, frozen=True):
     """One axis of the stage.
 
     Attributes:
@@ -56,7 +56,7 @@ class AxisSettings(_Table, frozen=True):
         return self.direction * (machine_mm - self.origin_mm)
 
 
-class StageSettings(_Table, frozen=True):
+class StageSettings(_RigTable, frozen=True):
     """The stage and its controller.
 
     Attributes:
@@ -76,7 +76,7 @@ class StageSettings(_Table, frozen=True):
     homing_s: Positive = 120.0
 
 
-class IcubSettings(_Table, frozen=True, tag_field="kind", tag="icub"):
+class IcubSettings(_RigTable, frozen=True, tag_field="kind", tag="icub"):
     """A triangle of 12 taxels of the iCub's skin behind an SLCAN adapter.
 
     Attributes:
@@ -120,7 +120,7 @@ class IcubSettings(_Table, frozen=True, tag_field="kind", tag="icub"):
         return 1000.0 / self.period_ms
 
 
-class LineSettings(_Table, frozen=True, tag_field="kind", tag="lines"):
+class LineSettings(_RigTable, frozen=True, tag_field="kind", tag="lines"):
     """A sensor that sends one line per reading, `t_ms,v0,...`; see docs/line-sensor.md.
 
     Attributes:
@@ -152,7 +152,7 @@ class LineSettings(_Table, frozen=True, tag_field="kind", tag="lines"):
     positions_mm: list[list[float]] = []
 
 
-class RangeSettings(_Table, frozen=True):
+class RangeSettings(_RigTable, frozen=True):
     """The where classes along x.
 
     Attributes:
@@ -171,7 +171,7 @@ class RangeSettings(_Table, frozen=True):
         return round((self.end_mm - self.start_mm) / self.cell_mm)
 
 
-class TapSettings(_Table, frozen=True):
+class TapSettings(_RigTable, frozen=True):
     """How a tap is made and prepared.
 
     Attributes:
@@ -197,7 +197,7 @@ class TapSettings(_Table, frozen=True):
     retries: Annotated[int, Meta(ge=0)] = 3
 
 
-class EmulatorSettings(_Table, frozen=True):
+class EmulatorSettings(_RigTable, frozen=True):
     """Where emulated devices take orders; `solidtouch emulate` writes it.
 
     Attributes:
@@ -209,7 +209,7 @@ class EmulatorSettings(_Table, frozen=True):
     shared_clock: bool = True
 
 
-class RigFile(_Table, frozen=True):
+class RigFile(_RigTable, frozen=True):
     """The whole file.
 
     Attributes:

@@ -47,7 +47,7 @@ class Flags(IntFlag):
 
 
 @dataclass(frozen=True, slots=True)
-class Frame:
+class SlcanFrame:
     """A CAN data frame.
 
     Attributes:
@@ -92,7 +92,7 @@ class Done:
 
 
 @dataclass(frozen=True, slots=True)
-class Refused:
+class Bell:
     """The adapter refused a command: a bell, which no carriage return follows."""
 
 
@@ -131,7 +131,7 @@ class Remark:
     text: str
 
 
-Unit = Frame | RemoteFrame | Done | Refused | Reply | StatusFlags | Remark
+Unit = SlcanFrame | RemoteFrame | Done | Bell | Reply | StatusFlags | Remark
 Stamps = Literal["either", "never", "always"]
 
 _FRAME = re.compile(rb"(?:([tr])([0-7][0-9A-Fa-f]{2})|([TR])([01][0-9A-Fa-f]{7}))([0-8])([0-9A-Fa-f]*)")
@@ -164,7 +164,7 @@ class SlcanDecoder:
         for text, end in self.lines.push(data):
             if end == b"\a":
                 self._drop(text)
-                units.append(Refused())
+                units.append(Bell())
             elif text is not None:
                 unit = self._unit(text.removeprefix(b"\n"))
                 self._drop(text) if unit is None else units.append(unit)
@@ -185,7 +185,7 @@ class SlcanDecoder:
             return Reply(match[1].decode("ascii"), match[2].decode("ascii"))
         return Remark(text.decode("ascii")) if _REMARK.fullmatch(text) else None
 
-    def _frame(self, match: re.Match[bytes]) -> Frame | RemoteFrame | None:
+    def _frame(self, match: re.Match[bytes]) -> SlcanFrame | RemoteFrame | None:
         kind, identifier = match[1] or match[3], int(match[2] or match[4], 16)
         length, rest = int(match[5]), match[6]
         remote = kind in b"rR"
@@ -197,7 +197,7 @@ class SlcanDecoder:
             return None
         if remote:
             return RemoteFrame(identifier, length, kind == b"R", stamp_ms)
-        return Frame(identifier, bytes.fromhex(rest[:digits].decode("ascii")), kind == b"T", stamp_ms)
+        return SlcanFrame(identifier, bytes.fromhex(rest[:digits].decode("ascii")), kind == b"T", stamp_ms)
 
 
 def bit_rate(kbit: int) -> bytes:
@@ -214,7 +214,7 @@ def bit_rate(kbit: int) -> bytes:
     return b"S%d\r" % BIT_RATES_KBIT[kbit]
 
 
-def transmit(frame: Frame | RemoteFrame) -> bytes:
+def transmit(frame: SlcanFrame | RemoteFrame) -> bytes:
     """The command that sends a frame; its time stamp, if any, is left out.
 
     Raises:

@@ -17,7 +17,7 @@ from . import grbl
 from .controller_setup import AxisSetup, Setup, check_setup, needed_settings
 from .controller_state import StageCounts
 from .errors import NoAnswer, PositionUnknown, StageAlarm, StageFault, WrongDevice
-from .grbl import State, Status
+from .grbl import State, StatusReport
 from .grbl_link import GrblLink
 from .journal import Journal
 from .leg import Leg, check_limits, jog_line, leg_time
@@ -236,7 +236,7 @@ class Stage:
             f"{self.port.address}: the answer to $$ should end in ok and have all settings, not lack {missing}."
         )
 
-    def _locate(self) -> Status:
+    def _locate(self) -> StatusReport:
         """A report after which the machine position is known."""
         for _ in range(_OFFSET_POLLS):
             status = self._link.poll()
@@ -316,5 +316,5 @@ class Stage:
         """Half a motor step and what printing rounds away."""
         return 0.5 / axis.steps_per_mm + _PRINTED_MM
 
-    def _take_status(self, status: Status) -> None:
+    def _take_status(self, status: StatusReport) -> None:
         self._journal.status(self._loop.now, str(status.state), self.position_mm)

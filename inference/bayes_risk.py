@@ -43,7 +43,7 @@ class Level(NamedTuple):
     child: Integers
 
 
-class Choice(NamedTuple):
+class BestAct(NamedTuple):
     """What is best for n beliefs.
 
     Attributes:
@@ -67,7 +67,7 @@ class ExactRule:
         choice: What is best for them.
     """
 
-    def __init__(self, problem: RiskProblem, value: float, belief: list[Floats], choice: list[Choice]) -> None:
+    def __init__(self, problem: RiskProblem, value: float, belief: list[Floats], choice: list[BestAct]) -> None:
         self.problem, self.value, self.belief, self.choice = problem, value, belief, choice
 
     @cached_property
@@ -126,7 +126,7 @@ def solved(problem: RiskProblem, depth: int, leaf: Leaf) -> ExactRule:
         belief, index = merged(_following(problem, last))
         levels[-1] = last._replace(child=index.reshape(last.probability.shape))
         levels.append(_level(problem, belief))
-    choices: list[Choice] = []
+    choices: list[BestAct] = []
     for level in reversed(levels):
         further = _leaves(problem, level, leaf) if not choices else _mean(level, choices[-1].value)
         choices.append(_choice(problem, level, further))
@@ -177,10 +177,10 @@ def _leaves(problem: RiskProblem, level: Level, leaf: Leaf) -> Floats:
     return np.concatenate(parts)
 
 
-def _choice(problem: RiskProblem, level: Level, further: Floats) -> Choice:
+def _choice(problem: RiskProblem, level: Level, further: Floats) -> BestAct:
     """What is best, from the expected further cost of the next taps."""
     way = problem.class_cost * expected_steps(level.belief, problem.deltas)
     going = problem.tap_cost + way + further[level.moved]
     best = going.argmin(axis=1)
     going, now = going[np.arange(len(best)), best], stop_loss(problem, level.belief)
-    return Choice(np.minimum(now, going), now <= going, problem.deltas[best])
+    return BestAct(np.minimum(now, going), now <= going, problem.deltas[best])

@@ -83,7 +83,7 @@ def save_table(table: TargetTable, path: str | Path, force: bool = False) -> Non
         temporary.write_bytes(msgspec.json.format(msgspec.json.encode(content), indent=1) + b"\n")
 
 
-class _File(msgspec.Struct, forbid_unknown_fields=True):
+class _TargetsFile(msgspec.Struct, forbid_unknown_fields=True):
     """What such a file holds."""
 
     solidtouch: Literal["table of targets"]
@@ -103,7 +103,7 @@ def load_table(path: str | Path) -> TargetTable:
         InputError: The file cannot be read or is no table of targets.
     """
     try:
-        file = msgspec.json.decode(Path(path).read_bytes(), type=_File)
+        file = msgspec.json.decode(Path(path).read_bytes(), type=_TargetsFile)
     except OSError as error:
         raise InputError(f"{path} cannot be read: {error.strerror}.") from error
     except msgspec.DecodeError as error:

@@ -19,7 +19,7 @@ _DRAWS = 10  # sequences of each class and session that has more taps than one s
 _NOTHING = 45.0  # nats below the most probable class, where one adds nothing to a sum
 
 
-class Judged(NamedTuple):
+class JudgedSession(NamedTuple):
     """Taps of one session as a model sees them.
 
     Attributes:
@@ -60,7 +60,7 @@ class Sequences(NamedTuple):
     log_prior: Floats
 
     @classmethod
-    def draw(cls, judged: Judged, n: int, generator: np.random.Generator, again: bool = False) -> Self:
+    def draw(cls, judged: JudgedSession, n: int, generator: np.random.Generator, again: bool = False) -> Self:
         """Sequences of n taps; a class with fewer gives all it has, or some `again`."""
         _, where, what, model = judged
         (L, H), M = judged.log_likelihood.shape[1:], model.grid.M

@@ -72,7 +72,7 @@ class Record(NamedTuple):
         return self.what_marginal.max(axis=-1)
 
 
-class _State(NamedTuple):
+class _Running(NamedTuple):
     """Trials still under way; all arrays have one row for each."""
 
     row: Integers
@@ -82,9 +82,9 @@ class _State(NamedTuple):
     clamped: Integers
     substituted: Integers
 
-    def keep(self, which: NDArray[np.bool_]) -> "_State":
+    def keep(self, which: NDArray[np.bool_]) -> "_Running":
         """Some of the trials."""
-        return _State(
+        return _Running(
             self.row[which],
             self.log_belief[which],
             self.at[which],
@@ -133,7 +133,7 @@ def play(
     chance = draws.uniform(draws.words(seed, plan.stream, kernel.CHANCE, 0, deadline))
     at = table.pool.nearest[plan.where, plan.what]
     zero = np.zeros(n, np.int64)
-    state = _State(
+    state = _Running(
         np.arange(n),
         np.broadcast_to(table.log_prior, (n, L, hypotheses)),
         at,
@@ -254,7 +254,7 @@ def log_sum(log_values: Floats, axes: tuple[int, ...]) -> Floats:
         return np.log(np.exp(log_values - top).sum(axis=axes, keepdims=True)) + top
 
 
-def _moved(state: _State, delta: Integers, held: Integers, table: TapTable, border: Border) -> _State:
+def _moved(state: _Running, delta: Integers, held: Integers, table: TapTable, border: Border) -> _Running:
     """Sensors after their moves, which end at the ends of the range, and beliefs shifted by what was commanded."""
     L, M = table.pool.nearest.shape
     reached = np.clip(state.at + delta, 0, L - 1)
@@ -288,7 +288,7 @@ def _empty(n: int, T: int, M: int, held: Integers) -> Record:
     )
 
 
-def _write(record: Record, state: _State, t: int, belief: Floats, moves: Integers) -> None:
+def _write(record: Record, state: _Running, t: int, belief: Floats, moves: Integers) -> None:
     row, where = state.row, belief.sum(axis=2)
     record.what_marginal[row, t] = belief.sum(axis=1)
     record.where[row, t] = where.argmax(axis=1)

@@ -237,7 +237,7 @@ def load_learner(path: str | Path) -> Learner:
     if values.get("format") != FORMAT:
         raise InputError(f"{path} is no learner: its key format is not {FORMAT}.")
     try:
-        file = msgspec.convert({name: value for name, value in values.items() if name != "format"}, _File)
+        file = msgspec.convert({name: value for name, value in values.items() if name != "format"}, _LearnedFile)
     except msgspec.ValidationError as error:
         raise InputError(f"{path} is no whole learner: {error}.") from error
     learner = Learner(
@@ -256,7 +256,7 @@ def load_learner(path: str | Path) -> Learner:
 type _Count = Annotated[int, msgspec.Meta(ge=0, lt=1 << 53)]
 
 
-class _File(msgspec.Struct, forbid_unknown_fields=True):
+class _LearnedFile(msgspec.Struct, forbid_unknown_fields=True):
     """What such a file holds beside its format."""
 
     method: Method

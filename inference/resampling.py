@@ -358,7 +358,7 @@ def too_few_in(pool: TapPool, how: Spread, used_up: Floats) -> str:
     return too_few(taps_per_class(pool), float(used_up[0]), float(how.center(used_up)), how.sessions, how.freedom)
 
 
-class Resampled(NamedTuple):
+class ResampledTrials(NamedTuple):
     """What came of trials on the test taps, and of trials on each resample of them, by name.
 
     Attributes:
@@ -394,7 +394,7 @@ def play_resamples(
     workers: int | None = None,
     progress: Callable[[int], None] | None = None,
     endings: Callable[[Trials, TrialPlan], Sequence[Trials]] = no_endings,
-) -> Resampled:
+) -> ResampledTrials:
     """What comes of trials on the test taps, and of trials on each resample of them.
 
     Args:
@@ -446,7 +446,7 @@ def play_resamples(
         if progress is not None:
             progress(2 * half)
     samples = {name: _layered(estimate[name], [[h[name] for h in pair] for pair in halves]) for name in estimate}
-    return Resampled(samples, tuple(reduce(one, plan) for one in endings(played, plan)))
+    return ResampledTrials(samples, tuple(reduce(one, plan) for one in endings(played, plan)))
 
 
 def _half(trials: int, resample_trials: int) -> int:

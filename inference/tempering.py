@@ -24,7 +24,7 @@ from ..models.model import TapModel
 from ..models.power import learned_taps
 from ..models.seeds import Purpose, generator
 from ..models.taps import TapSet
-from .judged_sequences import Judged, Sequences, mean_log_belief, refuse_impossible
+from .judged_sequences import JudgedSession, Sequences, mean_log_belief, refuse_impossible
 from .saturation import share
 
 LEAST, MOST = 1e-4, 1.0
@@ -156,7 +156,7 @@ def learn_power(name: str, taps: TapSet, grid: ClassGrid, settings: FitSettings,
         left_out = _usable(model, taps.select(taps.session == session))
         if left_out is not None:
             used.append(session)
-            sequences.append(Sequences.draw(Judged.by(model, left_out), n, _generator(seed, n, session)))
+            sequences.append(Sequences.draw(JudgedSession.by(model, left_out), n, _generator(seed, n, session)))
     if not used:
         raise InputError("A learned power needs classes with taps in two training sessions or more, and there is none.")
     return _best(sequences, tuple(used), n)
@@ -299,7 +299,7 @@ def _usable(model: TapModel, taps: TapSet) -> TapSet | None:
     return taps.select(known) if known.any() else None
 
 
-def _judged(model: TapModel, held_out: Sequence[TapSet]) -> tuple[tuple[int, ...], list[Judged]]:
+def _judged(model: TapModel, held_out: Sequence[TapSet]) -> tuple[tuple[int, ...], list[JudgedSession]]:
     """Every session of every set, and its number."""
     sessions, judged = [], []
     for taps in held_out:
@@ -309,7 +309,7 @@ def _judged(model: TapModel, held_out: Sequence[TapSet]) -> tuple[tuple[int, ...
             continue
         for session in np.unique(usable.session).tolist():
             sessions.append(session)
-            judged.append(Judged.by(model, usable.select(usable.session == session)))
+            judged.append(JudgedSession.by(model, usable.select(usable.session == session)))
     if not judged:
         raise InputError("No held-out tap belongs to a trained class, so that nothing can be learned from them.")
     return tuple(sessions), judged

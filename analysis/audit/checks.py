@@ -25,7 +25,7 @@ from ...models.histogram import HistogramModel, fit
 from ...models.taps import TapSet
 from ...models.threads import cores, in_order
 from ..page.figure_style import DECIDED, TRUE, TWO_COLUMNS, label_panel, new_figure, styled
-from ..stats.checks import STATISTICS, Labels, observed_statistics, replicate
+from ..stats.checks import STATISTICS, TapLabels, observed_statistics, replicate
 from ..stats.metrics import CONFIDENCE
 
 if TYPE_CHECKING:
@@ -77,7 +77,7 @@ def audit_checks(
         raise InputError("No tap belongs to a class of the model, so nothing can be checked.")
     taps = taps if inside.all() else taps.select(inside)
     fitted = fit(taps, model.grid, bins=model.edges.shape[-1] - 1, power="none", edges=model.edges)
-    labels = Labels.of(taps, model.grid)
+    labels = TapLabels.of(taps, model.grid)
     observed = observed_statistics(labels, model.edges)
     used = count_replicates(taps, replicates)
 

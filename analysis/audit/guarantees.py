@@ -144,7 +144,7 @@ def broken(data: xr.Dataset, policy: str, theta: float) -> dict[str, dict[str, l
     }
 
 
-class Promise(NamedTuple):
+class PromiseTest(NamedTuple):
     """Whether a promise is exceeded by more than so few taps explain.
 
     Attributes:
@@ -168,7 +168,7 @@ def exceeded(
     theta_x: float = 0.0,
     trials: int = TRIALS // 2,
     simulations: int = SIMULATIONS,
-) -> dict[str, Promise]:
+) -> dict[str, PromiseTest]:
     """Which promises at the threshold next to one are exceeded, with power none and border clamp.
 
     The interval of the factor must lie above 1, and a Monte Carlo test against a right model on as many taps must
@@ -191,7 +191,7 @@ def exceeded(
     at = data.sel(setup=PROMISED, policy=policy).sel(theta=theta, method="nearest")
     names, above = [str(name) for name in at["what"].values], ~at["holds"].values & np.isfinite(at["wrong_low"].values)
     if not above.any():
-        return dict.fromkeys(names, Promise(exceeded=False))
+        return dict.fromkeys(names, PromiseTest(exceeded=False))
     reference = simulate(
         model,
         table,
@@ -207,7 +207,7 @@ def exceeded(
     factor, limit = at["factor"].values, at["limit"].values
     beside = [compare(value, missed / most) for value, missed, most in zip(factor, reference.T, limit, strict=True)]
     sure = above & rejected([one.above for one in beside], LEVEL)
-    return {name: Promise(bool(yes), one) for name, yes, one in zip(names, sure, beside, strict=True)}
+    return {name: PromiseTest(bool(yes), one) for name, yes, one in zip(names, sure, beside, strict=True)}
 
 
 def guarantee_sentence(data: xr.Dataset) -> str:

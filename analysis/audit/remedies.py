@@ -52,7 +52,7 @@ class Remedy(NamedTuple):
     beside: Tuned | None = None
 
 
-class Refused(NamedTuple):
+class RefusedRemedy(NamedTuple):
     """A remedy that these taps do not allow.
 
     Attributes:
@@ -100,7 +100,7 @@ def make_remedies(
     n: int,
     seed: int,
     advance: Callable[[int], None],
-) -> tuple[list[Remedy], list[Refused]]:
+) -> tuple[list[Remedy], list[RefusedRemedy]]:
     """The setting as it is and every remedy that the taps allow, fitted and tuned; the setting as it is comes first.
 
     Args:
@@ -117,14 +117,14 @@ def make_remedies(
     """
     base = _fit(setting, train, grid)
     remedies = [Remedy(BASELINE, "nothing changed", _assumes(setting), setting, base, grid, "")]
-    refused: list[Refused] = []
+    refused: list[RefusedRemedy] = []
     advance(1)
 
     def attempt(name: str, make: Callable[[], Remedy]) -> None:
         try:
             remedies.append(make())
         except InputError as error:
-            refused.append(Refused(name, str(error)))
+            refused.append(RefusedRemedy(name, str(error)))
         advance(1)
 
     def exponent() -> Remedy:

@@ -61,7 +61,7 @@ class Scored(NamedTuple):
         error_change: The same less that of the setting as it is.
         where_error_change: Change of the position error likewise.
         taps: Mean reaction time at its own threshold.
-        factor: Miscalibration of decisions at the threshold, infinite as in `Judged`.
+        factor: Miscalibration of decisions at the threshold, infinite as in `BeliefEvidence`.
         stopped: Fraction of trials that cross it before the deadline.
     """
 
@@ -77,7 +77,7 @@ class Scored(NamedTuple):
     stopped: float | None = None
 
 
-class Judged(NamedTuple):
+class BeliefEvidence(NamedTuple):
     """By what the beliefs of the setting as it is are called right or wrong: all decisions at its threshold.
 
     Attributes:
@@ -119,7 +119,7 @@ class Measured(NamedTuple):
     taps: float
     theta: float
     policy: str
-    judged: Judged
+    judged: BeliefEvidence
     reliability: xr.Dataset
     played: xr.Dataset
     table: TapTable
@@ -459,7 +459,7 @@ def factor_of(found: Mapping[str, Any]) -> tuple[float | None, float | None, flo
     return value, low, np.inf if high is None and low is not None else high
 
 
-def judge(found: Mapping[str, Any], model: TapModel, pool: TapPool, reference: NDArray[np.float64]) -> Judged:
+def judge(found: Mapping[str, Any], model: TapModel, pool: TapPool, reference: NDArray[np.float64]) -> BeliefEvidence:
     """Compares beliefs with outcomes, and with those of a right model on as many taps.
 
     Args:
@@ -474,7 +474,7 @@ def judge(found: Mapping[str, Any], model: TapModel, pool: TapPool, reference: N
 
     every = found["all trials"]
     factor, *factors = (factor_of(one) for one in (every, *found["each"].values()))
-    return Judged(
+    return BeliefEvidence(
         factor,
         every["wrong"][0],
         beside(factor[0], 0),

@@ -28,10 +28,10 @@ from .dependence.strata import evenly, strata
 from .dependence.taxels import taxel_dependence
 from .dependence.times import time_dependence
 from .detectable import Detectable, enough
-from .guarantees import Promise, exceeded, guarantees
+from .guarantees import PromiseTest, exceeded, guarantees
 from .leakage.run import Leakage, leakage
 from .parts import AuditParts
-from .remedies import Refused, Remedy, beside_right, count_remedies, make_remedies
+from .remedies import RefusedRemedy, Remedy, beside_right, count_remedies, make_remedies
 from .remedy_scores import Measured, count_measurements, measure
 from .variance.causes import SEQUENCE, split_variance
 from .variance.split import session_p
@@ -135,11 +135,11 @@ class Audit(NamedTuple):
     session_p: float
     checks: xr.DataTree
     remedies: list[Remedy]
-    refused: list[Refused]
+    refused: list[RefusedRemedy]
     measured: Measured
     enough: list[Detectable]
     guarantees: xr.Dataset
-    exceeded: dict[str, Promise]
+    exceeded: dict[str, PromiseTest]
     recalibrated: Recalibrated
     target: TargetError | None
     samples_per_bin: float
@@ -303,7 +303,7 @@ def _split(
 
 def _promises(
     base: Remedy, taps: TapSet, grid: ClassGrid, settings: AuditSettings, policy: str
-) -> tuple[xr.Dataset, dict[str, Promise]]:
+) -> tuple[xr.Dataset, dict[str, PromiseTest]]:
     """See `guarantees`, and which promises are exceeded by trials of a policy at the threshold in use."""
     usable = base.model.usable(taps)
     setting = settings.setting

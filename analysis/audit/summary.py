@@ -10,9 +10,9 @@ import xarray as xr
 from ..stats.reliability import after_contacts, headline, interval_sentence, plain
 from ..stats.right_exponent import Tuned, outside
 from .checks import summarise_checks
-from .guarantees import Promise, broken, guarantee_sentence
+from .guarantees import PromiseTest, broken, guarantee_sentence
 from .leakage.run import Leakage
-from .remedy_scores import Judged, Scored, lost
+from .remedy_scores import BeliefEvidence, Scored, lost
 from .run import Audit, AuditSettings
 from .variance.causes import SIZES, part_words, suspect_part
 from .verdict import (
@@ -137,7 +137,7 @@ def summarise(audit: Audit, settings: AuditSettings, about: Mapping[str, Any]) -
     )
 
 
-def _judged(judged: Judged) -> dict[str, Any]:
+def _judged(judged: BeliefEvidence) -> dict[str, Any]:
     """By what beliefs were called right or wrong, the factor of each object beside what a right model gives."""
     each = {
         name: {"factor": factor, "unbounded": _unbounded(factor), "beside": beside._asdict()}
@@ -155,7 +155,7 @@ def _unbounded(factor: Sequence[float | None]) -> bool:
     return factor[0] is not None and bool(np.isinf(factor[0]))
 
 
-def _promise(promise: Promise) -> dict[str, Any]:
+def _promise(promise: PromiseTest) -> dict[str, Any]:
     beside = promise.beside
     return {"exceeded": promise.exceeded, "beside": None if beside is None else beside._asdict()}
 

@@ -15,7 +15,7 @@ import xarray as xr
 
 from ..stats.right_model import LEVEL
 from .leakage.run import Leakage
-from .remedy_scores import Judged, Measured, Scored
+from .remedy_scores import BeliefEvidence, Measured, Scored
 from .variance.causes import CAUSES, FEWEST_CLASSES, part_words, suspect_part, tells
 from .variance.causes import first_cause as largest_cause
 
@@ -51,7 +51,7 @@ class Cause(NamedTuple):
     sentence: str
 
 
-def calibration(judged: Judged) -> Calibration:
+def calibration(judged: BeliefEvidence) -> Calibration:
     """How beliefs compare with outcomes: a Monte Carlo test of the miscalibration factor at `right_model.LEVEL`.
 
     The reference is what a right model gives on as many taps. Where beliefs are not right in the reference, as no whole

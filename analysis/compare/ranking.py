@@ -10,7 +10,7 @@ from ..page.page import number
 from .run import Comparison
 
 
-class Level(NamedTuple):
+class Criterion(NamedTuple):
     """One way to rank models.
 
     Attributes:
@@ -42,7 +42,7 @@ class Level(NamedTuple):
         return [name for name in self.values if self.rank(name) == 1]
 
 
-def levels(comparison: Comparison) -> list[Level]:
+def levels(comparison: Comparison) -> list[Criterion]:
     """All levels that the comparison can rank by."""
     found = []
     means = comparison.left_out_sessions
@@ -68,7 +68,7 @@ def levels(comparison: Comparison) -> list[Level]:
     return [level for level in found if level.values]
 
 
-def rank_rows(levels: Sequence[Level], names: Sequence[str]) -> list[dict[str, Any]]:
+def rank_rows(levels: Sequence[Criterion], names: Sequence[str]) -> list[dict[str, Any]]:
     """A row per model: its rank and value at each level, `None` where it has none."""
     return [
         {
@@ -82,7 +82,7 @@ def rank_rows(levels: Sequence[Level], names: Sequence[str]) -> list[dict[str, A
     ]
 
 
-def findings(levels: Sequence[Level], reference: str) -> list[str]:
+def findings(levels: Sequence[Criterion], reference: str) -> list[str]:
     """Who is best at each level, by how much, and what the best of the first level does at the others."""
     sentences = []
     for level in levels:
@@ -100,9 +100,9 @@ def findings(levels: Sequence[Level], reference: str) -> list[str]:
     return sentences
 
 
-def _level(title: str, said: str, unit: str, larger: bool, data: xr.Dataset, name: str) -> Level:
+def _level(title: str, said: str, unit: str, larger: bool, data: xr.Dataset, name: str) -> Criterion:
     values, low, high = (_finite(data[key]) for key in (name, f"{name}_difference_low", f"{name}_difference_high"))
-    return Level(title, said, unit, larger, values, low, high)
+    return Criterion(title, said, unit, larger, values, low, high)
 
 
 def _finite(values: xr.DataArray) -> dict[str, float]:
@@ -119,11 +119,11 @@ def _ranking_time(equal: xr.Dataset, policy: str) -> float | None:
     return float(at["taps"].values[np.flatnonzero(reached == reached.max())[-1]])
 
 
-def _value(level: Level, name: str) -> str:
+def _value(level: Criterion, name: str) -> str:
     return f"{number(level.values[name], 4)} {level.unit}".strip()
 
 
-def _interval(level: Level, name: str) -> str:
+def _interval(level: Criterion, name: str) -> str:
     if name not in level.low or name not in level.high:
         why = "too few test taps" if level.larger else "too near the end of a curve"
         return f" ({why} for an interval)"

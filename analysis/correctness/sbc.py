@@ -18,8 +18,8 @@ from ...models import seeds
 from ...models.errors import InputError
 from ...models.histogram import HistogramModel
 from ...models.model import TapModel
-from ..stats.uniformity import PRECISION, Factor, Judged, error_factor, judge, p_values, rejected
-from .sbc_chain import ACTIVE, PASSIVE, Beliefs, Moments, World, engine_beliefs
+from ..stats.uniformity import PRECISION, Factor, JudgedBeliefs, error_factor, judge, p_values, rejected
+from .sbc_chain import ACTIVE, PASSIVE, Beliefs, Checkpoints, World, engine_beliefs
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -38,13 +38,13 @@ takes half a minute, and what it does to a belief is what `arrays` does."""
 LEVEL = 0.01
 
 
-class Row(NamedTuple):
+class CalibrationRow(NamedTuple):
     """What was found of one quantity at one moment.
 
     Attributes:
         route: One of `ROUTES`.
         policy: One of `POLICIES`.
-        moment: When, see `Moments.names`.
+        moment: When, see `Checkpoints.names`.
         quantity: `what`, `where` (at the place of the last tap) or `joint`.
         n: Trials.
         p: P-value of each test, see `stats.uniformity`.
@@ -68,7 +68,7 @@ class Calibration(NamedTuple):
         level: Probability that right beliefs fail, at most, over all tests together.
     """
 
-    rows: tuple[Row, ...]
+    rows: tuple[CalibrationRow, ...]
     level: float
 
     @property
@@ -82,7 +82,7 @@ class Calibration(NamedTuple):
         return min(1.0, self.tests * min(p for row in self.rows for p in row.p.values()))
 
     @property
-    def failed(self) -> list[tuple[Row, str]]:
+    def failed(self) -> list[tuple[CalibrationRow, str]]:
         """Rows and tests that fail, by Holm's procedure over all tests."""
         pairs = [(row, test) for row in self.rows for test in row.p]
         found = rejected([row.p[test] for row, test in pairs], self.level)
@@ -105,7 +105,7 @@ def calibrate(
     *,
     believed: TapModel | None = None,
     border: Border = "clamp",
-    moments: Moments | None = None,
+    moments: Checkpoints | None = None,
     level: float = LEVEL,
     seed: int = 0,
     progress: Callable[[int], None] | None = None,
@@ -132,15 +132,15 @@ def calibrate(
         raise InputError(f"Routes are {', '.join(ROUTES)}, got {', '.join(unknown) or 'none'}.")
     if min(trials.values()) < 1 or not 0 < level < 1:
         raise InputError(f"Calibration needs a trial and a level between 0 and 1, got {min(trials.values())}, {level}.")
-    world, moments = World(truth, truth if believed is None else believed, border), moments or Moments()
-    rows: list[Row] = []
+    world, moments = World(truth, truth if believed is None else believed, border), moments or Checkpoints()
+    rows: list[CalibrationRow] = []
     for route, n in trials.items():
         for policy in POLICIES:
             key = ROUTES.index(route), POLICIES.index(policy)
             chance = seeds.generator(seed, seeds.Purpose.CALIBRATION, *key)
             seen = judged(route, world, policy, n, moments, chance, progress)
             rows += [
-                Row(route, policy, moment, quantity, n, p_values(one), error_factor(one))
+                CalibrationRow(route, policy, moment, quantity, n, p_values(one), error_factor(one))
                 for (moment, quantity), one in seen.items()
             ]
     return Calibration(tuple(rows), level)
@@ -151,10 +151,10 @@ def judged(
     world: World,
     policy: str,
     trials: int,
-    moments: Moments,
+    moments: Checkpoints,
     generator: np.random.Generator,
     progress: Callable[[int], None] | None = None,
-) -> dict[tuple[str, str], Judged]:
+) -> dict[tuple[str, str], JudgedBeliefs]:
     """What the episodes of one route and policy say of the truth, by moment and quantity."""
     if route in DEVICES:
         from .sbc_trials import trial_decisions  # noqa: PLC0415 - JAX takes half a second to import

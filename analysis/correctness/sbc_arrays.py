@@ -16,7 +16,7 @@ from ...hardware.model_rig import BinTables, bin_tables
 from ...inference import device
 from ...inference.control import default_fixation
 from ...inference.filter import border_number
-from .sbc_chain import PASSIVE, Beliefs, Moments, World, empty_beliefs
+from .sbc_chain import PASSIVE, Beliefs, Checkpoints, World, empty_beliefs
 
 _ROWS = 64  # the least number of rows that is compiled for
 
@@ -32,7 +32,7 @@ def array_beliefs(
     world: World,
     policy: str,
     trials: int,
-    moments: Moments,
+    moments: Checkpoints,
     generator: np.random.Generator,
     progress: Callable[[int], None] | None = None,
 ) -> Beliefs:

@@ -35,7 +35,7 @@ class World(NamedTuple):
     border: Border
 
 
-class Moments(NamedTuple):
+class Checkpoints(NamedTuple):
     """When beliefs are looked at.
 
     Attributes:
@@ -77,7 +77,7 @@ class Beliefs(NamedTuple):
     taps: NDArray[np.intp]
 
 
-def empty_beliefs(trials: int, moments: Moments, shape: tuple[int, int]) -> Beliefs:
+def empty_beliefs(trials: int, moments: Checkpoints, shape: tuple[int, int]) -> Beliefs:
     """Room for the beliefs of so many trials over (L, M) classes."""
     W = len(moments.names)
     return Beliefs(
@@ -93,7 +93,7 @@ def engine_beliefs(
     world: World,
     policy: str,
     trials: int,
-    moments: Moments,
+    moments: Checkpoints,
     generator: np.random.Generator,
     progress: Callable[[int], None] | None = None,
 ) -> Beliefs:
@@ -122,7 +122,7 @@ def engine_beliefs(
     return found
 
 
-def _follow(rig: ModelRig, engine: Engine, move: MovePolicy, moments: Moments, found: Beliefs, i: int) -> None:
+def _follow(rig: ModelRig, engine: Engine, move: MovePolicy, moments: Checkpoints, found: Beliefs, i: int) -> None:
     """Plays episode `i` until all moments are past, and notes the beliefs at each."""
     noted = np.zeros(found.where.shape[1], dtype=bool)
     for step in steps(rig, engine, 1.0, move, moments.deadline):

@@ -16,9 +16,9 @@ from ...inference.control import default_fixation
 from ...inference.montecarlo import run_trials
 from ...inference.trial_plan import plan_trials
 from ...inference.trial_records import TapTable, TrialPlan, Trials
-from ..stats.uniformity import Judged
+from ..stats.uniformity import JudgedBeliefs
 from .sbc_arrays import draw
-from .sbc_chain import PASSIVE, Moments, World
+from .sbc_chain import PASSIVE, Checkpoints, World
 
 AT_ONCE = 1000  # trials on one pool
 _PER_CLASS, _AT_FIXATION = 1000, 8000  # taps of a pool
@@ -29,12 +29,12 @@ def trial_decisions(
     world: World,
     policy: str,
     trials: int,
-    moments: Moments,
+    moments: Checkpoints,
     generator: np.random.Generator,
     progress: Callable[[int], None] | None = None,
-) -> list[Judged]:
+) -> list[JudgedBeliefs]:
     """Decisions about the object at each moment; arguments as of `engine_beliefs`, with a device for `name`."""
-    parts: list[list[Judged]] = []
+    parts: list[list[JudgedBeliefs]] = []
     for first in range(0, trials, AT_ONCE):
         n = min(AT_ONCE, trials - first)
         table = _fresh_table(world, policy, generator)
@@ -47,7 +47,7 @@ def trial_decisions(
 
 
 def _played(
-    name: str, world: World, policy: str, table: TapTable, plan: TrialPlan, moments: Moments, seed: int
+    name: str, world: World, policy: str, table: TapTable, plan: TrialPlan, moments: Checkpoints, seed: int
 ) -> list[Trials]:
     """The same trials to every moment, each with one threshold."""
 
@@ -81,11 +81,11 @@ def _fresh_table(world: World, policy: str, generator: np.random.Generator) -> T
     )
 
 
-def _decided(played: Trials, plan: TrialPlan) -> Judged:
+def _decided(played: Trials, plan: TrialPlan) -> JudgedBeliefs:
     """Of trials at one threshold."""
     none: NDArray[np.float64] = np.empty(0)
-    return Judged(none, none, np.minimum(played.belief[:, 0], 1.0), played.what[:, 0] == plan.what)
+    return JudgedBeliefs(none, none, np.minimum(played.belief[:, 0], 1.0), played.what[:, 0] == plan.what)
 
 
-def _joined(parts: tuple[Judged, ...]) -> Judged:
-    return Judged(*(np.concatenate(column) for column in zip(*parts, strict=True)))
+def _joined(parts: tuple[JudgedBeliefs, ...]) -> JudgedBeliefs:
+    return JudgedBeliefs(*(np.concatenate(column) for column in zip(*parts, strict=True)))

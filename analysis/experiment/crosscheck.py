@@ -60,7 +60,7 @@ class Script(NamedTuple):
     impossible: NDArray[np.float64] | None
 
 
-class Row(NamedTuple):
+class RouteDifference(NamedTuple):
     """The largest difference of one quantity between two routes."""
 
     quantity: str
@@ -88,7 +88,7 @@ class CrossCheck(NamedTuple):
         notes: Sentences about routes that could not be run as asked.
     """
 
-    rows: tuple[Row, ...]
+    rows: tuple[RouteDifference, ...]
     episodes: int
     taps: int
     sequence_taps: int
@@ -281,10 +281,10 @@ class _Comparison:
         self.differing_decisions += differences.decisions
         self.near_ties += differences.near_ties
 
-    def rows(self) -> tuple[Row, ...]:
+    def rows(self) -> tuple[RouteDifference, ...]:
         """The findings; log quantities may differ by the tolerance times the number of taps."""
         return tuple(
-            Row(quantity, routes, value, self._allowed(routes, quantity))
+            RouteDifference(quantity, routes, value, self._allowed(routes, quantity))
             for (routes, quantity), value in self.largest.items()
         )
 

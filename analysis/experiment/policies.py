@@ -52,7 +52,7 @@ def combined[T, R](outcomes: Sequence[Outcomes[T]], join: Callable[[list[T]], R]
     return Outcomes(join([one.passive for one in outcomes]), part("active"), part("difference"), part("fixations"))
 
 
-class Played(NamedTuple):
+class PlayedPolicies(NamedTuple):
     """Trials on one data set.
 
     Attributes:
@@ -77,7 +77,7 @@ class Played(NamedTuple):
     fresh_spread: Spread
 
 
-class Resampled(NamedTuple):
+class ResampledPools(NamedTuple):
     """Selections of the test taps, see `inference.resampling`.
 
     Attributes:
@@ -89,7 +89,7 @@ class Resampled(NamedTuple):
     fresh: Sequence[TapPool] = ()
 
 
-NO_POOLS = Resampled()
+NO_POOLS = ResampledPools()
 
 
 class Plans(NamedTuple):
@@ -157,9 +157,9 @@ def play_policies(
     fixation: int,
     *,
     acts: bool,
-    pools: Resampled = NO_POOLS,
+    pools: ResampledPools = NO_POOLS,
     progress: Callable[[int], None] | None = None,
-) -> Played:
+) -> PlayedPolicies:
     """Plays passive and active trials, on stored and on fresh taps.
 
     Args:
@@ -204,7 +204,7 @@ def play_policies(
 
     used_up = _used_up(fresh_trials)
     confusions = [confusion(plans.starts.what, trials.what[:, settings.shown], grid.M) for trials in stored_trials]
-    return Played(
+    return PlayedPolicies(
         datasets(stored, (), 0, settings.thresholds),
         datasets(fresh, _endings(plans.starts, fresh_trials, grid, settings.deadline), 1, settings.fresh_thresholds),
         confusions[0],
@@ -262,7 +262,7 @@ def _on_resamples(
     settings: "Settings",
     fixation: int,
     acts: bool,
-    pools: Resampled,
+    pools: ResampledPools,
     progress: Callable[[int], None] | None,
 ) -> tuple[list[tuple[Outcomes[Means], Outcomes[Means]]], NDArray[np.float64]]:
     """Outcomes on stored and on fresh taps of each selection, and the share that used up the latter."""
@@ -309,9 +309,9 @@ def _on_resamples(
     return kept, np.mean(used_up, axis=0) if used_up else np.zeros((1 + acts, len(settings.fresh_thresholds)))
 
 
-def resamples_of(table: TapTable, resamples: int, seed: int) -> Resampled:
+def resamples_of(table: TapTable, resamples: int, seed: int) -> ResampledPools:
     """Selections of the test taps, without the taps as they are."""
-    return Resampled(*(list(pools(table, resamples, seed))[1:] for pools in (resampled_pools, thinned_pools)))
+    return ResampledPools(*(list(pools(table, resamples, seed))[1:] for pools in (resampled_pools, thinned_pools)))
 
 
 def _per_position(L: int, settings: "Settings") -> int:

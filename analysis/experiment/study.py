@@ -22,7 +22,7 @@ from ...models.splits import Fold
 from ...models.taps import TapSet
 from ..stats.acting import can_act
 from ..stats.contacts import Accuracy, accuracy
-from .policies import Played, most_trials, play_policies, resamples_of
+from .policies import PlayedPolicies, most_trials, play_policies, resamples_of
 
 SHOWN_THETA = 0.95  # threshold of the confusion matrices and trajectories
 
@@ -113,7 +113,7 @@ class Study(NamedTuple):
     test: TapSet
     dropped: int
     table: TapTable
-    played: Played
+    played: PlayedPolicies
     accuracy: list[Accuracy]
 
 

@@ -37,7 +37,7 @@ class OpenTrials(NamedTuple):
     impossible: NDArray[np.bool_]
 
 
-class _State(NamedTuple):
+class _OpenState(NamedTuple):
     """Trials still under way; all arrays have one row for each."""
 
     row: Integers
@@ -47,9 +47,9 @@ class _State(NamedTuple):
     substituted: Integers
     shifted: Integers
 
-    def keep(self, which: NDArray[np.bool_]) -> "_State":
+    def keep(self, which: NDArray[np.bool_]) -> "_OpenState":
         """Some of the trials."""
-        return _State(
+        return _OpenState(
             self.row[which],
             self.log_belief[which],
             self.at[which],
@@ -84,7 +84,7 @@ def play_open(
     at = table.pool.nearest[plan.where, plan.what]
     zero = np.zeros(n, np.int64)
     belief = np.broadcast_to(table.log_prior, (n, *table.log_prior.shape))
-    state = _State(np.arange(n), belief, at, zero, (at != plan.where).astype(np.int64), zero)
+    state = _OpenState(np.arange(n), belief, at, zero, (at != plan.where).astype(np.int64), zero)
     used = None if reading.replacement else np.zeros((n, len(table.log_likelihood)), np.bool_)
     for number in range(rule.deadline):
         tap = _draw(table, plan.what[state.row], state, words[state.row, number], used)
@@ -108,7 +108,7 @@ def play_open(
 
 
 def _draw(
-    table: TapTable, what: Integers, state: _State, word: NDArray[np.uint64], used: NDArray[np.bool_] | None
+    table: TapTable, what: Integers, state: _OpenState, word: NDArray[np.uint64], used: NDArray[np.bool_] | None
 ) -> Integers:
     """A test tap of each trial's class; those drawn are marked in `used` (n, N), where that is given."""
     if used is None:
@@ -132,7 +132,7 @@ def _draw(
     return tap
 
 
-def _move(state: _State, plan: TrialPlan, table: TapTable, rule: Rule, reading: Reading) -> _State:
+def _move(state: _OpenState, plan: TrialPlan, table: TapTable, rule: Rule, reading: Reading) -> _OpenState:
     """Moves the sensors and shifts the beliefs; Eq. 8 to 10."""
     if rule.theta_x >= 1:
         return state
@@ -162,7 +162,14 @@ def _move(state: _State, plan: TrialPlan, table: TapTable, rule: Rule, reading: 
 
 
 def _decide(
-    done: OpenTrials, decided: NDArray[np.bool_], state: _State, tap: Integers, number: int, rule: Rule, *, cut: bool
+    done: OpenTrials,
+    decided: NDArray[np.bool_],
+    state: _OpenState,
+    tap: Integers,
+    number: int,
+    rule: Rule,
+    *,
+    cut: bool,
 ) -> None:
     """Writes down what is decided now: at thresholds that are crossed, and at all others where trials are cut short."""
     belief = np.exp(state.log_belief)

@@ -32,7 +32,7 @@ _LEAST_FREEDOM = 3
 _PSEUDOCOUNT = 0.01  # of the tables that judge taps
 
 
-class Labels(NamedTuple):
+class TapLabels(NamedTuple):
     """What is known of N taps beside their samples, the same for all replicates.
 
     Taps of a class stand together, in it those of a session, and in it those of a half (see `evidence.halves`).
@@ -82,7 +82,7 @@ class Labels(NamedTuple):
         return map(slice, self.classes[:-1].tolist(), self.classes[1:].tolist())
 
 
-class Cells(NamedTuple):
+class BinnedTaps(NamedTuple):
     """Taps in their bins, and what is left of them without the mean tap of their class.
 
     Attributes:
@@ -93,14 +93,14 @@ class Cells(NamedTuple):
         residual: Shape (N, J, K).
     """
 
-    labels: Labels
+    labels: TapLabels
     cell: NDArray[np.intp]
     edges: NDArray[np.float64]
     mean: NDArray[np.float64]
     residual: NDArray[np.float64]
 
     @classmethod
-    def of(cls, labels: Labels, bins: NDArray[np.integer], edges: NDArray[np.float64]) -> Self:
+    def of(cls, labels: TapLabels, bins: NDArray[np.integer], edges: NDArray[np.float64]) -> Self:
         """Those of taps in the order of the labels, by the bins of their samples, shape (N, J, K)."""
         K, B = bins.shape[2], edges.shape[-1] - 1
         edges = np.broadcast_to(edges, (K, B + 1))
@@ -133,30 +133,30 @@ class Statistic(NamedTuple):
 
     label: str
     assumption: str
-    of: Callable[[Cells], float]
+    of: Callable[[BinnedTaps], float]
     needs: tuple[int, int, int, int, int, int]
 
 
-def _profile_share(cells: Cells) -> float:
+def _profile_share(cells: BinnedTaps) -> float:
     """Share of the variance between times of a class in its whole variance."""
     between = cells.mean.var(axis=1).mean()
     return float(between / max(between + cells.variance.mean(), 1e-300))
 
 
-def _lag_one(cells: Cells) -> float:
+def _lag_one(cells: BinnedTaps) -> float:
     """Autocorrelation of neighbouring samples' residuals."""
     first, second = cells.residual[:, :-1], cells.residual[:, 1:]
     return _ratio(_product(first, second), np.sqrt(_product(first, first) * _product(second, second)))
 
 
-def _taxel_correlation(cells: Cells) -> float:
+def _taxel_correlation(cells: BinnedTaps) -> float:
     """Mean absolute correlation of the residuals of two taxels at the same time."""
     live = cells.variance > 0
     flat = cells.residual.reshape(-1, len(live))
     return _mean_absolute((flat.T @ flat)[np.ix_(live, live)] / len(flat), cells.variance[live])
 
 
-def _rank_correlation(cells: Cells) -> float:
+def _rank_correlation(cells: BinnedTaps) -> float:
     """Mean absolute rank correlation of two taxels at the same time, within classes and sessions."""
     (_, J, K), B = cells.cell.shape, cells.edges.shape[1] - 1
     times = np.unique(np.linspace(0, J - 1, min(J, _RANKED)).round().astype(np.intp))
@@ -179,7 +179,7 @@ def _ranks(cell: NDArray[np.intp], cells: int) -> NDArray[np.float64]:
     return (upto - 0.5 * count).ravel()[index] - 0.5 * len(cell)
 
 
-def _strength(cells: Cells) -> float:
+def _strength(cells: BinnedTaps) -> float:
     """Share of the variance within classes that goes with how strong whole taps are, along the mean tap."""
     mean = (cells.mean - cells.mean.mean(axis=(0, 1))).reshape(len(cells.mean), -1)
     power = (mean**2).sum(axis=1)
@@ -191,7 +191,7 @@ def _strength(cells: Cells) -> float:
     return _ratio(explained, _product(cells.residual, cells.residual))
 
 
-def _design_effect(cells: Cells) -> float:
+def _design_effect(cells: BinnedTaps) -> float:
     """Variance of the evidence of taps over that of independent samples, the median over classes.
 
     Evidence is the log-likelihood ratio to the most similar class by histograms of the other half of the taps.
@@ -221,7 +221,7 @@ def _design_effect(cells: Cells) -> float:
 
 
 def _log_ratios(
-    labels: Labels, counts: NDArray[np.int64], cells: Cells, trained: NDArray[np.bool_]
+    labels: TapLabels, counts: NDArray[np.int64], cells: BinnedTaps, trained: NDArray[np.bool_]
 ) -> NDArray[np.float64]:
     """Log ratios of each class's table to that of its rival, shape (L M, K B); NaN without a rival."""
     model = HistogramModel(labels.grid, cells.edges, counts, _PSEUDOCOUNT, "none", labels.taps.preprocessing)
@@ -230,7 +230,7 @@ def _log_ratios(
     return np.where((rival >= 0)[:, None], table - table[rival], np.nan)
 
 
-def _tails(cells: Cells) -> float:
+def _tails(cells: BinnedTaps) -> float:
     """Share of residuals beyond three standard deviations of their class and taxel."""
     beyond, total = 0, 0
     for own in cells.labels.each():
@@ -242,7 +242,7 @@ def _tails(cells: Cells) -> float:
     return _ratio(beyond, total)
 
 
-def _slope_over_place(cells: Cells) -> float:
+def _slope_over_place(cells: BinnedTaps) -> float:
     """Share of the variance within classes that goes with the position within the class."""
     explained = 0.0
     for own in cells.labels.each():
@@ -254,7 +254,7 @@ def _slope_over_place(cells: Cells) -> float:
     return _ratio(explained, _product(cells.residual, cells.residual))
 
 
-def _between_sessions(cells: Cells) -> float:
+def _between_sessions(cells: BinnedTaps) -> float:
     """Share of the variance within classes that is between sessions."""
     first = cells.labels.sessions
     count = np.diff(np.append(first, len(cells.residual)))
@@ -297,7 +297,7 @@ def predictive_checks(
         replicates at or above what was observed, from 0 to 1.
     """
     first = next(iter(models.values())).model
-    labels = Labels.of(taps, first.grid)
+    labels = TapLabels.of(taps, first.grid)
     observed = observed_statistics(labels, first.edges)
     result = np.full((len(models), len(observed), replicates), np.nan)
     for i, fitted in enumerate(models.values()):
@@ -323,19 +323,19 @@ def predictive_checks(
     )
 
 
-def observed_statistics(labels: Labels, edges: NDArray[np.float64]) -> dict[str, float]:
+def observed_statistics(labels: TapLabels, edges: NDArray[np.float64]) -> dict[str, float]:
     """The statistics that taps show, by name.
 
     Args:
         labels: With the taps.
         edges: Of the bins, shape (B + 1,) or (K, B + 1).
     """
-    cells = Cells.of(labels, find_bins(labels.taps.taps, edges), edges)
+    cells = BinnedTaps.of(labels, find_bins(labels.taps.taps, edges), edges)
     values = {name: statistic.of(cells) for name, statistic in STATISTICS.items() if _can(statistic, labels)}
     return {name: value for name, value in values.items() if np.isfinite(value)}
 
 
-def replicate(parameters: Parameters, model: TapModel, labels: Labels, generator: np.random.Generator) -> Cells:
+def replicate(parameters: Parameters, model: TapModel, labels: TapLabels, generator: np.random.Generator) -> BinnedTaps:
     """Taps of the same classes and, where the model knows places within a class, at the same places.
 
     Args:
@@ -349,7 +349,7 @@ def replicate(parameters: Parameters, model: TapModel, labels: Labels, generator
     where, hypothesis = labels.where, state * model.grid.M + labels.what
     J = labels.taps.taps.shape[1]
     if isinstance(form, TableForm):
-        return Cells.of(labels, form.sample_bins(where, hypothesis, J, generator), model.edges)
+        return BinnedTaps.of(labels, form.sample_bins(where, hypothesis, J, generator), model.edges)
     if len(form.log_weight) == 1 or model.grid.where_edges is None:
         made = form.sample(where, hypothesis, model.edges, J, generator)
     else:
@@ -360,7 +360,7 @@ def replicate(parameters: Parameters, model: TapModel, labels: Labels, generator
             this = q == i
             at = form._replace(mean=form.mean[i : i + 1], scale=form.scale[i : i + 1], log_weight=np.zeros(1))
             made[this] = at.sample(where[this], hypothesis[this], model.edges, J, generator)
-    return Cells.of(labels, find_bins(made, model.edges), model.edges)
+    return BinnedTaps.of(labels, find_bins(made, model.edges), model.edges)
 
 
 def _states_of_sessions(
@@ -371,7 +371,7 @@ def _states_of_sessions(
     return generator.choice(len(log_prior), size=len(numbers), p=np.exp(log_prior))[index]
 
 
-def _can(statistic: Statistic, labels: Labels) -> bool:
+def _can(statistic: Statistic, labels: TapLabels) -> bool:
     """Whether taps show a statistic at all."""
     N, C, S = len(labels.where), len(labels.classes) - 1, len(labels.sessions)
     places = np.mean([len(np.unique(labels.taps.where[own])) for own in labels.each()])

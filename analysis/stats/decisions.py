@@ -92,9 +92,9 @@ def play_models(
 
     Returns:
         `MEANS` over (model, policy, theta, resample); resample 0 holds the taps as they are, and halves of the trials
-        on the others follow behind these, see `resampling.Resampled`. With the suffixes of `ENDINGS` what resample 0
-        might have been besides, see `inference.cut_short`. Attributes `factor`, see `spread_of`, `taps_per_class`,
-        `test_taps`, and `range_<name>` of what has one, see `ranges.Range`.
+        on the others follow behind these, see `resampling.ResampledTrials`. With the suffixes of `ENDINGS` what
+        resample 0 might have been besides, see `inference.cut_short`. Attributes `factor`, see `spread_of`,
+        `taps_per_class`, `test_taps`, and `range_<name>` of what has one, see `ranges.Range`.
 
     Raises:
         InputError: The tables do not hold the same taps or are not of this grid, or a setting is out of range.

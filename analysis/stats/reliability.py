@@ -95,7 +95,7 @@ class Subject(NamedTuple):
     policies: tuple[str, ...]
 
 
-class Decisions(NamedTuple):
+class DecidedTrials(NamedTuple):
     """How n trials ended at one threshold or after one number of taps; all of shape (n,).
 
     Attributes:
@@ -262,7 +262,7 @@ def play(
     deadline: int,
     seed: int,
     fresh: bool = False,
-) -> list[Decisions]:
+) -> list[DecidedTrials]:
     """Plays trials and gives how they end at each threshold."""
     trials = run_trials(
         table, plan, thresholds, theta_x=theta_x, border=border, deadline=deadline, seed=seed, fresh=fresh
@@ -270,10 +270,10 @@ def play(
     return decisions_of(trials, plan)
 
 
-def decisions_of(trials: Trials, plan: TrialPlan) -> list[Decisions]:
+def decisions_of(trials: Trials, plan: TrialPlan) -> list[DecidedTrials]:
     """How trials end at each threshold."""
     columns = trials.what.T, trials.belief.T, trials.stopped.T, trials.taps.T
-    return [Decisions(plan.what, *column) for column in zip(*columns, strict=True)]
+    return [DecidedTrials(plan.what, *column) for column in zip(*columns, strict=True)]
 
 
 def independent_decisions(pool: TapPool, m: int | None, trials: int, taps: float) -> float:
@@ -355,7 +355,7 @@ def _turned(values: NDArray[np.float64]) -> NDArray[np.float64]:
     return np.ascontiguousarray(values.swapaxes(1, 2)).reshape(len(values), 1, -1)
 
 
-def _edges(decisions: Decisions, stopped_only: bool, M: int) -> NDArray[np.float64]:
+def _edges(decisions: DecidedTrials, stopped_only: bool, M: int) -> NDArray[np.float64]:
     """Lower ends of the bins of belief, for all objects and each, infinite behind the last; shape (1 + M, BINS)."""
     counted = decisions.stopped if stopped_only else np.ones(len(decisions.true), dtype=bool)
     ends = np.full((1 + M, BINS), np.inf)
@@ -400,7 +400,7 @@ def _add(
 
 
 def _described(
-    decisions: Decisions,
+    decisions: DecidedTrials,
     joined: Sums,
     ends: Sequence[NDArray[np.float64]],
     theta: float,
@@ -468,7 +468,7 @@ def _ratios(sums: NDArray[np.float64], theta: float) -> tuple[dict[str, NDArray[
     return means | {"over_promise": means["wrong"] / (1 - theta)}, size
 
 
-def _values(decisions: Decisions) -> dict[str, NDArray[np.float64]]:
+def _values(decisions: DecidedTrials) -> dict[str, NDArray[np.float64]]:
     """`MEANS` of single decisions."""
     wrong = (decisions.decided != decisions.true).astype(np.float64)
     doubt = np.clip(1 - decisions.belief, 0.0, 1.0)

@@ -66,7 +66,7 @@ class Prediction(NamedTuple):
     stopped: float
 
 
-class LeftOut(NamedTuple):
+class SessionsLeftOut(NamedTuple):
     """What tuning itself costs: each session's threshold is tuned on the others; all of shape (n,).
 
     Attributes:
@@ -122,7 +122,7 @@ class TargetError(NamedTuple):
     reachable: bool
     chosen: Prediction
     default: Prediction
-    left_out: LeftOut
+    left_out: SessionsLeftOut
     curves: Curves
     names: tuple[str, ...]
     policy: str
@@ -330,7 +330,7 @@ def predicted(curves: Curves, h: int) -> Prediction:
     return Prediction(*map(float, (curves.theta[h], curves.error[:, h].mean(), low, high, *means)))
 
 
-def leave_out(curves: Curves, target: float) -> LeftOut:
+def leave_out(curves: Curves, target: float) -> SessionsLeftOut:
     """Each session under the threshold that the others choose."""
     rows = []
     for i, error in enumerate(curves.error):
@@ -339,7 +339,7 @@ def leave_out(curves: Curves, target: float) -> LeftOut:
         low, high = prediction_interval(others[:, h])
         covered = low <= error[h] <= high
         rows.append((curves.theta[h], reachable, error[h], others[:, h].mean(), covered, curves.taps[i, h]))
-    return LeftOut(*(np.array(column) for column in zip(*rows, strict=True)))
+    return SessionsLeftOut(*(np.array(column) for column in zip(*rows, strict=True)))
 
 
 def _theta(theta: float) -> str:

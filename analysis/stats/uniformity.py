@@ -26,7 +26,7 @@ PRECISION = 1e-12
 """Smaller p-values are rounding."""
 
 
-class Judged(NamedTuple):
+class JudgedBeliefs(NamedTuple):
     """What n beliefs over C classes say of the truth.
 
     Attributes:
@@ -56,7 +56,7 @@ class Factor(NamedTuple):
     high: float
 
 
-def judge(belief: NDArray[np.float64], true: NDArray[np.intp], generator: np.random.Generator) -> Judged:
+def judge(belief: NDArray[np.float64], true: NDArray[np.intp], generator: np.random.Generator) -> JudgedBeliefs:
     """Where the truth stands in beliefs, and what they decide.
 
     Args:
@@ -69,7 +69,7 @@ def judge(belief: NDArray[np.float64], true: NDArray[np.intp], generator: np.ran
     earlier = np.arange(C) < true[:, np.newaxis]
     above = (belief > own[:, np.newaxis]) | (earlier & (belief == own[:, np.newaxis]))
     share = generator.random((2, n)) * own
-    return Judged(
+    return JudgedBeliefs(
         rank=np.clip((belief * earlier).sum(axis=1) + share[0], 0.0, 1.0),
         credible=np.clip((belief * above).sum(axis=1) + share[1], 0.0, 1.0),
         belief=belief.max(axis=1),
@@ -77,7 +77,7 @@ def judge(belief: NDArray[np.float64], true: NDArray[np.intp], generator: np.ran
     )
 
 
-def p_values(judged: Judged) -> dict[str, float]:
+def p_values(judged: JudgedBeliefs) -> dict[str, float]:
     """The p-value of every test that can be made, by its name."""
     found = {}
     if len(judged.rank):
@@ -118,7 +118,7 @@ def equal_doubt(doubt: NDArray[np.float64], bins: int) -> list[NDArray[np.intp]]
     return [part for part in np.split(order, ends) if len(part)]
 
 
-def error_factor(judged: Judged) -> Factor:
+def error_factor(judged: JudgedBeliefs) -> Factor:
     """Errors over those announced; the interval is Wilson's for the share of errors, with the beliefs as they are."""
     n, wrong, expected = len(judged.right), int((~judged.right).sum()), float(judged.doubt.sum())
     if expected == 0:

@@ -80,7 +80,7 @@ class Unit(NamedTuple):
         return held_out_tables(self.train, grid, lambda taps, grid: fit(taps, grid, power=model.power))
 
 
-class Bench(NamedTuple):
+class StrategyData(NamedTuple):
     """A kind of data.
 
     Attributes:
@@ -109,7 +109,7 @@ class Bench(NamedTuple):
         return 0 if self.folds > 1 else RESAMPLES
 
 
-def simulated_bench(name: str, data_sets: int, seed: int) -> Bench:
+def simulated_bench(name: str, data_sets: int, seed: int) -> StrategyData:
     """Data sets of a preset, each of a sensor of its own with sessions to train, to test and to learn the power with.
 
     Raises:
@@ -125,12 +125,12 @@ def simulated_bench(name: str, data_sets: int, seed: int) -> Bench:
         load, powers, border = partial(_simulate, name, seed), ("J", "learned", "none"), "uniform"
         units = f"Units are {data_sets} simulated data sets, each with a sensor and sessions of its own."
     grid = right_model(seed).grid if name == RIGHT else simulate_grid(name)
-    return Bench(f"preset {name}", True, data_sets, load, grid, units, powers, border)
+    return StrategyData(f"preset {name}", True, data_sets, load, grid, units, powers, border)
 
 
 def recorded_bench(
     path: str | Path, where_cell: str | None = None, what_cell: str | None = None, training_taps: bool = False
-) -> Bench:
+) -> StrategyData:
     """A recording, whose sessions are left out in turn where there are three or more.
 
     Args:
@@ -162,7 +162,7 @@ def recorded_bench(
         fold = source.load(number, 0.0)
         return Unit(fold.train, fold.test)
 
-    return Bench(source.name, False, source.folds, load, source.grid, source.units, powers, "uniform")
+    return StrategyData(source.name, False, source.folds, load, source.grid, source.units, powers, "uniform")
 
 
 def pool_of(model: TapModel, train: TapSet, taps: int) -> TapOutcomes:

@@ -20,7 +20,18 @@ from ...inference.trial_plan import plan_trials
 from ...models.errors import InputError
 from ...models.threads import cores, in_order, one_blas_thread
 from ..page.stages import Progress
-from .regret_cases import LARGE, SMALL, TAP_COSTS, World, policies, policy_of, problem_of, rules, watch_of, world
+from .regret_cases import (
+    LARGE,
+    SMALL,
+    TAP_COSTS,
+    PreparedProblem,
+    policies,
+    policy_of,
+    problem_of,
+    rules,
+    watch_of,
+    world,
+)
 
 type Floats = NDArray[np.float64]
 
@@ -81,7 +92,7 @@ class Regrets(NamedTuple):
         prices: Of every policy with every kind of rule.
     """
 
-    world: World
+    world: PreparedProblem
     problem: RiskProblem
     bounds: Mapping[str, float]
     best: Cost | None
@@ -124,7 +135,7 @@ def regret_study(settings: RegretSettings, progress: Progress) -> list[Regrets]:
         return found + drawn_regrets(large, settings.trials, settings.seed, workers, advance)
 
 
-def exact_regrets(world: World, tap_cost: float, workers: int, advance: Callable[[int], None]) -> Regrets:
+def exact_regrets(world: PreparedProblem, tap_cost: float, workers: int, advance: Callable[[int], None]) -> Regrets:
     """Every policy with every kind of rule, and the exact rule."""
     problem = problem_of(world, tap_cost)
     tasks = [partial(exact_prices, world, problem, name, advance) for name in policies(world)]
@@ -133,7 +144,9 @@ def exact_regrets(world: World, tap_cost: float, workers: int, advance: Callable
     return Regrets(world, problem, {"exact": rule.value}, expected_cost(problem, rule), prices)
 
 
-def exact_prices(world: World, problem: RiskProblem, name: str, advance: Callable[[int], None]) -> list[Priced]:
+def exact_prices(
+    world: PreparedProblem, problem: RiskProblem, name: str, advance: Callable[[int], None]
+) -> list[Priced]:
     """One policy with every kind of rule, exact."""
     policy, chances = policy_of(name, world, problem)
     costs: dict[str, list[Priced]] = {}
@@ -148,7 +161,9 @@ def _cheapest_rules(prices: Mapping[str, Sequence[Priced]]) -> list[Priced]:
     return [min(of, key=lambda price: price.judged) for of in prices.values()]
 
 
-def drawn_regrets(world: World, trials: int, seed: int, workers: int, advance: Callable[[int], None]) -> list[Regrets]:
+def drawn_regrets(
+    world: PreparedProblem, trials: int, seed: int, workers: int, advance: Callable[[int], None]
+) -> list[Regrets]:
     """Every policy with every kind of rule at each cost of taps, on drawn trials, the same for all."""
     problems = [problem_of(world, cost) for cost in TAP_COSTS]
     names, parts = policies(world), _parts(trials)
@@ -168,7 +183,9 @@ def _parts(trials: int) -> list[range]:
     return [range(start, min(start + _AT_ONCE, trials)) for start in range(0, trials, _AT_ONCE)]
 
 
-def drawn_costs(world: World, name: str, part: range, seed: int, advance: Callable[[int], None]) -> list[Floats]:
+def drawn_costs(
+    world: PreparedProblem, name: str, part: range, seed: int, advance: Callable[[int], None]
+) -> list[Floats]:
     """What trials of one policy cost under each of `rules`, shape (rules, trials) for each of `TAP_COSTS`."""
     problems = [problem_of(world, cost) for cost in TAP_COSTS]
     first = problems[0]  # no policy minds what a tap costs
@@ -193,7 +210,7 @@ def trial_costs(problem: RiskProblem, record: Record, rule: StopRule) -> Floats:
     return loss + problem.tap_cost * found.taps + problem.class_cost * record.travelled[last]
 
 
-def drawn_prices(world: World, problem: RiskProblem, name: str, costs: Floats) -> list[Priced]:
+def drawn_prices(world: PreparedProblem, problem: RiskProblem, name: str, costs: Floats) -> list[Priced]:
     """One policy with every kind of rule, from what trials cost under each of `rules`, shape (rules, trials).
 
     Half of the trials choose the rule of a kind, the others price it.

@@ -39,7 +39,7 @@ KINDS = THRESHOLD, NUMBER, LOOKAHEAD, TEST = ("best theta", "best number", "look
 RISK = "risk"
 
 
-class Case(NamedTuple):
+class ProblemSize(NamedTuple):
     """Sizes of a problem.
 
     Attributes:
@@ -63,30 +63,30 @@ class Case(NamedTuple):
     exact: bool = True
 
 
-SMALL = (Case("5mm", range(3), (2, 3), 2, 4, 6, 20), Case("5mm", range(3), (1, 3), 1, 4, 6, 20))
-LARGE = Case("2mm", range(1, 7), (0, 2, 4), 2, 64, 20, exact=False)
+SMALL = (ProblemSize("5mm", range(3), (2, 3), 2, 4, 6, 20), ProblemSize("5mm", range(3), (1, 3), 1, 4, 6, 20))
+LARGE = ProblemSize("2mm", range(1, 7), (0, 2, 4), 2, 64, 20, exact=False)
 
 
-class World(NamedTuple):
+class PreparedProblem(NamedTuple):
     """A case with everything that is computed for it once."""
 
-    case: Case
+    case: ProblemSize
     model: HistogramModel
     symbols: TapSymbols
     targets: TargetTable
 
 
-def world(case: Case) -> World:
+def world(case: ProblemSize) -> PreparedProblem:
     """Histograms of a simulated session in the classes of a case, and taps drawn from them."""
     taps = simulate_session(preset("paper"), SEED, 0)
     grid = taps.grid(case.cell)
     model = fit(taps, grid.select(case.places, case.rods), power="none")
     model = replace(model, preprocessing=replace(model.preprocessing, samples=case.samples))
     symbols = quantised(model, case.symbols, SEED, DRAWN, case.starts)
-    return World(case, model, symbols, learn_table([symbols.table], model.grid, border="clamp", seed=SEED))
+    return PreparedProblem(case, model, symbols, learn_table([symbols.table], model.grid, border="clamp", seed=SEED))
 
 
-def problem_of(world: World, tap_cost: float) -> RiskProblem:
+def problem_of(world: PreparedProblem, tap_cost: float) -> RiskProblem:
     """With the error in millimetres as the loss."""
     grid = world.model.grid
     return risk_problem(
@@ -98,14 +98,14 @@ def problem_of(world: World, tap_cost: float) -> RiskProblem:
     )
 
 
-def policies(world: World) -> list[str]:
+def policies(world: PreparedProblem) -> list[str]:
     """The strategies that are compared elsewhere, with a fixation point at every place, and `risk_mover`."""
     grid = world.model.grid
     everywhere = [f"{BASE} at {grid.where_label(l)}" for l in range(grid.L)]
     return [name for one in STRATEGIES for name in (everywhere if one == BASE else [one])] + [RISK]
 
 
-def policy_of(name: str, world: World, problem: RiskProblem) -> tuple[MovePolicy, int]:
+def policy_of(name: str, world: PreparedProblem, problem: RiskProblem) -> tuple[MovePolicy, int]:
     """One of `policies`, with the number of equal parts of its random number in which it does the same."""
     grid, outcomes = world.model.grid, problem.outcomes
     if name == RISK:
@@ -116,7 +116,7 @@ def policy_of(name: str, world: World, problem: RiskProblem) -> tuple[MovePolicy
     return policy, {"random": grid.L, "step": 2}.get(name, 1)
 
 
-def rules(world: World, problem: RiskProblem) -> Iterator[tuple[str, str, StopRule]]:
+def rules(world: PreparedProblem, problem: RiskProblem) -> Iterator[tuple[str, str, StopRule]]:
     """Stopping rules with their kind; of those of a kind the cheapest counts."""
     for theta in THETAS:
         yield THRESHOLD, f"{theta:g}", what_above(theta)

@@ -31,7 +31,7 @@ from ..page.stages import Progress
 from ..stats.jackknife import Means
 from ..stats.resampled_units import resampled_tables, units_of
 from .curves import Family, decided_sums, families, nats
-from .data import Bench, Unit, pool_of
+from .data import StrategyData, Unit, pool_of
 
 BASE = "fixation"
 STRATEGIES = (
@@ -76,7 +76,7 @@ class StrategySettings:
     workers: int | None = None
 
 
-class Played(NamedTuple):
+class PlayedStrategies(NamedTuple):
     """What strategies came to under one root of the likelihood.
 
     Attributes:
@@ -106,11 +106,11 @@ class StrategyStudy:
         played: One for each root of the likelihood.
     """
 
-    bench: Bench
-    played: tuple[Played, ...]
+    bench: StrategyData
+    played: tuple[PlayedStrategies, ...]
 
 
-def strategy_study(bench: Bench, settings: StrategySettings, progress: Progress) -> StrategyStudy:
+def strategy_study(bench: StrategyData, settings: StrategySettings, progress: Progress) -> StrategyStudy:
     """Plays every strategy.
 
     Args:
@@ -139,14 +139,14 @@ def strategy_study(bench: Bench, settings: StrategySettings, progress: Progress)
     return StrategyStudy(bench, tuple(_joined([fold[i] for fold in folds]) for i in range(len(names))))
 
 
-def playable(bench: Bench, strategies: Sequence[str], everything: bool) -> tuple[str, ...]:
+def playable(bench: StrategyData, strategies: Sequence[str], everything: bool) -> tuple[str, ...]:
     """The strategies that these data allow: those per millimetre and second need places in millimetres."""
     in_mm = short_unit(bench.grid.where_unit) == "mm"
     chosen = [name for name in strategies if everything or name in TRUSTED]
     return tuple(name for name in chosen if in_mm or not parse_strategy(name).per)
 
 
-def _joined(parts: Sequence[Played]) -> Played:
+def _joined(parts: Sequence[PlayedStrategies]) -> PlayedStrategies:
     first = parts[0]
     return first._replace(
         means={key: np.concatenate([one.means[key] for one in parts]) for key in first.means},
@@ -156,19 +156,19 @@ def _joined(parts: Sequence[Played]) -> Played:
 
 
 def _play_fold(
-    bench: Bench,
+    bench: StrategyData,
     number: int,
     names: Sequence[tuple[str, Sequence[str]]],
     settings: StrategySettings,
     advance: Callable[[int], None],
     go_on: Callable[[int], None],
-) -> list[Played]:
+) -> list[PlayedStrategies]:
     unit = bench.load(number)
     return [_play_power(bench, unit, number, power, chosen, settings, advance, go_on) for power, chosen in names]
 
 
 def _play_power(
-    bench: Bench,
+    bench: StrategyData,
     unit: Unit,
     number: int,
     power: str,
@@ -176,7 +176,7 @@ def _play_power(
     settings: StrategySettings,
     advance: Callable[[int], None],
     go_on: Callable[[int], None],
-) -> Played:
+) -> PlayedStrategies:
     seed = data_set_seed(settings.seed, number)
     model = unit.model(power, bench.grid, seed)
     table, outcomes = tap_table(model, model.usable(unit.test)), pool_of(model, unit.train, settings.pool)
@@ -200,10 +200,12 @@ def _play_power(
             means[name, family.name] = units_of(values, how)
         told[name] = units_of(expected, how)
         advance(1)
-    return Played(power, rules, means, told, paths, model.exponent)
+    return PlayedStrategies(power, rules, means, told, paths, model.exponent)
 
 
-def _policy(name: str, bench: Bench, unit: Unit, model: TapModel, outcomes: TapOutcomes, seed: int) -> MovePolicy:
+def _policy(
+    name: str, bench: StrategyData, unit: Unit, model: TapModel, outcomes: TapOutcomes, seed: int
+) -> MovePolicy:
     grid, border = bench.grid, bench.border
     if name == "table":
         tables = unit.held_out(model, grid)

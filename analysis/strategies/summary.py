@@ -14,7 +14,7 @@ from ..page.words import STORED_ONLY
 from ..stats.jackknife import Interval, Means, as_factor, as_numbers, interval, jackknife
 from .curves import AT_TAPS, QUANTITIES, at_taps, curve, differences, quantities
 from .findings import FIXED, LOOK, PAPER, RULES, TAPS, findings, source_findings
-from .run import BASE, Played, StrategySettings, StrategyStudy
+from .run import BASE, PlayedStrategies, StrategySettings, StrategyStudy
 from .words import RULE_WORDS, STRATEGY_WORDS
 
 _GIVEN_UP, _WRONG = QUANTITIES.index("given_up"), QUANTITIES.index("wrong")
@@ -104,7 +104,7 @@ def summarise_source(study: StrategyStudy) -> dict[str, Any]:
     return summary | {"findings": source_findings(summary)}
 
 
-def _power(played: Played, *, first: bool) -> dict[str, Any]:
+def _power(played: PlayedStrategies, *, first: bool) -> dict[str, Any]:
     """One root of the likelihood; only the first has the curves of all rules."""
     strategies = list(played.nats)
     shown = [family for family in played.families if first or family.name in RULES]
@@ -124,7 +124,7 @@ def _power(played: Played, *, first: bool) -> dict[str, Any]:
     }
 
 
-def _shown(played: Played) -> list[dict[str, Any]]:
+def _shown(played: PlayedStrategies) -> list[dict[str, Any]]:
     """Taps and way of each strategy at the shown threshold less those of the fixation point, paired."""
     levels = next(family.levels for family in played.families if family.name == PAPER)
     at = int(np.argmin(np.abs(np.array(levels) - SHOWN_THETA)))
@@ -161,7 +161,7 @@ def _curve(means: Means, levels: Sequence[float]) -> list[dict[str, float | None
     return rows
 
 
-def _equal(played: Played, family: str, strategies: Sequence[str]) -> list[dict[str, Any]]:
+def _equal(played: PlayedStrategies, family: str, strategies: Sequence[str]) -> list[dict[str, Any]]:
     """Each strategy at equal taps, and by how much it differs from the fixation point."""
     base = played.means[BASE, family]
     count = max(1, len(strategies) - 1) * len(TAPS)
@@ -170,7 +170,7 @@ def _equal(played: Played, family: str, strategies: Sequence[str]) -> list[dict[
     ]
 
 
-def _rules(played: Played) -> list[dict[str, Any]]:
+def _rules(played: PlayedStrategies) -> list[dict[str, Any]]:
     """Stopping rules with the fixation point, held against the paper's at equal mean numbers of taps."""
     base = played.means[BASE, PAPER]
     count = (len(played.families) - 1) * len(TAPS)
@@ -195,7 +195,7 @@ def _against(means: Means, base: Means, count: int) -> list[dict[str, Any]]:
     return rows
 
 
-def _trust(played: Played, name: str) -> dict[str, Any]:
+def _trust(played: PlayedStrategies, name: str) -> dict[str, Any]:
     """Miscalibration, gain over the fixation point and what taps were expected to tell, after `LOOK` taps."""
     levels = next(family.levels for family in played.families if family.name == FIXED)
     at = levels.index(LOOK)

@@ -24,7 +24,7 @@ from ..stats.resampled_units import resampled_table
 from ..stats.tallied import tally_means
 from .cells import Cell, Effort
 from .data import DataSet
-from .models import FitSettings, fit_cell
+from .models import FitAxes, fit_cell
 
 if TYPE_CHECKING:
     from ...models.model import TapModel
@@ -110,20 +110,20 @@ def _policy(cell: Cell, data: DataSet) -> MovePolicy:
 
 
 @lru_cache(maxsize=_TABLES)
-def _model(data: DataSet, settings: FitSettings) -> "TapModel":
+def _model(data: DataSet, settings: FitAxes) -> "TapModel":
     """The fitted model that cells with the same data and fit share."""
     return fit_cell(data.fold.train, data.grid, settings)
 
 
 @lru_cache(maxsize=_TABLES)
-def _table(data: DataSet, settings: FitSettings) -> TapTable:
+def _table(data: DataSet, settings: FitAxes) -> TapTable:
     """The likelihoods that cells with the same data and fit share."""
     model = _model(data, settings)
     return tap_table(model, model.usable(data.fold.test))
 
 
 @lru_cache(maxsize=_TABLES)
-def _outcomes(data: DataSet, settings: FitSettings) -> TapOutcomes:
+def _outcomes(data: DataSet, settings: FitAxes) -> TapOutcomes:
     """The training taps that such cells look ahead to."""
     return training_outcomes(_model(data, settings), data.fold.train)
 

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...inference.strategies import parse_strategy
-from .models import FitSettings
+from .models import FitAxes
 from .study import StudyFile
 
 AXES = (
@@ -79,9 +79,9 @@ class Cell(NamedTuple):
     resample: int
 
     @property
-    def fit_settings(self) -> FitSettings:
+    def fit_settings(self) -> FitAxes:
         """What decides the likelihoods of its data set."""
-        return FitSettings(self.model, self.bins, self.value_range, self.pseudocount, self.power)
+        return FitAxes(self.model, self.bins, self.value_range, self.pseudocount, self.power)
 
     @property
     def strategy(self) -> str:

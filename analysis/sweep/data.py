@@ -39,7 +39,7 @@ class DataSet:
 
 
 @dataclass(frozen=True)
-class Source:
+class DataSetSource:
     """A data set that can be loaded.
 
     Attributes:
@@ -117,25 +117,27 @@ class Sources:
         """The data set of this name.
 
         Raises:
-            InputError: As `Source.load`.
+            InputError: As `DataSetSource.load`.
         """
         if self._last is None or self._last.name != name:
             self._last = self._sources[name].load()
         return self._last
 
 
-def _sources(entry: DataEntry, folder: Path) -> list[Source]:
+def _sources(entry: DataEntry, folder: Path) -> list[DataSetSource]:
     cells = f"cells {entry.where_cell} {entry.what_cell}"
     if entry.preset is not None:
         names = {seed: f"{entry.name}-{seed}" for seed in entry.seeds} if entry.seeds else {0: entry.name}
-        return [Source(n, f"preset {entry.preset} seed {seed} {cells}", entry, (), seed) for seed, n in names.items()]
+        return [
+            DataSetSource(n, f"preset {entry.preset} seed {seed} {cells}", entry, (), seed) for seed, n in names.items()
+        ]
     paths = tuple(folder / file for file in entry.files or ())
     with naming(f"data {entry.name}"):
         parts, _ = _recorded(entry, paths)
         kept = " with training taps" * bool(entry.training_taps)
         content = f"files {_digest(paths)} {entry.split} {entry.train} {entry.test}{kept} {cells}"
     names = [entry.name] if len(parts.folds) == 1 else [f"{entry.name}, {fold.name}" for fold in parts.folds]
-    return [Source(name, f"{content} fold {i}", entry, paths, i, parts.warning) for i, name in enumerate(names)]
+    return [DataSetSource(name, f"{content} fold {i}", entry, paths, i, parts.warning) for i, name in enumerate(names)]
 
 
 def _simulated(entry: DataEntry, seed: int) -> tuple[tuple[Fold, ...], ClassGrid]:

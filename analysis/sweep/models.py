@@ -8,7 +8,7 @@ if TYPE_CHECKING:
     from ...models.taps import TapSet
 
 
-class FitSettings(NamedTuple):
+class FitAxes(NamedTuple):
     """The axes of a sweep that decide the likelihoods of a data set.
 
     Attributes:
@@ -26,7 +26,7 @@ class FitSettings(NamedTuple):
     power: str | float
 
 
-def fit_cell(taps: "TapSet", grid: "ClassGrid", settings: FitSettings) -> "TapModel":
+def fit_cell(taps: "TapSet", grid: "ClassGrid", settings: FitAxes) -> "TapModel":
     """The model of training taps.
 
     Raises:

@@ -23,7 +23,7 @@ from .study import StudyFile, load_study
 _CAUSES = 3
 
 
-class Tally(NamedTuple):
+class SweepProgress(NamedTuple):
     """How far a sweep is, in cells that differ.
 
     Attributes:
@@ -45,9 +45,9 @@ def sweep(
     run: Runner,
     *,
     retry_failed: bool = False,
-    progress: Callable[[Tally], None] = lambda tally: None,  # noqa: ARG005
+    progress: Callable[[SweepProgress], None] = lambda tally: None,  # noqa: ARG005
     note: Callable[[str], None] = lambda line: None,  # noqa: ARG005
-) -> Tally:
+) -> SweepProgress:
     """Begins a study, or continues it.
 
     Args:
@@ -77,7 +77,7 @@ def sweep(
         status = store.status()[grid.distinct]
         wanted = (status == PENDING) | (retry_failed & (status == FAILED))
         done, failed = np.count_nonzero(status == DONE), np.count_nonzero((status == FAILED) & ~wanted)
-        tally = Tally(len(status), int(done), int(failed))
+        tally = SweepProgress(len(status), int(done), int(failed))
         progress(tally)
         effort = Effort(study.trials, tuple(study.thresholds), study.deadline)
         cells = (grid.cell(int(number)) for number in grid.distinct[wanted])
@@ -89,7 +89,7 @@ def sweep(
     return tally
 
 
-def _counted(tally: Tally, outcome: Outcome) -> Tally:
+def _counted(tally: SweepProgress, outcome: Outcome) -> SweepProgress:
     if not outcome.traceback:
         return tally._replace(done=tally.done + 1)
     cause = outcome.traceback.strip().rpartition("\n")[2]

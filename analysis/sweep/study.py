@@ -23,11 +23,11 @@ Text = Annotated[str, Meta(min_length=1)]
 type _Some[T] = Annotated[tuple[T, ...], Meta(min_length=1)]
 
 
-class _Table(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+class _StudyTable(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """A table of the file: keys that are not known are refused."""
 
 
-class DataEntry(_Table, frozen=True):
+class DataEntry(_StudyTable, frozen=True):
     """Where taps come from: a preset of the simulator or recorded files.
 
     Attributes:
@@ -55,7 +55,7 @@ class DataEntry(_Table, frozen=True):
     training_taps: bool | None = None
 
 
-class Axes(_Table, frozen=True):
+class GridAxes(_StudyTable, frozen=True):
     """The axes of the grid beside the data sets; every combination is a cell.
 
     Attributes:
@@ -82,7 +82,7 @@ class Axes(_Table, frozen=True):
     seed: _Some[Natural] = (0,)
 
 
-class StudyFile(_Table, frozen=True):
+class StudyFile(_StudyTable, frozen=True):
     """The whole file.
 
     Attributes:
@@ -99,7 +99,7 @@ class StudyFile(_Table, frozen=True):
     trials: Count
     thresholds: _Some[Annotated[float, Meta(ge=0, le=1)]]
     data: _Some[DataEntry]
-    grid: Axes = Axes()
+    grid: GridAxes = GridAxes()
     deadline: Count = DEADLINE
     resamples: Natural = 0
 
@@ -151,7 +151,7 @@ def _check_without(key: str, entry: DataEntry, names: tuple[str, ...], owner: st
             raise InputError(f"{key}.{name}: it goes with {owner} only.")
 
 
-def _check_axes(axes: Axes) -> None:
+def _check_axes(axes: GridAxes) -> None:
     for key, values in msgspec.structs.asdict(axes).items():
         _check_once(f"grid.{key}", values if isinstance(values, tuple) else ())
     for model in axes.model:

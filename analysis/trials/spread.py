@@ -15,7 +15,7 @@ from ...inference.episode import DEADLINE
 from ...inference.resampling import (
     CONFIDENCE,
     RESAMPLES,
-    Resampled,
+    ResampledTrials,
     Spread,
     no_endings,
     planned_trials,
@@ -128,7 +128,7 @@ def tap_spread(
     ends = partial(endings, deadline=deadline, farthest=Farthest.on(grid))
     rule |= {"deadline": deadline, "progress": progress}
 
-    def samples(fresh: bool, number: int) -> Resampled:
+    def samples(fresh: bool, number: int) -> ResampledTrials:
         might_be = ends if fresh else no_endings
         return play_resamples(
             table,

@@ -3,7 +3,7 @@
 import re
 
 from . import grbl_report
-from .gcode import Block, Modal, Refused, parse
+from .gcode import Block, LineRefused, Modal, parse
 from .motion import Vector
 from .processor import Command, Processor, Program
 from .receive_buffer import LINE_BYTES
@@ -115,7 +115,7 @@ class Commands:
         cpu = self._cpu
         try:
             block = parse(line, self._modal, jog=jog)
-        except Refused as refused:
+        except LineRefused as refused:
             return refused.code
         if block.dwell_s is not None:
             yield from cpu.until_done()

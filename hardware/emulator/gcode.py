@@ -17,7 +17,7 @@ _VALUES, _NEVER_NEGATIVE = frozenset("FIJKLNPRSTXYZ"), frozenset("FNPST")
 _JOG_GROUPS = {0, 3, 6}
 
 
-class Refused(Exception):
+class LineRefused(Exception):
     """A line is not carried out.
 
     Attributes:
@@ -74,7 +74,7 @@ def parse(text: str, modal: Modal, *, jog: bool) -> Block:
         jog: Whether it is a jog.
 
     Raises:
-        Refused: It is wrong.
+        LineRefused: It is wrong.
     """
     codes, groups, values = _words(text)
     inches = 20 in codes or (modal.inches and 21 not in codes)
@@ -82,28 +82,28 @@ def parse(text: str, modal: Modal, *, jog: bool) -> Block:
     motion = 1 if jog or 1 in codes else 0 if 0 in codes else modal.motion
     unit = _INCH_MM if inches else 1.0
     if jog and "F" not in values:
-        raise Refused(22)
+        raise LineRefused(22)
     feed = values["F"] * unit if "F" in values else modal.feed_mm_min
     axes = {axis: values[name] * unit for axis, name in enumerate("XYZ") if name in values}
     dwell_s = values.get("P", None) if 4 in codes else None
     if 4 in codes and dwell_s is None:
-        raise Refused(28)
+        raise LineRefused(28)
     if motion == 1 and (axes or 1 in groups or jog):
         _check_line(feed, axes)
     used = set("FNXYZ") | (set() if jog else set("ST")) | (set("P") if 4 in codes else set())
     if set(values) - used:
-        raise Refused(36)
+        raise LineRefused(36)
     if jog and (groups - _JOG_GROUPS or 4 in codes):
-        raise Refused(16)
+        raise LineRefused(16)
     after = modal if jog else Modal(motion, absolute, inches, feed)
     return Block(after, axes, absolute, 53 in codes, feed if motion == 1 else math.inf, dwell_s)
 
 
 def _check_line(feed: float, axes: dict[int, float]) -> None:
     if feed == 0.0:
-        raise Refused(22)
+        raise LineRefused(22)
     if not axes:
-        raise Refused(26)
+        raise LineRefused(26)
 
 
 def _words(text: str) -> tuple[set[int], set[int], dict[str, float]]:
@@ -114,16 +114,16 @@ def _words(text: str) -> tuple[set[int], set[int], dict[str, float]]:
     at = 0
     while at < len(text):
         if not "A" <= text[at] <= "Z":
-            raise Refused(1)
+            raise LineRefused(1)
         match = _WORD.match(text, at)
         if match is None:
-            raise Refused(2)
+            raise LineRefused(2)
         letter, number = match[1], float(match[2])
         at = match.end()
         if letter in "GM":
             group = _group(letter, number)
             if group in groups:
-                raise Refused(21)
+                raise LineRefused(21)
             groups.add(group)
             codes |= {int(number)} if letter == "G" else set()
         else:
@@ -135,16 +135,16 @@ def _words(text: str) -> tuple[set[int], set[int], dict[str, float]]:
 def _group(letter: str, number: float) -> int:
     known = _GROUP if letter == "G" else _M_GROUP
     if int(number) not in known:
-        raise Refused(20)
+        raise LineRefused(20)
     if number != int(number):
-        raise Refused(23)
+        raise LineRefused(23)
     return known[int(number)]
 
 
 def _check_value(letter: str, number: float, values: dict[str, float]) -> None:
     if letter not in _VALUES:
-        raise Refused(20)
+        raise LineRefused(20)
     if letter in values:
-        raise Refused(25)
+        raise LineRefused(25)
     if number < 0 and letter in _NEVER_NEGATIVE:
-        raise Refused(4)
+        raise LineRefused(4)

@@ -3,7 +3,7 @@
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
-from .motion import Axes, Steps, Vector
+from .motion import MotionLimits, Steps, Vector
 
 DEFAULTS: Mapping[int, float] = {
     0: 10, 1: 255, 2: 0, 3: 0, 4: 0, 5: 0, 6: 0,
@@ -99,12 +99,12 @@ class Memory:
         return self._values[first], self._values[first + 1], self._values[first + 2]
 
     @property
-    def axes(self) -> Axes:
+    def axes(self) -> MotionLimits:
         """What the axes can do; a rate of 0 in the memory is a very slow axis here."""
         x, y, z = (max(rate, 1e-3) / 60 for rate in self.axis(110))
         a, b, c = (max(value, 1e-3) for value in self.axis(120))
         p, q, r = (max(value, 1e-3) for value in self.axis(100))
-        return Axes((p, q, r), (x, y, z), (a, b, c))
+        return MotionLimits((p, q, r), (x, y, z), (a, b, c))
 
     @property
     def home(self) -> Steps:

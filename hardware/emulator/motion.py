@@ -16,7 +16,7 @@ BLOCKS = 15
 """Lines that a controller keeps, the current one included (planner.h)."""
 
 
-class Axes(NamedTuple):
+class MotionLimits(NamedTuple):
     """What the axes can do.
 
     Attributes:
@@ -126,7 +126,7 @@ class Planner:
         place: Where the machine is at first, in steps.
     """
 
-    def __init__(self, axes: Axes, place: Steps) -> None:
+    def __init__(self, axes: MotionLimits, place: Steps) -> None:
         self.axes = axes
         self._place = place
         self._moves: deque[Move] = deque()

@@ -6,7 +6,7 @@ import sys
 import numpy as np
 import pytest
 import xarray as xr
-from solidtouch.analysis.experiment.crosscheck import CrossCheck, Row
+from solidtouch.analysis.experiment.crosscheck import CrossCheck, RouteDifference
 from solidtouch.cli.options import MODELS
 from solidtouch.models.catalogue import CATALOGUE, FitSettings, fit_model
 from solidtouch.models.model_file import load_model
@@ -132,7 +132,7 @@ def test_fit_shows_a_learned_power_beside_a_right_model(command, tmp_path, make_
 
 
 def agreeing(passed=True):
-    row = Row("posterior", "numpy, filter", 0.0 if passed else 1.0, 1e-10)
+    row = RouteDifference("posterior", "numpy, filter", 0.0 if passed else 1.0, 1e-10)
     return CrossCheck((row,), 2, 5, 3, 0, 0, 0, ())
 
 

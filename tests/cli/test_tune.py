@@ -8,7 +8,7 @@ import pytest
 import typer
 from solidtouch.analysis.tuning.run import Price, shown_threshold
 from solidtouch.cli.tune import tune
-from solidtouch.cli.tune_online import Course, learned
+from solidtouch.cli.tune_online import LearningPlan, learned
 from solidtouch.inference.control_table import load_table
 from solidtouch.inference.online_learning import load_learner
 from solidtouch.inference.table_learning import held_out_tables, learn_table
@@ -174,7 +174,7 @@ def test_what_was_learned_is_kept_when_it_is_interrupted(make_taps, recorded, tm
         if len(ended) == 3:
             raise KeyboardInterrupt
 
-    course = Course("thompson", None, 20, 0, state, f"replay:{recorded}", None)
+    course = LearningPlan("thompson", None, 20, 0, state, f"replay:{recorded}", None)
     with pytest.raises(KeyboardInterrupt):
         learned(course, Setting(deadline=20), Price(), taps, model.grid, lambda: model, lambda: None, bar)
     assert load_learner(state).episodes == 3

@@ -12,11 +12,11 @@ from solidtouch.hardware.grbl import (
     Error,
     Feedback,
     GrblDecoder,
+    GrblSetting,
     Ok,
-    Setting,
     StartupLine,
     State,
-    Status,
+    StatusReport,
     Unknown,
 )
 
@@ -26,21 +26,21 @@ RECEIVED = [
     (Alarm(1), b"ALARM:1\r\n"),
     (Banner("Grbl", "1.1h"), b"Grbl 1.1h ['$' for help]\r\n"),
     (Banner("GrblHAL", "1.1f"), b"GrblHAL 1.1f ['$' or '$HELP' for help]\r\n"),
-    (Setting(110, 500.0), b"$110=500.000\r\n"),
+    (GrblSetting(110, 500.0), b"$110=500.000\r\n"),
     (Feedback("MSG", "'$H'|'$X' to unlock"), b"[MSG:'$H'|'$X' to unlock]\r\n"),
     (Feedback("GC", "G0 G54 G17 G21"), b"[GC:G0 G54 G17 G21]\r\n"),
     (Feedback("VER", "1.1h.20190830:"), b"[VER:1.1h.20190830:]\r\n"),
     (StartupLine("G54G20", "ok"), b">G54G20:ok\r\n"),
     (
-        Status(State.IDLE, None, (-1.0, -2.5, 0.0), other=(("FS", "0,0"),)),
+        StatusReport(State.IDLE, None, (-1.0, -2.5, 0.0), other=(("FS", "0,0"),)),
         b"<Idle|MPos:-1.000,-2.500,0.000|FS:0,0>\r\n",
     ),
     (
-        Status(State.HOLD, 1, None, (1.0, 2.0, 3.0), (0.0, 0.0, -0.125), (("Bf", "15,128"), ("Pn", "XY"))),
+        StatusReport(State.HOLD, 1, None, (1.0, 2.0, 3.0), (0.0, 0.0, -0.125), (("Bf", "15,128"), ("Pn", "XY"))),
         b"<Hold:1|WPos:1.000,2.000,3.000|WCO:0.000,0.000,-0.125|Bf:15,128|Pn:XY>\r\n",
     ),
     (
-        Status(State.JOG, None, (0.5, 0.0, 0.0), other=(("Ov", "100,100,100"), ("FW", "grblHAL"))),
+        StatusReport(State.JOG, None, (0.5, 0.0, 0.0), other=(("Ov", "100,100,100"), ("FW", "grblHAL"))),
         b"<Jog|MPos:0.500,0.000,0.000|Ov:100,100,100|FW:grblHAL>\r\n",
     ),
     (Unknown("Marlin?"), b"Marlin?\r\n"),
@@ -60,7 +60,7 @@ SIMPLE = {
     Ok: "ok",
     Error: "error:{0.code}",
     Alarm: "ALARM:{0.code}",
-    Setting: "${0.number}={0.value:.3f}",
+    GrblSetting: "${0.number}={0.value:.3f}",
     Feedback: "[{0.kind}:{0.text}]",
     StartupLine: ">{0.line}:{0.result}",
     Unknown: "{0.text}",
@@ -70,7 +70,7 @@ HELP = {"Grbl": "['$' for help]", "GrblHAL": "['$' or '$HELP' for help]"}
 
 def write(unit):
     """The line of a unit as the controller prints it."""
-    if isinstance(unit, Status):
+    if isinstance(unit, StatusReport):
         state = unit.state if unit.substate is None else f"{unit.state}:{unit.substate}"
         positions = {"MPos": unit.machine, "WPos": unit.work, "WCO": unit.offset}
         fields = [f"{name}:" + ",".join(f"{mm:.3f}" for mm in at) for name, at in positions.items() if at]
@@ -96,7 +96,7 @@ def test_commands_are_these_bytes(command, wire):
     assert wire == command
 
 
-@pytest.mark.parametrize(("unit", "wire"), [case for case in RECEIVED if isinstance(case[0], Status)])
+@pytest.mark.parametrize(("unit", "wire"), [case for case in RECEIVED if isinstance(case[0], StatusReport)])
 def test_truncated_reports_are_unknown(unit, wire):
     """A report is one only if all of it is there."""
     line = wire[:-2]
@@ -147,7 +147,7 @@ def test_a_flipped_bit_reaches_no_further_than_its_line(unit, wire, bit):
 def test_fields_come_in_any_order_and_are_asked_by_name():
     [report] = GrblDecoder().push(b"<Run|FS:500,0|MPos:1.000,2.000,3.000|A:S>\n")
 
-    assert isinstance(report, Status)
+    assert isinstance(report, StatusReport)
     assert (report.machine, report.field("FS"), report.field("Pn")) == ((1.0, 2.0, 3.0), "500,0", None)
 
 

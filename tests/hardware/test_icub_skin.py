@@ -4,8 +4,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from solidtouch.hardware import icub_skin as skin
-from solidtouch.hardware.icub_skin import Address, BoardVersion, Head, Pairing, Reading, Sensor, Tail, TaxelError
-from solidtouch.hardware.slcan import Frame, RemoteFrame, SlcanDecoder, transmit
+from solidtouch.hardware.icub_skin import Address, BoardVersion, Head, Pairing, Sensor, SkinReading, Tail, TaxelError
+from solidtouch.hardware.slcan import RemoteFrame, SlcanDecoder, SlcanFrame, transmit
 
 INDEX = Sensor(14, 0)
 HEAD = Head(INDEX, bytes([245, 244, 243, 242, 241, 240, 239]))
@@ -51,7 +51,7 @@ def data_of(unit):
 
 @pytest.mark.parametrize(("unit", "identifier", "data"), RECEIVED)
 def test_messages_are_read_and_written(unit, identifier, data):
-    assert unit == skin.decode(Frame(identifier, bytes.fromhex(data)))
+    assert unit == skin.decode(SlcanFrame(identifier, bytes.fromhex(data)))
     assert bytes.fromhex(data) == bytes(data_of(unit))
 
 
@@ -63,12 +63,12 @@ def test_commands_are_these_bytes(frame, wire):
 
 
 def test_old_boards_send_class_3():
-    assert skin.decode(Frame(0x3E0, bytes.fromhex("40F5F4F3F2F1F0EF"))) == HEAD
+    assert skin.decode(SlcanFrame(0x3E0, bytes.fromhex("40F5F4F3F2F1F0EF"))) == HEAD
 
 
 @pytest.mark.parametrize("length", [6, 7])
 def test_tails_of_old_firmware_lack_diagnostics(length):
-    assert skin.decode(Frame(0x4E0, bytes.fromhex("C0EEEDECEBEA0000")[:length])) == Tail(INDEX, TAIL.taxels)
+    assert skin.decode(SlcanFrame(0x4E0, bytes.fromhex("C0EEEDECEBEA0000")[:length])) == Tail(INDEX, TAIL.taxels)
 
 
 def test_identifiers_are_taken_apart_and_put_together():
@@ -79,14 +79,14 @@ def test_identifiers_are_taken_apart_and_put_together():
 @pytest.mark.parametrize(
     "frame",
     [
-        Frame(0x4E0, b""),
-        Frame(0x4E0, bytes.fromhex("40F5F4F3F2F1F0")),
-        Frame(0x4E0, bytes.fromhex("C0EEEDECEB")),
-        Frame(0x4E0, bytes.fromhex("41F5F4F3F2F1F0EF")),
-        Frame(0x5E0, bytes.fromhex("40F5F4F3F2F1F0EF")),
-        Frame(0x4E0, bytes.fromhex("40F5F4F3F2F1F0EF"), extended=True),
-        Frame(0x2E1, bytes.fromhex("1C05020A09010201")),
-        Frame(0x2E0, bytes.fromhex("1C0502")),
+        SlcanFrame(0x4E0, b""),
+        SlcanFrame(0x4E0, bytes.fromhex("40F5F4F3F2F1F0")),
+        SlcanFrame(0x4E0, bytes.fromhex("C0EEEDECEB")),
+        SlcanFrame(0x4E0, bytes.fromhex("41F5F4F3F2F1F0EF")),
+        SlcanFrame(0x5E0, bytes.fromhex("40F5F4F3F2F1F0EF")),
+        SlcanFrame(0x4E0, bytes.fromhex("40F5F4F3F2F1F0EF"), extended=True),
+        SlcanFrame(0x2E1, bytes.fromhex("1C05020A09010201")),
+        SlcanFrame(0x2E0, bytes.fromhex("1C0502")),
         RemoteFrame(0x4E0, 8),
     ],
 )
@@ -120,7 +120,7 @@ def test_halves_pair_in_either_order_at_the_time_of_the_head(halves):
     pairing = Pairing(0.01)
     readings = [pairing.push(*half) for half in halves]
 
-    assert [None, Reading(INDEX, bytes(range(245, 233, -1)), 0, TaxelError(0), 1.0)] == readings
+    assert [None, SkinReading(INDEX, bytes(range(245, 233, -1)), 0, TaxelError(0), 1.0)] == readings
     assert (pairing.lost_heads, pairing.lost_tails, pairing.waiting) == (0, 0, 0)
 
 
@@ -172,7 +172,7 @@ def test_every_half_is_read_or_waits_or_is_counted(halves):
 @given(st.integers(0, 0x7FF), st.binary(max_size=8), st.binary(max_size=60))
 def test_no_frame_raises(identifier, data, noise):
     """Nor does what a decoder makes of noise."""
-    skin.decode(Frame(identifier, data))
+    skin.decode(SlcanFrame(identifier, data))
     for unit in SlcanDecoder().push(noise + b"\rt4E0840F5F4F3F2F1F0EF\r"):
-        if isinstance(unit, (Frame, RemoteFrame)):
+        if isinstance(unit, (SlcanFrame, RemoteFrame)):
             skin.decode(unit)

@@ -8,23 +8,23 @@ from hypothesis import strategies as st
 from solidtouch.hardware import slcan
 from solidtouch.hardware.lines import LineSplitter
 from solidtouch.hardware.slcan import (
+    Bell,
     Done,
     Flags,
-    Frame,
-    Refused,
     Remark,
     RemoteFrame,
     Reply,
     SlcanDecoder,
+    SlcanFrame,
     StatusFlags,
 )
 
 SENT = [
-    (Frame(0x4E0, bytes.fromhex("40F5F4F3F2F1F0EF")), b"t4E0840F5F4F3F2F1F0EF\r"),
-    (Frame(0x20E, b"\x07\x00"), b"t20E20700\r"),
-    (Frame(0x7FF, b""), b"t7FF0\r"),
-    (Frame(0, b""), b"t0000\r"),
-    (Frame(0x1FFFFFFF, b"\xab", extended=True), b"T1FFFFFFF1AB\r"),
+    (SlcanFrame(0x4E0, bytes.fromhex("40F5F4F3F2F1F0EF")), b"t4E0840F5F4F3F2F1F0EF\r"),
+    (SlcanFrame(0x20E, b"\x07\x00"), b"t20E20700\r"),
+    (SlcanFrame(0x7FF, b""), b"t7FF0\r"),
+    (SlcanFrame(0, b""), b"t0000\r"),
+    (SlcanFrame(0x1FFFFFFF, b"\xab", extended=True), b"T1FFFFFFF1AB\r"),
     (RemoteFrame(0x123, 8), b"r1238\r"),
     (RemoteFrame(0x00ABCDEF, 0, extended=True), b"R00ABCDEF0\r"),
 ]
@@ -32,12 +32,12 @@ SENT = [
 
 RECEIVED = [
     *SENT,
-    (Frame(0x4E0, b"\x40\x01", stamp_ms=0x1A2B), b"t4E0240011A2B\r"),
+    (SlcanFrame(0x4E0, b"\x40\x01", stamp_ms=0x1A2B), b"t4E0240011A2B\r"),
     (RemoteFrame(0x123, 8, stamp_ms=60000), b"r1238EA60\r"),
     (Done(), b"\r"),
     (Done("z"), b"z\r"),
     (Done("Z"), b"Z\r"),
-    (Refused(), b"\a"),
+    (Bell(), b"\a"),
     (Reply("V", "1013"), b"V1013\r"),
     (Reply("N", "A123"), b"NA123\r"),
     (StatusFlags(Flags.RECEIVE_OVERFLOW | Flags.FRAME_LOST), b"F0A\r"),
@@ -57,7 +57,7 @@ def test_frames_are_written_as_they_are_read(unit, wire):
 
 
 def test_time_stamps_are_not_transmitted():
-    assert slcan.transmit(Frame(1, b"", stamp_ms=7)) == b"t0010\r"
+    assert slcan.transmit(SlcanFrame(1, b"", stamp_ms=7)) == b"t0010\r"
 
 
 @CASES
@@ -85,7 +85,7 @@ def test_merged_frames_are_both_lost(first, first_wire, second, second_wire):
     """A lost carriage return costs the two frames beside it, and not the third."""
     decoder = SlcanDecoder()
 
-    assert [Frame(1, b"")] == decoder.push(first_wire[:-1] + second_wire + b"t0010\r")
+    assert [SlcanFrame(1, b"")] == decoder.push(first_wire[:-1] + second_wire + b"t0010\r")
     assert decoder.lines.dropped.malformed == 1
 
 
@@ -93,7 +93,7 @@ def test_merged_frames_are_both_lost(first, first_wire, second, second_wire):
 @CASES
 def test_a_flipped_bit_reaches_no_further_than_the_next_unit(unit, wire, bit):
     """Wherever the bit is, units before are kept, and units after the next terminator too."""
-    mark = Frame(0x111, b"\x11")
+    mark = SlcanFrame(0x111, b"\x11")
     for place in range(len(wire)):
         broken = bytearray(wire)
         broken[place] ^= 1 << bit
@@ -115,13 +115,13 @@ def test_what_fools_other_parsers_is_dropped(line):
 
 
 def test_lower_case_digits_and_crlf_are_accepted():
-    assert SlcanDecoder().push(b"t4e01ab\r\nt4e01ab\r\n\r") == [Frame(0x4E0, b"\xab")] * 2 + [Done()]
+    assert SlcanDecoder().push(b"t4e01ab\r\nt4e01ab\r\n\r") == [SlcanFrame(0x4E0, b"\xab")] * 2 + [Done()]
 
 
 def test_a_bell_drops_what_stands_before_it():
     decoder = SlcanDecoder()
 
-    assert decoder.push(b"t001\a\n\a") == [Refused(), Refused()]
+    assert decoder.push(b"t001\a\n\a") == [Bell(), Bell()]
     assert tally(decoder) == (0, 1, 4)
 
 
@@ -129,8 +129,8 @@ def test_the_stamp_setting_is_strict():
     """A frame without its stamp, or with one where none was ordered, is dropped."""
     bare, stamped = b"t0010\r", b"t00100007\r"
 
-    assert SlcanDecoder("never").push(bare + stamped) == [Frame(1, b"")]
-    assert SlcanDecoder("always").push(bare + stamped) == [Frame(1, b"", stamp_ms=7)]
+    assert SlcanDecoder("never").push(bare + stamped) == [SlcanFrame(1, b"")]
+    assert SlcanDecoder("always").push(bare + stamped) == [SlcanFrame(1, b"", stamp_ms=7)]
 
 
 def test_lines_of_any_length_cost_no_memory():
@@ -140,7 +140,7 @@ def test_lines_of_any_length_cost_no_memory():
         decoder.push(b"t" * 70)
         assert decoder.lines.pending <= slcan.LONGEST_LINE
 
-    assert decoder.push(b"\r" + b"t0010\r" + b"x" * 97 + b"\a") == [Frame(1, b""), Refused()]
+    assert decoder.push(b"\r" + b"t0010\r" + b"x" * 97 + b"\a") == [SlcanFrame(1, b""), Bell()]
     assert tally(decoder) == (2, 0, 3597)
 
 
@@ -160,13 +160,13 @@ def test_ambiguous_bit_rates_are_refused(kbit):
         slcan.bit_rate(kbit)
 
 
-@pytest.mark.parametrize("frame", [Frame(0x800, b""), Frame(-1, b""), RemoteFrame(1 << 29, 0, extended=True)])
+@pytest.mark.parametrize("frame", [SlcanFrame(0x800, b""), SlcanFrame(-1, b""), RemoteFrame(1 << 29, 0, extended=True)])
 def test_identifiers_that_do_not_fit_are_refused(frame):
     with pytest.raises(ValueError, match="does not fit"):
         slcan.transmit(frame)
 
 
-@pytest.mark.parametrize("frame", [Frame(1, bytes(9)), RemoteFrame(1, 9), RemoteFrame(1, -1)])
+@pytest.mark.parametrize("frame", [SlcanFrame(1, bytes(9)), RemoteFrame(1, 9), RemoteFrame(1, -1)])
 def test_lengths_beyond_eight_are_refused(frame):
     with pytest.raises(ValueError, match="0 to 8 bytes"):
         slcan.transmit(frame)

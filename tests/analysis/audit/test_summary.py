@@ -6,9 +6,9 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 import xarray as xr
-from solidtouch.analysis.audit.guarantees import Promise
+from solidtouch.analysis.audit.guarantees import PromiseTest
 from solidtouch.analysis.audit.page import _seen
-from solidtouch.analysis.audit.remedy_scores import Judged
+from solidtouch.analysis.audit.remedy_scores import BeliefEvidence
 from solidtouch.analysis.audit.summary import _clean, _judged, _other_sessions, _promise, _tuned, unseen_parts
 from solidtouch.analysis.stats.right_exponent import Tuned
 from solidtouch.analysis.stats.right_model import Beside
@@ -17,7 +17,7 @@ from solidtouch.analysis.stats.right_model import Beside
 def test_what_stands_beside_a_factor_has_names():
     """Of all objects and of each; without a number there is none."""
     every, own = Beside(3.2, 2.9, 1.9, 4.4, 0.2, 0.9), Beside(np.nan, 1.0, 0.5, 2.0, 1.0, 1.0)
-    judged = Judged((3.2, 2.0, 5.0), 0.1, every, True, {"rod": ((None, None, None), own)}, 60, "Few.")
+    judged = BeliefEvidence((3.2, 2.0, 5.0), 0.1, every, True, {"rod": ((None, None, None), own)}, 60, "Few.")
     found = _clean(_judged(judged))
     assert found == {
         "factor": [3.2, 2.0, 5.0],
@@ -41,7 +41,7 @@ def test_what_stands_beside_a_factor_has_names():
 def test_an_infinite_factor_is_said_in_words():
     """JSON has no number for it."""
     beside = Beside(np.inf, np.nan, np.nan, np.nan, 0.005, 1.0)
-    judged = Judged((np.inf,) * 3, 0.1, beside, True, {"rod": ((np.inf,) * 3, beside)}, 60)
+    judged = BeliefEvidence((np.inf,) * 3, 0.1, beside, True, {"rod": ((np.inf,) * 3, beside)}, 60)
     found = json.loads(json.dumps(_clean(_judged(judged)), allow_nan=False))
     for part in (found, found["each"]["rod"]):
         assert (part["factor"], part["unbounded"]) == ([None, None, None], True)
@@ -64,8 +64,8 @@ def test_what_intervals_hold_is_said_where_there_are_any(factor, held):
 
 def test_a_promise_says_beside_what_it_is_exceeded():
     """Nothing where nothing was simulated."""
-    assert _promise(Promise(exceeded=False)) == {"exceeded": False, "beside": None}
-    assert _promise(Promise(True, Beside(2.0, 1.0, 0.5, 1.5, 0.01, 1.0))) == {
+    assert _promise(PromiseTest(exceeded=False)) == {"exceeded": False, "beside": None}
+    assert _promise(PromiseTest(True, Beside(2.0, 1.0, 0.5, 1.5, 0.01, 1.0))) == {
         "exceeded": True,
         "beside": {"value": 2.0, "median": 1.0, "low": 0.5, "high": 1.5, "above": 0.01, "below": 1.0},
     }

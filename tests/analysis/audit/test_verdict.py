@@ -5,7 +5,7 @@ from typing import NamedTuple
 import numpy as np
 import pytest
 import xarray as xr
-from solidtouch.analysis.audit.remedy_scores import Judged, Measured, Scored, factor_of
+from solidtouch.analysis.audit.remedy_scores import BeliefEvidence, Measured, Scored, factor_of
 from solidtouch.analysis.audit.variance.causes import CAUSES, PARTS
 from solidtouch.analysis.audit.verdict import (
     CAUSE_WORDS,
@@ -60,7 +60,7 @@ CALIBRATION = {
 
 def judged(factor=(3.0, 2.0, 5.0), p=ABOVE, exact=True, wrong: float | None = 0.3, median=1.1, few=""):
     value = np.nan if factor[0] is None else factor[0]
-    return Judged(factor, wrong, Beside(value, median, 0.6, 1.9, *p), exact, {}, 20, few)
+    return BeliefEvidence(factor, wrong, Beside(value, median, 0.6, 1.9, *p), exact, {}, 20, few)
 
 
 @pytest.mark.parametrize(("factor", "p", "exact", "state"), CALIBRATION.values(), ids=CALIBRATION)

@@ -5,15 +5,15 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 import xarray as xr
-from solidtouch.analysis.compare.ranking import Level, findings, levels, rank_rows
+from solidtouch.analysis.compare.ranking import Criterion, findings, levels, rank_rows
 
 
-def level(title: str, values: dict[str, float], *, larger: bool = True) -> Level:
+def level(title: str, values: dict[str, float], *, larger: bool = True) -> Criterion:
     """A level whose intervals are of width 2 around the differences to the first model."""
     base = next(iter(values.values()))
     low = {name: value - base - 1 for name, value in values.items()}
     high = {name: value - base + 1 for name, value in values.items()}
-    return Level(title, f"is best at {title}", "nat", larger, values, low, high)
+    return Criterion(title, f"is best at {title}", "nat", larger, values, low, high)
 
 
 TAPS = level("taps", {"a": -10.0, "b": -8.0, "c": -9.0})

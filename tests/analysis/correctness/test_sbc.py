@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 from rich.console import Console
 from scipy.stats import binom
-from solidtouch.analysis.correctness.sbc import ARRAYS, POLICIES, ROUTES, Calibration, Row, calibrate, render
+from solidtouch.analysis.correctness.sbc import ARRAYS, POLICIES, ROUTES, Calibration, CalibrationRow, calibrate, render
 from solidtouch.analysis.correctness.sbc_arrays import array_beliefs
-from solidtouch.analysis.correctness.sbc_chain import ACTIVE, PASSIVE, Moments, World, engine_beliefs
+from solidtouch.analysis.correctness.sbc_chain import ACTIVE, PASSIVE, Checkpoints, World, engine_beliefs
 from solidtouch.analysis.experiment.sources import right_model
 from solidtouch.analysis.stats.uniformity import (
     Factor,
@@ -28,7 +28,7 @@ from solidtouch.inference.control import default_fixation
 from solidtouch.models.errors import InputError
 from solidtouch.models.histogram import HistogramModel
 
-MOMENTS = Moments(taps=(1, 2, 4), thetas=(0.8,), deadline=30)
+MOMENTS = Checkpoints(taps=(1, 2, 4), thetas=(0.8,), deadline=30)
 
 
 @pytest.fixture(scope="module")
@@ -176,7 +176,7 @@ def test_holm_rejects_from_the_smallest_p_on_until_one_is_large_enough():
 
 def test_moments_are_reached_in_time():
     """A number of taps when it is made, a threshold when it is exceeded, and the last when the deadline comes."""
-    moments = Moments(taps=(1, 3), thetas=(0.6, 0.9), deadline=5)
+    moments = Checkpoints(taps=(1, 3), thetas=(0.6, 0.9), deadline=5)
     belief = np.array([[[0.1, 0.5], [0.2, 0.2]]])  # 0.7 for the second object
 
     assert moments.names == ["1 tap", "3 taps", "theta 0.6", "theta 0.9"]
@@ -287,7 +287,8 @@ def test_untrained_classes_are_refused(make_model):
 def result_of(*p: float) -> Calibration:
     factor = Factor(1.0, 0.9, 1.1)
     return Calibration(
-        tuple(Row("numpy", PASSIVE, f"{i} taps", "what", 9, {"rank": x}, factor) for i, x in enumerate(p)), 0.01
+        tuple(CalibrationRow("numpy", PASSIVE, f"{i} taps", "what", 9, {"rank": x}, factor) for i, x in enumerate(p)),
+        0.01,
     )
 
 
@@ -354,7 +355,7 @@ def test_the_page_has_a_line_for_each_route_and_policy(chain, small):
 def test_the_figure_has_a_column_for_each_filter(chain, small):
     errors = chain.planted_errors(small)[:2]
     panels = [chain.panel(error, small, 60, 1) for error in errors]
-    figure = chain.calibration_figure(panels, Moments().names)
+    figure = chain.calibration_figure(panels, Checkpoints().names)
 
     assert len(figure.axes) == 4
     assert [axes.get_title() for axes in figure.axes[:2]] == ["no error", "border uniform"]

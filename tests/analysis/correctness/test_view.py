@@ -5,13 +5,13 @@ import io
 import pytest
 from rich.console import Console
 from solidtouch.analysis.correctness.view import render
-from solidtouch.analysis.experiment.crosscheck import CrossCheck, Row
+from solidtouch.analysis.experiment.crosscheck import CrossCheck, RouteDifference
 
 
 @pytest.mark.parametrize(("largest", "verdict"), [(0.0, "All routes agree."), (1e-6, "The routes DISAGREE.")])
 def test_the_verdict_is_printed(largest, verdict):
     """Below a table of every difference and the notes."""
-    row = Row("posterior", "numpy, filter", largest, 1e-10)
+    row = RouteDifference("posterior", "numpy, filter", largest, 1e-10)
     text = io.StringIO()
     render(CrossCheck((row,), 2, 6, 0, 0, 0, 0, ("A note.",)), Console(file=text, width=120))
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from scipy.stats import spearmanr
-from solidtouch.analysis.stats.checks import STATISTICS, Cells, Labels, observed_statistics, replicate
+from solidtouch.analysis.stats.checks import STATISTICS, BinnedTaps, TapLabels, observed_statistics, replicate
 from solidtouch.analysis.stats.evidence import halves, rivals
 from solidtouch.models.histogram import HistogramModel, fit
 from solidtouch.models.preprocessing import Preprocessing
@@ -116,7 +116,7 @@ def design_effect(taps, own) -> float:
 @pytest.mark.parametrize("name", STATISTICS)
 def test_statistics_are_what_loops_make_of_the_taps(taps, loops, name):
     """Every statistic agrees with its definition, with a dead taxel and taps in any order."""
-    found = observed_statistics(Labels.of(taps, taps.grid()), EDGES)
+    found = observed_statistics(TapLabels.of(taps, taps.grid()), EDGES)
 
     assert found[name] == pytest.approx(loops[name], rel=1e-9)
 
@@ -124,7 +124,7 @@ def test_statistics_are_what_loops_make_of_the_taps(taps, loops, name):
 def test_the_order_in_which_taps_are_given_does_not_matter(taps):
     """Taps given backwards, with their trials, have the same statistics."""
     backwards = taps.select(np.arange(len(taps))[::-1])
-    first, second = (observed_statistics(Labels.of(part, taps.grid()), EDGES) for part in (taps, backwards))
+    first, second = (observed_statistics(TapLabels.of(part, taps.grid()), EDGES) for part in (taps, backwards))
 
     assert first == pytest.approx(second, rel=1e-9)
 
@@ -134,7 +134,7 @@ def test_one_tap_of_a_class_and_session_says_nothing_of_sessions(taps):
     grid = taps.grid()
     where, what = taps.indices(grid)
     _, first = np.unique((taps.session * L + where) * M + what, return_index=True)
-    found = observed_statistics(Labels.of(taps.select(first), grid), EDGES)
+    found = observed_statistics(TapLabels.of(taps.select(first), grid), EDGES)
 
     assert set(found) == {"profile", "lag", "taxels", "gain", "tails"}
 
@@ -146,7 +146,7 @@ def test_one_sample_of_one_taxel_has_no_dependence_within_a_tap():
         rng.normal(size=(30, 1, 1)), np.zeros(30, dtype=int), ["a"], preprocessing=Preprocessing(samples=1)
     )
 
-    assert set(observed_statistics(Labels.of(taps, taps.grid()), EDGES)) == {"tails"}
+    assert set(observed_statistics(TapLabels.of(taps, taps.grid()), EDGES)) == {"tails"}
 
 
 def test_a_constant_recording_shows_nothing():
@@ -154,7 +154,7 @@ def test_a_constant_recording_shows_nothing():
     taps = TapSet.from_arrays(
         np.full((12, 3, 2), 0.1), np.repeat([0, 1], 6), ["a", "b"], preprocessing=Preprocessing(samples=3)
     )
-    found = observed_statistics(Labels.of(taps, taps.grid()), EDGES)
+    found = observed_statistics(TapLabels.of(taps, taps.grid()), EDGES)
 
     assert found == {"profile": 0.0}
 
@@ -165,7 +165,7 @@ def test_replicates_follow_the_tables_of_their_classes(taps):
     grid = taps.grid()
     p = rng.dirichlet(np.ones(B), size=(L, M, K))
     model = HistogramModel(grid, EDGES, np.ones((L, M, K, B), int), 0.01, "none", taps.preprocessing)
-    labels = Labels.of(taps, grid)
+    labels = TapLabels.of(taps, grid)
     counts, repeats = np.zeros((L, M, K, B)), []
     for _ in range(200):
         made = replicate({"log_prob": np.log(p)}, model, labels, rng)
@@ -182,9 +182,9 @@ def test_replicates_follow_the_tables_of_their_classes(taps):
 
 def test_cells_hold_the_middle_of_bins(taps):
     """Mean taps and residuals add up to bin centres."""
-    labels = Labels.of(taps, taps.grid())
+    labels = TapLabels.of(taps, taps.grid())
     bins = np.random.default_rng(1).integers(0, B, size=labels.taps.taps.shape)
-    cells = Cells.of(labels, bins, EDGES)
+    cells = BinnedTaps.of(labels, bins, EDGES)
     own = np.repeat(np.arange(L * M), np.diff(labels.classes))
 
     np.testing.assert_allclose(cells.mean[own] + cells.residual, bins - 3.5)

@@ -22,7 +22,7 @@ from solidtouch.analysis.strategies.regret_cases import (
     SMALL,
     TAP_COSTS,
     WAY_COST,
-    Case,
+    ProblemSize,
     policies,
     policy_of,
     problem_of,
@@ -39,7 +39,7 @@ from solidtouch.inference.stopping import after, lookahead, what_above
 from solidtouch.inference.trial_plan import plan_trials
 from solidtouch.models.errors import InputError
 
-TINY = Case("5mm", range(3), (1, 3), 1, 4, 4)
+TINY = ProblemSize("5mm", range(3), (1, 3), 1, 4, 4)
 SETTINGS = RegretSettings(40, 1, 1)
 
 

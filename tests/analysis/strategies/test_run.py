@@ -14,7 +14,7 @@ from solidtouch.analysis.strategies import summary as strategies_summary
 from solidtouch.analysis.strategies.curves import differences
 from solidtouch.analysis.strategies.data import (
     RIGHT,
-    Bench,
+    StrategyData,
     Unit,
     pool_of,
     recorded_bench,
@@ -46,7 +46,7 @@ def load(number):
 def bench():
     """Four small simulated data sets of 8 x 3 classes."""
     grid = load(0).train.grid()
-    return Bench("small rig", True, 4, load, grid, "Units are 4 data sets.", ("J", "learned"), "uniform")
+    return StrategyData("small rig", True, 4, load, grid, "Units are 4 data sets.", ("J", "learned"), "uniform")
 
 
 @pytest.fixture(scope="module")

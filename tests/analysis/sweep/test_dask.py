@@ -14,7 +14,7 @@ import xarray as xr
 from solidtouch.analysis.sweep.dask import on_cluster
 from solidtouch.analysis.sweep.local import in_this_process
 from solidtouch.analysis.sweep.result import open_sweep
-from solidtouch.analysis.sweep.run import Tally, sweep
+from solidtouch.analysis.sweep.run import SweepProgress, sweep
 from solidtouch.models.errors import InputError
 
 pytestmark = [
@@ -92,7 +92,9 @@ def cluster(tmp_path_factory) -> Iterator[Cluster]:
         made.end()
 
 
-def run(path: Path, cluster: Cluster, progress: Callable[[Tally], None] = lambda _: None, patience: float = 25.0):
+def run(
+    path: Path, cluster: Cluster, progress: Callable[[SweepProgress], None] = lambda _: None, patience: float = 25.0
+):
     """Runs a study and gives its results."""
     notes = []
     out = path.with_suffix(".zarr")
@@ -112,14 +114,14 @@ def test_a_worker_killed_in_the_middle_changes_nothing(make_study, cluster):
     cluster.scheduler()
     victim, _ = cluster.worker(), cluster.worker()
 
-    def kill(tally: Tally) -> None:
+    def kill(tally: SweepProgress) -> None:
         if tally.done == 4:
             victim.kill()
 
     tally, dataset, _ = run(path, cluster, kill)
 
     assert victim.poll() is not None
-    assert tally == Tally(CELLS, CELLS, 0)
+    assert tally == SweepProgress(CELLS, CELLS, 0)
     xr.testing.assert_identical(dataset, alone(path))
 
 
@@ -128,7 +130,7 @@ def test_a_scheduler_that_comes_back_is_given_what_is_left(make_study, cluster):
     cluster.scheduler(), cluster.worker(), cluster.worker()
     seen = []
 
-    def restart(tally: Tally) -> None:
+    def restart(tally: SweepProgress) -> None:
         seen.append(tally.done)
         if tally.done == 4:
             cluster.end()
@@ -136,7 +138,7 @@ def test_a_scheduler_that_comes_back_is_given_what_is_left(make_study, cluster):
 
     tally, dataset, notes = run(path, cluster, restart)
 
-    assert tally == Tally(CELLS, CELLS, 0)
+    assert tally == SweepProgress(CELLS, CELLS, 0)
     assert seen == list(range(CELLS + 1))
     assert any("is lost; waiting for it to come back" in note for note in notes)
     xr.testing.assert_identical(dataset, alone(path))
@@ -148,7 +150,7 @@ def test_a_scheduler_that_stays_away_ends_the_sweep_which_goes_on_later(make_stu
     wait_for(cluster.port)
     cluster.worker()
 
-    def stop(tally: Tally) -> None:
+    def stop(tally: SweepProgress) -> None:
         if tally.done == 4:
             cluster.end()
 
@@ -157,7 +159,7 @@ def test_a_scheduler_that_stays_away_ends_the_sweep_which_goes_on_later(make_stu
     done = int((open_sweep(path.with_suffix(".zarr"))["status"] == 1).sum())
 
     assert 4 <= done < CELLS
-    assert sweep(path, path.with_suffix(".zarr"), in_this_process) == Tally(CELLS, CELLS, 0)
+    assert sweep(path, path.with_suffix(".zarr"), in_this_process) == SweepProgress(CELLS, CELLS, 0)
 
 
 def test_a_cell_that_raises_does_not_stop_the_others(make_study, cluster):
@@ -195,7 +197,7 @@ def test_a_worker_with_other_software_that_comes_late_is_refused(make_study, clu
     preload.write_text(OTHER_VERSION, encoding="utf-8")
     cluster.scheduler(), cluster.worker()
 
-    def join(tally: Tally) -> None:
+    def join(tally: SweepProgress) -> None:
         if tally.done == 1:
             cluster.worker("--preload", preload)
 

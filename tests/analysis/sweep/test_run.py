@@ -27,7 +27,7 @@ from solidtouch.analysis.sweep.data import Sources
 from solidtouch.analysis.sweep.local import in_processes, in_this_process
 from solidtouch.analysis.sweep.quantities import QUANTITIES
 from solidtouch.analysis.sweep.result import open_sweep, over_data
-from solidtouch.analysis.sweep.run import Tally, sweep
+from solidtouch.analysis.sweep.run import SweepProgress, sweep
 from solidtouch.analysis.sweep.store import DONE, SweepStore
 from solidtouch.analysis.sweep.study import load_study
 from solidtouch.inference.information import tap_outcomes
@@ -249,8 +249,8 @@ def test_a_sweep_counts_its_cells(make_study, tmp_path):
 
     tally = sweep(make_study(GRID), tmp_path / "s.zarr", in_this_process, progress=tallies.append)
 
-    assert tally == Tally(DISTINCT, DISTINCT, 0)
-    assert tallies == [Tally(DISTINCT, n, 0) for n in range(DISTINCT + 1)]
+    assert tally == SweepProgress(DISTINCT, DISTINCT, 0)
+    assert tallies == [SweepProgress(DISTINCT, n, 0) for n in range(DISTINCT + 1)]
 
 
 def test_a_stopped_sweep_goes_on_without_repeating_a_cell(make_study, tmp_path):
@@ -279,7 +279,7 @@ def test_a_finished_sweep_starts_nothing(make_study, tmp_path):
         assert not list(cells)
         yield from ()
 
-    assert sweep(path, tmp_path / "s.zarr", nothing) == Tally(2, 2, 0)
+    assert sweep(path, tmp_path / "s.zarr", nothing) == SweepProgress(2, 2, 0)
 
 
 def test_a_failing_cell_is_recorded_and_the_rest_goes_on(make_study, tmp_path):
@@ -372,7 +372,7 @@ def test_several_processes_give_the_same_bits_as_one(make_study, tmp_path):
     tally = sweep(path, tmp_path / "two.zarr", in_processes(2), progress=kill)
 
     assert killed
-    assert tally == Tally(DISTINCT, DISTINCT, 0)
+    assert tally == SweepProgress(DISTINCT, DISTINCT, 0)
     assert not multiprocessing.active_children()
     xr.testing.assert_identical(results(tmp_path / "two.zarr"), results(tmp_path / "one.zarr"))
 
@@ -388,7 +388,9 @@ def test_a_worker_that_is_killed_before_it_is_ready_is_replaced(make_study, tmp_
                 killed.append(child.pid)
 
     late = make_study(GRID, trials=50)
-    assert sweep(late, tmp_path / "s.zarr", in_processes(2), progress=kill_the_other) == Tally(DISTINCT, DISTINCT, 0)
+    assert sweep(late, tmp_path / "s.zarr", in_processes(2), progress=kill_the_other) == SweepProgress(
+        DISTINCT, DISTINCT, 0
+    )
     assert killed
 
 
@@ -495,7 +497,7 @@ def test_a_sweep_killed_at_any_write_loses_and_repeats_nothing(make_study, tmp_p
         assert done == set(computed[:-1])
         computed.clear()
         left = 2 * len(grid)
-        assert sweep(path, out, numbered) == Tally(5, 5, 0)
+        assert sweep(path, out, numbered) == SweepProgress(5, 5, 0)
         assert computed == sorted(set(grid.distinct.tolist()) - done)
         assert before.items() <= chunks(out, grid).items()
         for number in grid.distinct.tolist():

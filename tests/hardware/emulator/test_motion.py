@@ -5,9 +5,9 @@ import math
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from solidtouch.hardware.emulator.motion import Axes, Planner, trapezoid
+from solidtouch.hardware.emulator.motion import MotionLimits, Planner, trapezoid
 
-AXES = Axes((250.0, 80.0, 400.0), (50.0, 30.0, 10.0), (500.0, 200.0, 100.0))
+AXES = MotionLimits((250.0, 80.0, 400.0), (50.0, 30.0, 10.0), (500.0, 200.0, 100.0))
 PLACES = st.tuples(*(st.integers(-40000, 0) for _ in range(3)))
 ANYWHERE = st.floats(0.0, 1.0)
 
