@@ -11,7 +11,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from solidtouch.analysis.experiment.study import SHOWN_THETA
+from solidtouch.analysis.experiment.settings import SHOWN_THETA
 from solidtouch.analysis.page.page import factor, interval, number, percent
 from solidtouch.analysis.strategies import figures as figure_strategies
 from solidtouch.analysis.strategies.data import RIGHT, StrategyData, recorded_bench, simulated_bench

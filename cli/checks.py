@@ -62,7 +62,7 @@ def crosscheck(
 
     with loading():
         from ..analysis.experiment.crosscheck import crosscheck as compare
-        from ..analysis.experiment.study import Settings
+        from ..analysis.experiment.settings import Settings
         from ..models.experiment import load_experiment
         from ..models.histogram import trim
         from ..models.power import parse_power_choice

@@ -91,7 +91,7 @@ def reproduce(
             raise InputError(f"{option} goes with {'simulated' if files else 'recorded'} taps only.")
     preset = preset or "paper"
     with loading():
-        from ..analysis.experiment.study import Settings
+        from ..analysis.experiment.settings import Settings
         from ..analysis.reproduce.results import Request
         from ..analysis.reproduce.run import reproduce as run
         from ..analysis.reproduce.run import simulated_split

@@ -115,7 +115,7 @@ def tune(
     _check_words(context, online, rig, target_error)
     check_training_taps(training_taps, rig)
     with loading():
-        from ..analysis.experiment.study import Settings
+        from ..analysis.experiment.settings import Settings
         from ..analysis.tuning.run import Price, check_objects, check_price
         from ..inference.control_table import save_table
         from ..inference.held_out import held_out

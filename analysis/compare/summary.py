@@ -9,7 +9,7 @@ import numpy as np
 import xarray as xr
 
 from ...models.catalogue import CATALOGUE, split_name
-from ..experiment.study import SHOWN_THETA
+from ..experiment.settings import SHOWN_THETA
 from ..page.figure_style import short_unit
 from ..stats.decisions import decision_interval_sentence, too_few_taps
 from ..stats.no_class_left import no_class_left_sentence

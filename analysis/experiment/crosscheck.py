@@ -29,7 +29,7 @@ from ...models.power import learned_taps
 from ...models.states import fold
 from ...models.taps import TapSet
 from ..stats.no_class_left import impossible_cause
-from .study import Settings
+from .settings import Settings
 from .trial_check import RAW, TrialDifferences, belief_gap, compare_trials
 
 if TYPE_CHECKING:

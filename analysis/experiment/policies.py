@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Sequence
 from functools import partial
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 import xarray as xr
@@ -18,9 +18,7 @@ from ...inference.trial_records import TapTable, TrialPlan, Trials
 from ...models.classes import ClassGrid
 from ...models.threads import cores, in_order
 from ..stats.metrics import Means, confusion, mean_outcomes, outcomes_dataset
-
-if TYPE_CHECKING:
-    from .study import Settings
+from .settings import Settings
 
 type Play = Callable[[TrialPlan, bool, bool], Trials]
 """Plays a plan; the arguments behind it are whether the sensor moves and whether no tap is drawn twice."""
@@ -140,7 +138,7 @@ def make_plans(
     return Plans(starts, join_plans(others), compared)
 
 
-def most_trials(grid: ClassGrid, settings: "Settings", acts: bool, resamples: int) -> int:
+def most_trials(grid: ClassGrid, settings: Settings, acts: bool, resamples: int) -> int:
     """How many trials `play_policies` plays where every position has a test tap."""
 
     def on_pool(trials: int, fewest: int) -> int:
@@ -153,7 +151,7 @@ def most_trials(grid: ClassGrid, settings: "Settings", acts: bool, resamples: in
 def play_policies(
     table: TapTable,
     grid: ClassGrid,
-    settings: "Settings",
+    settings: Settings,
     fixation: int,
     *,
     acts: bool,
@@ -259,7 +257,7 @@ def _outcomes(plans: Plans, play: Play, grid: ClassGrid, *, fresh: bool) -> tupl
 def _on_resamples(
     table: TapTable,
     grid: ClassGrid,
-    settings: "Settings",
+    settings: Settings,
     fixation: int,
     acts: bool,
     pools: ResampledPools,
@@ -314,6 +312,6 @@ def resamples_of(table: TapTable, resamples: int, seed: int) -> ResampledPools:
     return ResampledPools(*(list(pools(table, resamples, seed))[1:] for pools in (resampled_pools, thinned_pools)))
 
 
-def _per_position(L: int, settings: "Settings") -> int:
+def _per_position(L: int, settings: Settings) -> int:
     """Trials at each position on a resample."""
     return min(settings.trials, -(-RESAMPLE_TRIALS // L))

@@ -11,7 +11,8 @@ from ...inference.engine import Engine
 from ...inference.episode import perceive
 from ...inference.trial_plan import plan_trials, trial_uniforms
 from ...models.states import fold
-from ..experiment.study import Settings, Study
+from ..experiment.settings import Settings
+from ..experiment.study import Study
 from ..page.figure_episodes import BeliefCase
 
 _CANDIDATES = 40

@@ -12,7 +12,8 @@ from ...models.classes import ClassGrid
 from ...models.splits import Split
 from ..experiment.crosscheck import CrossCheck
 from ..experiment.policies import Outcomes
-from ..experiment.study import Settings, Study
+from ..experiment.settings import Settings
+from ..experiment.study import Study
 from ..stats import metrics
 from ..stats.contacts import summarise
 from .examples import Trajectories

@@ -19,7 +19,8 @@ from ...models.splits import Fold, Split
 from ...models.storage import complete_folder
 from ..experiment.crosscheck import crosscheck
 from ..experiment.policies import combined
-from ..experiment.study import Study, check_settings, planned, study
+from ..experiment.settings import check_settings
+from ..experiment.study import Study, planned, study
 from ..page.page import write_report
 from ..page.stages import Progress, StageClock, no_progress
 from ..stats import metrics

@@ -15,7 +15,7 @@ from ...models.power import learned_taps
 from ...models.splits import Fold
 from ...models.taps import TapSet, concatenate
 from ..experiment.crosscheck import CrossCheck
-from ..experiment.study import Settings
+from ..experiment.settings import Settings
 from ..experiment.suspicions import FEW, suspicions
 from ..page.figure_style import short_unit
 from ..stats import metrics

@@ -13,7 +13,7 @@ from ...inference.montecarlo import THRESHOLDS
 from ...inference.reference import Border
 from ...models.classes import ClassGrid
 from ...models.errors import InputError
-from ..experiment.study import SHOWN_THETA
+from ..experiment.settings import SHOWN_THETA
 
 COARSE = (0.1, 0.3, 0.5, 0.7, 0.9)
 

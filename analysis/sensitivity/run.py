@@ -19,8 +19,8 @@ from ...models.seeds import data_set_seed
 from ...models.splits import Fold
 from ...models.taps import TapSet
 from ...models.threads import cores, in_order, one_blas_thread
+from ..experiment.settings import SHOWN_THETA
 from ..experiment.sources import Source
-from ..experiment.study import SHOWN_THETA
 from ..page.stages import Progress
 from ..stats.jackknife import Interval, Means
 from ..stats.resampled_units import resampled_tables, units_of

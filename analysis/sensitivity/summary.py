@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from ...models.classes import ClassGrid
-from ..experiment.study import SHOWN_THETA
+from ..experiment.settings import SHOWN_THETA
 from ..page.figure_style import short_unit
 from ..page.words import listed
 from ..stats.jackknife import Interval, as_factor, as_numbers

@@ -7,7 +7,7 @@ import math
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
-from ..experiment.study import SHOWN_THETA
+from ..experiment.settings import SHOWN_THETA
 from ..page.page import number
 from ..page.words import listed
 

@@ -25,7 +25,7 @@ from ...inference.trial_plan import plan_trials, tap_table
 from ...models.model import TapModel
 from ...models.seeds import data_set_seed
 from ...models.threads import cores, in_order, one_blas_thread
-from ..experiment.study import SHOWN_THETA
+from ..experiment.settings import SHOWN_THETA
 from ..page.figure_style import short_unit
 from ..page.stages import Progress
 from ..stats.jackknife import Means

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from ...inference.control import default_fixation
-from ..experiment.study import SHOWN_THETA
+from ..experiment.settings import SHOWN_THETA
 from ..page.figure_style import short_unit
 from ..page.words import STORED_ONLY
 from ..stats.jackknife import Interval, Means, as_factor, as_numbers, interval, jackknife

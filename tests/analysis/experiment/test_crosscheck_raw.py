@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from solidtouch.analysis.experiment.crosscheck import STORY, crosscheck
-from solidtouch.analysis.experiment.study import Settings
+from solidtouch.analysis.experiment.settings import Settings
 from solidtouch.inference import raw, reference
 from solidtouch.models import histogram, model
 from solidtouch.models.classes import ClassGrid

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import xarray as xr
 from solidtouch.analysis.experiment.policies import make_plans, most_trials, play_policies, resamples_of
-from solidtouch.analysis.experiment.study import Settings
+from solidtouch.analysis.experiment.settings import Settings
 from solidtouch.analysis.stats import metrics
 from solidtouch.hardware.pool import tap_pool
 from solidtouch.inference.montecarlo import run_trials
