@@ -25,13 +25,13 @@ from solidtouch.analysis.audit.variance.causes import SEQUENCE, split_variance
 from solidtouch.analysis.audit.variance.split import session_p
 from solidtouch.analysis.audit.verdict import calibration, first_cause, recommended
 from solidtouch.analysis.stats.evidence import evidence
-from solidtouch.hardware.data_collection import simulate_session
-from solidtouch.hardware.model_rig import draw_session
-from solidtouch.hardware.presets import preset
-from solidtouch.hardware.simulation_settings import RigSettings
-from solidtouch.models.classes import ClassGrid
-from solidtouch.models.histogram import HistogramModel, fit
-from solidtouch.models.model import TapModel
+from solidtouch.hardware.simulator.model_rig import draw_session
+from solidtouch.hardware.simulator.presets import preset
+from solidtouch.hardware.simulator.session import simulate_session
+from solidtouch.hardware.simulator.settings import RigSettings
+from solidtouch.models.grid import ClassGrid
+from solidtouch.models.measurement.histogram import HistogramModel, fit
+from solidtouch.models.measurement.model import TapModel
 from solidtouch.models.seeds import Purpose, data_set_seed, derived_seed
 from solidtouch.models.setting import Setting
 from solidtouch.models.taps import TapSet, concatenate

@@ -23,7 +23,7 @@ from solidtouch.analysis.audit.variance.causes import first_cause, split_varianc
 from solidtouch.analysis.audit.variance.suspects import named_suspects
 from solidtouch.analysis.stats.evidence import evidence
 from solidtouch.models import seeds
-from solidtouch.models.histogram import fit
+from solidtouch.models.measurement.histogram import fit
 from solidtouch.models.preprocessing import Preprocessing
 from solidtouch.models.taps import TapSet, concatenate
 from solidtouch.models.threads import one_blas_thread

@@ -22,11 +22,11 @@ from numpy.typing import NDArray
 from scipy.stats import t
 from solidtouch.analysis.audit.guarantees import PROMISED, USED, guarantees
 from solidtouch.analysis.experiment.sources import right_model
-from solidtouch.hardware.data_collection import simulate_session
-from solidtouch.hardware.model_rig import draw_session
-from solidtouch.hardware.presets import preset
-from solidtouch.inference.trial_plan import tap_table
-from solidtouch.models.histogram import HistogramModel, fit
+from solidtouch.hardware.simulator.model_rig import draw_session
+from solidtouch.hardware.simulator.presets import preset
+from solidtouch.hardware.simulator.session import simulate_session
+from solidtouch.inference.trials.plan import tap_table
+from solidtouch.models.measurement.histogram import HistogramModel, fit
 from solidtouch.models.seeds import Purpose, data_set_seed, derived_seed
 from studies import check_block, table, until_interrupted, write_block, write_json
 

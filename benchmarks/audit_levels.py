@@ -19,11 +19,11 @@ from numpy.typing import NDArray
 from scipy.stats import binomtest
 from solidtouch.analysis.audit.dependence.taxels import TESTS, taxel_dependence
 from solidtouch.analysis.audit.dependence.times import time_dependence
-from solidtouch.hardware.data_collection import simulate_session
-from solidtouch.hardware.model_rig import draw_taps
-from solidtouch.hardware.presets import preset
-from solidtouch.hardware.simulation_settings import RigSettings, Rod
-from solidtouch.models.histogram import HistogramModel, fit
+from solidtouch.hardware.simulator.model_rig import draw_taps
+from solidtouch.hardware.simulator.presets import preset
+from solidtouch.hardware.simulator.session import simulate_session
+from solidtouch.hardware.simulator.settings import RigSettings, Rod
+from solidtouch.models.measurement.histogram import HistogramModel, fit
 from solidtouch.models.preprocessing import Preprocessing
 from solidtouch.models.seeds import data_set_seed
 from solidtouch.models.taps import TapSet

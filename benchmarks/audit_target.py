@@ -17,10 +17,10 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 from solidtouch.analysis.stats.target_error import Curves, choose, leave_out, predicted, session_curves
-from solidtouch.hardware.data_collection import simulate_session
-from solidtouch.hardware.presets import preset
-from solidtouch.hardware.simulation_settings import RigSettings
-from solidtouch.models.histogram import fit
+from solidtouch.hardware.simulator.presets import preset
+from solidtouch.hardware.simulator.session import simulate_session
+from solidtouch.hardware.simulator.settings import RigSettings
+from solidtouch.models.measurement.histogram import fit
 from solidtouch.models.seeds import data_set_seed
 from studies import check_block, share_interval, table, until_interrupted, write_block, write_json
 

@@ -29,16 +29,16 @@ from solidtouch.analysis.audit.verdict import calibration
 from solidtouch.analysis.stats.reliability import headline
 from solidtouch.analysis.stats.right_model import LEVEL, Beside, compare, simulate
 from solidtouch.analysis.stats.uniformity import rejected
-from solidtouch.hardware.data_collection import simulate_session
-from solidtouch.hardware.model_rig import draw_session
-from solidtouch.hardware.presets import preset
-from solidtouch.inference.control import check_fixation
-from solidtouch.inference.resampling import RESAMPLES
-from solidtouch.inference.tempering import best_power
-from solidtouch.inference.trial_plan import tap_table
-from solidtouch.inference.trial_records import TapTable
-from solidtouch.models.histogram import HistogramModel, fit
-from solidtouch.models.model import TapModel
+from solidtouch.hardware.simulator.model_rig import draw_session
+from solidtouch.hardware.simulator.presets import preset
+from solidtouch.hardware.simulator.session import simulate_session
+from solidtouch.inference.moves.control import check_fixation
+from solidtouch.inference.trials.plan import tap_table
+from solidtouch.inference.trials.records import TapTable
+from solidtouch.inference.trials.resampling import RESAMPLES
+from solidtouch.inference.tuning.tempering import best_power
+from solidtouch.models.measurement.histogram import HistogramModel, fit
+from solidtouch.models.measurement.model import TapModel
 from solidtouch.models.preprocessing import Preprocessing
 from solidtouch.models.seeds import Purpose, data_set_seed, derived_seed
 from solidtouch.models.setting import Setting

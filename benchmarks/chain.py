@@ -32,9 +32,9 @@ from solidtouch.analysis.correctness.sbc import (
 from solidtouch.analysis.correctness.sbc_chain import ACTIVE, Checkpoints, World
 from solidtouch.analysis.experiment.sources import right_model
 from solidtouch.analysis.stats.uniformity import JudgedBeliefs, error_factor
-from solidtouch.inference.control import default_fixation
+from solidtouch.inference.moves.control import default_fixation
 from solidtouch.inference.reference import Border
-from solidtouch.models.histogram import HistogramModel
+from solidtouch.models.measurement.histogram import HistogramModel
 from solidtouch.models.seeds import Purpose, derived_seed, generator
 from studies import check_block, publish, share_interval, table, until_interrupted, write_block, write_json
 from studies.figure_chain import CalibrationPanel, calibration_figure

@@ -22,10 +22,10 @@ from numpy.typing import NDArray
 from scipy.stats import norm
 from solidtouch.analysis.audit.remedies import BASELINE, EXPONENT, FALLING, Remedy, beside_right
 from solidtouch.analysis.stats.right_exponent import Tuned, learned_beside, outside
-from solidtouch.hardware.model_rig import draw_session
-from solidtouch.inference.tempering import best_power, fit_tempered, learn_saturation
-from solidtouch.models.catalogue import FitSettings, fit_model
-from solidtouch.models.histogram import HistogramModel
+from solidtouch.hardware.simulator.model_rig import draw_session
+from solidtouch.inference.tuning.tempering import best_power, fit_tempered, learn_saturation
+from solidtouch.models.measurement.catalogue import FitSettings, fit_model
+from solidtouch.models.measurement.histogram import HistogramModel
 from solidtouch.models.preprocessing import Preprocessing
 from solidtouch.models.seeds import Purpose, derived_seed
 from solidtouch.models.setting import Setting

@@ -26,8 +26,8 @@ from rich.table import Table
 from solidtouch.hardware.emulator.emulated_bench import EmulatedBench, emulated_bench
 from solidtouch.hardware.errors import RigError
 from solidtouch.hardware.journal import NoJournal
-from solidtouch.hardware.open_rig import build_rig, connected
-from solidtouch.hardware.rig import Rig
+from solidtouch.hardware.rig.open_rig import build_rig, connected
+from solidtouch.hardware.rig.rig import Rig
 from solidtouch.models import seeds
 
 _OPERATOR_S = 1.0

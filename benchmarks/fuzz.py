@@ -10,7 +10,9 @@ import sys
 from collections.abc import Callable
 from typing import NamedTuple
 
-from solidtouch.hardware import grbl, icub_skin, line_frames, slcan
+from solidtouch.hardware.skin import icub as icub_skin
+from solidtouch.hardware.skin import line_frames, slcan
+from solidtouch.hardware.stage import grbl
 
 
 class Target(NamedTuple):

@@ -16,8 +16,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 from results import told
-from solidtouch.models.classes import ClassGrid
-from solidtouch.models.importers import load_taps
+from solidtouch.models.grid import ClassGrid
+from solidtouch.models.io.load import load_taps
 from solidtouch.models.taps import TapSet
 from studies import RECORDED, check_block, solidtouch, table, write_block
 

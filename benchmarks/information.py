@@ -10,8 +10,6 @@ from job import SEED, paper_table
 from numpy.typing import NDArray
 from rows import Row, interleaved, per_unit
 from solidtouch.inference import reference
-from solidtouch.inference.control import MovePolicy
-from solidtouch.inference.control_information import informative
 from solidtouch.inference.information import (
     ABOUT,
     TapOutcomes,
@@ -19,6 +17,8 @@ from solidtouch.inference.information import (
     moves_to_all,
     tap_outcomes,
 )
+from solidtouch.inference.moves.control import MovePolicy
+from solidtouch.inference.moves.information import informative
 
 UNIT = "decision"
 BATCH = 100

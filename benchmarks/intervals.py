@@ -23,11 +23,11 @@ from solidtouch.analysis.compare.classes import class_scores
 from solidtouch.analysis.stats.decisions import at_equal_taps, decision_curves, play_models, spread_of
 from solidtouch.analysis.stats.reliability import EVERYTHING, at_stopping, reliability
 from solidtouch.hardware.pool import tap_pool
-from solidtouch.inference.cut_short import ENDINGS
-from solidtouch.inference.resampling import FEW, RESAMPLES
-from solidtouch.inference.trial_records import TapTable
+from solidtouch.inference.trials.cut_short import ENDINGS
+from solidtouch.inference.trials.records import TapTable
+from solidtouch.inference.trials.resampling import FEW, RESAMPLES
 from solidtouch.models import seeds
-from solidtouch.models.classes import ClassGrid
+from solidtouch.models.grid import ClassGrid
 from studies import OUT, check_block, processes, share_interval, table, write_block, write_json
 
 SIZES = {"6 x 3": (6, 3), "16 x 5": (16, 5)}

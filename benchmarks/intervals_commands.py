@@ -16,20 +16,20 @@ from solidtouch.analysis.stats.resampled_units import RESAMPLES, resampled_table
 from solidtouch.analysis.stats.tallied import tally_means
 from solidtouch.analysis.strategies.curves import AT_TAPS, Family, decided_sums, differences
 from solidtouch.analysis.trials.spread import tap_spread
-from solidtouch.hardware.model_rig import draw_taps
-from solidtouch.inference.control import fixation, passive
-from solidtouch.inference.held_out import held_out
-from solidtouch.inference.lockstep import play
-from solidtouch.inference.montecarlo import run_trials
-from solidtouch.inference.resampling import spread
-from solidtouch.inference.stopping import after
-from solidtouch.inference.tally import tally_trials
-from solidtouch.inference.threshold_choice import choose_threshold
-from solidtouch.inference.trial_plan import plan_trials, tap_table
-from solidtouch.inference.trial_records import TapTable
+from solidtouch.hardware.simulator.model_rig import draw_taps
+from solidtouch.inference.moves.control import fixation, passive
+from solidtouch.inference.stopping.stopping import after
+from solidtouch.inference.trials.lockstep import play
+from solidtouch.inference.trials.plan import plan_trials, tap_table
+from solidtouch.inference.trials.records import TapTable
+from solidtouch.inference.trials.resampling import spread
+from solidtouch.inference.trials.run import run_trials
+from solidtouch.inference.trials.tally import tally_trials
+from solidtouch.inference.tuning.held_out import held_out
+from solidtouch.inference.tuning.threshold import choose_threshold
 from solidtouch.models import seeds
-from solidtouch.models.classes import ClassGrid
-from solidtouch.models.histogram import HistogramModel, fit
+from solidtouch.models.grid import ClassGrid
+from solidtouch.models.measurement.histogram import HistogramModel, fit
 from solidtouch.models.preprocessing import Preprocessing
 from solidtouch.models.taps import TapSet, concatenate
 from studies import check_block, share_interval, table, until_interrupted, write_block

@@ -6,14 +6,15 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from solidtouch.hardware.data_collection import simulate_session
 from solidtouch.hardware.pool import TapPool
-from solidtouch.hardware.presets import preset
-from solidtouch.inference import draws, kernel
-from solidtouch.inference.montecarlo import empty_trials, make_player, make_rule, run_trials
-from solidtouch.inference.trial_plan import plan_trials, tap_table
-from solidtouch.inference.trial_records import TapTable, TrialPlan, Trials
-from solidtouch.models.histogram import fit
+from solidtouch.hardware.simulator.presets import preset
+from solidtouch.hardware.simulator.session import simulate_session
+from solidtouch.inference.trials import kernel
+from solidtouch.inference.trials import random as draws
+from solidtouch.inference.trials.plan import plan_trials, tap_table
+from solidtouch.inference.trials.records import TapTable, TrialPlan, Trials
+from solidtouch.inference.trials.run import empty_trials, make_player, make_rule, run_trials
+from solidtouch.models.measurement.histogram import fit
 
 POLICIES = {"passive": 1.0, "active": 0.0}
 """Threshold theta_X of the moves of each."""
@@ -22,7 +23,7 @@ SEED = 0
 
 
 class Decisions(NamedTuple):
-    """What is compared of `montecarlo.Trials`: its fields of these names, of n trials at H thresholds, shape (n, H)."""
+    """What is compared of `trials.run.Trials`: its fields of these names, of n trials at H thresholds, shape (n, H)."""
 
     taps: NDArray[np.integer]
     what: NDArray[np.integer]

@@ -29,11 +29,11 @@ from rich.table import Table
 from solidtouch.hardware.emulator.emulated_bench import EmulatedBench, emulated_bench
 from solidtouch.hardware.emulator.rig_file import write_rig
 from solidtouch.hardware.emulator.service import Service
-from solidtouch.hardware.plan import load_plan
-from solidtouch.hardware.shared_clock import SocketConnection
-from solidtouch.models.import_rig import read_rig
-from solidtouch.models.rig_reader import RecordingReader
-from solidtouch.models.rig_recording import Tap
+from solidtouch.hardware.link.shared_clock import SocketConnection
+from solidtouch.hardware.recording.plan import load_plan
+from solidtouch.models.io.rig import read_rig
+from solidtouch.models.io.rig_reader import RecordingReader
+from solidtouch.models.io.rig_recording import Tap
 from solidtouch.models.taps import TapSet
 
 _LIMIT_S = 120.0

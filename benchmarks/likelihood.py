@@ -10,11 +10,11 @@ from job import SEED
 from numpy.typing import NDArray
 from rows import Row, interleaved
 from scipy.sparse import csr_array
-from solidtouch.hardware.data_collection import simulate_session
-from solidtouch.hardware.presets import preset
-from solidtouch.models.bins import TapCounts, count_taps
-from solidtouch.models.counting import multiply
-from solidtouch.models.histogram import HistogramModel, fit
+from solidtouch.hardware.simulator.presets import preset
+from solidtouch.hardware.simulator.session import simulate_session
+from solidtouch.models.measurement.histogram import HistogramModel, fit
+from solidtouch.models.measurement.likelihood.bins import SparseCounts, count_taps
+from solidtouch.models.measurement.likelihood.counting import multiply
 
 UNIT = "table"
 
@@ -97,7 +97,7 @@ def _dense(model: HistogramModel, taps: NDArray[np.floating]) -> NDArray[np.floa
     return np.bincount(cells.ravel(), minlength=N * K * B).reshape(N, K * B).astype(np.float64)
 
 
-def _listed(model: HistogramModel, taps: NDArray[np.floating]) -> TapCounts:
+def _listed(model: HistogramModel, taps: NDArray[np.floating]) -> SparseCounts:
     """Counts of each tap as lists of occupied cells."""
     first, cell, times = [np.zeros(1, dtype=np.int64)], [], []
     for _, part in count_taps(taps, model.edges):
@@ -105,4 +105,4 @@ def _listed(model: HistogramModel, taps: NDArray[np.floating]) -> TapCounts:
         first.append(part.first[1:] + first[-1][-1])
         cell.append(part.cell[:end].copy())
         times.append(part.times[:end].copy())
-    return TapCounts(np.concatenate(first), np.concatenate(cell), np.concatenate(times))
+    return SparseCounts(np.concatenate(first), np.concatenate(cell), np.concatenate(times))

@@ -15,11 +15,11 @@ from job import SEED
 from limit import compiled_c
 from numpy.typing import NDArray
 from rows import LIMIT, Row, interleaved
-from solidtouch.hardware.data_collection import simulate_session
-from solidtouch.hardware.presets import preset
+from solidtouch.hardware.simulator.presets import preset
+from solidtouch.hardware.simulator.session import simulate_session
 from solidtouch.inference import reference
-from solidtouch.models.bins import find_bins
-from solidtouch.models.histogram import HistogramModel, fit
+from solidtouch.models.measurement.histogram import HistogramModel, fit
+from solidtouch.models.measurement.likelihood.bins import find_bins
 
 UNIT = "table"
 SUMMED = f"{LIMIT}C, sums of rows of the table"

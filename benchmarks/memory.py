@@ -8,7 +8,7 @@ from pathlib import Path
 
 from job import POLICIES, SEED, paper_table
 from solidtouch.inference.episode import DEADLINE
-from solidtouch.inference.tally import tally_trials
+from solidtouch.inference.trials.tally import tally_trials
 
 THRESHOLD = 0.995
 

@@ -12,19 +12,19 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import binomtest
-from solidtouch.hardware.data_collection import simulate_session
-from solidtouch.hardware.presets import preset
 from solidtouch.hardware.replay import ReplayRig, uniforms
 from solidtouch.hardware.sensor import TouchSensor
-from solidtouch.hardware.simulated import SimulatedRig
-from solidtouch.inference.control import MovePolicy, default_fixation, fixation, passive
-from solidtouch.inference.engine import make_engine
+from solidtouch.hardware.simulator.presets import preset
+from solidtouch.hardware.simulator.rig import SimulatedRig
+from solidtouch.hardware.simulator.session import simulate_session
+from solidtouch.inference.engines.engine import make_engine
 from solidtouch.inference.episode import steps
+from solidtouch.inference.moves.control import MovePolicy, default_fixation, fixation, passive
 from solidtouch.inference.novelty import Novelty, UnknownTest, can_tell
 from solidtouch.models import seeds
-from solidtouch.models.classes import ClassGrid
 from solidtouch.models.experiment import load_experiment
-from solidtouch.models.histogram import HistogramModel, fit, trim
+from solidtouch.models.grid import ClassGrid
+from solidtouch.models.measurement.histogram import HistogramModel, fit, trim
 from solidtouch.models.taps import TapSet, concatenate
 
 PAPER = preset("paper")

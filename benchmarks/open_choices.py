@@ -17,7 +17,7 @@ from solidtouch.analysis.sensitivity.figures import forest, interactions
 from solidtouch.analysis.sensitivity.findings import VERDICTS, WORDS, worded
 from solidtouch.analysis.sensitivity.run import SensitivitySettings, sensitivity
 from solidtouch.analysis.sensitivity.summary import summarise
-from solidtouch.cli.progress import bars
+from solidtouch.cli.shared.progress import bars
 from studies import RECORDED, check_block, publish, table, write_block, write_json
 
 BLOCKS = ("open-choices-findings", "open-choices", "open-choices-pairs", "open-choices-rules")

@@ -5,9 +5,9 @@ from pathlib import Path
 import numpy as np
 from numpyro.infer.inspect import get_model_relations
 from solidtouch.analysis.page.figure_style import save
-from solidtouch.models import stories
-from solidtouch.models.histogram import histogram_model
-from solidtouch.models.priors import CellPrior, CurvePrior, KroneckerPrior, Taps
+from solidtouch.models.measurement import stories
+from solidtouch.models.measurement.fits.priors import CellPrior, CurvePrior, KroneckerPrior, Taps
+from solidtouch.models.measurement.histogram import histogram_model
 from studies.figure_stories import Story, plates
 
 L, M, N, J, K, B, D = 2, 1, 6, 4, 3, 7, 5

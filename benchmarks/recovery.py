@@ -17,20 +17,20 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from solidtouch.hardware.data_collection import simulate_session
-from solidtouch.hardware.fingertip_layout import ICUB_FINGERTIP
-from solidtouch.hardware.presets import preset
-from solidtouch.hardware.simulation_settings import PAPER_RODS
+from solidtouch.hardware.simulator.layout import ICUB_FINGERTIP
+from solidtouch.hardware.simulator.presets import preset
+from solidtouch.hardware.simulator.session import simulate_session
+from solidtouch.hardware.simulator.settings import PAPER_RODS
 from solidtouch.models import seeds
-from solidtouch.models.catalogue import FitSettings, Fitted, fit_model
-from solidtouch.models.classes import ClassGrid
-from solidtouch.models.fit_curves import CurvePosterior
-from solidtouch.models.forms import GaussianForm, TableForm
-from solidtouch.models.model_draws import form_of
-from solidtouch.models.parametric import ParametricModel
-from solidtouch.models.predictive import integrated
-from solidtouch.models.shapes import Parameters
-from solidtouch.models.states import States
+from solidtouch.models.grid import ClassGrid
+from solidtouch.models.measurement.catalogue import FitSettings, Fitted, fit_model
+from solidtouch.models.measurement.draws import form_of
+from solidtouch.models.measurement.fits.curves import CurvePosterior
+from solidtouch.models.measurement.likelihood.forms import GaussianForm, TableForm
+from solidtouch.models.measurement.likelihood.shapes import Parameters
+from solidtouch.models.measurement.parametric import ParametricModel
+from solidtouch.models.measurement.predictive import integrated
+from solidtouch.models.measurement.states import States
 from solidtouch.models.taps import TapSet, concatenate
 from studies import check_block, publish, share_interval, table, thinned, until_interrupted, write_block, write_json
 from studies.figure_study import recovery_figure

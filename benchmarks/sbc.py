@@ -17,19 +17,19 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import binom, chisquare
-from solidtouch.models.bins import find_bins
-from solidtouch.models.classes import ClassGrid
-from solidtouch.models.fit_cells import fit_gaussian, fit_profile, fit_profile_ar, fit_profile_mvn
-from solidtouch.models.fit_kronecker import fit_matrix_normal, weak_prior
-from solidtouch.models.forms import GaussianForm
-from solidtouch.models.histogram import fit as fit_histogram
-from solidtouch.models.parametric import FORMS
-from solidtouch.models.posterior import HistogramPosterior, Posterior
+from solidtouch.models.grid import ClassGrid
+from solidtouch.models.measurement.fits.cells import fit_gaussian, fit_profile, fit_profile_ar, fit_profile_mvn
+from solidtouch.models.measurement.fits.kronecker import fit_matrix_normal, weak_prior
+from solidtouch.models.measurement.fits.priors import CellPrior, Taps
+from solidtouch.models.measurement.histogram import fit as fit_histogram
+from solidtouch.models.measurement.likelihood.bins import find_bins
+from solidtouch.models.measurement.likelihood.forms import GaussianForm
+from solidtouch.models.measurement.likelihood.shapes import Measure, Parameters
+from solidtouch.models.measurement.parametric import FORMS
+from solidtouch.models.measurement.posterior import HistogramPosterior, Posterior
+from solidtouch.models.measurement.scaling import Scaling
 from solidtouch.models.preprocessing import Preprocessing
-from solidtouch.models.priors import CellPrior, Taps
-from solidtouch.models.scaling import Scaling
 from solidtouch.models.seeds import Purpose, derived_seed, generator
-from solidtouch.models.shapes import Frame, Parameters
 from solidtouch.models.taps import TapSet
 from studies import check_block, publish, table, until_interrupted, write_block, write_json
 from studies.figure_study import RankPanel, rank_figure
@@ -85,7 +85,7 @@ def own_classes(sizes: Sizes) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
 
 def studies(sizes: Sizes) -> list[Study]:
     """All fits under test."""
-    from solidtouch.models import stories  # noqa: PLC0415 - JAX and NumPyro take seconds to import
+    from solidtouch.models.measurement import stories  # noqa: PLC0415 - JAX and NumPyro take seconds to import
 
     L, M, J, K = sizes[:4]
     where, what = own_classes(sizes)
@@ -171,7 +171,7 @@ def _as_fitted(drawn: dict[str, NDArray[np.float64]]) -> dict[str, NDArray[np.fl
 
 def _histogram_study(sizes: Sizes) -> Study:
     """Samples are bins; the prior is a Dirichlet of one count per bin, so that no probability is as good as 0."""
-    from solidtouch.models.histogram import histogram_model  # noqa: PLC0415
+    from solidtouch.models.measurement.histogram import histogram_model  # noqa: PLC0415
 
     pseudocount, shape = 1.0, (sizes.L, sizes.M, sizes.K, sizes.B)
     where, what = own_classes(sizes)
@@ -258,7 +258,7 @@ def _log_density(
         scale = np.broadcast_to(scale, innovation.shape)
     else:
         K = samples.shape[2]
-        frame = Frame(Scaling(np.zeros(K), np.ones(K)), np.zeros(2), np.zeros((0, 0, 0)))
+        frame = Measure(Scaling(np.zeros(K), np.ones(K)), np.zeros(2), np.zeros((0, 0, 0)))
         form = FORMS[name](parameters, frame)
         if not isinstance(form, GaussianForm):
             raise TypeError(f"{name} has no Gaussian form.")

@@ -15,8 +15,8 @@ from loops import loop
 from memory import stream
 from peers import NEVER, dynamax_filter, tap_sequences
 from rows import LIMIT, interleaved, per_unit
-from solidtouch.models.classes import ClassGrid
-from solidtouch.models.histogram import HistogramModel
+from solidtouch.models.grid import ClassGrid
+from solidtouch.models.measurement.histogram import HistogramModel
 from solidtouch.models.preprocessing import Preprocessing
 from vectorised import vectorised
 

@@ -15,14 +15,14 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from solidtouch.hardware.data_collection import simulate_session
-from solidtouch.hardware.presets import preset
-from solidtouch.hardware.simulation_settings import RigSettings
-from solidtouch.models.catalogue import FitSettings, fit_model
-from solidtouch.models.classes import ClassGrid
-from solidtouch.models.model import TapModel
+from solidtouch.hardware.simulator.presets import preset
+from solidtouch.hardware.simulator.session import simulate_session
+from solidtouch.hardware.simulator.settings import RigSettings
+from solidtouch.models.grid import ClassGrid
+from solidtouch.models.measurement.catalogue import FitSettings, fit_model
+from solidtouch.models.measurement.model import TapModel
+from solidtouch.models.measurement.states import log_fold
 from solidtouch.models.seeds import data_set_seed
-from solidtouch.models.states import log_fold
 from solidtouch.models.taps import TapSet, concatenate
 from studies import check_block, mean_interval, publish, table, thinned, until_interrupted, write_block, write_json
 from studies.figure_study import Gain, session_figure

@@ -8,8 +8,8 @@ from pathlib import Path
 
 from job import SEED
 from rows import Row, interleaved
-from solidtouch.hardware.data_collection import simulate_session
-from solidtouch.hardware.presets import preset
+from solidtouch.hardware.simulator.presets import preset
+from solidtouch.hardware.simulator.session import simulate_session
 
 WORK = "starting a command"
 UNIT = "command"

@@ -15,7 +15,7 @@ from intervals import SIZES, TAPS, THETA, TRIALS, draw
 from numpy.typing import NDArray
 from solidtouch.analysis.stats.reliability import play
 from solidtouch.inference.episode import DEADLINE
-from solidtouch.inference.trial_plan import plan_trials
+from solidtouch.inference.trials.plan import plan_trials
 from studies import check_block, mean_interval, processes, table, write_block
 
 BLOCK = "stored"

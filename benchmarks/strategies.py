@@ -22,7 +22,7 @@ from solidtouch.analysis.strategies.regret import RegretSettings, regret_study
 from solidtouch.analysis.strategies.regret_summary import summarise_regret
 from solidtouch.analysis.strategies.run import BASE, StrategySettings, strategy_study
 from solidtouch.analysis.strategies.summary import summarise
-from solidtouch.cli.progress import bars
+from solidtouch.cli.shared.progress import bars
 from studies import check_block, publish, table, write_block, write_json
 
 RECORDED = {"barrett_ballcyl.npz": (None, None), "eflesh_grid.npz": ("3mm", "3mm")}

@@ -30,7 +30,7 @@ from solidtouch.analysis.sweep.run import sweep
 from solidtouch.analysis.sweep.store import create_store
 from solidtouch.analysis.sweep.study import parse_study
 from solidtouch.analysis.sweep.threads import one_thread
-from solidtouch.inference.montecarlo import THRESHOLDS
+from solidtouch.inference.trials.run import THRESHOLDS
 
 STUDY = """
 name = "benchmark"

@@ -17,13 +17,13 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 from solidtouch.analysis.tuning.run import ONLINE_THRESHOLDS, Price, Tuning, tune
-from solidtouch.hardware.data_collection import simulate_session
-from solidtouch.hardware.presets import preset
-from solidtouch.inference.control import default_fixation
-from solidtouch.inference.held_out import held_out
-from solidtouch.inference.montecarlo import run_trials
-from solidtouch.inference.trial_plan import plan_trials, tap_table
-from solidtouch.models.histogram import fit
+from solidtouch.hardware.simulator.presets import preset
+from solidtouch.hardware.simulator.session import simulate_session
+from solidtouch.inference.moves.control import default_fixation
+from solidtouch.inference.trials.plan import plan_trials, tap_table
+from solidtouch.inference.trials.run import run_trials
+from solidtouch.inference.tuning.held_out import held_out
+from solidtouch.models.measurement.histogram import fit
 from solidtouch.models.seeds import data_set_seed
 from solidtouch.models.setting import Setting
 from solidtouch.models.taps import TapSet, concatenate

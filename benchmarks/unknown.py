@@ -18,13 +18,13 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import binomtest
 from solidtouch.analysis.experiment.sources import right_model
-from solidtouch.hardware.data_collection import simulate_session
-from solidtouch.hardware.model_rig import draw_session
-from solidtouch.hardware.presets import preset
+from solidtouch.hardware.simulator.model_rig import draw_session
+from solidtouch.hardware.simulator.presets import preset
+from solidtouch.hardware.simulator.session import simulate_session
 from solidtouch.inference.conformal_bets import log_mixture, ranks
 from solidtouch.inference.novelty import Novelty
-from solidtouch.models.classes import ClassGrid
-from solidtouch.models.histogram import fit
+from solidtouch.models.grid import ClassGrid
+from solidtouch.models.measurement.histogram import fit
 from solidtouch.models.seeds import Purpose, generator
 from solidtouch.models.taps import TapSet, concatenate
 from studies import check_block, table, thinned, until_interrupted, write_block, write_json

@@ -10,8 +10,19 @@ from typing import TYPE_CHECKING, Annotated, Any
 from typer import Argument, Option
 
 from ..models.errors import InputError
-from .interrupt import loading
-from .options import Bins, Border, Deadline, Force, Pseudocount, Seed, TrainingTaps, ValueRange, WhatCell, WhereCell
+from .shared.interrupt import loading
+from .shared.options import (
+    Bins,
+    Border,
+    Deadline,
+    Force,
+    Pseudocount,
+    Seed,
+    TrainingTaps,
+    ValueRange,
+    WhatCell,
+    WhereCell,
+)
 
 if TYPE_CHECKING:
     from ..analysis.audit.parts import AuditParts
@@ -82,12 +93,12 @@ def audit(
         from ..analysis.audit.run import audit as run
         from ..analysis.audit.summary import summarise
         from ..analysis.audit.view import render
-        from ..inference.control import check_fixation
-        from ..models.histogram import trim
+        from ..inference.moves.control import check_fixation
+        from ..models.measurement.histogram import trim
         from ..models.power import parse_power
         from ..models.setting import Setting
         from ..models.storage import check_folder
-    from .progress import bars
+    from .shared.progress import bars
 
     folder = out or Path("runs") / f"{datetime.now().astimezone():%Y-%m-%d-%H%M%S}-audit"
     check_folder(folder, force)

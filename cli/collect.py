@@ -8,15 +8,15 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from ..models.errors import InputError
-from .interrupt import loading, terminable
+from .shared.interrupt import loading, terminable
 
 if TYPE_CHECKING:
     from rich.console import Console
 
-    from ..hardware.collection import Operator
-    from ..hardware.plan import Plan
-    from ..hardware.rig import Rig
-    from ..hardware.rig_settings import RigFile
+    from ..hardware.recording.collection import Operator
+    from ..hardware.recording.plan import Plan
+    from ..hardware.rig.rig import Rig
+    from ..hardware.rig.settings import RigFile
 
 
 def collect(
@@ -34,15 +34,15 @@ def collect(
         from msgspec.structs import replace
         from rich.console import Console
 
-        from ..hardware.collection import collect as collect_taps
-        from ..hardware.collection import resume_recording
-        from ..hardware.disk_space import check_space, space_needed
-        from ..hardware.open_rig import open_rig
-        from ..hardware.plan import load_plan
-        from ..hardware.recorded_settings import about_rig
-        from ..hardware.recording import Recorder
-        from ..hardware.rig_settings import load_rig, read_settings
-        from ..models.recording import naming
+        from ..hardware.recording.collection import collect as collect_taps
+        from ..hardware.recording.collection import resume_recording
+        from ..hardware.recording.disk_space import check_space, space_needed
+        from ..hardware.recording.plan import load_plan
+        from ..hardware.recording.recording import Recorder
+        from ..hardware.recording.settings import about_rig
+        from ..hardware.rig.open_rig import open_rig
+        from ..hardware.rig.settings import load_rig, read_settings
+        from ..models.io.recording import naming
 
     settings, plan = load_rig(rig_file), load_plan(plan_file)
     plan = plan if session is None else replace(plan, session=session)
@@ -103,7 +103,7 @@ def _check_objects(plan: "Plan", settings: "RigFile") -> None:
     Raises:
         InputError: It lacks one.
     """
-    from ..hardware.shared_clock import SocketConnection
+    from ..hardware.link.shared_clock import SocketConnection
 
     if settings.emulator is None:
         return
@@ -115,7 +115,7 @@ def _check_objects(plan: "Plan", settings: "RigFile") -> None:
 
 
 def _operator(rig: "Rig", console: "Console") -> "Operator":
-    from .operators import Emulator, Person
+    from .shared.operators import Emulator, Person
 
     if rig.emulator is None:
         return Person(lambda line: console.print(line, highlight=False, markup=False))

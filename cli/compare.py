@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 from typer import Option
 
 from ..models.errors import InputError
-from .interrupt import loading
-from .options import (
+from .shared.interrupt import loading
+from .shared.options import (
     Bins,
     Border,
     Data,
@@ -31,7 +31,7 @@ from .options import (
 )
 
 if TYPE_CHECKING:
-    from ..models.classes import ClassGrid
+    from ..models.grid import ClassGrid
     from ..models.splits import Split
 
 
@@ -82,14 +82,14 @@ def compare(
         from ..analysis.compare.run import compare as run
         from ..analysis.compare.summary import summarise
         from ..analysis.compare.view import render
-        from ..inference.control import check_fixation
-        from ..inference.montecarlo import THRESHOLDS
-        from ..models.catalogue import FitSettings
+        from ..inference.moves.control import check_fixation
+        from ..inference.trials.run import THRESHOLDS
         from ..models.experiment import load_experiment
-        from ..models.histogram import trim
+        from ..models.measurement.catalogue import FitSettings
+        from ..models.measurement.histogram import trim
         from ..models.power import parse_power_choice
         from ..models.storage import check_folder
-    from .progress import bars
+    from .shared.progress import bars
 
     names = _names(models)
     folder = out or Path("runs") / f"{datetime.now().astimezone():%Y-%m-%d-%H%M%S}-compare"
@@ -137,7 +137,7 @@ def _names(models: str) -> tuple[str, ...]:
     Raises:
         InputError: There is no such model, or a name stands there twice.
     """
-    from ..models.catalogue import CATALOGUE, split_name
+    from ..models.measurement.catalogue import CATALOGUE, split_name
 
     names = tuple(CATALOGUE) if models == "all" else tuple(name.strip() for name in models.split(","))
     for name in names:

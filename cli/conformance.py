@@ -7,8 +7,8 @@ import typer
 from typer import Argument, Option
 
 from ..models.errors import InputError
-from .interrupt import loading
-from .options import Force
+from .shared.interrupt import loading
+from .shared.options import Force
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -58,7 +58,7 @@ def export_cases(
         from ..analysis.conformance.catalogue import select
         from ..analysis.conformance.kit import export_kit
         from ..models.storage import check_folder
-    from .progress import bars
+    from .shared.progress import bars
 
     check_folder(folder, force)
     cases = select(case or [])
@@ -142,7 +142,7 @@ def _with_progress(
     """The verdicts with their causes, printed when all are there, as a cause is likelier the more it explains."""
     from ..analysis.conformance.causes import with_causes
     from ..analysis.conformance.verdict import described
-    from .progress import bars
+    from .shared.progress import bars
 
     with bars() as progress:
         advance = progress("Cases", cases)

@@ -5,11 +5,11 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
-from .options import Force, WhatCell, WhereCell
+from .shared.options import Force, WhatCell, WhereCell
 
 if TYPE_CHECKING:
+    from ..models.io.recording import Recording
     from ..models.preprocessing import Preprocessing
-    from ..models.recording import Recording
     from ..models.taps import TapSet
 
 _CUTTING = "Cutting streams"
@@ -72,8 +72,8 @@ def convert(
 ) -> None:
     """Imports recorded taps, or cuts recorded streams into taps, as one .nc file."""
     from ..models.errors import InputError
-    from ..models.joining import joined
-    from ..models.relabel import relabel
+    from ..models.io.joining import joined
+    from ..models.io.relabel import relabel
     from ..models.storage import check_netcdf_name, check_writable
 
     check_netcdf_name(target)
@@ -109,8 +109,8 @@ def convert(
 
 def _taps(path: Path, cutting: dict[str, Any] | None, rate_hz: float | None) -> "TapSet":
     """The taps of a file, cut from its streams where it is said how; says what was left out."""
-    from ..models.importers import read_recording
-    from ..models.recording import naming
+    from ..models.io.load import read_recording
+    from ..models.io.recording import naming
     from ..models.taps import TapSet
 
     if path.suffix.lower() == ".nc" and cutting is None:
@@ -127,7 +127,7 @@ def _taps(path: Path, cutting: dict[str, Any] | None, rate_hz: float | None) -> 
 
 def _recorded(path: Path) -> "TapSet":
     """The taps of a recording of the rig; says what was lost."""
-    from ..models.import_rig import read_rig, tapset
+    from ..models.io.rig import read_rig, tapset
 
     recorded = read_rig(path)
     if recorded.lost:
@@ -162,7 +162,7 @@ def _preprocessing(cutting: dict[str, Any], rate_hz: float | None) -> "Preproces
 
 def _segmented(recording: "Recording", cutting: dict[str, Any], rate_hz: float | None) -> "TapSet":
     """The taps of the streams; says what was lost."""
-    from ..models.streams import segment
+    from ..models.io.streams import segment
 
     cut = segment(recording, _preprocessing(cutting, recording.rate_hz if rate_hz is None else rate_hz))
     typer.echo(f"{len(cut.taps)} taps from {cut.streams} streams, {cut.incomplete} cut short and left out.")
@@ -184,7 +184,7 @@ def inspect(
 
     from ..analysis.inspect.run import inspect as inspect_taps
     from ..analysis.inspect.view import show
-    from ..models.importers import load_taps
+    from ..models.io.load import load_taps
 
     taps = load_taps(data)
     show(inspect_taps(taps, taps.grid(where_cell, what_cell)), Console(), str(data))

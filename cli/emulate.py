@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 import typer
 
 from ..models.errors import InputError
-from .interrupt import loading, terminable
+from .shared.interrupt import loading, terminable
 
 if TYPE_CHECKING:
     from ..hardware.emulator.faults import Switches
@@ -56,7 +56,7 @@ def emulate(
         from ..hardware.emulator.faults import Switches
         from ..hardware.emulator.rig_file import write_rig
         from ..hardware.emulator.service import Service, check_free
-        from ..hardware.presets import preset as settings_of
+        from ..hardware.simulator.presets import preset as settings_of
 
     settings = settings_of(preset)
     control = (out / "control").absolute()

@@ -6,12 +6,12 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 from typer import Argument, Context, Option
 
 from ..models.errors import InputError
-from .interrupt import loading
-from .options import Border, Force, SettingFile, chosen, given
+from .shared.interrupt import loading
+from .shared.options import Border, Force, SettingFile, chosen, given
 
 if TYPE_CHECKING:
-    from ..models.exported import Decisions
-    from ..models.model import TapModel
+    from ..models.io.export import Decisions
+    from ..models.measurement.model import TapModel
 
 _SUFFIXES = {"json": (".json",), "c-header": (".h", ".hpp")}
 
@@ -46,9 +46,9 @@ def export_model(
 
     check_writable(target, force)
     with loading():
-        from ..models.c_header import save_c_header
-        from ..models.exported import save_exported
-        from ..models.model_file import load_model
+        from ..models.io.c_header import save_c_header
+        from ..models.io.export import save_exported
+        from ..models.io.model_file import load_model
 
     fitted = load_model(model)
     decisions = _decisions(
@@ -80,8 +80,8 @@ def _decisions(context: Context, fitted: "TapModel", model: Path, setting: Path 
     Raises:
         InputError: A value is out of range, or the setting speaks of another model.
     """
-    from ..inference.control import check_fixation
-    from ..models.exported import Decisions
+    from ..inference.moves.control import check_fixation
+    from ..models.io.export import Decisions
     from ..models.setting import load_setting
 
     read = None if setting is None else load_setting(setting)

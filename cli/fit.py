@@ -5,8 +5,8 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 from typer import Option
 
-from .interrupt import loading
-from .options import (
+from .shared.interrupt import loading
+from .shared.options import (
     AllowUnconverged,
     Bins,
     Data,
@@ -25,8 +25,8 @@ from .options import (
 )
 
 if TYPE_CHECKING:
-    from ..models.catalogue import FitSettings, Fitted
-    from ..models.model_file import Draws
+    from ..models.io.model_file import Draws
+    from ..models.measurement.catalogue import FitSettings, Fitted
     from ..models.taps import TapSet
 
 
@@ -78,11 +78,11 @@ def fit(
     from ..models.errors import InputError
 
     with loading():
-        from ..inference.tempering import fit_tempered
-        from ..models.catalogue import FitSettings, split_name
+        from ..inference.tuning.tempering import fit_tempered
         from ..models.experiment import load_experiment
-        from ..models.histogram import trim
-        from ..models.model_file import save_model
+        from ..models.io.model_file import save_model
+        from ..models.measurement.catalogue import FitSettings, split_name
+        from ..models.measurement.histogram import trim
         from ..models.power import check_saturation, learned_taps, parse_power_choice
 
     _, in_states = split_name(model)
@@ -140,7 +140,7 @@ def _beside(model: str, fitted: "Fitted", taps: "TapSet", settings: "FitSettings
         return ""
     with loading():
         from ..analysis.stats.right_exponent import learned_beside
-    from .progress import bars
+    from .shared.progress import bars
 
     with bars() as progress:
         counted = progress("Learning powers of a right model", simulations)
@@ -152,8 +152,8 @@ def _draws(fitted: "Fitted", taps: "TapSet", draws: int, seed: int) -> "Draws | 
     if not draws or fitted.posterior is None:
         return None
     with loading():
-        from ..models.model_draws import CHAINS, posterior_draws
-    from .progress import bars
+        from ..models.measurement.draws import CHAINS, posterior_draws
+    from .shared.progress import bars
 
     with bars() as progress:
         return posterior_draws(fitted, taps, CHAINS, draws, seed, progress("Drawing parameters", CHAINS * draws))

@@ -10,19 +10,19 @@ import typer
 
 from ..models.errors import InputError
 from .audit import audit
-from .checks import crosscheck
 from .collect import collect
 from .compare import compare
 from .conformance import app as conformance
+from .crosscheck import crosscheck
 from .data import convert, inspect
 from .emulate import emulate
 from .export_model import export_model
 from .fit import fit
-from .interrupt import INTERRUPTED, MESSAGE, TERMINATED
 from .perceive import perceive
 from .reproduce import reproduce
 from .rig import app as rig
 from .sensitivity import sensitivity
+from .shared.interrupt import INTERRUPTED, MESSAGE, TERMINATED
 from .simulate import simulate
 from .strategies import strategies
 from .sweep import sweep
@@ -85,7 +85,7 @@ def run() -> None:
     130: Ctrl-C; 143: SIGTERM.
     """
     from ..hardware.errors import RigError
-    from ..inference.shadow import EnginesDisagree
+    from ..inference.engines.shadow import EnginesDisagree
 
     try:
         with _without_dask():

@@ -7,24 +7,24 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 from typer import Argument, Context, Option
 
 from ..models.errors import InputError
-from .interrupt import loading, terminable
-from .options import Border, Force, Seed, SettingFile, TrainingTaps, chosen, given
-from .recording import check_record, kept, recording
-from .untrained import check_training_taps, untrained
+from .shared.interrupt import loading, terminable
+from .shared.options import Border, Force, Seed, SettingFile, TrainingTaps, chosen, given
+from .shared.recording import check_record, kept, recording
+from .shared.untrained import check_training_taps, untrained
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
     from ..analysis.live.view import Seen
     from ..inference import reference
-    from ..inference.engine import Engine
+    from ..inference.engines.engine import Engine
     from ..inference.novelty import Novelty
-    from ..models.model import TapModel
+    from ..models.measurement.model import TapModel
     from ..models.setting import Setting
-    from .moving import Moves
-    from .rigs import Placed
-    from .showing import Ending, Show
-    from .stopping import Ends
+    from .shared.moving import Moves
+    from .shared.rigs import Placed
+    from .shared.showing import Ending, Show
+    from .shared.stopping import Ends
 
 
 def perceive(
@@ -124,11 +124,11 @@ def perceive(
     with loading():
         # Also what is needed only later: nothing may be imported while a finger is on its way.
         from ..analysis.live import view as live_view  # noqa: F401
-        from ..inference.latency import TimedEngine, warm_up
-        from ..models.model_file import load_model
-        from .moving import chances
-        from .rigs import Wish, open_source
-        from .showing import latency_sentence, show
+        from ..inference.engines.latency import TimedEngine, warm_up
+        from ..models.io.model_file import load_model
+        from .shared.moving import chances
+        from .shared.rigs import Wish, open_source
+        from .shared.showing import latency_sentence, show
 
         fitted = load_model(model)
         if read is not None:
@@ -213,8 +213,8 @@ def _plan(
     targets: Path | None,
 ) -> "tuple[Moves, Ends]":
     """How episodes move and when they end, from options of these names."""
-    from .moving import choose_moves, load_outcomes
-    from .stopping import choose_ends
+    from .shared.moving import choose_moves, load_outcomes
+    from .shared.stopping import choose_ends
 
     outcomes = load_outcomes(model, training, move, stop)
     moves = choose_moves(move, model, border, fixation, outcomes, targets)
@@ -242,7 +242,7 @@ class _Run:
         from ..analysis.live.view import Seen
         from ..inference.episode import steps
         from ..inference.novelty import UnknownTest
-        from .showing import Ending
+        from .shared.showing import Ending
 
         test = None if self._novelty is None else UnknownTest(self._novelty, self._alpha)
         doubt = None if test is None else test.add
@@ -323,8 +323,8 @@ def _promised(novelty: "Novelty | None", alpha: float | None) -> str:
 
 
 def _engines(name: str, model: "TapModel", border: "reference.Border", shadow: bool) -> "Engine":
-    from ..inference.engine import make_engine
-    from ..inference.shadow import ShadowEngine
+    from ..inference.engines.engine import make_engine
+    from ..inference.engines.shadow import ShadowEngine
 
     chosen = make_engine(name, model, border)
     if not shadow:

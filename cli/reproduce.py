@@ -11,8 +11,8 @@ import typer
 from typer import Option
 
 from ..models.errors import InputError
-from .interrupt import loading
-from .options import (
+from .shared.interrupt import loading
+from .shared.options import (
     MODELS,
     AllowUnconverged,
     Bins,
@@ -99,7 +99,7 @@ def reproduce(
         from ..models.power import parse_power_choice
         from ..models.setting import load_setting
     from ..models.storage import check_folder
-    from .progress import bars
+    from .shared.progress import bars
 
     read = None if setting is None else load_setting(setting)
     cells = chosen(context, read, where_cell=where_cell, what_cell=what_cell)

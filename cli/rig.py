@@ -5,7 +5,7 @@ from typing import Annotated
 
 import typer
 
-from .interrupt import loading, terminable
+from .shared.interrupt import loading, terminable
 
 app = typer.Typer(help="The devices on the bench.", no_args_is_help=True)
 
@@ -29,10 +29,10 @@ def check(
         from rich.console import Console
 
         from ..hardware.journal import NoJournal
-        from ..hardware.open_rig import unconnected
-        from ..hardware.rig_check import check_rig
-        from ..hardware.rig_settings import load_rig
-        from .showing_rig import show_report
+        from ..hardware.rig.check import check_rig
+        from ..hardware.rig.open_rig import unconnected
+        from ..hardware.rig.settings import load_rig
+        from .shared.showing_rig import show_report
 
     settings = load_rig(rig_file)
     console = Console()

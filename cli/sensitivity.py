@@ -9,8 +9,8 @@ from typing import Annotated
 from typer import Argument, Option
 
 from ..models.errors import InputError
-from .interrupt import loading
-from .options import Force, Seed, TrainingTaps, WhatCell, WhereCell, Workers
+from .shared.interrupt import loading
+from .shared.options import Force, Seed, TrainingTaps, WhatCell, WhereCell, Workers
 
 _FEWEST_TRIALS, _QUICK_DATA_SETS, _QUICK_TRIALS = 50, 4, 300
 
@@ -65,7 +65,7 @@ def sensitivity(
         from ..analysis.sensitivity.summary import summarise
         from ..analysis.sensitivity.view import render
         from ..models.storage import check_folder
-    from .progress import bars
+    from .shared.progress import bars
 
     folder = out or Path("runs") / f"{datetime.now().astimezone():%Y-%m-%d-%H%M%S}-sensitivity"
     check_folder(folder, force)

@@ -9,7 +9,7 @@ from typer import Option
 from ..models.errors import InputError
 from ..models.seeds import data_set_seed
 from ..models.storage import check_writable
-from .options import Seed
+from .shared.options import Seed
 
 if TYPE_CHECKING:
     from ..models.taps import TapSet
@@ -52,8 +52,8 @@ def simulate(
 
 
 def _from_rig(name: str, seed: int) -> Callable[[int], "TapSet"]:
-    from ..hardware.data_collection import simulate_session
-    from ..hardware.presets import preset
+    from ..hardware.simulator.presets import preset
+    from ..hardware.simulator.session import simulate_session
 
     settings = preset(name, (_MODEL,))
     return lambda session: simulate_session(settings, seed, session)
@@ -62,8 +62,8 @@ def _from_rig(name: str, seed: int) -> Callable[[int], "TapSet"]:
 def _from_model(
     path: Path | None, samples: int | None, taps_per_class: int | None, seed: int
 ) -> Callable[[int], "TapSet"]:
-    from ..hardware.model_rig import draw_session
-    from ..models.model_file import load_model
+    from ..hardware.simulator.model_rig import draw_session
+    from ..models.io.model_file import load_model
 
     if path is None:
         raise InputError("--preset model draws from a fitted model; name its file with --model.")

@@ -9,8 +9,8 @@ from typing import Annotated
 from typer import Argument, Option
 
 from ..models.errors import InputError
-from .interrupt import loading
-from .options import Force, Seed, TrainingTaps, WhatCell, WhereCell, Workers
+from .shared.interrupt import loading
+from .shared.options import Force, Seed, TrainingTaps, WhatCell, WhereCell, Workers
 
 _FEWEST_TRIALS, _QUICK_DATA_SETS, _QUICK_TRIALS = 50, 3, 50
 
@@ -82,7 +82,7 @@ def strategies(
         from ..analysis.strategies.summary import summarise
         from ..analysis.strategies.view import render
         from ..models.storage import check_folder
-    from .progress import bars
+    from .shared.progress import bars
 
     folder = out or Path("runs") / f"{datetime.now().astimezone():%Y-%m-%d-%H%M%S}-strategies"
     check_folder(folder, force)

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from .interrupt import loading, terminable
+from .shared.interrupt import loading, terminable
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -94,7 +94,7 @@ def _counts(tally: "SweepProgress") -> str:
 @contextmanager
 def _progress(console: "Console") -> Iterator[tuple[Callable[["SweepProgress"], None], list["SweepProgress"]]]:
     """A function that shows a tally, and a list that holds the last one; a bar, or lines where there is no terminal."""
-    from .progress import LINE_S, progress_bars
+    from .shared.progress import LINE_S, progress_bars
 
     bars = progress_bars()
     seen: list[SweepProgress] = []

@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal, Self
 from typer import Argument, Option
 
 from ..models.errors import InputError
-from .interrupt import loading, terminable
-from .options import Border, Deadline, Force, Seed, TestSessions, TrainingTaps, Workers, parse_thresholds
-from .untrained import untrained
+from .shared.interrupt import loading, terminable
+from .shared.options import Border, Deadline, Force, Seed, TestSessions, TrainingTaps, Workers, parse_thresholds
+from .shared.untrained import untrained
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from rich.table import Table
 
     from ..analysis.trials.spread import TapSpread
-    from ..inference.tally import Tally
+    from ..inference.trials.tally import Tally
 
 _WIDEST = 500  # characters
 
@@ -68,13 +68,13 @@ def trials(
         from ..analysis.trials.spread import spread_trials, tap_spread
         from ..analysis.trials.tallied import tally_dataset
         from ..analysis.trials.view import tally_table
-        from ..inference.control import check_fixation
-        from ..inference.montecarlo import THRESHOLDS
-        from ..inference.tally import tally_trials
-        from ..inference.trial_plan import tap_table
+        from ..inference.moves.control import check_fixation
+        from ..inference.trials.plan import tap_table
+        from ..inference.trials.run import THRESHOLDS
+        from ..inference.trials.tally import tally_trials
         from ..models.experiment import parse_sessions
-        from ..models.importers import load_taps
-        from ..models.model_file import load_model
+        from ..models.io.load import load_taps
+        from ..models.io.model_file import load_model
         from ..models.splits import select_sessions
         from ..models.storage import complete_file
 
@@ -130,7 +130,7 @@ class _Shown:
         from rich.console import Console
         from rich.live import Live
 
-        from .progress import progress_bars
+        from .shared.progress import progress_bars
 
         self.tally: Tally | None = None
         self._table = table

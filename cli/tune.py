@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 from typer import Context, Option
 
 from ..models.errors import InputError
-from .interrupt import loading, terminable
-from .options import (
+from .shared.interrupt import loading, terminable
+from .shared.options import (
     Bins,
     Border,
     Data,
@@ -28,15 +28,15 @@ from .options import (
     given,
     parse_thresholds,
 )
+from .shared.untrained import check_training_taps
 from .tune_online import LearningPlan, learned
-from .untrained import check_training_taps
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
     from ..analysis.tuning.run import Price
-    from ..inference.held_out import Parts
-    from ..models.classes import ClassGrid
+    from ..inference.tuning.held_out import Parts
+    from ..models.grid import ClassGrid
     from ..models.setting import Setting
     from ..models.taps import TapSet
 
@@ -117,14 +117,14 @@ def tune(
     with loading():
         from ..analysis.experiment.settings import Settings
         from ..analysis.tuning.run import Price, check_objects, check_price
-        from ..inference.control_table import save_table
-        from ..inference.held_out import held_out
-        from ..inference.table_learning import learn_table
-        from ..models.model_file import save_model
+        from ..inference.moves.table import save_table
+        from ..inference.moves.table_learning import learn_table
+        from ..inference.tuning.held_out import held_out
+        from ..models.io.model_file import save_model
         from ..models.power import check_saturation, parse_power
         from ..models.setting import Setting
         from ..models.storage import check_netcdf_name
-    from .progress import bars
+    from .shared.progress import bars
 
     if model_file is not None:
         check_netcdf_name(model_file)
@@ -212,7 +212,7 @@ def _training(
     """The training taps, their classes, and which they are in words."""
     from ..analysis.audit.parts import load_parts
     from ..models.experiment import load_experiment
-    from ..models.histogram import trim
+    from ..models.measurement.histogram import trim
     from ..models.taps import concatenate
 
     if len(data) > _TWO:

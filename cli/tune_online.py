@@ -10,15 +10,15 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from ..models.errors import InputError
-from .interrupt import loading
-from .untrained import untrained
+from .shared.interrupt import loading
+from .shared.untrained import untrained
 
 if TYPE_CHECKING:
     from ..analysis.tuning.run import Price
-    from ..inference.held_out import Parts
-    from ..inference.online_learning import Learner
-    from ..models.classes import ClassGrid
-    from ..models.model import TapModel
+    from ..inference.tuning.held_out import Parts
+    from ..inference.tuning.online import Learner
+    from ..models.grid import ClassGrid
+    from ..models.measurement.model import TapModel
     from ..models.setting import Setting
     from ..models.taps import TapSet
 
@@ -27,7 +27,7 @@ class LearningPlan(NamedTuple):
     """How something is learned.
 
     Attributes:
-        method: Of `online_learning.METHODS`.
+        method: Of `tuning.online.METHODS`.
         thresholds: To learn from; `None` for the usual ones.
         episodes: How many.
         seed: Of learner and episodes.
@@ -75,7 +75,7 @@ def learned(
         InputError: The state is that of another learner, the rig cannot tell its object, or an argument is wrong.
     """
     from ..analysis.tuning.run import ONLINE_THRESHOLDS, learned_sentence, learned_setting
-    from ..inference.online_learning import Learner, learn, save_learner
+    from ..inference.tuning.online import Learner, learn, save_learner
 
     setup = _setup(course, setting, price, taps)
     known = Learner.new(course.method, range(grid.L), course.thresholds or ONLINE_THRESHOLDS, course.seed, setup)
@@ -107,7 +107,7 @@ def learned(
 
 def _resumed(path: Path, new: "Learner") -> "Learner":
     """What a file holds if it is there, and fits."""
-    from ..inference.online_learning import load_learner
+    from ..inference.tuning.online import load_learner
     from ..models.storage import check_writable
 
     check_writable(path, force=True)
@@ -141,7 +141,7 @@ def _replayed(
     parts: "Parts", known: "Learner", course: LearningPlan, setting: "Setting", price: "Price", options: dict[str, Any]
 ) -> Callable[[int, int], float]:
     """Episodes on held-out taps."""
-    from ..inference.episode_costs import held_out_costs
+    from ..inference.tuning.costs import held_out_costs
 
     options = options | {"border": setting.border, "seed": course.seed}
     costs = held_out_costs(parts, known, course.episodes, price.cost_error, **options)
@@ -159,10 +159,10 @@ def _live(
 ) -> Callable[[int, int], float]:
     """Episodes on a rig that tells which object is there."""
     with loading():
-        from ..inference.engine import make_engine
-        from ..inference.episode_costs import episode_cost
-        from ..inference.latency import warm_up
-        from .rigs import Wish, open_source
+        from ..inference.engines.engine import make_engine
+        from ..inference.engines.latency import warm_up
+        from ..inference.tuning.costs import episode_cost
+        from .shared.rigs import Wish, open_source
 
     engine = make_engine("filter", model, setting.border)
     warm_up(engine)

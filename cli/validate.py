@@ -5,8 +5,8 @@ from typing import Annotated
 import typer
 from typer import Option
 
-from .interrupt import loading
-from .options import Seed
+from .shared.interrupt import loading
+from .shared.options import Seed
 
 
 def validate(
@@ -20,7 +20,7 @@ def validate(
 
         from ..analysis.conformance.validate import check_engines
         from ..analysis.correctness.validate import check_beliefs, check_routes
-    from .progress import bars
+    from .shared.progress import bars
 
     with bars() as progress:
         found = [check_routes(progress, seed), *check_engines(progress), *check_beliefs(progress, seed)]

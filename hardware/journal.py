@@ -3,7 +3,7 @@
 from collections.abc import Mapping
 from typing import Any, Protocol
 
-from .skin import SkinFrame
+from .skin.skin import SkinFrame
 
 
 class Journal(Protocol):

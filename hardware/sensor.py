@@ -5,8 +5,8 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from ..models.classes import ClassGrid
 from ..models.errors import InputError
+from ..models.grid import ClassGrid
 from ..models.preprocessing import Preprocessing
 
 

@@ -9,12 +9,12 @@ from numpy.typing import NDArray
 from ..hardware.replay import uniforms
 from ..hardware.sensor import TouchSensor
 from ..models.errors import InputError
-from ..models.states import log_fold
+from ..models.measurement.states import log_fold
 from . import reference
-from .control import MovePolicy
-from .engine import Engine
+from .engines.engine import Engine
+from .moves.control import MovePolicy
 from .saturation import share, temper
-from .stopping import DECIDE, GIVE_UP, GO_ON, Moment, StopRule, Watch, what_above
+from .stopping.stopping import DECIDE, GIVE_UP, GO_ON, Moment, StopRule, Watch, what_above
 
 DEADLINE = 100
 

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..models.errors import InputError
-from .hole_moves import Mask, holes, moved
+from .moves.holes import Mask, holes, moved
 from .reference import BORDERS, Border
 
 type About = Literal["joint", "where", "what"]

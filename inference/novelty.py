@@ -1,8 +1,9 @@
 """Whether taps are unlike anything the model was trained on: a p-value for each tap, and a test over an episode.
 
-The p-value of a tap under a class is the share of all calibration taps (`models.novelty`) that misfit their own class
-as much, after the mean misfit of each class is taken off. It holds its level on average over classes and training
-sets, and is what is shown. The test needs more, as it multiplies up what the same calibration taps say of every tap.
+The p-value of a tap under a class is the share of all calibration taps (`models.measurement.novelty`) that misfit
+their own class as much, after the mean misfit of each class is taken off. It holds its level on average over classes
+and training sets, and is what is shown. The test needs more, as it multiplies up what the same calibration taps say of
+every tap.
 
 An episode has a beginning and an object: L M hypotheses, each of which names a class for every tap, because the moves
 really made are known. Each is a wealth of 1 that is bet against it (`conformal_bets`). Given the calibration taps the
@@ -17,11 +18,11 @@ from typing import NamedTuple, TypeGuard
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..models.bins import find_bins, tap_counts
 from ..models.errors import InputError
-from ..models.histogram import HistogramModel
-from ..models.model import TapModel
-from ..models.novelty import FEWEST, centres, misfits, own_excess, smoothed
+from ..models.measurement.histogram import HistogramModel
+from ..models.measurement.likelihood.bins import find_bins, tap_counts
+from ..models.measurement.model import TapModel
+from ..models.measurement.novelty import FEWEST, centres, misfits, own_excess, smoothed
 from .conformal_bets import CONFIDENCE, EXPONENTS, calibration_needed, log_bets, log_mixture, soonest, upper_bounds
 
 FLAGGED = 0.01

@@ -4,7 +4,7 @@ Taps of one episode share what nobody knows of it, such as the gain of the senso
 times as much as one. Bayes' rule over taps and moves goes on as if they were independent. What is decided by and shown
 after n taps is that belief to the power min(1, n0 / n), normalised. In log beliefs this is the mean evidence of the
 taps so far, counted n0 times. It changes no order between classes, so that it delays decisions and changes answers
-through moves and the sums of marginals only. `kernel.temper` and `device.temper` are the same, compiled.
+through moves and the sums of marginals only. `kernel.temper` and `trials.gpu.temper` are the same, compiled.
 """
 
 import numpy as np

@@ -5,9 +5,9 @@ from pathlib import Path
 
 import numpy as np
 
-from .classes import ClassGrid
 from .errors import InputError
-from .importers import load_taps
+from .grid import ClassGrid
+from .io.load import load_taps
 from .splits import Split, split, two_files, untrained
 
 

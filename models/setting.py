@@ -14,11 +14,11 @@ from typing import Any, Literal, get_args
 
 import numpy as np
 
-from .classes import parse_length
 from .errors import InputError
-from .histogram import HistogramModel
+from .grid import parse_length
 from .json_object import read_object
-from .model import TapModel
+from .measurement.histogram import HistogramModel
+from .measurement.model import TapModel
 from .power import likelihood_exponent
 from .storage import complete_file
 
@@ -197,7 +197,7 @@ def _power(value: Any) -> str:
 
 
 def _model(value: Any) -> str:
-    from .catalogue import split_name  # noqa: PLC0415 - it knows all fits and takes long to import
+    from .measurement.catalogue import split_name  # noqa: PLC0415 - it knows all fits and takes long to import
 
     try:
         split_name(str(value))

@@ -7,9 +7,9 @@ from typing import Literal, get_args
 import numpy as np
 from numpy.typing import NDArray
 
-from .classes import ClassGrid
 from .digest import tap_digests
 from .errors import InputError
+from .grid import ClassGrid
 from .taps import TapSet, check_compatible
 from .training import without_training
 

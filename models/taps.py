@@ -32,8 +32,8 @@ import numpy as np
 import xarray as xr
 from numpy.typing import ArrayLike, NDArray
 
-from .classes import ClassGrid, group, parse_length, values_from_names
 from .errors import InputError
+from .grid import ClassGrid, group, parse_length, values_from_names
 from .preprocessing import Preprocessing
 from .storage import complete_file
 

@@ -21,8 +21,8 @@ from numpy.typing import NDArray
 from numpyro.contrib.funsor import markov
 from numpyro.ops.indexing import Vindex
 
-from .binned import BinnedTap
-from .forms import Form, TableForm
+from .measurement.likelihood.binned import BinnedTap
+from .measurement.likelihood.forms import Form, TableForm
 
 KERNEL_BORDERS = ("uniform", "uniform_what", "clamp", "circular")
 

@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 from hypothesis import settings
 from numpy.typing import NDArray
-from solidtouch.hardware.model_rig import bin_tables
-from solidtouch.models.classes import ClassGrid
-from solidtouch.models.histogram import HistogramModel
+from solidtouch.hardware.simulator.model_rig import bin_tables
+from solidtouch.models.grid import ClassGrid
+from solidtouch.models.measurement.histogram import HistogramModel
 from solidtouch.models.preprocessing import Preprocessing
 from solidtouch.models.taps import TapSet
 from threadpoolctl import threadpool_limits

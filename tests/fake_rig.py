@@ -3,10 +3,10 @@
 import math
 
 import numpy as np
-from solidtouch.hardware.loop import Loop
-from solidtouch.hardware.plan import parse_plan
-from solidtouch.hardware.rig_settings import parse_rig
-from solidtouch.hardware.skin import SkinFrame
+from solidtouch.hardware.link.loop import Loop
+from solidtouch.hardware.recording.plan import parse_plan
+from solidtouch.hardware.rig.settings import parse_rig
+from solidtouch.hardware.skin.skin import SkinFrame
 from solidtouch.models.preprocessing import TapCutter
 
 RIG = """

@@ -2,7 +2,7 @@
 
 import numpy as np
 from solidtouch.hardware.pool import TapPool, tap_pool
-from solidtouch.inference.trial_records import TapTable
+from solidtouch.inference.trials.records import TapTable
 
 L, M = 3, 2
 COUNT = np.array([[4, 1], [0, 7], [5, 2]])

@@ -9,7 +9,7 @@ import pytest
 import xarray as xr
 from solidtouch.analysis.audit.guarantees import PROMISED, USED
 from solidtouch.analysis.stats.target_error import Curves, choose
-from solidtouch.hardware.presets import preset
+from solidtouch.hardware.simulator.presets import preset
 
 FOLDER = Path(__file__).parents[1] / "benchmarks"
 

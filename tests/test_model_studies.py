@@ -7,8 +7,8 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
-from solidtouch.hardware.presets import preset
-from solidtouch.models.catalogue import FitSettings, fit_model
+from solidtouch.hardware.simulator.presets import preset
+from solidtouch.models.measurement.catalogue import FitSettings, fit_model
 
 FOLDER = Path(__file__).parents[1] / "benchmarks"
 
@@ -76,8 +76,8 @@ def test_all_taps_of_a_session_are_in_one_state(parts, few, rng):
     own = taps.indices(source.grid)
     from dataclasses import replace
 
-    from solidtouch.models.predictive import integrated
-    from solidtouch.models.states import States
+    from solidtouch.models.measurement.predictive import integrated
+    from solidtouch.models.measurement.states import States
 
     each = []
     for s in range(len(states.gain)):

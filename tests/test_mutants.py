@@ -85,18 +85,18 @@ def test_samples_grow_and_mix_kinds(parts):
 def test_tests_of_a_module_come_first(parts):
     """The mirrored file, then those that import the module, then those of its users; loops need caches of their own."""
     tests = parts.mutants.Tests()
-    own, later = tests.of("hardware.tap_quality")
+    own, later = tests.of("hardware.rig.tap_quality")
     assert own[0].name == "test_tap_quality.py"
     assert later
     assert not set(own) & set(later)
-    assert {"inference.kernel", "models.counting"} <= tests.frozen
-    assert "hardware.tap_quality" not in tests.frozen
+    assert {"inference.trials.kernel", "models.measurement.likelihood.counting"} <= tests.frozen
+    assert "hardware.rig.tap_quality" not in tests.frozen
 
 
 @pytest.mark.slow
 def test_a_caught_error_is_told_from_a_survivor(parts, tmp_path):
     """A limit that is checked where it should not be is noticed, a pair of parentheses is not."""
-    module = "hardware/tap_quality.py"
+    module = "hardware/rig/tap_quality.py"
     found = parts.mutation.mutants(module, (FOLDER.parent / module).read_text(encoding="utf-8"))
     caught = next(one for one in found if one.kind == "removed sign or not")
     harmless = caught._replace(old=caught.old, new=f"({caught.old})", key="0" * 12)

@@ -7,13 +7,13 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from solidtouch.analysis.tuning.run import Price, check_price, tune, tuning_trials
-from solidtouch.hardware.model_rig import draw_session
-from solidtouch.inference.episode_costs import trial_costs
-from solidtouch.inference.held_out import held_out
-from solidtouch.inference.online_learning import Learner
-from solidtouch.inference.trial_plan import tap_table
+from solidtouch.hardware.simulator.model_rig import draw_session
+from solidtouch.inference.trials.plan import tap_table
+from solidtouch.inference.tuning.costs import trial_costs
+from solidtouch.inference.tuning.held_out import held_out
+from solidtouch.inference.tuning.online import Learner
 from solidtouch.models.errors import InputError
-from solidtouch.models.histogram import fit
+from solidtouch.models.measurement.histogram import fit
 from solidtouch.models.setting import Setting
 from solidtouch.models.taps import concatenate
 

@@ -4,9 +4,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from solidtouch.hardware.model_rig import draw_taps
+from solidtouch.hardware.simulator.model_rig import draw_taps
 from solidtouch.inference.novelty import UnknownTest
-from solidtouch.models.histogram import fit
+from solidtouch.models.measurement.histogram import fit
 
 FOLDER = Path(__file__).parents[1] / "benchmarks"
 

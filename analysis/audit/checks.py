@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 
 from ...models import seeds
 from ...models.errors import InputError
-from ...models.histogram import HistogramModel, fit
+from ...models.measurement.histogram import HistogramModel, fit
 from ...models.taps import TapSet
 from ...models.threads import cores, in_order
 from ..page.figure_style import DECIDED, TRUE, TWO_COLUMNS, label_panel, new_figure, styled

@@ -3,7 +3,8 @@
 Every tap is laid over the mean tap of its class: its deviation is regressed on what the mean tap does after its first
 sample, and on a constant. The slope is the gain of the tap, less 1, and the constant its offset. What noise adds to
 them is seen from the scatter over taxels, whose noise is independent; noise common to all taxels is an offset that
-differs between taps. `models/components.py` says how gains and offsets come about; its posterior is sampled by NUTS.
+differs between taps. `models/measurement/gain_variance.py` says how gains and offsets come about; its posterior is
+sampled by NUTS.
 
 Taps of one class in one session share what the session does to the sensor and how the object was mounted. The more of
 the variance of gains that is, the less more taps help: n taps have as much to say about the gain as
@@ -19,12 +20,12 @@ import xarray as xr
 from numpy.typing import ArrayLike, NDArray
 
 from ...models.errors import InputError
-from ...models.scaling import sum_by
+from ...models.measurement.scaling import sum_by
 from ...models.seeds import Purpose, derived_seed
 from ...models.threads import one_blas_thread
 
 if TYPE_CHECKING:
-    from ...models.components import Cells
+    from ...models.measurement.gain_variance import GainCells
 
 QUANTITIES = ("gain", "offset")
 PROBABILITY = 0.9
@@ -248,7 +249,7 @@ def _pooled(
     return np.where(single & np.isfinite(repeated), repeated, own)
 
 
-def collapse(gains: TapGains, own: NDArray[np.integer], session: NDArray[np.integer]) -> "Cells":
+def collapse(gains: TapGains, own: NDArray[np.integer], session: NDArray[np.integer]) -> "GainCells":
     """Cell means and sums of squares of the classes that are used; offsets in units of the amplitude.
 
     Args:
@@ -256,7 +257,7 @@ def collapse(gains: TapGains, own: NDArray[np.integer], session: NDArray[np.inte
         own: Class of each tap, shape (N,).
         session: Session of each tap, shape (N,).
     """
-    from ...models.components import Cells  # noqa: PLC0415 - NumPyro takes seconds to import
+    from ...models.measurement.gain_variance import GainCells  # noqa: PLC0415 - NumPyro takes seconds to import
 
     chosen = np.isfinite(gains.value[0])
     classes = np.unique(own[chosen], return_inverse=True)[1]
@@ -275,18 +276,18 @@ def collapse(gains: TapGains, own: NDArray[np.integer], session: NDArray[np.inte
     least = (1e-6) ** 2  # a variance of exactly 0 would make the density of a tap infinite
     known = np.maximum(totals(error) / np.maximum(count, 1), least)
     by_cell = (-1, *shape)
-    return Cells(
+    return GainCells(
         count.reshape(shape), mean.reshape(by_cell), np.maximum(square, least).reshape(by_cell), known.reshape(by_cell)
     )
 
 
-def _sample(cells: "Cells", amplitude: float, seed: int) -> xr.DataTree:
+def _sample(cells: "GainCells", amplitude: float, seed: int) -> xr.DataTree:
     import arviz as az  # noqa: PLC0415 - as are JAX and NumPyro, slow to import
     import jax  # noqa: PLC0415
     from numpyro.infer import MCMC, NUTS  # noqa: PLC0415
     from numpyro.infer.util import potential_energy  # noqa: PLC0415
 
-    from ...models.components import COMPONENTS, components  # noqa: PLC0415
+    from ...models.measurement.gain_variance import COMPONENTS, components  # noqa: PLC0415
 
     @jax.jit  # as a whole: JAX would compile the story operation by operation, which takes longer than the chains
     def potential(log_sd: dict[str, Any]) -> Any:
@@ -316,10 +317,10 @@ def _sample(cells: "Cells", amplitude: float, seed: int) -> xr.DataTree:
     )
 
 
-def _summarise(data: xr.DataTree, cells: "Cells", gains: TapGains) -> Components:
+def _summarise(data: xr.DataTree, cells: "GainCells", gains: TapGains) -> Components:
     import arviz as az  # noqa: PLC0415
 
-    from ...models.components import COMPONENTS  # noqa: PLC0415
+    from ...models.measurement.gain_variance import COMPONENTS  # noqa: PLC0415
 
     posterior = data["posterior"].dataset
     told = _told(cells)
@@ -367,7 +368,7 @@ def _interval(draws: xr.DataArray) -> xr.Dataset:
     )
 
 
-def _told(cells: "Cells") -> dict[str, bool]:
+def _told(cells: "GainCells") -> dict[str, bool]:
     """Which components the taps can tell of at all."""
     sessions = (cells.taps > 0).sum(axis=0)
     several = int((sessions > 1).sum())
@@ -375,7 +376,7 @@ def _told(cells: "Cells") -> dict[str, bool]:
 
 
 def _sentences(
-    summary: xr.Dataset, rho: xr.Dataset, effective: xr.Dataset, cells: "Cells", gains: TapGains
+    summary: xr.Dataset, rho: xr.Dataset, effective: xr.Dataset, cells: "GainCells", gains: TapGains
 ) -> Iterator[str]:
     told, R = _told(cells), int((cells.taps > 0).any(axis=1).sum())
     left_out = int((~gains.used).sum())
@@ -417,7 +418,7 @@ def _range(row: xr.Dataset, factor: float, unit: str) -> str:
 
 
 def _untold(gains: TapGains) -> Components:
-    from ...models.components import COMPONENTS  # noqa: PLC0415
+    from ...models.measurement.gain_variance import COMPONENTS  # noqa: PLC0415
 
     coords = {"quantity": list(QUANTITIES), "component": list(COMPONENTS)}
     nothing = np.full((len(QUANTITIES), len(COMPONENTS)), np.nan)

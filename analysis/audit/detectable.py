@@ -20,9 +20,9 @@ from scipy.optimize import root_scalar
 from scipy.stats import gamma
 
 from ...hardware.pool import tap_pool
-from ...inference.trial_records import TapTable
+from ...inference.trials.records import TapTable
 from ...models.errors import InputError
-from ...models.model import TapModel
+from ...models.measurement.model import TapModel
 from ...models.setting import Setting
 from ..stats.right_model import LEVEL, equivalent, quantiles, reference_factors
 

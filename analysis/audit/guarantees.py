@@ -20,14 +20,14 @@ import numpy as np
 import xarray as xr
 from numpy.typing import ArrayLike, NDArray
 
-from ...inference.control import check_fixation
 from ...inference.episode import DEADLINE
+from ...inference.moves.control import check_fixation
 from ...inference.reference import Border
-from ...inference.resampling import CONFIDENCE, RESAMPLES, play_resamples, spread, trial_noise, widened
-from ...inference.trial_records import TapTable, TrialPlan, Trials
-from ...models.classes import ClassGrid
+from ...inference.trials.records import TapTable, TrialPlan, Trials
+from ...inference.trials.resampling import CONFIDENCE, RESAMPLES, play_resamples, spread, trial_noise, widened
 from ...models.errors import InputError
-from ...models.model import TapModel
+from ...models.grid import ClassGrid
+from ...models.measurement.model import TapModel
 from ..stats.reliability import EVERYTHING, TRIALS, Subject, decided_about, independent_decisions, plain
 from ..stats.right_model import LEVEL, SIMULATIONS, Beside, compare, simulate
 from ..stats.uniformity import rejected

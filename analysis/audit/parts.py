@@ -7,11 +7,11 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ...models.classes import ClassGrid
 from ...models.digest import tap_digests
 from ...models.errors import InputError
-from ...models.importers import load_taps
-from ...models.joining import check_alike, numbered
+from ...models.grid import ClassGrid
+from ...models.io.joining import check_alike, numbered
+from ...models.io.load import load_taps
 from ...models.splits import rank_in_class
 from ...models.taps import TapSet, concatenate
 from ...models.training import without_training

@@ -10,12 +10,12 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ...inference.tempering import best_power, learn_saturation
-from ...models.catalogue import FitSettings, fit_model
-from ...models.classes import ClassGrid
+from ...inference.tuning.tempering import best_power, learn_saturation
 from ...models.errors import InputError
-from ...models.histogram import trim
-from ...models.model import TapModel
+from ...models.grid import ClassGrid
+from ...models.measurement.catalogue import FitSettings, fit_model
+from ...models.measurement.histogram import trim
+from ...models.measurement.model import TapModel
 from ...models.setting import Setting
 from ...models.taps import TapSet
 from ..stats.right_exponent import SIMULATIONS, Tuned, beside_right_model, simulate_tuned

@@ -4,7 +4,7 @@ Two currencies. Beliefs: the mean log belief in the true object (or place, where
 number of taps, a proper score, on the same sequences for every remedy. Decisions: the error at the mean reaction time
 that the setting as it is needs at its threshold, or at the highest one below at which its trials do not use up the test
 taps, in the same trials. A gain in the first divided by the number of taps is what a remedy buys per tap. All remedies
-share the resamples of the taps, see `inference.resampling`.
+share the resamples of the taps, see `inference.trials.resampling`.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -16,9 +16,11 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from ...hardware.pool import TapPool, tap_pool
-from ...inference.judged_sequences import Sequences, log_beliefs, without_replacement
-from ...inference.montecarlo import THRESHOLDS
-from ...inference.resampling import (
+from ...inference.saturation import share
+from ...inference.trials.judged_sequences import Sequences, log_beliefs, without_replacement
+from ...inference.trials.plan import tap_table
+from ...inference.trials.records import TapTable
+from ...inference.trials.resampling import (
     CONFIDENCE,
     RESAMPLE_TRIALS,
     USED_UP_SELECTED,
@@ -26,14 +28,12 @@ from ...inference.resampling import (
     spread,
     taps_per_class,
 )
-from ...inference.saturation import share
-from ...inference.selections import sessions_drawn, thinned_pools
-from ...inference.trial_plan import tap_table
-from ...inference.trial_records import TapTable
+from ...inference.trials.run import THRESHOLDS
+from ...inference.trials.selections import sessions_drawn, thinned_pools
 from ...models import seeds
-from ...models.classes import ClassGrid
 from ...models.errors import InputError
-from ...models.model import TapModel
+from ...models.grid import ClassGrid
+from ...models.measurement.model import TapModel
 from ...models.setting import Setting
 from ...models.taps import TapSet
 from ...models.threads import cores, in_order

@@ -8,11 +8,11 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from ...inference.trial_plan import tap_table
-from ...models.classes import ClassGrid
+from ...inference.trials.plan import tap_table
 from ...models.errors import InputError
-from ...models.histogram import HistogramModel
-from ...models.model import TapModel
+from ...models.grid import ClassGrid
+from ...models.measurement.histogram import HistogramModel
+from ...models.measurement.model import TapModel
 from ...models.setting import Setting
 from ...models.taps import TapSet, concatenate
 from ...models.threads import one_blas_thread

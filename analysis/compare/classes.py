@@ -1,7 +1,7 @@
 """Models compared by what they say of the class after a fixed number of contacts, without stopping rule or moves.
 
 All models see the same sequences of distinct test taps, and the same sequences from resamples of these taps, so that
-differences pair; see `inference.resampling` for what is drawn anew and how that gives intervals.
+differences pair; see `inference.trials.resampling` for what is drawn anew and how that gives intervals.
 """
 
 from collections.abc import Mapping, Sequence
@@ -12,14 +12,14 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from ...hardware.pool import TapPool
-from ...inference.judged_sequences import without_replacement
-from ...inference.resampling import CONFIDENCE, spread
 from ...inference.saturation import share
-from ...inference.selections import thinned_pools
-from ...inference.trial_records import TapTable
+from ...inference.trials.judged_sequences import without_replacement
+from ...inference.trials.records import TapTable
+from ...inference.trials.resampling import CONFIDENCE, spread
+from ...inference.trials.selections import thinned_pools
 from ...models import seeds
 from ...models.errors import InputError
-from ...models.states import log_fold
+from ...models.measurement.states import log_fold
 from ..stats.contacts import CONTACTS
 from ..stats.pairing import check_tables, reference_name, with_intervals
 

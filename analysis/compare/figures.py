@@ -14,7 +14,7 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from ...models.classes import ClassGrid
+from ...models.grid import ClassGrid
 from ..page.figure_style import TWO_COLUMNS, axis_label, band, label_panel, new_figure, styled
 
 if TYPE_CHECKING:

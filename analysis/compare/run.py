@@ -8,15 +8,15 @@ import numpy as np
 import xarray as xr
 
 from ...inference.episode import DEADLINE
-from ...inference.montecarlo import THRESHOLDS
 from ...inference.reference import Border
-from ...inference.tempering import fit_tempered
-from ...inference.trial_plan import tap_table
-from ...inference.trial_records import TapTable
-from ...models.bins import bin_edges
-from ...models.catalogue import FitSettings, Fitted, fit_model, split_name
-from ...models.classes import ClassGrid
+from ...inference.trials.plan import tap_table
+from ...inference.trials.records import TapTable
+from ...inference.trials.run import THRESHOLDS
+from ...inference.tuning.tempering import fit_tempered
 from ...models.errors import InputError
+from ...models.grid import ClassGrid
+from ...models.measurement.catalogue import FitSettings, Fitted, fit_model, split_name
+from ...models.measurement.likelihood.bins import bin_edges
 from ...models.taps import TapSet
 from ..page.stages import Progress, StageClock
 from ..stats.checks import REPLICATES, predictive_checks

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from ...models.catalogue import CATALOGUE, split_name
+from ...models.measurement.catalogue import CATALOGUE, split_name
 from ..experiment.settings import SHOWN_THETA
 from ..page.figure_style import short_unit
 from ..stats.decisions import decision_interval_sentence, too_few_taps

@@ -14,13 +14,13 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from ...inference.resampling import Spread
-from ...models.catalogue import Fitted
-from ...models.classes import ClassGrid
+from ...inference.trials.resampling import Spread
 from ...models.errors import InputError
-from ...models.model_draws import drawn
-from ...models.posterior import HistogramPosterior
-from ...models.predictive import integrated, plug_in
+from ...models.grid import ClassGrid
+from ...models.measurement.catalogue import Fitted
+from ...models.measurement.draws import drawn
+from ...models.measurement.posterior import HistogramPosterior
+from ...models.measurement.predictive import integrated, plug_in
 from ...models.seeds import Purpose, generator
 from ...models.taps import TapSet, concatenate
 from ..stats.pairing import RESAMPLES, with_intervals

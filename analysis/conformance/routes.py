@@ -7,13 +7,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...inference import reference
-from ...inference.engine import Engine, make_engine
-from ...models.classes import ClassGrid
+from ...inference.engines.engine import Engine, make_engine
 from ...models.errors import InputError
-from ...models.histogram import HistogramModel, fit
-from ...models.model import TapModel
+from ...models.grid import ClassGrid
+from ...models.measurement.histogram import HistogramModel, fit
+from ...models.measurement.model import TapModel
+from ...models.measurement.table import TableModel
 from ...models.preprocessing import Preprocessing
-from ...models.table import TableModel
 from ...models.taps import TapSet
 from .answers import ZERO_EVIDENCE, Answer
 from .case import Case
@@ -111,7 +111,7 @@ def _enumerated(model: TapModel) -> Callable[[NDArray[np.float64]], NDArray[np.f
     """The NumPyro model of one tap."""
     import jax  # noqa: PLC0415 - it takes long to import
 
-    from ...inference.enumeration import log_likelihoods, observed, touch_tables  # noqa: PLC0415
+    from ...inference.engines.enumeration import log_likelihoods, observed, touch_tables  # noqa: PLC0415
 
     def of(taps: NDArray[np.float64]) -> NDArray[np.float64]:
         with jax.enable_x64(True):

@@ -9,9 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...hardware.pool import TapPool
-from ...inference.montecarlo import run_trials
-from ...inference.trial_plan import trial_uniforms
-from ...inference.trial_records import TapTable, TrialPlan, Trials
+from ...inference.trials.plan import trial_uniforms
+from ...inference.trials.records import TapTable, TrialPlan, Trials
+from ...inference.trials.run import run_trials
 from .answers import Answer
 from .case import Case
 from .comparison import Difference

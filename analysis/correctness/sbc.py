@@ -16,8 +16,8 @@ from numpy.typing import NDArray
 from ...inference.reference import Border
 from ...models import seeds
 from ...models.errors import InputError
-from ...models.histogram import HistogramModel
-from ...models.model import TapModel
+from ...models.measurement.histogram import HistogramModel
+from ...models.measurement.model import TapModel
 from ..stats.uniformity import PRECISION, Factor, JudgedBeliefs, error_factor, judge, p_values, rejected
 from .sbc_chain import ACTIVE, PASSIVE, Beliefs, Checkpoints, World, engine_beliefs
 

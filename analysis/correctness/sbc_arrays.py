@@ -1,6 +1,6 @@
 """Many episodes side by side with the array code of the Monte Carlo, every tap drawn anew; see `calibration`.
 
-What `inference.device` does to one belief is done here to all of them, tap by tap. It is the fastest way to beliefs
+What `inference.trials.gpu` does to one belief is done here to all of them, tap by tap. It is the fastest way to beliefs
 over all classes, which whole trials do not return.
 """
 
@@ -12,10 +12,10 @@ import jax
 import numpy as np
 from numpy.typing import NDArray
 
-from ...hardware.model_rig import BinTables, bin_tables
-from ...inference import device
-from ...inference.control import default_fixation
-from ...inference.filter import border_number
+from ...hardware.simulator.model_rig import BinTables, bin_tables
+from ...inference.engines.compiled import border_number
+from ...inference.moves.control import default_fixation
+from ...inference.trials import gpu as device
 from .sbc_chain import PASSIVE, Beliefs, Checkpoints, World, empty_beliefs
 
 _ROWS = 64  # the least number of rows that is compiled for

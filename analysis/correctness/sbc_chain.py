@@ -10,13 +10,13 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ...hardware.model_rig import ModelRig
-from ...inference.control import MovePolicy, default_fixation, fixation, passive
-from ...inference.engine import Engine, make_engine
+from ...hardware.simulator.model_rig import ModelRig
+from ...inference.engines.engine import Engine, make_engine
 from ...inference.episode import steps
+from ...inference.moves.control import MovePolicy, default_fixation, fixation, passive
 from ...inference.reference import Border
-from ...models.histogram import HistogramModel
-from ...models.model import TapModel
+from ...models.measurement.histogram import HistogramModel
+from ...models.measurement.model import TapModel
 
 PASSIVE, ACTIVE = "passive", "active"
 

@@ -10,12 +10,12 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
-from ...hardware.model_rig import bin_tables
 from ...hardware.pool import tap_pool
-from ...inference.control import default_fixation
-from ...inference.montecarlo import run_trials
-from ...inference.trial_plan import plan_trials
-from ...inference.trial_records import TapTable, TrialPlan, Trials
+from ...hardware.simulator.model_rig import bin_tables
+from ...inference.moves.control import default_fixation
+from ...inference.trials.plan import plan_trials
+from ...inference.trials.records import TapTable, TrialPlan, Trials
+from ...inference.trials.run import run_trials
 from ..stats.uniformity import JudgedBeliefs
 from .sbc_arrays import draw
 from .sbc_chain import PASSIVE, Checkpoints, World

@@ -2,9 +2,9 @@
 
 from collections.abc import Callable, Iterator
 
-from ...hardware.data_collection import simulate_session
-from ...hardware.presets import preset
-from ...models.histogram import fit
+from ...hardware.simulator.presets import preset
+from ...hardware.simulator.session import simulate_session
+from ...models.measurement.histogram import fit
 from ..experiment.crosscheck import CrossCheck, crosscheck
 from ..experiment.sources import right_model
 from ..page.stages import Check, Progress, timed_check

@@ -17,23 +17,23 @@ from numpy.typing import NDArray
 
 from ...hardware.replay import ReplayRig, uniforms
 from ...inference import reference
-from ...inference.engine import Engine, make_engine
-from ...inference.montecarlo import THRESHOLDS
+from ...inference.engines.engine import Engine, make_engine
 from ...inference.raw import LabelledTaps, Options, RawFilter
 from ...inference.reference import Border
-from ...inference.trial_plan import plan_trials, tap_table
+from ...inference.trials.plan import plan_trials, tap_table
+from ...inference.trials.run import THRESHOLDS
 from ...models import seeds
-from ...models.histogram import HistogramModel
-from ...models.model import TapModel
+from ...models.measurement.histogram import HistogramModel
+from ...models.measurement.model import TapModel
+from ...models.measurement.states import fold
 from ...models.power import learned_taps
-from ...models.states import fold
 from ...models.taps import TapSet
 from ..stats.no_class_left import impossible_cause
 from .settings import Settings
 from .trial_check import RAW, TrialDifferences, belief_gap, compare_trials
 
 if TYPE_CHECKING:
-    from ...inference.enumeration import SequencePosterior
+    from ...inference.engines.enumeration import SequencePosterior
 
 TOLERANCE = 1e-10
 STORY_TOLERANCE = 1e-9
@@ -202,7 +202,7 @@ class _SequenceRoute:
 
     def add(self, comparison: "_Comparison", expected: _Trace, script: Script) -> None:
         """Enumerates the first taps of an episode; halves their number, for good, while they underflow."""
-        from ...inference.enumeration import SequenceUnderflowError, enumerate_sequence  # noqa: PLC0415
+        from ...inference.engines.enumeration import SequenceUnderflowError, enumerate_sequence  # noqa: PLC0415
 
         while self.taps and len(script.taps):
             T = min(self.taps, len(script.taps))
@@ -224,7 +224,7 @@ class _Comparison:
     """Largest differences so far, by routes and quantity.
 
     Args:
-        M: Objects; beliefs have the shape (T, L, H), see `models.states`.
+        M: Objects; beliefs have the shape (T, L, H), see `models.measurement.states`.
     """
 
     def __init__(self, M: int) -> None:
@@ -265,7 +265,7 @@ class _Comparison:
 
     def add_story(self, model: TapModel, taps: TapSet) -> None:
         """Compares log-likelihoods at power 1 under every trained class, by compiled loops and by the NumPyro story."""
-        from ...models.story_likelihood import log_likelihoods  # noqa: PLC0415 - NumPyro takes seconds to import
+        from ...models.measurement.likelihood.story_likelihood import log_likelihoods  # noqa: PLC0415 - NumPyro takes seconds to import
 
         seen = taps.taps[np.linspace(0, len(taps) - 1, min(_STORY_TAPS, len(taps))).astype(np.intp)]
         compiled = np.empty((len(seen), *model.form.shape))

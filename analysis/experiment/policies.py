@@ -9,13 +9,13 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from ...hardware.pool import TapPool
-from ...inference.cut_short import Farthest, endings
-from ...inference.montecarlo import LoopPlayer, empty_trials, make_rule, run_trials
-from ...inference.resampling import RESAMPLE_TRIALS, Spread, spread
-from ...inference.selections import resampled_pools, thinned_pools
-from ...inference.trial_plan import checked_plan, join_plans, plan_trials
-from ...inference.trial_records import TapTable, TrialPlan, Trials
-from ...models.classes import ClassGrid
+from ...inference.trials.cut_short import Farthest, endings
+from ...inference.trials.plan import checked_plan, join_plans, plan_trials
+from ...inference.trials.records import TapTable, TrialPlan, Trials
+from ...inference.trials.resampling import RESAMPLE_TRIALS, Spread, spread
+from ...inference.trials.run import LoopPlayer, empty_trials, make_rule, run_trials
+from ...inference.trials.selections import resampled_pools, thinned_pools
+from ...models.grid import ClassGrid
 from ...models.threads import cores, in_order
 from ..stats.metrics import Means, confusion, mean_outcomes, outcomes_dataset
 from .settings import Settings
@@ -76,7 +76,7 @@ class PlayedPolicies(NamedTuple):
 
 
 class ResampledPools(NamedTuple):
-    """Selections of the test taps, see `inference.resampling`.
+    """Selections of the test taps, see `inference.trials.resampling`.
 
     Attributes:
         stored: For trials that draw with replacement.

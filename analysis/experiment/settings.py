@@ -5,15 +5,15 @@ from typing import Literal
 
 import numpy as np
 
-from ...inference.control import check_fixation
 from ...inference.episode import DEADLINE
-from ...inference.montecarlo import THRESHOLDS
+from ...inference.moves.control import check_fixation
 from ...inference.reference import Border
-from ...inference.tempering import fit_tempered
-from ...models.catalogue import FitSettings, split_name
-from ...models.classes import ClassGrid
+from ...inference.trials.run import THRESHOLDS
+from ...inference.tuning.tempering import fit_tempered
 from ...models.errors import InputError
-from ...models.model import TapModel
+from ...models.grid import ClassGrid
+from ...models.measurement.catalogue import FitSettings, split_name
+from ...models.measurement.model import TapModel
 from ...models.power import check_saturation
 from ...models.taps import TapSet
 

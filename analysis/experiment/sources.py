@@ -6,13 +6,13 @@ from functools import partial
 from pathlib import Path
 from typing import NamedTuple
 
-from ...hardware.data_collection import simulate_session
-from ...hardware.presets import preset
-from ...models.classes import ClassGrid
+from ...hardware.simulator.presets import preset
+from ...hardware.simulator.session import simulate_session
 from ...models.experiment import load_experiment
-from ...models.histogram import HistogramModel, fit, trim
-from ...models.importers import load_taps
-from ...models.recording import naming
+from ...models.grid import ClassGrid
+from ...models.io.load import load_taps
+from ...models.io.recording import naming
+from ...models.measurement.histogram import HistogramModel, fit, trim
 from ...models.seeds import data_set_seed
 from ...models.splits import Fold
 from ..stats.acting import policies

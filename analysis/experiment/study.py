@@ -3,11 +3,11 @@
 from collections.abc import Callable
 from typing import NamedTuple
 
-from ...inference.control import check_fixation
-from ...inference.trial_plan import tap_table
-from ...inference.trial_records import TapTable
-from ...models.classes import ClassGrid
-from ...models.model import TapModel
+from ...inference.moves.control import check_fixation
+from ...inference.trials.plan import tap_table
+from ...inference.trials.records import TapTable
+from ...models.grid import ClassGrid
+from ...models.measurement.model import TapModel
 from ...models.splits import Fold
 from ...models.taps import TapSet
 from ..stats.acting import can_act

@@ -5,7 +5,7 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ...models.classes import ClassGrid
+from ...models.grid import ClassGrid
 from ...models.taps import TapSet
 
 FEW = 5  # distinct taps per class, below which a histogram is mostly empty

@@ -7,14 +7,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...hardware.replay import ReplayRig
-from ...inference.control import fixation
-from ...inference.engine import Engine
+from ...inference.engines.engine import Engine
 from ...inference.episode import steps
-from ...inference.montecarlo import THRESHOLDS, run_trials
+from ...inference.moves.control import fixation
 from ...inference.raw import Decision, LabelledTaps, RawFilter
 from ...inference.reference import Border
-from ...inference.trial_plan import trial_uniforms
-from ...inference.trial_records import TapTable, TrialPlan, Trials
+from ...inference.trials.plan import trial_uniforms
+from ...inference.trials.records import TapTable, TrialPlan, Trials
+from ...inference.trials.run import THRESHOLDS, run_trials
 from ...models.taps import TapSet
 
 DEVICES = ("cpu", "xla-cpu")

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ...models.classes import ClassGrid
+from ...models.grid import ClassGrid
 from ...models.preprocessing import Preprocessing
 from ...models.taps import TapSet
 from ..experiment.suspicions import constant_taxels, saturated_taxels, suspicions, taxel_ranges

@@ -15,7 +15,7 @@ from rich.text import Text
 
 from ...inference.episode import Step
 from ...inference.novelty import FLAGGED
-from ...models.classes import ClassGrid
+from ...models.grid import ClassGrid
 
 # Nine colours of matplotlib's viridis, from low to high.
 _COLOURS = np.array(

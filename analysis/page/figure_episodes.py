@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ...models.classes import ClassGrid
+from ...models.grid import ClassGrid
 from .figure_style import (
     DECIDED,
     OTHERS,

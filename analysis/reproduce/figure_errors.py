@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import xarray as xr
 
-from ...models.classes import ClassGrid
+from ...models.grid import ClassGrid
 from ..page.figure_style import (
     ACTIVE,
     ONE_COLUMN,

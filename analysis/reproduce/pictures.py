@@ -6,7 +6,7 @@ from typing import Any
 
 import xarray as xr
 
-from ...models.classes import ClassGrid
+from ...models.grid import ClassGrid
 from ..page.page import Picture
 from ..stats.acting import can_act
 from . import figures

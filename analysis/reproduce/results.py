@@ -7,8 +7,8 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from ...inference.resampling import USED_UP_SELECTED, Spread, taps_per_class, too_few
-from ...models.classes import ClassGrid
+from ...inference.trials.resampling import USED_UP_SELECTED, Spread, taps_per_class, too_few
+from ...models.grid import ClassGrid
 from ...models.splits import Split
 from ..experiment.crosscheck import CrossCheck
 from ..experiment.policies import Outcomes

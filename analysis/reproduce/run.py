@@ -8,12 +8,12 @@ from typing import Any
 
 import xarray as xr
 
-from ...hardware.data_collection import simulate_session
-from ...hardware.presets import preset
-from ...inference.control import check_fixation
-from ...inference.engine import make_engine
-from ...inference.resampling import RESAMPLES
-from ...models.histogram import trim
+from ...hardware.simulator.presets import preset
+from ...hardware.simulator.session import simulate_session
+from ...inference.engines.engine import make_engine
+from ...inference.moves.control import check_fixation
+from ...inference.trials.resampling import RESAMPLES
+from ...models.measurement.histogram import trim
 from ...models.seeds import data_set_seed
 from ...models.splits import Fold, Split
 from ...models.storage import complete_folder

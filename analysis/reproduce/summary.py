@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from ...models.catalogue import CATALOGUE, split_name
-from ...models.classes import ClassGrid
+from ...models.grid import ClassGrid
+from ...models.measurement.catalogue import CATALOGUE, split_name
 from ...models.power import learned_taps
 from ...models.splits import Fold
 from ...models.taps import TapSet, concatenate

@@ -8,11 +8,11 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any, Literal, NamedTuple
 
-from ...inference.control import default_fixation
-from ...inference.montecarlo import THRESHOLDS
+from ...inference.moves.control import default_fixation
 from ...inference.reference import Border
-from ...models.classes import ClassGrid
+from ...inference.trials.run import THRESHOLDS
 from ...models.errors import InputError
+from ...models.grid import ClassGrid
 from ..experiment.settings import SHOWN_THETA
 
 COARSE = (0.1, 0.3, 0.5, 0.7, 0.9)

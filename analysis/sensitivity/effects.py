@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ...models.classes import ClassGrid
+from ...models.grid import ClassGrid
 from ..stats.jackknife import Interval, Means, interval, jackknife
 from .choices import Reading
 

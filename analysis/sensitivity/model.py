@@ -3,11 +3,11 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from ...models.bins import bin_edges
-from ...models.classes import ClassGrid
-from ...models.histogram import HistogramModel, fit
-from ...models.model import TapModel
-from ...models.table import TableModel
+from ...models.grid import ClassGrid
+from ...models.measurement.histogram import HistogramModel, fit
+from ...models.measurement.likelihood.bins import bin_edges
+from ...models.measurement.model import TapModel
+from ...models.measurement.table import TableModel
 from ...models.taps import TapSet
 from .choices import Reading
 

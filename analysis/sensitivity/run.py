@@ -9,12 +9,12 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ...inference.montecarlo import THRESHOLDS, run_trials
-from ...inference.resampling import spread
-from ...inference.trial_plan import plan_trials, tap_table
-from ...inference.trial_records import TapTable, TrialPlan, Trials
-from ...models.classes import ClassGrid
-from ...models.model import TapModel
+from ...inference.trials.plan import plan_trials, tap_table
+from ...inference.trials.records import TapTable, TrialPlan, Trials
+from ...inference.trials.resampling import spread
+from ...inference.trials.run import THRESHOLDS, run_trials
+from ...models.grid import ClassGrid
+from ...models.measurement.model import TapModel
 from ...models.seeds import data_set_seed
 from ...models.splits import Fold
 from ...models.taps import TapSet

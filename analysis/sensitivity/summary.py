@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from ...models.classes import ClassGrid
+from ...models.grid import ClassGrid
 from ..experiment.settings import SHOWN_THETA
 from ..page.figure_style import short_unit
 from ..page.words import listed

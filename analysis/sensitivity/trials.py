@@ -1,6 +1,6 @@
 """Trials under any reading of the paper, all of them in step, with log beliefs.
 
-The compiled trials (`inference.montecarlo`) know our defaults and the borders. Here are the other orders, ends of the
+The compiled trials (`inference.trials.run`) know our defaults and the borders. Here are the other orders, ends of the
 range and ways to draw taps too, at a tenth of the speed; at the defaults every decision is the same.
 """
 
@@ -9,11 +9,12 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ...inference import draws, kernel
-from ...inference.lockstep import drawn_taps, log_sum, shift_beliefs
-from ...inference.montecarlo import empty_trials, make_rule
-from ...inference.trial_plan import checked_plan
-from ...inference.trial_records import Rule, TapTable, TrialPlan, Trials
+from ...inference.trials import kernel
+from ...inference.trials import random as draws
+from ...inference.trials.lockstep import drawn_taps, log_sum, shift_beliefs
+from ...inference.trials.plan import checked_plan
+from ...inference.trials.records import Rule, TapTable, TrialPlan, Trials
+from ...inference.trials.run import empty_trials, make_rule
 from .choices import Reading
 
 type Floats = NDArray[np.float64]

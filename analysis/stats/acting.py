@@ -1,6 +1,6 @@
 """Whether active perception means anything on a grid of classes, and which policies do."""
 
-from ...models.classes import ClassGrid
+from ...models.grid import ClassGrid
 
 
 def can_act(grid: ClassGrid) -> bool:

@@ -14,14 +14,14 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from ...models import seeds
-from ...models.bins import find_bins
-from ...models.catalogue import Fitted
-from ...models.classes import ClassGrid
-from ...models.forms import TableForm, in_states
-from ...models.histogram import HistogramModel
-from ...models.model import TapModel
-from ...models.model_draws import form_of
-from ...models.shapes import Parameters
+from ...models.grid import ClassGrid
+from ...models.measurement.catalogue import Fitted
+from ...models.measurement.draws import form_of
+from ...models.measurement.histogram import HistogramModel
+from ...models.measurement.likelihood.bins import find_bins
+from ...models.measurement.likelihood.forms import TableForm, in_states
+from ...models.measurement.likelihood.shapes import Parameters
+from ...models.measurement.model import TapModel
 from ...models.taps import TapSet
 from .evidence import halves, rivals
 

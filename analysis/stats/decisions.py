@@ -2,7 +2,7 @@
 
 `play_models` plays once, on the test taps and on resamples of them; `decision_curves` and `at_equal_taps` are two views
 of that. Trials pair across models and policies: they have the same resamples, starts and random numbers. No trial draws
-a tap twice, see `inference.resampling`.
+a tap twice, see `inference.trials.resampling`.
 """
 
 from collections.abc import Callable, Mapping
@@ -12,11 +12,12 @@ import numpy as np
 import xarray as xr
 from numpy.typing import ArrayLike, NDArray
 
-from ...inference.control import check_fixation
-from ...inference.cut_short import ENDINGS, Farthest, endings
 from ...inference.episode import DEADLINE
+from ...inference.moves.control import check_fixation
 from ...inference.reference import Border
-from ...inference.resampling import (
+from ...inference.trials.cut_short import ENDINGS, Farthest, endings
+from ...inference.trials.records import TapTable, TrialPlan, Trials
+from ...inference.trials.resampling import (
     CONFIDENCE,
     RESAMPLE_TRIALS,
     RESAMPLES,
@@ -28,9 +29,8 @@ from ...inference.resampling import (
     too_few,
     trial_noise,
 )
-from ...inference.trial_records import TapTable, TrialPlan, Trials
-from ...models.classes import ClassGrid
 from ...models.errors import InputError
+from ...models.grid import ClassGrid
 from .acting import policies
 from .pairing import check_tables, reference_name, with_intervals
 from .ranges import SHARE, Range, ranges
@@ -93,7 +93,7 @@ def play_models(
     Returns:
         `MEANS` over (model, policy, theta, resample); resample 0 holds the taps as they are, and halves of the trials
         on the others follow behind these, see `resampling.ResampledTrials`. With the suffixes of `ENDINGS` what
-        resample 0 might have been besides, see `inference.cut_short`. Attributes `factor`, see `spread_of`,
+        resample 0 might have been besides, see `inference.trials.cut_short`. Attributes `factor`, see `spread_of`,
         `taps_per_class`, `test_taps`, and `range_<name>` of what has one, see `ranges.Range`.
 
     Raises:

@@ -11,11 +11,11 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ...models.bins import find_bins
-from ...models.classes import ClassGrid
 from ...models.errors import InputError
-from ...models.histogram import HistogramModel, fit
-from ...models.scaling import sum_by
+from ...models.grid import ClassGrid
+from ...models.measurement.histogram import HistogramModel, fit
+from ...models.measurement.likelihood.bins import find_bins
+from ...models.measurement.scaling import sum_by
 from ...models.splits import rank_in_class
 from ...models.taps import TapSet
 

@@ -14,10 +14,10 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.sparse import csr_array
 from scipy.stats import t
 
-from ...inference.cut_short import ENDINGS
-from ...inference.resampling import CONFIDENCE, Spread, resamples_in_words, widened
-from ...inference.trial_records import TrialPlan, Trials
-from ...models.classes import ClassGrid
+from ...inference.trials.cut_short import ENDINGS
+from ...inference.trials.records import TrialPlan, Trials
+from ...inference.trials.resampling import CONFIDENCE, Spread, resamples_in_words, widened
+from ...models.grid import ClassGrid
 from .ranges import Range, ranges
 
 QUANTITIES = ("what_error", "where_error", "taps")
@@ -90,11 +90,12 @@ def outcomes_dataset(
         grid: The classes.
         thresholds: theta_W, shape (H,).
         deadline: Taps after which a trial ends.
-        endings: Means of trials that were cut short at their best, and at their worst, see `inference.cut_short`.
+        endings: Means of trials that were cut short at their best, and at their worst, see
+        `inference.trials.cut_short`.
 
     Returns:
         Dims (place, theta): `Means.mean` by name, `Means.noise` as ``<quantity>_noise``, endings with the suffixes of
-        `inference.cut_short.ENDINGS`, and the number of ``trials`` (place). With resamples also
+        `inference.trials.cut_short.ENDINGS`, and the number of ``trials`` (place). With resamples also
         ``<quantity>_resampled`` (resample, place, theta), and the mean of their noise as
         ``<quantity>_resampled_noise``.
     """

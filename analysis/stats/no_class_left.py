@@ -1,7 +1,7 @@
 """What is said of trials in which no class was left."""
 
-from ...models.histogram import HistogramModel
-from ...models.model import TapModel
+from ...models.measurement.histogram import HistogramModel
+from ...models.measurement.model import TapModel
 
 
 def impossible_cause(model: TapModel) -> str:

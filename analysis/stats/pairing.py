@@ -7,8 +7,8 @@ import numpy as np
 import xarray as xr
 from numpy.typing import ArrayLike, NDArray
 
-from ...inference.resampling import Spread, widened
-from ...inference.trial_records import TapTable
+from ...inference.trials.records import TapTable
+from ...inference.trials.resampling import Spread, widened
 from ...models.errors import InputError
 
 RESAMPLES = 1000
@@ -89,7 +89,8 @@ def with_intervals(
         independent: Of what may not have been seen, such as errors: how many decisions are independent, see
             `resampling.widened`, broadcast to (models, ...).
         smallest: The smallest error.
-        endings: Best and worst that the estimates might have been, shape (models, ...), see `inference.cut_short`; none
+        endings: Best and worst that the estimates might have been, shape (models, ...), see
+        `inference.trials.cut_short`; none
             where they could not.
 
     Returns:

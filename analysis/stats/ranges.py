@@ -4,7 +4,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ...models.classes import ClassGrid
+from ...models.grid import ClassGrid
 
 
 class Range(NamedTuple):

@@ -8,9 +8,9 @@ is about a half when all is well.
 With a single object there is nothing to tell but the place: decisions are for the place then, stop by the belief in it,
 and places stand where objects stand otherwise. The finger does not move in these trials, nor where there is one place.
 
-Trials draw no tap twice, see `inference.resampling`: drawing the same few stored taps again makes right beliefs too
-sure by a factor of three and more. Errors persist: an object that is taken for another mostly always is. So everything
-is also told object by object; objects are those that there are and are not resampled.
+Trials draw no tap twice, see `inference.trials.resampling`: drawing the same few stored taps again makes right beliefs
+too sure by a factor of three and more. Errors persist: an object that is taken for another mostly always is. So
+everything is also told object by object; objects are those that there are and are not resampled.
 """
 
 from collections.abc import Sequence
@@ -22,12 +22,13 @@ import xarray as xr
 from numpy.typing import ArrayLike, NDArray
 
 from ...hardware.pool import TapPool
-from ...inference.control import check_fixation
-from ...inference.cut_short import Farthest, endings
 from ...inference.episode import DEADLINE
-from ...inference.montecarlo import run_trials
+from ...inference.moves.control import check_fixation
 from ...inference.reference import Border
-from ...inference.resampling import (
+from ...inference.trials.cut_short import Farthest, endings
+from ...inference.trials.plan import plan_trials
+from ...inference.trials.records import TapTable, TrialPlan, Trials
+from ...inference.trials.resampling import (
     CONFIDENCE,
     RESAMPLE_TRIALS,
     RESAMPLES,
@@ -40,12 +41,11 @@ from ...inference.resampling import (
     trial_noise,
     widened,
 )
-from ...inference.selections import sessions_drawn
-from ...inference.trial_plan import plan_trials
-from ...inference.trial_records import TapTable, TrialPlan, Trials
-from ...models.classes import ClassGrid
+from ...inference.trials.run import run_trials
+from ...inference.trials.selections import sessions_drawn
 from ...models.compiled import compiled
 from ...models.errors import InputError
+from ...models.grid import ClassGrid
 from .acting import policies
 from .metrics import confusion
 from .ranges import SHARE, Range, of_taps

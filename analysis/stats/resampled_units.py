@@ -1,7 +1,7 @@
 """Units of a comparison where there is one data set: resamples of its test taps.
 
 Trials on the same taps are no units, however many: they say nothing of what other taps would give. So the same trials
-are played on resampled taps too (see `inference.resampling`), under all options alike, so that differences pair.
+are played on resampled taps too (see `inference.trials.resampling`), under all options alike, so that differences pair.
 """
 
 from collections.abc import Sequence
@@ -12,10 +12,10 @@ from numpy.typing import NDArray
 from scipy.stats import t
 
 from ...hardware.pool import tap_pool
-from ...inference.resampling import CONFIDENCE, Spread, spread
-from ...inference.selections import resampled_pools
-from ...inference.trial_records import TapTable
-from ...models.classes import ClassGrid
+from ...inference.trials.records import TapTable
+from ...inference.trials.resampling import CONFIDENCE, Spread, spread
+from ...inference.trials.selections import resampled_pools
+from ...models.grid import ClassGrid
 from ...models.taps import TapSet
 
 RESAMPLES = 40

@@ -21,12 +21,12 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ...inference.tempering import CONTACTS, learn_power
+from ...inference.tuning.tempering import CONTACTS, learn_power
 from ...models import seeds
-from ...models.catalogue import FitSettings
 from ...models.errors import InputError
-from ...models.histogram import HistogramModel
-from ...models.model import TapModel
+from ...models.measurement.catalogue import FitSettings
+from ...models.measurement.histogram import HistogramModel
+from ...models.measurement.model import TapModel
 from ...models.taps import TapSet
 from ...models.threads import cores, in_order
 from .right_model import LEVEL, Beside, compare, drawn_set

@@ -17,14 +17,14 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ...inference.control import check_fixation
-from ...inference.montecarlo import LoopPlayer, empty_trials, make_rule
+from ...inference.moves.control import check_fixation
 from ...inference.reference import Border
-from ...inference.trial_plan import plan_trials
-from ...inference.trial_records import TapTable
+from ...inference.trials.plan import plan_trials
+from ...inference.trials.records import TapTable
+from ...inference.trials.run import LoopPlayer, empty_trials, make_rule
 from ...models import seeds
-from ...models.forms import GaussianForm
-from ...models.model import TapModel
+from ...models.measurement.likelihood.forms import GaussianForm
+from ...models.measurement.model import TapModel
 from ...models.setting import Setting
 from ...models.taps import TapSet
 from ...models.threads import cores, in_order

@@ -3,8 +3,8 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from ...inference.tally import Tally
-from ...models.classes import ClassGrid
+from ...inference.trials.tally import Tally
+from ...models.grid import ClassGrid
 
 QUANTITIES = {
     "what_error": "mean error of the object, in what_unit",

@@ -22,13 +22,13 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import t
 
-from ...inference.control import check_fixation
 from ...inference.episode import DEADLINE
+from ...inference.moves.control import check_fixation
 from ...inference.reference import Border
-from ...inference.trial_plan import plan_trials, tap_table
-from ...models.classes import ClassGrid
+from ...inference.trials.plan import plan_trials, tap_table
 from ...models.errors import InputError
-from ...models.model import TapModel
+from ...models.grid import ClassGrid
+from ...models.measurement.model import TapModel
 from ...models.taps import TapSet
 from .reliability import decided_about, play
 

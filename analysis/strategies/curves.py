@@ -11,10 +11,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ...inference.lockstep import Record
-from ...inference.montecarlo import THRESHOLDS
-from ...inference.recorded_stops import stops
-from ...inference.stopping import (
+from ...inference.stopping.recorded import stops
+from ...inference.stopping.rules import error_loss
+from ...inference.stopping.stopping import (
     DECIDE,
     GIVE_UP,
     StopRule,
@@ -27,9 +26,10 @@ from ...inference.stopping import (
     what_above,
     where_above,
 )
-from ...inference.stopping_rules import error_loss
-from ...models.classes import ClassGrid
-from ...models.model import TapModel
+from ...inference.trials.lockstep import Record
+from ...inference.trials.run import THRESHOLDS
+from ...models.grid import ClassGrid
+from ...models.measurement.model import TapModel
 from ..stats.jackknife import Interval, Means, interval, jackknife
 
 SUMS = ("answered", "what_error", "where_error", "taps", "way", "wrong", "doubt", "given_up", "unstopped")

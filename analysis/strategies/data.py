@@ -8,20 +8,20 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ...hardware.data_collection import simulate_session
-from ...hardware.model_rig import draw_session
-from ...hardware.presets import PRESETS, preset
+from ...hardware.simulator.model_rig import draw_session
+from ...hardware.simulator.presets import PRESETS, preset
+from ...hardware.simulator.session import simulate_session
 from ...inference.information import TapOutcomes, tap_outcomes
+from ...inference.moves.table_learning import held_out_tables
 from ...inference.reference import Border
-from ...inference.table_learning import held_out_tables
-from ...inference.tempering import best_power, learn_power
-from ...inference.trial_plan import tap_table
-from ...inference.trial_records import TapTable
-from ...models.catalogue import FitSettings
-from ...models.classes import ClassGrid
+from ...inference.trials.plan import tap_table
+from ...inference.trials.records import TapTable
+from ...inference.tuning.tempering import best_power, learn_power
 from ...models.errors import InputError
-from ...models.histogram import fit
-from ...models.model import TapModel
+from ...models.grid import ClassGrid
+from ...models.measurement.catalogue import FitSettings
+from ...models.measurement.histogram import fit
+from ...models.measurement.model import TapModel
 from ...models.power import TAPS
 from ...models.seeds import data_set_seed
 from ...models.taps import TapSet

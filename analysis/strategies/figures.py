@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ...models.classes import ClassGrid
+from ...models.grid import ClassGrid
 from ..page.figure_episodes import plot_trajectories
 from ..page.figure_style import ACTIVE, OTHERS, PASSIVE, TWO_COLUMNS, axis_label, label_panel, new_figure, styled
 from .findings import FIXED, LOOK, PAPER, TAPS

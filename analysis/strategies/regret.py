@@ -9,14 +9,14 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ...inference.bayes_risk import exact_rule
-from ...inference.exact_cost import Cost, course, expected_cost
-from ...inference.lockstep import Record, play
-from ...inference.recorded_stops import stops
-from ...inference.risk_bounds import alpha_cost_bound, known_place_bound, qmdp
-from ...inference.risk_problem import RiskProblem
-from ...inference.stopping import StopRule
-from ...inference.trial_plan import plan_trials
+from ...inference.bayes_risk.bounds import alpha_cost_bound, known_place_bound, qmdp
+from ...inference.bayes_risk.exact_cost import Cost, course, expected_cost
+from ...inference.bayes_risk.problem import RiskProblem
+from ...inference.bayes_risk.risk import exact_rule
+from ...inference.stopping.recorded import stops
+from ...inference.stopping.stopping import StopRule
+from ...inference.trials.lockstep import Record, play
+from ...inference.trials.plan import plan_trials
 from ...models.errors import InputError
 from ...models.threads import cores, in_order, one_blas_thread
 from ..page.stages import Progress

@@ -12,18 +12,18 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ...hardware.data_collection import simulate_session
-from ...hardware.presets import preset
-from ...inference.control import MovePolicy, fixation
-from ...inference.control_table import TargetTable
-from ...inference.expected_gain import gain_watch, risk_mover
-from ...inference.risk_problem import RiskProblem, risk_problem
-from ...inference.stopping import StopRule, Watch, after, divergences, lookahead, msprt, what_above
-from ...inference.stopping_rules import error_loss
-from ...inference.strategies import make_policy
-from ...inference.table_learning import learn_table
-from ...inference.tap_symbols import TapSymbols, quantised
-from ...models.histogram import HistogramModel, fit
+from ...hardware.simulator.presets import preset
+from ...hardware.simulator.session import simulate_session
+from ...inference.bayes_risk.problem import RiskProblem, risk_problem
+from ...inference.moves.control import MovePolicy, fixation
+from ...inference.moves.expected_gain import gain_watch, risk_mover
+from ...inference.moves.strategies import make_policy
+from ...inference.moves.table import TargetTable
+from ...inference.moves.table_learning import learn_table
+from ...inference.stopping.rules import error_loss
+from ...inference.stopping.stopping import StopRule, Watch, after, divergences, lookahead, msprt, what_above
+from ...inference.trials.symbols import TapSymbols, quantised
+from ...models.measurement.histogram import HistogramModel, fit
 from .run import BASE, STRATEGIES
 
 SEED = 4

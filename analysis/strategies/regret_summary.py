@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import norm
 
-from ...inference.exact_cost import Cost
+from ...inference.bayes_risk.exact_cost import Cost
 from ..page.page import interval, percent
 from ..page.words import listed
 from ..stats.metrics import CONFIDENCE

@@ -10,19 +10,19 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ...inference.control import MovePolicy, default_fixation
-from ...inference.expected_gain import gain_watch
 from ...inference.information import TapOutcomes, information_of_moves
-from ...inference.lockstep import Record, play
-from ...inference.recorded_stops import stops
+from ...inference.moves.control import MovePolicy, default_fixation
+from ...inference.moves.expected_gain import gain_watch
+from ...inference.moves.strategies import make_policy, parse_strategy
+from ...inference.moves.table_learning import learn_table
 from ...inference.reference import Border
-from ...inference.resampling import spread
-from ...inference.stopping import Watch, what_above
-from ...inference.stopping_rules import error_loss
-from ...inference.strategies import make_policy, parse_strategy
-from ...inference.table_learning import learn_table
-from ...inference.trial_plan import plan_trials, tap_table
-from ...models.model import TapModel
+from ...inference.stopping.recorded import stops
+from ...inference.stopping.rules import error_loss
+from ...inference.stopping.stopping import Watch, what_above
+from ...inference.trials.lockstep import Record, play
+from ...inference.trials.plan import plan_trials, tap_table
+from ...inference.trials.resampling import spread
+from ...models.measurement.model import TapModel
 from ...models.seeds import data_set_seed
 from ...models.threads import cores, in_order, one_blas_thread
 from ..experiment.settings import SHOWN_THETA
@@ -47,7 +47,7 @@ STRATEGIES = (
     "info-what-per-s",
     "table",
 )
-"""What is compared; the names are those of `inference.strategies`."""
+"""What is compared; the names are those of `inference.moves.strategies`."""
 TRUSTED = ("passive", "random", BASE, "info-what", "info-joint")
 """Those that are compared under other roots of the likelihood too."""
 PATHS = 40

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from ...inference.control import default_fixation
+from ...inference.moves.control import default_fixation
 from ..experiment.settings import SHOWN_THETA
 from ..page.figure_style import short_unit
 from ..page.words import STORED_ONLY

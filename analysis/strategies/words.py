@@ -15,7 +15,7 @@ STRATEGY_WORDS = {
     "table": "goes to the place that a table, learned from training taps, has for where it believes to be",
     "risk": "goes where the expected error of a decision after one more tap and the cost of the way are least together",
 }
-"""By the names of `inference.strategies`; `risk` is played where costs are told only."""
+"""By the names of `inference.moves.strategies`; `risk` is played where costs are told only."""
 RULE_WORDS = {
     "what": "the belief in an object exceeds a threshold: the paper's rule",
     "where": "the belief in a place exceeds a threshold",

@@ -10,15 +10,15 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ...inference.control import MovePolicy, check_fixation
-from ...inference.control_information import training_outcomes
 from ...inference.information import TapOutcomes
-from ...inference.lockstep_tally import tally_policy
-from ...inference.strategies import make_policy, parse_strategy
-from ...inference.table_learning import held_out_tables, learn_table
-from ...inference.tally import Tally, tally_trials
-from ...inference.trial_plan import tap_table
-from ...inference.trial_records import TapTable
+from ...inference.moves.control import MovePolicy, check_fixation
+from ...inference.moves.information import training_outcomes
+from ...inference.moves.strategies import make_policy, parse_strategy
+from ...inference.moves.table_learning import held_out_tables, learn_table
+from ...inference.trials.lockstep_tally import tally_policy
+from ...inference.trials.plan import tap_table
+from ...inference.trials.records import TapTable
+from ...inference.trials.tally import Tally, tally_trials
 from ...models.seeds import Purpose, derived_seed
 from ..stats.resampled_units import resampled_table
 from ..stats.tallied import tally_means
@@ -27,7 +27,7 @@ from .data import DataSet
 from .models import FitAxes, fit_cell
 
 if TYPE_CHECKING:
-    from ...models.model import TapModel
+    from ...models.measurement.model import TapModel
 
 _TABLES = 4
 

@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ...inference.strategies import parse_strategy
+from ...inference.moves.strategies import parse_strategy
 from .models import FitAxes
 from .study import StudyFile
 
@@ -85,7 +85,7 @@ class Cell(NamedTuple):
 
     @property
     def strategy(self) -> str:
-        """Its policy by the name that `inference.strategies` has for it."""
+        """Its policy by the name that `inference.moves.strategies` has for it."""
         if isinstance(self.policy, str):
             return "fixation" if self.policy == _ACTIVE else self.policy
         return f"fixation:{self.policy!r}"

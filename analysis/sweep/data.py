@@ -5,12 +5,12 @@ from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 
-from ...hardware.data_collection import simulate_session
-from ...hardware.presets import preset
-from ...models.classes import ClassGrid
+from ...hardware.simulator.presets import preset
+from ...hardware.simulator.session import simulate_session
 from ...models.errors import InputError
 from ...models.experiment import load_experiment
-from ...models.recording import naming
+from ...models.grid import ClassGrid
+from ...models.io.recording import naming
 from ...models.splits import Fold, Split
 from .study import DataEntry, StudyFile
 
@@ -64,7 +64,7 @@ class DataSetSource:
         Raises:
             InputError: They cannot be used.
         """
-        from ...models.histogram import trim  # noqa: PLC0415 - NumPyro takes seconds to import
+        from ...models.measurement.histogram import trim  # noqa: PLC0415 - NumPyro takes seconds to import
 
         with naming(f"data {self.name}"):
             if self.paths:

@@ -3,8 +3,8 @@
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 if TYPE_CHECKING:
-    from ...models.classes import ClassGrid
-    from ...models.model import TapModel
+    from ...models.grid import ClassGrid
+    from ...models.measurement.model import TapModel
     from ...models.taps import TapSet
 
 
@@ -30,10 +30,10 @@ def fit_cell(taps: "TapSet", grid: "ClassGrid", settings: FitAxes) -> "TapModel"
     """The model of training taps.
 
     Raises:
-        InputError: As `inference.tempering.fit_tempered`.
+        InputError: As `inference.tuning.tempering.fit_tempered`.
     """
-    from ...inference import tempering  # noqa: PLC0415 - SciPy takes long to import
-    from ...models import catalogue  # noqa: PLC0415
+    from ...inference.tuning import tempering  # noqa: PLC0415 - SciPy takes long to import
+    from ...models.measurement import catalogue  # noqa: PLC0415
 
     more = settings._asdict()
     fitted, _ = tempering.fit_tempered(more.pop("model"), taps, grid, catalogue.FitSettings(**more))

@@ -10,7 +10,7 @@ import msgspec
 import numpy as np
 
 from ...models.errors import InputError
-from ...models.recording import naming
+from ...models.io.recording import naming
 from ...models.taps import TapSet
 from ..stats.resampled_units import spread_of_taps, unit_factor
 from .cell import Outcome, Runner

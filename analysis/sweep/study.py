@@ -8,15 +8,15 @@ from typing import Annotated, Any, Literal
 import msgspec
 from msgspec import Meta, Struct
 
-from ...hardware.presets import preset
-from ...hardware.rig_settings import Count, parse_settings, read_settings
+from ...hardware.rig.settings import Count, parse_settings, read_settings
+from ...hardware.simulator.presets import preset
 from ...inference.episode import DEADLINE
+from ...inference.moves.strategies import FORMS, parse_strategy
 from ...inference.reference import Border
-from ...inference.strategies import FORMS, parse_strategy
-from ...models.catalogue import split_name
 from ...models.errors import InputError
+from ...models.io.recording import naming
+from ...models.measurement.catalogue import split_name
 from ...models.power import learned_taps, likelihood_exponent
-from ...models.recording import naming
 
 Natural = Annotated[int, Meta(ge=0)]
 Text = Annotated[str, Meta(min_length=1)]
@@ -66,7 +66,7 @@ class GridAxes(_StudyTable, frozen=True):
         power: Root of the likelihood: `"J"`, `"JK"`, `"none"`, a number, `"learned"` or `"learned:N"`.
         border: Reading of Eq. 9 at the ends of the range.
         policy: `"passive"`, `"active"`, the threshold theta_X on the where belief for a move, or the name of another
-            control strategy, see `inference.strategies`.
+            control strategy, see `inference.moves.strategies`.
         fixation: Fixation points as where classes from 0, or `"middle"`, the middle of each data set.
         seed: Of the trials.
     """

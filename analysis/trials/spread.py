@@ -10,9 +10,10 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ...inference.cut_short import Farthest, endings
 from ...inference.episode import DEADLINE
-from ...inference.resampling import (
+from ...inference.trials.cut_short import Farthest, endings
+from ...inference.trials.records import TapTable, TrialPlan, Trials
+from ...inference.trials.resampling import (
     CONFIDENCE,
     RESAMPLES,
     ResampledTrials,
@@ -26,10 +27,9 @@ from ...inference.resampling import (
     trial_noise,
     widened,
 )
-from ...inference.selections import sessions_drawn
-from ...inference.tally import tally
-from ...inference.trial_records import TapTable, TrialPlan, Trials
-from ...models.classes import ClassGrid
+from ...inference.trials.selections import sessions_drawn
+from ...inference.trials.tally import tally
+from ...models.grid import ClassGrid
 from ..stats.ranges import SHARE, Range, ranges
 from ..stats.tallied import tally_means
 
@@ -51,7 +51,7 @@ class TapSpread(NamedTuple):
         stored: Means of trials that draw with replacement, on the taps as they are and on resamples, shape
             (H, 1 + 3 R), by name, see `resampling.play_resamples`.
         fresh: Likewise of trials that draw no tap twice.
-        endings: What else their estimates might have been, shape (H,) each, see `inference.cut_short`.
+        endings: What else their estimates might have been, shape (H,) each, see `inference.trials.cut_short`.
         used_up: Share of the latter that ended because all taps of a class were drawn, shape (H,).
         spread: How resamples of trials with replacement turn into intervals.
         fresh_spread: Likewise without.

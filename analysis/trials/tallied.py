@@ -6,8 +6,8 @@ import numpy as np
 import xarray as xr
 from numpy.typing import ArrayLike, NDArray
 
-from ...inference.tally import Tally
-from ...models.classes import ClassGrid
+from ...inference.trials.tally import Tally
+from ...models.grid import ClassGrid
 from ..stats.tallied import QUANTITIES, tally_means
 
 if TYPE_CHECKING:

@@ -7,8 +7,8 @@ from numpy.typing import NDArray
 from rich import box
 from rich.table import Table
 
-from ...inference.tally import Tally
-from ...models.classes import ClassGrid
+from ...inference.trials.tally import Tally
+from ...models.grid import ClassGrid
 from ..page.figure_style import axis_label, short_unit
 from ..stats.tallied import tally_means
 from .spread import SPREAD, TapSpread

@@ -12,13 +12,13 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ...inference.fixation_choice import FixationChoice, choose_fixation
-from ...inference.held_out import RESAMPLES, Estimate, Parts
-from ...inference.online_learning import Learner, beliefs, interval, recommended
-from ...inference.resampling import USED_UP
-from ...inference.threshold_choice import ThresholdChoice, check_cost, choose_threshold
-from ...models.classes import ClassGrid
+from ...inference.trials.resampling import USED_UP
+from ...inference.tuning.fixation import FixationChoice, choose_fixation
+from ...inference.tuning.held_out import RESAMPLES, Estimate, Parts
+from ...inference.tuning.online import Learner, beliefs, interval, recommended
+from ...inference.tuning.threshold import ThresholdChoice, check_cost, choose_threshold
 from ...models.errors import InputError
+from ...models.grid import ClassGrid
 from ...models.setting import Setting
 from ..stats.metrics import CONFIDENCE
 from ..stats.target_error import FEWEST, choose, prediction_interval, threshold_grid

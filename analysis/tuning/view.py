@@ -4,7 +4,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ...inference.held_out import Estimate
+from ...inference.tuning.held_out import Estimate
 from .run import Tuning, shown_threshold, unit_of
 
 if TYPE_CHECKING:

@@ -22,7 +22,7 @@ from solidtouch.analysis.page.figure_style import (
 )
 from solidtouch.analysis.stats.metrics import CONFIDENCE
 from solidtouch.analysis.tuning.run import Tuning
-from solidtouch.inference.held_out import Estimate
+from solidtouch.inference.tuning.held_out import Estimate
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

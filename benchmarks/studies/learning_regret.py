@@ -10,10 +10,10 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from solidtouch.inference.episode_costs import trial_costs
-from solidtouch.inference.online_learning import METHODS, Learner, learn, recommended
-from solidtouch.inference.trial_records import TapTable
-from solidtouch.models.classes import ClassGrid
+from solidtouch.inference.trials.records import TapTable
+from solidtouch.inference.tuning.costs import trial_costs
+from solidtouch.inference.tuning.online import METHODS, Learner, learn, recommended
+from solidtouch.models.grid import ClassGrid
 
 type Floats = NDArray[np.float64]
 _APART = 1 << 40  # random streams of the trials that price arms

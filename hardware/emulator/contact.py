@@ -3,8 +3,8 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from ..physics import effective_radius_mm, receptive_field
-from ..simulation_settings import RigSettings
+from ..simulator.physics import effective_radius_mm, receptive_field
+from ..simulator.settings import RigSettings
 
 
 class Pad:

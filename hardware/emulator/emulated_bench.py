@@ -6,17 +6,17 @@ from pathlib import Path
 from typing import NamedTuple
 
 from ...models.errors import InputError
-from ..presets import PRESETS
-from ..rig_settings import RigFile, StageSettings
-from ..shared_clock import SharedClock
-from ..simulation_settings import RigSettings
+from ..link.shared_clock import SharedClock
+from ..rig.settings import RigFile, StageSettings
+from ..simulator.presets import PRESETS
+from ..simulator.settings import RigSettings
 from .adapter import Adapter
 from .bench import Bench
-from .controller import Controller, ControllerSettings
 from .device import Device
 from .emulation import Emulation
 from .faults import Switches
 from .finger import Finger
+from .grbl.controller import Controller, ControllerSettings
 from .line_array import LineArray
 from .link import Link
 from .rig_file import SensorKind, emulated_rig

@@ -8,10 +8,10 @@ from numpy.typing import NDArray
 
 from ...models.errors import InputError
 from ...models.seeds import Purpose, seed_sequence
-from ..nuisances import session_nuisances
-from ..physics import peak_depth_mm
-from ..signal_chain import SensorNoise, converted
-from ..simulation_settings import RigSettings
+from ..simulator.nuisances import session_nuisances
+from ..simulator.physics import peak_depth_mm
+from ..simulator.settings import RigSettings
+from ..simulator.signal_chain import SensorNoise, converted
 from .contact import Pad
 from .rig_file import CLEARANCE_MM
 

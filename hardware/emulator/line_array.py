@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 
-from ..signal_chain import FULL_SCALE
+from ..simulator.signal_chain import FULL_SCALE
 from .faults import Switches
 from .finger import Finger
 from .sensor_faults import FaultyFinger, LostReadings

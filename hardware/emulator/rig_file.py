@@ -8,8 +8,7 @@ from typing import Any, Literal
 import msgspec
 
 from ...models.errors import InputError
-from ..physics import taxel_positions_mm
-from ..rig_settings import (
+from ..rig.settings import (
     AxisSettings,
     EmulatorSettings,
     IcubSettings,
@@ -19,7 +18,8 @@ from ..rig_settings import (
     StageSettings,
     TapSettings,
 )
-from ..simulation_settings import RigSettings
+from ..simulator.physics import taxel_positions_mm
+from ..simulator.settings import RigSettings
 
 SensorKind = Literal["icub", "lines"]
 CLEARANCE_MM = 1.0

@@ -8,10 +8,10 @@ import pytest
 from solidtouch.analysis.experiment.trial_check import DEVICES, compare_trials
 from solidtouch.analysis.reproduce.examples import belief_cases
 from solidtouch.analysis.stats.contacts import accuracy
-from solidtouch.inference.filter import FilterEngine
+from solidtouch.inference.engines.compiled import FilterEngine
 from solidtouch.inference.reference import BORDERS
-from solidtouch.inference.trial_plan import plan_trials, tap_table
-from solidtouch.models.classes import ClassGrid
+from solidtouch.inference.trials.plan import plan_trials, tap_table
+from solidtouch.models.grid import ClassGrid
 from solidtouch.models.preprocessing import Preprocessing
 from solidtouch.models.taps import TapSet
 

@@ -11,10 +11,10 @@ from typing import Any, NamedTuple
 import numpy as np
 import pytest
 from solidtouch.cli.main import run
-from solidtouch.hardware.data_collection import simulate_session
-from solidtouch.hardware.presets import preset
-from solidtouch.hardware.simulation_settings import PAPER_RODS
-from solidtouch.models.model_file import load_model
+from solidtouch.hardware.simulator.presets import preset
+from solidtouch.hardware.simulator.session import simulate_session
+from solidtouch.hardware.simulator.settings import PAPER_RODS
+from solidtouch.models.io.model_file import load_model
 from solidtouch.models.preprocessing import Preprocessing
 from solidtouch.models.setting import load_setting
 from solidtouch.models.taps import TapSet

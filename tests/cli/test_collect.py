@@ -7,11 +7,11 @@ from contextlib import contextmanager
 from types import SimpleNamespace
 
 import pytest
-from solidtouch.cli.operators import Emulator, Person
+from solidtouch.cli.shared.operators import Emulator, Person
 from solidtouch.hardware.errors import StaleSensor
-from solidtouch.hardware.plan import ObjectSettings
+from solidtouch.hardware.recording.plan import ObjectSettings
 from solidtouch.models.errors import InputError
-from solidtouch.models.import_rig import read_rig
+from solidtouch.models.io.rig import read_rig
 from solidtouch.models.taps import TapSet
 
 
@@ -37,7 +37,7 @@ class Bench:
 @pytest.fixture
 def bench(fake_rig, monkeypatch):
     bench = Bench(fake_rig)
-    monkeypatch.setitem(sys.modules, "solidtouch.hardware.open_rig", SimpleNamespace(open_rig=bench.open_rig))
+    monkeypatch.setitem(sys.modules, "solidtouch.hardware.rig.open_rig", SimpleNamespace(open_rig=bench.open_rig))
     return bench
 
 

@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 import xarray as xr
 from solidtouch.analysis.experiment.crosscheck import CrossCheck, RouteDifference
-from solidtouch.cli.options import MODELS
-from solidtouch.models.catalogue import CATALOGUE, FitSettings, fit_model
-from solidtouch.models.model_file import load_model
+from solidtouch.cli.shared.options import MODELS
+from solidtouch.models.io.model_file import load_model
+from solidtouch.models.measurement.catalogue import CATALOGUE, FitSettings, fit_model
 from solidtouch.models.taps import TapSet
 
 
@@ -95,7 +95,7 @@ def test_fit_writes_no_draws_where_none_are_wanted_or_none_exist(command, tmp_pa
 
 def test_a_fit_that_did_not_converge_needs_consent(command, tmp_path, taps_file, monkeypatch):
     """Without it there is no file."""
-    monkeypatch.setattr("solidtouch.models.fit_kronecker._ROUNDS", 1)
+    monkeypatch.setattr("solidtouch.models.measurement.fits.kronecker._ROUNDS", 1)
     words = ("fit", taps_file, "--out", tmp_path / "model.nc", "--model", "matrix-normal", "--draws", 0)
     refused = command(*words)
     written = (tmp_path / "model.nc").exists()
@@ -175,7 +175,7 @@ def test_crosscheck_of_all_models_names_the_refused_ones(command, tmp_path, make
 
 def test_crosscheck_of_all_models_ends_with_those_that_differ(command, taps_file, compared, monkeypatch):
     """And exit code 1; models are compared further."""
-    monkeypatch.setattr("solidtouch.cli.checks.MODELS", ("histogram", "gaussian", "profile"))
+    monkeypatch.setattr("solidtouch.cli.crosscheck.MODELS", ("histogram", "gaussian", "profile"))
     compared[1].add("gaussian")
     done = command("crosscheck", taps_file, "--model", "all", "--bins", 9)
 
@@ -186,7 +186,7 @@ def test_crosscheck_of_all_models_ends_with_those_that_differ(command, taps_file
 
 def test_crosscheck_of_no_model_is_an_error(command, tmp_path, make_taps, monkeypatch, compared):
     make_taps(J=1).save(tmp_path / "taps.nc")
-    monkeypatch.setattr("solidtouch.cli.checks.MODELS", ("profile", "matrix-normal"))
+    monkeypatch.setattr("solidtouch.cli.crosscheck.MODELS", ("profile", "matrix-normal"))
     done = command("crosscheck", tmp_path / "taps.nc", "--model", "all")
 
     assert done.code == 2
@@ -303,7 +303,7 @@ def test_too_little_memory_is_one_sentence(command, taps_file, tmp_path, monkeyp
     def refuse(*args, **more):
         raise MemoryError("Unable to allocate 17 TiB")
 
-    monkeypatch.setattr("solidtouch.models.histogram.bin_edges", refuse)
+    monkeypatch.setattr("solidtouch.models.measurement.histogram.bin_edges", refuse)
     done = command("fit", taps_file, "--out", tmp_path / "model.nc")
 
     assert done.code == 2
@@ -321,7 +321,7 @@ def test_an_interrupt_while_libraries_load_ends_the_program(module, tmp_path):
     """At once, with the sentence and exit code of every interrupt."""
     code = (
         "import os, signal\n"
-        "from solidtouch.cli.interrupt import loading\n"
+        "from solidtouch.cli.shared.interrupt import loading\n"
         "with loading():\n"
         f"    import {module}\n"
         "    os.kill(os.getpid(), signal.SIGINT)\n"

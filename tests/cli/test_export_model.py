@@ -7,11 +7,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from solidtouch.hardware.data_collection import simulate_session
-from solidtouch.hardware.presets import preset
-from solidtouch.inference.engine import NumpyEngine
-from solidtouch.models.histogram import fit
-from solidtouch.models.model_file import load_model
+from solidtouch.hardware.simulator.presets import preset
+from solidtouch.hardware.simulator.session import simulate_session
+from solidtouch.inference.engines.engine import NumpyEngine
+from solidtouch.models.io.model_file import load_model
+from solidtouch.models.measurement.histogram import fit
 from solidtouch.models.setting import Setting
 
 SOLID = Path(__file__).parents[2] / "docs" / "conformance" / "solid.c"

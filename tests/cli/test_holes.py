@@ -5,11 +5,11 @@ import json
 import numpy as np
 import pytest
 from solidtouch.analysis.experiment.crosscheck import crosscheck
-from solidtouch.inference.montecarlo import run_trials
 from solidtouch.inference.reference import BORDERS
-from solidtouch.inference.trial_plan import plan_trials, tap_table
-from solidtouch.models.histogram import fit, trim
-from solidtouch.models.importers import load_taps
+from solidtouch.inference.trials.plan import plan_trials, tap_table
+from solidtouch.inference.trials.run import run_trials
+from solidtouch.models.io.load import load_taps
+from solidtouch.models.measurement.histogram import fit, trim
 from solidtouch.models.splits import split
 
 RECORDED = ("barrett_boxes", "barrett_ballcyl", "braille_icub", "eflesh_grid", "icub_grasp")

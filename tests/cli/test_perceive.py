@@ -13,22 +13,22 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from solidtouch.hardware.data_collection import simulate_session
 from solidtouch.hardware.errors import NoAnswer
-from solidtouch.hardware.presets import preset
+from solidtouch.hardware.simulator.presets import preset
+from solidtouch.hardware.simulator.session import simulate_session
 from solidtouch.inference import episode
-from solidtouch.inference.control_table import save_table
-from solidtouch.inference.engine import NumpyEngine
+from solidtouch.inference.engines.engine import NumpyEngine
 from solidtouch.inference.information import tap_outcomes
-from solidtouch.inference.stopping import DECIDE, GO_ON, Moment
-from solidtouch.inference.stopping_rules import make_rule, parse_stopping
-from solidtouch.inference.strategies import make_policy
-from solidtouch.inference.table_learning import held_out_tables, learn_table
-from solidtouch.inference.trial_plan import trial_chances
-from solidtouch.models.catalogue import FitSettings, fit_model
+from solidtouch.inference.moves.strategies import make_policy
+from solidtouch.inference.moves.table import save_table
+from solidtouch.inference.moves.table_learning import held_out_tables, learn_table
+from solidtouch.inference.stopping.rules import make_rule, parse_stopping
+from solidtouch.inference.stopping.stopping import DECIDE, GO_ON, Moment
+from solidtouch.inference.trials.plan import trial_chances
 from solidtouch.models.digest import tap_digests
-from solidtouch.models.histogram import fit
-from solidtouch.models.model_file import load_model
+from solidtouch.models.io.model_file import load_model
+from solidtouch.models.measurement.catalogue import FitSettings, fit_model
+from solidtouch.models.measurement.histogram import fit
 from solidtouch.models.setting import Setting
 
 
@@ -514,7 +514,7 @@ def test_a_device_that_fails_ends_with_exit_code_3(command, folder, monkeypatch,
         finally:
             left.append(True)
 
-    monkeypatch.setattr("solidtouch.cli.rigs.open_source", broken)
+    monkeypatch.setattr("solidtouch.cli.shared.rigs.open_source", broken)
     done = command("perceive", folder / "model.nc", "--rig", "simulated", "--engine", "numpy")
 
     assert (done.code, done.err) == (3, "solidtouch: /dev/ttyACM0: no frame in 5 s.\n")

@@ -16,8 +16,8 @@ from mcap.reader import make_reader
 from solidtouch.hardware.emulator.emulated_bench import emulated_bench
 from solidtouch.hardware.emulator.rig_file import write_rig
 from solidtouch.hardware.emulator.service import Service
-from solidtouch.hardware.presets import PRESETS
-from solidtouch.models.import_rig import read_rig
+from solidtouch.hardware.simulator.presets import PRESETS
+from solidtouch.models.io.rig import read_rig
 from solidtouch.models.taps import TapSet
 
 SETTINGS = replace(PRESETS["paper"], start_mm=6.0, end_mm=9.0)

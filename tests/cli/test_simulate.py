@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 from solidtouch.analysis.reproduce.run import simulated_split
 from solidtouch.cli.simulate import simulate
-from solidtouch.hardware.data_collection import simulate_session
-from solidtouch.hardware.model_rig import draw_taps
-from solidtouch.hardware.presets import PRESETS
-from solidtouch.models.catalogue import FitSettings, fit_model
+from solidtouch.hardware.simulator.model_rig import draw_taps
+from solidtouch.hardware.simulator.presets import PRESETS
+from solidtouch.hardware.simulator.session import simulate_session
 from solidtouch.models.errors import InputError
-from solidtouch.models.histogram import fit
+from solidtouch.models.measurement.catalogue import FitSettings, fit_model
+from solidtouch.models.measurement.histogram import fit
 from solidtouch.models.taps import TapSet
 
 

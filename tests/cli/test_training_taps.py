@@ -5,7 +5,7 @@ import json
 import numpy as np
 import pytest
 import xarray as xr
-from solidtouch.models.histogram import fit
+from solidtouch.models.measurement.histogram import fit
 from solidtouch.models.taps import concatenate
 
 LEFT_OUT = "all 84 taps of session 0 trained the model and are left out; --training-taps plays them all the same."

@@ -8,13 +8,13 @@ import time
 import numpy as np
 import pytest
 import xarray as xr
-from solidtouch.hardware.data_collection import simulate_session
-from solidtouch.hardware.presets import preset
-from solidtouch.inference.montecarlo import run_trials
-from solidtouch.inference.resampling import RESAMPLES
-from solidtouch.inference.trial_plan import plan_trials, tap_table
-from solidtouch.models.catalogue import FitSettings, fit_model
-from solidtouch.models.histogram import fit
+from solidtouch.hardware.simulator.presets import preset
+from solidtouch.hardware.simulator.session import simulate_session
+from solidtouch.inference.trials.plan import plan_trials, tap_table
+from solidtouch.inference.trials.resampling import RESAMPLES
+from solidtouch.inference.trials.run import run_trials
+from solidtouch.models.measurement.catalogue import FitSettings, fit_model
+from solidtouch.models.measurement.histogram import fit
 from solidtouch.models.taps import concatenate
 
 

@@ -9,13 +9,13 @@ import typer
 from solidtouch.analysis.tuning.run import Price, shown_threshold
 from solidtouch.cli.tune import tune
 from solidtouch.cli.tune_online import LearningPlan, learned
-from solidtouch.inference.control_table import load_table
-from solidtouch.inference.online_learning import load_learner
-from solidtouch.inference.table_learning import held_out_tables, learn_table
+from solidtouch.inference.moves.table import load_table
+from solidtouch.inference.moves.table_learning import held_out_tables, learn_table
+from solidtouch.inference.tuning.online import load_learner
 from solidtouch.models.errors import InputError
-from solidtouch.models.histogram import fit
-from solidtouch.models.importers import load_taps
-from solidtouch.models.model_file import load_model
+from solidtouch.models.io.load import load_taps
+from solidtouch.models.io.model_file import load_model
+from solidtouch.models.measurement.histogram import fit
 from solidtouch.models.setting import Setting, load_setting
 from solidtouch.models.taps import TapSet
 from typer.testing import CliRunner

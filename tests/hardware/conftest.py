@@ -15,11 +15,11 @@ import pytest
 from solidtouch.hardware.emulator.emulated_bench import emulated_bench
 from solidtouch.hardware.errors import PortLost, RigError, WriteTimeout
 from solidtouch.hardware.journal import NoJournal
-from solidtouch.hardware.loop import Loop
-from solidtouch.hardware.open_rig import build_rig, connected
-from solidtouch.hardware.presets import PRESETS
-from solidtouch.hardware.simulation_settings import PAPER_RODS
-from solidtouch.models.classes import ClassGrid
+from solidtouch.hardware.link.loop import Loop
+from solidtouch.hardware.rig.open_rig import build_rig, connected
+from solidtouch.hardware.simulator.presets import PRESETS
+from solidtouch.hardware.simulator.settings import PAPER_RODS
+from solidtouch.models.grid import ClassGrid
 
 WITHOUT_NOISE = {"white_counts": 0.0}
 

@@ -11,19 +11,20 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from solidtouch.inference import device, reference
-from solidtouch.inference.engine import make_engine
-from solidtouch.inference.enumeration import (
+from solidtouch.inference import reference
+from solidtouch.inference.engines.engine import make_engine
+from solidtouch.inference.engines.enumeration import (
     MAX_SEQUENCE,
     SequenceUnderflowError,
     check_kernel_border,
     enumerate_sequence,
 )
 from solidtouch.inference.reference import BORDERS, ZeroEvidenceError
-from solidtouch.models.catalogue import FitSettings, fit_model
+from solidtouch.inference.trials import gpu as device
 from solidtouch.models.errors import InputError
-from solidtouch.models.histogram import fit
-from solidtouch.models.states import States
+from solidtouch.models.measurement.catalogue import FitSettings, fit_model
+from solidtouch.models.measurement.histogram import fit
+from solidtouch.models.measurement.states import States
 from solidtouch.models.touch import KERNEL_BORDERS
 
 ENGINES = ("numpy", "numpyro", "filter")
@@ -290,7 +291,7 @@ def test_results_that_are_not_finite_are_an_error(make_model, draw_samples, monk
     def underflown(arguments, prefixes):
         return jnp.zeros(2), jnp.full((2, 2, 3, 4), jnp.nan)
 
-    monkeypatch.setattr("solidtouch.inference.enumeration._sequence", underflown)
+    monkeypatch.setattr("solidtouch.inference.engines.enumeration._sequence", underflown)
     with pytest.raises(SequenceUnderflowError, match="Enumerating 2 taps at once left the range"):
         enumerate_sequence(model, draw_samples(model, 2), [1])
 

@@ -4,11 +4,11 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from solidtouch.hardware.model_rig import ModelRig
+from solidtouch.hardware.simulator.model_rig import ModelRig
 from solidtouch.inference import reference
-from solidtouch.inference.control import fixation, passive
-from solidtouch.inference.engine import make_engine
+from solidtouch.inference.engines.engine import make_engine
 from solidtouch.inference.episode import DEADLINE, collect, perceive, steps
+from solidtouch.inference.moves.control import fixation, passive
 from solidtouch.models.errors import InputError
 from solidtouch.models.preprocessing import Preprocessing
 

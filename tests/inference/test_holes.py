@@ -9,18 +9,20 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from solidtouch.hardware.replay import ReplayRig
-from solidtouch.inference import device, lockstep, reference
-from solidtouch.inference.control import fixation
-from solidtouch.inference.engine import make_engine
-from solidtouch.inference.enumeration import enumerate_sequence
+from solidtouch.inference import reference
+from solidtouch.inference.engines.compiled import FilterEngine
+from solidtouch.inference.engines.engine import make_engine
+from solidtouch.inference.engines.enumeration import enumerate_sequence
 from solidtouch.inference.episode import perceive
-from solidtouch.inference.filter import FilterEngine
 from solidtouch.inference.information import shifted
-from solidtouch.inference.montecarlo import run_trials
+from solidtouch.inference.moves.control import fixation
 from solidtouch.inference.reference import BORDERS
-from solidtouch.inference.trial_plan import plan_trials, tap_table, trial_uniforms
+from solidtouch.inference.trials import gpu as device
+from solidtouch.inference.trials import lockstep
+from solidtouch.inference.trials.plan import plan_trials, tap_table, trial_uniforms
+from solidtouch.inference.trials.run import run_trials
+from solidtouch.models.measurement.states import States
 from solidtouch.models.preprocessing import Preprocessing
-from solidtouch.models.states import States
 from solidtouch.models.taps import TapSet
 from solidtouch.models.touch import KERNEL_BORDERS
 

@@ -5,19 +5,19 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import xarray as xr
-from solidtouch.hardware.model_rig import draw_taps
 from solidtouch.hardware.replay import ReplayRig, uniforms
+from solidtouch.hardware.simulator.model_rig import draw_taps
 from solidtouch.inference.conformal_bets import EXPONENTS
-from solidtouch.inference.control import fixation
-from solidtouch.inference.engine import make_engine
+from solidtouch.inference.engines.engine import make_engine
 from solidtouch.inference.episode import steps
+from solidtouch.inference.moves.control import fixation
 from solidtouch.inference.novelty import Novelty, Promise, UnknownTest, can_tell
 from solidtouch.inference.reference import bin_index
-from solidtouch.models.catalogue import FitSettings, fit_model
 from solidtouch.models.errors import InputError
-from solidtouch.models.histogram import fit
-from solidtouch.models.model_file import load_model
-from solidtouch.models.novelty import calibrating, misfit, misfits, own_excess
+from solidtouch.models.io.model_file import load_model
+from solidtouch.models.measurement.catalogue import FitSettings, fit_model
+from solidtouch.models.measurement.histogram import fit
+from solidtouch.models.measurement.novelty import calibrating, misfit, misfits, own_excess
 
 
 def refitted(model, edges_of, taps, kept):

@@ -27,8 +27,8 @@ import subprocess
 import jax
 import numpy as np
 import pytest
-from solidtouch.inference.engine import NumpyEngine
-from solidtouch.models.histogram import fit
+from solidtouch.inference.engines.engine import NumpyEngine
+from solidtouch.models.measurement.histogram import fit
 
 KERNELS = ("uniform", "uniform_what", "clamp", "circular")
 MOVES = (2, -1, 0, 1, -2, 5, 1)

@@ -9,17 +9,17 @@ from solidtouch.analysis.compare.classes import class_scores
 from solidtouch.analysis.stats.contacts import accuracy
 from solidtouch.hardware.pool import tap_pool
 from solidtouch.hardware.replay import ReplayRig
-from solidtouch.inference import device
-from solidtouch.inference.control import fixation, passive
-from solidtouch.inference.engine import make_engine
+from solidtouch.inference.engines.engine import make_engine
 from solidtouch.inference.episode import perceive, steps
-from solidtouch.inference.montecarlo import run_trials
+from solidtouch.inference.moves.control import fixation, passive
 from solidtouch.inference.saturation import share, temper
-from solidtouch.inference.tally import tally_trials
-from solidtouch.inference.trial_plan import plan_trials, tap_table, trial_uniforms
-from solidtouch.inference.trial_records import TapTable, TrialPlan
-from solidtouch.models.catalogue import FitSettings, fit_model
+from solidtouch.inference.trials import gpu as device
+from solidtouch.inference.trials.plan import plan_trials, tap_table, trial_uniforms
+from solidtouch.inference.trials.records import TapTable, TrialPlan
+from solidtouch.inference.trials.run import run_trials
+from solidtouch.inference.trials.tally import tally_trials
 from solidtouch.models.errors import InputError
+from solidtouch.models.measurement.catalogue import FitSettings, fit_model
 
 L, M, TRIALS, DEADLINE, SEED = 5, 3, 14, 17, 6
 THETAS = (0.9, 0.35, 1.0, 0.6, 0.0, 0.97)

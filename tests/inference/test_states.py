@@ -7,19 +7,19 @@ import numpy as np
 import pytest
 from solidtouch.hardware.replay import ReplayRig
 from solidtouch.inference import reference
-from solidtouch.inference.control import fixation
+from solidtouch.inference.engines.compiled import FilterEngine, likelihoods
+from solidtouch.inference.engines.shadow import EnginesDisagree, ShadowEngine
 from solidtouch.inference.episode import perceive, steps
-from solidtouch.inference.filter import FilterEngine, likelihoods
-from solidtouch.inference.montecarlo import run_trials
+from solidtouch.inference.moves.control import fixation
 from solidtouch.inference.reference import BORDERS
-from solidtouch.inference.shadow import EnginesDisagree, ShadowEngine
-from solidtouch.inference.tally import tally, tally_trials
-from solidtouch.inference.trial_plan import plan_trials, tap_table, trial_uniforms
-from solidtouch.inference.trial_records import TapTable, TrialPlan
-from solidtouch.models.classes import ClassGrid
+from solidtouch.inference.trials.plan import plan_trials, tap_table, trial_uniforms
+from solidtouch.inference.trials.records import TapTable, TrialPlan
+from solidtouch.inference.trials.run import run_trials
+from solidtouch.inference.trials.tally import tally, tally_trials
 from solidtouch.models.errors import InputError
+from solidtouch.models.grid import ClassGrid
+from solidtouch.models.measurement.states import fold, log_fold
 from solidtouch.models.preprocessing import Preprocessing
-from solidtouch.models.states import fold, log_fold
 from solidtouch.models.taps import TapSet
 
 L, M, S, N = 5, 2, 3, 40

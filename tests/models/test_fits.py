@@ -2,8 +2,8 @@
 
 import numpy as np
 import pytest
-from solidtouch.models import fit_curves
-from solidtouch.models.fit_cells import (
+from solidtouch.models.measurement.fits import curves as fit_curves
+from solidtouch.models.measurement.fits.cells import (
     cell_posterior,
     estimated_prior,
     fit_gaussian,
@@ -11,11 +11,11 @@ from solidtouch.models.fit_cells import (
     fit_profile_ar,
     fit_profile_mvn,
 )
-from solidtouch.models.fit_curves import LENGTHS, Basis, fit_smooth
-from solidtouch.models.fit_kronecker import fit_matrix_normal, weak_prior
-from solidtouch.models.fit_student import fit_student
-from solidtouch.models.priors import CellPrior, Taps
-from solidtouch.models.scaling import Moments, Scaling, sum_by
+from solidtouch.models.measurement.fits.curves import LENGTHS, Basis, fit_smooth
+from solidtouch.models.measurement.fits.kronecker import fit_matrix_normal, weak_prior
+from solidtouch.models.measurement.fits.priors import CellPrior, Taps
+from solidtouch.models.measurement.fits.student import fit_student
+from solidtouch.models.measurement.scaling import Moments, Scaling, sum_by
 
 L, M, J, K = 2, 3, 6, 4
 

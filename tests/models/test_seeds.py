@@ -6,19 +6,20 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from solidtouch.inference import draws, kernel
+from solidtouch.inference.trials import kernel
+from solidtouch.inference.trials import random as draws
 from solidtouch.models.seeds import Purpose, data_set_seed, derived_seed, generator
 
 ROOT = Path(__file__).parents[2]
 SEEDS = range(51)
 EXEMPT = {
     "models/seeds.py",
-    "hardware/signal_chain.py",  # from spawned sequences, as the next three
-    "hardware/tap_stream.py",
+    "hardware/simulator/signal_chain.py",  # from spawned sequences, as the next three
+    "hardware/simulator/tap_stream.py",
     "hardware/emulator/finger.py",
     "hardware/emulator/skin_board.py",
-    "models/fit_student.py",  # the start of an optimisation, and a key drawn from a generator
-    "inference/risk_problem.py",  # hashing
+    "models/measurement/fits/student.py",  # the start of an optimisation, and a key drawn from a generator
+    "inference/bayes_risk/problem.py",  # hashing
     "inference/episode.py",  # the default for callers in Python
 }
 

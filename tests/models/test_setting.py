@@ -5,8 +5,8 @@ from dataclasses import asdict, fields, replace
 
 import numpy as np
 import pytest
-from solidtouch.models.catalogue import FitSettings, fit_model
 from solidtouch.models.errors import InputError
+from solidtouch.models.measurement.catalogue import FitSettings, fit_model
 from solidtouch.models.setting import Setting, load_setting, save_setting
 
 WHOLE = Setting(

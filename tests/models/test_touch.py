@@ -7,10 +7,11 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from numpyro import handlers
-from solidtouch.inference import enumeration, reference
-from solidtouch.inference.enumeration import log_joint, log_likelihoods, observed, touch_tables
-from solidtouch.models.catalogue import FitSettings, fit_model
-from solidtouch.models.states import States
+from solidtouch.inference import reference
+from solidtouch.inference.engines import enumeration
+from solidtouch.inference.engines.enumeration import log_joint, log_likelihoods, observed, touch_tables
+from solidtouch.models.measurement.catalogue import FitSettings, fit_model
+from solidtouch.models.measurement.states import States
 from solidtouch.models.touch import KERNEL_BORDERS, TapCounts, move_kernel, one_tap, split_prior
 
 

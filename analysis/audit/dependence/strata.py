@@ -3,7 +3,7 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from ....models.classes import ClassGrid
+from ....models.grid import ClassGrid
 from ....models.taps import TapSet
 
 

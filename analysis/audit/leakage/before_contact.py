@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ....models.errors import InputError
-from ....models.scaling import sum_by
+from ....models.measurement.scaling import sum_by
 from ....models.taps import TapSet
 
 OPTION = "--pre"

@@ -25,9 +25,9 @@ from numpy.typing import NDArray
 from scipy.stats import norm
 
 from ....models import seeds
-from ....models.catalogue import FitSettings, fit_model
-from ....models.classes import ClassGrid
 from ....models.errors import InputError
+from ....models.grid import ClassGrid
+from ....models.measurement.catalogue import FitSettings, fit_model
 from ....models.taps import TapSet, check_compatible
 from ...experiment.suspicions import in_blocks, recorded_order
 from ...stats.metrics import CONFIDENCE

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 import xarray as xr
 from solidtouch.analysis.audit.checks import audit_checks, count_replicates, figure_checks, summarise_checks
-from solidtouch.hardware.model_rig import draw_session
+from solidtouch.hardware.simulator.model_rig import draw_session
 from solidtouch.models.errors import InputError
-from solidtouch.models.histogram import HistogramModel, fit
+from solidtouch.models.measurement.histogram import HistogramModel, fit
 from solidtouch.models.preprocessing import Preprocessing
 from solidtouch.models.taps import TapSet, concatenate
 

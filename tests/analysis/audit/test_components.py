@@ -7,11 +7,11 @@ import pytest
 import xarray as xr
 from solidtouch.analysis.audit import components as module
 from solidtouch.analysis.audit.components import SEQUENCES, collapse, effective_taps, tap_gains, variance_components
-from solidtouch.hardware.data_collection import simulate_session
-from solidtouch.hardware.presets import preset
-from solidtouch.hardware.simulation_settings import PAPER_RODS
-from solidtouch.models.components import COMPONENTS
+from solidtouch.hardware.simulator.presets import preset
+from solidtouch.hardware.simulator.session import simulate_session
+from solidtouch.hardware.simulator.settings import PAPER_RODS
 from solidtouch.models.errors import InputError
+from solidtouch.models.measurement.gain_variance import COMPONENTS
 from solidtouch.models.taps import concatenate
 
 R, C, N, J, K = 4, 6, 7, 5, 8

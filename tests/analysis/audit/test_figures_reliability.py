@@ -8,8 +8,8 @@ from solidtouch.analysis.page.figure_style import save
 from solidtouch.analysis.stats.reliability import EVERYTHING, reliability
 from solidtouch.analysis.stats.target_error import Curves, TargetError, choose, leave_out, predicted
 from solidtouch.hardware.pool import tap_pool
-from solidtouch.inference.trial_records import TapTable
-from solidtouch.models.classes import ClassGrid
+from solidtouch.inference.trials.records import TapTable
+from solidtouch.models.grid import ClassGrid
 
 
 def make(L=5, M=3, skill=1.0, scale=1.0):

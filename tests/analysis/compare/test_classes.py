@@ -16,8 +16,8 @@ from solidtouch.analysis.compare.classes import (
 from solidtouch.analysis.stats.contacts import accuracy
 from solidtouch.analysis.stats.pairing import with_intervals
 from solidtouch.hardware.pool import tap_pool
-from solidtouch.inference.resampling import Spread
-from solidtouch.inference.trial_records import TapTable
+from solidtouch.inference.trials.records import TapTable
+from solidtouch.inference.trials.resampling import Spread
 from solidtouch.models.errors import InputError
 
 L, M, S, N = 3, 2, 4, 90

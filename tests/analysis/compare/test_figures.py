@@ -10,7 +10,7 @@ from solidtouch.analysis.compare import figures as figure_compare
 from solidtouch.analysis.compare.classes import CALIBRATIONS
 from solidtouch.analysis.compare.classes import MEANS as SCORES
 from solidtouch.analysis.page.figure_style import new_figure, save
-from solidtouch.models.classes import ClassGrid
+from solidtouch.models.grid import ClassGrid
 
 NAMES = [f"model {i}" for i in range(10)]
 

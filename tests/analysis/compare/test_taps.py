@@ -12,7 +12,7 @@ from solidtouch.analysis.compare.taps import (
     stacked,
 )
 from solidtouch.analysis.stats.checks import STATISTICS, predictive_checks
-from solidtouch.models.catalogue import FitSettings, fit_model
+from solidtouch.models.measurement.catalogue import FitSettings, fit_model
 from solidtouch.models.preprocessing import Preprocessing
 from solidtouch.models.taps import TapSet
 

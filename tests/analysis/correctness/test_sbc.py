@@ -24,9 +24,9 @@ from solidtouch.analysis.stats.uniformity import (
     poisson_binomial,
     rejected,
 )
-from solidtouch.inference.control import default_fixation
+from solidtouch.inference.moves.control import default_fixation
 from solidtouch.models.errors import InputError
-from solidtouch.models.histogram import HistogramModel
+from solidtouch.models.measurement.histogram import HistogramModel
 
 MOMENTS = Checkpoints(taps=(1, 2, 4), thetas=(0.8,), deadline=30)
 

@@ -4,11 +4,11 @@ import numpy as np
 import pytest
 from solidtouch.analysis.experiment import trial_check
 from solidtouch.analysis.experiment.crosscheck import STORY, crosscheck
-from solidtouch.hardware.model_rig import draw_taps
-from solidtouch.inference import engine as numpy_engine
-from solidtouch.inference import enumeration
-from solidtouch.inference import filter as bayes
-from solidtouch.inference.enumeration import SequencePosterior, SequenceUnderflowError
+from solidtouch.hardware.simulator.model_rig import draw_taps
+from solidtouch.inference.engines import compiled as bayes
+from solidtouch.inference.engines import engine as numpy_engine
+from solidtouch.inference.engines import enumeration
+from solidtouch.inference.engines.enumeration import SequencePosterior, SequenceUnderflowError
 from solidtouch.inference.reference import BORDERS
 from solidtouch.models.errors import InputError
 

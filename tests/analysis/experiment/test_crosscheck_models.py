@@ -6,11 +6,12 @@ from itertools import product
 import numpy as np
 import pytest
 from solidtouch.analysis.experiment.crosscheck import STORY, crosscheck
-from solidtouch.inference import enumeration, plain
-from solidtouch.inference.engine import make_engine
+from solidtouch.inference import reference_models as plain
+from solidtouch.inference.engines import enumeration
+from solidtouch.inference.engines.engine import make_engine
 from solidtouch.inference.reference import BORDERS
-from solidtouch.models.catalogue import CATALOGUE, FitSettings, fit_model
 from solidtouch.models.errors import InputError
+from solidtouch.models.measurement.catalogue import CATALOGUE, FitSettings, fit_model
 from solidtouch.models.touch import KERNEL_BORDERS
 
 L, M, J, K, B = 4, 3, 6, 5, 8

@@ -7,10 +7,10 @@ import pytest
 from solidtouch.analysis.experiment.crosscheck import STORY, crosscheck
 from solidtouch.analysis.experiment.settings import Settings
 from solidtouch.inference import raw, reference
-from solidtouch.models import histogram, model
-from solidtouch.models.classes import ClassGrid
 from solidtouch.models.experiment import load_experiment
-from solidtouch.models.histogram import HistogramModel, trim
+from solidtouch.models.grid import ClassGrid
+from solidtouch.models.measurement import histogram, model
+from solidtouch.models.measurement.histogram import HistogramModel, trim
 from solidtouch.models.taps import TapSet
 
 FIT, RECURSION, TRIALS = "fit, raw taps", "numpy, raw taps", "numpy, raw taps trials"

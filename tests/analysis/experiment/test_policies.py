@@ -7,9 +7,9 @@ from solidtouch.analysis.experiment.policies import make_plans, most_trials, pla
 from solidtouch.analysis.experiment.settings import Settings
 from solidtouch.analysis.stats import metrics
 from solidtouch.hardware.pool import tap_pool
-from solidtouch.inference.montecarlo import run_trials
-from solidtouch.inference.trial_records import TapTable
-from solidtouch.models.classes import ClassGrid
+from solidtouch.inference.trials.records import TapTable
+from solidtouch.inference.trials.run import run_trials
+from solidtouch.models.grid import ClassGrid
 
 L, M, SYMBOLS = 5, 3, 6
 FIXATION = 2

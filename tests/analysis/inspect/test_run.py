@@ -8,7 +8,7 @@ from rich.console import Console
 from solidtouch.analysis.experiment.suspicions import constant_taxels, in_blocks, recorded_order, saturated_taxels
 from solidtouch.analysis.inspect.run import count_taps, inspect
 from solidtouch.analysis.inspect.view import show
-from solidtouch.models.importers import load_taps
+from solidtouch.models.io.load import load_taps
 
 
 def warnings_of(taps, **cells):

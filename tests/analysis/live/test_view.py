@@ -12,7 +12,7 @@ from rich.console import Console
 from solidtouch.analysis.live.picture import live_picture
 from solidtouch.analysis.live.view import Seen, fitting_width, picture, record, sentence
 from solidtouch.inference.episode import Step
-from solidtouch.models.classes import ClassGrid
+from solidtouch.models.grid import ClassGrid
 
 
 def seen(belief, p=0.4, unit="mm", **more):

@@ -9,8 +9,8 @@ import xarray as xr
 from solidtouch.analysis.page.figure_confusion import row_normalised
 from solidtouch.analysis.page.figure_style import axis_label, short_unit
 from solidtouch.analysis.reproduce import figures
-from solidtouch.models.classes import ClassGrid
 from solidtouch.models.errors import InputError
+from solidtouch.models.grid import ClassGrid
 from solidtouch.models.preprocessing import Preprocessing
 from solidtouch.models.taps import TapSet
 

@@ -9,7 +9,7 @@ from solidtouch.analysis.experiment.sources import simulated_source
 from solidtouch.analysis.sensitivity.choices import CHOICES, Option, Reading, applicable, changed
 from solidtouch.analysis.sensitivity.model import impossible_share, read_model
 from solidtouch.models.errors import InputError
-from solidtouch.models.histogram import fit
+from solidtouch.models.measurement.histogram import fit
 from solidtouch.models.taps import TapSet
 
 RECORDS = Path(__file__).parents[3] / "docs" / "decisions"

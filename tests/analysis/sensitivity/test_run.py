@@ -23,12 +23,12 @@ from solidtouch.analysis.sensitivity.summary import blind_error, summarise
 from solidtouch.analysis.sensitivity.view import render
 from solidtouch.analysis.stats.jackknife import Interval
 from solidtouch.analysis.stats.resampled_units import RESAMPLES
-from solidtouch.hardware.data_collection import simulate_session
-from solidtouch.hardware.presets import preset
-from solidtouch.hardware.simulation_settings import PAPER_RODS
-from solidtouch.inference.trial_plan import tap_table
+from solidtouch.hardware.simulator.presets import preset
+from solidtouch.hardware.simulator.session import simulate_session
+from solidtouch.hardware.simulator.settings import PAPER_RODS
+from solidtouch.inference.trials.plan import tap_table
 from solidtouch.models.errors import InputError
-from solidtouch.models.histogram import fit
+from solidtouch.models.measurement.histogram import fit
 from solidtouch.models.splits import Fold
 
 RIG = replace(preset("paper"), rods=PAPER_RODS[:3], start_mm=2.0, end_mm=10.0, spacing_mm=0.125)

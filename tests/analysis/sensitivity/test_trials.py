@@ -6,15 +6,15 @@ import numpy as np
 import pytest
 from solidtouch.analysis.sensitivity.choices import Reading
 from solidtouch.analysis.sensitivity.trials import play_open
-from solidtouch.hardware.data_collection import simulate_session
 from solidtouch.hardware.pool import tap_pool
-from solidtouch.hardware.presets import preset
+from solidtouch.hardware.simulator.presets import preset
+from solidtouch.hardware.simulator.session import simulate_session
 from solidtouch.inference import reference
-from solidtouch.inference.montecarlo import THRESHOLDS, run_trials
 from solidtouch.inference.reference import BORDERS
-from solidtouch.inference.trial_plan import plan_trials, tap_table, trial_uniforms
-from solidtouch.inference.trial_records import TapTable, TrialPlan
-from solidtouch.models.histogram import fit
+from solidtouch.inference.trials.plan import plan_trials, tap_table, trial_uniforms
+from solidtouch.inference.trials.records import TapTable, TrialPlan
+from solidtouch.inference.trials.run import THRESHOLDS, run_trials
+from solidtouch.models.measurement.histogram import fit
 
 L, M, TRIALS, DEADLINE, SEED = 5, 3, 30, 17, 4
 COUNT = np.array([[2, 0, 5], [1, 4, 3], [0, 6, 2], [3, 1, 0], [2, 2, 7]])

@@ -5,7 +5,7 @@ import pytest
 from scipy.stats import spearmanr
 from solidtouch.analysis.stats.checks import STATISTICS, BinnedTaps, TapLabels, observed_statistics, replicate
 from solidtouch.analysis.stats.evidence import halves, rivals
-from solidtouch.models.histogram import HistogramModel, fit
+from solidtouch.models.measurement.histogram import HistogramModel, fit
 from solidtouch.models.preprocessing import Preprocessing
 from solidtouch.models.taps import TapSet
 

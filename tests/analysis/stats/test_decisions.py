@@ -17,14 +17,14 @@ from solidtouch.analysis.stats.decisions import (
     too_few_taps,
 )
 from solidtouch.hardware.pool import tap_pool
-from solidtouch.inference.cut_short import ENDINGS
-from solidtouch.inference.montecarlo import run_trials
-from solidtouch.inference.resampling import share_beyond
-from solidtouch.inference.selections import thinned_pools
-from solidtouch.inference.trial_plan import plan_trials
-from solidtouch.inference.trial_records import TapTable
-from solidtouch.models.classes import ClassGrid
+from solidtouch.inference.trials.cut_short import ENDINGS
+from solidtouch.inference.trials.plan import plan_trials
+from solidtouch.inference.trials.records import TapTable
+from solidtouch.inference.trials.resampling import share_beyond
+from solidtouch.inference.trials.run import run_trials
+from solidtouch.inference.trials.selections import thinned_pools
 from solidtouch.models.errors import InputError
+from solidtouch.models.grid import ClassGrid
 
 L, M, H = 4, 3, 5
 THRESHOLDS = (0.9, 0.4, 0.7, 0.97, 0.999)

@@ -5,9 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from solidtouch.analysis.stats.evidence import evidence, halves, rivals
-from solidtouch.models.bins import find_bins
 from solidtouch.models.errors import InputError
-from solidtouch.models.histogram import fit
+from solidtouch.models.measurement.histogram import fit
+from solidtouch.models.measurement.likelihood.bins import find_bins
 from solidtouch.models.taps import TapSet, concatenate
 
 BINS, PSEUDOCOUNT = 9, 0.2

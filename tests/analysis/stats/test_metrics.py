@@ -16,10 +16,10 @@ from solidtouch.analysis.stats.metrics import (
     with_noise,
 )
 from solidtouch.analysis.stats.ranges import Range, ranges
-from solidtouch.inference.cut_short import ENDINGS
-from solidtouch.inference.resampling import Spread
-from solidtouch.inference.trial_records import TrialPlan, Trials
-from solidtouch.models.classes import ClassGrid
+from solidtouch.inference.trials.cut_short import ENDINGS
+from solidtouch.inference.trials.records import TrialPlan, Trials
+from solidtouch.inference.trials.resampling import Spread
+from solidtouch.models.grid import ClassGrid
 
 THETAS = (0.5, 0.9)
 WHAT = np.array([0, 1, 2, 0, 1])

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from solidtouch.analysis.stats.ranges import Range, ranges
-from solidtouch.models.classes import ClassGrid
+from solidtouch.models.grid import ClassGrid
 
 OBJECTS = (("a",), ("b",), ("c",))
 

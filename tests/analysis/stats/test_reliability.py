@@ -23,12 +23,12 @@ from solidtouch.analysis.stats.reliability import (
 )
 from solidtouch.analysis.stats.right_model import Reference
 from solidtouch.hardware.pool import tap_pool
-from solidtouch.inference.montecarlo import run_trials
-from solidtouch.inference.trial_plan import plan_trials
-from solidtouch.inference.trial_records import TapTable
-from solidtouch.models.classes import ClassGrid
+from solidtouch.inference.trials.plan import plan_trials
+from solidtouch.inference.trials.records import TapTable
+from solidtouch.inference.trials.run import run_trials
 from solidtouch.models.errors import InputError
-from solidtouch.models.histogram import HistogramModel
+from solidtouch.models.grid import ClassGrid
+from solidtouch.models.measurement.histogram import HistogramModel
 from solidtouch.models.preprocessing import Preprocessing
 
 L, M = 6, 3

@@ -12,8 +12,8 @@ from solidtouch.analysis.stats.resampled_units import (
     units_of,
 )
 from solidtouch.hardware.pool import tap_pool
-from solidtouch.inference.resampling import Spread, spread
-from solidtouch.inference.trial_records import TapTable
+from solidtouch.inference.trials.records import TapTable
+from solidtouch.inference.trials.resampling import Spread, spread
 
 L, M, N = 2, 3, 12
 

@@ -19,12 +19,12 @@ from solidtouch.analysis.stats.right_exponent import (
     simulate_tuned,
 )
 from solidtouch.analysis.stats.right_model import Beside, drawn_set, drawn_taps
-from solidtouch.hardware.model_rig import draw_session
-from solidtouch.inference.tempering import best_power, fit_tempered
-from solidtouch.models.catalogue import FitSettings, fit_model
-from solidtouch.models.classes import ClassGrid
+from solidtouch.hardware.simulator.model_rig import draw_session
+from solidtouch.inference.tuning.tempering import best_power, fit_tempered
 from solidtouch.models.errors import InputError
-from solidtouch.models.histogram import HistogramModel
+from solidtouch.models.grid import ClassGrid
+from solidtouch.models.measurement.catalogue import FitSettings, fit_model
+from solidtouch.models.measurement.histogram import HistogramModel
 from solidtouch.models.preprocessing import Preprocessing
 from solidtouch.models.setting import Setting
 from solidtouch.models.taps import TapSet, concatenate

@@ -16,12 +16,12 @@ from solidtouch.analysis.stats.target_error import (
     target_error,
     threshold_grid,
 )
-from solidtouch.hardware.model_rig import draw_session
-from solidtouch.inference.montecarlo import run_trials
-from solidtouch.inference.trial_plan import plan_trials, tap_table
-from solidtouch.models.classes import ClassGrid
+from solidtouch.hardware.simulator.model_rig import draw_session
+from solidtouch.inference.trials.plan import plan_trials, tap_table
+from solidtouch.inference.trials.run import run_trials
 from solidtouch.models.errors import InputError
-from solidtouch.models.histogram import fit
+from solidtouch.models.grid import ClassGrid
+from solidtouch.models.measurement.histogram import fit
 
 L, M, J = 4, 3, 6
 

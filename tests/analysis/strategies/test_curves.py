@@ -17,15 +17,15 @@ from solidtouch.analysis.strategies.curves import (
     quantities,
     travelled,
 )
-from solidtouch.hardware.model_rig import draw_session
-from solidtouch.inference.control import fixation, passive, random_place
+from solidtouch.hardware.simulator.model_rig import draw_session
 from solidtouch.inference.information import information_of_moves, tap_outcomes
-from solidtouch.inference.lockstep import Record, play
-from solidtouch.inference.montecarlo import THRESHOLDS, run_trials
-from solidtouch.inference.stopping import or_give_up, what_above
-from solidtouch.inference.stopping_rules import error_loss
-from solidtouch.inference.trial_plan import plan_trials, tap_table
-from solidtouch.models.classes import ClassGrid
+from solidtouch.inference.moves.control import fixation, passive, random_place
+from solidtouch.inference.stopping.rules import error_loss
+from solidtouch.inference.stopping.stopping import or_give_up, what_above
+from solidtouch.inference.trials.lockstep import Record, play
+from solidtouch.inference.trials.plan import plan_trials, tap_table
+from solidtouch.inference.trials.run import THRESHOLDS, run_trials
+from solidtouch.models.grid import ClassGrid
 
 GRID = ClassGrid(np.array([0.0, 1.0, 3.0, 7.0]), "mm", None, (("a",), ("b",), ("c",)), np.array([4.0, 6.0, 10.0]), "mm")
 T = 3

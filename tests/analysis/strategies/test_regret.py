@@ -32,11 +32,11 @@ from solidtouch.analysis.strategies.regret_cases import (
 from solidtouch.analysis.strategies.regret_summary import summarise_regret
 from solidtouch.analysis.strategies.run import BASE, STRATEGIES, StrategySettings
 from solidtouch.analysis.strategies.summary import summarise
-from solidtouch.inference.bayes_risk import exact_rule
-from solidtouch.inference.exact_cost import course, expected_cost
-from solidtouch.inference.lockstep import play
-from solidtouch.inference.stopping import after, lookahead, what_above
-from solidtouch.inference.trial_plan import plan_trials
+from solidtouch.inference.bayes_risk.exact_cost import course, expected_cost
+from solidtouch.inference.bayes_risk.risk import exact_rule
+from solidtouch.inference.stopping.stopping import after, lookahead, what_above
+from solidtouch.inference.trials.lockstep import play
+from solidtouch.inference.trials.plan import plan_trials
 from solidtouch.models.errors import InputError
 
 TINY = ProblemSize("5mm", range(3), (1, 3), 1, 4, 4)

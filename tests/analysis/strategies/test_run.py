@@ -25,12 +25,12 @@ from solidtouch.analysis.strategies.findings import FIXED, LOOK, PAPER, TAPS, fi
 from solidtouch.analysis.strategies.page import write_strategies
 from solidtouch.analysis.strategies.run import BASE, TRUSTED, StrategySettings, playable, strategy_study
 from solidtouch.analysis.strategies.summary import summarise
-from solidtouch.hardware.data_collection import simulate_session
-from solidtouch.hardware.presets import preset
-from solidtouch.hardware.simulation_settings import PAPER_RODS
+from solidtouch.hardware.simulator.presets import preset
+from solidtouch.hardware.simulator.session import simulate_session
+from solidtouch.hardware.simulator.settings import PAPER_RODS
 from solidtouch.inference.information import tap_outcomes
 from solidtouch.models.errors import InputError
-from solidtouch.models.histogram import fit
+from solidtouch.models.measurement.histogram import fit
 
 RIG = replace(preset("paper"), rods=PAPER_RODS[:3], start_mm=2.0, end_mm=10.0, spacing_mm=0.125)
 FEW = ("passive", "random", BASE, "info-what", "info-what-per-mm", "table")

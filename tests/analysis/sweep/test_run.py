@@ -31,19 +31,19 @@ from solidtouch.analysis.sweep.run import SweepProgress, sweep
 from solidtouch.analysis.sweep.store import DONE, SweepStore
 from solidtouch.analysis.sweep.study import load_study
 from solidtouch.inference.information import tap_outcomes
-from solidtouch.inference.lockstep import play
-from solidtouch.inference.lockstep_tally import tally_policy
-from solidtouch.inference.montecarlo import run_trials
-from solidtouch.inference.recorded_stops import stops
-from solidtouch.inference.resampling import Spread
-from solidtouch.inference.stopping import what_above
-from solidtouch.inference.strategies import make_policy
-from solidtouch.inference.table_learning import held_out_tables, learn_table
-from solidtouch.inference.tempering import learn_power
-from solidtouch.inference.trial_plan import plan_trials, tap_table
-from solidtouch.models.catalogue import FitSettings, fit_model
+from solidtouch.inference.moves.strategies import make_policy
+from solidtouch.inference.moves.table_learning import held_out_tables, learn_table
+from solidtouch.inference.stopping.recorded import stops
+from solidtouch.inference.stopping.stopping import what_above
+from solidtouch.inference.trials.lockstep import play
+from solidtouch.inference.trials.lockstep_tally import tally_policy
+from solidtouch.inference.trials.plan import plan_trials, tap_table
+from solidtouch.inference.trials.resampling import Spread
+from solidtouch.inference.trials.run import run_trials
+from solidtouch.inference.tuning.tempering import learn_power
 from solidtouch.models.errors import InputError
-from solidtouch.models.histogram import fit
+from solidtouch.models.measurement.catalogue import FitSettings, fit_model
+from solidtouch.models.measurement.histogram import fit
 
 GRID = """
 pseudocount = [0.01, 1]

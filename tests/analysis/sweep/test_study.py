@@ -9,8 +9,8 @@ from hypothesis import strategies as st
 from solidtouch.analysis.sweep.cells import AXES, CellGrid
 from solidtouch.analysis.sweep.data import Sources
 from solidtouch.analysis.sweep.study import load_study, parse_study
-from solidtouch.models.catalogue import CATALOGUE
 from solidtouch.models.errors import InputError
+from solidtouch.models.measurement.catalogue import CATALOGUE
 
 LEAST = """
 name = "least"

@@ -4,7 +4,7 @@ import re
 
 import pytest
 from solidtouch.hardware.errors import PortBusy, PortError, PortLost, WriteTimeout
-from solidtouch.hardware.port import Port
+from solidtouch.hardware.link.port import Port
 from solidtouch.models.errors import InputError
 
 
@@ -239,7 +239,7 @@ def test_a_deaf_device_reads_later_what_was_sent(small_bench):
 
 
 def test_writing_to_a_deaf_device_ends_in_time(small_bench, monkeypatch):
-    monkeypatch.setattr("solidtouch.hardware.port.WRITE_TIMEOUT_S", 0.05)
+    monkeypatch.setattr("solidtouch.hardware.link.port.WRITE_TIMEOUT_S", 0.05)
     small_bench.stage.open()
     small_bench.switches.on("deaf")
     with pytest.raises(WriteTimeout, match=r"stage: the device took no bytes for 0.05 s"):

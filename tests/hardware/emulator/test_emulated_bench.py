@@ -10,9 +10,9 @@ from solidtouch.hardware.emulator.emulated_bench import emulated_bench
 from solidtouch.hardware.emulator.service import Service
 from solidtouch.hardware.errors import PositionUnknown
 from solidtouch.hardware.journal import NoJournal
-from solidtouch.hardware.open_rig import build_rig, connected, open_rig
-from solidtouch.hardware.presets import PRESETS
-from solidtouch.hardware.shared_clock import SocketConnection
+from solidtouch.hardware.link.shared_clock import SocketConnection
+from solidtouch.hardware.rig.open_rig import build_rig, connected, open_rig
+from solidtouch.hardware.simulator.presets import PRESETS
 
 PAPER = PRESETS["paper"]
 

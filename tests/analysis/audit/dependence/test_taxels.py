@@ -9,11 +9,11 @@ from scipy.stats import binom, spearmanr
 from scipy.stats.contingency import crosstab
 from solidtouch.analysis.audit.dependence import taxels as dependence_taxels
 from solidtouch.analysis.audit.dependence.taxels import TESTS, quantile_bins, taxel_dependence, unit_distances
-from solidtouch.hardware.data_collection import simulate_session
-from solidtouch.hardware.presets import preset
-from solidtouch.hardware.simulation_settings import Rod
+from solidtouch.hardware.simulator.presets import preset
+from solidtouch.hardware.simulator.session import simulate_session
+from solidtouch.hardware.simulator.settings import Rod
 from solidtouch.models.errors import InputError
-from solidtouch.models.importers import load_taps
+from solidtouch.models.io.load import load_taps
 
 SIZES = (5, 9, 6, 11, 8)
 

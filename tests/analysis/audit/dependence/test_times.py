@@ -15,7 +15,7 @@ from solidtouch.analysis.audit.dependence.times import (
     unbiased_correlation,
 )
 from solidtouch.models.errors import InputError
-from solidtouch.models.importers import load_taps
+from solidtouch.models.io.load import load_taps
 
 
 def processes(rng, strata, n, J, K, rho):

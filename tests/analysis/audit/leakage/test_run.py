@@ -14,12 +14,12 @@ from solidtouch.analysis.audit.leakage.run import (
     leakage,
     with_samples,
 )
-from solidtouch.hardware.data_collection import simulate_session
-from solidtouch.hardware.fingertip_layout import ICUB_FINGERTIP
-from solidtouch.hardware.presets import preset
-from solidtouch.hardware.simulation_settings import PAPER_RODS
+from solidtouch.hardware.simulator.layout import ICUB_FINGERTIP
+from solidtouch.hardware.simulator.presets import preset
+from solidtouch.hardware.simulator.session import simulate_session
+from solidtouch.hardware.simulator.settings import PAPER_RODS
 from solidtouch.models.errors import InputError
-from solidtouch.models.importers import load_taps
+from solidtouch.models.io.load import load_taps
 from solidtouch.models.preprocessing import Preprocessing
 from solidtouch.models.splits import split
 from solidtouch.models.taps import TapSet

@@ -6,7 +6,7 @@ import xarray as xr
 from solidtouch.analysis.audit.variance.causes import CAUSES, SIZES, first_cause, split_variance
 from solidtouch.analysis.audit.variance.split import session_p
 from solidtouch.analysis.stats.evidence import evidence
-from solidtouch.models.histogram import fit
+from solidtouch.models.measurement.histogram import fit
 from solidtouch.models.preprocessing import Preprocessing
 from solidtouch.models.taps import TapSet, concatenate
 

@@ -10,7 +10,7 @@ from solidtouch.analysis.audit.variance.suspects import named_suspects, suspicio
 from solidtouch.analysis.audit.verdict import first_cause
 from solidtouch.analysis.stats.evidence import evidence
 from solidtouch.models.errors import InputError
-from solidtouch.models.histogram import fit
+from solidtouch.models.measurement.histogram import fit
 from solidtouch.models.preprocessing import Preprocessing
 from solidtouch.models.taps import TapSet, concatenate
 

@@ -1,0 +1,148 @@
+"""`solidtouch crosscheck`: all ways of computing the posterior, compared."""
+
+from collections.abc import Callable
+from dataclasses import replace
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+from typer import Option
+
+from .shared.interrupt import loading
+from .shared.options import (
+    MODELS,
+    AllowUnconverged,
+    Bins,
+    Border,
+    Data,
+    ModelOrAll,
+    Power,
+    Pseudocount,
+    Saturation,
+    Seed,
+    SplitMethod,
+    TestSessions,
+    TrainingTaps,
+    TrainSessions,
+    ValueRange,
+    WhatCell,
+    WhereCell,
+)
+
+if TYPE_CHECKING:
+    from rich.console import Console
+
+    from ..analysis.experiment.crosscheck import CrossCheck
+
+_ALL = "all"
+
+
+def crosscheck(
+    data: Data,
+    model: ModelOrAll = "histogram",
+    where_cell: WhereCell = None,
+    what_cell: WhatCell = None,
+    split: SplitMethod = None,
+    train: TrainSessions = None,
+    test: TestSessions = None,
+    training_taps: TrainingTaps = False,
+    bins: Bins = 100,
+    pseudocount: Pseudocount = 0.01,
+    power: Power = "J",
+    value_range: ValueRange = "global",
+    saturation: Saturation = None,
+    border: Border = "uniform",
+    episodes: Annotated[int, Option(min=1, help="Episodes to compare.")] = 10,
+    length: Annotated[int, Option(min=1, help="Taps of each episode.")] = 40,
+    sequence_taps: Annotated[int, Option(min=0, max=20, help="Taps of each that are enumerated at once.")] = 20,
+    allow_unconverged: AllowUnconverged = False,
+    seed: Seed = 0,
+) -> None:
+    """Compares all engines on episodes with moves over the test taps of DATA; exit code 1 if they differ."""
+    from rich.console import Console
+
+    with loading():
+        from ..analysis.experiment.crosscheck import crosscheck as compare
+        from ..analysis.experiment.settings import Settings
+        from ..models.experiment import load_experiment
+        from ..models.measurement.histogram import trim
+        from ..models.power import parse_power_choice
+    from .shared.progress import bars
+
+    settings = Settings(
+        bins=bins,
+        pseudocount=pseudocount,
+        power=parse_power_choice(power),
+        value_range=value_range,
+        saturation=saturation,
+        seed=seed,
+        unconverged=allow_unconverged,
+    )
+    parts, grid = load_experiment(data, where_cell, what_cell, split, train, test, training_taps)
+    grid, _ = trim(grid, [fold.train for fold in parts.folds])
+    fold = parts.folds[0]
+
+    def check(name: str) -> "CrossCheck":
+        fitted = replace(settings, model=name).fit(fold.train, grid)
+        with bars() as progress:
+            advance = progress(f"Cross-checking {name}" if model == _ALL else "Cross-checking engines", episodes)
+            return compare(
+                fitted,
+                fitted.usable(fold.test),
+                train=fold.train,
+                settings=settings,
+                border=border,
+                episodes=episodes,
+                length=length,
+                sequence_taps=sequence_taps,
+                seed=seed,
+                progress=lambda: advance(1),
+            )
+
+    console = Console()
+    console.print(parts.description, highlight=False)
+    if parts.warning:
+        console.print(f"Warning: {parts.warning}", highlight=False)
+    if not (_check_all(check, console) if model == _ALL else _check_one(check, model, console)):
+        raise typer.Exit(1)
+
+
+def _check_one(check: "Callable[[str], CrossCheck]", name: str, console: "Console") -> bool:
+    """Whether all routes agree for a model; prints the comparison."""
+    from ..analysis.correctness.view import render
+
+    result = check(name)
+    if name != MODELS[0]:
+        console.print(f"Model {name}", highlight=False)
+    render(result, console)
+    return result.passed
+
+
+def _check_all(check: "Callable[[str], CrossCheck]", console: "Console") -> bool:
+    """The same for every model of the catalogue; those that the taps cannot carry are named.
+
+    Raises:
+        InputError: No model could be checked.
+    """
+    from ..analysis.correctness.view import render
+    from ..inference.reference import ZeroEvidenceError
+    from ..models.errors import InputError
+
+    results: dict[str, bool] = {}
+    refused: dict[str, str] = {}
+    for name in MODELS:
+        try:
+            result = check(name)
+        except (InputError, ZeroEvidenceError) as error:
+            refused[name] = str(error)
+            continue
+        console.print(f"Model {name}", highlight=False)
+        render(result, console)
+        results[name] = result.passed
+    for name, reason in refused.items():
+        console.print(f"Model {name} was not checked: {reason}", highlight=False)
+    if not results:
+        raise InputError("No model could be checked, for the reasons above.")
+    differ = [name for name, passed in results.items() if not passed]
+    verdict = f"the routes of {', '.join(differ)} DISAGREE" if differ else "all routes agree"
+    console.print(f"{len(results)} of {len(MODELS)} models checked: {verdict}.", highlight=False)
+    return not differ

@@ -1,0 +1,4 @@
+"""What several commands share: options, progress, Ctrl-C, opening sensors, showing an episode.
+
+Start with `options`. No command is defined here.
+"""

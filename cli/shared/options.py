@@ -1,0 +1,142 @@
+"""Arguments and options that several commands share."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, Literal
+
+import typer
+
+from ...models.errors import InputError
+
+if TYPE_CHECKING:
+    from ...models.setting import Setting
+
+Data = Annotated[
+    list[Path],
+    typer.Argument(
+        metavar="DATA...",
+        help="Taps: .nc, .mcap, .npz, .csv, .mat or a folder of .csv files. One is split; two are TRAIN and TEST.",
+        show_default=False,
+    ),
+]
+WhereCell = Annotated[
+    str | None,
+    typer.Option("--where-cell", metavar="WIDTH", help="Cells of positions of this width, such as 3mm or 0.5mm."),
+]
+WhatCell = Annotated[
+    str | None,
+    typer.Option("--what-cell", metavar="WIDTH", help="Group objects by size into cells of this width."),
+]
+SplitMethod = Annotated[
+    str | None,
+    typer.Option(
+        "--split",
+        metavar="METHOD",
+        help="sessions, leave-one-session-out, halves or parity; "
+        "default sessions, the last tests, or parity where there is one session.",
+    ),
+]
+TrainSessions = Annotated[
+    str | None, typer.Option("--train", metavar="LIST", help="Sessions to train with, such as 0,1.")
+]
+TestSessions = Annotated[str | None, typer.Option("--test", metavar="LIST", help="Sessions to test, such as 2.")]
+Force = Annotated[bool, typer.Option("--force", help="Overwrite existing files.")]
+MODELS = (
+    "histogram",
+    "gaussian",
+    "student",
+    "profile",
+    "profile-ar",
+    "profile-mvn",
+    "matrix-normal",
+    "smooth",
+    "session",
+)
+"""Names of `models.measurement.catalogue`, which takes long to import."""
+_MODEL_HELP = f"Measurement model: {', '.join(MODELS)}, or session: before any other, such as session:profile"
+Model = Annotated[str, typer.Option("--model", metavar="NAME", help=f"{_MODEL_HELP}.")]
+ModelOrAll = Annotated[str, typer.Option("--model", metavar="NAME", help=f"{_MODEL_HELP}; all for each in turn.")]
+AllowUnconverged = Annotated[bool, typer.Option("--allow-unconverged", help="Use a model whose fit did not converge.")]
+Bins = Annotated[
+    int, typer.Option("--bins", min=1, max=65536, help="Bins of the histogram, by which all models are judged.")
+]
+Pseudocount = Annotated[
+    float, typer.Option("--pseudocount", min=0.0, help="Counts added to every bin of the histogram.")
+]
+Power = Annotated[
+    str,
+    typer.Option(
+        "--power",
+        help="Root of the likelihood: J, JK, none, an exponent, or learned[:N] on training sessions left out in turn, "
+        "for beliefs after N taps (default 20).",
+    ),
+]
+Saturation = Annotated[
+    float | None,
+    typer.Option(
+        "--saturation",
+        metavar="N",
+        help="All taps of an episode together count as N at most, as they are not independent; default no limit.",
+        show_default=False,
+    ),
+]
+SettingFile = Annotated[
+    Path | None,
+    typer.Option(
+        "--setting",
+        metavar="FILE",
+        help="A setting file that options are taken from; those given here win.",
+        show_default=False,
+    ),
+]
+ValueRange = Annotated[
+    Literal["global", "taxel"], typer.Option("--range", help="Bins across the range of all taxels or of each.")
+]
+Border = Annotated[
+    Literal["uniform", "uniform_what", "prior", "clamp", "circular"],
+    typer.Option("--border", help="What a move does to belief that leaves the range."),
+]
+Seed = Annotated[int, typer.Option("--seed", min=0, max=2**63 - 1, help="Of every random draw.")]
+TrainingTaps = Annotated[
+    bool, typer.Option("--training-taps", help="Also play test taps that trained the model; default leaves them out.")
+]
+Deadline = Annotated[
+    int, typer.Option("--deadline", min=1, max=10**6, help="Taps after which the most probable classes are taken.")
+]
+Workers = Annotated[
+    int | None, typer.Option("--workers", min=1, help="How many at a time; default as many as there are cores.")
+]
+
+
+def given(context: typer.Context, option: str) -> bool:
+    """Whether an option stands on the command line, by the name of its parameter."""
+    source = context.get_parameter_source(option)
+    return source is not None and not source.name.startswith("DEFAULT")
+
+
+def chosen(context: typer.Context, setting: "Setting | None", **options: Any) -> dict[str, Any]:
+    """Values of options: what stands on the command line, else what a setting says, else the default.
+
+    Args:
+        context: Of the command.
+        setting: The setting, if there is one; its fields are called as the parameters are.
+        **options: Values of parameters as the command got them.
+    """
+    return {
+        name: value if setting is None or given(context, name) else getattr(setting, name)
+        for name, value in options.items()
+    }
+
+
+def parse_thresholds(text: str) -> tuple[float, ...]:
+    """Belief thresholds separated by commas, in increasing order.
+
+    Raises:
+        InputError: The text is something else, a number lies outside 0 to 1 or stands there twice.
+    """
+    try:
+        thresholds = sorted(float(part) for part in text.split(","))
+    except ValueError:
+        raise InputError(f"--thresholds needs numbers such as 0.5,0.9,0.99, got {text!r}.") from None
+    if not all(0 <= theta <= 1 for theta in thresholds) or len(set(thresholds)) < len(thresholds):
+        raise InputError(f"--thresholds needs different numbers from 0 to 1, got {text!r}.")
+    return tuple(thresholds)

@@ -1,0 +1,94 @@
+"""`--record`: what a rig does during a live command, kept in a file."""
+
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from ...models.errors import InputError
+from ...models.grid import ClassGrid
+
+if TYPE_CHECKING:
+    from ...hardware.recording.recording import Recorder
+    from ...models.io.rig_recording import About
+
+
+def objects(grid: ClassGrid, what: str | None) -> list[str]:
+    """The table of objects of a recording: those of the model, and one that it does not know if it is named."""
+    names = [name for members in grid.what_members for name in members]
+    new = what is not None and not what.isdecimal() and what not in (*names, *grid.what_name)
+    return [*names, what] if new and what is not None else names
+
+
+def check_record(path: Path, rig: str, force: bool) -> None:
+    """Refuses a recording that could not be written, or of a rig that has no devices.
+
+    Raises:
+        InputError: The rig is no rig.toml, the name does not end in `.mcap`, or the file cannot be written.
+    """
+    from ...models.storage import check_writable
+
+    if not rig.endswith(".toml"):
+        raise InputError(f"--record keeps what devices do and needs a rig.toml as --rig, got {rig!r}.")
+    if path.suffix.lower() != ".mcap":
+        raise InputError(f"--record must end in .mcap, the format that it is written in, got {path}.")
+    check_writable(path, force)
+
+
+@contextmanager
+def recording(
+    path: Path | None, rig: str, grid: ClassGrid, what: str | None, taps: int, force: bool
+) -> Iterator["Recorder | None"]:
+    """The journal of a rig, ended with the block; a file without a tap is removed if the block fails.
+
+    Args:
+        path: The file, None for no recording.
+        rig: The rig.toml.
+        grid: The classes of the model.
+        what: The object that was named.
+        taps: At most so many are made.
+        force: Whether an existing file may be replaced.
+
+    Raises:
+        InputError: The file cannot be written, or its disk has no room for so many taps.
+    """
+    if path is None:
+        yield None
+        return
+    from ...hardware.recording.disk_space import check_space, space_needed
+    from ...hardware.recording.recording import Recorder
+    from ...hardware.rig.settings import load_rig
+
+    settings = load_rig(rig)
+    check_space(path, space_needed(taps, settings))
+    recorder = Recorder.create(path, _about(rig, grid, what), force=force)
+    try:
+        with recorder:
+            yield recorder
+    except BaseException:
+        if recorder.presses:
+            print(kept(recorder), file=sys.stderr)
+        else:
+            path.unlink(missing_ok=True)
+        raise
+
+
+def kept(recorder: "Recorder") -> str:
+    """What a recording is good for, in a sentence."""
+    path, presses = recorder.path, recorder.presses
+    if recorder.taps:
+        return f"{path}: {recorder.taps} taps; solidtouch convert {path} TAPS.nc makes a tap set of them."
+    return f"{path}: {presses} presses, none with a known object, so no tap set can be made of it; --object names it."
+
+
+def _about(rig: str, grid: ClassGrid, what: str | None) -> "About":
+    from msgspec.structs import replace
+
+    from ...hardware.recording.settings import about_rig
+    from ...hardware.rig.settings import load_rig, read_settings
+
+    names = objects(grid, what)
+    sized = grid.what_value is not None and grid.what_unit == "mm" and len(names) == grid.M
+    sizes = grid.what_value.tolist() if sized and grid.what_value is not None else []
+    return replace(about_rig(load_rig(rig), read_settings(rig)), objects=names, sizes_mm=sizes)

@@ -1,0 +1,266 @@
+"""`--rig`: where the taps of a live command come from, simulated, recorded or real, behind one interface."""
+
+import re
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+
+from ...hardware.sensor import TouchSensor
+from ...models.errors import InputError
+from ...models.grid import ClassGrid
+from ...models.seeds import Purpose, generator
+from .recording import objects
+
+if TYPE_CHECKING:
+    from ...hardware.journal import Journal
+    from ...hardware.rig.rig import Rig
+    from ...hardware.simulator.settings import RigSettings
+    from ...models.taps import TapSet
+
+_ROUNDING = 1e-6  # of a cell
+_SIMULATED, _REPLAY, _PRESET, _SESSION = "simulated", "replay:", "paper", 1000  # a session that no data set has
+
+
+class Truth(NamedTuple):
+    """What lies before the sensor and where it stands, as far as anyone knows.
+
+    Attributes:
+        what: Name of the object.
+        where: Place in the unit of the grid.
+    """
+
+    what: str | None
+    where: float | None
+
+
+class Placed(NamedTuple):
+    """A sensor before an object.
+
+    Attributes:
+        sensor: Where taps come from.
+        truth: Tells what is known at the time it is called.
+    """
+
+    sensor: TouchSensor
+    truth: Callable[[], Truth]
+
+
+class PlaceableRig(NamedTuple):
+    """A rig that can be placed.
+
+    Attributes:
+        name: What it is called in print.
+        place: Stands before a new object; takes the number of the episode, counted from 0.
+    """
+
+    name: str
+    place: Callable[[int], Placed]
+
+
+class Wish(NamedTuple):
+    """Where the episodes begin; what is not named is drawn for each.
+
+    Attributes:
+        start: Where class, or place in the unit of the grid with its unit behind it, such as `"2.3mm"`.
+        what: Name of the object, or its number counted from 0.
+        seed: Of all that is drawn.
+    """
+
+    start: str | None
+    what: str | None
+    seed: int
+
+    def place(self, grid: ClassGrid, episode: int) -> float:
+        """The place of an episode, the centre of its class where a class is meant.
+
+        Raises:
+            InputError: The start is neither a class of the grid nor a place.
+        """
+        if self.start is None:
+            return float(grid.where_value[generator(self.seed, Purpose.START, episode).integers(grid.L)])
+        if re.fullmatch(r"\d+", self.start) and int(self.start) < grid.L:
+            return float(grid.where_value[int(self.start)])
+        number = re.fullmatch(r"(-?\d+(?:\.\d+)?)\s*([^\d\s.].*)", self.start)
+        if number is None or number[2] != grid.where_unit.split(maxsplit=1)[0].rstrip(",;"):
+            raise InputError(
+                f"--start needs a class index from 0 to {grid.L - 1} or a place in {grid.where_unit or 'no unit'}, "
+                f"such as {grid.where_label(0).replace(' ', '')}, got {self.start!r}."
+            )
+        return float(number[1])
+
+    def object(self, names: Sequence[str], episode: int, there: Sequence[int] | None = None) -> int:
+        """The object of an episode, by its number.
+
+        Args:
+            names: Of all objects.
+            episode: Counted from 0.
+            there: Those that one is drawn from; default all.
+
+        Raises:
+            InputError: There is no such object.
+        """
+        if self.what is None:
+            drawn = generator(self.seed, Purpose.OBJECT, episode)
+            return int(drawn.choice(range(len(names)) if there is None else there))
+        if self.what in names:
+            return list(names).index(self.what)
+        if re.fullmatch(r"\d+", self.what) and int(self.what) < len(names):
+            return int(self.what)
+        raise InputError(
+            f"--object must be one of {', '.join(names)} or a number from 0 to {len(names) - 1}, got {self.what!r}."
+        )
+
+
+@contextmanager
+def open_source(
+    rig: str,
+    grid: ClassGrid,
+    wish: Wish,
+    home: bool = False,
+    journal: "Journal | None" = None,
+    fresh: "Callable[[TapSet], TapSet] | None" = None,
+) -> Iterator[PlaceableRig]:
+    """The rig that `--rig` names, brought to rest when the block ends.
+
+    Args:
+        rig: `simulated`, `simulated:PRESET`, `replay:FILE` or a rig.toml.
+        grid: The classes of the model.
+        wish: Where episodes begin.
+        home: Whether to home a real stage first.
+        journal: Hears what happens on a real rig.
+        fresh: Gives the recorded taps that are played; default all.
+
+    Raises:
+        InputError: There is no such rig, it cannot stand where it is wanted, or as `fresh`.
+        RigError: A device failed.
+    """
+    if rig == _SIMULATED or rig.startswith(f"{_SIMULATED}:"):
+        yield _simulated(rig, grid, wish)
+    elif rig.startswith(_REPLAY):
+        yield _replayed(rig.removeprefix(_REPLAY), grid, wish, fresh)
+    elif rig.endswith(".toml"):
+        with _real(rig, grid, wish, home, journal) as source:
+            yield source
+    else:
+        raise InputError(
+            f"--rig must be simulated, simulated:PRESET, replay:FILE or a file that ends in .toml, got {rig!r}."
+        )
+
+
+def _simulated(rig: str, grid: ClassGrid, wish: Wish) -> PlaceableRig:
+    from ...hardware.simulator.presets import preset
+    from ...hardware.simulator.rig import SimulatedRig
+
+    name = rig.partition(":")[2] or _PRESET
+    settings = _stepping(preset(name), grid)
+    _check_cells(grid, settings.cell_mm, f"The simulated rig {name}")
+    names = [rod.name for rod in settings.rods]
+
+    def place(episode: int) -> Placed:
+        what = wish.object(names, episode)
+        sensor = SimulatedRig(settings, wish.seed, _SESSION, wish.place(grid, episode), what, episode)
+        return Placed(sensor, lambda: Truth(names[what], sensor.position_mm))
+
+    return PlaceableRig(f"simulated rig, preset {name}", place)
+
+
+def _replayed(path: str, grid: ClassGrid, wish: Wish, fresh: "Callable[[TapSet], TapSet] | None") -> PlaceableRig:
+    from ...hardware.replay import ReplayRig, uniforms
+    from ...models.io.load import load_taps
+
+    taps = load_taps(path)
+    if fresh is not None:
+        taps = fresh(taps)
+    known = {name for members in grid.what_members for name in members}
+    new = [name for name in taps.what_name if name not in known]
+    # Objects that the model does not know stand behind those that it does: perception should call them unknown.
+    whole = replace(grid, what_members=(*grid.what_members, *((name,) for name in new)), what_value=None)
+    names = whole.what_name
+    where, what = taps.indices(whole)
+    there = np.unique(what[(where >= 0) & (what >= 0)]).tolist()
+    if not there:
+        raise InputError(f"{path}: no tap lies in a class of the model.")
+
+    def place(episode: int) -> Placed:
+        start = int(whole.where_index(wish.place(grid, episode)))
+        if start < 0:
+            raise InputError(f"--start {wish.start} lies in no class of the model.")
+        what = wish.object(names, episode, there)
+        chance = uniforms(generator(wish.seed, Purpose.REPLAY, episode))
+        sensor = ReplayRig(taps, whole, start, what, chance)
+        return Placed(sensor, lambda: Truth(names[what], float(grid.where_value[sensor.where_index])))
+
+    return PlaceableRig(f"taps of {Path(path).name}", place)
+
+
+@contextmanager
+def _real(rig: str, grid: ClassGrid, wish: Wish, home: bool, journal: "Journal | None") -> Iterator[PlaceableRig]:
+    from ...hardware.journal import NoJournal
+    from ...hardware.rig.labelled import LabelledRig
+    from ...hardware.rig.open_rig import connected, unconnected
+    from ...hardware.rig.settings import load_rig
+
+    settings = load_rig(rig)
+    _check_cells(grid, settings.range.cell_mm, settings.name)
+    if grid.where_unit.split(maxsplit=1)[:1] != ["mm"]:
+        raise InputError(f"{settings.name} is driven in mm, and the model's places are in {grid.where_unit!r}.")
+    start_mm, limits = wish.place(grid, 0), settings.range
+    if not limits.start_mm <= start_mm <= limits.end_mm:
+        raise InputError(
+            f"{start_mm:g} mm lies outside the range of {settings.name}, {limits.start_mm:g} to {limits.end_mm:g} mm."
+        )
+    table = objects(grid, wish.what)
+    journal = journal or NoJournal()
+    with unconnected(settings, journal) as sensor:
+        _object(sensor, grid, wish, 0)  # before anything moves
+        with connected(sensor, home):
+            labelled = LabelledRig(sensor)
+
+            def place(episode: int) -> Placed:
+                sensor.go(wish.place(grid, episode))
+                what = _object(sensor, grid, wish, episode)
+                if what is not None:
+                    if sensor.emulator is not None:
+                        sensor.emulator.control({"object": what})
+                    journal.event(sensor.loop.now, "object", f"the finger is above {what}", name=what)
+                labelled.what = None if what is None else table.index(what)
+                return Placed(labelled, lambda: Truth(what, sensor.place_mm))
+
+            yield PlaceableRig(settings.name, place)
+
+
+def _object(sensor: "Rig", grid: ClassGrid, wish: Wish, episode: int) -> str | None:
+    """The object of an episode: one that the emulator has, or what a person says it is.
+
+    Raises:
+        InputError: There is no such object.
+    """
+    if sensor.emulator is None:
+        return None if wish.what is None else grid.what_members[wish.object(grid.what_name, episode)][0]
+    there = sensor.emulator.control({})["objects"]
+    new = [name for name in there if grid.what_index([name])[0] < 0]  # perception should call them unknown
+    what = wish.object([*grid.what_name, *new], episode, range(grid.M))
+    return grid.what_members[what][0] if what < grid.M else new[what - grid.M]
+
+
+def _stepping(settings: "RigSettings", grid: ClassGrid) -> "RigSettings":
+    """A simulated rig whose moves are in steps of a finer grid, where it can make them."""
+    steps = np.diff(grid.where_value)
+    if not len(steps) or np.ptp(steps) > _ROUNDING * steps[0] or settings.position_spread_mm < settings.cell_mm:
+        return settings
+    cells = settings.cell_mm / steps[0]
+    if round(cells) < 2 or abs(cells - round(cells)) > _ROUNDING * cells:
+        return settings
+    step = settings.cell_mm / round(cells)
+    return replace(settings, cell_mm=step, position_spread_mm=step)
+
+
+def _check_cells(grid: ClassGrid, cell: float, name: str) -> None:
+    """Whether a step of the rig is a step of the model."""
+    steps = np.diff(grid.where_value)
+    if len(steps) and np.abs(steps - cell).max() > _ROUNDING * cell:
+        raise InputError(f"{name} moves in steps of {cell:g}, and the model's classes lie {steps[0]:g} apart.")

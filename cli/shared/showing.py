@@ -1,0 +1,188 @@
+"""What `solidtouch perceive` prints while it goes on: pictures in a terminal, lines into a file, JSON for a program."""
+
+import json
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
+
+if TYPE_CHECKING:
+    from ...analysis.live.view import Seen
+    from ...inference.engines.latency import Latency
+    from .rigs import Truth
+
+
+class Ending(NamedTuple):
+    """How an episode ended.
+
+    Attributes:
+        seen: Its last step.
+        reason: `"threshold"`, `"rule"` where another rule decided, `"deadline"`, `"gave up"`, `"no class left"` or
+            `"unknown"`.
+        truth: What is known of the object and the place.
+    """
+
+    seen: "Seen"
+    reason: str
+    truth: "Truth"
+
+    @property
+    def answer(self) -> str | None:
+        """The object, `"unknown"`, or `None` for a null decision."""
+        if self.reason == "gave up":
+            return None
+        return "unknown" if self.reason == "unknown" else self.seen.what_name
+
+    @property
+    def right(self) -> bool | None:
+        """Whether the answer is the object; an object that the model does not know is rightly unknown.
+
+        `None` where nobody knows, and for null decisions, which are neither.
+        """
+        if self.truth.what is None or self.answer is None:
+            return None
+        grid = self.seen.grid
+        covered = [{name, *members} for name, members in zip(grid.what_name, grid.what_members, strict=True)]
+        if self.reason == "unknown":
+            return not any(self.truth.what in names for names in covered)
+        return self.truth.what in covered[self.seen.step.what]
+
+
+class Show(Protocol):
+    """Prints what happens."""
+
+    def note(self, text: str) -> None:
+        """Something to know that is no result."""
+        ...
+
+    def tap(self, seen: "Seen") -> None:
+        """One more tap."""
+        ...
+
+    def end(self, episode: int, ending: Ending) -> None:
+        """An episode ended."""
+        ...
+
+
+class JsonShow:
+    """One JSON object per tap and one per decision on standard output, all else on standard error."""
+
+    def __init__(self) -> None:
+        self._episode = 1
+
+    def note(self, text: str) -> None:
+        """On standard error."""
+        print(text, file=sys.stderr, flush=True)
+
+    def tap(self, seen: "Seen") -> None:
+        """One line."""
+        from ...analysis.live.view import record
+
+        self._print({"episode": self._episode, **record(seen)})
+
+    def end(self, episode: int, ending: Ending) -> None:
+        """One line."""
+        step, truth = ending.seen.step, ending.truth
+        self._print(
+            {
+                "episode": episode,
+                "decision": ending.answer,
+                "where": float(ending.seen.grid.where_value[step.where]),
+                "reason": ending.reason,
+                "taps": step.number,
+                "true_what": truth.what,
+                "true_where": truth.where,
+                "right": ending.right,
+            }
+        )
+        self._episode = episode + 1
+
+    def _print(self, content: dict[str, Any]) -> None:
+        print(json.dumps(content, ensure_ascii=False), flush=True)
+
+
+class LineShow:
+    """One line per tap, for files and terminals that cannot do more."""
+
+    def note(self, text: str) -> None:
+        """A line."""
+        print(text, flush=True)
+
+    def tap(self, seen: "Seen") -> None:
+        """A line."""
+        from ...analysis.live.view import sentence
+
+        print(sentence(seen), flush=True)
+
+    def end(self, episode: int, ending: Ending) -> None:
+        """A line."""
+        print(said(episode, ending), flush=True)
+
+
+class LiveShow:
+    """A picture that changes with each tap."""
+
+    def __init__(self) -> None:
+        from rich.console import Console
+        from rich.live import Live
+
+        self._console = Console(highlight=False)
+        # Nothing may happen beside the one loop of the rig, so the picture is drawn when told and never by a thread.
+        self._live = Live(console=self._console, auto_refresh=False, vertical_overflow="crop")
+
+    def note(self, text: str) -> None:
+        """A line above the picture."""
+        self._console.print(text, markup=False)
+
+    def tap(self, seen: "Seen") -> None:
+        """Draws the picture anew."""
+        from ...analysis.live.view import picture
+
+        size = self._console.size
+        self._live.update(picture(seen, size.width, max(2, size.height - 9)), refresh=True)
+        if not self._live.is_started:
+            self._live.start(refresh=True)
+
+    def end(self, episode: int, ending: Ending) -> None:
+        """Leaves the last picture and a line below it."""
+        self.stop()
+        self.note(said(episode, ending))
+
+    def stop(self) -> None:
+        """Gives the terminal back."""
+        self._live.stop()
+
+
+@contextmanager
+def show(as_json: bool) -> Iterator[Show]:
+    """The way to show things that fits standard output; the terminal is given back when the block ends."""
+    if as_json:
+        yield JsonShow()
+    elif not sys.stdout.isatty():
+        yield LineShow()
+    else:
+        live = LiveShow()
+        try:
+            yield live
+        finally:
+            live.stop()
+
+
+def said(episode: int, ending: Ending) -> str:
+    """The end of an episode in one or two sentences."""
+    seen, truth = ending.seen, ending.truth
+    taps = f"{seen.step.number} tap{'s' * (seen.step.number > 1)}"
+    at = "" if ending.answer is None or ending.reason == "unknown" else f" at {seen.where_label}"
+    answer = f"Episode {episode}: {ending.answer or 'no decision'}{at} after {taps} ({ending.reason})."
+    unit = seen.grid.where_label(0).partition(" ")[2]
+    places = [] if truth.where is None else [f"{truth.where:.4g} {unit}".strip()]
+    known = [truth.what] if truth.what else []
+    return f"{answer} Truth: {' at '.join([*known, *places])}." if known or places else answer
+
+
+def latency_sentence(latency: "Latency", warm_up_s: float) -> str:
+    """How long the updates of the belief took."""
+    return (
+        f"Update latency: median {latency.median_ms:.2f} ms, 99th percentile {latency.high_ms:.2f} ms over "
+        f"{latency.taps} taps, after {warm_up_s:.1f} s of warm-up."
+    )

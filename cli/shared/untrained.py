@@ -1,0 +1,42 @@
+"""Recorded taps that a fitted model is played on, without those that trained it."""
+
+import sys
+from typing import TYPE_CHECKING
+
+from ...models.errors import InputError
+
+if TYPE_CHECKING:
+    from ...models.measurement.model import TapModel
+    from ...models.taps import TapSet
+
+
+def check_training_taps(keep: bool, rig: str | None) -> None:
+    """Refuses `--training-taps` of a command whose taps are not recorded ones.
+
+    Raises:
+        InputError: The rig does not replay a file.
+    """
+    if keep and not (rig or "").startswith("replay:"):
+        raise InputError("--training-taps goes with --rig replay:FILE only.")
+
+
+def untrained(model: "TapModel", taps: "TapSet", keep: bool) -> "TapSet":
+    """The taps that did not train the model; says on standard error which did.
+
+    Args:
+        model: The fitted model.
+        taps: Recorded taps.
+        keep: What `--training-taps` says: whether to play those that did all the same.
+
+    Raises:
+        InputError: No tap is left.
+    """
+    from ...models.training import without_training
+
+    if not len(model.training):
+        print("Note: the model does not name the taps that trained it, so none are left out.", file=sys.stderr)
+        return taps
+    rest, sentence = without_training(taps, model.training, keep)
+    if sentence:
+        print(f"{'Warning' if keep else 'Note'}: {sentence}", file=sys.stderr)
+    return rest

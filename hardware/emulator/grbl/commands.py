@@ -1,0 +1,159 @@
+"""What an emulated GRBL firmware does with a line (system.c, gcode.c, jog.c)."""
+
+import re
+
+from . import report as grbl_report
+from .gcode import Block, LineRefused, Modal, parse
+from .motion import Vector
+from .processor import Command, Processor, Program
+from .receive_buffer import LINE_BYTES
+
+_SOFT_LIMIT = 2
+_BAD_NUMBER, _UNKNOWN_COMMAND, _NO_HOMING, _NOT_IDLE, _LOCKED, _OVERFLOW, _TRAVEL = 2, 3, 5, 8, 9, 11, 15
+_WRITE = re.compile(r"\$(\d+)=([+-]?(?:\d+\.?\d*|\.\d+))?")
+
+
+class Commands:
+    """Carries out lines.
+
+    Args:
+        processor: For whom.
+    """
+
+    def __init__(self, processor: Processor) -> None:
+        self._cpu = processor
+        self.forget()
+
+    def forget(self) -> None:
+        """What every start clears."""
+        self._modal = Modal()
+        self.see_place()
+
+    def see_place(self) -> None:
+        """Takes the place where the machine will come to rest for the last target."""
+        cpu = self._cpu
+        self._target_mm = cpu.machine.believed_mm(max(cpu.now_s, cpu.planner.end_s()))
+
+    def execute(self, line: str) -> Command:
+        """Carries out a line in capitals without spaces and comments."""
+        if len(line) > LINE_BYTES:
+            return _OVERFLOW
+        if line.startswith("$"):
+            return (yield from self._system(line))
+        if line and (self._cpu.locked or self._cpu.jogs):
+            return _LOCKED
+        return (yield from self._gcode(line, jog=False)) if line else 0
+
+    def _system(self, line: str) -> Command:
+        if line.startswith("$J"):
+            return (yield from self._jog(line))
+        if line in {"$", "$G", "$X"}:
+            return self._tell(line)
+        if self._cpu.moves and not (line == "$$" and self._cpu.jogging):
+            return _NOT_IDLE
+        if line == "$H":
+            return (yield from self._home())
+        if match := _WRITE.fullmatch(line):
+            return (yield from self._write(int(match[1]), float(match[2]))) if match[2] else _BAD_NUMBER
+        return self._print(line)
+
+    def _jog(self, line: str) -> Command:
+        if self._cpu.locked or (self._cpu.moves and not self._cpu.jogging):
+            return _NOT_IDLE
+        return (yield from self._gcode(line[3:], jog=True)) if line[2:3] == "=" else _UNKNOWN_COMMAND
+
+    def _tell(self, line: str) -> int:
+        if line == "$X" and self._cpu.locked:
+            self._cpu.say(grbl_report.UNLOCKED)
+            self._cpu.locked = False
+        elif line != "$X":
+            self._cpu.say(grbl_report.HELP if line == "$" else grbl_report.parser_state(self._modal))
+        return 0
+
+    def _print(self, line: str) -> int:
+        memory, settings = self._cpu.memory, self._cpu.settings
+        if line == "$$":
+            texts = memory.lines()
+        elif line == "$I":
+            texts = grbl_report.build_info(settings.version, settings.receive_bytes)
+        elif line == "$#":
+            texts = grbl_report.offsets(settings.work_offset_mm, inches=bool(memory[13]))
+        else:
+            return _UNKNOWN_COMMAND
+        for text in texts:
+            self._cpu.say(text)
+        return 0
+
+    def _write(self, number: int, value: float) -> Command:
+        """Writes a setting: interrupts are off, and what arrives meanwhile or right behind the line is lost."""
+        cpu = self._cpu
+        cpu.input.discard()
+        cpu.deaf_until = cpu.now_s + cpu.settings.write_s
+        yield from cpu.pause(cpu.settings.write_s)
+        code = cpu.memory.write(number, value)
+        cpu.planner.axes = cpu.memory.axes
+        return code
+
+    def _home(self) -> Command:
+        """Goes to the switches without a word; a status asked for meanwhile comes at the end."""
+        cpu = self._cpu
+        if not cpu.memory[22]:
+            return _NO_HOMING
+        cpu.homing, cpu.locked, cpu.listens = True, False, False
+        cpu.machine.start_homing(cpu.now_s)
+        yield from cpu.pause(cpu.settings.homing_s)
+        cpu.machine.end_homing()
+        self.see_place()
+        cpu.pressed = ""
+        cpu.listens = True
+        if cpu.asked_s is not None:
+            cpu.report()
+        cpu.homing = False
+        return 0
+
+    def _gcode(self, line: str, *, jog: bool) -> Command:
+        cpu = self._cpu
+        try:
+            block = parse(line, self._modal, jog=jog)
+        except LineRefused as refused:
+            return refused.code
+        if block.dwell_s is not None:
+            yield from cpu.until_done()
+            yield from cpu.pause(block.dwell_s)
+        if block.axes:
+            if (fault := cpu.switches.strikes("refuse_move", cpu.now_s)) is not None:
+                return int(fault.get("code", _LOCKED))
+            target_mm = self._aim(block)
+            if cpu.memory.leaves_travel(target_mm):
+                if jog:
+                    return _TRAVEL
+                yield from self._break_soft_limit()
+            yield from cpu.until_room()
+            self._move(target_mm, block.feed_mm_min / 60, jog=jog)
+        self._modal = block.modal
+        return 0
+
+    def _aim(self, block: Block) -> Vector:
+        """Machine coordinates of a block's target."""
+        target = list(self._target_mm)
+        for axis, value in block.axes.items():
+            zero = 0.0 if block.machine else self._cpu.settings.work_offset_mm[axis]
+            target[axis] = value + (zero if block.absolute else target[axis])
+        return target[0], target[1], target[2]
+
+    def _move(self, target_mm: Vector, speed_mm_s: float, *, jog: bool) -> None:
+        """Appends a line; a jog starts at once, any other in the next turn of the main loop."""
+        cpu, start_s = self._cpu, self._cpu.now_s
+        if cpu.planner.waiting(cpu.now_s) == 0:
+            cpu.jogging = jog
+            start_s += 0.0 if jog else cpu.settings.start_s
+            if (fault := cpu.switches.strikes("false_idle", cpu.now_s)) is not None:
+                start_s += float(fault.get("seconds", 0.1))
+        self._target_mm = target_mm
+        cpu.planner.add(cpu.planner.axes.steps(target_mm), speed_mm_s, start_s)
+
+    def _break_soft_limit(self) -> Program:
+        """Lets what moves come to rest, and then locks; it does not come back."""
+        self._cpu.planner.cancel(self._cpu.now_s)
+        yield from self._cpu.until_done()
+        yield from self._cpu.critical_alarm(_SOFT_LIMIT)

@@ -1,0 +1,204 @@
+"""GRBL's firmware as it runs: one main program, which takes line after line and waits where the real one waits.
+
+The program is a generator that yields the time at which it goes on. A reset or an alarm throws it away and starts
+another, so every state in which the real firmware hangs is a line of code that yields.
+"""
+
+import math
+
+from ..faults import Switches
+from . import report as grbl_report
+from .commands import Commands
+from .motion import Move, Vector
+from .processor import Processor, Program
+from .settings import ControllerSettings
+
+_HARD_LIMIT, _RESET_IN_MOTION, _RESET_IN_HOMING = 1, 3, 6
+
+
+class Firmware:
+    """The main program, and what happens beside it: bytes that act at once, switches, loss of power.
+
+    Args:
+        switches: Faults.
+        settings: How the controller is set up.
+    """
+
+    def __init__(self, switches: Switches, settings: ControllerSettings) -> None:
+        self._cpu = Processor(switches, settings)
+        self._commands = Commands(self._cpu)
+        self._in_line = False
+        self._limit_asked: Move | None = None
+        self._run(self._serve())
+
+    @property
+    def runs(self) -> bool:
+        """Whether it is neither starting nor printing an alarm."""
+        return self._cpu.resets
+
+    def position_mm(self, time_s: float) -> Vector:
+        """Where the machine truly stands."""
+        return self._cpu.machine.position_mm(time_s)
+
+    def next_event_s(self) -> float:
+        """When something happens next without a byte."""
+        return max(self._cpu.now_s, min(self._wake_s, self._status_due_s(), self._limit_due_s()))
+
+    def advance(self, time_s: float) -> None:
+        """Does all that is due, in order."""
+        while (due_s := self.next_event_s()) <= time_s and due_s < math.inf:
+            self._cpu.now_s = due_s
+            if self._limit_due_s() <= due_s:
+                self._meet_limit()
+            elif self._status_due_s() <= due_s:
+                self._cpu.report()
+            else:
+                self._wake_s = math.inf
+                self._wake_s = next(self._program)
+        self._cpu.now_s = max(self._cpu.now_s, time_s)
+
+    def wake(self) -> None:
+        """Lets the main program look at what has changed."""
+        self._wake_s = min(self._wake_s, self._cpu.now_s)
+
+    def take_output(self) -> bytes:
+        """What it has said since the last time."""
+        return self._cpu.take_output()
+
+    # Bytes and power
+
+    def put(self, byte: int) -> None:
+        """A byte for the main program."""
+        self._cpu.input.put(byte)
+
+    @property
+    def is_deaf(self) -> bool:
+        """Whether interrupts are off, so that bytes are lost."""
+        return self._cpu.now_s < self._cpu.deaf_until
+
+    def ask_status(self) -> None:
+        """`?`: reports soon; asked again before that, it still reports once."""
+        self._cpu.asked_s = self._cpu.now_s if self._cpu.asked_s is None else self._cpu.asked_s
+
+    def reset(self) -> None:
+        """0x18: stops dead and starts anew; in motion that costs the position."""
+        cpu = self._cpu
+        if cpu.resets:
+            alarm = _RESET_IN_HOMING if cpu.homing else _RESET_IN_MOTION if cpu.moves else None
+            cpu.machine.stop_dead(cpu.now_s)
+            cpu.listens = cpu.resets = False
+            self._run(self._restart(alarm))
+
+    def hold(self) -> None:
+        """`!`: brakes and keeps the rest of the way; a jog is cancelled instead."""
+        if self._cpu.jogs:
+            self.cancel_jog()
+        elif self._obeys():
+            self._cpu.planner.hold(self._cpu.now_s)
+            self._cpu.held, self._cpu.suspended_until = True, math.inf
+
+    def resume(self) -> None:
+        """`~`: goes on, once a hold is complete."""
+        if self._cpu.held and not self._cpu.moves:
+            self._cpu.planner.resume(self._cpu.now_s)
+            self._cpu.held, self._cpu.suspended_until = False, -math.inf
+
+    def cancel_jog(self) -> None:
+        """0x85: brakes and forgets the rest of the way, if it jogs; lines wait until it is at rest."""
+        if self._cpu.jogs and self._obeys():
+            self._cpu.planner.cancel(self._cpu.now_s)
+            self._cpu.suspended_until = self._cpu.planner.end_s()
+            self._commands.see_place()
+
+    def lose_power(self) -> None:
+        """Restarts, and believes to be at zero."""
+        self._cpu.machine.lose_power(self._cpu.now_s)
+        self._cpu.listens = self._cpu.resets = False
+        self._run(self._boot())
+
+    def _obeys(self) -> bool:
+        return self._cpu.listens and not self._cpu.locked and self._cpu.now_s >= self._cpu.suspended_until
+
+    # The main program
+
+    def _run(self, program: Program) -> None:
+        self._program = program
+        self._wake_s = self._cpu.now_s
+
+    def _serve(self) -> Program:
+        """Takes line after line and answers each."""
+        while True:
+            yield from self._while_suspended()
+            line = self._cpu.input.line()
+            if line is None:
+                yield math.inf
+                continue
+            yield from self._cpu.pause(self._cpu.settings.line_s)
+            yield from self._while_suspended()
+            self._in_line = True
+            code = yield from self._commands.execute(line)
+            self._in_line = False
+            self._answer(code)
+
+    def _while_suspended(self) -> Program:
+        while self._cpu.now_s < self._cpu.suspended_until:
+            yield self._cpu.suspended_until
+
+    def _answer(self, code: int) -> None:
+        cpu = self._cpu
+        if code:
+            cpu.say(f"error:{code}")
+        elif cpu.switches.strikes("lost_ok", cpu.now_s) is None:
+            cpu.say("ok")
+            if cpu.switches.strikes("extra_ok", cpu.now_s) is not None:
+                cpu.say("ok")
+
+    def _restart(self, alarm: int | None) -> Program:
+        """A soft reset; a line that was being carried out is answered late (gcode.c)."""
+        if alarm is not None:
+            self._cpu.locked = True
+            self._cpu.say(f"ALARM:{alarm}")
+            yield from self._cpu.pause(self._cpu.settings.alarm_s)
+        yield from self._cpu.pause(self._cpu.settings.reset_s)
+        if self._in_line:
+            self._cpu.say("ok")
+        yield from self._start()
+
+    def _boot(self) -> Program:
+        yield from self._cpu.pause(self._cpu.settings.boot_s)
+        self._cpu.locked = bool(self._cpu.memory[22])
+        yield from self._start()
+
+    def _start(self) -> Program:
+        self._in_line = False
+        self._cpu.forget()
+        self._commands.forget()
+        self._cpu.say(grbl_report.banner(self._cpu.settings.firmware, self._cpu.settings.version))
+        if self._cpu.locked:
+            self._cpu.say(grbl_report.LOCKED)
+        yield from self._serve()
+
+    # Events in time
+
+    def _status_due_s(self) -> float:
+        cpu = self._cpu
+        return math.inf if cpu.asked_s is None or not cpu.listens else cpu.asked_s + cpu.settings.status_s
+
+    def _limit_due_s(self) -> float:
+        """The middle of the current move, while nobody has asked yet whether a switch is hit in it."""
+        cpu = self._cpu
+        if not (cpu.switches.is_on("limit_alarm") and cpu.memory[21]) or cpu.homing:
+            return math.inf
+        move = cpu.planner.current(cpu.now_s)
+        return math.inf if move is None or move is self._limit_asked else (move.start_s + move.end_s) / 2
+
+    def _meet_limit(self) -> None:
+        """A switch in the middle of a move, if that fault is on."""
+        cpu = self._cpu
+        move = self._limit_asked = cpu.planner.current(cpu.now_s)
+        if move is not None and cpu.switches.strikes("limit_alarm", cpu.now_s) is not None:
+            ends = zip("XYZ", move.start, move.end, strict=True)
+            cpu.pressed = "".join(name for name, start, end in ends if start != end)
+            cpu.machine.stop_dead(cpu.now_s)
+            cpu.listens = cpu.resets = False
+            self._run(cpu.critical_alarm(_HARD_LIMIT))

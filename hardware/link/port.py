@@ -1,0 +1,129 @@
+"""Bytes to and from a serial port; the only module that knows pySerial.
+
+Addresses are those of `serial.serial_for_url`: a device such as `/dev/serial/by-id/...`, which keeps its name when it
+is plugged in again, or a URL such as `socket://host:port`.
+"""
+
+import errno
+import termios
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+
+import serial
+
+from ..errors import PortBusy, PortError, PortLost, WriteTimeout
+
+WRITE_TIMEOUT_S = 1.0
+"""Time in seconds that a write may take. Commands are shorter than 100 bytes, which take 9 ms at 115200 baud."""
+
+_LOST = (serial.SerialException, OSError, termios.error, TypeError)
+"""What pySerial and the system raise when a device vanishes; a read in progress may even meet a file number of None."""
+_MOST_BYTES = 65536
+
+
+class Port:
+    """A serial port that never blocks for long and raises nothing but `RigError`.
+
+    Args:
+        address: Device or URL.
+        baud: Bits per second.
+
+    Attributes:
+        address: Device or URL.
+        sent: Bytes written since the port was opened.
+        received: Bytes read since the port was opened.
+    """
+
+    def __init__(self, address: str, baud: int = 115200) -> None:
+        self.address = address
+        self.sent = 0
+        self.received = 0
+        self._baud = baud
+        self._serial: serial.Serial | None = None
+
+    @property
+    def is_open(self) -> bool:
+        """Whether it is open, as far as is known."""
+        return self._serial is not None
+
+    def open(self) -> None:
+        """Opens the port for this program alone; whatever had come before is discarded by the system.
+
+        Raises:
+            PortBusy: Another program has it.
+            PortError: It does not exist or is no serial port.
+        """
+        if self._serial is not None:
+            return
+        try:
+            self._serial = serial.serial_for_url(
+                self.address, baudrate=self._baud, timeout=0, write_timeout=WRITE_TIMEOUT_S, exclusive=True
+            )
+        except (*_LOST, ValueError) as error:
+            raise self._not_opened(error) from error
+        self.sent = self.received = 0
+
+    def close(self) -> None:
+        """Closes the port; nothing happens if it is closed."""
+        if self._serial is not None:
+            port, self._serial = self._serial, None
+            with suppress(*_LOST):  # a port that vanished is closed already
+                port.close()
+
+    def read(self) -> bytes:
+        """All bytes that have come, none if there are none.
+
+        Raises:
+            PortLost: The port vanished or is closed.
+        """
+        with self._losing("reading") as port:
+            data = port.read(_MOST_BYTES)
+        self.received += len(data)
+        return data
+
+    def write(self, data: bytes) -> None:
+        """Sends bytes.
+
+        Raises:
+            PortLost: The port vanished or is closed.
+            WriteTimeout: They did not all leave in time; the device may have got any part of them.
+        """
+        with self._losing("writing") as port:
+            port.write(data)
+        self.sent += len(data)
+
+    def waiting(self) -> int:
+        """Bytes that can be read at once; 1 if the port is lost, so that reading it tells."""
+        try:
+            return 1 if self._serial is None else self._serial.in_waiting
+        except _LOST:
+            return 1
+
+    def fileno(self) -> int | None:
+        """The number of the open file, None where there is none to wait on."""
+        try:
+            return None if self._serial is None else self._serial.fileno()
+        except (*_LOST, AttributeError):
+            return None
+
+    @contextmanager
+    def _losing(self, doing: str) -> Iterator[serial.Serial]:
+        if self._serial is None:
+            raise PortLost(f"{self.address}: the port is closed.")
+        try:
+            yield self._serial
+        except serial.SerialTimeoutException as error:
+            raise WriteTimeout(
+                f"{self.address}: the device took no bytes for {WRITE_TIMEOUT_S:g} s; what was sent may have arrived."
+            ) from error
+        except _LOST as error:
+            self.close()
+            reader = " or a second program reads it" if "no data" in str(error) else ""
+            raise PortLost(f"{self.address}: the port was lost while {doing}; it was unplugged{reader}.") from error
+
+    def _not_opened(self, error: Exception) -> PortError:
+        number = getattr(error, "errno", None)
+        if number in (errno.EAGAIN, errno.EBUSY) or "lock" in str(error):
+            return PortBusy(f"{self.address}: another program has this port open.")
+        why = {errno.ENOENT: "there is no such port", errno.EACCES: "this user may not open it"}.get(number or 0)
+        return PortError(f"{self.address}: the port cannot be opened: {why or str(error).rstrip('.')}.")

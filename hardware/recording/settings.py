@@ -1,0 +1,71 @@
+"""What a recording says of rig and plan, and whether it may go on with others."""
+
+from importlib.metadata import version
+from itertools import chain
+from typing import Any
+
+import msgspec
+import numpy as np
+
+from ...models.io.rig_recording import About
+from ..rig.settings import IcubSettings, RigFile
+from .plan import Plan
+
+_ELSEWHERE = ("settings.sensor.port", "settings.stage.port", "settings.emulator")
+"""What may change between two parts of a recording: where the devices are plugged in."""
+
+
+def about_rig(rig: RigFile, text: str = "", plan: Plan | None = None) -> About:
+    """What a recording says at its beginning.
+
+    Args:
+        rig: The settings of the rig.
+        text: The file that they come from.
+        plan: The plan of the collection, if there is one.
+    """
+    limits = rig.range
+    edges = limits.start_mm + limits.cell_mm * np.arange(limits.where_classes + 1)
+    kind = "iCub fingertip" if isinstance(rig.sensor, IcubSettings) else "line sensor"
+    objects = [] if plan is None else plan.objects
+    return About(
+        name=rig.name,
+        sensor=f"emulated {kind}" if rig.emulator is not None else kind,
+        settings=msgspec.to_builtins(rig),
+        text=text,
+        preprocessing=rig.preprocessing.to_json(),
+        where_edges_mm=edges.tolist(),
+        taxel_position_mm=list(chain.from_iterable(rig.sensor.positions_mm)),
+        plan={} if plan is None else msgspec.to_builtins(plan),
+        session=0 if plan is None else plan.session,
+        objects=[entry.name for entry in objects],
+        sizes_mm=[entry.size_mm for entry in objects if entry.size_mm is not None],
+        software=version("solidtouch"),
+    )
+
+
+def differences(here: About, recorded: About) -> list[str]:
+    """How rig or plan differ from those of a recording, one phrase per key; none where only ports differ."""
+    new, old = _flat(here), _flat(recorded)
+    keys = sorted(set(new) | set(old))
+    return [
+        f"{key} is {new.get(key, 'missing')} here and {old.get(key, 'missing')} in the recording"
+        for key in keys
+        if new.get(key) != old.get(key) and not key.startswith(_ELSEWHERE)
+    ]
+
+
+def _flat(about: About) -> dict[str, Any]:
+    """Every setting under its full name, as JSON has it."""
+    flat: dict[str, Any] = {}
+
+    def put(name: str, value: Any) -> None:
+        parts = value.items() if isinstance(value, dict) else enumerate(value) if isinstance(value, list) else None
+        if parts is None:
+            flat[name] = value
+        for key, part in parts or ():
+            put(f"{name}.{key}" if isinstance(value, dict) else f"{name}[{key}]", part)
+
+    content = msgspec.json.decode(msgspec.json.encode(about))
+    put("settings", content["settings"])
+    put("plan", content["plan"])
+    return flat

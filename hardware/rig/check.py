@@ -1,0 +1,199 @@
+"""What a rig is like at rest: who answers, how fast, how noisy, how far it may move, and what is wrong, in words."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import stdtrit
+
+from ..errors import RigError
+from ..skin.baseline import taxel_names
+from ..skin.skin import SkinFrame
+from .rig import Rig
+from .settings import StageSettings
+
+_RATE_TOLERANCE = 0.02
+_DRIFT_PER_MIN = 20.0
+_DRIFT_S = 10.0  # in a shorter time slow noise passes for drift
+_BLOCKS = 8
+_LEAST_READINGS = 2 * _BLOCKS
+
+
+@dataclass(frozen=True, eq=False)
+class SensorReport:
+    """Readings of an untouched sensor.
+
+    Attributes:
+        readings: How many came.
+        rate_hz: Readings per second, from the first to the last.
+        loss: Share of the readings that did not come.
+        idle: Mean of each taxel as sent, shape (K,).
+        noise: Standard deviation of each taxel about its drift, shape (K,).
+        drift_per_min: Slope of each taxel in units per minute, shape (K,).
+        drift_error: Half width of its 95 % interval, shape (K,).
+    """
+
+    readings: int
+    rate_hz: float
+    loss: float
+    idle: NDArray[np.float64]
+    noise: NDArray[np.float64]
+    drift_per_min: NDArray[np.float64]
+    drift_error: NDArray[np.float64]
+
+
+@dataclass
+class RigReport:
+    """What a check found.
+
+    Attributes:
+        lines: What is so, as pairs of a word and a value.
+        sensor: The readings, None where none came.
+        wrong: What is wrong, one sentence each.
+    """
+
+    lines: list[tuple[str, str]] = field(default_factory=list)
+    sensor: SensorReport | None = None
+    wrong: list[str] = field(default_factory=list)
+
+
+def sensor_report(frames: Sequence[SkinFrame], lost: int) -> SensorReport:
+    """Rate, loss, noise and drift of readings without contact.
+
+    Args:
+        frames: Readings in the order of time, at least 16.
+        lost: Readings that did not come meanwhile.
+    """
+    time_s = np.array([frame.time_s for frame in frames])
+    raw = np.array([frame.raw for frame in frames])
+    _, level, residual = _line(time_s, raw)
+    drift, drift_error = _drift(time_s, raw)
+    return SensorReport(
+        readings=len(frames),
+        rate_hz=float((len(frames) - 1) / (time_s[-1] - time_s[0])) if time_s[-1] > time_s[0] else np.inf,
+        loss=lost / (len(frames) + lost),
+        idle=level,
+        noise=np.where((raw == raw[0]).all(axis=0), 0.0, np.sqrt((residual**2).sum(axis=0) / (len(frames) - 2))),
+        drift_per_min=60.0 * drift,
+        drift_error=60.0 * drift_error,
+    )
+
+
+def _line(
+    time_s: NDArray[np.float64], values: NDArray[np.float64]
+) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+    """Slope, level in the middle and residuals of a straight line through each column."""
+    centred = time_s - time_s.mean()
+    slope, level = np.polyfit(centred, values, 1)
+    return slope, level, values - level - np.outer(centred, slope)
+
+
+def _drift(time_s: NDArray[np.float64], values: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Slope per second and half width of its 95 % interval.
+
+    Successive readings share their noise, so the line goes through means of blocks, which hardly do.
+    """
+    blocks = np.array_split(np.arange(len(time_s)), _BLOCKS)
+    at_s = np.array([time_s[block].mean() for block in blocks])
+    slope, _, residual = _line(at_s, np.array([values[block].mean(axis=0) for block in blocks]))
+    freedom = _BLOCKS - 2
+    error = np.sqrt((residual**2).sum(axis=0) / freedom / ((at_s - at_s.mean()) ** 2).sum())
+    return slope, stdtrit(freedom, 0.975) * error
+
+
+def check_rig(rig: Rig, seconds: float = 10.0, home: bool = False) -> RigReport:
+    """Opens both devices, listens to the sensor at rest, and lets go of them; without `home` nothing moves.
+
+    What one device lacks does not keep the other from being looked at.
+
+    Args:
+        rig: Not connected yet.
+        seconds: How long to listen, in rig time.
+        home: Whether to home the stage, which shows that its switches work.
+    """
+    report = RigReport()
+    try:
+        _look_at_stage(rig, report, home)
+        _look_at_sensor(rig, report, seconds)
+    finally:
+        rig.skin.stop()
+        rig.stage.close()
+    return report
+
+
+def _look_at_stage(rig: Rig, report: RigReport, home: bool) -> None:
+    settings, stage = rig.settings.stage, rig.stage
+    report.lines.append(("stage", settings.port))
+    try:
+        stage.connect(will_home=home)
+        if home:
+            stage.home()
+    except RigError as error:
+        report.wrong.append(str(error))
+    if (found := stage.report) is None:
+        return
+    report.lines.append(("  controller", f"{found.firmware}, {found.state} when it was opened"))
+    for name, axis in (("x", settings.x), ("y", settings.y)):
+        number = "XYZ".index(axis.letter)
+        machine = sorted((axis.machine_mm(axis.low_mm), axis.machine_mm(axis.high_mm)))
+        report.lines.append(
+            (
+                f"  {name} is {axis.letter}",
+                f"{axis.low_mm:g} to {axis.high_mm:g} mm, in machine coordinates {machine[0]:g} to {machine[1]:g} of "
+                f"-{found.values[130 + number]:g} to 0; {found.values[110 + number] / 60:g} mm/s at most, "
+                f"{found.values[120 + number]:g} mm/s²",
+            )
+        )
+    place = stage.position_mm
+    report.lines.append(("  place", _placed(place, settings) if place else "not known"))
+    report.wrong.extend(found.notes)
+    if place is None:
+        report.wrong.append(f"{settings.port}: the stage does not know where it is; collect and perceive need --home.")
+
+
+def _placed(place_mm: tuple[float, float], settings: StageSettings) -> str:
+    axes = (settings.x, settings.y)
+    inside = all(axis.low_mm <= mm <= axis.high_mm for mm, axis in zip(place_mm, axes, strict=True))
+    beyond = "" if inside else ", outside the limits, as after homing; the first move leads back"
+    return f"x = {place_mm[0]:.3f}, y = {place_mm[1]:.3f} mm{beyond}"
+
+
+def _look_at_sensor(rig: Rig, report: RigReport, seconds: float) -> None:
+    sensor, skin = rig.settings.sensor, rig.skin
+    report.lines.append(("sensor", sensor.port))
+    frames: list[SkinFrame] = []
+    try:
+        skin.start()
+        skin.on_frame = frames.append
+        lost = skin.counts.lost
+        with rig.loop.guarded(skin.monitor.check):
+            rig.loop.sleep(seconds)
+        lost = skin.counts.lost - lost
+    except RigError as error:
+        report.wrong.append(str(error))
+        return
+    if len(frames) < _LEAST_READINGS:
+        report.wrong.append(
+            f"{sensor.port}: {len(frames)} readings in {seconds:g} s are too few to judge; listen longer."
+        )
+        return
+    report.sensor = found = sensor_report(frames, lost)
+    if abs(found.rate_hz / sensor.rate_hz - 1) > _RATE_TOLERANCE:
+        report.wrong.append(f"{sensor.port}: {found.rate_hz:.2f} readings per second, {sensor.rate_hz:g} are set.")
+    if found.loss > 0:
+        total = len(frames) + lost
+        report.wrong.append(f"{sensor.port}: {lost} of {total} readings were lost; such taps are made again.")
+    drifts = np.abs(found.drift_per_min) - found.drift_error > _DRIFT_PER_MIN
+    for k in np.flatnonzero(drifts) if seconds >= _DRIFT_S else ():
+        drift, error = found.drift_per_min[k], found.drift_error[k]
+        report.wrong.append(
+            f"{sensor.port}: taxel {k} drifts by {drift:+.1f} ± {error:.1f} per minute; let it warm up."
+        )
+    if (still := found.noise == 0).any():  # a quiet one may read the same number all the time
+        report.lines.append(("  at rest", f"{taxel_names(still)} never changed; a touch shows whether it is alive"))
+    others = {name: n for name, n in vars(skin.counts).items() if n and name not in ("frames", "lost")}
+    if others:
+        report.wrong.append(
+            f"{sensor.port}: " + ", ".join(f"{n} {name}" for name, n in others.items()) + " since the port was opened."
+        )

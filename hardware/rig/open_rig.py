@@ -1,0 +1,76 @@
+"""From `rig.toml` to a rig that is ready to tap, and back to rest."""
+
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager
+
+from ..errors import NotAtRest, RigError
+from ..journal import Journal
+from ..link.clock import Clock, HostClock
+from ..link.loop import Loop
+from ..link.shared_clock import SharedClock, SocketConnection
+from ..skin.fingertip import make_skin
+from ..stage.stage import Stage
+from .rig import Rig, still_pressing
+from .settings import RigFile
+
+
+@contextmanager
+def open_rig(settings: RigFile, journal: Journal, home: bool = False) -> Iterator[Rig]:
+    """The rig of a file, connected; it is brought to rest and let go of when the block ends, however it ends.
+
+    Args:
+        settings: What stands on the bench.
+        journal: Hears of everything.
+        home: Whether to home the stage first.
+
+    Raises:
+        RigError: A device is missing, another one, or in trouble; or the finger could not be taken off the object.
+    """
+    with unconnected(settings, journal) as rig, connected(rig, home):
+        yield rig
+
+
+@contextmanager
+def unconnected(settings: RigFile, journal: Journal) -> Iterator[Rig]:
+    """The rig of a file on its own clock, not connected yet.
+
+    Raises:
+        RigError: The devices are emulated, and the emulator does not answer.
+    """
+    with ExitStack() as stack:
+        clock: Clock = HostClock()
+        emulator = None
+        if settings.emulator is not None:
+            emulator = stack.enter_context(SocketConnection(settings.emulator.control))
+            clock = SharedClock(emulator) if settings.emulator.shared_clock else clock
+        rig = build_rig(settings, clock, journal)
+        rig.emulator = emulator
+        yield rig
+
+
+def build_rig(settings: RigFile, clock: Clock, journal: Journal) -> Rig:
+    """The rig of a file on a clock, not connected yet."""
+    loop = Loop(clock)
+    stage = Stage(settings.stage, loop, journal)
+    return Rig(settings, loop, stage, make_skin(settings.sensor, loop, journal), journal)
+
+
+@contextmanager
+def connected(rig: Rig, home: bool = False) -> Iterator[Rig]:
+    """The rig, connected in the block and at rest after it.
+
+    Raises:
+        RigError: As `Rig.connect` and `Rig.close`; what failed first, unless the finger may still press.
+    """
+    try:
+        rig.connect(home)
+        yield rig
+    except BaseException as trouble:
+        try:
+            rig.close()
+        except RigError as worse:
+            if isinstance(trouble, NotAtRest):
+                raise trouble from None
+            raise still_pressing(trouble, worse) from trouble
+        raise
+    rig.close()

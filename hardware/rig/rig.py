@@ -1,0 +1,344 @@
+"""The rig: a stage that moves a tactile sensor, behind the interface that simulated and recorded ones have.
+
+Whatever goes wrong, an exception of the program, Ctrl-C or a device, the finger is stopped and taken off the object
+before anyone hears of it.
+"""
+
+from collections import deque
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...models.preprocessing import Preprocessing, TapCutter
+from ..errors import (
+    NotAtRest,
+    OutOfLimits,
+    PortLost,
+    PositionUnknown,
+    RigError,
+    SensorFault,
+    SensorOverload,
+    StageFault,
+)
+from ..journal import Journal
+from ..link.loop import Loop
+from ..link.shared_clock import Connection
+from ..sensor import clipped_move
+from ..skin.monitor import Skin
+from ..skin.skin import SkinFrame
+from ..stage.stage import Stage
+from .deferred_signals import undisturbed
+from .settings import RigFile
+from .tap_quality import implausible
+
+_ROUNDING = 1e-6
+_DEPTH_MARGIN_MM = 0.05
+_AWAY_MM = 0.05
+_LATE_S = 0.5
+_SEEN_S = 0.3  # the end of a motion is seen in two reports, a tenth of a second apart
+
+
+@dataclass
+class TapTally:
+    """How many taps were made.
+
+    Attributes:
+        accepted: Taps that perception or a recording got.
+        rejected: Taps whose readings could not be believed, and that were made again.
+    """
+
+    accepted: int = 0
+    rejected: int = 0
+
+
+class Rig:
+    """A `TouchSensor` made of a stage and a skin.
+
+    A tap is a press and a release in one go, sent when a reading has just arrived, so that contact falls on the same
+    sample of each tap. Its readings must be complete and plausible, else it is made again.
+
+    Args:
+        settings: What stands on the bench.
+        loop: Waits for both devices.
+        stage: Connected by `connect`.
+        skin: Started by `connect`.
+        journal: Hears of everything.
+
+    Attributes:
+        label: What the next taps are called in the journal, as JSON has it.
+        tally: Taps so far.
+        emulator: The way to the devices if they are emulated, to put objects under the finger.
+    """
+
+    def __init__(self, settings: RigFile, loop: Loop, stage: Stage, skin: Skin, journal: Journal) -> None:
+        self.settings = settings
+        self.loop = loop
+        self.stage = stage
+        self.skin = skin
+        self.label: Mapping[str, Any] = {}
+        self.tally = TapTally()
+        self.emulator: Connection | None = None
+        self._journal = journal
+        self._cutter = TapCutter(self.preprocessing)
+        self._frames: deque[SkinFrame] = deque(maxlen=self.preprocessing.samples)
+        self._arrived = self._rest_from = 0
+        self._tap: tuple[NDArray[np.float64], tuple[SkinFrame, ...]] | None = None
+        self._place_mm = settings.range.start_mm + settings.range.cell_mm / 2
+        self._pressed_s = -np.inf
+        skin.on_frame = self._take
+
+    @property
+    def preprocessing(self) -> Preprocessing:
+        """How taps are prepared."""
+        return self.settings.preprocessing
+
+    @property
+    def place_mm(self) -> float:
+        """Where along x of the rig frame it was told to stand."""
+        return self._place_mm
+
+    @property
+    def where_index(self) -> int:
+        """The where class in which it stands."""
+        limits = self.settings.range
+        cell = np.floor((self._place_mm - limits.start_mm) / limits.cell_mm + _ROUNDING)
+        return int(np.clip(cell, 0, limits.where_classes - 1))
+
+    @property
+    def room(self) -> tuple[int, int]:
+        """Class steps left to either side."""
+        return self.where_index, self.settings.range.where_classes - 1 - self.where_index
+
+    def connect(self, home: bool = False) -> None:
+        """Opens both devices, takes the finger off the object and starts the readings.
+
+        Args:
+            home: Whether to home the stage, which moves it to its limit switches.
+
+        Raises:
+            PositionUnknown: The stage needs homing.
+            RigError: A device is missing, another one, or in trouble.
+        """
+        self.stage.connect(will_home=home)
+        if home:
+            self.stage.home()
+        if self.stage.position_mm is None:
+            port = self.settings.stage.port
+            raise PositionUnknown(f"{port}: the stage does not know where it is; free its way and home it with --home.")
+        self.clear()
+        self.skin.start()
+        self._journal.event(self.loop.now, "stream", "the readings start")
+        self._cutter = TapCutter(self.preprocessing)
+        self._rest_from = self._arrived
+        self.go(self._place_mm)
+
+    def clear(self) -> None:
+        """Takes the finger off the object.
+
+        Raises:
+            RigError: The stage does not obey.
+        """
+        self.stage.move(y_mm=self.settings.tap.clear_mm)
+
+    def go(self, x_mm: float) -> None:
+        """Moves to a place along the finger, clear of the object.
+
+        Raises:
+            OutOfLimits: The place lies outside the range; nothing moved.
+            RigError: A device failed; the rig has been brought to rest.
+        """
+        limits = self.settings.range
+        if not limits.start_mm - _ROUNDING <= x_mm <= limits.end_mm + _ROUNDING:
+            raise OutOfLimits(
+                f"x = {x_mm:g} mm lies outside the range of {self.settings.name}, "
+                f"{limits.start_mm:g} to {limits.end_mm:g} mm."
+            )
+        self._check_connected()
+        with self._resting_on_trouble():
+            self._lift()
+            self.stage.move(x_mm=float(x_mm))
+        self._place_mm = float(x_mm)
+
+    def move(self, delta: int) -> int:
+        """Moves by `delta` where classes, at most to the end of the range; returns the steps made."""
+        steps = clipped_move(delta, self.room)
+        if steps:
+            self.go(self._place_mm + steps * self.settings.range.cell_mm)
+        return steps
+
+    def tap(self) -> NDArray[np.float64]:
+        """The samples of one tap, shape (J, K).
+
+        Raises:
+            SensorFault: The readings of several taps could not be believed, or the sensor failed.
+            RigError: A device failed; in any case the rig has been brought to rest.
+        """
+        self._check_connected()
+        reasons: list[str] = []
+        while len(reasons) <= self.settings.tap.retries:
+            with self._resting_on_trouble():
+                samples, reason = self._attempt()
+            self._journal.tap(self.loop.now, reason is None, reason or "")
+            if reason is None:
+                self.tally.accepted += 1
+                return samples
+            self.tally.rejected += 1
+            reasons.append(reason)
+        raise SensorFault(
+            f"{self.settings.sensor.port}: no tap could be believed in {len(reasons)} attempts: {'; '.join(reasons)}."
+        )
+
+    def close(self) -> None:
+        """Takes the finger off the object and lets go of both devices.
+
+        Raises:
+            RigError: The finger could not be taken off; both devices are closed all the same.
+        """
+        with undisturbed():
+            try:
+                if self.stage.position_mm is not None:
+                    self._rest()
+            finally:
+                self.skin.stop()
+                self.stage.close()
+
+    def _attempt(self) -> tuple[NDArray[np.float64], str | None]:
+        """One press and release: its samples, and why they cannot be believed if so."""
+        settings, sensor = self.settings, self.settings.sensor
+        with self.loop.guarded(self.skin.monitor.check), self.loop.guarded(self.stage.check):
+            self._stand()
+            self._wait_for_frames(self._rest_from + settings.tap.lead_samples - 1 - self._arrived)
+            if (early_s := self._pressed_s + settings.tap.period_s - self.loop.now) > 0:
+                self.loop.sleep(early_s - 0.5 / sensor.rate_hz)
+            self._wait_for_frames(1)
+            self.skin.monitor.check_rest(tuple(self._frames)[-settings.tap.lead_samples :])
+            self._tap = None
+            self._pressed_s = self.loop.now
+            self._journal.press(self._pressed_s, {**self.label, "x_mm": self._place_mm})
+            self._cutter.press()
+            unanswered = self.stage.counts.unanswered
+            self._press()
+            ended_s = self.loop.now
+            samples, frames = self._wait_for_tap()
+            self._rest_from = self._arrived
+        if self.stage.counts.unanswered > unanswered:
+            return samples, "the stage lost an answer, so the press lasted too long"
+        if ended_s - frames[-1].time_s > _SEEN_S:
+            return samples, "the finger was still on its way when the readings of the tap ended"
+        trace = implausible(samples, settings.tap.lead_samples, sensor.noise_limit)
+        return samples, self.skin.monitor.verdict(frames) or trace
+
+    def _check_connected(self) -> None:
+        if self.stage.report is None or not (self.stage.port.is_open or self.skin.port.is_open):
+            raise PositionUnknown(f"{self.settings.name}: the rig is not connected.")
+
+    def _lift(self) -> None:
+        """Takes the finger off if trouble has left it on the object."""
+        position = self.stage.position_mm
+        if position is None or position[1] > self.settings.tap.clear_mm + _AWAY_MM:
+            self.clear()
+
+    def _stand(self) -> None:
+        """Goes where the tap is to be made if trouble has left the finger elsewhere."""
+        self._lift()
+        position = self.stage.position_mm
+        if position is None or abs(position[0] - self._place_mm) > _AWAY_MM:
+            self.stage.move(x_mm=self._place_mm)
+
+    def _press(self) -> None:
+        tap = self.settings.tap
+        speed = self.settings.stage.y.speed_mm_s if tap.speed_mm_s is None else tap.speed_mm_s
+        with self.loop.guarded(self._watch):
+            self.stage.path([(self._place_mm, tap.depth_mm, speed), (self._place_mm, tap.clear_mm, speed)])
+
+    def _watch(self, now_s: float) -> None:  # noqa: ARG002 - the signature of a guard
+        """The guard of a press.
+
+        Raises:
+            SensorOverload: A taxel is at the end of its range.
+            StageFault: The finger is deeper than it was sent.
+        """
+        frame = self._frames[-1]
+        if self.skin.monitor.overloaded(frame):
+            k, port = int(np.argmax(frame.values)), self.settings.sensor.port
+            if not frame.valid[k]:
+                raise SensorFault(f"{port}: taxel {k} reads the end of its range and is reported as broken.")
+            raise SensorOverload(
+                f"{port}: taxel {k} reached the end of its range and the finger was taken off; a smaller tap.depth_mm "
+                f"presses less."
+            )
+        position = self.stage.position_mm
+        if position is not None and position[1] > self.settings.tap.depth_mm + _DEPTH_MARGIN_MM:
+            raise StageFault(
+                f"{self.settings.stage.port}: the finger was at y = {position[1]:.3f} mm, deeper than "
+                f"tap.depth_mm = {self.settings.tap.depth_mm:g}, and was taken off."
+            )
+
+    def _take(self, frame: SkinFrame) -> None:
+        self._frames.append(frame)
+        self._arrived += 1
+        for cut in self._cutter.push(frame.values[np.newaxis]):
+            self._tap = cut.samples, tuple(self._frames)
+
+    def _wait_for_frames(self, n: int) -> None:
+        wanted = self._arrived + n
+        self.loop.wait_for(
+            lambda: self._arrived >= wanted,
+            n / self.settings.sensor.rate_hz + _LATE_S,
+            f"{self.settings.sensor.port}: {n} readings did not come in time.",
+        )
+
+    def _wait_for_tap(self) -> tuple[NDArray[np.float64], tuple[SkinFrame, ...]]:
+        J = self.preprocessing.samples
+        self.loop.wait_for(
+            lambda: self._tap is not None,
+            J / self.settings.sensor.rate_hz + _LATE_S,
+            f"{self.settings.sensor.port}: the {J} readings of a tap did not come in time.",
+        )
+        if self._tap is None:  # never after wait_for, but a type checker cannot know
+            raise SensorFault(f"{self.settings.sensor.port}: a tap vanished.")
+        return self._tap
+
+    @contextmanager
+    def _resting_on_trouble(self) -> Iterator[None]:
+        """Brings the rig to rest if the block ends otherwise than it should, Ctrl-C included."""
+        try:
+            yield
+        except BaseException as trouble:
+            with undisturbed():
+                try:
+                    self._rest()
+                except RigError as worse:
+                    raise still_pressing(trouble, worse) from trouble
+            raise
+
+    def _rest(self) -> None:
+        """Stops and takes the finger off, whatever the guards say.
+
+        Raises:
+            RigError: The stage does not obey.
+        """
+        with self.loop.unguarded():
+            try:
+                self._retract()
+            except PortLost:
+                if not self.stage.port.is_open:
+                    raise
+                self._retract()  # it was the sensor's, which is no longer read
+        self._rest_from = self._arrived
+        self._journal.event(self.loop.now, "rest", "the finger is off the object")
+
+    def _retract(self) -> None:
+        self.stage.stop()
+        self.clear()
+
+
+def still_pressing(trouble: BaseException, worse: RigError) -> NotAtRest:
+    """The error for a finger that could not be taken off after some trouble."""
+    first = str(trouble).rstrip(".") if isinstance(trouble, Exception) else "Interrupted"
+    again = "" if str(worse) == str(trouble) else f" {worse}"
+    return NotAtRest(f"{first or type(trouble).__name__}. The finger may still press, take it off by hand.{again}")

@@ -1,0 +1,365 @@
+"""`rig.toml`: what stands on the bench, and how it may be moved.
+
+Lengths are millimetres of the rig frame: x runs along the finger, from the first where class on; y is the way of a
+tap, which rises towards the object. Each axis says how it lies in the machine's own coordinates.
+"""
+
+import math
+import re
+import tomllib
+from itertools import pairwise
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+import msgspec
+from msgspec import Meta, Struct
+
+from ...models.errors import InputError
+from ...models.io.recording import naming
+from ...models.preprocessing import Preprocessing
+
+Positive = Annotated[float, Meta(gt=0)]
+NotNegative = Annotated[float, Meta(ge=0)]
+Count = Annotated[int, Meta(ge=1)]
+_ROUNDING = 1e-6
+
+
+class _RigTable(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """A table of the file: keys that are not known are refused."""
+
+
+class AxisSettings(_RigTable, frozen=True):
+    """One axis of the stage.
+
+    Attributes:
+        letter: Its name in the controller.
+        origin_mm: Where the rig's zero lies in machine coordinates, which GRBL keeps negative.
+        direction: 1 if rig and machine coordinates rise together, -1 if not.
+        low_mm: Lower limit in the rig frame; no move leaves the limits.
+        high_mm: Upper limit in the rig frame.
+        speed_mm_s: Speed of moves along it, at most what the controller allows.
+    """
+
+    letter: Literal["X", "Y", "Z"]
+    origin_mm: float
+    low_mm: float
+    high_mm: float
+    speed_mm_s: Positive
+    direction: Literal[-1, 1] = 1
+
+    def machine_mm(self, rig_mm: float) -> float:
+        """Machine coordinate of a place in the rig frame."""
+        return self.origin_mm + self.direction * rig_mm
+
+    def rig_mm(self, machine_mm: float) -> float:
+        """Place in the rig frame of a machine coordinate."""
+        return self.direction * (machine_mm - self.origin_mm)
+
+
+class StageSettings(_RigTable, frozen=True):
+    """The stage and its controller.
+
+    Attributes:
+        port: Device or URL.
+        x: The axis along the finger.
+        y: The axis of the tap.
+        baud: Bits per second (GRBL: 115200).
+        boot_s: Time in seconds to wait for the banner of a controller that opening the port resets.
+        homing_s: Time in seconds that homing may take.
+    """
+
+    port: str
+    x: AxisSettings
+    y: AxisSettings
+    baud: Count = 115200
+    boot_s: Positive = 5.0
+    homing_s: Positive = 120.0
+
+
+class IcubSettings(_RigTable, frozen=True, tag_field="kind", tag="icub"):
+    """A triangle of 12 taxels of the iCub's skin behind an SLCAN adapter.
+
+    Attributes:
+        port: Device or URL of the adapter.
+        baud: Bits per second of the port; adapters on USB ignore it.
+        acks: Whether the adapter answers commands: `"auto"` finds out, stock CANable firmware never does.
+        board: Address on the bus, 14 on both hands.
+        triangle: 0 to 4 are index, middle, ring, little finger and thumb.
+        period_ms: Time in milliseconds between two readings; 20 is the paper's 50 Hz.
+        no_load: What an untouched taxel reads after calibration, the middle of the band accepted.
+        no_load_band: How far from it the mean of an untouched taxel may lie, in counts.
+        noise_limit: Largest standard deviation of an untouched taxel, in counts.
+        overload: Raw reading at or below which a taxel is overloaded and the finger retracts.
+        stuck_readings: Identical readings in a row that a live sensor never sends; 0 if it may.
+        order: Byte of the frames that each taxel of the taps is taken from; default as sent.
+        positions_mm: Position of each taxel of the taps, two or three numbers each; default none.
+    """
+
+    port: str
+    baud: Count = 115200
+    acks: Literal["auto", "none", "strict"] = "auto"
+    board: Annotated[int, Meta(ge=1, le=14)] = 14
+    triangle: Annotated[int, Meta(ge=0, le=15)] = 0
+    period_ms: Annotated[int, Meta(ge=1, le=209)] = 20
+    no_load: Annotated[int, Meta(ge=0, le=255)] = 240
+    no_load_band: Positive = 15.0
+    noise_limit: Positive = 4.0
+    overload: Annotated[int, Meta(ge=0, le=255)] = 2
+    stuck_readings: Annotated[int, Meta(ge=0)] = 25
+    order: list[Annotated[int, Meta(ge=0, le=11)]] = msgspec.field(default_factory=lambda: list(range(12)))
+    positions_mm: list[list[float]] = []
+
+    @property
+    def taxels(self) -> int:
+        """`K`."""
+        return len(self.order)
+
+    @property
+    def rate_hz(self) -> float:
+        """Readings per second."""
+        return 1000.0 / self.period_ms
+
+
+class LineSettings(_RigTable, frozen=True, tag_field="kind", tag="lines"):
+    """A sensor that sends one line per reading, `t_ms,v0,...`; see docs/line-sensor.md.
+
+    Attributes:
+        port: Device or URL.
+        taxels: `K`, values in a line.
+        rate_hz: Readings per second.
+        baud: Bits per second.
+        rising: Whether values rise under load.
+        idle_low: Lowest mean that an untouched taxel may have.
+        idle_high: Highest mean that an untouched taxel may have.
+        noise_limit: Largest standard deviation of an untouched taxel.
+        overload: Raw value at or beyond which a taxel is overloaded; default never.
+        stuck_readings: Identical readings in a row that a live sensor never sends; default 0, as a clean one may.
+        order: Value of the line that each taxel of the taps is taken from; default as sent.
+        positions_mm: Position of each taxel of the taps, two or three numbers each; default none.
+    """
+
+    port: str
+    taxels: Count
+    rate_hz: Positive
+    baud: Count = 115200
+    rising: bool = True
+    idle_low: float = -math.inf
+    idle_high: float = math.inf
+    noise_limit: Positive = math.inf
+    overload: float | None = None
+    stuck_readings: Annotated[int, Meta(ge=0)] = 0
+    order: list[Annotated[int, Meta(ge=0)]] = []
+    positions_mm: list[list[float]] = []
+
+
+class RangeSettings(_RigTable, frozen=True):
+    """The where classes along x.
+
+    Attributes:
+        start_mm: Lower end of the first.
+        end_mm: Upper end of the last.
+        cell_mm: Width of a class and of a step (paper: 1 mm).
+    """
+
+    start_mm: float = 0.0
+    end_mm: float = 16.0
+    cell_mm: Positive = 1.0
+
+    @property
+    def where_classes(self) -> int:
+        """`L`."""
+        return round((self.end_mm - self.start_mm) / self.cell_mm)
+
+
+class TapSettings(_RigTable, frozen=True):
+    """How a tap is made and prepared.
+
+    Attributes:
+        clear_mm: Place in y where nothing is touched.
+        depth_mm: Place in y of the deepest point.
+        speed_mm_s: Speed of the tap; default that of the y axis.
+        samples: `J` (paper: 50).
+        lead_samples: Samples of a tap from before the press.
+        period_s: Time from tap to tap (paper: 1 s).
+        tare: `"tap"` subtracts the mean of the lead samples, `"none"` nothing.
+        highpass_hz: Cut-off of a high-pass over the whole stream, 0 for none.
+        retries: How often a tap that cannot be believed is made again.
+    """
+
+    depth_mm: float
+    clear_mm: float = 0.0
+    speed_mm_s: Positive | None = None
+    samples: Count = 50
+    lead_samples: Count = 10
+    period_s: Positive = 1.0
+    tare: Literal["tap", "none"] = "tap"
+    highpass_hz: NotNegative = 0.0
+    retries: Annotated[int, Meta(ge=0)] = 3
+
+
+class EmulatorSettings(_RigTable, frozen=True):
+    """Where emulated devices take orders; `solidtouch emulate` writes it.
+
+    Attributes:
+        control: Path of its socket.
+        shared_clock: Whether it hands out the time; otherwise the host's clock is used.
+    """
+
+    control: str
+    shared_clock: bool = True
+
+
+class RigFile(_RigTable, frozen=True):
+    """The whole file.
+
+    Attributes:
+        name: What the rig and its frame are called.
+        sensor: The tactile sensor.
+        stage: What moves it.
+        tap: How a tap is made.
+        range: The where classes.
+        emulator: Only where the devices are emulated.
+    """
+
+    name: str
+    sensor: IcubSettings | LineSettings
+    stage: StageSettings
+    tap: TapSettings
+    range: RangeSettings = RangeSettings()
+    emulator: EmulatorSettings | None = None
+
+    @property
+    def preprocessing(self) -> Preprocessing:
+        """How taps are prepared."""
+        tap = self.tap
+        return Preprocessing(
+            samples=tap.samples,
+            rate_hz=self.sensor.rate_hz,
+            tare=tap.tare,
+            tare_samples=tap.lead_samples if tap.tare == "tap" else 0,
+            highpass_hz=tap.highpass_hz,
+            trigger="press",
+            pre_samples=tap.lead_samples,
+        )
+
+
+def load_rig(path: str | Path) -> RigFile:
+    """The settings in a file.
+
+    Raises:
+        InputError: The file is missing or no TOML, a key is unknown, missing or of the wrong kind, or values
+            contradict each other; the sentence names file and key.
+    """
+    text = read_settings(path)
+    with naming(path):
+        return parse_rig(text)
+
+
+def parse_rig(text: str) -> RigFile:
+    """The settings in the text of a file.
+
+    Raises:
+        InputError: As `load_rig`.
+    """
+    rig = parse_settings(text, RigFile)
+    _check(rig)
+    return rig
+
+
+def read_settings(path: str | Path) -> str:
+    """The text of a settings file.
+
+    Raises:
+        InputError: The file is missing or no text.
+    """
+    try:
+        return Path(path).read_text(encoding="utf-8")
+    except (OSError, UnicodeDecodeError) as error:
+        raise InputError(f"{path} cannot be read: {getattr(error, 'strerror', None) or 'it is not UTF-8'}.") from error
+
+
+def parse_settings[T: Struct](text: str, kind: type[T]) -> T:
+    """The settings in a TOML text, every key known and of the right kind.
+
+    Raises:
+        InputError: The text is no TOML, or a key is unknown, missing or of the wrong kind.
+    """
+    try:
+        return msgspec.convert(tomllib.loads(text), kind)
+    except tomllib.TOMLDecodeError as error:
+        raise InputError(f"this is no TOML: {error}.") from error
+    except msgspec.ValidationError as error:
+        raise InputError(_in_words(str(error))) from error
+
+
+def _in_words(message: str) -> str:
+    """`Expected `float` - at `$.tap.depth_mm`` as a sentence that starts with the key."""
+    what, _, where = message.partition(" - at ")
+    what = what.replace("Object contains", "there is an").replace("Object missing", "there is no")
+    what = what.replace("an unknown field", "an unknown key").replace("no required field", "no key")
+    key = where.strip("`").removeprefix("$.").removeprefix("$")
+    return f"{key}: {what[0].lower()}{what[1:]}." if key else f"{what[0].lower()}{what[1:]}."
+
+
+def _check(rig: RigFile) -> None:
+    _check_finite("", msgspec.to_builtins(rig))
+    for name, axis in (("x", rig.stage.x), ("y", rig.stage.y)):
+        if not axis.low_mm < axis.high_mm:
+            raise InputError(f"stage.{name}: low_mm={axis.low_mm:g} must lie below high_mm={axis.high_mm:g}.")
+    if rig.stage.x.letter == rig.stage.y.letter:
+        raise InputError(f"stage.y.letter: both axes are called {rig.stage.x.letter}.")
+    _inside("range.start_mm", rig.range.start_mm, "x", rig.stage.x)
+    _inside("range.end_mm", rig.range.end_mm, "x", rig.stage.x)
+    _inside("tap.clear_mm", rig.tap.clear_mm, "y", rig.stage.y)
+    _inside("tap.depth_mm", rig.tap.depth_mm, "y", rig.stage.y)
+    if not rig.tap.clear_mm < rig.tap.depth_mm:
+        raise InputError("tap.depth_mm: the deepest point must lie above clear_mm, as y rises towards the object.")
+    cells = (rig.range.end_mm - rig.range.start_mm) / rig.range.cell_mm
+    if round(cells) < 1 or abs(cells - round(cells)) > _ROUNDING * cells:
+        raise InputError(f"range: the range must be a whole number of cells, at least 1, not {cells:g}.")
+    if not rig.tap.lead_samples < rig.tap.samples:
+        raise InputError("tap.lead_samples: a tap needs samples after the press, so it must be below samples.")
+    if rig.tap.samples / rig.sensor.rate_hz > rig.tap.period_s + _ROUNDING:
+        seconds = rig.tap.samples / rig.sensor.rate_hz
+        raise InputError(f"tap.period_s: {rig.tap.samples} samples take {seconds:g} s, longer than the period.")
+    _check_order(rig.sensor)
+    try:
+        _ = rig.preprocessing
+    except InputError as error:
+        raise InputError(f"tap: {error}") from error
+
+
+def _check_order(sensor: IcubSettings | LineSettings) -> None:
+    sent = 12 if isinstance(sensor, IcubSettings) else sensor.taxels
+    order = sorted(sensor.order)
+    if isinstance(sensor, IcubSettings) and not order:
+        raise InputError("sensor.order: a tap needs at least one taxel.")
+    if any(a == b for a, b in pairwise(order)) or (order and order[-1] >= sent):
+        raise InputError(f"sensor.order: it must name some of the {sent} taxels, 0 to {sent - 1}, once each.")
+    K = len(order) or sent
+    sizes = {len(position) for position in sensor.positions_mm}
+    if sensor.positions_mm and (len(sensor.positions_mm) != K or sizes not in ({2}, {3})):
+        raise InputError(f"sensor.positions_mm: two or three numbers for each of the {K} taxels are needed.")
+
+
+def _inside(key: str, value_mm: float, name: str, axis: AxisSettings) -> None:
+    if not axis.low_mm <= value_mm <= axis.high_mm:
+        raise InputError(
+            f"{key}: {value_mm:g} mm lies outside the limits of stage.{name}, {axis.low_mm:g} to {axis.high_mm:g} mm."
+        )
+
+
+_MAY_BE_INFINITE = re.compile(r"sensor\.(idle_low|idle_high|noise_limit)")
+
+
+def _check_finite(key: str, value: Any) -> None:
+    if isinstance(value, dict):
+        for name, part in value.items():
+            _check_finite(f"{key}.{name}" if key else name, part)
+    elif isinstance(value, list):
+        for part in value:
+            _check_finite(key, part)
+    elif isinstance(value, float) and (
+        math.isnan(value) or (math.isinf(value) and not _MAY_BE_INFINITE.fullmatch(key))
+    ):
+        raise InputError(f"{key}: the number must be finite, not {value}.")

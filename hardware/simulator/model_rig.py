@@ -1,0 +1,251 @@
+"""Taps drawn from fitted models: the one rig whose taps fulfil every assumption of a likelihood.
+
+From the paper's histograms each sample's bin is drawn independently of all others given the class (the model of Eq. 1
+without its root), from other models as they say. The class is where the sensor stands on the grid. Error levels and
+guarantees of perception can be checked on such data and on no other.
+"""
+
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ...models import seeds
+from ...models.errors import InputError
+from ...models.grid import ClassGrid
+from ...models.measurement.histogram import HistogramModel
+from ...models.measurement.likelihood.forms import GaussianForm
+from ...models.measurement.model import TapModel
+from ...models.preprocessing import Preprocessing
+from ...models.taps import TapSet
+from ..sensor import check_class, clipped_move
+
+
+class BinTables(NamedTuple):
+    """Histograms ready to be drawn from.
+
+    Attributes:
+        cumulative: Probability of a bin or one below it, shape (L, M, K, B).
+        centre: Sample value that stands for a bin, shape (K, B).
+    """
+
+    cumulative: NDArray[np.float64]
+    centre: NDArray[np.float64]
+
+    def values(self, where: int, what: int, uniform: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Samples of one class from independent numbers in [0, 1), both of shape (..., K)."""
+        columns = [
+            centre[np.searchsorted(cumulative, uniform[..., k], side="right")]
+            for k, (cumulative, centre) in enumerate(zip(self.cumulative[where, what], self.centre, strict=True))
+        ]
+        return np.stack(columns, axis=-1)
+
+
+def bin_tables(probabilities: ArrayLike, edges: ArrayLike, shape: tuple[int, int]) -> BinTables:
+    """Tables from the probabilities and edges of a fitted model.
+
+    Args:
+        probabilities: P_k(b | class), normalised or not, shape (L, M, K, B).
+        edges: Increasing bin edges, shape (B + 1,) for all taxels or (K, B + 1) for each.
+        shape: (L, M) of the class grid.
+
+    Raises:
+        InputError: Shapes contradict each other, a histogram has no or negative weight, or edges do not increase.
+    """
+    p, edges = np.asarray(probabilities, dtype=np.float64), np.asarray(edges, dtype=np.float64)
+    if p.ndim != 4 or p.shape[:2] != shape:
+        raise InputError(f"A grid of {shape[0]} x {shape[1]} classes needs a table for each, got shape {p.shape}.")
+    K, B = p.shape[2:]
+    if edges.shape not in ((B + 1,), (K, B + 1)):
+        raise InputError(f"{K} taxels with {B} bins need {B + 1} edges, got shape {edges.shape}.")
+    if not (np.diff(edges) > 0).all():
+        raise InputError("Bin edges must increase.")
+    if not (p >= 0).all() or not (p.sum(axis=-1) > 0).all():
+        raise InputError("Every histogram needs non-negative weights that are not all zero.")
+    cumulative = np.cumsum(p, axis=-1)
+    centre = np.broadcast_to((edges[..., :-1] + edges[..., 1:]) / 2, (K, B))
+    return BinTables(cumulative / cumulative[..., -1:], centre)
+
+
+class ModelRig:
+    """A `TouchSensor` whose taps are drawn from fitted histograms; moves end at the ends of the grid.
+
+    Args:
+        grid: The classes.
+        probabilities: P_k(b | class), shape (L, M, K, B).
+        edges: Bin edges, shape (B + 1,) or (K, B + 1).
+        preprocessing: The record that its taps claim; gives `J`.
+        start: Where class in which it stands first.
+        what: What class of the object.
+        generator: Of all random numbers.
+
+    Attributes:
+        where_index: The where class in which it stands.
+        clamped: Moves that the end of the range cut short.
+
+    Raises:
+        InputError: The tables do not fit the grid or each other, or the start lies outside the grid.
+    """
+
+    def __init__(
+        self,
+        grid: ClassGrid,
+        probabilities: ArrayLike,
+        edges: ArrayLike,
+        preprocessing: Preprocessing,
+        start: int,
+        what: int,
+        generator: np.random.Generator,
+    ) -> None:
+        check_class(grid, start, what)
+        self._tables = bin_tables(probabilities, edges, grid.shape)
+        self._preprocessing = preprocessing
+        self._last = grid.L - 1
+        self._what = what
+        self._generator = generator
+        self.where_index = start
+        self.clamped = 0
+
+    @property
+    def preprocessing(self) -> Preprocessing:
+        """The record given."""
+        return self._preprocessing
+
+    @property
+    def room(self) -> tuple[int, int]:
+        """Class steps left to either side."""
+        return self.where_index, self._last - self.where_index
+
+    def tap(self) -> NDArray[np.float64]:
+        """The samples of one tap, bin centres, shape (J, K)."""
+        uniform = self._generator.random((self._preprocessing.samples, len(self._tables.centre)))
+        return self._tables.values(self.where_index, self._what, uniform)
+
+    def move(self, delta: int) -> int:
+        """Moves by `delta` where classes, at most to the end of the range; returns the steps made."""
+        steps = clipped_move(delta, self.room)
+        self.clamped += steps != delta
+        self.where_index += steps
+        return steps
+
+
+def draw_taps(
+    grid: ClassGrid,
+    probabilities: ArrayLike,
+    edges: ArrayLike,
+    preprocessing: Preprocessing,
+    taps_per_class: int,
+    seed: int,
+    session: int = 0,
+    trained: NDArray[np.bool_] | None = None,
+) -> TapSet:
+    """A session of taps drawn from fitted histograms.
+
+    Args:
+        grid: The classes.
+        probabilities: P_k(b | class), shape (L, M, K, B).
+        edges: Bin edges, shape (B + 1,) or (K, B + 1).
+        preprocessing: The record that the taps claim; gives `J`.
+        taps_per_class: Taps of each class.
+        seed: The data set.
+        session: Number of the session, drawn independently of the others.
+        trained: Classes to draw from, shape (L, M); default all.
+
+    Returns:
+        Taps class by class, at the values of their classes.
+
+    Raises:
+        InputError: The tables do not fit the grid or each other, no class is trained, or no tap is asked for.
+    """
+    tables = bin_tables(probabilities, edges, grid.shape)
+    classes = _classes(grid, taps_per_class, trained)
+    generator = seeds.generator(seed, seeds.Purpose.MODEL, session)
+    shape = taps_per_class, preprocessing.samples, len(tables.centre)
+    taps = np.concatenate([tables.values(l, m, generator.random(shape)) for l, m in classes])
+    told = f"every sample drawn independently from a fitted model, seed {seed}, session {session}"
+    return _session(grid, classes, taps, preprocessing, session, "fitted histograms (no real sensor)", told)
+
+
+def draw_session(
+    model: TapModel, taps_per_class: int, seed: int, session: int = 0, samples: int | None = None
+) -> TapSet:
+    """A session of taps drawn from any fitted model, all of them in one state of it.
+
+    Args:
+        model: The model; of its classes those that it can speak about.
+        taps_per_class: Taps of each class.
+        seed: The data set.
+        session: Number of the session, drawn independently of the others; in a model with states it has one of these,
+            drawn from their probabilities before any tap.
+        samples: Samples of a tap, `None` for those of the model.
+
+    Raises:
+        InputError: No class is trained, no tap is asked for, or other taps than the model has while its samples have
+            their times.
+    """
+    record = model.preprocessing if samples is None else replace(model.preprocessing, samples=samples)
+    if isinstance(model, HistogramModel) and len(model.states.gain) == 1:
+        return draw_taps(
+            model.grid, model.probabilities, model.edges, record, taps_per_class, seed, session, model.trained
+        )
+    if isinstance(model.form, GaussianForm) and record.samples != model.preprocessing.samples:
+        raise InputError(
+            f"A {model.name} model says something of {model.preprocessing.samples} samples at their times; taps of "
+            f"{samples} cannot be drawn from it."
+        )
+    classes = _classes(model.grid, taps_per_class, model.trained)
+    generator = seeds.generator(seed, seeds.Purpose.MODEL, session)
+    state = int(generator.choice(len(model.states.gain), p=np.exp(model.states.log_prior)))
+    where, what = np.repeat(classes, taps_per_class, axis=0).T
+    taps = model.form.sample(where, state * model.grid.M + what, model.edges, record.samples, generator)
+    told = f"drawn from a fitted {model.name} model, seed {seed}, session {session}{_state(model, state)}"
+    return _session(model.grid, classes, taps, record, session, "fitted model (no real sensor)", told)
+
+
+def _state(model: TapModel, number: int) -> str:
+    """What a session has of a model with states, in words."""
+    if len(model.states.gain) == 1:
+        return ""
+    return f", gain {model.states.gain[number]:.4g} and offset {model.states.offset[number]:.4g}"
+
+
+def _classes(grid: ClassGrid, taps_per_class: int, trained: NDArray[np.bool_] | None) -> NDArray[np.intp]:
+    """Where and what of the classes to draw from, shape (n, 2)."""
+    if taps_per_class < 1:
+        raise InputError(f"At least one tap per class is needed, got {taps_per_class}.")
+    classes = np.argwhere(np.ones(grid.shape, dtype=bool) if trained is None else trained)
+    if not len(classes):
+        raise InputError("The model has no trained class to draw from.")
+    return classes
+
+
+def _session(
+    grid: ClassGrid,
+    classes: NDArray[np.intp],
+    taps: NDArray[np.float64],
+    preprocessing: Preprocessing,
+    session: int,
+    sensor: str,
+    told: str,
+) -> TapSet:
+    """Taps of classes, as many of each, as a tap set."""
+    each = len(taps) // len(classes)
+    where, what = np.repeat(classes, each, axis=0).T
+    return TapSet.from_arrays(
+        taps,
+        what,
+        grid.what_name,
+        preprocessing=preprocessing,
+        where=grid.where_value[where],
+        where_value=grid.where_value,
+        where_edges=grid.where_edges,
+        where_unit=grid.where_unit,
+        what_value=grid.what_value,
+        what_unit=grid.what_unit,
+        session=np.full(len(where), session),
+        trial=np.tile(np.arange(each), len(classes)),
+        sensor=sensor,
+        source=f"simulated: {told}",
+        licence="none needed: simulated data",
+    )

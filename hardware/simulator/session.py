@@ -1,0 +1,45 @@
+"""A whole session of the paper's experiment, simulated (sec. 2.3): every rod tapped along the whole range."""
+
+import numpy as np
+
+from ...models.taps import TapSet
+from .nuisances import Purpose
+from .physics import taxel_positions_mm
+from .settings import RigSettings
+from .tap_stream import TapStream
+
+
+def simulate_session(settings: RigSettings, seed: int, session: int) -> TapSet:
+    """All taps of one session: each rod is one stream from the lower to the upper end of the range.
+
+    Args:
+        settings: The rig.
+        seed: The data set; its sessions share the sensor.
+        session: Number of the session; gains and mounting differ between sessions.
+
+    Returns:
+        `len(rods) * taps` taps in counts after the high-pass, `where` in mm as commanded.
+    """
+    nominal = settings.nominal_mm
+    M, n = len(settings.rods), len(nominal)
+    streams = [TapStream(settings, seed, session, Purpose.COLLECTION, m) for m in range(M)]
+    edges = settings.where_edges_mm
+    return TapSet.from_arrays(
+        np.concatenate([stream.tap(nominal, m) for m, stream in enumerate(streams)]),
+        np.repeat(np.arange(M), n),
+        [rod.name for rod in settings.rods],
+        preprocessing=settings.preprocessing,
+        where=np.tile(nominal, M),
+        where_value=(edges[:-1] + edges[1:]) / 2,
+        where_edges=edges,
+        where_unit="mm",
+        what_value=[rod.diameter_mm for rod in settings.rods],
+        what_unit="mm",
+        session=np.full(M * n, session),
+        trial=np.tile(np.arange(n), M),
+        taxel_position=taxel_positions_mm(settings.taxels),
+        units="counts",
+        sensor="simulated fingertip (no real sensor)",
+        source=f"simulated: {settings.describe()}, seed {seed}, session {session}",
+        licence="none needed: simulated data",
+    )

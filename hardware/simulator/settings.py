@@ -1,0 +1,221 @@
+"""Every parameter of the simulated rig.
+
+Sizes of finger, rods, range and timing are the paper's (sec. 2.3). What it does not give is taken from public sources
+where there are any (named below) and otherwise **tuned until the paper's headline errors come out**: depth envelope,
+gains, noise and drift. Agreement with the paper is therefore calibration and no evidence for it.
+"""
+
+from dataclasses import dataclass, fields
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ...models.errors import InputError
+from ...models.preprocessing import Preprocessing
+from .layout import ICUB_FINGERTIP, Taxel
+
+_ROUNDING = 1e-6
+_SETTLED = 4.0  # time constants after which 2 % of a step is left
+
+
+class Rod(NamedTuple):
+    """A cylinder to tap.
+
+    Attributes:
+        name: How it is called.
+        diameter_mm: Its diameter.
+    """
+
+    name: str
+    diameter_mm: float
+
+
+PAPER_RODS = tuple(Rod(f"{d} mm rod", float(d)) for d in (4, 6, 8, 10, 12))
+
+
+@dataclass(frozen=True)
+class RigSettings:
+    """The generative model of the rig; the defaults are the preset `paper`.
+
+    Standard deviations marked "log" are those of a logarithm, so about a relative change.
+
+    Attributes:
+        rods: The objects (paper: 4 to 12 mm steel cylinders).
+        start_mm: Lower end of the range of positions.
+        end_mm: Upper end of the range (paper: 16 mm).
+        spacing_mm: Distance between successive taps of the data collection (paper: 0.05 mm).
+        cell_mm: Width of a where class and of a move's step (paper: 1 mm).
+        position_spread_mm: Width of the interval inside a where class from which its taps come, centred; `cell_mm`
+            is continuous positions as in the paper, 0 puts all taps of a class at its centre.
+        rate_hz: Frames per second (paper: 50).
+        tap_period_s: Time from tap to tap (paper: 1 s).
+        contact_start_s: When in a tap the finger touches.
+        contact_duration_s: How long it touches.
+        depth_mm: Indentation at the best position; the foam of such fingertips is about 2 mm thick.
+        depth_edge: Indentation far from the best position, as a fraction of `depth_mm`.
+        depth_width_mm: Standard deviation of the Gaussian between the two.
+        depth_centre_mm: The best position; the middle taxel row sits at 7.7 mm.
+        axial_radius_mm: Curvature of the finger along its axis, nearly straight.
+        lateral_radius_mm: Curvature across, half the finger's width of 13 mm (Schmitz et al. 2010).
+        receptive_field_mm: Standard deviation of a taxel's Gaussian receptive field: pad and spread in the foam.
+        taxels: Positions and tilt of the pads (github.com/icub-tech-iit/electronics-boards-public, ftx2).
+        gain_counts_per_mm: Counts per millimetre of mean indentation at light load; gives peaks of about 100 counts,
+            like published traces of this fingertip on Braille (github.com/event-driven-robotics).
+        compression_mm: Mean indentation at which compression halves the signal.
+        sensitivity_log_sd: Log spread between the taxels of one sensor, the same in all sessions.
+        lag_s: Time constant of the foam's first-order viscous lag.
+        rail_counts: Mean reading without load; 240 in iCub software, at the upper rail in published traces.
+        rail_sd_counts: Spread of it between taxels; taxels whose idle reading lies above 255 have a dead zone.
+        highpass_hz: Cut-off of the high-pass over the whole stream; the paper says only that there is one.
+        white_counts: White noise of each taxel.
+        taxel_noise_counts: Autocorrelated noise of each taxel.
+        common_noise_counts: Autocorrelated noise common to all taxels.
+        noise_correlation: Correlation of successive samples of the last two, each an AR(1) process.
+        walk_counts: Step of each taxel's random walk per sample (slow thermal drift).
+        hold_samples: Frames that repeat one reading (sample and hold); 1 for none.
+        tap_depth_log_sd: Log spread of the indentation between taps, common to all taxels.
+        tap_time_samples: Spread of the moment of contact between taps, in samples.
+        tap_position_mm: Spread of the position between taps (paper: about 50 µm accuracy).
+        session_gain_log_sd: Log spread of the gain between sessions, common to all taxels.
+        session_taxel_gain_log_sd: Log spread of each taxel's gain between sessions.
+        mounting_x_mm: Spread of each rod's position between sessions (it is mounted anew).
+        mounting_y_mm: Spread of each rod's distance between sessions, added to the indentation.
+
+    Raises:
+        InputError: A value lies outside its range or sizes do not fit together.
+    """
+
+    rods: tuple[Rod, ...] = PAPER_RODS
+    start_mm: float = 0.0
+    end_mm: float = 16.0
+    spacing_mm: float = 0.05
+    cell_mm: float = 1.0
+    position_spread_mm: float = 1.0
+    rate_hz: float = 50.0
+    tap_period_s: float = 1.0
+    contact_start_s: float = 0.25
+    contact_duration_s: float = 0.5
+    depth_mm: float = 1.5
+    depth_edge: float = 0.2
+    depth_width_mm: float = 2.5
+    depth_centre_mm: float = 8.0
+    axial_radius_mm: float = 100.0
+    lateral_radius_mm: float = 6.5
+    receptive_field_mm: float = 1.4
+    taxels: tuple[Taxel, ...] = ICUB_FINGERTIP
+    gain_counts_per_mm: float = 200.0
+    compression_mm: float = 2.0
+    sensitivity_log_sd: float = 0.15
+    lag_s: float = 0.06
+    rail_counts: float = 252.0
+    rail_sd_counts: float = 3.0
+    highpass_hz: float = 0.1
+    white_counts: float = 1.0
+    taxel_noise_counts: float = 1.0
+    common_noise_counts: float = 1.0
+    noise_correlation: float = 0.9
+    walk_counts: float = 0.005
+    hold_samples: int = 1
+    tap_depth_log_sd: float = 0.02
+    tap_time_samples: float = 0.2
+    tap_position_mm: float = 0.05
+    session_gain_log_sd: float = 0.03
+    session_taxel_gain_log_sd: float = 0.03
+    mounting_x_mm: float = 0.05
+    mounting_y_mm: float = 0.02
+
+    def __post_init__(self) -> None:
+        """Checks the values."""
+        for field in fields(self):
+            value = getattr(self, field.name)
+            if field.name not in _ANY_SIGN and isinstance(value, int | float) and not value >= 0:
+                raise InputError(f"{field.name} must not be negative, got {value}.")
+        for name in _POSITIVE:
+            if not getattr(self, name) > 0:
+                raise InputError(f"{name} must be positive, got {getattr(self, name)}.")
+        _check_whole("the range in cells", (self.end_mm - self.start_mm) / self.cell_mm)
+        _check_whole("the range in taps", (self.end_mm - self.start_mm) / self.spacing_mm)
+        _check_whole("the samples of a tap", self.rate_hz * self.tap_period_s)
+        if self.position_spread_mm > self.cell_mm:
+            raise InputError(f"position_spread_mm={self.position_spread_mm} exceeds cell_mm={self.cell_mm}.")
+        if not self.noise_correlation < 1:
+            raise InputError(f"noise_correlation must be below 1, got {self.noise_correlation}.")
+        if not self.rods or not self.taxels or any(not rod.diameter_mm > 0 for rod in self.rods):
+            raise InputError("A rig needs at least one taxel and one rod, and rods need positive diameters.")
+
+    @property
+    def where_classes(self) -> int:
+        """`L`, cells in the range."""
+        return round((self.end_mm - self.start_mm) / self.cell_mm)
+
+    @property
+    def where_edges_mm(self) -> NDArray[np.float64]:
+        """Edges of the where classes, shape (L + 1,)."""
+        return self.start_mm + self.cell_mm * np.arange(self.where_classes + 1, dtype=np.float64)
+
+    @property
+    def nominal_mm(self) -> NDArray[np.float64]:
+        """Positions of one rod's taps in the data collection, shape (taps,)."""
+        taps = round((self.end_mm - self.start_mm) / self.spacing_mm)
+        return self.spread(self.start_mm + self.spacing_mm * (np.arange(taps) + 0.5))
+
+    @property
+    def preprocessing(self) -> Preprocessing:
+        """How the stream becomes taps: high-pass, then one tap per period of the clock."""
+        return Preprocessing(
+            samples=round(self.rate_hz * self.tap_period_s),
+            rate_hz=self.rate_hz,
+            highpass_hz=self.highpass_hz,
+            trigger="clock",
+        )
+
+    @property
+    def settling_taps(self) -> int:
+        """Taps after which the high-pass has forgotten the former place (four time constants)."""
+        if self.highpass_hz == 0:
+            return 0
+        return int(np.ceil(_SETTLED / (2 * np.pi * self.highpass_hz * self.tap_period_s)))
+
+    def spread(self, position_mm: ArrayLike) -> NDArray[np.float64]:
+        """Positions drawn towards the centre of their where class by `position_spread_mm`; same shape."""
+        position = np.asarray(position_mm, dtype=np.float64)
+        if self.position_spread_mm == self.cell_mm:
+            return position
+        centre = self.start_mm + self.cell_mm * (self.where_index(position) + 0.5)
+        return centre + (position - centre) * (self.position_spread_mm / self.cell_mm)
+
+    def where_index(self, position_mm: ArrayLike) -> NDArray[np.intp]:
+        """The where class of each position, those outside the range in its end classes; same shape."""
+        cells = (np.asarray(position_mm, dtype=np.float64) - self.start_mm) / self.cell_mm
+        return np.clip(np.floor(cells + _ROUNDING), 0, self.where_classes - 1).astype(np.intp)
+
+    def describe(self) -> str:
+        """These settings in words: what differs from the preset `paper`."""
+        default = RigSettings()
+        changes = [
+            f"{field.name}={getattr(self, field.name)}"
+            for field in fields(self)
+            if getattr(self, field.name) != getattr(default, field.name)
+        ]
+        return "paper settings" + (f" with {', '.join(changes)}" if changes else "")
+
+
+def _check_whole(name: str, value: float) -> None:
+    if round(value) < 1 or abs(value - round(value)) > _ROUNDING * value:
+        raise InputError(f"A rig needs a whole number for {name}, at least 1, got {value:g}.")
+
+
+_ANY_SIGN = ("start_mm", "end_mm", "depth_centre_mm")
+_POSITIVE = (
+    "spacing_mm",
+    "cell_mm",
+    "rate_hz",
+    "tap_period_s",
+    "contact_duration_s",
+    "depth_width_mm",
+    "axial_radius_mm",
+    "lateral_radius_mm",
+    "compression_mm",
+    "hold_samples",
+)

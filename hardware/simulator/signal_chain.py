@@ -1,0 +1,118 @@
+"""From the indentation of a taxel to the counts of an 8-bit capacitive converter; state carries on between calls."""
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.signal import lfilter
+
+from .nuisances import Nuisances
+from .settings import RigSettings
+
+FULL_SCALE = 255
+
+
+class FirstOrderNoise:
+    """Gaussian noise `y[t] = decay y[t-1] + step e[t]`: white, AR(1) or random walk, drawn piece by piece.
+
+    Args:
+        generator: Of this noise alone, so that any cut into pieces draws the same numbers.
+        width: Columns, independent of each other.
+        decay: 0 for white noise, 1 for a random walk.
+        step: Standard deviation of a step.
+        start: Standard deviation before the first sample.
+    """
+
+    def __init__(self, generator: np.random.Generator, width: int, decay: float, step: float, start: float) -> None:
+        self._generator = generator
+        self._width = width
+        self._decay = decay
+        self._step = step
+        self._state = decay * start * generator.standard_normal((1, width))
+
+    def draw(self, n: int) -> NDArray[np.float64]:
+        """The next `n` samples, shape (n, width)."""
+        if self._step == 0:
+            return np.zeros((n, self._width))
+        steps = self._step * self._generator.standard_normal((n, self._width))
+        if self._decay == 0:
+            return steps
+        noise, self._state = lfilter([1.0], [1.0, -self._decay], steps, axis=0, zi=self._state)
+        return noise
+
+
+class SensorNoise:
+    """White, autocorrelated, common and drifting noise of all taxels together, in counts.
+
+    Args:
+        settings: The rig.
+        seeds: Entropy of this noise.
+    """
+
+    def __init__(self, settings: RigSettings, seeds: np.random.SeedSequence) -> None:
+        generators = [np.random.default_rng(child) for child in seeds.spawn(4)]
+        rho, step = settings.noise_correlation, np.sqrt(1 - settings.noise_correlation**2)
+        taxel, common = settings.taxel_noise_counts, settings.common_noise_counts
+        self._K = K = len(settings.taxels)
+        self._parts = (
+            FirstOrderNoise(generators[0], K, 0.0, settings.white_counts, 0.0),
+            FirstOrderNoise(generators[1], K, rho, step * taxel, taxel),
+            FirstOrderNoise(generators[2], 1, rho, step * common, common),
+            FirstOrderNoise(generators[3], K, 1.0, settings.walk_counts, 0.0),
+        )
+
+    def draw(self, n: int) -> NDArray[np.float64]:
+        """The next `n` samples, shape (n, K)."""
+        return sum((part.draw(n) for part in self._parts), start=np.zeros((n, self._K)))
+
+
+class SignalChain:
+    """Foam lag, compressive gain, noise, converter and sample-and-hold of all taxels.
+
+    Args:
+        settings: The rig.
+        nuisances: Gains and idle readings of the session.
+        seeds: Entropy of this stream's noise.
+    """
+
+    def __init__(self, settings: RigSettings, nuisances: Nuisances, seeds: np.random.SeedSequence) -> None:
+        K = len(settings.taxels)
+        self._settings = settings
+        self._nuisances = nuisances
+        self._noise = SensorNoise(settings, seeds)
+        self._decay = float(np.exp(-1 / (settings.lag_s * settings.rate_hz))) if settings.lag_s else 0.0
+        self._lag = np.zeros((1, K))
+        self._held = np.zeros(K)
+        self._frames = 0
+
+    def read(self, indentation_mm: NDArray[np.float64]) -> NDArray[np.float64]:
+        """The counts of the next frames; whole numbers in [0, 255] that rise under load.
+
+        Args:
+            indentation_mm: What each taxel sees, shape (n, K).
+        """
+        if len(indentation_mm) == 0:
+            return np.empty_like(indentation_mm)  # lfilter would return no usable state
+        lagged, self._lag = lfilter([1 - self._decay], [1.0, -self._decay], indentation_mm, axis=0, zi=self._lag)
+        return self._hold(converted(self._settings, self._nuisances, lagged, self._noise.draw(len(lagged))))
+
+    def _hold(self, counts: NDArray[np.float64]) -> NDArray[np.float64]:
+        n, hold = len(counts), self._settings.hold_samples
+        source = np.arange(n) - (self._frames + np.arange(n)) % hold
+        held = np.concatenate([self._held[np.newaxis], counts])[np.maximum(source + 1, 0)]
+        self._frames += n
+        self._held = held[-1]
+        return held
+
+
+def converted(
+    settings: RigSettings, nuisances: Nuisances, lagged_mm: NDArray[np.float64], noise: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Compressive gain, noise and converter: whole numbers in [0, 255] that rise under load.
+
+    Args:
+        settings: The rig.
+        nuisances: Gains and idle readings of the session.
+        lagged_mm: What each taxel sees after the foam's lag, shape (..., K).
+        noise: Counts to add before the converter; same shape.
+    """
+    signal = nuisances.gain_counts_per_mm * lagged_mm / (1 + lagged_mm / settings.compression_mm)
+    return FULL_SCALE - np.clip(np.rint(nuisances.rail_counts - signal + noise), 0, FULL_SCALE)

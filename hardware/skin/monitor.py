@@ -1,0 +1,277 @@
+"""Whether the readings of a tactile sensor can be trusted: what the drivers of all sensors share.
+
+Nothing is repaired here. What is lost, invalid or stuck is counted and told; no reading is repeated or made up.
+"""
+
+import math
+from collections.abc import Callable, Sequence
+from itertools import groupby
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..errors import SensorFault, StaleSensor
+from ..journal import Journal
+from ..link.loop import Loop
+from ..link.port import Port
+from .baseline import Baseline, SkinLimits, taxel_names
+from .reading_loss import LossTracker
+from .skin import SkinCounts, SkinFrame
+
+STALE_PERIODS = 3.5
+"""Three readings are overdue, the last of them by half a period."""
+BLIND_READINGS = 3
+BASELINE_S = 1.0
+BASELINE_READINGS = 50
+RATE_TOLERANCE = 0.05
+_STEADY = 0.1  # residuals of arrival times, in periods, below which the measured period is better than the nominal one
+_SAME_PERIOD = 0.001
+_CLOCK_SLACK = 0.25
+
+
+class Skin(Protocol):
+    """A tactile sensor on a port that sends readings at a steady rate.
+
+    `start` comes first; from then on `on_frame` is called for every reading while the loop turns.
+
+    Attributes:
+        port: Where it is.
+        on_frame: Called with every reading; replaced by whoever wants them.
+        monitor: Whether its readings can be trusted.
+    """
+
+    port: Port
+    on_frame: Callable[[SkinFrame], None]
+    monitor: "SkinMonitor"
+
+    @property
+    def counts(self) -> SkinCounts:
+        """What went wrong so far."""
+        ...
+
+    @property
+    def taxels(self) -> int:
+        """`K`."""
+        ...
+
+    @property
+    def rate_hz(self) -> float:
+        """Readings per second that it is set to."""
+        ...
+
+    def start(self) -> None:
+        """Opens the port, makes sure who answers, starts the readings and measures the baseline.
+
+        Raises:
+            RigError: The device is missing, another one, or touched.
+        """
+        ...
+
+    def stop(self) -> None:
+        """Stops the readings and closes the port; never raises a `RigError`."""
+        ...
+
+
+class SkinMonitor:
+    """Sees every reading of a sensor, counts what is wrong, and knows what it reads at rest.
+
+    Args:
+        limits: What readings may be.
+        loop: Brings them.
+        journal: Hears of what is wrong.
+
+    Attributes:
+        counts: What went wrong so far; the driver adds what it alone can see.
+        rest: What the sensor reads without contact.
+    """
+
+    def __init__(self, limits: SkinLimits, loop: Loop, journal: Journal) -> None:
+        self.counts = SkinCounts()
+        self.rest = Baseline(limits)
+        self._limits = limits
+        self._loop = loop
+        self._journal = journal
+        self._period_s = 1.0 / limits.rate_hz
+        self._collected: list[tuple[float, SkinFrame]] | None = None
+        self._losses = self._tracker(self._period_s)
+        self._last: SkinFrame | None = None
+        self._last_s = math.inf
+        self._same = self._blind = 0
+        self._is_stale = False
+
+    @property
+    def baseline(self) -> NDArray[np.float64]:
+        """`values` without contact, shape (K,), not a number before it was measured."""
+        return self.rest.values.copy()
+
+    def begin(self) -> None:
+        """Forgets readings from before a stream that starts or ends now."""
+        self._losses = self._tracker(self._period_s)
+        self._last, self._last_s = None, math.inf
+        self._same = self._blind = 0
+        self._is_stale = False
+
+    def take(self, frame: SkinFrame, clock_s: float) -> None:
+        """Looks at the next reading.
+
+        Args:
+            frame: It.
+            clock_s: The sensor's own time in seconds if it has one, else that of the frame.
+        """
+        counts, limits = self.counts, self._limits
+        counts.frames += 1
+        if change := self._losses.push(clock_s, frame.time_s):
+            self._count_lost(change, frame.time_s)
+        repeated = self._last is not None and np.array_equal(frame.raw, self._last.raw)
+        self._same = self._same + 1 if repeated else 0
+        counts.stuck += 0 < limits.stuck_readings <= self._same
+        valid = bool(frame.valid.all())
+        counts.invalid += not valid
+        self._blind = 0 if valid or frame.valid.any() else self._blind + 1
+        counts.saturated += self.overloaded(frame)
+        if valid:
+            self.rest.follow(frame)
+        if self._collected is not None:
+            self._collected.append((clock_s, frame))
+        self._last, self._last_s = frame, frame.time_s
+        self._is_stale = False
+
+    def clock_jumped(self, time_s: float) -> None:
+        """Notes that the sensor's own time makes no sense between the last reading and the next, at `time_s`."""
+        self._losses.restart(time_s)
+        self._count_lost(1, time_s)
+
+    def comes(self, wait_s: float) -> bool:
+        """Whether a reading comes within some seconds, for which the loop is turned at most.
+
+        Raises:
+            RigError: As `Loop.turn`.
+        """
+        before, until = self.counts.frames, self._loop.now + wait_s
+        while self.counts.frames == before and self._loop.now < until:
+            self._loop.turn(until)
+        return self.counts.frames > before
+
+    def overloaded(self, frame: SkinFrame) -> bool:
+        """Whether a taxel is at the end of its range under load, whatever the sensor says of its validity."""
+        return bool(frame.values.max() >= self._limits.overload)
+
+    def check(self, now_s: float) -> None:
+        """A guard for the loop.
+
+        Raises:
+            StaleSensor: No reading came for three periods.
+            SensorFault: All taxels are invalid, or the values are stuck.
+        """
+        name, stuck = self._limits.name, self._limits.stuck_readings
+        if now_s - self._last_s > STALE_PERIODS * self._period_s:
+            self._note_stale(now_s)
+            raise StaleSensor(
+                f"{name}: no reading came for {1000 * (now_s - self._last_s):.0f} ms, where one is expected every "
+                f"{1000 * self._period_s:g} ms."
+            )
+        if self._blind >= BLIND_READINGS:
+            raise SensorFault(f"{name}: all taxels were invalid in the last {self._blind} readings.")
+        if 0 < stuck <= self._same:
+            raise SensorFault(f"{name}: the last {self._same + 1} readings are identical; the sensor hangs.")
+
+    def verdict(self, frames: Sequence[SkinFrame]) -> str | None:
+        """Why readings that followed each other cannot be believed, one phrase, or None.
+
+        Where the last of them are late, the loop is turned until it is clear whether any was lost.
+
+        Raises:
+            RigError: As `Loop.turn`.
+        """
+        if not frames:
+            return None
+        self._decide()
+        if lost := self._losses.between(frames[0].time_s, frames[-1].time_s):
+            return f"{lost} reading{'s' * (lost > 1)} lost"
+        if self._losses.undecided:
+            return "readings late or lost"
+        valid = np.array([frame.valid for frame in frames])
+        if not valid.all():
+            bad = int((~valid.all(axis=1)).sum())
+            return f"{taxel_names(~valid.all(axis=0))} invalid in {bad} of {len(frames)} readings"
+        longest = max(len(list(run)) for _, run in groupby(frame.raw.tobytes() for frame in frames))
+        if 0 < self._limits.stuck_readings < longest:
+            return f"stuck for {longest} readings"
+        return None
+
+    def check_rest(self, frames: Sequence[SkinFrame]) -> None:
+        """Whether readings just before a press are those of an untouched sensor.
+
+        Raises:
+            BaselineRefused: They are not.
+        """
+        self.rest.check(frames)
+
+    def measure_baseline(self) -> None:
+        """Takes the mean of about one second of readings without contact as `baseline`.
+
+        Raises:
+            BaselineRefused: They are not those of an untouched sensor; the old baseline stays.
+            SensorFault: Readings are missing, stuck, or come at another rate than they should.
+            RigError: As `Loop.turn`.
+        """
+        frames = self._collect(max(BASELINE_READINGS, math.ceil(BASELINE_S * self._limits.rate_hz)))
+        self.check(self._loop.now)
+        self.rest.settle(frames)
+
+    def _tracker(self, period_s: float) -> LossTracker:
+        if self._limits.own_clock:
+            return LossTracker(period_s, patience=0.0, slack=_CLOCK_SLACK)
+        return LossTracker(period_s)
+
+    def _count_lost(self, change: int, time_s: float) -> None:
+        self.counts.lost += change
+        if change > 0:
+            self._journal.event(time_s, "lost", f"{change} reading{'s' * (change > 1)} lost", readings=change)
+
+    def _note_stale(self, now_s: float) -> None:
+        if not self._is_stale:
+            self._is_stale = True
+            self.counts.stale += 1
+            self._journal.event(now_s, "stale", "no reading came for three periods")
+
+    def _decide(self) -> None:
+        until = self._loop.now + 2 * self._losses.patience_s
+        while self._losses.undecided and self._loop.now < until:
+            self._loop.turn(until)
+
+    def _collect(self, n: int) -> list[SkinFrame]:
+        """The next readings, at the rate that they should have."""
+        self._collected = collected = []
+        start_s = self._loop.now
+        until = start_s + 2.5 * n * self._period_s
+        try:
+            while len(collected) < n and self._loop.now < until:
+                self._loop.turn(until)
+        finally:
+            self._collected = None
+        if len(collected) < 3:
+            raise StaleSensor(
+                f"{self._limits.name}: {len(collected)} readings came in {until - start_s:.1f} s instead of {n}."
+            )
+        self._check_rate(np.array([clock_s for clock_s, _ in collected]))
+        return [frame for _, frame in collected]
+
+    def _check_rate(self, clock_s: NDArray[np.float64]) -> None:
+        """Whether readings come at the rate they should; a steady rate is taken over."""
+        number = np.arange(len(clock_s))
+        slope_s, start_s = np.polyfit(number, clock_s - clock_s[0], 1)
+        rate_hz = 1.0 / slope_s if slope_s > 0 else math.inf
+        if abs(rate_hz / self._limits.rate_hz - 1.0) > RATE_TOLERANCE:
+            raise SensorFault(
+                f"{self._limits.name}: {rate_hz:.1f} readings come per second instead of {self._limits.rate_hz:g}; the "
+                f"sensor runs at another rate, or many readings are lost."
+            )
+        spread_s = np.std(clock_s - clock_s[0] - start_s - slope_s * number)
+        if not self._limits.own_clock and spread_s < _STEADY * self._period_s:
+            self._take_over(float(slope_s))
+
+    def _take_over(self, period_s: float) -> None:
+        if abs(period_s / self._losses.period_s - 1.0) > _SAME_PERIOD:
+            self._losses = self._tracker(period_s)

@@ -1,0 +1,260 @@
+"""Talks with a GRBL controller: one command at a time, status on request, and what comes unasked.
+
+Send-response, as GRBL's authors advise: the next line goes out when the one before was answered, so the controller's
+buffer of 128 bytes never overflows. An `ok` that nobody waits for is counted and thrown away.
+"""
+
+from collections.abc import Callable
+from contextlib import suppress
+
+from ..errors import (
+    CommandRefused,
+    NoAnswer,
+    PortLost,
+    RigError,
+    StageAlarm,
+    StageFault,
+    WriteTimeout,
+    WrongDevice,
+)
+from ..journal import Journal
+from ..link.loop import Loop
+from ..link.patient_open import open_patiently
+from ..link.port import Port
+from . import grbl
+from .grbl import Error, State, StatusReport
+from .state import ControllerState
+
+POLL_S = 0.1
+"""Time in seconds between two status requests; GRBL answers at most 10 per second well (interface.md)."""
+SILENT_POLLS = 20
+"""Requests without an answer after which the link is dead; a controller that restarts may take 1.5 s to say so."""
+ANSWER_S = 0.5
+"""Time in seconds for the answer of a line, which takes milliseconds."""
+_KNOCK_S = 0.25
+_DEAF_S = 1.0  # a reset that comes while an alarm is printed is forgotten
+
+
+class GrblLink:
+    """The controller behind a port.
+
+    Args:
+        port: Where it is.
+        loop: Reads the port.
+        journal: Hears of commands and of what is noteworthy.
+        on_status: Called with every status report.
+
+    Attributes:
+        port: Where it is.
+        loop: Reads the port.
+        said: What the controller said; its `trouble` is raised by every wait.
+    """
+
+    def __init__(self, port: Port, loop: Loop, journal: Journal, on_status: Callable[[StatusReport], None]) -> None:
+        self.port = port
+        self.loop = loop
+        self._journal = journal
+        self.said = ControllerState(port.address, self.note, on_status)
+        self._half_line = False
+        self._polled_s = -POLL_S
+
+    def open(self) -> None:
+        """Opens the port, which another program may still hold for a while, and forgets all about the controller.
+
+        Raises:
+            PortError: It cannot be opened.
+        """
+        self.close()
+        self.said.forget()
+        self._half_line = False
+        open_patiently(self.port, self.loop, self._journal)
+        self.loop.attach(self.port, self.said.receive)
+
+    def close(self) -> None:
+        """Lets go of the port."""
+        self.loop.detach(self.port)
+        self.port.close()
+
+    def greet(self, boot_s: float, may_reset: bool = False) -> None:
+        """Waits until the controller answers `$I`, whatever came before, and while it boots if opening reset it.
+
+        The first line sent must not be empty: after a program that died in the middle of a jog it would complete it.
+
+        Args:
+            boot_s: Time in seconds that this may take.
+            may_reset: Whether to reset a controller that stays silent, as after an alarm, and wait as long again.
+
+        Raises:
+            WrongDevice: What answers is no GRBL 1.1.
+            StageFault: It is busy.
+            NoAnswer: Nothing answers.
+        """
+        until = self.loop.now + boot_s
+        while not self._introduced():
+            if self.loop.now < until:
+                continue
+            if not may_reset or self.said.noise or self.said.status is not None:
+                raise self._stranger(boot_s)
+            may_reset, until = False, self.loop.now + boot_s
+            self.write(grbl.RESET)
+        if self.said.version is None or not self.said.version.startswith("1.1"):
+            raise WrongDevice(f"{self.port.address}: GRBL 1.1 is needed, and this controller has {self.said.version}.")
+
+    def _introduced(self) -> bool:
+        """Whether a sign of life was followed by a version."""
+        before = self.said.reports + self.said.starts
+        self.write(grbl.STATUS)
+        if not self.wait(lambda: self.said.reports + self.said.starts > before, _KNOCK_S):
+            return False
+        self.said.version = None
+        with suppress(CommandRefused):  # it may end half a line that another program has left
+            if self.ask(grbl.BUILD_INFO) and self.said.version is not None:
+                return True
+        self.wait(lambda: False, _KNOCK_S)
+        return False
+
+    def _stranger(self, boot_s: float) -> RigError:
+        if self.said.status is not None and self.said.status.state not in (State.IDLE, State.ALARM):
+            return StageFault(
+                f"{self.port.address}: the controller should stand still and is in state {self.said.status.state} for "
+                f"{boot_s:g} s; let it end or reset it."
+            )
+        if self.said.noise:
+            said = f"sent {self.said.heard!r}" if self.said.heard is not None else "sent noise"
+            return WrongDevice(
+                f"{self.port.address}: no GRBL controller answers; what is there {said}, so the port or its baud rate "
+                f"is another."
+            )
+        return NoAnswer(
+            f"{self.port.address}: nothing answered for {boot_s:g} s; the controller is off, on another port, or "
+            f"locked by an alarm until its reset button is pressed."
+        )
+
+    def write(self, data: bytes) -> None:
+        """Sends bytes without waiting.
+
+        Raises:
+            PortLost: The port vanished.
+            WriteTimeout: The controller may have got them or not; where it stands is then unknown until it reports.
+        """
+        self._journal.command(self.loop.now, self.port.address, data)
+        machine, self.said.machine = self.said.machine, None
+        try:
+            self.port.write(data)
+        except WriteTimeout:
+            self._half_line = True
+            raise
+        self.said.machine = machine
+
+    def ask(self, line: bytes, timeout_s: float = ANSWER_S) -> bool:
+        """Sends a line; returns whether its `ok` came in time.
+
+        If it did not, the controller may hold half a line, which the next command would become a part of; one that
+        can complete no other then goes first.
+
+        Raises:
+            CommandRefused: The answer was an error.
+            RigError: The port or the controller failed.
+        """
+        if self._half_line:
+            self._half_line = False
+            with suppress(CommandRefused):
+                self.ask(grbl.BUILD_INFO)
+        self.loop.turn(self.loop.now)
+        self.said.answer, self.said.asking = None, True
+        try:
+            self.write(line)
+            answered = self.wait(lambda: self.said.answer is not None, timeout_s)
+        finally:
+            self.said.asking = False
+        self.said.counts.unanswered += not answered
+        self._half_line = not answered
+        if isinstance(self.said.answer, Error):
+            self.said.counts.refused += 1
+            code = self.said.answer.code
+            why = f", {grbl.ERRORS[code]}" if code in grbl.ERRORS else ""
+            raise CommandRefused(
+                f"{self.port.address}: the controller refused {line.decode('ascii').strip()} with error:{code}{why}.",
+                code,
+            )
+        return answered
+
+    def poll(self) -> StatusReport:
+        """The next status report, asked for at most 10 times a second.
+
+        Raises:
+            NoAnswer: None came.
+            RigError: The port or the controller failed.
+        """
+        for _ in range(SILENT_POLLS):
+            self.wait(lambda: False, self._polled_s + POLL_S - self.loop.now)
+            self._polled_s = self.loop.now
+            self.said.status = None
+            self.write(grbl.STATUS)
+            self.wait(lambda: self.said.status is not None, POLL_S)
+            if self.said.status is not None:
+                return self.said.status
+            self.said.counts.silent_polls += 1
+        raise NoAnswer(f"{self.port.address}: the controller answered none of {SILENT_POLLS} status requests.")
+
+    def restart(self, timeout_s: float) -> None:
+        """Resets the controller, which after an alarm may be the only thing it hears; it then accepts homing.
+
+        Raises:
+            NoAnswer: It does not start again in time.
+            RigError: The port failed.
+        """
+        trouble, before, until = self.said.trouble, self.said.starts, self.loop.now + timeout_s
+        self.said.trouble, self.said.booting = None, True
+        try:
+            while self.said.starts == before:
+                if self.loop.now >= until:
+                    raise NoAnswer(
+                        f"{self.port.address}: {timeout_s:g} s of resets did not start the controller again."
+                    )
+                self.write(grbl.RESET)
+                self.wait(lambda: self.said.starts > before, _DEAF_S)
+            self.poll()
+        except BaseException:
+            self.said.trouble = trouble
+            raise
+        finally:
+            self.said.booting = False
+
+    def halt(self, why: str) -> None:
+        """Resets the controller to stop a motion that nothing else stops; from then on it needs homing."""
+        self.said.trouble = StageAlarm(f"{self.port.address}: {why}; home it again.")
+        self.note("halt", str(self.said.trouble))
+        with suppress(RigError):
+            self.write(grbl.RESET)
+
+    def wait(self, condition: Callable[[], bool], timeout_s: float) -> bool:
+        """Turns the loop until a condition holds; returns whether it did in time.
+
+        Raises:
+            RigError: The port was lost, the controller is in trouble, or a guard objects.
+        """
+        until = self.loop.now + timeout_s
+        self.check()
+        while not condition():
+            if self.loop.now >= until:
+                return False
+            self.loop.turn(until)
+            self.check()
+        return True
+
+    def check(self) -> None:
+        """Raises what the controller said unasked.
+
+        Raises:
+            PortLost: The port vanished.
+            StageFault: It restarted or stopped with an alarm.
+        """
+        if self.said.trouble is not None:
+            raise self.said.trouble
+        if not self.port.is_open:
+            raise PortLost(f"{self.port.address}: the port is closed.")
+
+    def note(self, kind: str, text: str) -> None:
+        """Tells the journal."""
+        self._journal.event(self.loop.now, kind, text)

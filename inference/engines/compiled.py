@@ -1,0 +1,155 @@
+"""Beliefs and likelihoods in the form the compiled kernel takes, and the kernel as an engine.
+
+Arrays have one number per place and hypothesis, (L, S M), see `models.measurement.states`; without states these are
+the L x M classes.
+"""
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ...models.errors import InputError
+from ...models.measurement.model import TapModel
+from ..moves.holes import nearest_trained
+from ..reference import BORDERS, Border, ZeroEvidenceError
+from ..trials import kernel
+from ..trials.records import Classes, Likelihoods, ScaledBelief
+
+_UNIT = kernel.UNIT * np.log(2.0)
+
+
+def classes(trained: NDArray[np.bool_]) -> Classes:
+    """The kernel's classes from the trained ones, shape (L, M)."""
+    nearest = nearest_trained(trained).T
+    return Classes(not trained.all(), np.ascontiguousarray(trained.T), np.ascontiguousarray(nearest, np.int64))
+
+
+def likelihoods(log_likelihood: ArrayLike) -> Likelihoods:
+    """The kernel's table from log-likelihoods of shape (N, L, S M)."""
+    z, k = _scaled(np.asarray(log_likelihood, dtype=np.float64))
+    wide = k.any(axis=(1, 2))
+    least = np.where(z > 0, z, np.inf).min(axis=(1, 2), initial=1.0)
+    return Likelihoods(z, least, wide, k if wide.any() else k[:0])
+
+
+def scaled_belief(log_belief: ArrayLike) -> ScaledBelief:
+    """The kernel's belief from a log belief of shape (L, S M)."""
+    z, k = _scaled(np.asarray(log_belief, dtype=np.float64)[np.newaxis])
+    return ScaledBelief(z[0], k[0], float(np.where(z > 0, z, np.inf).min(initial=1.0)))
+
+
+def border_number(border: Border) -> int:
+    """The kernel's number of a border."""
+    return BORDERS.index(border)
+
+
+def refuse_border(border: int, hypotheses: int, M: int) -> None:
+    """Refuses the border `prior` where a state is carried: vacated places get 1/(L M), whatever is known of the state.
+
+    Args:
+        border: Its number.
+        hypotheses: S M.
+        M: Objects.
+
+    Raises:
+        InputError: The border is `prior`, and there are more hypotheses than objects.
+    """
+    if border == kernel.PRIOR and hypotheses > M:
+        raise InputError("--border prior does not go with a model that carries a state; uniform does.")
+
+
+def _scaled(log_values: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
+    """Numbers z in (2^-256, 1] and k, both (N, S M, L), of values (N, L, S M) over the largest of each."""
+    depth = np.ascontiguousarray(log_values.swapaxes(-1, -2))
+    top = depth.max(axis=(-1, -2), keepdims=True)
+    depth = depth - np.where(np.isneginf(top), 0.0, top)
+    k = np.zeros(depth.shape, dtype=np.int64)
+    deep = (depth < -_UNIT) & (depth > -np.inf)
+    if deep.any():
+        k[deep] = np.floor(-depth[deep] / _UNIT)
+        depth += k * _UNIT
+    return np.exp(depth), k
+
+
+@dataclass(frozen=True)
+class FilterEngine:
+    """The kernel of the Monte Carlo as an engine.
+
+    Attributes:
+        model: The fitted measurement model.
+        border: Reading of Eq. 9 at the ends of the range.
+
+    Raises:
+        InputError: The border is `prior`, and the model carries a state.
+    """
+
+    model: TapModel
+    border: Border = "uniform"
+    name: str = "filter"
+
+    def __post_init__(self) -> None:
+        if self.border == "prior":
+            refuse_border(kernel.PRIOR, self.model.log_prior.shape[1], self.model.grid.M)
+
+    @cached_property
+    def _classes(self) -> Classes:
+        return classes(self.model.trained)
+
+    def update(self, log_belief: NDArray[np.float64], tap: ArrayLike) -> tuple[NDArray[np.float64], float]:
+        """Eq. 1 as a product of counts with log tables, then Eq. 3 and 4 compiled.
+
+        Raises:
+            ZeroEvidenceError: The tap is impossible under every class.
+        """
+        log_likelihood = self.model.log_likelihood(np.asarray(tap)[np.newaxis])[0]
+        belief, row = _Working(log_belief), scaled_belief(log_likelihood)
+        belief.multiply(row.z)
+        belief.k += row.k
+        if not belief.settle():
+            raise ZeroEvidenceError("The tap is impossible under every class that is still believed in.")
+        posterior = belief.log()
+        # Bayes' rule read backwards at the most probable class.
+        best = np.unravel_index(posterior.argmax(), posterior.shape)
+        return posterior, float(log_belief[best] + log_likelihood[best] - posterior[best])
+
+    def shift(self, log_belief: NDArray[np.float64], delta: int) -> NDArray[np.float64]:
+        """Eq. 9 compiled."""
+        if delta == 0:
+            return log_belief
+        belief = _Working(log_belief)
+        belief.shift(delta, border_number(self.border), self._classes)
+        belief.settle()
+        return belief.log()
+
+
+class _Working:
+    """A belief in the kernel's arrays."""
+
+    def __init__(self, log_belief: NDArray[np.float64]) -> None:
+        self.z, self.k, _ = scaled_belief(log_belief)
+        hypotheses, L = self.z.shape
+        self.on = (self.k == 0).astype(np.float64)
+        self.where, self.hypothesis = np.empty(L), np.empty(hypotheses)
+
+    def multiply(self, row: NDArray[np.float64]) -> float:
+        return kernel.multiply(self.z, self.on, row, self.where, self.hypothesis)
+
+    def settle(self) -> bool:
+        """Whether a class is left."""
+        return kernel.settle(self.z, self.k, self.on) > 0
+
+    def shift(self, delta: int, border: int, classes: Classes) -> None:
+        total = self.multiply(np.ones_like(self.z))
+        belief, room = (self.z, self.k, self.on), (np.empty(len(self.where)), np.empty(len(self.where), np.int64))
+        if classes.holes:
+            kernel.shift_around(*belief, delta, border, classes.trained, classes.nearest, total, *room)
+        else:
+            kernel.shift(*belief, delta, border, len(classes.trained), total, *room)
+
+    def log(self) -> NDArray[np.float64]:
+        """The normalised log belief, shape (L, S M)."""
+        total = self.multiply(np.ones_like(self.z))
+        with np.errstate(divide="ignore"):
+            return np.ascontiguousarray((np.log(self.z) - self.k * _UNIT - np.log(total)).T)

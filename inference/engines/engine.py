@@ -1,0 +1,141 @@
+"""One interface to every way of computing the posterior, and the plain NumPy one behind it.
+
+An engine turns taps into log beliefs; what to decide and where to move is not its business. All engines carry the
+normalised log belief of shape (L, H) without any floor, so sequences may be of any length. H are the hypotheses,
+objects or objects in states (see `models.measurement.states`).
+"""
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ...models.errors import InputError
+from ...models.measurement.histogram import HistogramModel
+from ...models.measurement.model import TapModel
+from .. import reference
+from .. import reference_models as plain
+from ..reference import Border
+
+
+class Engine(Protocol):
+    """Bayes' rule over taps and moves."""
+
+    @property
+    def name(self) -> str:
+        """How the engine is called on the command line."""
+        ...
+
+    @property
+    def model(self) -> TapModel:
+        """The measurement model behind it, which holds the belief before the first tap, `log_prior`."""
+        ...
+
+    def update(self, log_belief: NDArray[np.float64], tap: ArrayLike) -> tuple[NDArray[np.float64], float]:
+        """Log belief after one more tap, and the log evidence of that tap given those before; Eq. 3 and 4.
+
+        Args:
+            log_belief: Shape (L, H).
+            tap: Prepared samples, shape (J, K).
+
+        Raises:
+            InputError: The tap has not the size of the training taps, or a sample is NaN.
+            ZeroEvidenceError: The tap is impossible under every class.
+        """
+        ...
+
+    def shift(self, log_belief: NDArray[np.float64], delta: int) -> NDArray[np.float64]:
+        """Log belief after a move by `delta` where classes, in each state apart; Eq. 9."""
+        ...
+
+
+@dataclass(frozen=True)
+class NumpyEngine:
+    """The reference equations, one after the other.
+
+    Attributes:
+        model: The fitted measurement model.
+        border: Reading of Eq. 9 at the ends of the range.
+
+    Raises:
+        InputError: The border is `prior`, and the model carries a state.
+    """
+
+    model: TapModel
+    border: Border = "uniform"
+    name: str = "numpy"
+
+    def __post_init__(self) -> None:
+        """Checks the border."""
+        if self.border == "prior" and self._states > 1:
+            raise InputError("--border prior does not go with a model that carries a state; uniform does.")
+
+    @cached_property
+    def log_prob(self) -> NDArray[np.float64]:
+        """Eq. 2 from the counts of a histogram without states; -inf throughout for untrained classes."""
+        model = self.model
+        if not isinstance(model, HistogramModel):
+            raise TypeError(f"A model of type {type(model).__name__} has no counts.")
+        return reference.log_histograms(model.counts, model.pseudocount)
+
+    def update(self, log_belief: NDArray[np.float64], tap: ArrayLike) -> tuple[NDArray[np.float64], float]:
+        """Eq. 1, 3 and 4."""
+        tap = np.asarray(tap)
+        self.model.check_samples(tap)
+        return reference.update_log(log_belief, self._log_likelihood(tap))
+
+    def shift(self, log_belief: NDArray[np.float64], delta: int) -> NDArray[np.float64]:
+        """Eq. 9, and no move changes what is believed of the states."""
+        if self._states == 1:
+            return reference.shift_log(log_belief, delta, self.border, self.model.trained)
+        parts = np.split(log_belief, self._states, axis=1)
+        return np.concatenate([self._shift_state(part, delta) for part in parts], axis=1)
+
+    @property
+    def _states(self) -> int:
+        return len(self.model.states.gain)
+
+    def _log_likelihood(self, tap: NDArray[np.floating]) -> NDArray[np.float64]:
+        """Eq. 1 under the model's assumptions, shape (L, H)."""
+        model = self.model
+        if isinstance(model, HistogramModel) and self._states == 1:
+            bins = reference.tap_bins(tap, model.edges)
+            return reference.tap_log_likelihood(bins, self.log_prob, model.exponent)
+        log_likelihood = plain.log_likelihood(tap, model.form, model.edges, model.exponent)
+        return np.where(np.isneginf(model.log_prior), -np.inf, log_likelihood)
+
+    def _shift_state(self, part: NDArray[np.float64], delta: int) -> NDArray[np.float64]:
+        """The log belief in one state, shape (L, M), moved within the state."""
+        mass = np.logaddexp.reduce(part.ravel())
+        if np.isneginf(mass):
+            return part
+        return reference.shift_log(part - mass, delta, self.border, self.model.trained) + mass
+
+
+def make_engine(name: str, model: TapModel, border: Border = "uniform") -> Engine:
+    """The engine of this name.
+
+    Args:
+        name: `"numpy"` (the reference equations), `"numpyro"` (the enumerated NumPyro model) or `"filter"` (the
+            compiled update of the Monte Carlo).
+        model: The fitted measurement model.
+        border: Reading of Eq. 9.
+
+    Raises:
+        InputError: There is no such engine or border, or the border is no kernel and the engine needs one.
+    """
+    if border not in reference.BORDERS:
+        raise InputError(f"The border must be one of {', '.join(reference.BORDERS)}, got {border!r}.")
+    if name == "numpy":
+        return NumpyEngine(model, border)
+    if name == "numpyro":
+        from .enumeration import NumpyroEngine  # noqa: PLC0415 - NumPyro takes seconds to import
+
+        return NumpyroEngine(model, border)
+    if name == "filter":
+        from .compiled import FilterEngine  # noqa: PLC0415
+
+        return FilterEngine(model, border)
+    raise InputError(f"The engine must be numpy, numpyro or filter, got {name!r}.")

@@ -1,0 +1,343 @@
+"""Exact posteriors by enumerating the NumPyro models of `models.touch` over all places, objects and states.
+
+Two independent routes. `NumpyroEngine` evaluates the log joint of the one-tap model at every place and hypothesis,
+compiled once, and recurses in the log domain, so any number of taps will do. `enumerate_sequence` hands the model of a
+whole sequence to funsor, which sums over all paths of classes; it contracts in the linear domain and underflows on
+long sequences, so it serves as a check for up to 20 taps.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import cached_property, partial
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax.scipy.special import logsumexp
+from numpy.typing import ArrayLike, NDArray
+from numpyro.infer.util import log_density
+
+from ...models.errors import InputError
+from ...models.measurement.likelihood.forms import TableForm
+from ...models.measurement.model import TapModel
+from ...models.touch import (
+    KERNEL_BORDERS,
+    CountedTaps,
+    MoveKernel,
+    TouchTables,
+    WeighedTaps,
+    move_kernel,
+    observe_tap,
+    one_tap,
+    split_prior,
+    tap_sequence,
+)
+from ..reference import Border, ZeroEvidenceError
+from .hole_kernel import hole_kernel
+
+MAX_SEQUENCE = 20
+# Stands for log 0 in the linear-domain contraction, whose gradient is NaN at -inf: below any probability that can
+# matter in float64, above its underflow at -745.
+_IMPOSSIBLE = -600.0
+_PRECISION = 1e-16
+_AT_ONCE = 1 << 23  # numbers that one step of an enumeration holds
+
+
+class SequenceUnderflowError(ArithmeticError):
+    """The whole-sequence enumeration left the range of float64; fewer taps may fit."""
+
+
+class SequencePosterior(NamedTuple):
+    """What the enumerated sequence model says; index t counts taps from 0.
+
+    Attributes:
+        log_evidence: log P(z_0 .. z_t) for every t, shape (T,).
+        filtered: P(where and hypothesis at t | z_0 .. z_t), shape (T, L, H).
+        smoothed: P(where and hypothesis at t | z_0 .. z_{T-1}), shape (T, L, H).
+    """
+
+    log_evidence: NDArray[np.float64]
+    filtered: NDArray[np.float64]
+    smoothed: NDArray[np.float64]
+
+
+def touch_tables(model: TapModel) -> TouchTables:
+    """The fitted model as float64 JAX arrays; to be called where x64 is enabled."""
+    form = model.form
+    return TouchTables(
+        type(form)(*(jnp.asarray(part) for part in form)),  # pyright: ignore[reportArgumentType]
+        jnp.asarray(model.edges),
+        jnp.where(jnp.asarray(model.trained), 0.0, -jnp.inf),
+        model.exponent,
+    )
+
+
+def observed(model: TapModel, taps: ArrayLike) -> NDArray[np.generic]:
+    """Taps (..., J, K) as `models.touch.observe_tap` takes them: bins for table forms, samples for others.
+
+    Raises:
+        InputError: The taps have not the size of the training taps, or a sample is NaN.
+    """
+    bins = model.bins(taps)
+    return bins if isinstance(model.form, TableForm) else np.asarray(taps, dtype=np.float64)
+
+
+@jax.jit
+def log_joint(tables: TouchTables, log_prior: jax.Array, tap: jax.Array) -> jax.Array:
+    """Log p(where, hypothesis, tap) of the one-tap model everywhere, shape (L, H)."""
+    L, H = log_prior.shape
+    M = tables.log_trained.shape[1]
+    in_states = log_prior.reshape(L, H // M, M)
+
+    def at(c: jax.Array) -> jax.Array:
+        sites = {"where": c // H, "session": c % H // M, "what": c % M}
+        return jnp.asarray(log_density(one_tap, (tables, in_states, tap), {}, sites)[0])
+
+    return _everywhere(at, tables, tap)
+
+
+@jax.jit
+def log_likelihoods(tables: TouchTables, taps: jax.Array) -> jax.Array:
+    """Log p(tap | where, hypothesis) at power 1 of every tap, shape (T, L, H)."""
+    H = tables.form.shape[1]
+
+    def of(tap: jax.Array) -> jax.Array:
+        def at(c: jax.Array) -> jax.Array:
+            return jnp.asarray(log_density(observe_tap, (tables, c // H, c % H, tap), {}, {})[0])
+
+        return _everywhere(at, tables, tap)
+
+    return jax.lax.map(of, taps)
+
+
+def _everywhere(at: Callable[[jax.Array], jax.Array], tables: TouchTables, tap: jax.Array) -> jax.Array:
+    """`at` of every place and hypothesis c = l H + h, as many at once as fit into memory; shape (L, H)."""
+    L, H = tables.form.shape
+    form = tables.form
+    copies = form.log_prob.shape[-1] if isinstance(form, TableForm) else len(form.log_weight)
+    step = max(1, _AT_ONCE // (copies * tap.size))
+    cells = jnp.arange(L * H)
+    values = jax.vmap(at)(cells) if step >= L * H else jax.lax.map(at, cells, batch_size=step)
+    return values.reshape(L, H)
+
+
+@jax.jit
+def _update(tables: TouchTables, log_belief: jax.Array, tap: jax.Array) -> tuple[jax.Array, jax.Array]:
+    joint = log_joint(tables, log_belief, tap)
+    log_evidence = logsumexp(joint)
+    return joint - log_evidence, log_evidence
+
+
+@partial(jax.jit, static_argnames="M")
+def _predict(log_belief: jax.Array, where_kernel: jax.Array, redraws_what: jax.Array, M: int) -> jax.Array:
+    """The belief (L, S M) through a `MoveKernel`: the sum over all previous classes, in logs, state by state."""
+    before = log_belief.reshape(len(log_belief), -1, M)
+    log_kernel = jnp.log(where_kernel)[:, :, None, None]
+    kept = jnp.where(redraws_what[:, None, None], -jnp.inf, before)
+    drawn = jnp.where(redraws_what[:, None], logsumexp(before, axis=2) - jnp.log(M), -jnp.inf)
+    same_what = logsumexp(log_kernel + kept[:, None], axis=0)
+    new_what = logsumexp(log_kernel + drawn[:, None, :, None], axis=0)
+    return jnp.logaddexp(same_what, new_what).reshape(log_belief.shape)
+
+
+@partial(jax.jit, static_argnames="M")
+def _predict_around(
+    log_belief: jax.Array, where_kernel: jax.Array, redrawn: jax.Array, vacated: jax.Array, M: int
+) -> jax.Array:
+    """The same through a `HoleKernel`."""
+    before = log_belief.reshape(len(log_belief), -1, M)
+    kept = jnp.where(redrawn[:, None], -jnp.inf, before)
+    drawn = logsumexp(jnp.where(redrawn[:, None], before, -jnp.inf), axis=(0, 2), keepdims=True)
+    same_what = logsumexp(jnp.log(jnp.moveaxis(where_kernel, 2, 1))[:, :, None] + kept[:, None], axis=0)
+    return jnp.logaddexp(same_what, drawn + jnp.log(vacated)[:, None]).reshape(log_belief.shape)
+
+
+@dataclass(frozen=True)
+class NumpyroEngine:
+    """The one-tap NumPyro model, enumerated everywhere and recursed in the log domain, in float64.
+
+    Attributes:
+        model: The fitted measurement model.
+        border: Reading of Eq. 9; must be a Markov kernel.
+
+    Raises:
+        InputError: The border is `prior`, which is no kernel.
+    """
+
+    model: TapModel
+    border: Border = "uniform"
+    name: str = "numpyro"
+
+    def __post_init__(self) -> None:
+        """Checks the border."""
+        check_kernel_border(self.border)
+
+    @cached_property
+    def tables(self) -> TouchTables:
+        """The fitted model on the device."""
+        with jax.enable_x64(True):
+            return touch_tables(self.model)
+
+    def update(self, log_belief: NDArray[np.float64], tap: ArrayLike) -> tuple[NDArray[np.float64], float]:
+        """Eq. 1, 3 and 4.
+
+        Raises:
+            ZeroEvidenceError: The tap is impossible under every class.
+        """
+        seen = observed(self.model, tap)
+        with jax.enable_x64(True):
+            posterior, log_evidence = _update(self.tables, jnp.asarray(log_belief), jnp.asarray(seen))
+            if not np.isfinite(log_evidence):
+                raise ZeroEvidenceError("The tap is impossible under every class that is still believed in.")
+            return np.asarray(posterior), float(log_evidence)
+
+    def shift(self, log_belief: NDArray[np.float64], delta: int) -> NDArray[np.float64]:
+        """Eq. 9 as the transition of the sequence model."""
+        trained, M = self.model.trained, self.model.grid.M
+        if not trained.all():
+            around = hole_kernel(trained, int(delta), self.border)
+            with jax.enable_x64(True):
+                return np.asarray(_predict_around(jnp.asarray(log_belief), *(jnp.asarray(part) for part in around), M))
+        kernel = move_kernel(len(log_belief), int(delta), self.border)
+        with jax.enable_x64(True):
+            arrays = jnp.asarray(log_belief), jnp.asarray(kernel.where), jnp.asarray(kernel.redraws_what)
+            return np.asarray(_predict(*arrays, M))
+
+
+def check_kernel_border(border: str) -> None:
+    """Refuses readings of Eq. 9 that are no Markov kernel.
+
+    Raises:
+        InputError: The border is no kernel.
+    """
+    if border not in KERNEL_BORDERS:
+        raise InputError(
+            f"The border {border!r} renormalises the belief and is no Markov kernel, so the NumPyro models cannot "
+            f"carry it; they take {', '.join(KERNEL_BORDERS)}."
+        )
+
+
+def enumerate_sequence(
+    model: TapModel, taps: ArrayLike, deltas: Sequence[int], border: Border = "uniform"
+) -> SequencePosterior:
+    """The posterior of a whole sequence by funsor's sum over all paths of classes and all states.
+
+    The filtered posteriors are the gradients of the log evidence of each prefix, the smoothed ones those of the
+    whole.
+
+    Args:
+        model: The fitted measurement model.
+        taps: Prepared samples, shape (T, J, K), T at most 20.
+        deltas: The move before each tap but the first, T - 1 whole numbers.
+        border: Reading of Eq. 9; must be a Markov kernel.
+
+    Raises:
+        InputError: The border is no kernel, or numbers of taps and moves do not fit.
+        ZeroEvidenceError: A tap is impossible under every class.
+        SequenceUnderflowError: The result is not finite.
+    """
+    check_kernel_border(border)
+    taps = np.asarray(taps)
+    T, (L, M), H = len(taps), model.grid.shape, model.log_prior.shape[1]
+    if not 1 <= T <= MAX_SEQUENCE or len(deltas) != T - 1:
+        raise InputError(
+            f"Whole sequences of 1 to {MAX_SEQUENCE} taps with one move between two taps can be enumerated, "
+            f"got {T} taps and {len(deltas)} moves."
+        )
+    log_likelihood = model.log_likelihood(taps)
+    likeliest = log_likelihood.max(axis=(1, 2))
+    if np.isneginf(likeliest).any():
+        raise ZeroEvidenceError("A tap is impossible under every class.")
+    where_kernels, what_kernels = _kernels(model, [0, *(int(delta) for delta in deltas)], border)
+    with jax.enable_x64(True):
+        tables = touch_tables(model)
+        prior = split_prior(jnp.asarray(model.log_prior).reshape(L, H // M, M))
+        full = model.trained.all()
+        arguments = (
+            _floored(tables.log_trained if full else jnp.zeros((L, M))),  # else kernels see to it, and twice underflows
+            jnp.asarray(model.exponent),
+            type(prior)(*(_floored(part) for part in prior)),
+            _sequence_taps(model, tables, taps, log_likelihood),
+            _floored(jnp.log(jnp.asarray(where_kernels))),
+            _floored(jnp.log(jnp.asarray(what_kernels))),
+        )
+        log_evidence, posterior = _sequence(arguments, jnp.tril(jnp.ones((T, T), dtype=bool)))
+        log_evidence, posterior = np.asarray(log_evidence), np.moveaxis(np.asarray(posterior), 2, 3)
+    # Paths that are impossible weigh at most this much; what they stand beside must be far heavier.
+    ignored = _IMPOSSIBLE + likeliest.cumsum() + np.log(T * L * H)
+    finite = np.isfinite(log_evidence).all() and np.isfinite(posterior).all()
+    if not finite or (log_evidence < ignored - np.log(_PRECISION)).any():
+        raise SequenceUnderflowError(
+            f"Enumerating {T} taps at once left the range of float64: funsor contracts in the linear domain."
+        )
+    posterior = posterior.reshape(T, T, L, H)
+    return SequencePosterior(log_evidence, posterior[np.arange(T), np.arange(T)], posterior[-1])
+
+
+def _sequence_taps(
+    model: TapModel, tables: TouchTables, taps: NDArray[np.floating], log_likelihood: NDArray[np.float64]
+) -> CountedTaps | WeighedTaps:
+    """Taps (T, J, K) as the sequence model observes them, with a stand-in for log 0.
+
+    Counts serve where they can: on full grids, for samples that are independent, without states, and where
+    `log_likelihood` (T, L, H) spreads so little over the classes that the stand-in is far below all of it.
+    """
+    form, seen = tables.form, observed(model, taps)
+    (L, H), M = form.shape, model.grid.M
+    likeliest = log_likelihood.max(axis=(1, 2))
+    full = model.trained.all()
+    if full and isinstance(form, TableForm) and H == M and _spread(log_likelihood) < -_IMPOSSIBLE - 50:
+        # So low that one sample there outweighs all others of its tap.
+        impossible_bin = (_IMPOSSIBLE + likeliest.min()) / model.exponent
+        counts = (seen[..., None] == np.arange(form.log_prob.shape[-1])).sum(axis=1)
+        log_prob = jnp.where(jnp.isneginf(form.log_prob), impossible_bin, form.log_prob)
+        return CountedTaps(log_prob, jnp.asarray(counts, dtype=float))
+    least = (_IMPOSSIBLE + likeliest)[:, None, None] / model.exponent
+    weights = jnp.maximum(log_likelihoods(tables, jnp.asarray(seen)), jnp.asarray(least))
+    weights = weights.reshape(len(taps), L, H // M, M)
+    if not full:  # paths through holes must not weigh more than others, whatever stands in their tables
+        most = jnp.asarray(likeliest)[:, None, None, None] / model.exponent
+        weights = jnp.where(jnp.asarray(model.trained)[:, None], weights, most)
+    return WeighedTaps(jnp.moveaxis(weights, 2, 1))
+
+
+@jax.jit
+def _sequence(arguments: tuple, prefixes: jax.Array) -> tuple[jax.Array, jax.Array]:
+    """Log evidence (T,) and posteriors (T, T, S, L, M) of every prefix of a sequence; row t knows taps 0 .. t."""
+    from numpyro.contrib.funsor import config_enumerate, enum  # noqa: PLC0415 - sets funsor's backend when imported
+    from numpyro.contrib.funsor.infer_util import log_density as enumerated_log_density  # noqa: PLC0415
+
+    model = enum(config_enumerate(tap_sequence), first_available_dim=-1)
+    T, log_what = len(prefixes), arguments[2].log_what
+
+    def log_evidence(probe: jax.Array, used: jax.Array) -> jax.Array:
+        return jnp.asarray(enumerated_log_density(model, (*arguments, used, probe), {}, {})[0])
+
+    return jax.vmap(partial(jax.value_and_grad(log_evidence), jnp.zeros((T, *log_what.shape))))(prefixes)
+
+
+def _kernels(
+    model: TapModel, deltas: Sequence[int], border: Border
+) -> tuple[list[NDArray[np.float64]], list[NDArray[np.float64]]]:
+    """Of each move p(where' | ...) and p(what' | where, what), as `tap_sequence` takes them."""
+    if model.trained.all():
+        kernels = [move_kernel(model.grid.L, delta, border) for delta in deltas]
+        return [kernel.where for kernel in kernels], [_what_kernel(kernel, model.grid.M) for kernel in kernels]
+    around = [hole_kernel(model.trained, delta, border) for delta in deltas]
+    return [kernel.where_kernel() for kernel in around], [kernel.what_kernel() for kernel in around]
+
+
+def _what_kernel(kernel: MoveKernel, M: int) -> NDArray[np.float64]:
+    """p(what' | where, what), shape (L, M, M)."""
+    return np.where(kernel.redraws_what[:, None, None], 1.0 / M, np.eye(M))
+
+
+def _floored(log_probability: jax.Array) -> jax.Array:
+    return jnp.maximum(log_probability, _IMPOSSIBLE)
+
+
+def _spread(log_likelihood: NDArray[np.float64]) -> float:
+    """By how much one tap tells possible classes apart, at most; log-likelihoods have the shape (T, L, H)."""
+    possible = np.where(np.isneginf(log_likelihood), np.nan, log_likelihood)
+    return float((np.nanmax(possible, axis=(1, 2)) - np.nanmin(possible, axis=(1, 2))).max())

@@ -1,0 +1,81 @@
+"""Moves of many beliefs at once on grids with holes: classes that were never trained, which belief must not enter.
+
+The rule is that of `reference.shift`; here it is written for arrays.
+"""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..reference import Border
+
+type Floats = NDArray[np.float64]
+type Integers = NDArray[np.int64]
+type Mask = NDArray[np.bool_]
+
+
+def holes(trained: Mask | None) -> Mask | None:
+    """The trained classes (L, M) where some are not, `None` for a full grid."""
+    return None if trained is None or trained.all() else trained
+
+
+def nearest_trained(trained: Mask) -> Integers:
+    """The nearest trained position of the same object, the lower of two equally near; shape (L, M).
+
+    Objects without a trained class have 0.
+    """
+    L = len(trained)
+    distance = np.abs(np.arange(L)[:, np.newaxis] - np.arange(L)).astype(np.float64)
+    return np.where(trained.T, distance[:, np.newaxis], np.inf).argmin(axis=-1)
+
+
+def landing(trained: Mask, delta: int, border: Border) -> Integers:
+    """Where belief in each class comes to lie, shape (L, M); -1 where it is lost, and in untrained classes."""
+    L = len(trained)
+    target = np.arange(L) + delta
+    place = target % L if border == "circular" else target.clip(0, L - 1)
+    if border == "clamp":
+        return np.where(trained, nearest_trained(trained)[place], -1)
+    inside = np.full(L, True) if border == "circular" else place == target
+    lands = np.where(trained & trained[place] & inside[:, np.newaxis], place[:, np.newaxis], -1)
+    if border == "circular":
+        for m, column in enumerate(lands.T):
+            lost = np.flatnonzero(trained[:, m] & (column < 0))
+            column[lost] = np.setdiff1d(np.flatnonzero(trained[:, m]), column)
+    return lands
+
+
+def moved(beliefs: Floats, delta: int, border: Border, trained: Mask, add: np.ufunc) -> Floats:
+    """Beliefs (n, L, M) after one move, Eq. 9; those of border `prior` have to be normalised.
+
+    Args:
+        beliefs: Probabilities or their logarithms, 0 or -inf in untrained classes.
+        delta: Where classes moved.
+        border: As in `reference.shift`.
+        trained: Which classes belief may be in, shape (L, M).
+        add: `np.add` of probabilities, `np.logaddexp` of logarithms.
+    """
+    L, M = trained.shape
+    logs = add is np.logaddexp
+    lands = landing(trained, delta, border)
+    after = np.full(beliefs.shape, -np.inf if logs else 0.0)
+    vacated = trained.copy()
+    for l in range(L):
+        (kept,) = np.nonzero(lands[l] >= 0)
+        target = lands[l, kept]
+        after[:, target, kept] = add(after[:, target, kept], beliefs[:, l, kept])
+        vacated[target, kept] = False
+    places, objects = np.nonzero(vacated)
+    if not len(places) or border in ("clamp", "circular"):
+        return after
+    if border == "prior":
+        share = 1.0 / trained.sum()
+        after[:, places, objects] = np.log(share) if logs else share
+        return after
+    lost = add.reduce(np.where(trained & (lands < 0), beliefs, -np.inf if logs else 0.0), axis=1)
+    if border == "uniform":
+        lost, room = np.broadcast_to(add.reduce(lost, axis=1, keepdims=True), lost.shape), np.full(M, len(places))
+    else:
+        room = np.maximum(vacated.sum(axis=0), 1)
+    filling = lost - np.log(room) if logs else lost / room
+    after[:, places, objects] = filling[:, objects]
+    return after

@@ -1,0 +1,139 @@
+"""Control strategies by name, for command lines and sweeps.
+
+What a strategy needs beside the belief is handed in ready: outcomes of training taps, or a table learned from them. No
+tap that is tested can get in here.
+"""
+
+import re
+from typing import NamedTuple
+
+from ...models.errors import InputError
+from ...models.grid import ClassGrid
+from ..information import About, TapOutcomes
+from ..reference import Border
+from .control import MovePolicy, check_fixation, fixation, passive, random_place, random_step
+from .costs import time_costs, way_costs
+from .information import informative
+from .table import TargetTable, lookup
+
+FORMS = (
+    "passive",
+    "fixation",
+    "fixation:THETA_X",
+    "random",
+    "step",
+    "step:REACH",
+    *(f"info-{about}{per}" for about in ("what", "where", "joint") for per in ("", "-per-mm", "-per-s")),
+    "table",
+)
+"""All names; capitals stand for numbers."""
+_INFORMATION = re.compile(r"info-(what|where|joint)(?:-per-(mm|s))?")
+_WITH_NUMBER = ("fixation", "step")
+_REACH = 1
+_LARGEST = 1000  # number in a name
+
+
+class Strategy(NamedTuple):
+    """A name taken apart.
+
+    Attributes:
+        kind: `"passive"`, `"fixation"`, `"random"`, `"step"`, `"info"` or `"table"`.
+        number: theta_X of `fixation`, the reach of `step`.
+        about: What information is about.
+        per: `"mm"` or `"s"` where it is had per millimetre or second.
+    """
+
+    kind: str
+    number: float = 0.0
+    about: About = "what"
+    per: str = ""
+
+    @property
+    def theta_x(self) -> float | None:
+        """Threshold for a move to the fixation point, with which compiled trials play it; `None` for the others."""
+        return {"passive": 1.0, "fixation": self.number}.get(self.kind)
+
+    @property
+    def aims(self) -> bool:
+        """Whether the fixation point counts."""
+        return self.kind == "fixation"
+
+    @property
+    def needs_outcomes(self) -> bool:
+        """Whether it needs outcomes of training taps."""
+        return self.kind == "info"
+
+
+def parse_strategy(name: str) -> Strategy:
+    """The strategy of a name.
+
+    Raises:
+        InputError: There is none, or its number is out of range.
+    """
+    if found := _INFORMATION.fullmatch(name):
+        about: About = found[1]  # pyright: ignore[reportAssignmentType] - the expression allows nothing else
+        return Strategy("info", about=about, per=found[2] or "")
+    kind, colon, number = name.partition(":")
+    if colon and kind in _WITH_NUMBER:
+        return Strategy(kind, _number(name, kind, number))
+    if name not in FORMS:
+        raise InputError(f"There is no control strategy {name!r}; there are {', '.join(FORMS)}.")
+    return Strategy(name, _REACH if name == "step" else 0.0)
+
+
+def make_policy(
+    name: str,
+    grid: ClassGrid,
+    *,
+    border: Border = "uniform",
+    fixation_index: int | None = None,
+    outcomes: TapOutcomes | None = None,
+    table: TargetTable | None = None,
+) -> MovePolicy:
+    """The strategy of a name, ready to be asked.
+
+    Args:
+        name: One of `FORMS`.
+        grid: The classes.
+        border: Reading of Eq. 9, for strategies that look ahead.
+        fixation_index: The where class that `fixation` aims for; `None` for the middle.
+        outcomes: Training taps as outcomes, see `moves.information.training_outcomes`, for `info-...`.
+        table: Learned targets, see `moves.table`, for `table`.
+
+    Raises:
+        InputError: There is no such strategy, what it needs is not there, or that is of other classes.
+    """
+    strategy = parse_strategy(name)
+    if strategy.kind == "fixation":
+        return fixation(check_fixation(fixation_index, grid.L), strategy.number)
+    if strategy.kind == "table":
+        if table is None:
+            raise InputError("The strategy table needs a table of targets.")
+        return lookup(table.checked(grid))
+    if strategy.needs_outcomes:
+        return _looking_ahead(strategy, name, grid, border, outcomes)
+    return {"passive": passive, "random": random_place(), "step": random_step(int(strategy.number or 1))}[strategy.kind]
+
+
+def _looking_ahead(
+    strategy: Strategy, name: str, grid: ClassGrid, border: Border, outcomes: TapOutcomes | None
+) -> MovePolicy:
+    if outcomes is None:
+        raise InputError(f"The strategy {name} needs training taps.")
+    if outcomes.possible.shape != grid.shape:
+        raise InputError(f"The training taps are of {outcomes.possible.shape} classes, the model of {grid.shape}.")
+    costs = {"mm": way_costs, "s": time_costs}
+    return informative(outcomes, strategy.about, border, per=costs[strategy.per](grid) if strategy.per else None)
+
+
+def _number(name: str, kind: str, text: str) -> float:
+    """The number in a name."""
+    try:
+        number = float(text) if kind == "fixation" else int(text)
+    except ValueError:
+        number = -1.0
+    if kind == "fixation" and not 0 <= number <= 1:
+        raise InputError(f"The theta_X of a strategy must lie between 0 and 1, got {name!r}.")
+    if kind != "fixation" and not 1 <= number <= _LARGEST:
+        raise InputError(f"The number of a strategy must be a whole number from 1 to {_LARGEST}, got {name!r}.")
+    return number

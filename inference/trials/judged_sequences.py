@@ -1,0 +1,184 @@
+"""Sequences of taps of one class, and how well beliefs after them tell it at each exponent of the likelihood."""
+
+import math
+from collections.abc import Iterable, Sequence
+from typing import NamedTuple, Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...models.compiled import compiled
+from ...models.errors import InputError
+from ...models.measurement.model import TapModel
+from ...models.taps import TapSet
+from ..saturation import share
+
+type Floats = NDArray[np.float64]
+
+_DRAWS = 10  # sequences of each class and session that has more taps than one sequence
+_NOTHING = 45.0  # nats below the most probable class, where one adds nothing to a sum
+
+
+class JudgedSession(NamedTuple):
+    """Taps of one session as a model sees them.
+
+    Attributes:
+        log_likelihood: At power 1, shape (N, L, S M).
+        where: True class, shape (N,).
+        what: Likewise.
+        model: The model.
+    """
+
+    log_likelihood: Floats
+    where: NDArray[np.intp]
+    what: NDArray[np.intp]
+    model: TapModel
+
+    @classmethod
+    def by(cls, model: TapModel, taps: TapSet) -> Self:
+        """Taps of trained classes."""
+        return cls(model.log_likelihood(taps.taps) / model.exponent, *taps.indices(model.grid), model)
+
+
+class Sequences(NamedTuple):
+    """Q sequences; C = L S M classes and states.
+
+    Attributes:
+        log_likelihood: Of the sums over their taps at power 1, shape (Q, C).
+        group: What belief is asked in: the class in whatever state, shape (C,).
+        true: The group that is true, shape (Q,).
+        weight: How many taps each stands for, shape (Q,).
+        share: The power at which beliefs are read, shape (Q,).
+        log_prior: Shape (C,).
+    """
+
+    log_likelihood: Floats
+    group: NDArray[np.intp]
+    true: NDArray[np.intp]
+    weight: Floats
+    share: Floats
+    log_prior: Floats
+
+    @classmethod
+    def draw(cls, judged: JudgedSession, n: int, generator: np.random.Generator, again: bool = False) -> Self:
+        """Sequences of n taps; a class with fewer gives all it has, or some `again`."""
+        _, where, what, model = judged
+        (L, H), M = judged.log_likelihood.shape[1:], model.grid.M
+        values = judged.log_likelihood.reshape(len(where), L * H)
+        true = where * M + what
+        sums, first, weight, shares = [], [], [], []
+        for c in np.unique(true):
+            members = np.flatnonzero(true == c)
+            if n == 1:
+                chosen = members[:, np.newaxis]
+            elif n < len(members) or (again and n > len(members)):
+                drawn = [generator.choice(members, size=n, replace=n > len(members)) for _ in range(_DRAWS)]
+                chosen = np.array(drawn)
+            else:
+                chosen = members[np.newaxis]
+            sums.append(values[chosen].sum(axis=1))
+            first += [members[0]] * len(chosen)
+            weight += [len(members) / len(chosen)] * len(chosen)
+            shares += [share(chosen.shape[1], model.saturation)] * len(chosen)
+        group = (np.arange(L)[:, np.newaxis] * M + np.arange(H) % M).ravel()
+        return cls(
+            np.concatenate(sums), group, true[first], np.array(weight), np.array(shares), model.log_prior.ravel()
+        )
+
+
+def mean_log_belief(sequences: Sequence[Sequences], exponent: float, power: float | None = None) -> float:
+    """Mean log belief in the true class; all sessions together, each tap with the same weight.
+
+    Args:
+        sequences: Of each session.
+        exponent: Of the likelihood.
+        power: At which beliefs are read; `None` for that of each sequence.
+    """
+    total = weight = 0.0
+    for part in sequences:
+        if power is not None:
+            part = part._replace(share=np.full(len(part.true), power))  # noqa: PLW2901
+        total += float(part.weight @ log_beliefs(part, exponent))
+        weight += float(part.weight.sum())
+    return total / weight
+
+
+def log_beliefs(sequences: Sequences, exponent: float = 1.0) -> Floats:
+    """Log beliefs in what is true after each sequence, shape (Q,); NaN where no class is left.
+
+    Args:
+        sequences: Of one session.
+        exponent: Of the likelihood.
+    """
+    found = np.empty(len(sequences.true))
+    _log_beliefs(*sequences, exponent, found)
+    return found
+
+
+def refuse_impossible(sequences: Iterable[Sequences]) -> None:
+    """Ends where a sequence cannot be.
+
+    Raises:
+        InputError: One is impossible under its own class.
+    """
+    impossible = 0
+    for part in sequences:
+        other = part.group != part.true[:, np.newaxis]
+        impossible += int((other | np.isneginf(part.log_likelihood)).all(axis=1).sum())
+    if impossible:
+        raise InputError(
+            f"The power cannot be learned: {impossible} sequences of left-out taps are impossible under their own "
+            "class; a --pseudocount above 0 makes every tap possible."
+        )
+
+
+def without_replacement(
+    group: NDArray[np.intp], n: int, draws: int, generator: np.random.Generator
+) -> NDArray[np.intp]:
+    """Sequences of n different taps: disjoint parts of a shuffled group, again and again.
+
+    So taps are used about equally often, which scatters less than draws of their own. Shuffles take turns, and their
+    number is even: every second sequence is of every second one. Of large groups no shuffle is used up.
+
+    Args:
+        group: The taps, n of them at least.
+        n: Taps of a sequence.
+        draws: How many sequences there are at least.
+        generator: Of the shuffles.
+
+    Returns:
+        Shape (Q, n).
+    """
+    parts = min(len(group) // n, max(1, draws // 2))
+    shuffles = 2 * -(-draws // (2 * parts))
+    shuffled = generator.permuted(np.broadcast_to(group, (shuffles, len(group))), axis=1)[:, : parts * n]
+    return shuffled.reshape(shuffles, parts, n).swapaxes(0, 1).reshape(-1, n)
+
+
+@compiled
+def _log_beliefs(
+    log_likelihood: Floats,
+    group: NDArray[np.intp],
+    true: NDArray[np.intp],
+    _: Floats,
+    share: Floats,
+    log_prior: Floats,
+    exponent: float,
+    out: Floats,
+) -> None:
+    """See `log_beliefs`; the arrays of `Sequences`, their weights unused."""
+    joint = np.empty(log_likelihood.shape[1])
+    for q in range(len(true)):
+        top = mine = -np.inf
+        for c in range(len(joint)):
+            joint[c] = share[q] * (log_prior[c] + exponent * log_likelihood[q, c])
+            top = max(top, joint[c])
+            if group[c] == true[q]:
+                mine = max(mine, joint[c])
+        total = own = 0.0
+        for c in range(len(joint)):
+            if joint[c] > top - _NOTHING:
+                total += math.exp(joint[c] - top)
+            if group[c] == true[q] and joint[c] > mine - _NOTHING:
+                own += math.exp(joint[c] - mine)
+        out[q] = mine - top + math.log(own / total) if mine > -np.inf else mine - top

@@ -1,0 +1,185 @@
+"""Very many perception episodes from a table of tap log-likelihoods.
+
+Moves do not depend on the threshold theta_W, so one trajectory answers every threshold at once: it runs until the
+slowest threshold is crossed, and each threshold takes the first tap at which its belief is exceeded.
+
+Every random number comes from (seed, stream of the trial, tap), so the same seed gives the same trials however they
+are cut into pieces and wherever these are played.
+"""
+
+from collections.abc import Callable
+from copy import copy
+from functools import partial
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ...hardware.pool import TapPool
+from ...models.errors import InputError
+from ...models.power import check_saturation
+from ...models.threads import cores, in_order
+from ..engines.compiled import border_number, classes, likelihoods, refuse_border, scaled_belief
+from ..episode import DEADLINE
+from ..reference import BORDERS, Border
+from . import kernel
+from . import random as draws
+from .plan import checked_plan
+from .records import Rule, TapTable, TrialPlan, Trials
+
+# The paper's range of belief thresholds; its spacing is not given.
+THRESHOLDS = (0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 0.95, 0.975, 0.99, 0.995)
+_AT_ONCE, _TAPS_AT_ONCE = 8192, 1 << 20  # trials and taps between two looks at what else there is to do
+_PIECES = 8  # of each thread at least, so that all end together
+
+
+class Player(Protocol):
+    """Plays trials of one table under one rule."""
+
+    at_once: int
+    """How many trials it is best given at a time."""
+
+    def __call__(self, plan: TrialPlan, first: int, last: int, trials: Trials) -> None:
+        """Plays rows `first` to `last` - 1 of a plan and fills in these rows of `trials`."""
+        ...
+
+
+def run_trials(
+    table: TapTable,
+    plan: TrialPlan,
+    thresholds: ArrayLike,
+    *,
+    theta_x: float,
+    border: Border = "uniform",
+    deadline: int = DEADLINE,
+    seed: int = 0,
+    fresh: bool = False,
+    device: str = "cpu",
+    workers: int | None = None,
+    progress: Callable[[int], None] | None = None,
+) -> Trials:
+    """Plays the planned trials and decides each at every threshold.
+
+    Agrees trial by trial with `episode.perceive` on a `ReplayRig` that is given `trial_uniforms`. Trials in which no
+    class is left are counted in `Trials.no_class_left` and end nothing else.
+
+    Args:
+        table: Test taps.
+        plan: The trials.
+        thresholds: theta_W, shape (H,), any order; 1 or more never stops.
+        theta_x: Threshold for a move: 0 always moves, 1 never (passive).
+        border: Reading of Eq. 9.
+        deadline: Taps after which the most probable classes are taken.
+        seed: Of the draws of taps.
+        fresh: Whether no tap is drawn twice in a trial, see `Rule.fresh`; on the processor only.
+        device: `"cpu"` for compiled loops, `"gpu"` or `"xla-cpu"` for arrays on what JAX finds.
+        workers: Threads on the processor; `None` for as many as it has cores. Changes the speed only.
+        progress: Called with the number of trials finished since the last call.
+
+    Raises:
+        InputError: An argument is out of range, or there is no such device.
+    """
+    rule = make_rule(thresholds, theta_x, border, deadline, seed)._replace(fresh=fresh)
+    play = make_player(table, rule, device)
+    plan = checked_plan(plan, table.pool)
+    n = len(plan.where)
+    trials = empty_trials(n, len(rule.thresholds))
+    threads = cores(workers) if device == "cpu" else 1
+    step = play.at_once if threads == 1 else max(1, min(play.at_once, -(-n // (_PIECES * threads))))
+    pieces = [(first, min(first + step, n)) for first in range(0, n, step)]
+    tasks = (partial(play, plan, first, last, trials) for first, last in pieces)
+    for (first, last), _ in zip(pieces, in_order(tasks, threads), strict=True):
+        if progress is not None:
+            progress(last - first)
+    return trials
+
+
+def make_rule(thresholds: ArrayLike, theta_x: float, border: Border, deadline: int, seed: int) -> Rule:
+    """The rule of trials from what a user says.
+
+    Raises:
+        InputError: An argument is out of range.
+    """
+    thresholds = np.atleast_1d(np.asarray(thresholds, dtype=np.float64))
+    if border not in BORDERS:
+        raise InputError(f"The border must be one of {', '.join(BORDERS)}, got {border!r}.")
+    if deadline < 1 or not len(thresholds):
+        raise InputError(f"Trials need a threshold and a deadline, got {len(thresholds)} and {deadline}.")
+    if np.isnan(thresholds).any() or np.isnan(theta_x):
+        raise InputError("A threshold is NaN.")
+    never = np.where(thresholds >= 1, np.inf, thresholds)
+    column = np.argsort(never, kind="stable")
+    return Rule(never[column], column, float(theta_x), border_number(border), int(deadline), *draws.key(seed))
+
+
+def make_player(table: TapTable, rule: Rule, device: str = "cpu") -> Player:
+    """What plays trials on a device.
+
+    Raises:
+        InputError: There is no such device, the table holds a value that is no log-likelihood or its parts do not fit
+            each other, or the border is `prior` and the model carries a state.
+    """
+    if not ((table.log_likelihood < np.inf).all() and (table.log_prior < np.inf).all()):
+        raise InputError("The table of log-likelihoods or the prior holds NaN or +inf.")
+    (L, M), hypotheses = table.pool.nearest.shape, table.log_prior.shape[-1]
+    if table.log_prior.shape != table.log_likelihood.shape[1:] or len(table.log_prior) != L or hypotheses % M:
+        raise InputError(
+            f"The prior has shape {table.log_prior.shape}, log-likelihoods of a tap {table.log_likelihood.shape[1:]}, "
+            f"and the taps lie in {L} x {M} classes (where, what)."
+        )
+    check_saturation(table.saturation)
+    refuse_border(rule.border, hypotheses, M)
+    if device == "cpu":
+        return LoopPlayer(table, rule)
+    if rule.fresh:
+        raise InputError(f"Trials on fresh taps are played on the cpu only, not on {device!r}.")
+    if device in ("gpu", "xla-cpu"):
+        from .gpu import ArrayPlayer  # noqa: PLC0415 - JAX takes half a second to import
+
+        return ArrayPlayer(table, rule, "cpu" if device == "xla-cpu" else device)
+    raise InputError(f"The device must be cpu, gpu or xla-cpu, got {device!r}.")
+
+
+class LoopPlayer:
+    """Trials one after the other in compiled loops.
+
+    Attributes:
+        at_once: How many trials it is best given at a time.
+    """
+
+    def __init__(self, table: TapTable, rule: Rule) -> None:
+        self._likelihoods = likelihoods(table.log_likelihood)
+        self._pool, self._prior, self._rule = table.pool, scaled_belief(table.log_prior), rule
+        self._classes, self._saturation = classes(table.trained), float(table.saturation)
+        self.at_once = max(1, min(_AT_ONCE, _TAPS_AT_ONCE // rule.deadline))
+
+    def on(self, pool: TapPool) -> "LoopPlayer":
+        """The same on another selection of the same taps, whose likelihoods are not prepared again."""
+        other = copy(self)
+        other._pool = pool
+        return other
+
+    def __call__(self, plan: TrialPlan, first: int, last: int, trials: Trials) -> None:
+        """See `Player`."""
+        known = self._likelihoods, self._pool, self._prior, self._classes, self._saturation
+        kernel.play(*known, plan, self._rule, first, last, trials)
+
+
+def empty_trials(n: int, H: int) -> Trials:
+    """Room for n trials at H thresholds."""
+
+    def integers() -> NDArray[np.int64]:
+        return np.zeros((n, H), dtype=np.int64)
+
+    return Trials(
+        taps=integers(),
+        what=integers(),
+        where=integers(),
+        true_where=integers(),
+        stopped=np.zeros((n, H), dtype=np.bool_),
+        clamped=integers(),
+        substituted=integers(),
+        belief=np.zeros((n, H)),
+        used_up=np.zeros((n, H), dtype=np.bool_),
+        no_class_left=np.zeros((n, H), dtype=np.bool_),
+    )

@@ -1,0 +1,174 @@
+"""Selections of the test taps, which tell how much a result varies with them: what `resampling` plays on."""
+
+from collections.abc import Callable, Iterator
+from typing import NamedTuple, Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...hardware.pool import TapPool, pool_of
+from ...models import seeds
+from .records import TapTable
+
+LEFT_OUT = 1 / 3
+"""Mean number left out for each that stays in `thinned_pools`, so that these vary a third as much as data sets do."""
+_DROPPED = 0.5  # of the resamples lack a class of one tap
+_LOST = 10  # there must be so many classes for each that only one session holds
+
+
+def resampled_pools(table: TapTable, resamples: int, seed: int) -> Iterator[TapPool]:
+    """The pool of a table as it is, then resamples of the taps of each class with replacement.
+
+    Where several sessions test, see `session_sizes`, each is left out in turn instead. Where most classes have several
+    taps, classes of one are left out in half of the resamples, see `uncaught`.
+
+    Args:
+        table: Test taps; only their classes and sessions matter.
+        resamples: How many.
+        seed: Of the resamples.
+    """
+    return _pools(table, resamples, seed, _Group.drawn)
+
+
+def thinned_pools(table: TapTable, resamples: int, seed: int) -> Iterator[TapPool]:
+    """The pool of a table as it is, then selections of it that leave out a quarter of the taps of each class.
+
+    Where a quarter of a number is no whole one, one more is left out so often that the number left out for each that
+    stays is 1/3 on average. Where most classes have several taps, classes of one are left out in half of the
+    selections, see `uncaught`. Where several sessions test, see `session_sizes`, each is left out in turn instead.
+
+    Args:
+        table: Test taps; only their classes and sessions matter.
+        resamples: How many.
+        seed: Of the selections.
+    """
+    return _pools(table, resamples, seed, _Group.thinned)
+
+
+def session_sizes(table: TapTable) -> NDArray[np.intp]:
+    """How many taps each session has that would be drawn anew if a study were repeated.
+
+    These are the sessions that test, if they hold the same classes. Where less than nine tenths of the classes remain
+    without one of them, sessions cannot be told from classes, and taps count as drawn, all as of one session.
+    """
+    taps, cell = _in_classes(table)
+    sessions = _sessions_apart(table, taps)
+    classes = [np.unique(cell[member]) for member in sessions]
+    sessions_with = np.bincount(np.concatenate(classes))
+    lost = max(np.count_nonzero(sessions_with[held] == 1) for held in classes)
+    alike = _LOST * lost <= np.count_nonzero(sessions_with)
+    return np.array([len(member) for member in sessions] if alike else [len(taps)])
+
+
+def sessions_drawn(table: TapTable) -> int:
+    """How many sessions would be drawn anew; 1 where only taps are, see `session_sizes`."""
+    return len(session_sizes(table))
+
+
+def _pools(
+    table: TapTable, resamples: int, seed: int, select: Callable[["_Group", np.random.Generator], NDArray[np.intp]]
+) -> Iterator[TapPool]:
+    """The pool of a table, then what `select` takes of its taps, or all sessions but one."""
+    yield table.pool
+    taps, cell = _in_classes(table)
+    sessions, drawn = _sessions_apart(table, taps), sessions_drawn(table)
+    group, generator = _Group.of_taps(cell), seeds.generator(seed, seeds.Purpose.RESAMPLES)
+    for r in range(resamples):
+        if drawn > 1:
+            selected = np.concatenate([member for s, member in enumerate(sessions) if s != r % drawn])
+        else:
+            selected = select(group, generator)
+        yield pool_of(taps[selected], cell[selected], table.pool.nearest.shape)
+
+
+def _left_out(size: NDArray[np.intp], generator: np.random.Generator) -> NDArray[np.intp]:
+    """How many of groups of these sizes are left out; 1/3 for each that stays on average."""
+    fewer = size // 4
+    least, more = fewer / (size - fewer), (fewer + 1) / np.maximum(size - fewer - 1, 1)
+    chance = np.where(_alone(size), _DROPPED, (LEFT_OUT - least) / (more - least) * (size > 1))
+    return fewer + (generator.random(len(size)) < chance)
+
+
+def _alone(size: NDArray[np.intp]) -> NDArray[np.bool_]:
+    """Which classes have one tap; none where most have no more, as then nothing tells how taps vary."""
+    return (size == 1) & (np.median(size) > 1)
+
+
+def uncaught(table: TapTable, factor: float) -> tuple[float, float]:
+    """How many times the variance of a mean over classes is that of its resamples, enlarged, and its freedom.
+
+    A class of one tap does not vary by itself. It is left out in half of the resamples instead: the mean over classes
+    then varies with how such classes differ from the others, that is by their taps and more, a quarter as much as it
+    would if each were drawn anew. What is missing is taken from the classes with more taps, each of which counts more
+    where others are left out. So few taps tell their variance, with few degrees of freedom (Satterthwaite 1946).
+
+    Args:
+        table: Test taps.
+        factor: By which deviations of resamples are enlarged.
+
+    Returns:
+        Without a lone tap 1 and infinite.
+    """
+    size = table.pool.count[table.pool.count > 0]
+    alone = np.count_nonzero(_alone(size))
+    others, counts = (1 / size[size > 1]).sum(), len(size) / (len(size) - _DROPPED * alone)
+    if not alone:
+        return 1.0, np.inf
+    caught = counts**2 * (others + alone * factor**2 * _DROPPED * (1 - _DROPPED))
+    parts = alone**2 / max(alone - 1, 1) + others**2 / (size - 1).sum()
+    return float((others + alone) / caught), float((others + alone) ** 2 / parts)
+
+
+class _Group(NamedTuple):
+    """Taps class by class.
+
+    Attributes:
+        first: Where each class begins among them, shape (classes,).
+        size: How many it has, shape (classes,).
+        of: Class of each tap, by its place among those that are there, shape (n,).
+    """
+
+    first: NDArray[np.intp]
+    size: NDArray[np.intp]
+    of: NDArray[np.intp]
+
+    @classmethod
+    def of_taps(cls, cell: NDArray[np.intp]) -> Self:
+        """Of taps in the order of their classes (n,)."""
+        _, first, of, size = np.unique(cell, return_index=True, return_inverse=True, return_counts=True)
+        return cls(first, size, of)
+
+    def drawn(self, generator: np.random.Generator) -> NDArray[np.intp]:
+        """As many of each class as there are, with replacement."""
+        selected = self.first[self.of] + (generator.random(len(self.of)) * self.size[self.of]).astype(np.intp)
+        alone = _alone(self.size)
+        if not alone.any():
+            return selected
+        return selected[~(alone & (generator.random(len(alone)) < _DROPPED))[self.of]]
+
+    def thinned(self, generator: np.random.Generator) -> NDArray[np.intp]:
+        """Three quarters of each class, in random order."""
+        shuffled = np.lexsort((generator.random(len(self.of)), self.of))
+        rank = np.arange(len(self.of)) - self.first[self.of]  # classes are in order
+        return shuffled[rank >= _left_out(self.size, generator)[self.of]]
+
+
+def _in_classes(table: TapTable) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+    """Taps class by class, and their classes."""
+    pool = table.pool
+    count = pool.count.ravel()
+    cell = np.repeat(np.arange(len(count)), count)
+    taps = np.concatenate([pool.order[f : f + n] for f, n in zip(pool.first.flat, count, strict=True)])
+    return taps, cell
+
+
+def _sessions_apart(table: TapTable, taps: NDArray[np.intp]) -> list[NDArray[np.intp]]:
+    """The places of the taps of each session among these."""
+    session = sessions_of(table)[taps]
+    return [np.flatnonzero(session == s) for s in np.unique(session)]
+
+
+def sessions_of(table: TapTable) -> NDArray[np.intp]:
+    """Session of each tap of a table, shape (N,)."""
+    N = len(table.log_likelihood)
+    return np.zeros(N, np.intp) if table.session is None else np.asarray(table.session, np.intp)

@@ -1,0 +1,171 @@
+"""The fixation point that training taps recommend: the expected decision error at every position, and its choice.
+
+At each position trials are played on taps that did not train their model, either such as aim for it or passive ones
+that stand there. Trials of all positions have the same random numbers, so positions are compared trial by trial.
+
+**Choice.** The least error is the least by luck too, the more so the flatter the curve. So every position counts as
+good whose error exceeds the least by no more than one standard error of that very difference, and of the good ones the
+nearest to the middle of the range is taken: from there moves are shortest and least often end at a border, where
+the belief that leaves the range is lost. The difference has a smaller standard error than either error, because what a
+session does to one position it does to its neighbours.
+"""
+
+from collections.abc import Callable, Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...hardware.pool import TapPool
+from ...models.errors import InputError
+from ..episode import DEADLINE
+from ..moves.control import default_fixation
+from ..reference import Border
+from ..trials.cut_short import Farthest, endings
+from ..trials.plan import join_plans, plan_trials
+from ..trials.records import TapTable, TrialPlan
+from ..trials.run import run_trials
+from .held_out import Estimate, Floats, Parts, decision_error, excess_over_parts, over_parts, resampled_means
+
+TRIALS = 1000
+
+
+class FixationChoice(NamedTuple):
+    """What is known of every position.
+
+    Attributes:
+        errors: Mean error in each part, NaN at positions that were not tried, shape (F, L).
+        taps: Mean reaction time, likewise.
+        error: Expected error, each of shape (L,).
+        excess: By how much it exceeds the least, each of shape (L,).
+        best: The position with the least error.
+        alike: Positions that are no worse by more than a standard error, shape (L,).
+        chosen: Of these the one nearest to the middle.
+    """
+
+    errors: Floats
+    taps: Floats
+    error: Estimate
+    excess: Estimate
+    best: int
+    alike: NDArray[np.bool_]
+    chosen: int
+
+
+def choose_fixation(
+    parts: Parts,
+    theta: float,
+    *,
+    passive: bool = False,
+    wrong: bool = False,
+    trials: int = TRIALS,
+    theta_x: float = 0.0,
+    border: Border = "uniform",
+    deadline: int = DEADLINE,
+    seed: int = 0,
+    progress: Callable[[int], None] | None = None,
+) -> FixationChoice:
+    """The fixation point from the error at each position.
+
+    Args:
+        parts: Training taps and models that have not seen them.
+        theta: Threshold on the what belief.
+        passive: Whether trials stand at the position; otherwise they begin anywhere and aim for it.
+        wrong: Whether errors are P(wrong) even where objects have sizes.
+        trials: At each position in each part.
+        theta_x: Threshold for a move of trials that do.
+        border: Reading of Eq. 9.
+        deadline: Taps after which the most probable object is taken.
+        seed: Of the trials.
+        progress: Told how many more trials have ended.
+
+    Raises:
+        InputError: No position has taps in all parts, or a setting is out of range.
+    """
+    tried = _positions(parts, passive)
+
+    far = Farthest.on(parts.grid)
+
+    def play(table: TapTable, stream: int = 0) -> tuple[NDArray[Any], ...]:
+        plan = (_passive_plan if passive else _active_plan)(table.pool, tried, trials, seed, stream)
+        played = run_trials(
+            table,
+            plan,
+            (theta,),
+            theta_x=1.0 if passive else theta_x,
+            border=border,
+            deadline=deadline,
+            seed=seed,
+            fresh=True,
+            progress=progress,
+        )
+        ends = [played, *endings(played, plan, deadline, far)]
+        errors = [decision_error(parts.grid, end.what[:, 0], plan.what, wrong) for end in ends]
+        return tuple(one.reshape(len(tried), trials) for one in (*errors, played.taps))
+
+    errors, *ends, taps = map(np.array, zip(*(play(part.table) for part in parts.parts), strict=True))
+    resampled = resampled_means(parts, play, trials, seed)
+    return choice(errors, taps, tried, parts.grid.L, None if resampled is None else resampled[0], ends)
+
+
+def choice(
+    errors: Floats,
+    taps: Floats,
+    tried: NDArray[np.intp],
+    L: int,
+    resampled: Floats | None = None,
+    might_be: Sequence[Floats] = (),
+) -> FixationChoice:
+    """The choice from the outcomes of trials.
+
+    Args:
+        errors: Of n trials at each of P positions in each of F parts, shape (F, P, n).
+        taps: Reaction times, likewise.
+        tried: The positions, shape (P,).
+        L: Number of positions of the grid.
+        resampled: Mean errors on resamples where parts are halves, see `over_parts`, shape (R, P).
+        might_be: What else the errors might be, likewise.
+    """
+    error = over_parts(errors, resampled, 0.0, might_be)
+    best = int(error.mean.argmin())
+    excess = excess_over_parts(errors, best, resampled, might_be)
+    alike = np.flatnonzero(excess.mean <= excess.error)
+    away = np.abs(tried[alike] - (L - 1) / 2)
+    chosen = alike[np.lexsort((tried[alike] != default_fixation(L), error.mean[alike], away))[0]]
+    good = np.zeros(L, dtype=np.bool_)
+    good[tried[alike]] = True
+    return FixationChoice(
+        _spread(errors.mean(axis=-1), tried, L),
+        _spread(taps.mean(axis=-1), tried, L),
+        Estimate(*(_spread(values, tried, L) for values in error)),
+        Estimate(*(_spread(values, tried, L) for values in excess)),
+        int(tried[best]),
+        good,
+        int(tried[chosen]),
+    )
+
+
+def _positions(parts: Parts, passive: bool) -> NDArray[np.intp]:
+    """Positions that trials are played at."""
+    if not passive:
+        return np.arange(parts.grid.L)
+    there = np.all([part.table.pool.count.sum(axis=1) > 0 for part in parts.parts], axis=0)
+    if not there.any():
+        raise InputError("No position has a tap in every part of the training taps, so passive trials compare nothing.")
+    return np.flatnonzero(there)
+
+
+def _passive_plan(pool: TapPool, tried: NDArray[np.intp], trials: int, seed: int, stream: int) -> TrialPlan:
+    return join_plans([plan_trials(pool, trials, seed, where=int(l), first_stream=stream) for l in tried])
+
+
+def _active_plan(pool: TapPool, tried: NDArray[np.intp], trials: int, seed: int, stream: int) -> TrialPlan:
+    plan = plan_trials(pool, trials, seed, first_stream=stream)
+    return join_plans([plan._replace(fixation=np.full(trials, l)) for l in tried])
+
+
+def _spread(values: Floats, tried: NDArray[np.intp], L: int) -> Floats:
+    """Values of some positions among NaN for the others."""
+    whole = np.full((*values.shape[:-1], L), np.nan)
+    whole[..., tried] = values
+    return whole

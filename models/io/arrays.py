@@ -1,0 +1,204 @@
+"""Named arrays, as `.npz` and `.mat` files hold them, to a `Recording`.
+
+=====================  =====================  ==================================================================
+name                   shape                  meaning
+=====================  =====================  ==================================================================
+``taps``               (N, J, K)              cut taps; or ``stream``
+``stream``             (S, K)                 frames of continuous streams; the labels below then have S rows
+``what``               (N,)                   index into ``what_names``, counted from 0
+``what_names``         (M,)                   names of the objects
+``where``              (N,)                   index into ``where_values``; without that table the position itself
+``where_values``       (L,)                   nominal positions
+``where_edges``        (L + 1,)               edges of the where classes, where they are intervals
+``where_unit``         text                   unit of the positions
+``what_values``        (M,)                   size of each object; its unit in ``what_unit``
+``session``            (N,)                   number of the recording session
+``trial``              (N,)                   number of the tap within its session or class
+``taxel_position``     (K, 2) or (K, 3)       millimetres
+``units``              text                   unit of the samples
+``meta``               JSON text              keys sensor, rate_hz, licence, source, repo, path, note
+=====================  =====================  ==================================================================
+
+``taps`` (or ``stream``), ``what`` and ``what_names`` are required. Every further array of shape (N,) or (N, K) is kept
+under its own name.
+"""
+
+import json
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..errors import InputError
+from .recording import Labels, Recording, as_samples
+
+ROW_VECTORS = ("what", "where", "session", "trial")
+TABLE_VECTORS = ("what_names", "what_values", "where_values", "where_edges")
+TEXTS = ("where_unit", "what_unit", "units", "meta")
+KNOWN = {"taps", "stream", "taxel_position", *ROW_VECTORS, *TABLE_VECTORS, *TEXTS}
+_TAKEN = {  # names with a meaning of their own in a TapSet
+    *("tap", "sample", "taxel", "axis", "time", "what_class", "where_class", "where_edge"),
+    *("what_name", "what_value", "where_value"),
+}
+
+Arrays = Mapping[str, NDArray[Any]]
+
+
+def recording_from_arrays(arrays: Arrays) -> Recording:
+    """The recording in the arrays that the head of this file lists.
+
+    Raises:
+        InputError: An array is missing, has another shape than listed, holds what it must not, or labels point
+            outside their table; the sentence names the array and the place.
+    """
+    name, axes = ("stream", "(S, K)") if "stream" in arrays and "taps" not in arrays else ("taps", "(N, J, K)")
+    samples = as_samples(name, _required(arrays, name))
+    if samples.ndim != len(axes.split(",")) or 0 in samples.shape:
+        raise InputError(f"the array {name} must have the shape {axes} without empty axes, got {samples.shape}.")
+    meta = _meta(arrays)
+    extra, left_out = _extra(arrays, samples)
+    what, names = _whole(arrays, "what", len(samples)), _names(arrays)
+    _check_range("what", what, len(names), "what_names")
+    labels = Labels(
+        what=what,
+        where=_positions(arrays, len(samples)),
+        session=_whole(arrays, "session", len(samples), 0),
+        trial=_whole(arrays, "trial", len(samples)) if "trial" in arrays else None,
+        what_name=names,
+        extra=extra,
+        tables=_tables(arrays) | _attributes(meta),
+    )
+    file = np.zeros(len(samples), dtype=np.int64) if name == "stream" else None
+    return Recording(samples, labels, _rate(meta), file, left_out)
+
+
+def _required(arrays: Arrays, name: str) -> NDArray[Any]:
+    if name not in arrays:
+        there = ", ".join(sorted(arrays)) or "none"
+        raise InputError(f"the array {name} is missing; the file holds: {there}.")
+    return arrays[name]
+
+
+def _vector(arrays: Arrays, name: str, length: int | None = None) -> NDArray[np.float64]:
+    """A finite numeric vector as float64."""
+    values = _required(arrays, name)
+    if values.ndim != 1 or (length is not None and len(values) != length):
+        expected = "one axis" if length is None else f"the shape ({length},)"
+        raise InputError(f"the array {name} must have {expected}, got shape {values.shape}.")
+    return as_samples(name, values).astype(np.float64)
+
+
+def _whole(arrays: Arrays, name: str, length: int, default: int | None = None) -> NDArray[np.int64]:
+    """A vector of whole numbers; MATLAB stores them as doubles."""
+    if default is not None and name not in arrays:
+        return np.full(length, default, dtype=np.int64)
+    values = _vector(arrays, name, length)
+    bad = np.flatnonzero(values != np.round(values))
+    if len(bad):
+        raise InputError(f"{name}[{bad[0]}] is {values[bad[0]]:g}, which is not a whole number.")
+    return values.astype(np.int64)
+
+
+def _check_range(name: str, index: NDArray[np.int64], size: int, table: str) -> None:
+    bad = np.flatnonzero((index < 0) | (index >= size))
+    if len(bad):
+        hint = "; indices count from 0" if index.min() == 1 and index.max() == size else ""
+        raise InputError(f"{name}[{bad[0]}] is {index[bad[0]]}, outside the {size} entries of {table}{hint}.")
+
+
+def _names(arrays: Arrays) -> tuple[str, ...]:
+    names = _required(arrays, "what_names")
+    if names.dtype.kind not in "US" or names.ndim != 1:
+        raise InputError(f"the array what_names must be a list of text, got {names.dtype} of shape {names.shape}.")
+    if not len(names):
+        raise InputError("the array what_names is empty.")
+    return tuple(_decoded(name) for name in names)
+
+
+def _decoded(text: Any) -> str:
+    return text.decode("utf-8", "replace") if isinstance(text, bytes) else str(text)
+
+
+def _text(arrays: Arrays, name: str) -> str:
+    if name not in arrays:
+        return ""
+    value = arrays[name]
+    if value.dtype.kind not in "US" or value.size > 1:
+        raise InputError(f"the array {name} must be one text, got {value.dtype} of shape {value.shape}.")
+    return _decoded(value.reshape(-1)[0]) if value.size else ""
+
+
+def _positions(arrays: Arrays, n: int) -> NDArray[np.float64]:
+    """Position of each row: looked up in `where_values`, or as given without that table."""
+    if "where_values" not in arrays:
+        return _vector(arrays, "where", n) if "where" in arrays else np.zeros(n)
+    table = _vector(arrays, "where_values")
+    index = _whole(arrays, "where", n, 0 if len(table) == 1 else None)
+    _check_range("where", index, len(table), "where_values")
+    return table[index]
+
+
+def _tables(arrays: Arrays) -> dict[str, Any]:
+    tables: dict[str, Any] = {"where_unit": _text(arrays, "where_unit"), "units": _text(arrays, "units")}
+    if "where_values" in arrays:
+        values = np.sort(_vector(arrays, "where_values"))
+        twice = np.flatnonzero(np.diff(values) == 0)
+        if len(twice):
+            raise InputError(f"the array where_values holds {values[twice[0]]:g} twice.")
+        tables["where_value"] = values
+        if "where_edges" in arrays:
+            tables["where_edges"] = _vector(arrays, "where_edges", len(values) + 1)
+    if tables["where_unit"] == "none" and len(tables.get("where_value", [0.0])) == 1:
+        tables["where_unit"] = ""
+    if "what_values" in arrays:
+        tables["what_value"] = _vector(arrays, "what_values", len(_names(arrays)))
+        tables["what_unit"] = _text(arrays, "what_unit")
+    if "taxel_position" in arrays:
+        tables["taxel_position"] = as_samples("taxel_position", arrays["taxel_position"])
+    return tables
+
+
+def _meta(arrays: Arrays) -> dict[str, Any]:
+    text = _text(arrays, "meta")
+    try:
+        meta = json.loads(text) if text else {}
+    except json.JSONDecodeError as error:
+        raise InputError(f"the array meta is not JSON: {error}.") from error
+    if not isinstance(meta, dict):
+        raise InputError(f"the array meta must be a JSON object, got {text[:40]!r}.")
+    return meta
+
+
+def _rate(meta: Mapping[str, Any]) -> float | None:
+    rate = meta.get("rate_hz")
+    if rate is None:
+        return None
+    if isinstance(rate, bool) or not isinstance(rate, int | float) or not 0 < rate < np.inf:
+        raise InputError(f"rate_hz in the array meta must be a positive number, got {rate!r}.")
+    return float(rate)
+
+
+def _attributes(meta: Mapping[str, Any]) -> dict[str, str]:
+    place = " ".join(str(meta[key]) for key in ("source", "repo", "path") if meta.get(key))
+    return {
+        "sensor": str(meta.get("sensor", "")),
+        "licence": str(meta.get("licence", meta.get("license", ""))),
+        "source": "; ".join(part for part in (place, str(meta.get("note", ""))) if part),
+    }
+
+
+def _extra(arrays: Arrays, samples: NDArray[Any]) -> tuple[dict[str, NDArray[Any]], tuple[str, ...]]:
+    """Further arrays with one row per tap, and the names of those that have another shape or hold no numbers."""
+    n, k = len(samples), samples.shape[-1]
+    extra, left_out = {}, []
+    for name in sorted(set(arrays) - KNOWN):
+        values = arrays[name]
+        fits = values.shape in ((n,), (n, k)) and values.dtype.kind in "fiubU"
+        if fits and name in _TAKEN:
+            raise InputError(f"the array {name} must be renamed, its name has another meaning in a tap set.")
+        if fits:
+            extra[name] = values
+        else:
+            left_out.append(f"{name} {values.shape}")
+    return extra, tuple(left_out)

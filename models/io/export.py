@@ -1,0 +1,143 @@
+"""Fitted tables as JSON, for robots and programs without this software.
+
+The keys are those of the header of a conformance case, see docs/conformance/README.md, so what reads a case reads a
+model; docs/exported-models.md says what else is in the file. `io.export_reader` reads it back.
+"""
+
+import json
+import sys
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..errors import InputError
+from ..measurement.histogram import HistogramModel
+from ..measurement.likelihood.forms import TableForm
+from ..measurement.model import TapModel
+from ..measurement.table import TableModel
+from ..storage import complete_file
+
+FORMAT = 1
+_SMALLEST_LOG = np.log(sys.float_info.min)
+
+
+class Decisions(NamedTuple):
+    """What the program decides and moves by, beside its belief.
+
+    Attributes:
+        border: Reading of Eq. 9 at the ends of the range.
+        threshold: Belief in an object needed to decide, theta_W.
+        theta_x: Belief in a position needed for a move; 1 never moves.
+        fixation: Where class to move to.
+    """
+
+    border: str
+    threshold: float
+    theta_x: float
+    fixation: int
+
+
+def log_tables(model: TapModel) -> NDArray[np.float64]:
+    """Natural logs of what Eq. 1 multiplies, -inf for untrained classes, shape (L, M, K, B).
+
+    Raises:
+        InputError: The model has no such tables.
+    """
+    if model.states.gain.tolist() != [1.0] or model.states.offset.tolist() != [0.0]:
+        raise InputError(f"A {model.name} model cannot be exported: it carries a state from tap to tap beside classes.")
+    form = model.plain_form
+    if not isinstance(form, TableForm):
+        raise InputError(f"A {model.name} model cannot be exported: it has no tables of single samples.")
+    return np.where(model.trained[:, :, np.newaxis, np.newaxis], form.log_prob, -np.inf)
+
+
+def prior(model: TapModel) -> NDArray[np.float64]:
+    """Belief before the first tap, uniform over the trained classes, shape (L, M)."""
+    return model.trained / model.trained.sum()
+
+
+def exported(model: TapModel, decisions: Decisions, case: str) -> dict[str, Any]:
+    """The object in the file.
+
+    Args:
+        model: What is exported.
+        decisions: What goes with it.
+        case: What programs are to call it in their answers.
+
+    Raises:
+        InputError: The model has no tables, or the probabilities in them are too small for double precision.
+    """
+    L, M, K, B = log_tables(model).shape
+    return {
+        "format": FORMAT,
+        "kind": model.kind,
+        "case": case,
+        "L": L,
+        "M": M,
+        "K": K,
+        "J": model.preprocessing.samples,
+        "B": B,
+        "where_value": model.grid.where_value.tolist(),
+        "where_unit": model.grid.where_unit,
+        "what_name": list(model.grid.what_name),
+        "edges": model.edges.tolist(),
+        **_tables(model),
+        "prior": prior(model).tolist(),
+        "power": model.power,
+        "border": decisions.border,
+        "thresholds": [decisions.threshold],
+        "theta_x": decisions.theta_x,
+        "fixation": decisions.fixation,
+        "saturation": None if np.isinf(model.saturation) else model.saturation,
+        "preprocessing": asdict(model.preprocessing),
+        "grid": model.grid.to_dict(),
+        "trained_on": model.trained_on,
+        "version": model.version,
+    }
+
+
+def save_exported(
+    model: TapModel, path: str | Path, decisions: Decisions, case: str = "model", force: bool = False
+) -> None:
+    """Writes a model as one line of JSON, complete or not at all; numbers as in `io.export`, read back bit for bit.
+
+    Args:
+        model: What is exported.
+        path: The file.
+        decisions: What goes with it.
+        case: What programs are to call it in their answers.
+        force: Whether an existing file may be replaced.
+
+    Raises:
+        InputError: The model cannot be exported, or the file not written.
+    """
+    text = json.dumps(exported(model, decisions, case), allow_nan=False, ensure_ascii=False)
+    with complete_file(path, force) as temporary:
+        temporary.write_text(text + "\n", encoding="utf-8")
+
+
+def _tables(model: TapModel) -> dict[str, Any]:
+    """Counts where these say all; elsewhere probabilities, in which an untrained class is zero throughout."""
+    if isinstance(model, HistogramModel) and model.trained.all():
+        return {"counts": model.counts.tolist(), "pseudocount": model.pseudocount}
+    log_prob = log_tables(model)
+    if (log_prob[np.isfinite(log_prob)] < _SMALLEST_LOG).any():
+        raise InputError(
+            f"This {model.name} model cannot be exported as JSON: some bins are so improbable (1e{_decade(log_prob)}) "
+            f"that double precision takes them for impossible; --format c-header holds their logarithms."
+        )
+    return {"probabilities": _probabilities(model, log_prob).tolist()}
+
+
+def _probabilities(model: TapModel, log_prob: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Those that the model itself holds where it does, so that their logs are the same when read back."""
+    if isinstance(model, HistogramModel | TableModel):
+        return np.where(np.isfinite(log_prob), model.probabilities, 0.0)
+    return np.exp(log_prob)
+
+
+def _decade(log_prob: NDArray[np.float64]) -> int:
+    return int(np.floor(log_prob[np.isfinite(log_prob)].min() / np.log(10)))

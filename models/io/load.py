@@ -1,0 +1,74 @@
+"""Files of any accepted kind to a `TapSet`: `.nc`, `.mcap`, `.npz`, `.csv`, `.mat` and folders of `.csv` files."""
+
+from collections.abc import Callable
+from pathlib import Path
+
+from ..errors import InputError
+from ..taps import TapSet
+from .arrays import recording_from_arrays
+from .csv import read_csv, read_csv_folder
+from .mat import read_mat
+from .npz import read_npz
+from .recording import Recording, naming
+
+_READERS: dict[str, Callable[[Path], Recording]] = {
+    ".npz": lambda path: recording_from_arrays(read_npz(path)),
+    ".mat": lambda path: recording_from_arrays(read_mat(path)),
+}
+
+
+def load_taps(path: str | Path) -> TapSet:
+    """The tap set in a file or a folder of CSV files.
+
+    Args:
+        path: `.nc` as this software writes it; `.mcap` as the rig is recorded; `.npz` or `.mat` with the arrays of
+            `io.arrays`; `.csv` with the columns of `csv_rows`; or a folder of such `.csv` files.
+
+    Raises:
+        InputError: The file is missing, damaged, of another kind, or its content contradicts itself; the sentence
+            names file, array and place.
+    """
+    path = Path(path)
+    if path.suffix.lower() == ".nc":
+        return TapSet.load(path)
+    if path.suffix.lower() == ".mcap":
+        from .rig import taps_from_recording  # noqa: PLC0415
+
+        return taps_from_recording(path)
+    recording = read_recording(path)
+    with naming(path):
+        return recording.tapset()
+
+
+def read_recording(path: str | Path) -> Recording:
+    """The taps or streams in a file or folder, not yet a tap set.
+
+    Raises:
+        InputError: As `load_taps`; also for `.nc`, which holds nothing but taps, and for `.mcap`, which holds when
+            each tap began.
+    """
+    path = Path(path)
+    if path.suffix.lower() == ".nc" and path.is_file():
+        raise InputError(f"{path} is a .nc file, which holds taps that are cut already.")
+    if path.suffix.lower() == ".mcap" and path.is_file():
+        raise InputError(f"{path} is a recording of the rig, whose taps are cut as they were pressed.")
+    if not path.exists():
+        raise InputError(f"{path} does not exist.")
+    kind = path.suffix.lower()
+    if path.is_dir():
+        if kind in (".nc", ".mcap", ".npz", ".mat", ".csv"):
+            raise InputError(f"{path} is a directory, a {kind} file is needed.")
+        return read_csv_folder(path)
+    if kind == ".csv":
+        return read_csv(path)
+    if kind not in _READERS:
+        raise InputError(
+            f"{path} is of an unknown kind; .nc, .mcap, .npz, .csv, .mat and folders of .csv files are read."
+        )
+    with naming(path):
+        if path.stat().st_size == 0:
+            raise InputError("the file is empty.")
+        try:
+            return _READERS[kind](path)
+        except OSError as error:
+            raise InputError(f"the file cannot be read: {error.strerror or error}.") from error

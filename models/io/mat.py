@@ -1,0 +1,117 @@
+"""MATLAB `.mat` files, v5 to v7 and v7.3, to named arrays in the layout of `io.arrays`.
+
+MATLAB knows no vectors, no arrays with a trailing axis of length one and no text but character matrices and cells;
+v7.3 files are HDF5 with the axes in reverse order. All of that is undone here: vectors get one axis, `taps` three.
+"""
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..errors import InputError
+from .arrays import KNOWN, ROW_VECTORS, TABLE_VECTORS, TEXTS
+
+type Content = NDArray[Any] | str
+
+
+def read_mat(path: Path) -> dict[str, NDArray[Any]]:
+    """The arrays of a MATLAB file.
+
+    Raises:
+        InputError: The file is no MATLAB file of version 5 to 7.3, is damaged, or an array has a kind that cannot
+            be read.
+    """
+    import h5py  # noqa: PLC0415
+
+    content = _read_v73(path) if h5py.is_hdf5(path) else _read_v5(path)
+    arrays = {}
+    for name, value in content.items():
+        if isinstance(value, str) and name in KNOWN:
+            raise InputError(f"the array {name} is a {value}; plain arrays and cellstr(...) or char(...) are read.")
+        arrays[name] = np.array(value, dtype=object) if isinstance(value, str) else value
+    return _arranged(arrays)
+
+
+def _arranged(arrays: dict[str, NDArray[Any]]) -> dict[str, NDArray[Any]]:
+    """The arrays with the axes of `io.arrays`."""
+    for name in (*ROW_VECTORS, *TABLE_VECTORS, *TEXTS):
+        if name in arrays and arrays[name].size == max(arrays[name].shape, default=1):
+            arrays[name] = arrays[name].reshape(-1)
+    if "taps" in arrays and arrays["taps"].ndim == 2:
+        arrays["taps"] = arrays["taps"][:, :, np.newaxis]
+    rows = len(arrays["taps"]) if "taps" in arrays else len(arrays.get("stream", ()))
+    for name, values in arrays.items():
+        if name not in KNOWN and values.shape in ((rows, 1), (1, rows)):
+            arrays[name] = values.reshape(-1)
+    return arrays
+
+
+def _read_v5(path: Path) -> dict[str, Content]:
+    from scipy.io import loadmat  # noqa: PLC0415
+    from scipy.io.matlab import matfile_version  # noqa: PLC0415
+
+    try:
+        version = matfile_version(str(path))[0]
+        content = loadmat(path) if version == 1 else None
+    except Exception as error:  # SciPy lets many kinds out of a damaged file
+        raise InputError("this is no MATLAB file of version 5 to 7.3, or it is damaged or truncated.") from error
+    if content is None:
+        raise InputError("this is no MATLAB file of version 5 to 7.3.")
+    return {name: _plain(value) for name, value in content.items() if not name.startswith("__")}
+
+
+def _plain(value: Any) -> Content:
+    """What SciPy made of a variable as an array, or for what cannot be read the name of its kind."""
+    if type(value) is not np.ndarray or value.dtype.names is not None:
+        return "struct, sparse matrix, function, string or object"
+    if value.dtype.kind == "U":
+        return np.array([row.rstrip() for row in value.reshape(-1).tolist()], dtype=np.str_)
+    if value.dtype != object:
+        return value
+    cells = [np.asarray(cell) for cell in value.reshape(-1, order="F")]
+    if not all(cell.dtype.kind == "U" and cell.size <= 1 for cell in cells):
+        return "cell with something else than one text in each place"
+    return np.array(["".join(cell.reshape(-1).tolist()) for cell in cells], dtype=np.str_)
+
+
+def _read_v73(path: Path) -> dict[str, Content]:
+    import h5py  # noqa: PLC0415
+
+    try:
+        with h5py.File(path, "r") as file:
+            return {name: _read_node(file, file[name]) for name in map(str, file) if not name.startswith("#")}
+    except (OSError, KeyError, RuntimeError, ValueError, TypeError) as error:
+        raise InputError(f"this MATLAB 7.3 file is damaged ({error}).") from error
+
+
+def _read_node(file: Any, node: Any) -> Content:
+    """The array, or for what cannot be read the name of its kind."""
+    import h5py  # noqa: PLC0415
+
+    kind = _class_of(node)
+    if not isinstance(node, h5py.Dataset):
+        return "struct, object or sparse matrix"
+    if "MATLAB_object_decode" in node.attrs or kind in ("string", "table"):
+        return "string or object"
+    if node.attrs.get("MATLAB_empty", 0):
+        return np.array([], dtype=np.str_ if kind in ("char", "cell") else np.float64)
+    if kind == "cell":
+        cells = [file[reference] for reference in node[()].T.reshape(-1)]
+        if not all(_class_of(cell) == "char" for cell in cells):
+            return "cell with something else than one text in each place"
+        return np.array(["".join(_texts(cell)) for cell in cells], dtype=np.str_)
+    return np.array(_texts(node), dtype=np.str_) if kind == "char" else node[()].T
+
+
+def _class_of(node: Any) -> str:
+    kind = node.attrs.get("MATLAB_class", b"")
+    return kind.decode() if isinstance(kind, bytes) else str(kind)
+
+
+def _texts(node: Any) -> list[str]:
+    """The rows of a character matrix, stored as UTF-16 codes of shape (columns, rows), without their padding."""
+    if node.attrs.get("MATLAB_empty", 0):
+        return []
+    return [row.astype("<u2").tobytes().decode("utf-16-le", "replace").rstrip() for row in node[()].T]

@@ -1,0 +1,241 @@
+"""Fitted models as netCDF files: trees of groups that ArviZ opens.
+
+=====================  =====================================================================================
+group                  content
+=====================  =====================================================================================
+root                   attributes: ``kind``, ``format``, settings, class grid, how the fit converged
+``constant_data``      bin edges, training data as far as the model needs it, states, digests of the taps
+``parameters``         those with which the model decides (not for the histogram, whose counts are data)
+``posterior``          draws of the parameters, dims (chain, draw, ...), if asked for; see `measurement.draws`
+``sample_stats``       numbers that tell how the fit converged
+``log_likelihood``     ``bins``: of each training tap under its own class at power 1, dims (chain, draw, tap)
+=====================  =====================================================================================
+
+Files of format 1, from versions with no model but the histogram, are read as well, and files without a saturation,
+whose beliefs have no limit.
+"""
+
+import json
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import h5py
+import numpy as np
+import xarray as xr
+from numpy.typing import NDArray
+
+from ..errors import InputError
+from ..grid import ClassGrid
+from ..measurement.fits.convergence import Convergence
+from ..measurement.histogram import HistogramModel
+from ..measurement.model import FORMAT, TapModel
+from ..measurement.novelty import NoveltyScores
+from ..measurement.parametric import DIMS, ParametricModel
+from ..measurement.scaling import Scaling
+from ..measurement.states import ONE_STATE, States
+from ..power import parse_power
+from ..preprocessing import Preprocessing
+from ..storage import write_groups
+from .export_reader import load_exported
+
+_FIRST_FORMAT = 1
+_POSITIVE = ("variance", "scale", "freedom")
+_COVARIANCES = {"time_covariance", "taxel_covariance"}
+_ROUNDING = 1e-9
+
+
+class Draws(NamedTuple):
+    """What a file holds beside the model, for ArviZ.
+
+    Attributes:
+        parameters: By name, shapes (chain, draw, ...).
+        log_likelihood: Of each training tap under its class at power 1, shape (chain, draw, N).
+    """
+
+    parameters: dict[str, NDArray[np.float32]]
+    log_likelihood: NDArray[np.float32]
+
+
+def save_model(
+    model: TapModel,
+    path: str | Path,
+    force: bool = False,
+    draws: Draws | None = None,
+    convergence: Convergence | None = None,
+) -> None:
+    """Writes a model as netCDF, complete or not at all.
+
+    Args:
+        model: What to write.
+        path: The file.
+        force: Whether an existing file may be replaced.
+        draws: From the posterior, to go with it.
+        convergence: How the fit ended, likewise.
+
+    Raises:
+        InputError: The file cannot be written, or exists and `force` is not set, or files hold no such model.
+    """
+    groups = model.groups()
+    if draws is not None:
+        posterior = {name: (("chain", "draw", *model.dims[name]), values) for name, values in draws.parameters.items()}
+        numbers = dict(zip(("chain", "draw"), map(np.arange, draws.log_likelihood.shape[:2]), strict=True))
+        groups["posterior"] = xr.Dataset(posterior, model.grid.coords() | numbers)
+        groups["log_likelihood"] = xr.Dataset({"bins": (("chain", "draw", "tap"), draws.log_likelihood)}, numbers)
+    if convergence is not None:
+        ended = {"converged": str(convergence.converged), "fit": convergence.sentence}
+        groups["/"] = groups["/"].assign_attrs(ended)
+        stats = {name: (("step",) * np.ndim(value), value) for name, value in convergence.stats.items()}
+        groups["sample_stats"] = xr.Dataset(stats)
+    write_groups(groups, path, force)
+
+
+def load_model(path: str | Path) -> TapModel:
+    """The fitted model in a file; one whose name ends in `.json` is an exported one.
+
+    Raises:
+        InputError: The file is missing, damaged, or no fitted model.
+    """
+    if Path(path).suffix.lower() == ".json":
+        return load_exported(path)
+    attributes, data, parameters = _read(Path(path))
+    try:
+        model = _model(attributes, data, parameters)
+    except KeyError as error:
+        raise InputError(f"{path} is damaged: {error} is missing.") from error
+    except (TypeError, ValueError) as error:
+        raise InputError(f"{path} is damaged: {error}") from error
+    return model
+
+
+def _read(path: Path) -> tuple[dict[str, Any], xr.Dataset, xr.Dataset]:
+    """Attributes, constant data and parameters; draws are left on disk."""
+    if path.is_dir():
+        raise InputError(f"{path} is a directory, a file is needed.")
+    if not path.exists():
+        raise InputError(f"{path} does not exist.")
+    try:
+        with h5py.File(path, "r") as file:
+            file.visititems(lambda *_: None)  # where this fails, xarray would leave a half-open file behind
+            groups = set(file)
+        root = xr.load_dataset(path, engine="h5netcdf", decode_times=False)
+        data, parameters = (
+            xr.load_dataset(path, group=group, engine="h5netcdf", decode_times=False)
+            if group in groups
+            else xr.Dataset()
+            for group in ("constant_data", "parameters")
+        )
+    except Exception as error:  # on damaged bytes these libraries raise almost any exception
+        raise InputError(f"{path} cannot be read as netCDF; it may be truncated or of another kind.") from error
+    attributes = dict(root.attrs)
+    version = attributes.get("format")
+    if attributes.get("kind") == "histogram" and version == _FIRST_FORMAT:
+        return attributes, root, parameters
+    if attributes.get("kind") not in {"histogram", *DIMS} or version != FORMAT:
+        raise InputError(f"{path} is netCDF but no fitted model of format {FORMAT} or {_FIRST_FORMAT}.")
+    return attributes, data, parameters
+
+
+def _model(attributes: dict[str, Any], data: xr.Dataset, parameters: xr.Dataset) -> TapModel:
+    grid = ClassGrid.from_dict(json.loads(attributes["grid"]))
+    common: dict[str, Any] = {
+        "grid": grid,
+        "edges": data["edges"].values,
+        "power": parse_power(attributes["power"]),
+        "saturation": float(attributes.get("saturation", np.inf)),
+        "preprocessing": Preprocessing.from_json(attributes["preprocessing"]),
+        "left_out": tuple(json.loads(attributes["left_out"])),
+        "trained_on": str(attributes["trained_on"]),
+        "version": attributes["version"],
+        "novelty": _novelty(data),
+        "training": data["training"].values if "training" in data else np.empty(0, np.uint64),
+        "states": _states(data),
+    }
+    if attributes["kind"] == "histogram":
+        model = HistogramModel(counts=data["counts"].values, pseudocount=float(attributes["pseudocount"]), **common)
+        _check_counts(model)
+    else:
+        model = _parametric(attributes["kind"], data, parameters, common)
+    if not (np.diff(model.edges) > 0).all():
+        raise ValueError("its edges do not increase.")
+    return model
+
+
+def _check_counts(model: HistogramModel) -> None:
+    shape = model.counts.shape
+    fits = len(shape) == 4 and model.edges.shape in ((shape[3] + 1,), (shape[2], shape[3] + 1))
+    if not fits or shape[:2] != model.grid.shape:
+        raise ValueError(f"its counts have shape {shape}, its edges {model.edges.shape}.")
+    if (model.counts < 0).any():
+        raise ValueError("its counts are below 0.")
+
+
+def _parametric(kind: str, data: xr.Dataset, parameters: xr.Dataset, common: dict[str, Any]) -> ParametricModel:
+    if kind not in DIMS:
+        raise ValueError(f"there is no model {kind!r}.")
+    grid: ClassGrid = common["grid"]
+    values = {name: parameters[name].transpose(*dims).values for name, dims in DIMS[kind].items()}
+    model = ParametricModel(
+        story=kind,
+        scaling=Scaling(data["centre"].values, data["unit"].values),
+        basis=data["basis"].values if "basis" in data else np.zeros((0, 0, 0)),
+        parameters=values,
+        covered=data["covered"].values.astype(bool),
+        **common,
+    )
+    _check_parameters(model)
+    if model.covered.shape != grid.shape or model.edges.shape[:-1] not in ((), (model.K,)):
+        raise ValueError(f"its covered classes have shape {model.covered.shape}, its edges {model.edges.shape}.")
+    return model
+
+
+def _check_parameters(model: ParametricModel) -> None:
+    grid, J, K = model.grid, model.preprocessing.samples, model.K
+    _check_array("centre", model.scaling.centre, (K,))
+    _check_array("unit", model.scaling.unit, (K,))
+    sizes = {"where": grid.L, "what": grid.M, "taxel": K, "from_taxel": K, "other_taxel": K, "sample": J}
+    sizes |= {"other_sample": J, "once": 1, "basis": model.basis.shape[2]}
+    for name, dims in DIMS[model.story].items():
+        _check_array(name, model.parameters[name], tuple(sizes[dim] for dim in dims))
+    if model.story == "smooth":
+        _check_array("basis", model.basis, (len(model.basis), grid.L, model.basis.shape[2]))
+    positive = {"unit": model.scaling.unit} | {n: v for n, v in model.parameters.items() if n in _POSITIVE}
+    for name, values in positive.items():
+        if not (values > 0).all():
+            raise ValueError(f"its {name} is not above 0 everywhere.")
+    for name in _COVARIANCES & set(model.parameters):
+        if (np.linalg.eigvalsh(model.parameters[name]) <= 0).any():
+            raise ValueError(f"its {name} is no covariance.")
+
+
+def _check_array(name: str, values: NDArray[np.float64], shape: tuple[int, ...]) -> None:
+    if values.shape != shape or not np.isfinite(values).all():
+        raise ValueError(f"its {name} has shape {values.shape} or is not finite; it should have shape {shape}.")
+
+
+def _states(data: xr.Dataset) -> States:
+    if "state_gain" not in data:
+        return ONE_STATE
+    states = States(data["state_gain"].values, data["state_offset"].values, data["state_log_prior"].values)
+    if not states.gain.shape == states.offset.shape == states.log_prior.shape or states.gain.ndim != 1:
+        raise ValueError("its states have no gain, offset and probability each.")
+    if not all(np.isfinite(values).all() and len(values) for values in states) or (states.gain <= 0).any():
+        raise ValueError("its states are not finite or have a gain that is not above 0.")
+    if abs(np.logaddexp.reduce(states.log_prior)) > _ROUNDING:
+        raise ValueError("its states have probabilities that do not sum to 1.")
+    return states
+
+
+def _novelty(data: xr.Dataset) -> NoveltyScores | None:
+    """The scores in a model's file; files of older versions have none, or none with a reference of their own."""
+    if "novelty_reference" not in data:
+        return None
+    names = ("novelty_reference", "novelty_edges", "novelty_misfit", "novelty_cell")
+    reference, edges, misfit, cell = (data[name].values for name in names)
+    scores = NoveltyScores(reference, edges, misfit, cell.astype(np.intp))
+    cells = data.sizes["where"] * data.sizes["what"]
+    finite = np.isfinite(scores.misfit).all() and (scores.misfit >= 0).all() and np.isfinite(scores.edges).all()
+    if not finite or ((scores.cell < 0) | (scores.cell >= cells)).any():
+        raise ValueError("its novelty scores are not finite or belong to no class.")
+    if (scores.reference < 0).any() or not (np.diff(scores.edges) > 0).all():
+        raise ValueError("its novelty scores have a reference below 0 or edges that do not increase.")
+    return scores

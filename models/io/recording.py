@@ -1,0 +1,129 @@
+"""What a file holds before it becomes a `TapSet`: samples, and labels for each of their rows.
+
+Every reader (`io.npz`, `io.mat`, `io.csv`) returns a `Recording`. Its rows are taps where the file holds
+cut taps, and frames where it holds continuous streams; the labels have the same meaning in both.
+"""
+
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any, Self
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ..errors import InputError
+from ..preprocessing import Preprocessing
+from ..taps import TapSet
+
+
+@dataclass(frozen=True, eq=False)
+class Labels:
+    """Labels of `n` rows and the tables they point into; the names are those of `TapSet.from_arrays`.
+
+    Attributes:
+        what: Object of each row as an index into `what_name`, shape (n,).
+        where: Position of each row, shape (n,).
+        session: Recording session of each row, shape (n,).
+        trial: Number of each row as recorded, shape (n,), or `None` for the order of the rows.
+        what_name: Names of the objects.
+        extra: Further arrays of shape (n,) or (n, K).
+        tables: Whatever else `TapSet.from_arrays` takes that has no row axis: `where_value`, `where_edges`,
+            `where_unit`, `what_value`, `what_unit`, `taxel_position`, `units`, `sensor`, `source`, `licence`.
+    """
+
+    what: NDArray[np.int64]
+    where: NDArray[np.float64]
+    session: NDArray[np.int64]
+    trial: NDArray[np.int64] | None
+    what_name: tuple[str, ...]
+    extra: Mapping[str, NDArray[Any]] = field(default_factory=dict)
+    tables: Mapping[str, Any] = field(default_factory=dict)
+
+    def take(self, rows: ArrayLike) -> Self:
+        """The labels of these rows, tables unchanged."""
+        rows = np.asarray(rows, dtype=np.intp)
+        return replace(
+            self,
+            what=self.what[rows],
+            where=self.where[rows],
+            session=self.session[rows],
+            trial=None if self.trial is None else self.trial[rows],
+            extra={name: values[rows] for name, values in self.extra.items()},
+        )
+
+    def tapset(self, taps: NDArray[np.floating], preprocessing: Preprocessing) -> TapSet:
+        """The labelled taps, `taps` of shape (n, J, K)."""
+        return TapSet.from_arrays(
+            taps,
+            self.what,
+            self.what_name,
+            preprocessing=preprocessing,
+            where=self.where,
+            session=self.session,
+            trial=self.trial,
+            extra=self.extra,
+            **self.tables,
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class Recording:
+    """The content of a file.
+
+    Attributes:
+        samples: Cut taps, shape (N, J, K), or frames of continuous streams, shape (S, K).
+        labels: Labels of the `N` taps or `S` frames.
+        rate_hz: Sampling rate in hertz, `None` where the file does not tell.
+        file: For streams, the number of the file that each frame comes from, shape (S,).
+        left_out: Arrays that could not be kept, each with its shape, for the message to the user.
+    """
+
+    samples: NDArray[np.floating]
+    labels: Labels
+    rate_hz: float | None = None
+    file: NDArray[np.int64] | None = None
+    left_out: tuple[str, ...] = ()
+
+    @property
+    def is_stream(self) -> bool:
+        """Whether the rows are frames that still have to be cut into taps."""
+        return self.samples.ndim == 2
+
+    def tapset(self) -> TapSet:
+        """The cut taps as they are.
+
+        Raises:
+            InputError: The rows are frames of streams, or as `TapSet`.
+        """
+        if self.is_stream:
+            raise InputError("this holds continuous streams; solidtouch convert --segment cuts them into taps.")
+        record = Preprocessing(samples=self.samples.shape[1], rate_hz=self.rate_hz)
+        return self.labels.tapset(self.samples, record)
+
+
+@contextmanager
+def naming(path: str | Path) -> Iterator[None]:
+    """Puts the file's name in front of the `InputError` sentences raised inside the block."""
+    try:
+        yield
+    except InputError as error:
+        raise InputError(f"{path}: {error}") from error
+
+
+def as_samples(name: str, values: NDArray[Any]) -> NDArray[np.floating]:
+    """The samples as float32 or float64, as stored; whole numbers become float64.
+
+    Raises:
+        InputError: They are no real numbers, or one of them is NaN or infinite.
+    """
+    if values.dtype.kind not in "fiub":
+        raise InputError(f"the array {name} must hold real numbers, got {values.dtype}.")
+    if values.dtype not in (np.float32, np.float64):
+        values = values.astype(np.float32 if values.dtype == np.float16 else np.float64)
+    bad = np.argwhere(~np.isfinite(values))
+    if len(bad):
+        place = ", ".join(str(int(i)) for i in bad[0])
+        raise InputError(f"{name}[{place}] is {values[tuple(bad[0])]}; NaN and infinite values are not accepted.")
+    return values

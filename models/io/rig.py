@@ -1,0 +1,188 @@
+"""Recordings of the rig to a `TapSet`, by the same `TapCutter` that cuts them at the rig."""
+
+from collections.abc import Iterator
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import msgspec
+import numpy as np
+from numpy.typing import NDArray
+
+from ..errors import InputError
+from ..preprocessing import Preprocessing, TapCutter
+from ..taps import TapSet
+from .recording import naming
+from .rig_reader import Entry, RecordingReader
+from .rig_recording import About, Event, Frame, Press, Tap, TapLabel
+
+
+class RecordedTap(NamedTuple):
+    """An accepted tap that has a label.
+
+    Attributes:
+        label: What it is called.
+        samples: Its samples, shape (J, K).
+    """
+
+    label: TapLabel
+    samples: NDArray[np.float64]
+
+
+class RigTaps(NamedTuple):
+    """The taps of a file, and what could not be had.
+
+    Attributes:
+        about: What was recorded.
+        taps: The accepted taps.
+        lost: What was lost as a phrase, empty where nothing was.
+        began_ns: When the recording began, in nanoseconds since 1970.
+    """
+
+    about: About
+    taps: list[RecordedTap]
+    lost: str
+    began_ns: int
+
+
+class _Replay:
+    """Cuts the frames of a recording as the rig did, or not at all.
+
+    Behind damage the cutter starts anew; the state of a high-pass is gone then, and with it the taps up to the next
+    stream.
+
+    Args:
+        preprocessing: How taps are prepared.
+    """
+
+    def __init__(self, preprocessing: Preprocessing) -> None:
+        self._preprocessing = preprocessing
+        self._spoiled = False
+        self._restart()
+
+    def take(self, entry: Entry) -> RecordedTap | None:
+        """The tap that a message accepts."""
+        match entry.content:
+            case _ if not entry.intact:
+                self._spoiled = self._preprocessing.highpass_hz > 0
+                self._restart()
+            case Event(kind="stream"):
+                self._spoiled = False
+                self._restart()
+            case Frame(values=values):
+                self._frames.append(values)
+            case Press(label=label):
+                self._push()
+                self._cutter.press()
+                self._label, self._samples = label, None
+            case Tap(accepted=accepted):
+                self._push()
+                label, self._label = self._label, {}
+                if accepted and self._samples is not None and not self._spoiled:
+                    return _labelled(label, self._samples)
+        return None
+
+    def _restart(self) -> None:
+        self._cutter = TapCutter(self._preprocessing)
+        self._frames: list[list[float]] = []
+        self._label: dict[str, Any] = {}
+        self._samples: NDArray[np.float64] | None = None
+
+    def _push(self) -> None:
+        frames, self._frames = self._frames, []
+        if not frames:
+            return
+        try:
+            for cut in self._cutter.push(frames):
+                self._samples = cut.samples
+        except ValueError:  # damage changed the length of a frame, and the checksum will tell
+            self._restart()
+
+
+def _labelled(label: dict[str, Any], samples: NDArray[np.float64]) -> RecordedTap | None:
+    try:
+        return RecordedTap(msgspec.convert(label, TapLabel), samples)
+    except msgspec.ValidationError:
+        return None
+
+
+def read_rig(path: str | Path) -> RigTaps:
+    """The accepted taps of a recording that have a label, in order; a tap in progress at the end is left out.
+
+    Raises:
+        InputError: The file cannot be read, or says not what was recorded.
+    """
+    reader = RecordingReader(path)
+    with naming(path):
+        entries = iter(reader)
+        first = next(entries, None)
+        if first is None or not isinstance(first.content, About):
+            raise InputError("the file does not begin with what was recorded, so it is no recording of the rig.")
+        taps = list(_taps(entries, Preprocessing.from_json(first.content.preprocessing)))
+    return RigTaps(first.content, taps, reader.lost(), first.log_time_ns)
+
+
+def _taps(entries: Iterator[Entry], preprocessing: Preprocessing) -> Iterator[RecordedTap]:
+    replay = _Replay(preprocessing)
+    for entry in entries:
+        if (tap := replay.take(entry)) is not None:
+            yield tap
+
+
+def taps_from_recording(path: str | Path) -> TapSet:
+    """The labelled taps of a recording.
+
+    Raises:
+        InputError: The file cannot be read, is no recording of the rig, or holds no accepted tap with a label.
+    """
+    return tapset(read_rig(path), path)
+
+
+def tapset(recorded: RigTaps, path: str | Path) -> TapSet:
+    """The labelled taps of a recording that was read.
+
+    Raises:
+        InputError: There are none, or a label points outside its table.
+    """
+    with naming(path):
+        if not recorded.taps:
+            lost = f"; {recorded.lost}" if recorded.lost else ""
+            raise InputError(f"the recording holds no accepted tap with a label{lost}.")
+        return _labelled_set(recorded)
+
+
+def _labelled_set(recorded: RigTaps) -> TapSet:
+    about, taps = recorded.about, recorded.taps
+    edges = np.asarray(about.where_edges_mm, dtype=np.float64)
+    sizes = {tap.samples.shape[1] for tap in taps}
+    if len(sizes) > 1:
+        raise InputError(f"taps of {max(sizes)} and of {min(sizes)} taxels are mixed.")
+    (K,) = sizes
+    positions = about.taxel_position_mm
+    if len(positions) % K:
+        raise InputError(f"the file gives {len(positions)} coordinates of taxels for frames of {K} taxels.")
+    labels = [tap.label for tap in taps]
+    return TapSet.from_arrays(
+        np.stack([tap.samples for tap in taps]),
+        np.array([label.what for label in labels]),
+        about.objects,
+        preprocessing=Preprocessing.from_json(about.preprocessing),
+        where=np.array([label.where_mm for label in labels]),
+        where_value=(edges[:-1] + edges[1:]) / 2,
+        where_edges=edges,
+        where_unit="mm",
+        what_value=about.sizes_mm or None,
+        what_unit="mm" if about.sizes_mm else "",
+        session=np.array([label.session for label in labels]),
+        trial=np.array([label.trial for label in labels]),
+        taxel_position=np.reshape(positions, (K, -1)) if positions else None,
+        units="counts",
+        sensor=about.sensor,
+        source=_source(recorded),
+    )
+
+
+def _source(recorded: RigTaps) -> str:
+    began = datetime.fromtimestamp(recorded.began_ns / 1e9, tz=UTC)
+    lost = f"; {recorded.lost}" if recorded.lost else ""
+    return f"recorded on {recorded.about.name}, {began:%Y-%m-%d %H:%M:%S} UTC{lost}"

@@ -1,0 +1,106 @@
+"""Draws from the posterior of a fitted model, and what they say of the training taps: the input of ArviZ.
+
+The parameters of one draw after the other become a form, so that memory holds the draws in single precision and little
+else. Every draw has random numbers of its own, so it does not matter which of them are made at the same time.
+"""
+
+from collections.abc import Callable, Iterator
+from functools import partial
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..errors import InputError
+from ..io.model_file import Draws
+from ..seeds import Purpose, generator
+from ..taps import TapSet
+from ..threads import cores, in_order, one_blas_thread
+from .catalogue import Fitted
+from .histogram import HistogramModel
+from .likelihood.forms import Form, TableForm
+from .likelihood.shapes import Parameters
+from .model import TapModel
+from .parametric import FORMS, ParametricModel
+from .true_class import OwnTaps
+
+CHAINS = 4
+
+
+def posterior_draws(
+    fitted: Fitted,
+    taps: TapSet,
+    chains: int,
+    draws: int,
+    seed: int,
+    progress: Callable[[int], None] | None = None,
+) -> Draws:
+    """Draws of the parameters and the log probability of every training tap under its own class at power 1.
+
+    In a model with states a tap has the mean of its probabilities over the states before it.
+
+    Args:
+        fitted: The model and its posterior.
+        taps: Training taps; those outside its classes are left out.
+        chains: How many chains to sort the draws into; all draws are independent.
+        draws: Of each chain.
+        seed: Of the draws.
+        progress: Told how many draws more are done.
+
+    Raises:
+        InputError: The model has no posterior, or less than one draw is asked for.
+    """
+    model = fitted.model
+    if fitted.posterior is None:
+        raise InputError(
+            f"A {model.name} model without a pseudocount has no posterior to draw from: its prior is improper."
+        )
+    if min(chains, draws) < 1:
+        raise InputError(f"At least one draw and one chain are needed, got {draws} and {chains}.")
+    used = model.usable(taps)
+    kept: dict[str, NDArray[np.float32]] = {}
+    log_likelihood = np.empty((chains, draws, len(used)), dtype=np.float32)
+    for number, (parameters, values) in enumerate(drawn(fitted, used, chains * draws, seed)):
+        place = divmod(number, draws)
+        for name in model.dims:
+            if name not in kept:
+                kept[name] = np.empty((chains, draws, *parameters[name].shape), dtype=np.float32)
+            kept[name][place] = parameters[name]
+        log_likelihood[place] = values
+        if progress is not None:
+            progress(1)
+    return Draws(kept, log_likelihood)
+
+
+def drawn(fitted: Fitted, taps: TapSet, draws: int, seed: int) -> Iterator[tuple[Parameters, NDArray[np.float64]]]:
+    """Draws of the parameters, each with the log probability of every tap under its own class, shape (N,).
+
+    Args:
+        fitted: The model and its posterior, which must be there.
+        taps: Of classes that it knows.
+        draws: How many.
+        seed: Of the draws.
+    """
+    model, posterior = fitted.model, fitted.posterior
+    if posterior is None:
+        raise ValueError(f"{model.name} has no posterior to draw from.")
+    own = OwnTaps(taps.taps, taps.indices(model.grid), model.edges, model.states)
+
+    def draw(number: int) -> tuple[Parameters, NDArray[np.float64]]:
+        parameters = posterior.draw(generator(seed, Purpose.PARAMETERS, number))
+        return parameters, own.log_probability(form_of(model, parameters))
+
+    with one_blas_thread():
+        yield from in_order((partial(draw, number) for number in range(draws)), _threads(model))
+
+
+def _threads(model: TapModel) -> int:
+    return 1 if model.kind == "student" else cores(None)  # JAX has threads of its own
+
+
+def form_of(model: TapModel, parameters: Parameters) -> Form:
+    """The form of a model with other parameters, in the state of gain 1 and offset 0."""
+    if isinstance(model, ParametricModel):
+        return FORMS[model.story](parameters, model.frame)
+    if isinstance(model, HistogramModel):
+        return TableForm(parameters["log_prob"])
+    raise TypeError(f"A model of type {type(model).__name__} has no draws.")

@@ -1,0 +1,66 @@
+"""Which training taps can carry which model."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...errors import InputError
+from .priors import Taps
+
+FEWEST_PLACES = 3
+
+
+def check_cells(name: str, taps: Taps) -> None:
+    """For models without times: samples of a class must differ somehow.
+
+    Raises:
+        InputError: There is one sample per tap, and on average less than two taps per class.
+    """
+    if taps.samples.shape[1] == 1:
+        _check_repeats(f"{name} with one sample per tap", taps)
+
+
+def check_times(name: str, taps: Taps) -> None:
+    """For models with a profile in time.
+
+    Raises:
+        InputError: There is one sample per tap, or on average less than two taps per class.
+    """
+    if taps.samples.shape[1] == 1:
+        raise InputError(f"{name} needs more than one sample per tap; gaussian and profile-mvn do with one.")
+    _check_repeats(name, taps)
+
+
+def check_taxels(name: str, taps: Taps) -> None:
+    """For models that correlate taxels.
+
+    Raises:
+        InputError: There is one taxel, or on average less than two taps per class.
+    """
+    if taps.samples.shape[2] == 1:
+        raise InputError(f"{name} needs more than one taxel to correlate.")
+    _check_repeats(name, taps)
+
+
+def check_places(name: str, taps: Taps, place: NDArray[np.float64]) -> None:
+    """For models of curves over position.
+
+    Raises:
+        InputError: There are less than three positions, or on average less than two taps per class.
+    """
+    places = len(np.unique(place))
+    if places < FEWEST_PLACES:
+        raise InputError(
+            f"{name} needs {FEWEST_PLACES} positions or more to draw curves through, and there "
+            f"{'is' if places == 1 else 'are'} {places}."
+        )
+    _check_repeats(name, taps)
+
+
+def _check_repeats(name: str, taps: Taps) -> None:
+    _, M = taps.shape
+    classes = len(np.unique(taps.where * M + taps.what))
+    if len(taps.where) < 2 * classes:
+        raise InputError(
+            f"{name} needs two taps per class or more, to see how taps of one class differ, and there are "
+            f"{len(taps.where)} for {classes} classes."
+        )

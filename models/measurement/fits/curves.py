@@ -1,0 +1,221 @@
+"""Posterior of `smooth`: mean curves over position as Gaussian processes on a basis of sines.
+
+The kernel is squared exponential; on an interval it is well approximated by sines whose weights are independent with
+variances from its spectral density (Solin and Sarkka, Statistics and Computing 30 (2020) 419). Weights and variances
+have a factorised posterior found by coordinate ascent; the length scale is the one of a grid with the largest lower
+bound of the evidence, and the amplitude of each taxel maximises that bound.
+"""
+
+from typing import NamedTuple, Self
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import gammaln
+
+from ..scaling import sum_by
+from .cells import estimated_prior
+from .convergence import Convergence, ascent
+from .priors import CellPrior, Taps
+
+LENGTHS = tuple(np.geomspace(0.11, 1.6, 8))
+"""Length scales to choose from, in units of half the range of positions."""
+_MOST = 24  # basis functions; enough for the shortest length scale
+_BORDER = 1.5  # half width of the interval of the sines, in the same unit
+_ROUNDS, _STILL = 300, 1e-3  # rounds at most, and the relative change at which they end
+_FEW_ROUNDS = 12  # enough to choose a length scale by
+_TIMES = 10  # of a tap, enough to choose a length scale by
+
+
+class Basis(NamedTuple):
+    """Sines over position.
+
+    Attributes:
+        centre: Middle of the positions.
+        half: Half of their range.
+        size: How many, D.
+    """
+
+    centre: float
+    half: float
+    size: int
+
+    @classmethod
+    def of(cls, place: NDArray[np.float64]) -> Self:
+        """That of the positions of training taps."""
+        distinct = np.unique(place)
+        half = 0.5 * float(distinct[-1] - distinct[0])
+        return cls(float(distinct[0]) + half, half, min(_MOST, 2 * len(distinct) + 4))
+
+    def at(self, place: NDArray[np.float64]) -> NDArray[np.float64]:
+        """The functions at positions (...), shape (..., D)."""
+        x = (np.asarray(place)[..., None] - self.centre) / self.half
+        return np.sin(self.frequency * (x + _BORDER)) / np.sqrt(_BORDER)
+
+    @property
+    def frequency(self) -> NDArray[np.float64]:
+        """Angular frequencies, shape (D,)."""
+        return np.arange(1.0, self.size + 1.0) * (np.pi / (2 * _BORDER))
+
+    def density(self, length: float) -> NDArray[np.float64]:
+        """Variances of the weights for amplitude 1, shape (D,)."""
+        return np.sqrt(2 * np.pi) * length * np.exp(-0.5 * (length * self.frequency) ** 2) + 1e-12
+
+
+class CurvePosterior(NamedTuple):
+    """Factorised posterior of weights and variances.
+
+    Attributes:
+        basis: The functions.
+        weight: Expected weights, shape (M, J, K, D).
+        root: Cholesky factors of their covariances, shape (M, J, K, D, D).
+        a: Shape of the variances, shape (L, M, 1, 1).
+        b: Their rate, shape (L, M, J, K).
+        prior: Of the variances.
+        width: Prior standard deviation of the weights, shape (D, K).
+        length: Length scale in units of the positions.
+        rounds: How many rounds it took.
+        change: Largest relative change of an expected variance in the last one.
+    """
+
+    basis: Basis
+    weight: NDArray[np.float64]
+    root: NDArray[np.float64]
+    a: NDArray[np.float64]
+    b: NDArray[np.float64]
+    prior: CellPrior
+    width: NDArray[np.float64]
+    length: float
+    rounds: int
+    change: float
+
+    def point(self) -> dict[str, NDArray[np.float64]]:
+        """Expected weights and variances."""
+        return {"weight": self.weight, "variance": self.b / np.maximum(self.a - 1, 0.5 * self.a)}
+
+    def convergence(self) -> Convergence:
+        """Whether the last round changed anything."""
+        return ascent(self.rounds, self.change, _STILL)
+
+    def draw(self, generator: np.random.Generator) -> dict[str, NDArray[np.float64]]:
+        """Parameters from the posterior."""
+        noise = generator.standard_normal(self.weight.shape)
+        weight = self.weight + (self.root @ noise[..., None])[..., 0]
+        return {"weight": weight, "variance": self.b / generator.standard_gamma(np.broadcast_to(self.a, self.b.shape))}
+
+
+class _Sums(NamedTuple):
+    """Sums over the taps of each class; n taps, Gram matrices (L, M, D, D), products (L, M, D, J, K), squares."""
+
+    taps: NDArray[np.float64]
+    gram: NDArray[np.float64]
+    product: NDArray[np.float64]
+    square: NDArray[np.float64]
+
+    def at_times(self, times: slice) -> Self:
+        """Those of some of the times."""
+        return self._replace(product=self.product[..., times, :], square=self.square[..., times, :])
+
+
+def fit_smooth(taps: Taps, place: NDArray[np.float64]) -> CurvePosterior:
+    """Factorised posterior of `stories.smooth`.
+
+    Args:
+        taps: Scaled training taps.
+        place: Position of each, shape (N,), three different ones or more.
+    """
+    basis = Basis.of(place)
+    sums = _sums(taps, basis.at(place))
+    few = sums.at_times(slice(None, None, -(-taps.samples.shape[1] // _TIMES)))
+    bounds = [_ascend(few, basis, length, _FEW_ROUNDS)[0] for length in LENGTHS]
+    return _ascend(sums, basis, LENGTHS[int(np.argmax(bounds))], _ROUNDS)[1]
+
+
+def _sums(taps: Taps, basis: NDArray[np.float64]) -> _Sums:
+    (L, M), (_, J, K), D = taps.shape, taps.samples.shape, basis.shape[1]
+    own = taps.where * M + taps.what
+    gram = sum_by(own, basis[:, :, None] * basis[:, None, :], L * M)
+    square = sum_by(own, taps.samples**2, L * M)
+    product = np.zeros((L * M, D, J * K))
+    for c in np.unique(own):
+        product[c] = basis[own == c].T @ taps.samples[own == c].reshape(-1, J * K)
+    count = np.bincount(own, minlength=L * M).astype(np.float64)
+    return _Sums(
+        count.reshape(L, M), gram.reshape(L, M, D, D), product.reshape(L, M, D, J, K), square.reshape(L, M, J, K)
+    )
+
+
+def _ascend(sums: _Sums, basis: Basis, length: float, most: int) -> tuple[float, CurvePosterior]:
+    """The lower bound of the log evidence, and the posterior at one length scale after `most` rounds or less."""
+    K = sums.square.shape[-1]
+    taps, density = sums.taps[..., None, None], basis.density(length)
+    used = np.maximum(sums.taps, 1)[..., None, None]
+    square = np.where(taps > 0, sums.square / used, 1.0) * 0.1 * taps
+    amplitude = np.ones(K)
+    prior = estimated_prior(taps, square)
+    a, b = prior.a + 0.5 * taps, prior.b + 0.5 * square
+    rounds, change = 0, np.inf
+    weight, root = np.empty(0), np.empty(0)
+    while change > _STILL and rounds < most:
+        before = a / b
+        variance = amplitude[None] ** 2 * density[:, None]
+        weight, root = _weights(sums, a / b, variance)
+        spread = (root**2).sum(axis=-1)
+        amplitude = np.sqrt(((weight**2 + spread) / density).mean(axis=(0, 1, 3)))
+        square = _expected_squares(sums, weight, root)
+        if rounds < 5:  # then it has settled, and the bound is that of one prior
+            prior = estimated_prior(taps, square)
+        a, b = prior.a + 0.5 * taps, prior.b + 0.5 * square
+        change, rounds = float(np.abs(a / b / before - 1).max()), rounds + 1
+    variance = amplitude[None] ** 2 * density[:, None]
+    bound = _bound(sums, weight, root, variance, prior, a, b)
+    width = np.sqrt(variance)
+    return bound, CurvePosterior(basis, weight, root, a, b, prior, width, length * basis.half, rounds, change)
+
+
+def _weights(
+    sums: _Sums, precision: NDArray[np.float64], variance: NDArray[np.float64]
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Expected weights (M, J, K, D) and Cholesky factors of their covariances, given noise precisions (L, M, J, K)."""
+    _, M, J, K = precision.shape
+    D = len(variance)
+    weight, root = np.empty((M, J, K, D)), np.empty((M, J, K, D, D))
+    for m in range(M):
+        flat = precision[:, m].reshape(-1, J * K)
+        information = (flat.T @ sums.gram[:, m].reshape(len(flat), D * D)).reshape(J, K, D, D)
+        information[..., np.arange(D), np.arange(D)] += 1 / variance.T
+        target = np.einsum("ljk,ldjk->jkd", precision[:, m], sums.product[:, m], optimize=True)
+        inverse_root = np.linalg.inv(np.linalg.cholesky(information))
+        root[m] = inverse_root.swapaxes(-1, -2)
+        weight[m] = (root[m] @ (inverse_root @ target[..., None]))[..., 0]
+    return weight, root
+
+
+def _expected_squares(sums: _Sums, weight: NDArray[np.float64], root: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Expected sums of squared residuals, shape (L, M, J, K)."""
+    L, M, J, K = sums.square.shape
+    D = weight.shape[-1]
+    square = np.empty_like(sums.square)
+    for m in range(M):
+        second = root[m] @ root[m].swapaxes(-1, -2) + weight[m][..., :, None] * weight[m][..., None, :]
+        quadratic = (sums.gram[:, m].reshape(L, D * D) @ second.reshape(J * K, D * D).T).reshape(L, J, K)
+        linear = np.einsum("ldjk,jkd->ljk", sums.product[:, m], weight[m], optimize=True)
+        square[:, m] = sums.square[:, m] - 2 * linear + quadratic
+    return np.maximum(square, 0.0)
+
+
+def _bound(
+    sums: _Sums,
+    weight: NDArray[np.float64],
+    root: NDArray[np.float64],
+    variance: NDArray[np.float64],
+    prior: CellPrior,
+    a: NDArray[np.float64],
+    b: NDArray[np.float64],
+) -> float:
+    """Lower bound of the log evidence up to a constant."""
+    noise = prior.a * np.log(prior.b) - gammaln(prior.a) + gammaln(a) - a * np.log(b)
+    noise = np.where(sums.taps[..., None, None] > 0, noise, 0.0)
+    second = weight**2 + (root**2).sum(axis=-1)
+    log_root = np.log(np.abs(np.diagonal(root, axis1=-2, axis2=-1))).sum()
+    curves = log_root - 0.5 * (second / variance.T).sum() - 0.5 * np.log(variance).sum() * weight[..., 0, 0].size
+    return float(noise.sum() + curves)

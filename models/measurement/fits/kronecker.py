@@ -1,0 +1,178 @@
+"""Posterior of `matrix-normal`, by coordinate ascent on a factorised posterior.
+
+Given the covariance across taxels that in time has a Wishart posterior of its precision, and the other way round; each
+is updated with what is expected of the other until nothing changes ("flip-flop"; Dutilleul, Journal of Statistical
+Computation and Simulation 64 (1999) 105, in its variational form, Bishop ch. 10). The Wishart distribution that holds
+the taxel precisions of all classes is the one under which these are most probable.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import solve_triangular
+from scipy.optimize import minimize_scalar
+from scipy.special import multigammaln, psi  # pyright: ignore[reportAttributeAccessIssue] - missing in the stubs
+
+from ..scaling import Moments, sum_by
+from .convergence import Convergence, ascent
+from .priors import KroneckerPrior, Taps
+
+_ROUNDS, _STILL = 200, 1e-5  # rounds at most, and the change at which they end
+_SETTLING = 10  # rounds after which the prior stays as it is
+_MOST_FREEDOM = 1e4  # of the distribution that the taxel precisions of all classes come from
+
+
+class KroneckerPosterior(NamedTuple):
+    """Wishart posteriors of both precisions.
+
+    Attributes:
+        time_freedom: Degrees of freedom in time.
+        time_scale: Inverse of the Wishart's scale, expected sum of squares in time, shape (J, J).
+        taxel_freedom: Degrees of freedom across taxels, shape (L, M).
+        taxel_scale: Expected sums of squares across taxels, shape (L, M, K, K).
+        level: Expected means, shape (L, M, J, K).
+        strength: Taps that they are worth, shape (L, M).
+        prior: Of precisions and means.
+        rounds: How many rounds it took.
+        change: Largest change of the covariance in time in the last one, relative to its variances.
+    """
+
+    time_freedom: float
+    time_scale: NDArray[np.float64]
+    taxel_freedom: NDArray[np.float64]
+    taxel_scale: NDArray[np.float64]
+    level: NDArray[np.float64]
+    strength: NDArray[np.float64]
+    prior: KroneckerPrior
+    rounds: int
+    change: float
+
+    def point(self) -> dict[str, NDArray[np.float64]]:
+        """Expected means, and covariances with the expected precisions, the one in time scaled to trace J."""
+        time = self.time_scale / self.time_freedom
+        unit = np.trace(time) / len(time)
+        taxel = self.taxel_scale / self.taxel_freedom[..., None, None]
+        return {"level": self.level, "time_covariance": time / unit, "taxel_covariance": taxel * unit}
+
+    def convergence(self) -> Convergence:
+        """Whether the last round changed anything."""
+        return ascent(self.rounds, self.change, _STILL)
+
+    def draw(self, generator: np.random.Generator) -> dict[str, NDArray[np.float64]]:
+        """Parameters from the posterior, scaled likewise."""
+        time = _inverse_wishart(self.time_scale, np.asarray(self.time_freedom), generator)
+        taxel = _inverse_wishart(self.taxel_scale, self.taxel_freedom, generator)
+        rows, columns = np.linalg.cholesky(time), np.linalg.cholesky(taxel)
+        noise = rows @ generator.standard_normal(self.level.shape) @ columns.swapaxes(-1, -2)
+        level = self.level + noise / np.sqrt(np.maximum(self.strength, 1.0))[..., None, None]
+        unit = np.trace(time) / len(time)
+        return {"level": level, "time_covariance": time / unit, "taxel_covariance": taxel * unit}
+
+
+def weak_prior(J: int, K: int) -> KroneckerPrior:
+    """A prior that expects independent samples of variance 1 in units of `Scaling`, and says little; flat means."""
+    return KroneckerPrior(J + 2.0, (J + 2.0) * np.eye(J), K + 2.0, (K + 2.0) * np.eye(K), 0.0)
+
+
+def fit_matrix_normal(taps: Taps, prior: KroneckerPrior | None = None) -> KroneckerPosterior:
+    """Factorised posterior of `stories.matrix_normal`; without a prior that of the taxels is estimated."""
+    moments, (L, M), (_, J, K) = Moments.of(taps), taps.shape, taps.samples.shape
+    known, own = prior, taps.where * M + taps.what
+    prior = known or weak_prior(J, K)
+    rows, group, freedom = _rows(moments, own, prior.strength)
+    time_freedom = prior.time_freedom + K * float(freedom.sum())
+    time = np.eye(J)
+    taxel_scale, taxel_freedom = np.broadcast_to(prior.taxel_scale, (L * M, K, K)), prior.taxel_freedom + J * freedom
+    time_scale, shape, change, rounds = prior.time_scale, time, np.inf, 0
+    while change > _STILL and rounds < _ROUNDS:
+        white = _whitened(time, rows)
+        squares = sum_by(group, white.swapaxes(1, 2) @ white, L * M)
+        taxel_scale, taxel_freedom = prior.taxel_scale + squares, prior.taxel_freedom + J * freedom
+        root = np.linalg.cholesky(np.linalg.inv(taxel_scale) * taxel_freedom[:, None, None])
+        mixed = (rows @ root[group]).swapaxes(0, 1).reshape(J, -1)
+        time_scale = prior.time_scale + mixed @ mixed.T
+        time = time_scale / time_freedom
+        # A factor taken from one covariance and given to the other changes next to nothing and drifts on for long.
+        before, shape = shape, time * (J / np.trace(time))
+        deviation = np.sqrt(np.diag(shape))
+        change, rounds = float(np.abs((shape - before) / np.outer(deviation, deviation)).max()), rounds + 1
+        if known is None and rounds <= _SETTLING:
+            prior = _estimated(prior, taxel_scale[freedom > 0], taxel_freedom[freedom > 0])
+    count = moments.taps
+    share = count / np.maximum(count + prior.strength, 1e-300)
+    return KroneckerPosterior(
+        time_freedom,
+        time_scale,
+        taxel_freedom.reshape(L, M),
+        taxel_scale.reshape(L, M, K, K),
+        share[..., None, None] * moments.mean,
+        count + prior.strength,
+        prior,
+        rounds,
+        change,
+    )
+
+
+def _estimated(prior: KroneckerPrior, scale: NDArray[np.float64], freedom: NDArray[np.float64]) -> KroneckerPrior:
+    """The prior under which taxel precisions with Wishart posteriors are most probable in expectation.
+
+    The weak prior counts as one class more, without which few classes would confirm themselves.
+
+    Args:
+        prior: The one before, which keeps what it says of time and means.
+        scale: Inverse scales of the posteriors, shape (C, K, K).
+        freedom: Their degrees of freedom, shape (C,).
+    """
+    K = scale.shape[-1]
+    weak = weak_prior(len(prior.time_scale), K)
+    scale, freedom = np.concatenate([scale, weak.taxel_scale[None]]), np.append(freedom, weak.taxel_freedom)
+    covariance = np.linalg.inv((np.linalg.inv(scale) * freedom[:, None, None]).mean(axis=0))
+    log_precision = psi(0.5 * (freedom[:, None] - np.arange(K))).sum(axis=1) + K * np.log(2) - _log_det(scale)
+    gap = float(log_precision.mean() + _log_det(covariance))
+
+    def loss(log_freedom: float) -> float:
+        nu = float(np.exp(log_freedom))
+        return 0.5 * nu * (K - gap - K * np.log(0.5 * nu)) + multigammaln(0.5 * nu, K)
+
+    bounds = np.log(K + 2.0), np.log(_MOST_FREEDOM)
+    nu = float(np.exp(minimize_scalar(loss, bounds=bounds, method="bounded").x))  # pyright: ignore[reportAttributeAccessIssue]
+    return prior._replace(taxel_freedom=nu, taxel_scale=nu * covariance)
+
+
+def _log_det(matrices: NDArray[np.float64]) -> NDArray[np.float64]:
+    return np.linalg.slogdet(matrices)[1]
+
+
+def _rows(
+    moments: Moments, own: NDArray[np.intp], strength: float
+) -> tuple[NDArray[np.float64], NDArray[np.intp], NDArray[np.float64]]:
+    """Matrices (n, J, K) whose squares add up to those around the expected means, their classes, and the freedom."""
+    count = moments.taps.ravel()
+    if not strength:
+        return moments.residual, own, np.maximum(count - 1, 0.0)
+    mean = moments.mean.reshape(-1, *moments.mean.shape[2:])
+    extra = np.sqrt(strength * count / (strength + count))[:, None, None] * mean
+    return np.concatenate([moments.residual, extra]), np.concatenate([own, np.arange(len(count))]), count
+
+
+def _whitened(time: NDArray[np.float64], rows: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Rows (n, J, K) times the inverse Cholesky factor of a covariance in time."""
+    n, J, K = rows.shape
+    flat = rows.swapaxes(0, 1).reshape(J, n * K)
+    white = solve_triangular(np.linalg.cholesky(time), flat, lower=True)
+    return np.ascontiguousarray(white.reshape(J, n, K).swapaxes(0, 1))
+
+
+def _inverse_wishart(
+    scale: NDArray[np.float64], freedom: NDArray[np.float64], generator: np.random.Generator
+) -> NDArray[np.float64]:
+    """Covariances (..., D, D) whose precisions are Wishart with these degrees of freedom; Bartlett's decomposition."""
+    D = scale.shape[-1]
+    factor = np.tril(generator.standard_normal(scale.shape), -1)
+    diagonal = np.sqrt(generator.chisquare(freedom[..., None] - np.arange(D)))
+    factor[..., np.arange(D), np.arange(D)] = diagonal
+    # precision = C F F' C' with C C' = inverse of the scale, so covariance = (F' C')^-1 (C F)^-1
+    root = np.linalg.cholesky(np.linalg.inv(scale)) @ factor
+    inverse = np.linalg.inv(root)
+    return inverse.swapaxes(-1, -2) @ inverse

@@ -1,0 +1,145 @@
+"""Bins, histograms and log-likelihoods of many taps as compiled loops; Eq. 1 and 2.
+
+A tap occupies few of all bins, so its histogram is kept as a list of occupied cells k B + b with their counts, and
+the product of histograms with a table takes these cells only. An impossible cell at -inf then needs no care, as it is
+never multiplied by zero.
+
+All of these functions are in this one file, see `compiled`.
+"""
+
+import numpy as np
+
+from ...compiled import compiled
+
+_COLUMNS = 128  # of a table at a time, so that they stay in cache
+
+
+@compiled
+def search(value, lower, first, last):
+    """The cell of a value by bisection from `first` to `last`; -1 for NaN."""
+    if np.isnan(value):
+        return -1
+    while last > first:
+        middle = (first + last + 1) // 2
+        if lower[middle] <= value:
+            first = middle
+        else:
+            last = middle - 1
+    return first
+
+
+@compiled
+def find(samples, low, scale, lower, upper, cells):
+    """Writes the cell k B + b of every sample: guessed as if all bins were equally wide, looked up where that is wrong.
+
+    Args:
+        samples: Shape (n, J K), the taxel running faster.
+        low: Lowest edge of each taxel, shape (K,).
+        scale: Bins per unit of each taxel, shape (K,).
+        lower: Lower edge of each cell, -inf for the first of a taxel, shape (K B,).
+        upper: Upper edge of each cell, inf for the last of a taxel, shape (K B,).
+        cells: Receives the cells, the shape of `samples`.
+
+    Returns:
+        Whether all samples are numbers; a NaN gets -1.
+    """
+    n, size = samples.shape
+    K = len(low)
+    B = len(lower) // K
+    top = float(B - 1)
+    lows, scales, firsts = np.empty(size), np.empty(size), np.empty(size, dtype=np.int64)
+    for s in range(size):
+        lows[s], scales[s], firsts[s] = low[s % K], scale[s % K], (s % K) * B
+    numbers = True
+    for i in range(n):
+        wrong = 0
+        for s in range(size):
+            value = float(samples[i, s])
+            guess = (value - lows[s]) * scales[s]
+            guess = guess if guess > 0 else 0.0
+            cell = np.int64(guess if guess < top else top) + firsts[s]
+            cells[i, s] = cell
+            wrong += 0 if (lower[cell] <= value) & (value < upper[cell]) else 1
+        if wrong:
+            for s in range(size):
+                value = float(samples[i, s])
+                if not (lower[cells[i, s]] <= value < upper[cells[i, s]]):
+                    cells[i, s] = search(value, lower, firsts[s], firsts[s] + B - 1)
+                    numbers &= cells[i, s] >= 0
+    return numbers
+
+
+@compiled
+def count(cells, held, first, cell, times):
+    """Lists the occupied cells of taps and how many samples each holds.
+
+    Args:
+        cells: Cell of each sample of n taps, shape (n, J K).
+        held: Room for the counts of all cells, zero before and after.
+        first: Receives where the list of each tap begins, shape (n + 1,) or more.
+        cell: Receives the cells, shape (n J K,) or more.
+        times: Receives the counts, shape (n J K,) or more.
+    """
+    end = 0
+    first[0] = 0
+    for i in range(len(cells)):
+        begin = end
+        for s in range(cells.shape[1]):
+            c = cells[i, s]
+            cell[end] = c  # stays only if the cell is a new one
+            end += held[c] == 0
+            held[c] += 1
+        for e in range(begin, end):
+            times[e], held[cell[e]] = held[cell[e]], 0
+        first[i + 1] = end
+
+
+@compiled
+def multiply(first, cell, times, table, factor, out):
+    """Writes `factor` times the product of histograms with a table to `out`.
+
+    Args:
+        first: Lists of n taps, with `cell` and `times` as `count` writes them.
+        cell: Occupied cells.
+        times: Their counts.
+        table: Shape (cells, C).
+        factor: A number.
+        out: Shape (n, C).
+    """
+    n, C = out.shape
+    for left in range(0, C, _COLUMNS):
+        right = min(left + _COLUMNS, C)
+        for i in range(n):
+            row = out[i, left:right]
+            row[:] = 0.0
+            e, end = first[i], first[i + 1]
+            while e + 4 <= end:  # four rows of the table at a time save three of four passes over `row`
+                t0, t1, t2, t3 = times[e], times[e + 1], times[e + 2], times[e + 3]
+                r0, r1 = table[cell[e], left:right], table[cell[e + 1], left:right]
+                r2, r3 = table[cell[e + 2], left:right], table[cell[e + 3], left:right]
+                for c in range(len(row)):
+                    row[c] += t0 * r0[c] + t1 * r1[c] + t2 * r2[c] + t3 * r3[c]
+                e += 4
+            while e < end:
+                t0, r0 = times[e], table[cell[e], left:right]
+                for c in range(len(row)):
+                    row[c] += t0 * r0[c]
+                e += 1
+            for c in range(len(row)):
+                row[c] *= factor
+
+
+@compiled
+def add(first, cell, times, group, counts):
+    """Adds the histograms of n taps to those of their groups.
+
+    Args:
+        first: Lists of the taps, with `cell` and `times` as `count` writes them.
+        cell: Occupied cells.
+        times: Their counts.
+        group: Row of each tap in `counts`, shape (n,).
+        counts: Changed in place, shape (groups, cells).
+    """
+    for i in range(len(group)):
+        for e in range(first[i], first[i + 1]):
+            counts[group[i], cell[e]] += np.int64(times[e])

@@ -1,0 +1,372 @@
+"""The two forms in which every measurement model gives the probability of a tap's bins.
+
+Whatever a model assumes, a tap is judged by the probability of the bins into which its samples fall, so that discrete
+and continuous models are on one measure. In a `TableForm` the samples are exchangeable and independent. In a
+`GaussianForm` each sample is normal given those before it, in the order of time and, within one time, of the taxels;
+its bin has the probability of that normal over the bin, and the logs add up along the tap.
+
+The axis H holds hypotheses, the objects or objects in states, see `states`.
+"""
+
+from functools import partial
+from typing import NamedTuple, Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...compiled import compiled
+from ...errors import InputError
+from ...threads import cores, in_order
+from ..states import States
+from .bins import count_taps, find_bins
+
+_AT_ONCE = 64  # taps of a Gaussian form that one thread takes at a time
+_ROOM = 1 << 22  # bins and log masses of independent samples held at a time
+_FEW = 1 << 13  # samples whose log masses under one class take no longer than to start a thread
+
+
+class TableForm(NamedTuple):
+    """Independent samples with one distribution over the bins per taxel; the product in Eq. 1 at power 1.
+
+    Attributes:
+        log_prob: log P_k(b | hypothesis), shape (L, H, K, B).
+    """
+
+    log_prob: NDArray[np.float64]
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """(L, H)."""
+        return self.log_prob.shape[0], self.log_prob.shape[1]
+
+    def in_state(self, gain: float, offset: float, edges: NDArray[np.float64]) -> Self:
+        """The distributions of `gain` times a sample plus `offset`.
+
+        Within a bin samples are taken for uniform. Where the range moves inwards, the bins left empty at its ends get
+        the density of the end bin, so that no sample becomes impossible by the state alone.
+        """
+        K, B = self.log_prob.shape[2:]
+        edges = np.broadcast_to(edges, (K, B + 1))
+        moved = np.empty_like(self.log_prob)
+        for k in range(K):
+            place = _in_bins((edges[k] - offset) / gain, edges[k])
+            cuts = np.union1d(np.arange(B + 1.0), np.append(place, [min(place[0], 0.0), max(place[-1], B)]))
+            source = np.clip(np.floor(0.5 * (cuts[:-1] + cuts[1:])), 0, B - 1).astype(np.intp)
+            pieces = self.log_prob[:, :, k, source] + np.log(np.diff(cuts))
+            first = np.append(0, np.searchsorted(cuts, place[1:-1]))
+            moved[:, :, k] = np.logaddexp.reduceat(pieces, first, axis=-1)
+        return type(self)(moved - np.logaddexp.reduce(moved, axis=-1, keepdims=True))
+
+    def prepare(self, impossible: NDArray[np.bool_]) -> "PreparedTable":
+        """What stays the same from tap to tap; `impossible` hypotheses, shape (L, H), have likelihood 0."""
+        L, H, K, B = self.log_prob.shape
+        table = self.log_prob.reshape(L * H, K * B).T.copy()
+        table[:, impossible.ravel()] = -np.inf
+        return PreparedTable(table, impossible.shape)
+
+    def own(
+        self, taps: NDArray[np.floating], edges: NDArray[np.float64], where: NDArray[np.intp], what: NDArray[np.intp]
+    ) -> NDArray[np.float64]:
+        """Log probability of the bins of taps (N, J, K) under their own hypotheses, shape (N,)."""
+        bins = _known_bins(taps, edges)
+        where, what = where[:, None, None], what[:, None, None]
+        return self.log_prob[where, what, np.arange(taps.shape[-1]), bins].sum(axis=(1, 2))
+
+    def sample(
+        self,
+        where: NDArray[np.intp],
+        what: NDArray[np.intp],
+        edges: NDArray[np.float64],
+        J: int,
+        generator: np.random.Generator,
+    ) -> NDArray[np.float64]:
+        """Taps of `J` samples under hypotheses (N,), each sample in the middle of its bin, shape (N, J, K).
+
+        Raises:
+            InputError: A hypothesis has no distribution.
+        """
+        K, B = self.log_prob.shape[2:]
+        edges = np.broadcast_to(edges, (K, B + 1))
+        centre = 0.5 * (edges[:, :-1] + edges[:, 1:])
+        return centre.ravel()[self.sample_bins(where, what, J, generator) + np.arange(K) * B]
+
+    def sample_bins(
+        self, where: NDArray[np.intp], what: NDArray[np.intp], J: int, generator: np.random.Generator
+    ) -> NDArray[np.uint32]:
+        """The bins of taps as `sample` gives them, shape (N, J, K); raises as that does."""
+        cumulative = np.exp(self.log_prob).cumsum(axis=-1)
+        if not (cumulative[where, what, :, -1] > 0).all():
+            raise InputError("A tap cannot be drawn from a class without a distribution.")
+        bins = np.empty((len(where), J, cumulative.shape[2]), dtype=np.uint32)
+        H = cumulative.shape[1]
+        used, row = np.unique(where * H + what, return_inverse=True)
+        _draw(cumulative[used // H, used % H], row, generator.random((len(where), bins.shape[2], J)), bins)
+        return bins
+
+
+@compiled
+def _draw(
+    cumulative: NDArray[np.float64],
+    row: NDArray[np.intp],
+    uniform: NDArray[np.float64],
+    bins: NDArray[np.uint32],
+) -> None:
+    """Bins in which random numbers (N, K, J) fall by cumulative distributions (C, K, B), into `bins`, (N, J, K).
+
+    Numbers in each of B equal parts of the whole are searched from the bin in which the part before begins: starting
+    one part early leaves room for rounding.
+    """
+    C, K, B = cumulative.shape
+    start = np.zeros((C, K, B), dtype=np.uint32)
+    for c in range(C):
+        for k in range(K):
+            b = 0
+            for part in range(B):
+                while b < B - 1 and cumulative[c, k, b] * B <= (part - 1) * cumulative[c, k, B - 1]:
+                    b += 1
+                start[c, k, part] = b
+    N, _, J = uniform.shape
+    for i in range(N):
+        for k in range(K):
+            upto = cumulative[row[i], k]
+            for j in range(J):
+                value = uniform[i, k, j] * upto[B - 1]
+                b = start[row[i], k, int(uniform[i, k, j] * B)]
+                while b < B - 1 and upto[b] <= value:
+                    b += 1
+                bins[i, j, k] = b
+
+
+class GaussianForm(NamedTuple):
+    """A mixture of Q Gaussians over all samples of a tap, each with a Cholesky factor in time and one across taxels.
+
+    With the residuals r of a tap (J, K), time V_k and taxel W, the innovations are
+    u_jk = sum_{k' <= k} W_kk' sum_{i <= j} V_k'ji r_ik', independent and normal with standard deviation `scale`.
+
+    Attributes:
+        mean: Of the samples, shape (Q, L, H, J, K).
+        scale: Standard deviation of each sample given those before it, shape (Q, L, H, J, K).
+        time: V, unit lower triangular, shape (G, J, J) with G = 1 for all taxels or G = K for each.
+        taxel: W, unit lower triangular, shape (L, H, K, K), or (1, 1, 0, 0) for independent taxels.
+        log_weight: Log weights of the mixture, shape (Q,).
+    """
+
+    mean: NDArray[np.float64]
+    scale: NDArray[np.float64]
+    time: NDArray[np.float64]
+    taxel: NDArray[np.float64]
+    log_weight: NDArray[np.float64]
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """(L, H)."""
+        return self.mean.shape[1], self.mean.shape[2]
+
+    def in_state(self, gain: float, offset: float) -> Self:
+        """The distribution of `gain` times a tap plus `offset`."""
+        return self._replace(mean=gain * self.mean + offset, scale=gain * self.scale)
+
+    def whitened_mean(self) -> NDArray[np.float64]:
+        """The means times V, shape (Q, L, H, J, K)."""
+        if len(self.time) == 1:
+            return np.einsum("ji,...ik->...jk", self.time[0], self.mean)
+        return np.einsum("kji,...ik->...jk", self.time, self.mean)
+
+    def prepare(self, impossible: NDArray[np.bool_]) -> "PreparedGaussian":
+        """What stays the same from tap to tap; `impossible` hypotheses, shape (L, H), have likelihood 0."""
+        mean = self.whitened_mean()
+        Q, L, H, J, K = mean.shape
+        return PreparedGaussian(
+            mean=np.ascontiguousarray(mean.reshape(Q, L * H, J, K)),
+            taxel=np.ascontiguousarray(np.concatenate(self.taxel)),
+            scale=np.ascontiguousarray(self.scale.reshape(Q, L * H, J, K)),
+            time=np.ascontiguousarray(self.time),
+            log_weight=self.log_weight,
+            impossible=impossible,
+        )
+
+    def own(
+        self, taps: NDArray[np.floating], edges: NDArray[np.float64], where: NDArray[np.intp], what: NDArray[np.intp]
+    ) -> NDArray[np.float64]:
+        """Log probability of the bins of taps (N, J, K) under their own hypotheses, shape (N,)."""
+        from .innovations import own_log_masses  # noqa: PLC0415
+
+        ready = self.prepare(np.zeros(self.shape, dtype=bool))
+        out = np.empty(len(taps))
+        own_log_masses(*bin_gaps(taps, edges), where * self.shape[1] + what, *ready[:-1], out)
+        return out
+
+    def innovations(
+        self, taps: NDArray[np.floating], where: NDArray[np.intp], what: NDArray[np.intp], q: int = 0
+    ) -> NDArray[np.float64]:
+        """What each sample of taps (N, J, K) deviates by from its forecast under hypotheses (N,), shape (N, J, K)."""
+        residual = taps - self.mean[q, where, what]
+        time = np.broadcast_to(self.time, (residual.shape[2], *self.time.shape[1:]))
+        white = np.einsum("kji,nik->njk", time, residual, optimize=True)
+        if not self.taxel.shape[-1]:
+            return white
+        taxel = np.broadcast_to(self.taxel, (*self.shape, *self.taxel.shape[2:]))[where, what]
+        return white @ taxel.swapaxes(-1, -2)
+
+    def sample(
+        self,
+        where: NDArray[np.intp],
+        what: NDArray[np.intp],
+        edges: NDArray[np.float64],  # noqa: ARG002 - as TableForm
+        J: int,  # noqa: ARG002 - as TableForm
+        generator: np.random.Generator,
+    ) -> NDArray[np.float64]:
+        """Taps under hypotheses (N,), shape (N, J, K)."""
+        q = generator.choice(len(self.log_weight), size=len(where), p=np.exp(self.log_weight))
+        mean, scale = self.mean[q, where, what], self.scale[q, where, what]
+        white = scale * generator.standard_normal(mean.shape)
+        if self.taxel.shape[-1]:
+            taxel = np.broadcast_to(self.taxel, (*self.shape, *self.taxel.shape[2:]))[where, what]
+            white = np.linalg.solve(taxel[:, None], white[..., None])[..., 0]
+        time = np.broadcast_to(np.linalg.inv(self.time), (mean.shape[2], *self.time.shape[1:]))
+        return mean + np.einsum("kji,nik->njk", time, white, optimize=True)
+
+
+class PreparedTable(NamedTuple):
+    """A `TableForm` ready for taps.
+
+    Attributes:
+        table: Log probabilities from cells to hypotheses, shape (K B, L H).
+        shape: (L, H).
+    """
+
+    table: NDArray[np.float64]
+    shape: tuple[int, ...]
+
+    def log_likelihood(
+        self, taps: NDArray[np.floating], edges: NDArray[np.float64], exponent: float, out: NDArray[np.float64]
+    ) -> None:
+        """Writes `exponent` times the log probability of the bins of taps (N, J, K) to `out`, shape (N, L, H).
+
+        Taps are counted and multiplied in chunks, so that nothing but the result has to fit into memory, and with
+        `out` on disk not even that.
+        """
+        from .counting import multiply  # noqa: PLC0415
+
+        for which, counts in count_taps(taps, edges):
+            part = np.empty((len(counts.first) - 1, self.table.shape[1]))
+            multiply(*counts, self.table, exponent, part)
+            out[which] = part.reshape(-1, *self.shape)
+
+
+class PreparedGaussian(NamedTuple):
+    """A `GaussianForm` ready for taps, with C = L H.
+
+    Attributes:
+        mean: Whitened in time, shape (Q, C, J, K).
+        taxel: W, shape (C, K, K), or (1, 0, 0) for independent taxels.
+        scale: Shape (Q, C, J, K).
+        time: V, shape (G, J, J).
+        log_weight: Shape (Q,).
+        impossible: Hypotheses with likelihood 0, shape (L, H).
+    """
+
+    mean: NDArray[np.float64]
+    taxel: NDArray[np.float64]
+    scale: NDArray[np.float64]
+    time: NDArray[np.float64]
+    log_weight: NDArray[np.float64]
+    impossible: NDArray[np.bool_]
+
+    def log_likelihood(
+        self, taps: NDArray[np.floating], edges: NDArray[np.float64], exponent: float, out: NDArray[np.float64]
+    ) -> None:
+        """As `PreparedTable.log_likelihood`; independent samples are looked up where taps outnumber bins."""
+        (J, K), (L, H), B = taps.shape[1:], self.impossible.shape, edges.shape[-1] - 1
+        blocks = range(0, len(taps), max(1, _ROOM // (J * K + L * H)))
+        if len(taps) > B * len(blocks) and not self.taxel.shape[-1] and (self.time == np.eye(J)).all():
+            parts = (self._looked_up(taps[start : start + blocks.step], edges) for start in blocks)
+        else:
+            blocks = range(0, len(taps), _AT_ONCE)
+            tasks = (partial(self._part, taps[start : start + _AT_ONCE], edges) for start in blocks)
+            parts = in_order(tasks, cores(None) if len(taps) > _AT_ONCE else 1)
+        for start, part in zip(blocks, parts, strict=True):
+            log_likelihood = exponent * part.reshape(-1, L, H)
+            out[start : start + len(part)] = np.where(self.impossible, -np.inf, log_likelihood)
+
+    def _looked_up(self, taps: NDArray[np.floating], edges: NDArray[np.float64]) -> NDArray[np.float64]:
+        """As `_part` for independent samples: log masses of all bins are computed once for all taps."""
+        from .innovations import independent_log_masses  # noqa: PLC0415
+
+        bins = _known_bins(taps, edges).transpose(1, 2, 0).astype(np.uint32, order="C")
+        part = np.empty((self.mean.shape[1], len(taps)))
+        given = bins, *_open_edges(edges, taps.shape[-1]), self.mean, self.scale, self.log_weight, part
+        tasks = (partial(independent_log_masses, c, *given) for c in range(len(part)))
+        list(in_order(tasks, cores(None) if taps.size > _FEW else 1))
+        return part.T
+
+    def _part(self, taps: NDArray[np.floating], edges: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Log probability of the bins of taps (n, J, K), shape (n, C)."""
+        from .innovations import class_log_masses  # noqa: PLC0415
+
+        part = np.empty((len(taps), self.mean.shape[1]))
+        class_log_masses(*bin_gaps(taps, edges), *self[:-1], part)
+        return part
+
+
+type Form = TableForm | GaussianForm
+
+
+def bin_gaps(
+    taps: NDArray[np.floating], edges: NDArray[np.float64]
+) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+    """Samples in double precision, and the edges of their bins minus them; end bins reach to infinity.
+
+    Args:
+        taps: Shape (..., J, K).
+        edges: Shape (B + 1,) or (K, B + 1).
+
+    Returns:
+        Three arrays of the shape of `taps`: samples, lower and upper gaps.
+
+    Raises:
+        InputError: A sample is NaN.
+    """
+    bins = _known_bins(taps, edges)
+    K = taps.shape[-1]
+    lower, upper = _open_edges(edges, K)
+    samples, taxel = np.ascontiguousarray(taps, dtype=np.float64), np.arange(K)
+    return samples, lower[taxel, bins] - samples, upper[taxel, bins] - samples
+
+
+def _open_edges(edges: NDArray[np.float64], K: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Lower and upper edges of the bins of each taxel, both of shape (K, B); end bins reach to infinity."""
+    edges = np.broadcast_to(edges, (K, edges.shape[-1]))
+    lower, upper = edges[:, :-1].copy(), edges[:, 1:].copy()
+    lower[:, 0], upper[:, -1] = -np.inf, np.inf
+    return lower, upper
+
+
+def _known_bins(taps: NDArray[np.floating], edges: NDArray[np.float64]) -> NDArray[np.intp]:
+    bins = find_bins(taps, edges)
+    if bins.size and bins.min() < 0:
+        raise InputError("A sample is NaN and belongs to no bin.")
+    return bins
+
+
+def _in_bins(values: NDArray[np.float64], edges: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Values (...) in numbers of bins from the lowest edge; end bins set the scale beyond them."""
+    width = np.diff(edges)
+    inside = np.interp(values, edges, np.arange(len(edges)))
+    return inside + np.minimum(values - edges[0], 0.0) / width[0] + np.maximum(values - edges[-1], 0.0) / width[-1]
+
+
+def in_states(form: Form, states: States, edges: NDArray[np.float64]) -> Form:
+    """A form over objects (L, M) in every state, over hypotheses (L, S M)."""
+    if len(states.gain) == 1 and states.gain[0] == 1 and states.offset[0] == 0:
+        return form
+    pairs = zip(states.gain.tolist(), states.offset.tolist(), strict=True)
+    if isinstance(form, TableForm):
+        return TableForm(np.concatenate([form.in_state(*pair, edges).log_prob for pair in pairs], axis=1))
+    parts = [form.in_state(*pair) for pair in pairs]
+    shared = form.taxel.shape[:2] == (1, 1)
+    return form._replace(
+        mean=np.concatenate([part.mean for part in parts], axis=2),
+        scale=np.concatenate([part.scale for part in parts], axis=2),
+        taxel=form.taxel if shared else np.concatenate([form.taxel] * len(parts), axis=1),
+    )

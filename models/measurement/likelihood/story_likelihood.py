@@ -1,0 +1,298 @@
+"""The likelihood of taps from the generative stories of `stories`, at the parameters of a fitted model.
+
+The stories give densities of exact samples, fitted models the probabilities of their bins (docs/models.md). Here a
+story is run by NumPyro at the fitted parameters, and its distribution of every sample given those before it is taken
+over the bin that holds the sample: `log_density` of the story with interval-censored samples. Forms and the compiled
+loops behind a model take no part, so that both can be compared.
+"""
+
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import numpyro
+import numpyro.distributions as dist
+from jax.scipy.linalg import solve_triangular
+from jax.scipy.special import betainc, log_ndtr, logsumexp
+from numpy.typing import ArrayLike, NDArray
+from numpyro.handlers import block, seed, substitute, trace
+from numpyro.infer.util import log_density
+from numpyro.primitives import Messenger
+
+from .. import stories
+from ..fits.priors import CellPrior, CurvePrior, KroneckerPrior, Taps
+from ..histogram import HistogramModel
+from ..model import TapModel
+from ..parametric import ParametricModel
+from .binned import bin_of
+
+TABLES = ("histogram", "gaussian", "student")
+"""Models under which all samples of a taxel have one distribution."""
+_OBSERVED = "sample"  # the site of the samples in every story
+_AT_ONCE = 1 << 22  # samples under classes that one step holds
+_CELLS = CellPrior(0.0, 1.0, 1.0, 1.0)  # any prior: parameters are given, and their own density is not counted
+
+
+class Binned(NamedTuple):
+    """Samples and the bins that hold them, in the units of the story; shape (..., J, K) all.
+
+    Attributes:
+        samples: Exact values, from which later samples are forecast.
+        lower: Lower edge of the bin, -inf in the first.
+        upper: Upper edge, inf in the last.
+    """
+
+    samples: jax.Array
+    lower: jax.Array
+    upper: jax.Array
+
+
+class InBin(dist.Distribution):
+    """The bin of a sample that is normal or Student's t.
+
+    Args:
+        base: Distribution of the sample given those before it.
+        lower: Lower edge of the bin.
+        upper: Upper edge.
+        least: No scale counts for less.
+    """
+
+    support = dist.constraints.real  # pyright: ignore
+
+    def __init__(self, base: Any, lower: jax.Array, upper: jax.Array, least: jax.Array) -> None:
+        self.base, self.least = base, least
+        self.lower, self.upper = lower, upper
+        super().__init__(np.broadcast_shapes(base.batch_shape, lower.shape))
+
+    def log_prob(self, value: ArrayLike, intermediates: object = None) -> jax.Array:  # noqa: ARG002
+        """Log probability of the bin that holds the sample; its edges say which."""
+        scale = jnp.maximum(self.base.scale, self.least)
+        lower, upper = (self.lower - self.base.loc) / scale, (self.upper - self.base.loc) / scale
+        right = lower + upper > 0  # mirrored to the side where distribution functions are small and exact
+        low, high = jnp.where(right, -upper, lower), jnp.where(right, -lower, upper)
+        log_high = self._log_cdf(high)
+        return log_high + jnp.log(-jnp.expm1(self._log_cdf(low) - log_high))
+
+    def _log_cdf(self, z: jax.Array) -> jax.Array:
+        if isinstance(self.base, dist.Normal):
+            return log_ndtr(z)  # beyond 20 deviations within 4e-9, a relative error of 2e-11
+        freedom = jnp.broadcast_to(self.base.df, z.shape)
+        tail = 0.5 * betainc(0.5 * freedom, 0.5, freedom / (freedom + z**2))
+        return jnp.log(jnp.where(z < 0, tail, 1 - tail))
+
+
+class _Censored(Messenger):
+    """Has the story observe bins in place of samples."""
+
+    def __init__(self, story: Callable[..., Any], taps: Binned, least: jax.Array) -> None:
+        self._taps, self._least = taps, least
+        super().__init__(story)
+
+    def process_message(self, msg: dict[str, Any]) -> None:
+        if msg["type"] == "sample" and msg["name"] == _OBSERVED:
+            msg["fn"] = InBin(_given_those_before(msg["fn"], self._taps.samples), *self._taps[1:], self._least)
+
+
+def _given_those_before(fn: Any, samples: jax.Array) -> Any:
+    """The distribution of each sample (n, J, K) given those before it in time and, within one time, in taxels."""
+    while isinstance(fn, dist.ExpandedDistribution | dist.Independent):
+        fn = fn.base_dist
+    if not isinstance(fn, dist.MatrixNormal):
+        return fn
+    normal: Any = fn
+    rows, columns = normal.scale_tril_row, normal.scale_tril_column
+    in_time: Any = solve_triangular(rows, samples - normal.loc, lower=True)
+    white = solve_triangular(columns, in_time.mT, lower=True).mT
+    row_scale, column_scale = (jnp.diagonal(root, axis1=-2, axis2=-1) for root in (rows, columns))
+    deviation = row_scale[..., :, None] * column_scale[..., None, :]
+    return dist.Normal(samples - deviation * white, deviation)
+
+
+class _Story(NamedTuple):
+    """A story with everything but the taps.
+
+    Attributes:
+        run: Called with taps (n, J, K) and the number of a place in the class; runs the story.
+        sites: Values of its sites.
+        places: How many places in a class are equally likely.
+    """
+
+    run: Callable[[Taps, Any], None]
+    sites: dict[str, NDArray[np.float64]]
+    places: int = 1
+
+
+def _story(model: ParametricModel, least: NDArray[np.float64]) -> _Story:
+    """The story of a model and its fitted parameters as the story calls them."""
+    sites, K = dict(model.parameters), model.K
+    match model.kind:
+        case "gaussian" | "profile" | "profile-ar":
+            run = {"gaussian": stories.gaussian, "profile": stories.profile, "profile-ar": stories.profile_ar}
+            return _Story(lambda taps, _: run[model.kind](taps, _CELLS), sites)
+        case "student":
+            return _Story(lambda taps, _: stories.student(taps, least), sites)
+        case "profile-mvn":
+            sites["slope"] = sites["slope"][..., *np.tril_indices(K, -1)]
+            return _Story(lambda taps, _: stories.profile_mvn(taps, _CELLS, 0.0, jnp.ones(())), sites)
+        case "matrix-normal":
+            J = sites["level"].shape[-2]
+            prior = KroneckerPrior(J + 1.0, np.eye(J), K + 1.0, np.eye(K), 1.0)
+            sites |= {name: np.linalg.inv(sites[f"{name}_covariance"]) for name in ("time", "taxel")}
+            return _Story(lambda taps, _: stories.matrix_normal(taps, prior), sites)
+        case _:
+            basis, one = jnp.asarray(model.basis), np.ones(K)
+            Q, _, D = basis.shape
+            sites["weight"] = np.moveaxis(sites["weight"], -1, 0)
+
+            def smooth(taps: Taps, q: Any) -> None:
+                at: Any = basis[q, taps.where]
+                stories.smooth(taps, CurvePrior(at, np.ones((D, K)), one, one))
+
+            return _Story(smooth, sites, Q)
+
+
+def log_likelihoods(model: TapModel, taps: NDArray[np.floating]) -> NDArray[np.float64]:
+    """Log probability of the bins of taps under every class at power 1 by the model's story, shape (N, L, H).
+
+    Classes without a training tap have one too, which means nothing.
+
+    Args:
+        model: Of the catalogue.
+        taps: Prepared samples, shape (N, J, K).
+    """
+    with jax.enable_x64(True):
+        if isinstance(model, ParametricModel) and (model.kind not in TABLES or len(model.states.gain) == 1):
+            return _by_samples(model, taps)
+        return _by_bins(model, taps)
+
+
+def _by_samples(model: ParametricModel, taps: NDArray[np.floating]) -> NDArray[np.float64]:
+    """As `log_likelihoods`; a state takes its offset and gain off the samples and edges."""
+    centre, unit = (jnp.asarray(part) for part in model.scaling)
+    story, (L, M) = _story(model, _least(model)), model.grid.shape
+    sites = {name: jnp.asarray(values) for name, values in story.sites.items()}
+    least, held = jnp.asarray(_least(model)), _held(model, taps)
+    N, J, K = taps.shape
+    step = max(1, _AT_ONCE // (J * K))
+
+    @jax.jit
+    def everywhere(scaled: Binned) -> jax.Array:
+        def at(index: jax.Array) -> jax.Array:
+            n, q, c = jnp.unravel_index(index, (N, story.places, L * M))
+            one = Binned(*(part[n][None] for part in scaled))
+            own: Any = Taps(one.samples, c[None] // M, c[None] % M, (L, M))  # pyright: ignore[reportArgumentType]
+            given = seed(substitute(lambda: story.run(own, q), data=sites), 0)  # some sites have no part in a sample
+            observed = block(_Censored(given, one, least), hide_fn=lambda site: site["name"] != _OBSERVED)
+            return jnp.asarray(log_density(observed, (), {}, {})[0])
+
+        log_prob = jax.lax.map(at, jnp.arange(N * story.places * L * M), batch_size=step)
+        each = log_prob.reshape(N, story.places, L, M)
+        return logsumexp(each, axis=1) - jnp.log(story.places)
+
+    states = zip(model.states.gain, model.states.offset, strict=True)
+    parts = [everywhere(_scaled(held, gain, offset, centre, unit)) for gain, offset in states]
+    return np.concatenate([np.asarray(part) for part in parts], axis=2)
+
+
+def _by_bins(model: TapModel, taps: NDArray[np.floating]) -> NDArray[np.float64]:
+    """As `log_likelihoods` for models whose samples are exchangeable, each bin with one probability."""
+    plain = _bin_log_prob(model)
+    L, M, K, B = plain.shape
+    bins = jnp.asarray(model.bins(taps))
+    edges = jnp.broadcast_to(jnp.asarray(model.edges), (K, B + 1))
+    parts = []
+    for gain, offset in zip(model.states.gain.tolist(), model.states.offset.tolist(), strict=True):
+        at_rest = gain == 1 and offset == 0
+        log_prob = plain.reshape(L * M, K, B)
+        parts.append(_of_bins(bins, log_prob if at_rest else in_state(log_prob, edges, gain, offset)))
+    return np.concatenate([np.asarray(part).reshape(-1, L, M) for part in parts], axis=2)
+
+
+@jax.jit
+def _of_bins(bins: jax.Array, log_prob: jax.Array) -> jax.Array:
+    """Log probability of bins (N, J, K) under tables (C, K, B), shape (N, C)."""
+    N, (C, K, B) = len(bins), log_prob.shape
+
+    def at(index: jax.Array) -> jax.Array:
+        n, c = jnp.unravel_index(index, (N, C))
+        return jnp.asarray(log_density(_exchangeable, (bins[n], log_prob[c]), {}, {})[0])
+
+    step = max(1, _AT_ONCE // (K * max(B, bins.shape[1])))
+    return jax.lax.map(at, jnp.arange(N * C), batch_size=step).reshape(N, C)
+
+
+def _exchangeable(bins: jax.Array, log_prob: jax.Array) -> None:
+    """Bins (J, K) of a tap, each drawn by its taxel's probabilities (K, B)."""
+    J, K = bins.shape
+    with numpyro.plate("J", J, dim=-2), numpyro.plate("K", K, dim=-1):
+        numpyro.sample(_OBSERVED, dist.CategoricalLogits(logits=log_prob), obs=bins)
+
+
+@jax.jit
+def in_state(log_prob: jax.Array, edges: jax.Array, gain: Any, offset: Any) -> jax.Array:
+    """Log probability of the bins of `gain` times a sample plus `offset`, shape (C, K, B).
+
+    A sample is uniform within the bin it was drawn in. The end bins are made as wide as it takes for the moved samples
+    to cover the range, at the same density.
+
+    Args:
+        log_prob: Log probability of the bins of a sample, shape (C, K, B).
+        edges: Shape (K, B + 1).
+        gain: Of the state.
+        offset: Of the state.
+    """
+    moved = gain * edges + offset
+    lower = moved.at[:, 0].min(edges[:, 0])[:, :-1]
+    upper = moved.at[:, -1].max(edges[:, -1])[:, 1:]
+    log_width = jnp.log((upper - lower) / jnp.diff(moved, axis=1))
+    open_edges = edges.at[:, 0].set(-jnp.inf).at[:, -1].set(jnp.inf)
+    high = jnp.minimum(upper[:, :, None], open_edges[:, None, 1:])
+    low = jnp.maximum(lower[:, :, None], open_edges[:, None, :-1])
+    log_overlap = jnp.log(jnp.maximum(high - low, 0.0) / (upper - lower)[:, :, None])
+
+    def of(one: jax.Array) -> jax.Array:
+        return logsumexp(jax.nn.log_softmax(one + log_width)[:, :, None] + log_overlap, axis=1)
+
+    return jax.lax.map(of, log_prob)
+
+
+def _bin_log_prob(model: TapModel) -> jax.Array:
+    """Log probability of every bin of a sample in the state of gain 1 and offset 0, shape (L, M, K, B)."""
+    if isinstance(model, HistogramModel):
+        return jnp.log(jnp.asarray(model.probabilities))
+    if not isinstance(model, ParametricModel):
+        raise TypeError(f"A model of type {type(model).__name__} has no story.")
+    K, (L, M) = model.K, model.grid.shape
+    edges = np.broadcast_to(model.edges, (K, model.edges.shape[-1]))
+    B = edges.shape[1] - 1
+    centres = jnp.asarray(0.5 * (edges[:, :-1] + edges[:, 1:])).T[None]  # one tap with a sample in each bin
+    centre, unit = (jnp.asarray(part) for part in model.scaling)
+    one = _scaled(_held(model, centres), 1.0, 0.0, centre, unit)
+    classes = np.arange(L * M)
+    samples = jnp.broadcast_to(one.samples, (L * M, B, K))
+    taps: Any = Taps(samples, classes // M, classes % M, (L, M))  # pyright: ignore[reportArgumentType]
+    story = _story(model, _least(model))
+    sites = {name: jnp.asarray(values) for name, values in story.sites.items()}
+    given = seed(substitute(lambda: story.run(taps, 0), data=sites), 0)
+    site = trace(_Censored(given, one, jnp.asarray(_least(model)))).get_trace()[_OBSERVED]
+    return jnp.moveaxis(site["fn"].log_prob(samples).reshape(L, M, B, K), 2, 3)
+
+
+def _held(model: TapModel, taps: ArrayLike) -> Binned:
+    """Samples with the edges of their bins."""
+    samples = jnp.asarray(np.asarray(taps, dtype=np.float64))
+    lower, upper = jax.vmap(bin_of, (0, None))(samples, jnp.asarray(model.edges))
+    return Binned(samples, lower, upper)
+
+
+def _scaled(taps: Binned, gain: float, offset: float, centre: jax.Array, unit: jax.Array) -> Binned:
+    """Before gain and offset, in the units of the story."""
+    return Binned(*(((part - offset) / gain - centre) / unit for part in taps))
+
+
+def _least(model: ParametricModel) -> NDArray[np.float64]:
+    """Standard deviation of a uniform draw from a bin, in the units of the story, shape (K,)."""
+    width = (model.edges[..., -1] - model.edges[..., 0]) / (model.edges.shape[-1] - 1)
+    return np.broadcast_to(width, model.scaling.unit.shape) / np.sqrt(12.0) / model.scaling.unit

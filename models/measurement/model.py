@@ -1,0 +1,256 @@
+"""What every fitted measurement model can do, whatever it assumes.
+
+A model gives the likelihood of a tap under each class through its form (see `forms`). Everything behind it, engines,
+trials, sweeps and comparisons, knows models by this file only.
+"""
+
+import json
+from abc import ABC, abstractmethod
+from functools import cached_property
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import xarray as xr
+from numpy.typing import ArrayLike, NDArray
+
+from ..errors import InputError
+from ..power import check_saturation, likelihood_exponent
+from ..storage import write_groups
+from ..training import training_taps
+from .likelihood.bins import find_bins
+from .likelihood.forms import in_states
+from .states import States
+
+if TYPE_CHECKING:
+    from ..grid import ClassGrid
+    from ..preprocessing import Preprocessing
+    from ..taps import TapSet
+    from .likelihood.forms import Form, PreparedGaussian, PreparedTable
+    from .novelty import NoveltyScores
+
+FORMAT = 2
+"""Of the files of fitted models."""
+
+
+class TapModel(ABC):
+    """A fitted measurement model: all that perception needs to know of the training data.
+
+    Attributes:
+        grid: The classes.
+        edges: Bin edges, shape (B + 1,) for all taxels or (K, B + 1) for each; they are the measure on which all
+            models give probabilities.
+        power: Root of the likelihood in Eq. 1: `"J"`, `"JK"`, `"none"` or an exponent.
+        preprocessing: How the taps were prepared.
+        left_out: Names of the classes without a training tap.
+        trained_on: Which taps trained it, in words.
+        version: Version of this software that fitted it.
+        novelty: How badly the training taps fit their classes; without it no tap can be called new.
+        training: Digests of the training taps, see `tap_digests`; none where a file of an older version has none.
+        states: What all taps of an episode share and nobody knows before it; one state for most models.
+        saturation: How many taps' evidence the taps of an episode carry at most, see `inference.saturation`.
+
+    Raises:
+        InputError: The saturation is not above 0.
+    """
+
+    grid: "ClassGrid"
+    edges: NDArray[np.float64]
+    power: str | float
+    preprocessing: "Preprocessing"
+    left_out: tuple[str, ...]
+    trained_on: str
+    version: str
+    novelty: "NoveltyScores | None"
+    training: NDArray[np.uint64]
+    states: States
+    saturation: float
+
+    def __post_init__(self) -> None:
+        """Checks the saturation."""
+        check_saturation(self.saturation)
+
+    @property
+    @abstractmethod
+    def kind(self) -> str:
+        """What the catalogue calls it, apart from its states."""
+
+    @property
+    @abstractmethod
+    def dims(self) -> dict[str, tuple[str, ...]]:
+        """Dims of its parameters, and of draws of them, by name."""
+
+    @property
+    def name(self) -> str:
+        """What the catalogue calls it: `session` for the histogram in states, `session:` and the kind for others."""
+        if len(self.states.gain) == 1:
+            return self.kind
+        return "session" if self.kind == "histogram" else f"session:{self.kind}"
+
+    @cached_property
+    @abstractmethod
+    def trained(self) -> NDArray[np.bool_]:
+        """Which classes have a training tap, or get what they need from others, shape (L, M)."""
+
+    @cached_property
+    @abstractmethod
+    def plain_form(self) -> "Form":
+        """The probability of a tap's bins under each class in the state of gain 1 and offset 0, at power 1."""
+
+    @cached_property
+    def form(self) -> "Form":
+        """The probability of a tap's bins under each where class and hypothesis, at power 1."""
+        return in_states(self.plain_form, self.states, self.edges)
+
+    @cached_property
+    def prepared(self) -> "PreparedTable | PreparedGaussian":
+        """The form ready for taps, in which untrained classes are impossible."""
+        return self.form.prepare(np.isneginf(self.log_prior))
+
+    @property
+    @abstractmethod
+    def K(self) -> int:  # noqa: N802
+        """Number of taxels."""
+
+    @cached_property
+    def log_prior(self) -> NDArray[np.float64]:
+        """Log belief before the first tap, uniform over the trained classes, shape (L, H); see `states`."""
+        trained = np.where(self.trained, -np.log(self.trained.sum()), -np.inf)
+        return np.concatenate([trained + log_prior for log_prior in self.states.log_prior], axis=1)
+
+    @property
+    def exponent(self) -> float:
+        """The exponent that `power` stands for."""
+        return likelihood_exponent(self.power, self.preprocessing.samples, self.K)
+
+    def bins(self, taps: ArrayLike) -> NDArray[np.intp]:
+        """The histogram bin of every sample, the shape of `taps` (..., J, K); values outside go to the end bins.
+
+        Raises:
+            InputError: As `check_samples`.
+        """
+        taps = np.asarray(taps)
+        self.check_samples(taps)
+        return find_bins(taps, self.edges)
+
+    def check_samples(self, taps: NDArray[np.floating]) -> None:
+        """Refuses samples that the model cannot speak about.
+
+        Args:
+            taps: Prepared samples, shape (..., J, K).
+
+        Raises:
+            InputError: Numbers of samples or taxels are not those of the training data, or a sample is NaN.
+        """
+        self._check_shape(taps)
+        if np.isnan(taps).any():
+            raise InputError("A sample is NaN and belongs to no bin.")
+
+    def _check_shape(self, taps: NDArray[np.floating]) -> None:
+        J, K = self.preprocessing.samples, self.K
+        if taps.shape[-2:] != (J, K):
+            raise InputError(f"The model knows taps of {J} samples and {K} taxels, got shape {taps.shape}.")
+
+    def log_likelihood(self, taps: ArrayLike, out: Any = None) -> NDArray[np.float64]:
+        """Log P(z | where, hypothesis) of taps, -inf under untrained classes; Eq. 1.
+
+        Args:
+            taps: Prepared samples, shape (N, J, K); also a memory-mapped array.
+            out: Array of shape (N, L, H) to write to, such as a memory-mapped or a Zarr one; default a new one.
+
+        Returns:
+            `out`.
+
+        Raises:
+            InputError: `taps` has not three axes, or is refused as by `check_samples`; or `out` has another shape.
+        """
+        taps = np.asarray(taps)
+        self._check_shape(taps)
+        if taps.ndim != 3:
+            raise InputError(f"Taps must have three axes (tap, sample, taxel), got shape {taps.shape}.")
+        shape = (len(taps), *self.form.shape)
+        out = np.empty(shape) if out is None else out
+        if out.shape != shape:
+            raise InputError(f"The log-likelihoods have shape {shape}, those to be written to have {out.shape}.")
+        self.prepared.log_likelihood(taps, self.edges, self.exponent, out)
+        return out
+
+    def check_taps(self, preprocessing: "Preprocessing") -> None:
+        """Refuses taps that were prepared otherwise.
+
+        Raises:
+            InputError: The records differ; the message says how.
+        """
+        differences = self.preprocessing.differences(preprocessing, "in the model", "in the taps")
+        if differences:
+            raise InputError(f"The taps were prepared otherwise than the model's: {'; '.join(differences)}.")
+
+    def trained_with(self, taps: "TapSet") -> int:
+        """How many of these taps trained it, so far as it knows; see `training.training_taps`."""
+        return int(training_taps(taps, self.training).sum())
+
+    def usable(self, taps: "TapSet") -> "TapSet":
+        """The taps whose class was trained.
+
+        Raises:
+            InputError: There is none, or the taps were prepared otherwise.
+        """
+        self.check_taps(taps.preprocessing)
+        known = self.known(taps)
+        if not known.any():
+            raise InputError("No tap is left: none belongs to a class with a training tap.")
+        return taps.select(known)
+
+    def known(self, taps: "TapSet") -> NDArray[np.bool_]:
+        """Which taps are of a class that was trained, shape (N,)."""
+        where, what = taps.indices(self.grid)
+        known = (where >= 0) & (what >= 0)
+        known[known] = self.trained[where[known], what[known]]
+        return known
+
+    def with_scores(self, taps: "TapSet") -> "TapModel":  # noqa: ARG002 - histograms alone can use them
+        """The model with the novelty scores of its training taps, where its kind knows them."""
+        return self
+
+    def groups(self) -> dict[str, xr.Dataset]:
+        """The groups of its file but draws and how the fit ended, see `model_file`; kinds add what is their own.
+
+        Raises:
+            InputError: Files hold no such model.
+        """
+        attributes = {
+            "kind": self.kind,
+            "name": self.name,
+            "format": FORMAT,
+            "power": str(self.power),
+            "saturation": float(self.saturation),
+            "preprocessing": self.preprocessing.to_json(),
+            "grid": json.dumps(self.grid.to_dict()),
+            "left_out": json.dumps(self.left_out),
+            "trained_on": self.trained_on,
+            "version": self.version,
+        }
+        edge = ("edge",) if self.edges.ndim == 1 else ("taxel", "edge")
+        data: dict[str, Any] = {
+            "edges": (edge, self.edges),
+            "training": ("digest", self.training),
+            "state_gain": ("state", self.states.gain),
+            "state_offset": ("state", self.states.offset),
+            "state_log_prior": ("state", self.states.log_prior),
+        }
+        if self.novelty is not None:
+            data |= {
+                "novelty_misfit": ("calibration_tap", self.novelty.misfit, {"units": "nat"}),
+                "novelty_cell": ("calibration_tap", self.novelty.cell),
+                "novelty_reference": (("where", "what", "taxel", "bin"), self.novelty.reference),
+                "novelty_edges": (edge, self.novelty.edges),
+            }
+        return {"/": xr.Dataset(attrs=attributes), "constant_data": xr.Dataset(data, self.grid.coords())}
+
+    def save(self, path: str | Path, force: bool = False) -> None:
+        """Writes the model as netCDF, complete or not at all; see `model_file`.
+
+        Raises:
+            InputError: The file cannot be written, or exists and `force` is not set.
+        """
+        write_groups(self.groups(), path, force)

@@ -1,0 +1,87 @@
+"""Samples in units in which every taxel looks alike, so that one prior serves any sensor."""
+
+from typing import NamedTuple, Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..taps import TapSet
+from .fits.priors import Taps
+
+
+class Scaling(NamedTuple):
+    """Each taxel's origin and unit.
+
+    Attributes:
+        centre: Mean of all training samples of a taxel, shape (K,).
+        unit: Standard deviation within classes and times, at least that of a uniform draw from a bin, shape (K,).
+    """
+
+    centre: NDArray[np.float64]
+    unit: NDArray[np.float64]
+
+    @classmethod
+    def of(cls, taps: Taps, edges: NDArray[np.float64]) -> Self:
+        """That of training taps, given in their own unit."""
+        moments = Moments.of(taps)
+        within = moments.square.sum(axis=(0, 1, 2)) / max(moments.freedom * taps.samples.shape[1], 1.0)
+        return cls(taps.samples.mean(axis=(0, 1)), np.maximum(np.sqrt(within), least_deviation(edges, len(within))))
+
+    def scaled(self, taps: Taps) -> Taps:
+        """Taps in these units."""
+        return taps._replace(samples=(taps.samples - self.centre) / self.unit)
+
+
+def least_deviation(edges: NDArray[np.float64], K: int) -> NDArray[np.float64]:
+    """What no sample is known better than, the standard deviation of a uniform draw from a bin, shape (K,).
+
+    A taxel that always rested on one value in training would otherwise rule out every class once it moves a little.
+    """
+    return np.diff(np.broadcast_to(edges, (K, edges.shape[-1])), axis=-1).mean(axis=-1) / np.sqrt(12.0)
+
+
+class Moments(NamedTuple):
+    """Number, mean and sum of squares of the taps of each class.
+
+    Attributes:
+        taps: How many, shape (L, M).
+        mean: Shape (L, M, J, K), 0 for a class without a tap.
+        square: Sum of squared deviations from the mean, shape (L, M, J, K).
+        residual: Deviation of each tap from the mean of its class, shape (N, J, K).
+    """
+
+    taps: NDArray[np.float64]
+    mean: NDArray[np.float64]
+    square: NDArray[np.float64]
+    residual: NDArray[np.float64]
+
+    @classmethod
+    def of(cls, taps: Taps) -> Self:
+        """Those of taps of known class."""
+        (L, M), (_, J, K) = taps.shape, taps.samples.shape
+        own = taps.where * M + taps.what
+        count = np.bincount(own, minlength=L * M).astype(np.float64)
+        mean = sum_by(own, taps.samples, L * M) / np.maximum(count, 1)[:, None, None]
+        residual = taps.samples - mean[own]
+        square = sum_by(own, residual**2, L * M)
+        return cls(count.reshape(L, M), mean.reshape(L, M, J, K), square.reshape(L, M, J, K), residual)
+
+    @property
+    def freedom(self) -> float:
+        """Degrees of freedom within the classes."""
+        return float(np.maximum(self.taps - 1, 0).sum())
+
+
+def sum_by(group: NDArray[np.intp], values: NDArray[np.float64], groups: int) -> NDArray[np.float64]:
+    """Sums of values (N, ...) over the members of each group, shape (groups, ...)."""
+    order = np.argsort(group, kind="stable")
+    present, first = np.unique(group[order], return_index=True)
+    total = np.zeros((groups, *values.shape[1:]))
+    if len(order):
+        total[present] = np.add.reduceat(values[order], first, axis=0)
+    return total
+
+
+def training_taps(taps: TapSet, shape: tuple[int, int], where: NDArray[np.intp], what: NDArray[np.intp]) -> Taps:
+    """Taps of known class as the stories take them."""
+    return Taps(taps.taps.astype(np.float64), where, what, shape)

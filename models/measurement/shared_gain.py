@@ -1,0 +1,113 @@
+"""The model `session`: any other under an unknown gain and offset that all taps of one presentation share.
+
+Nobody knows at test time what the gain of the sensor is that day. It is one of S states on a grid, enumerated beside
+where and what: the belief is carried over (where, what, state), and decisions take the sum over states (see `states`).
+"""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..errors import InputError
+from ..grid import ClassGrid
+from ..taps import TapSet
+from .scaling import sum_by
+from .states import States
+
+GAINS, OFFSETS = 7, 3
+"""Points of the grid."""
+_REACH = 2.0  # standard deviations to which the grid reaches
+_GAIN_SD, _OFFSET_BINS = 0.05, 0.5  # where a single training session says nothing
+_LEAST_GAIN = 1e-3
+_FLAT = 0.1  # signal over noise below which taps say nothing of a gain
+
+
+def state_grid(gain_sd: float, offset_sd: float, gains: int = GAINS, offsets: int = OFFSETS) -> States:
+    """A grid of gains around 1 and offsets around 0 with normal weights.
+
+    Args:
+        gain_sd: Standard deviation of the logarithm of the gain between sessions; 0 keeps it at 1.
+        offset_sd: Standard deviation of the offset, in the unit of the samples; 0 keeps it at 0.
+        gains: Points over the gain, reaching to two standard deviations.
+        offsets: Points over the offset, likewise.
+
+    Raises:
+        InputError: A standard deviation is negative or not finite, or there are no points.
+    """
+    if not (np.isfinite([gain_sd, offset_sd]).all() and min(gain_sd, offset_sd) >= 0 and min(gains, offsets) >= 1):
+        raise InputError(
+            "The spread of gains and offsets between sessions must not be negative and needs a point or more, got "
+            f"{gain_sd} and {offset_sd} with {gains} and {offsets} points."
+        )
+    z_gain, z_offset = _points(gains, gain_sd), _points(offsets, offset_sd)
+    gain, offset = (axis.ravel() for axis in np.meshgrid(z_gain, z_offset, indexing="ij"))
+    log_prior = -0.5 * (gain**2 + offset**2)
+    return States(np.exp(gain * gain_sd), offset * offset_sd, log_prior - np.logaddexp.reduce(log_prior))
+
+
+def _points(number: int, sd: float) -> NDArray[np.float64]:
+    return np.linspace(-_REACH, _REACH, number) if number > 1 and sd > 0 else np.zeros(1)
+
+
+def session_spread(taps: TapSet, grid: ClassGrid, edges: NDArray[np.float64]) -> tuple[float, float]:
+    """How much log gain and offset differ between sessions of training taps, as standard deviations.
+
+    The mean taps of the classes in each session are regressed on those in all others. Where that says nothing, as with
+    a single session, 5 % and half a bin stand in.
+
+    Args:
+        taps: Training taps.
+        grid: The classes.
+        edges: Bin edges, which set the unit of the stand-in.
+    """
+    where, what = taps.indices(grid)
+    inside = (where >= 0) & (what >= 0)
+    own, samples, session = (where * grid.M + what)[inside], taps.taps[inside].astype(np.float64), taps.session[inside]
+    numbers = np.unique(session)
+    if len(numbers) < 2:
+        return _GAIN_SD, _OFFSET_BINS * float(np.diff(edges, axis=-1).mean())
+    log_gain, offset = [], []
+    for number in numbers:
+        pair = _shared_means(own, samples, session == number, grid.L * grid.M)
+        if pair is not None:
+            slope, intercept = _line(*pair)
+            log_gain.append(np.log(max(slope, _LEAST_GAIN)))
+            offset.append(intercept)
+    if not log_gain:
+        return _GAIN_SD, _OFFSET_BINS * float(np.diff(edges, axis=-1).mean())
+    # A session differs from the mean of n - 1 others by more than from the truth.
+    shrink = np.sqrt(1 - 1 / len(numbers))
+    return float(shrink * _root_mean_square(log_gain)), float(shrink * _root_mean_square(offset))
+
+
+def _shared_means(
+    own: NDArray[np.intp], samples: NDArray[np.float64], this: NDArray[np.bool_], classes: int
+) -> tuple[NDArray[np.float64], NDArray[np.float64], float] | None:
+    """Mean taps, flat, of the classes that a session and the others have, and the noise variance of the latter.
+
+    `None` where there are no such classes, or no class with two taps in the others to tell noise by.
+    """
+    shared, count = np.intersect1d(own[this], own[~this]), np.bincount(own[~this], minlength=classes)
+    freedom = int(np.maximum(count - 1, 0).sum())
+    if not len(shared) or not freedom:
+        return None
+    mean, rest = (_class_means(own[part], samples[part], classes) for part in (this, ~this))
+    square = ((samples[~this] - rest[own[~this]]) ** 2).sum(axis=0).mean()
+    noise = float(square / freedom * (1 / count[shared]).mean())
+    return mean[shared].ravel(), rest[shared].ravel(), noise
+
+
+def _line(mean: NDArray[np.float64], rest: NDArray[np.float64], noise: float) -> tuple[float, float]:
+    """Slope and intercept of means over others, which have this noise variance; unnoticed it would flatten the line."""
+    signal = float(rest.var()) - noise
+    slope = float(((mean - mean.mean()) * (rest - rest.mean())).mean()) / signal if signal > _FLAT * noise else 1.0
+    return slope, float(mean.mean() - slope * rest.mean())
+
+
+def _class_means(own: NDArray[np.intp], samples: NDArray[np.float64], classes: int) -> NDArray[np.float64]:
+    """Mean tap of each class, 0 where there is none, shape (classes, J, K)."""
+    count = np.bincount(own, minlength=classes)
+    return sum_by(own, samples, classes) / np.maximum(count, 1)[:, None, None]
+
+
+def _root_mean_square(values: list[float]) -> float:
+    return float(np.sqrt(np.mean(np.square(values))))

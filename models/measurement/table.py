@@ -1,0 +1,101 @@
+"""A measurement model whose probabilities are given, not fitted: one table over the bins per class and taxel."""
+
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import NoReturn
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..errors import InputError
+from ..grid import ClassGrid
+from ..preprocessing import Preprocessing
+from .likelihood.forms import TableForm
+from .model import TapModel
+from .novelty import NoveltyScores
+from .states import ONE_STATE, States
+
+
+@dataclass(frozen=True, eq=False)
+class TableModel(TapModel):
+    """Tables P_k(b | class) in place of the histograms of Eq. 2; Eq. 1 is the same.
+
+    It has no file of its own kind; what it was made from is kept instead.
+
+    Attributes:
+        grid: The classes.
+        edges: Bin edges, shape (B + 1,) for all taxels or (K, B + 1) for each.
+        probabilities: P_k(b | class) as they enter Eq. 1, shape (L, M, K, B); tables that do not sum to one stay so,
+            and a class whose tables are all zero is impossible.
+        power: Root of the likelihood in Eq. 1: `"J"`, `"JK"`, `"none"` or an exponent.
+        preprocessing: How the taps were prepared.
+        left_out: Names of the impossible classes.
+        trained_on: Where the tables come from, in words.
+        version: Version of the software that made them.
+        novelty: As in every model.
+        training: As in every model.
+        states: As in every model.
+        saturation: As in every model.
+
+    Raises:
+        InputError: Shapes contradict each other, edges do not increase, or a probability is negative or not finite.
+    """
+
+    grid: ClassGrid
+    edges: NDArray[np.float64]
+    probabilities: NDArray[np.float64]
+    power: str | float
+    preprocessing: Preprocessing
+    left_out: tuple[str, ...] = ()
+    trained_on: str = ""
+    version: str = ""
+    novelty: NoveltyScores | None = None
+    training: NDArray[np.uint64] = field(default_factory=lambda: np.empty(0, np.uint64))
+    states: States = ONE_STATE
+    saturation: float = np.inf
+
+    def __post_init__(self) -> None:
+        """Checks shapes and values."""
+        super().__post_init__()
+        shape = self.probabilities.shape
+        if len(shape) != 4 or shape[:2] != self.grid.shape or 0 in shape:
+            raise InputError(f"Tables of {self.grid.L} x {self.grid.M} classes have shape (L, M, K, B), not {shape}.")
+        if self.edges.shape not in ((shape[3] + 1,), (shape[2], shape[3] + 1)) or not (np.diff(self.edges) > 0).all():
+            raise InputError(f"{shape[3]} bins need {shape[3] + 1} increasing edges, got shape {self.edges.shape}.")
+        if not (np.isfinite(self.probabilities) & (self.probabilities >= 0)).all():
+            raise InputError("A probability is negative or not finite.")
+
+    @property
+    def kind(self) -> str:
+        """It is none of the catalogue's."""
+        return "table"
+
+    @property
+    def dims(self) -> dict[str, tuple[str, ...]]:
+        """None: it has no file."""
+        return {}
+
+    def groups(self) -> NoReturn:
+        """None.
+
+        Raises:
+            InputError: Always; netCDF files hold fitted models.
+        """
+        raise InputError("A given table has no such file: netCDF files hold fitted models.")
+
+    @cached_property
+    def trained(self) -> NDArray[np.bool_]:
+        """Which classes have a probability above zero, shape (L, M)."""
+        return self.probabilities.any(axis=(2, 3))
+
+    @cached_property
+    def plain_form(self) -> TableForm:
+        """The log tables; flat for impossible classes, which the prior leaves out."""
+        tables = np.where(self.trained[:, :, np.newaxis, np.newaxis], self.probabilities, 1.0)
+        with np.errstate(divide="ignore"):
+            return TableForm(np.log(tables))
+
+    @property
+    def K(self) -> int:  # noqa: N802
+        """Number of taxels."""
+        return self.probabilities.shape[2]

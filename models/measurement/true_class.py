@@ -1,0 +1,57 @@
+"""Log probability of taps under their own classes, for one form after another."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .likelihood.bins import find_bins
+from .likelihood.forms import Form, TableForm, bin_gaps
+from .likelihood.innovations import own_log_masses
+from .states import States
+
+type Own = tuple[NDArray[np.intp], NDArray[np.intp]]
+"""Where and what class of each tap, both of shape (N,)."""
+
+
+class OwnTaps:
+    """Taps of known class, ready for many forms.
+
+    Args:
+        taps: Shape (N, J, K).
+        own: Their classes.
+        edges: Of the bins.
+        states: Over which probabilities are summed.
+    """
+
+    def __init__(self, taps: NDArray[np.floating], own: Own, edges: NDArray[np.float64], states: States) -> None:
+        self._states, self._edges = states, edges
+        self._where, self._what = own
+        self._gaps = bin_gaps(taps, edges)
+        self._bins = find_bins(taps, edges)
+
+    def log_probability(self, form: Form) -> NDArray[np.float64]:
+        """Log probability of the bins of every tap under its class, shape (N,).
+
+        Args:
+            form: Of the model in the state of gain 1 and offset 0.
+        """
+        parts = [
+            log_prior + self._plain(in_one_state(form, gain, offset, self._edges))
+            for gain, offset, log_prior in zip(*(values.tolist() for values in self._states), strict=True)
+        ]
+        return parts[0] if len(parts) == 1 else np.logaddexp.reduce(parts, axis=0)
+
+    def _plain(self, form: Form) -> NDArray[np.float64]:
+        if isinstance(form, TableForm):
+            own = self._where[:, np.newaxis, np.newaxis], self._what[:, np.newaxis, np.newaxis]
+            return form.log_prob[*own, np.arange(self._bins.shape[2]), self._bins].sum(axis=(1, 2))
+        ready = form.prepare(np.zeros(form.shape, dtype=bool))
+        out = np.empty(len(self._where))
+        own_log_masses(*self._gaps, self._where * form.shape[1] + self._what, *ready[:-1], out)
+        return out
+
+
+def in_one_state(form: Form, gain: float, offset: float, edges: NDArray[np.float64]) -> Form:
+    """The form in one state."""
+    if gain == 1 and offset == 0:
+        return form
+    return form.in_state(gain, offset, edges) if isinstance(form, TableForm) else form.in_state(gain, offset)

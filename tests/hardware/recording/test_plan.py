@@ -1,0 +1,109 @@
+"""Plans name objects and places, and say which key is wrong."""
+
+from collections import Counter
+from pathlib import Path
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from solidtouch.hardware.recording.plan import load_plan, parse_plan
+from solidtouch.hardware.rig.settings import RangeSettings, load_rig
+from solidtouch.models.errors import InputError
+
+EXAMPLES = Path(__file__).parents[2] / "docs" / "examples"
+OBJECTS = "\nobjects = [{ name = 'thin' }, { name = 'thick' }, { name = 'cone' }]"
+
+
+def test_the_example_is_the_papers_plan_and_fits_the_example_rig():
+    """5 rods, 320 positions each, none on the border of a class; sec. 2.3 of the paper."""
+    plan = load_plan(EXAMPLES / "plan.toml")
+    plan.check_range(load_rig(EXAMPLES / "rig.toml").range)
+    taps = list(plan.taps())
+
+    assert [thing.size_mm for thing in plan.objects] == [4, 6, 8, 10, 12]
+    assert len(taps) == 5 * 320
+    assert [tap.where_mm for tap in taps[:3]] == [0.025, 0.075, 0.125]
+    assert taps[319].where_mm == 15.975
+    assert [tap.trial for tap in taps] == list(range(1600))
+
+
+def test_positions_may_be_a_list():
+    plan = parse_plan("session = 6\ntaps_per_position = 2\npositions = [3, 1.5]" + OBJECTS)
+    taps = list(plan.taps())
+
+    assert [(tap.what, tap.where_mm) for tap in taps[:5]] == [(0, 3), (0, 3), (0, 1.5), (0, 1.5), (1, 3)]
+    assert {tap.session for tap in taps} == {6}
+
+
+@given(seed=st.integers(0, 2**40), repeats=st.integers(1, 3))
+def test_a_shuffled_plan_has_the_same_taps_object_by_object(seed, repeats):
+    """The order is that of the seed, and differs from object to object."""
+    text = f"seed = {seed}\ntaps_per_position = {repeats}\npositions = {list(range(30))}" + OBJECTS
+    forward, shuffled = parse_plan(text), parse_plan("order = 'shuffled'\n" + text)
+    taps = list(shuffled.taps())
+
+    assert Counter((tap.what, tap.where_mm) for tap in taps) == Counter(
+        (tap.what, tap.where_mm) for tap in forward.taps()
+    )
+    assert [tap.what for tap in taps] == sorted(tap.what for tap in taps)
+    assert taps == list(shuffled.taps())
+    another = parse_plan("order = 'shuffled'\nsession = 1\n" + text)
+    assert [tap.where_mm for tap in taps] != [tap.where_mm for tap in another.taps()]
+    first, second = ([tap.where_mm for tap in taps if tap.what == what] for what in (0, 1))
+    assert first != sorted(first)
+    assert first != second
+
+
+SPACED = "positions = {{ start_mm = {}, end_mm = {}, spacing_mm = {} }}"
+BAD = {
+    "no objects": ("positions = [1]", "there is no key `objects`"),
+    "empty objects": ("positions = [1]\nobjects = []", r"^objects: expected `array` of length >= 1"),
+    "no name": ("positions = [1]\nobjects = [{ name = '' }]", r"^objects\[0\]\.name: expected `str` of length >= 1"),
+    "unknown key": ("positions = [1]\nspeed = 3" + OBJECTS, "there is an unknown key `speed`"),
+    "twice": ("positions = [1]\nobjects = [{ name = 'a' }, { name = 'a' }]", "two of them have the same name"),
+    "size of one": ("positions = [1]\nobjects = [{ name = 'a', size_mm = 1 }, { name = 'b' }]", "all or none need it"),
+    "size nan": (
+        "positions = [1]\nobjects = [{ name = 'a', size_mm = nan }]",
+        r"size_mm: expected `float` > 0",
+    ),
+    "size infinite": ("positions = [1]\nobjects = [{ name = 'a', size_mm = inf }]", "size_mm must be finite"),
+    "size negative": ("positions = [1]\nobjects = [{ name = 'a', size_mm = -8 }]", r"size_mm: expected `float` > 0"),
+    "no positions": ("positions = []" + OBJECTS, "^positions: the list must hold at least one number"),
+    "position inf": ("positions = [inf]" + OBJECTS, "^positions: the list .* only finite ones"),
+    "half a spacing": (SPACED.format(0, 1, 0.4) + OBJECTS, "a whole number of spacings, 1 to 1000000, not 2.5"),
+    "backwards": (SPACED.format(1, 0, 0.5) + OBJECTS, "a whole number of spacings, 1 to 1000000, not -2"),
+    "endless": (SPACED.format("-1e308", "1e308", 1e-9) + OBJECTS, "a whole number of spacings"),
+    "spacing 0": (SPACED.format(0, 1, 0) + OBJECTS, r"^positions\.spacing_mm: expected `float` > 0"),
+    "start nan": (SPACED.format("nan", 1, 1) + OBJECTS, r"^positions\.start_mm: the number must be finite"),
+    "taps": ("taps_per_position = 0\npositions = [1]" + OBJECTS, "^taps_per_position: expected `int` >= 1"),
+    "order": ("order = 'random'\npositions = [1]" + OBJECTS, "^order: invalid enum value 'random'"),
+    "no toml": ("positions = [1", "this is no TOML"),
+}
+
+
+@pytest.mark.parametrize("case", BAD)
+def test_a_wrong_plan_is_refused_by_its_key(case):
+    text, message = BAD[case]
+    with pytest.raises(InputError, match=message):
+        parse_plan(text)
+
+
+def test_the_file_is_named(tmp_path):
+    path = tmp_path / "plan.toml"
+    with pytest.raises(InputError, match=r"plan\.toml cannot be read: No such file"):
+        load_plan(path)
+    path.write_text("x = 1")
+    with pytest.raises(InputError, match=r"plan\.toml: there is"):
+        load_plan(path)
+    path.write_bytes(b"\xff")
+    with pytest.raises(InputError, match=r"plan\.toml cannot be read: it is not UTF-8"):
+        load_plan(path)
+
+
+@pytest.mark.parametrize("place", [-0.1, 4.0, 4.1])
+def test_a_position_without_a_where_class_is_refused(place):
+    """The upper end belongs to no class."""
+    plan = parse_plan(f"positions = [1, {place}]" + OBJECTS)
+
+    with pytest.raises(InputError, match=f"positions: {place:g} mm lies outside the where classes .* 0 mm up to"):
+        plan.check_range(RangeSettings(start_mm=0, end_mm=4, cell_mm=2))

@@ -1,0 +1,347 @@
+"""The compiled trials against the reference equations on log beliefs: any sizes, any depth, any length."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from solidtouch.hardware.pool import tap_pool
+from solidtouch.inference import reference
+from solidtouch.inference.engines.compiled import likelihoods, scaled_belief
+from solidtouch.inference.reference import BORDERS, ZeroEvidenceError
+from solidtouch.inference.trials import kernel
+from solidtouch.inference.trials import random as draws
+from solidtouch.inference.trials.plan import trial_uniforms
+from solidtouch.inference.trials.records import TapTable, TrialPlan
+from solidtouch.inference.trials.run import run_trials
+
+NEAR_TIE = 1e-6
+
+
+def random_table(rng, L, M, depth, impossible, N, empty=0.0):
+    """Taps of most classes whose log-likelihoods span about `depth`; some are impossible, some classes untrained."""
+    log_likelihood = -depth * rng.exponential(size=(N, L, M)) - rng.choice([0.0, 700.0, 1e5])
+    log_likelihood[rng.random(log_likelihood.shape) < impossible] = -np.inf
+    prior = rng.normal(size=(L, M)) * rng.choice([0.0, 1.0, 300.0])
+    holes = rng.random((L, M)) < empty
+    if not holes.all():
+        prior[holes] = log_likelihood[:, holes] = -np.inf
+    return TapTable(
+        log_likelihood,
+        tap_pool(rng.integers(L, size=N), rng.integers(M, size=N), (L, M)),
+        prior - np.logaddexp.reduce(prior.ravel()),
+    )
+
+
+def random_plan(rng, table, trials):
+    held = np.flatnonzero(table.pool.count.sum(axis=0))
+    L = len(table.log_prior)
+    return TrialPlan(
+        rng.integers(L, size=trials),
+        rng.choice(held, size=trials),
+        rng.integers(L, size=trials),
+        rng.integers(2**40, size=trials),
+    )
+
+
+def margin(values, threshold):
+    """How far a decision on these values is from another one."""
+    ordered = np.sort(values)[::-1]
+    gap = ordered[0] - ordered[1] if len(ordered) > 1 else np.inf
+    return min(gap, abs(ordered[0] - threshold))
+
+
+class Trial:
+    """One trial with the reference equations, until all thresholds have decided."""
+
+    def __init__(self, table, where, what, fixation, stream, thresholds, theta_x, border, deadline, seed):
+        self.rows, self.margins = {}, []
+        uniforms = trial_uniforms(seed, stream, deadline)
+        log_belief, at, open_ = table.log_prior, int(table.pool.nearest[where, what]), list(thresholds)
+        for tap, uniform in enumerate(uniforms):
+            none_left = False
+            try:
+                index = table.pool.pick(at, what, uniform)
+                log_belief, _ = reference.update_log(log_belief, table.log_likelihood[index])
+            except ZeroEvidenceError:
+                none_left = True
+            belief = np.exp(log_belief)
+            where_marginal, what_marginal = reference.where_marginal(belief), reference.what_marginal(belief)
+            self.margins.append(
+                min([margin(what_marginal, theta) for theta in open_] + [margin(where_marginal, theta_x)])
+            )
+            for theta in list(open_):
+                decision = None if none_left else reference.what_decision(belief, theta)
+                if decision is not None or none_left or tap == deadline - 1:
+                    open_.remove(theta)
+                    self.rows[theta] = (
+                        tap + 1,
+                        int(what_marginal.argmax()),
+                        int(where_marginal.argmax()),
+                        at,
+                        decision is not None,
+                        none_left,
+                        what_marginal.max(),
+                    )
+            if not open_:
+                return
+            believed = reference.where_decision(belief, theta_x)
+            if believed is not None:
+                delta = reference.fixation_move(believed, fixation)
+                log_belief = reference.shift_log(log_belief, delta, border, table.trained)
+                at = int(table.pool.nearest[min(max(at + delta, 0), len(belief) - 1), what])
+
+
+def assert_same(table, plan, thresholds, theta_x, border, deadline, seed, tolerance=1e-10):
+    """Every trial decides as the reference does; those with a near-tie on their way are counted and returned."""
+    trials = run_trials(table, plan, thresholds, theta_x=theta_x, border=border, deadline=deadline, seed=seed)
+    near = 0
+    for i, row in enumerate(zip(*plan, strict=True)):
+        expected = Trial(table, *(int(v) for v in row), thresholds, theta_x, border, deadline, seed)
+        for h, theta in enumerate(thresholds):
+            *decision, belief = expected.rows[theta]
+            fields = trials.taps, trials.what, trials.where, trials.true_where, trials.stopped, trials.no_class_left
+            decided = [int(field[i, h]) for field in fields]
+            same = decided == decision
+            if not same or trials.belief[i, h] != pytest.approx(belief, abs=tolerance):
+                assert min(expected.margins[: max(decision[0], decided[0])]) < NEAR_TIE
+                near += 1
+    return near
+
+
+@settings(max_examples=60, deadline=None)
+@given(
+    L=st.integers(1, 9),
+    M=st.integers(1, 7),
+    depth=st.sampled_from([0.1, 1.0, 30.0, 400.0, 1e4]),
+    impossible=st.sampled_from([0.0, 0.0, 0.05, 0.5]),
+    empty=st.sampled_from([0.0, 0.2, 0.6]),
+    border=st.sampled_from(BORDERS),
+    theta_x=st.sampled_from([0.0, 0.0, 0.4, 0.9, 1.0]),
+    deadline=st.integers(1, 60),
+    seed=st.integers(0, 2**32 - 1),
+)
+def test_trials_of_any_size_and_depth_are_those_of_the_reference(
+    L, M, depth, impossible, empty, border, theta_x, deadline, seed
+):
+    """Depths reach ten thousand nats between neighbouring classes, far below what a floating-point number holds."""
+    rng = np.random.default_rng(seed)
+    table = random_table(rng, L, M, depth, impossible, int(rng.integers(1, 30)), empty)
+    plan = random_plan(rng, table, 5)
+    thresholds = (0.3, 0.9, 1.0, 0.999)
+    assert_same(table, plan, thresholds, theta_x, border, deadline, seed)
+
+
+def fresh_trial(table, where, what, fixation, stream, thresholds, theta_x, border, deadline, seed):
+    """A trial on fresh taps by the reference equations: its taps in order, and its row at each threshold.
+
+    Each tap takes one of those that are left of the class, which then stand in the order of Fisher and Yates.
+    """
+    pool, words = table.pool, draws.words(seed, stream, kernel.TAPS, 0, deadline)[0]
+    L = len(table.log_prior)
+    left = [list(pool.order[pool.first[l, what] : pool.first[l, what] + pool.count[l, what]]) for l in range(L)]
+    log_belief, at, open_, rows, drawn = table.log_prior, int(pool.nearest[where, what]), list(thresholds), {}, []
+    clamped, substituted, row, near = 0, int(at != where), (), np.inf
+    for tap, word in enumerate(words.tolist()):
+        if not left[at]:
+            return drawn, rows | dict.fromkeys(open_, (*row[:4], False, *row[5:], row[4], True)), near
+        chosen = word * len(left[at]) >> 32
+        left[at][0], left[at][chosen] = left[at][chosen], left[at][0]
+        drawn.append(int(left[at].pop(0)))
+        log_belief, _ = reference.update_log(log_belief, table.log_likelihood[drawn[-1]])
+        belief = np.exp(log_belief)
+        where_marginal, what_marginal = reference.where_marginal(belief), reference.what_marginal(belief)
+        near = min([near, margin(where_marginal, theta_x)] + [margin(what_marginal, theta) for theta in open_])
+        row = (tap + 1, int(what_marginal.argmax()), int(where_marginal.argmax()), at, what_marginal.max())
+        row = (*row, clamped, substituted)  # before this tap; a move that no tap follows is no part of the trial
+        for theta in list(open_):
+            stops = reference.what_decision(belief, theta) is not None
+            if stops or tap == deadline - 1:
+                open_.remove(theta)
+                rows[theta] = (*row[:4], stops, *row[5:], row[4], False)
+        believed = reference.where_decision(belief, theta_x) if open_ else None
+        if not open_:
+            break
+        if believed is not None:
+            delta = reference.fixation_move(believed, fixation)
+            log_belief = reference.shift_log(log_belief, delta, border)
+            reached = min(max(at + delta, 0), L - 1)
+            clamped += reached != at + delta
+            at = int(pool.nearest[reached, what])
+            substituted += at != reached
+    return drawn, rows, near
+
+
+@pytest.mark.parametrize("border", BORDERS)
+@pytest.mark.parametrize("theta_x", [0.0, 0.4, 1.0])
+def test_trials_on_fresh_taps_are_those_of_the_reference(border, theta_x):
+    """Classes of 0, 1, 2, 5 and 9 taps: trials stop, meet the deadline or use their class up; none repeats a tap."""
+    rng = np.random.default_rng(11)
+    L, M, deadline, thresholds = 6, 3, 7, (0.97, 0.4, 1.0, 0.8)
+    count = rng.permuted(np.tile([0, 1, 2, 5, 9, 5], (M, 1)), axis=1).T
+    where, what = np.repeat(np.argwhere(count >= 0), count.ravel(), axis=0).T
+    shuffled = rng.permutation(len(where))
+    where, what = where[shuffled], what[shuffled]
+    log_likelihood = 0.8 * rng.normal(size=(len(where), L, M))
+    log_likelihood[np.arange(len(where)), where, what] += 0.7
+    table = TapTable(log_likelihood, tap_pool(where, what, (L, M)), np.full((L, M), -np.log(L * M)))
+    plan = random_plan(rng, table, 150)
+    trials = run_trials(
+        table, plan, thresholds, theta_x=theta_x, border=border, deadline=deadline, seed=5, fresh=True, workers=1
+    )
+    used, by_deadline, visited = 0, 0, 0
+    for i, (l, m, aim, stream) in enumerate(zip(*plan, strict=True)):
+        drawn, rows, near = fresh_trial(table, l, m, aim, stream, thresholds, theta_x, border, deadline, 5)
+        assert len(set(drawn)) == len(drawn)
+        assert near > 1e-12
+        for h, theta in enumerate(thresholds):
+            *decided, belief, used_up = rows[theta]
+            fields = (getattr(trials, name)[i, h] for name in trials._fields)
+            *actual, actual_belief, actual_used_up, no_class_left = fields
+            assert not no_class_left
+            assert actual == decided
+            assert actual_used_up == used_up
+            assert actual_belief == pytest.approx(belief, abs=1e-12)
+            used += used_up
+            by_deadline += not (rows[theta][4] or used_up)
+        visited += len(set(where[drawn])) > 1
+
+    assert used > 50
+    assert by_deadline > 20
+    assert (visited > 20) == (theta_x < 1)
+    assert trials.stopped.any()
+    if theta_x == 0:
+        assert trials.clamped.max() > 0
+        assert trials.substituted.max() > 1
+
+
+@pytest.mark.parametrize("border", BORDERS)
+@pytest.mark.parametrize("theta_x", [0.0, 0.7, 1.0])
+def test_ten_thousand_taps(border, theta_x):
+    """Beliefs stay within 1e-10 of the log domain to the end."""
+    rng = np.random.default_rng(1)
+    table = random_table(rng, 5, 3, 6.0, 0.0, 90)
+    plan = random_plan(rng, table, 2)
+
+    assert assert_same(table, plan, (1.0,), theta_x, border, 10_000, 3) == 0
+
+
+@pytest.mark.parametrize("step", [3.0, 40.0, 900.0])
+def test_classes_come_back_from_any_depth(step):
+    """Two objects whose log odds walk at random over thousands of steps: whoever leads at the end is believed.
+
+    A floor under beliefs, or numbers that underflow, would let the last few taps decide.
+    """
+    table = TapTable(
+        np.array([[[0.0, -step]], [[-step, 0.0]]]), tap_pool([0, 0], [0, 0], (1, 2)), np.log(np.full((1, 2), 0.5))
+    )
+    trials, deadline, seed = 300, 999, 4
+    plan = TrialPlan(*np.zeros((3, trials), dtype=int), np.arange(trials))
+    decided = run_trials(table, plan, (1.0,), theta_x=1.0, deadline=deadline, seed=seed)
+    odds = np.array(
+        [step * (deadline - 2 * (trial_uniforms(seed, stream, deadline) >= 0.5).sum()) for stream in range(trials)]
+    )
+    lowest = -step * np.sqrt(deadline)
+
+    assert odds.min() < lowest
+    np.testing.assert_array_equal(decided.what[:, 0], odds < 0)
+    np.testing.assert_allclose(decided.belief[:, 0], 1 / (1 + np.exp(-np.abs(odds))), atol=1e-10)
+
+
+def test_classes_that_lead_in_turn_from_any_depth():
+    """Three classes that are worlds apart after one tap and level after the next, against sums of logarithms."""
+    unit = np.log(2.0)
+    steps = np.array([[0, -240, 0], [-2560, -240, 0], [0, 0, -257.0]]) * unit
+    prior = np.array([[0, 0, -257.0]]) * unit
+    table = TapTable(steps[:, np.newaxis], tap_pool([0] * 3, [0] * 3, (1, 3)), prior - np.logaddexp.reduce(prior[0]))
+    trials, deadline = 20_000, 7
+    plan = TrialPlan(*np.zeros((3, trials), dtype=int), np.arange(trials))
+    played = run_trials(table, plan, (1.0,), theta_x=1.0, deadline=deadline)
+    taps = draws.below(draws.words(0, plan.stream, kernel.TAPS, 0, deadline), np.uint64(3)).astype(int)
+    log_belief = table.log_prior + steps[taps].sum(axis=1)
+    belief = np.exp(log_belief - np.logaddexp.reduce(log_belief, axis=1)[:, np.newaxis])
+
+    np.testing.assert_allclose(played.belief[:, 0], belief.max(axis=1), atol=1e-10)
+    assert (np.take_along_axis(belief, played.what, axis=1)[:, 0] >= belief.max(axis=1) - 1e-10).all()
+
+
+@settings(max_examples=60)
+@given(seed=st.integers(0, 2**32 - 1))
+def test_random_walks_of_beliefs_over_hundreds_of_units(seed):
+    """Passive trials over tables whose steps lie near multiples of the unit, where scales change most."""
+    rng = np.random.default_rng(seed)
+    M, N = int(rng.integers(2, 5)), int(rng.integers(2, 5))
+    steps = -np.log(2.0) * (256 * rng.integers(0, 8, size=(N, 1, M)) + rng.integers(-20, 20, size=(N, 1, M)))
+    table = TapTable(steps, tap_pool([0] * N, [0] * N, (1, M)), np.full((1, M), -np.log(M)))
+    trials, deadline = 200, 40
+    plan = TrialPlan(*np.zeros((3, trials), dtype=int), np.arange(trials))
+    played = run_trials(table, plan, (1.0,), theta_x=1.0, deadline=deadline, workers=1)
+    taps = draws.below(draws.words(0, plan.stream, kernel.TAPS, 0, deadline), np.uint64(N)).astype(int)
+    log_belief = steps[taps].sum(axis=(1, 2))
+    belief = np.exp(log_belief - np.logaddexp.reduce(log_belief, axis=1)[:, np.newaxis])
+
+    np.testing.assert_allclose(played.belief[:, 0], belief.max(axis=1), atol=1e-9)
+    assert (np.take_along_axis(belief, played.what, axis=1)[:, 0] >= belief.max(axis=1) - 1e-9).all()
+
+
+def test_likelihoods_are_held_exactly_however_deep():
+    """z 2^(-256 k) is the likelihood over the largest of its tap, z lies above 2^-256, zero is zero."""
+    rng = np.random.default_rng(0)
+    log_likelihood = -rng.exponential(size=(50, 4, 3)) * 10.0 ** rng.integers(-2, 6, size=(50, 1, 1))
+    log_likelihood[0, 1, 1] = -np.inf
+    table = likelihoods(log_likelihood)
+    depth = (log_likelihood - log_likelihood.max(axis=(1, 2), keepdims=True)).swapaxes(1, 2)
+
+    assert table.units.any(axis=(1, 2)).tolist() == table.wide.tolist()
+    possible = np.isfinite(depth)
+    np.testing.assert_allclose(
+        (np.log(np.where(possible, table.rows, 1.0)) - table.units * 256 * np.log(2))[possible],
+        depth[possible],
+        rtol=1e-12,
+        atol=1e-12,
+    )
+    assert (table.rows[possible] > 2.0**-257).all()
+    assert (table.rows <= 1).all()
+    assert (table.rows[~possible] == 0).all()
+    assert likelihoods(np.zeros((3, 2, 2))).units.shape == (0, 2, 2)
+
+
+@given(
+    a=st.floats(2.0**-256, 1.0),
+    ka=st.integers(0, 3),
+    b=st.one_of(st.just(0.0), st.floats(2.0**-256, 1.0)),
+    kb=st.integers(0, 3),
+)
+def test_scaled_numbers_add(a, ka, b, kb):
+    """In either order, as their logarithms do."""
+    exact = np.logaddexp(*(np.log(v) - 256 * np.log(2) * k if v else -np.inf for v, k in ((a, ka), (b, kb))))
+    assert kernel.add(a, 0, 1.0, 2**40) == (a, 0)
+    for z, k in (kernel.add(a, ka, b, kb), kernel.add(b, kb, a, ka)):
+        assert np.log(z) - 256 * np.log(2) * k == pytest.approx(exact, abs=1e-9)
+
+
+def test_settling_keeps_the_belief():
+    """Proportions stay, the largest classes come to k = 0, all others above 2^-256."""
+    rng = np.random.default_rng(3)
+    for _ in range(200):
+        log_belief = -rng.exponential(size=(4, 3)) * 10.0 ** rng.integers(0, 4)
+        z, k, _ = scaled_belief(log_belief)
+        drift = rng.integers(0, 600, size=z.shape)
+        z, k = z * 2.0**-drift, k + rng.integers(0, 3, size=z.shape)
+        before = np.log(z) - 256 * np.log(2) * k
+        on = np.empty_like(z)
+        least = kernel.settle(z, k, on)
+        after = np.log(z) - 256 * np.log(2) * k
+
+        np.testing.assert_allclose(after - after.max(), before - before.max(), rtol=1e-12, atol=1e-9)
+        assert least == z.min() >= 2.0**-256
+        assert (z[k > 0] < 1).all()
+        assert 0.5 <= z[k == 0].sum() <= 2
+        np.testing.assert_array_equal(on, k == 0)
+
+
+def test_nothing_is_left_of_an_impossible_belief():
+    """Nor of a tap that no class can give."""
+    assert not likelihoods(np.full((1, 2, 2), -np.inf)).rows.any()
+    z, k, on = np.zeros((2, 3)), np.zeros((2, 3), dtype=np.int64), np.ones((2, 3))
+
+    assert kernel.settle(z, k, on) == 0

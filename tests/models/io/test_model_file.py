@@ -1,0 +1,398 @@
+"""Files of fitted models: what goes in comes out, ArviZ reads them, and damaged ones are refused in a sentence."""
+
+import json
+from dataclasses import replace
+
+import h5py
+import numpy as np
+import pytest
+import xarray as xr
+from solidtouch.models.errors import InputError
+from solidtouch.models.io.model_file import Draws, load_model, save_model
+from solidtouch.models.measurement.catalogue import CATALOGUE, FitSettings, fit_model
+from solidtouch.models.measurement.draws import posterior_draws
+from solidtouch.models.measurement.histogram import fit
+from solidtouch.models.measurement.novelty import NoveltyScores
+from solidtouch.models.preprocessing import Preprocessing
+
+L, M, J, K, B = 3, 4, 6, 5, 9
+NAMES = [*CATALOGUE, "session:profile"]
+
+
+@pytest.fixture(scope="module")
+def taps(make_taps):
+    return make_taps(L, M, J, K, sessions=2, repeats=2)
+
+
+@pytest.fixture(scope="module")
+def grid(taps):
+    return taps.grid()
+
+
+@pytest.fixture(scope="module")
+def fitted(taps, grid):
+    """All models by name."""
+    settings = FitSettings(bins=B, unconverged=True, gain_sd=0.1, offset_sd=0.2)
+    return {name: fit_model(name, taps, grid, settings, "taps.nc: all of it") for name in NAMES}
+
+
+def without(taps, *cells):
+    """The taps without those of these (where, what) classes."""
+    where, what = taps.indices(taps.grid())
+    return taps.select(~np.any([(where == l) & (what == m) for l, m in cells], axis=0))
+
+
+def old_layout(model, path):
+    """The file of a histogram model as versions without other models wrote it, format 1."""
+    dataset = xr.Dataset(
+        {
+            "counts": (("where", "what", "taxel", "bin"), model.counts),
+            "probabilities": (("where", "what", "taxel", "bin"), model.probabilities),
+            "edges": (("edge",) if model.edges.ndim == 1 else ("taxel", "edge"), model.edges),
+            "training": ("digest", model.training),
+        },
+        {"where": ("where", model.grid.where_value), "what": ("what", np.asarray(model.grid.what_name, dtype=np.str_))},
+        {
+            "kind": "histogram",
+            "format": 1,
+            "pseudocount": model.pseudocount,
+            "power": str(model.power),
+            "preprocessing": model.preprocessing.to_json(),
+            "grid": json.dumps(model.grid.to_dict()),
+            "left_out": json.dumps(model.left_out),
+            "trained_on": model.trained_on,
+            "version": model.version,
+        },
+    )
+    if model.novelty is not None:
+        dataset["novelty_misfit"] = ("training_tap", model.novelty.misfit)
+        dataset["novelty_cell"] = ("training_tap", model.novelty.cell)
+        dataset["novelty_best"] = ("training_tap", model.novelty.misfit)
+    dataset.to_netcdf(path, engine="h5netcdf")
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_every_model_survives_its_file(fitted, taps, tmp_path, name):
+    """To the last bit of its log-likelihoods and its prior, with everything that is said about it."""
+    model = fitted[name].model
+    model.save(tmp_path / "model.nc")
+    loaded = load_model(tmp_path / "model.nc")
+
+    assert type(loaded) is type(model)
+    for attribute in ("name", "kind", "power", "preprocessing", "left_out", "trained_on", "version", "exponent"):
+        assert getattr(loaded, attribute) == getattr(model, attribute)
+    assert loaded.name == name
+    assert loaded.version
+    assert loaded.grid.to_dict() == model.grid.to_dict()
+    for attribute in ("edges", "training", "trained", "log_prior"):
+        np.testing.assert_array_equal(getattr(loaded, attribute), getattr(model, attribute))
+    np.testing.assert_array_equal(loaded.log_likelihood(taps.taps), model.log_likelihood(taps.taps))
+
+
+@pytest.mark.parametrize("more", [{}, {"value_range": "taxel", "power": 0.125, "pseudocount": 0.0, "bins": 1}])
+def test_a_histogram_survives_its_file(taps, grid, tmp_path, more):
+    """Nothing is lost or rounded."""
+    model = fit(without(taps, (1, 2)), grid, **more)
+    model.save(tmp_path / "model.nc")
+    loaded = load_model(tmp_path / "model.nc")
+
+    for name in ("pseudocount", "power", "preprocessing", "left_out", "version"):
+        assert getattr(model, name) == getattr(loaded, name)
+    assert loaded.left_out == ("rod 6 mm at 1.5 mm",)
+    for name in ("edges", "counts"):
+        np.testing.assert_array_equal(getattr(model, name), getattr(loaded, name))
+    np.testing.assert_array_equal(model.log_likelihood(taps.taps), loaded.log_likelihood(taps.taps))
+
+
+@pytest.mark.parametrize("name", ["gaussian", "profile-mvn", "matrix-normal"])
+def test_bins_of_each_taxel_and_untrained_classes_survive(taps, grid, tmp_path, name):
+    """An untrained class stays impossible."""
+    settings = FitSettings(bins=B, value_range="taxel", power="JK")
+    model = fit_model(name, without(taps, (0, 1), (2, 3)), grid, settings).model
+    model.save(tmp_path / "model.nc")
+    loaded = load_model(tmp_path / "model.nc")
+
+    assert loaded.edges.shape == (K, B + 1)
+    assert np.argwhere(np.isneginf(loaded.log_likelihood(taps.taps)[0])).tolist() == [[0, 1], [2, 3]]
+    np.testing.assert_array_equal(loaded.log_likelihood(taps.taps), model.log_likelihood(taps.taps))
+
+
+@pytest.mark.parametrize("name", ["histogram", "profile-ar"])
+@pytest.mark.parametrize("saturation", [2.75, 3, np.inf])
+def test_a_saturation_survives(fitted, tmp_path, name, saturation):
+    """Also none; a file of an older version has none."""
+    model, path = replace(fitted[name].model, saturation=saturation), tmp_path / "model.nc"
+    model.save(path)
+    assert load_model(path).saturation == saturation
+
+    attributes(lambda a: {key: value for key, value in a.items() if key != "saturation"})(path)
+    assert load_model(path).saturation == np.inf
+
+
+@pytest.mark.parametrize("name", ["session", "session:profile"])
+def test_states_survive(fitted, tmp_path, name):
+    """Gains, offsets and their probabilities, 7 times 3 of them."""
+    model = fitted[name].model
+    model.save(tmp_path / "model.nc")
+    loaded = load_model(tmp_path / "model.nc")
+
+    assert loaded.states.gain.shape == (21,)
+    for before, after in zip(model.states, loaded.states, strict=True):
+        np.testing.assert_array_equal(before, after)
+
+
+def test_existing_models_are_kept(make_model, tmp_path):
+    """Unless forced."""
+    path = tmp_path / "model.nc"
+    make_model(seed=1).save(path)
+    with pytest.raises(InputError, match="exists already"):
+        make_model(seed=2).save(path)
+    assert (load_model(path).counts == make_model(seed=1).counts).all()
+    make_model(seed=2).save(path, force=True)
+    assert (load_model(path).counts == make_model(seed=2).counts).all()
+
+
+# Files of versions that knew no model but the histogram
+
+
+@pytest.mark.parametrize("more", [{}, {"value_range": "taxel", "power": 0.3, "pseudocount": 0.2}])
+def test_files_of_the_first_format_are_read(taps, grid, tmp_path, more):
+    """Without their novelty scores, which have no reference; there were no states."""
+    model = fit(taps, grid, bins=B, trained_on="taps.nc", **more)
+    model = model.with_scores(taps)
+    old_layout(model, tmp_path / "old.nc")
+    loaded = load_model(tmp_path / "old.nc")
+
+    assert (loaded.name, loaded.power, loaded.trained_on) == ("histogram", model.power, "taps.nc")
+    assert len(loaded.states.gain) == 1
+    np.testing.assert_array_equal(loaded.training, model.training)
+    assert loaded.novelty is None
+    np.testing.assert_array_equal(loaded.log_likelihood(taps.taps), model.log_likelihood(taps.taps))
+
+
+# What ArviZ makes of them
+
+
+def opened(path):
+    with xr.open_datatree(path, engine="h5netcdf") as tree:
+        return tree.load()
+
+
+@pytest.mark.filterwarnings("ignore:Estimated shape parameter:UserWarning")
+@pytest.mark.parametrize("name", ["histogram", "profile", "session"])
+def test_arviz_opens_files_with_draws(fitted, taps, tmp_path, name):
+    """Leave-one-out works on the tree as it is."""
+    import arviz as az  # where it comes before NumPyro, it leaves a lazy one behind that lacks submodules
+
+    draws = posterior_draws(fitted[name], taps, 4, 10, 0)
+    save_model(fitted[name].model, tmp_path / "model.nc", draws=draws, convergence=fitted[name].convergence)
+    tree = opened(tmp_path / "model.nc")
+    parameter = next(iter(fitted[name].model.dims))
+
+    assert np.isfinite(az.loo(tree, reff=1.0).elpd)
+    assert tree["posterior"][parameter].dims == ("chain", "draw", *fitted[name].model.dims[parameter])
+    assert tree["log_likelihood"]["bins"].sizes == {"chain": 4, "draw": 10, "tap": len(taps)}
+    assert tree["posterior"]["what"].values.tolist() == list(fitted[name].model.grid.what_name)
+    np.testing.assert_array_equal(tree["log_likelihood"]["bins"], draws.log_likelihood)
+    assert tree.attrs["converged"] == "True"
+
+
+def test_what_shows_convergence_is_kept(fitted, tmp_path):
+    """The loss of every step, and the sentence."""
+    student = fitted["student"]
+    save_model(student.model, tmp_path / "model.nc", convergence=student.convergence)
+    tree = opened(tmp_path / "model.nc")
+
+    np.testing.assert_array_equal(tree["sample_stats"]["loss"], student.convergence.stats["loss"])
+    assert tree.attrs["fit"] == student.convergence.sentence
+    assert "posterior" not in tree.children
+
+
+def test_loading_leaves_draws_on_disk(fitted, tmp_path):
+    """A model loads beside draws that no memory holds."""
+    model = fitted["profile"].model
+    small = Draws(
+        {name: np.zeros((1, 1, *values.shape), np.float32) for name, values in model.parameters.items()},
+        np.zeros((1, 1, 2), np.float32),
+    )
+    save_model(model, tmp_path / "model.nc", draws=small)
+    with h5py.File(tmp_path / "model.nc", "r+") as file:
+        for group in ("posterior", "log_likelihood"):
+            file[group].create_dataset("vast", shape=(1 << 24, 1 << 24), dtype="f8", chunks=(1, 1 << 16))
+
+    np.testing.assert_array_equal(load_model(tmp_path / "model.nc").edges, model.edges)
+
+
+# Damaged files
+
+
+def truncated(path):
+    path.write_bytes(path.read_bytes()[: path.stat().st_size // 2])
+
+
+def changed(change, group="constant_data"):
+    """A damage that edits a group of the file."""
+
+    def damage(path):
+        tree = opened(path)
+        path.unlink()
+        groups = {name or "/": node.to_dataset(inherit=False) for name, node in tree.subtree_with_keys}
+        groups = {"/" if name == "." else name: dataset for name, dataset in groups.items()}
+        groups[group] = change(groups[group])
+        xr.DataTree.from_dict(groups).to_netcdf(path, engine="h5netcdf")
+
+    return damage
+
+
+def attributes(change):
+    """A damage that edits the attributes."""
+    return changed(lambda d: d.drop_attrs(deep=False).assign_attrs(change(d.attrs)), "/")
+
+
+def setting(name, value):
+    """Sets the first element of an array."""
+
+    def change(dataset):
+        array = dataset[name].copy(deep=True)
+        array.values[(0,) * array.ndim] = value
+        return dataset.assign({name: array})
+
+    return change
+
+
+ANY = {
+    "truncated": (truncated, "cannot be read as netCDF"),
+    "missing": (lambda path: path.unlink(), "does not exist"),
+    "text": (lambda path: path.write_text("model"), "cannot be read as netCDF"),
+    "no power": (attributes(lambda a: {k: v for k, v in a.items() if k != "power"}), "'power' is missing"),
+    "other power": (attributes(lambda a: a | {"power": "K"}), "damaged: The power must be"),
+    "a power to be learned": (attributes(lambda a: a | {"power": "learned"}), "damaged: The power must be"),
+    "a saturation of 0": (attributes(lambda a: a | {"saturation": 0.0}), "damaged: The saturation must be"),
+    "a saturation in words": (attributes(lambda a: a | {"saturation": "few"}), "is damaged"),
+    "no JSON": (attributes(lambda a: a | {"grid": "{"}), "is damaged"),
+    "no grid": (attributes(lambda a: a | {"grid": "{}"}), "damaged: .*class grid"),
+    "no record": (attributes(lambda a: a | {"preprocessing": "[]"}), "damaged: .*preprocessing record"),
+    "other format": (attributes(lambda a: a | {"format": 99}), "netCDF but no fitted model of format 2 or 1"),
+    "other kind": (attributes(lambda a: a | {"kind": "neural"}), "netCDF but no fitted model of format 2 or 1"),
+    "falling edges": (changed(lambda d: d.assign(edges=-d["edges"])), "damaged: its edges do not increase"),
+    "no edges": (changed(lambda d: d.drop_vars("edges")), "damaged: .*edges.* is missing"),
+    "a gain of 0": (changed(setting("state_gain", 0.0)), "damaged: its states are not finite or have a gain"),
+    "an offset of NaN": (changed(setting("state_offset", np.nan)), "damaged: its states are not finite"),
+    "improbable states": (changed(setting("state_log_prior", -9.0)), "damaged: its states have probabilities"),
+    "states without offsets": (changed(lambda d: d.drop_vars("state_offset")), "damaged: .*state_offset.* is missing"),
+    "two gains": (
+        changed(lambda d: d.drop_vars("state_gain").assign(state_gain=("more", np.ones(2)))),
+        "damaged: its states have no gain, offset and probability each",
+    ),
+}
+
+
+@pytest.mark.parametrize(("damage", "message"), ANY.values(), ids=ANY.keys())
+@pytest.mark.parametrize("name", ["histogram", "profile-ar"])
+def test_damaged_files_are_refused(fitted, tmp_path, name, damage, message):
+    """The message names the file."""
+    path = tmp_path / "model.nc"
+    fitted[name].model.save(path)
+    damage(path)
+
+    with pytest.raises(InputError, match=rf"model\.nc.*{message}"):
+        load_model(path)
+
+
+def one_object(attributes):
+    return attributes | {"grid": json.dumps(json.loads(attributes["grid"]) | {"what_members": [["a"]]})}
+
+
+COUNTS = {
+    "no counts": (changed(lambda d: d.drop_vars("counts")), "damaged: .*counts.* is missing"),
+    "other grid": (attributes(one_object), r"damaged: its counts have shape \(3, 4, 5, 9\)"),
+    "other edges": (changed(lambda d: d.isel(edge=slice(1, None))), r"its edges \(9,\)"),
+    "counts below 0": (changed(setting("counts", -1)), "its counts are below 0"),
+    "a misfit of NaN": (changed(setting("novelty_misfit", np.nan)), "its novelty scores"),
+    "an endless edge": (changed(setting("novelty_edges", np.inf)), "its novelty scores"),
+    "a reference below 0": (changed(setting("novelty_reference", -1)), "its novelty scores"),
+    "a class that is not there": (
+        changed(lambda d: setting("novelty_cell", d.sizes["where"] * d.sizes["what"])(d)),
+        "its novelty scores",
+    ),
+    "a class below 0": (changed(setting("novelty_cell", -1)), "its novelty scores"),
+}
+
+
+@pytest.mark.parametrize(("damage", "message"), COUNTS.values(), ids=COUNTS.keys())
+def test_damaged_histograms_are_refused(fitted, tmp_path, damage, message):
+    model = fitted["histogram"].model
+    scores = NoveltyScores(model.counts, model.edges, np.ones(6), np.arange(6))
+    replace(model, novelty=scores).save(tmp_path / "model.nc")
+    damage(tmp_path / "model.nc")
+
+    with pytest.raises(InputError, match=rf"model\.nc.*{message}"):
+        load_model(tmp_path / "model.nc")
+
+
+PARAMETERS = {
+    "no level": ("profile", changed(lambda d: d.drop_vars("level"), "parameters"), "level.* is missing"),
+    "a level of NaN": ("profile", changed(setting("level", np.nan), "parameters"), "its level .* not finite"),
+    "no variance": ("profile", changed(setting("variance", 0.0), "parameters"), "its variance is not above 0"),
+    "no freedom": ("student", changed(setting("freedom", -1.0), "parameters"), "its freedom is not above 0"),
+    "no unit": ("gaussian", changed(setting("unit", 0.0)), "its unit is not above 0"),
+    "fewer samples": (
+        "profile-mvn",
+        changed(lambda d: d.isel(sample=slice(1, None)), "parameters"),
+        r"its level has shape \(3, 4, 5, 5\) .* should have shape \(3, 4, 6, 5\)",
+    ),
+    "fewer taxels": (
+        "matrix-normal",
+        changed(lambda d: d.isel(other_taxel=slice(1, None)), "parameters"),
+        r"its taxel_covariance has shape \(3, 4, 5, 4\)",
+    ),
+    "other dims": ("profile", changed(lambda d: d.rename(sample="time"), "parameters"), "sample"),
+    "no basis": ("smooth", changed(lambda d: d.drop_vars("basis")), "its weight has shape"),
+    "a shorter basis": ("smooth", changed(lambda d: d.isel(basis_function=slice(1, None))), "its weight has shape"),
+    "fewer classes covered": (
+        "profile",
+        changed(lambda d: d.assign(covered=(("a", "b"), np.ones((2, 2), bool)))),
+        r"its covered classes have shape \(2, 2\)",
+    ),
+    "no centre": ("profile-ar", changed(lambda d: d.drop_vars("centre")), "centre.* is missing"),
+    "a covariance that is none": (
+        "matrix-normal",
+        changed(setting("time_covariance", -5.0), "parameters"),
+        "its time_covariance is no covariance",
+    ),
+}
+
+
+@pytest.mark.parametrize(("name", "damage", "message"), PARAMETERS.values(), ids=PARAMETERS.keys())
+def test_damaged_parameters_are_refused(fitted, tmp_path, name, damage, message):
+    fitted[name].model.save(tmp_path / "model.nc")
+    damage(tmp_path / "model.nc")
+
+    with pytest.raises(InputError, match=rf"model\.nc is damaged: .*{message}"):
+        load_model(tmp_path / "model.nc")
+
+
+def test_every_half_of_a_file_is_refused(fitted, taps, tmp_path):
+    """Wherever the end is cut off, also within the draws."""
+    path = tmp_path / "model.nc"
+    save_model(fitted["gaussian"].model, path, draws=posterior_draws(fitted["gaussian"], taps, 1, 3, 0))
+    whole = path.read_bytes()
+    for part in range(1, 10):
+        path.write_bytes(whole[: len(whole) * part // 10])
+        with pytest.raises(InputError, match="cannot be read as netCDF"):
+            load_model(path)
+
+
+def test_tap_sets_are_no_models(taps, tmp_path):
+    """Though they are netCDF."""
+    taps.save(tmp_path / "taps.nc")
+    with pytest.raises(InputError, match=r"taps\.nc is netCDF but no fitted model of format 2 or 1"):
+        load_model(tmp_path / "taps.nc")
+
+
+def test_records_of_other_sizes_are_refused(fitted, tmp_path):
+    """The record of preprocessing gives the number of samples."""
+    replace(fitted["profile"].model, preprocessing=Preprocessing(samples=J + 1)).save(tmp_path / "model.nc")
+
+    with pytest.raises(InputError, match=r"its level has shape \(3, 4, 6, 5\) .* should have shape \(3, 4, 7, 5\)"):
+        load_model(tmp_path / "model.nc")

@@ -1,0 +1,129 @@
+"""Streams are cut as they would have been cut live."""
+
+import numpy as np
+import pytest
+from solidtouch.models.errors import InputError
+from solidtouch.models.io.arrays import recording_from_arrays
+from solidtouch.models.io.load import read_recording
+from solidtouch.models.io.streams import segment
+from solidtouch.models.preprocessing import Preprocessing
+
+
+def pulses(starts, length=30, taxels=2):
+    """A stream that is 0 but for three frames of 5 from each start on the last taxel."""
+    frames = np.zeros((length, taxels))
+    for start in starts:
+        frames[start : start + 3, -1] = 5.0
+    return frames
+
+
+def recording(*streams, names=("a", "b"), **more):
+    """Streams of (session, what, frames), positions equal to the row number."""
+    frames = np.concatenate([stream for _, _, stream in streams])
+    lengths = [len(stream) for _, _, stream in streams]
+    arrays = {
+        "stream": frames,
+        "what": np.repeat([what for _, what, _ in streams], lengths),
+        "session": np.repeat([session for session, _, _ in streams], lengths),
+        "where": np.arange(len(frames)) / 4,
+        "what_names": np.array(names),
+        **more,
+    }
+    return recording_from_arrays(arrays)
+
+
+CONTACT = Preprocessing(samples=4, rate_hz=20.0, trigger="contact", trigger_level=2.0, pre_samples=1)
+
+
+def test_a_tap_begins_before_its_trigger_and_lies_where_it_was_triggered():
+    cut = segment(recording((0, 0, pulses([10, 20])), (0, 1, pulses([5]))), CONTACT)
+
+    assert cut.taps.taps[:, :, 1].tolist() == [[0, 5, 5, 5]] * 3
+    assert cut.taps.where.tolist() == [10 / 4, 20 / 4, 35 / 4]
+    assert cut.taps.what.tolist() == [0, 0, 1]
+    assert cut.taps.trial.tolist() == [0, 1, 2]
+    assert cut.taps.preprocessing == CONTACT
+
+
+def test_every_run_of_an_object_in_a_session_is_its_own_stream():
+    """A tare is taken anew where the session or the object changes, not where they come back to what they were."""
+    tare = Preprocessing(samples=4, tare="stream", tare_samples=2, trigger="clock")
+    streams = [(0, 0, np.full((6, 2), 1.0)), (0, 1, np.full((6, 2), 2.0)), (1, 1, np.full((6, 2), 3.0))]
+
+    cut = segment(recording(*streams, (1, 0, np.full((6, 2), 4.0))), tare)
+
+    assert cut.streams == 4
+    assert not cut.taps.taps.any()
+    assert cut.taps.session.tolist() == [0, 0, 1, 1]
+    assert cut.taps.trial.tolist() == [0, 1, 0, 1]
+    assert cut.incomplete == 4
+
+
+def test_taps_cut_short_and_silent_streams_are_counted():
+    cut = segment(recording((0, 0, pulses([0, 10, 28])), (0, 1, pulses([])), (3, 1, pulses([9]))), CONTACT)
+
+    assert len(cut.taps) == 2
+    assert cut.incomplete == 2
+    assert cut.silent == ("session 0, b, 30 frames",)
+
+
+def test_further_arrays_and_sample_types_follow_the_trigger_frame():
+    streams = recording((0, 0, pulses([10]).astype(np.float32)), depth=np.arange(30.0), what=np.zeros(30))
+
+    cut = segment(streams, CONTACT)
+
+    assert cut.taps.dataset["depth"].values.tolist() == [10.0]
+    assert cut.taps.taps.dtype == np.float32
+
+
+def test_a_table_of_positions_survives_where_given():
+    cut = segment(recording((0, 0, pulses([10])), where=np.zeros(30), where_values=np.array([1.0, 2.0, 4.0])), CONTACT)
+
+    assert cut.taps.dataset["where_value"].values.tolist() == [1.0, 2.0, 4.0]
+
+
+@pytest.mark.parametrize(
+    ("streams", "record", "message"),
+    [
+        (
+            [(0, 0, pulses([]))],
+            CONTACT,
+            "no tap was found in 1 streams; the level is 2 and the values as stored span 0 to 0",
+        ),
+        ([(0, 0, pulses([28]))], CONTACT, "1 began but were cut short"),
+        ([(0, 0, pulses([3]))], Preprocessing(samples=4), "needs? a trigger|clock, contact or press trigger"),
+    ],
+)
+def test_nothing_to_cut_is_an_error_that_says_why(streams, record, message):
+    with pytest.raises(InputError, match=message):
+        segment(recording(*streams), record)
+
+
+def test_too_short_streams_say_how_long_a_tap_is():
+    with pytest.raises(InputError, match="no tap was found in 1 streams; 1 began but"):
+        segment(recording((0, 0, pulses([], 3))), Preprocessing(samples=4, trigger="clock"))
+    held_back = Preprocessing(samples=4, tare="stream", tare_samples=9, trigger="clock")
+    with pytest.raises(InputError, match="a tap takes 4 frames"):
+        segment(recording((0, 0, pulses([], 5))), held_back)
+
+
+def test_cut_taps_are_not_cut_again(make_taps, arrays_of):
+    with pytest.raises(InputError, match="cut already"):
+        segment(recording_from_arrays(arrays_of(make_taps(repeats=1))), CONTACT)
+
+
+def test_files_of_a_folder_are_separate_streams_even_of_one_session(tmp_path):
+    for name in ("a.csv", "b.csv"):
+        rows = "".join(f"0,ball,{j},{int(j > 2) * 5}\n" for j in range(4))
+        (tmp_path / name).write_text("session,what,where,taxel\n" + rows)
+
+    cut = segment(read_recording(tmp_path), Preprocessing(samples=3, trigger="clock"))
+
+    assert cut.streams == 2
+    assert cut.incomplete == 2
+    assert cut.taps.where.tolist() == [0.0, 0.0]
+
+
+def test_stream_labels_of_another_length_are_refused():
+    with pytest.raises(InputError, match=r"what must have the shape \(30,\), got shape \(29,\)"):
+        recording((0, 0, pulses([])), what=np.zeros(29))

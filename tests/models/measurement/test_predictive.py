@@ -1,0 +1,163 @@
+"""Log probability of taps left out, integrated over posteriors and at one value of the parameters."""
+
+from dataclasses import replace
+from itertools import product
+
+import numpy as np
+import pytest
+from scipy.special import gammaln
+from scipy.stats import multivariate_t
+from solidtouch.models.grid import ClassGrid
+from solidtouch.models.measurement import predictive
+from solidtouch.models.measurement.catalogue import CATALOGUE, FitSettings, fit_model
+from solidtouch.models.measurement.draws import drawn
+from solidtouch.models.measurement.posterior import HistogramPosterior
+from solidtouch.models.measurement.predictive import integrated, plug_in
+from solidtouch.models.measurement.states import States
+from solidtouch.models.preprocessing import Preprocessing
+from solidtouch.models.taps import TapSet
+
+L, M, J, K, PER_CLASS = 3, 2, 4, 5, 6
+
+
+def make_taps(seed: int, sessions: int = 1) -> TapSet:
+    """Taps with a profile, correlated samples and a position."""
+    generator = np.random.default_rng(seed)
+    rows = np.array(list(product(range(sessions), range(L), range(M), range(PER_CLASS))))
+    session, where, what, _ = rows.T
+    shape = np.sin(np.arange(1, J + 1))[:, None] * np.arange(1, K + 1)
+    noise = generator.normal(size=(len(rows), J, K)).cumsum(axis=1) * 0.4
+    taps = (where + 2 * what)[:, None, None] * shape + noise + 0.1 * session[:, None, None]
+    place = where + generator.uniform(0, 1, len(rows))
+    return TapSet.from_arrays(
+        taps,
+        what,
+        ["a", "b"],
+        where=place,
+        where_value=np.arange(L) + 0.5,
+        where_edges=np.arange(L + 1.0),
+        where_unit="mm",
+        session=session,
+        preprocessing=Preprocessing(samples=J),
+    )
+
+
+TAPS, TEST = make_taps(0), make_taps(1)
+GRID: ClassGrid = TAPS.grid()
+OWN = TEST.indices(GRID)
+SETTINGS = FitSettings(bins=23, pseudocount=0.5)
+
+
+@pytest.mark.parametrize(
+    "name", [n if n != "student" else pytest.param(n, marks=pytest.mark.slow) for n in (*CATALOGUE, "session:profile")]
+)
+def test_every_model_predicts_taps_left_out(name):
+    """Both estimates are finite, below zero, and those of single taps do not depend on the others."""
+    fitted = fit_model(name, TAPS, GRID, SETTINGS._replace(unconverged=True))
+    for estimate in (
+        lambda taps, own: plug_in(fitted, taps, own),
+        lambda taps, own: integrated(fitted, taps, own, np.random.default_rng(0)),
+    ):
+        whole = estimate(TEST.taps, OWN)
+        assert whole.shape == (len(TEST),)
+        assert (np.isfinite(whole) & (whole < 0)).all()
+        part = estimate(TEST.taps[5:9], (OWN[0][5:9], OWN[1][5:9]))
+        np.testing.assert_allclose(part, whole[5:9], rtol=1e-9)
+
+
+@pytest.mark.parametrize("name", ["histogram", "gaussian", "profile", "profile-ar", "profile-mvn", "matrix-normal"])
+def test_integrated_is_the_mean_over_draws_where_taps_are_short(name, monkeypatch):
+    """With few samples per tap the plain mean over many draws of everything comes to the same."""
+    monkeypatch.setattr(predictive, "DRAWS", 400)
+    generator = np.random.default_rng(3)
+    small = make_small(generator)
+    fitted = fit_model(
+        name, small, small.grid(), SETTINGS._replace(bins=6 if name == "histogram" else 60, unconverged=True)
+    )
+    own = small.indices(small.grid())
+    rows = np.array([values for _, values in drawn(fitted, small, 4000, seed=1)])
+    mean = np.logaddexp.reduce(rows, axis=0) - np.log(len(rows))
+    spread = np.exp(rows - mean).std(axis=0) / np.sqrt(len(rows))
+    exact = integrated(fitted, small.taps, own, np.random.default_rng(2))
+    own_spread = spread * np.sqrt(len(rows) / 400)
+    assert (np.abs(exact - mean) < 5 * np.hypot(spread, own_spread) + 0.005).all()
+
+
+def make_small(generator: np.random.Generator) -> TapSet:
+    """Taps of two samples and two taxels, enough of them that posteriors are narrow."""
+    n = 60
+    what = np.repeat([0, 1], n // 2)
+    return TapSet.from_arrays(
+        generator.normal(size=(n, 2, 2)) + what[:, None, None], what, ["a", "b"], preprocessing=Preprocessing(samples=2)
+    )
+
+
+def test_histogram_leaves_out_taps_exactly():
+    """Subtracting a tap's counts gives what fitting without the tap gives."""
+    fitted = fit_model("histogram", TAPS, GRID, SETTINGS)
+    assert isinstance(fitted.posterior, HistogramPosterior)
+    where, what = TAPS.indices(GRID)
+    left = fitted.posterior.leave_out(TAPS.taps, fitted.model.edges, where * M + what)
+    for n in (0, 7, 20):
+        rest = TAPS.select(np.arange(len(TAPS)) != n)
+        without = fit_model("histogram", rest, GRID, SETTINGS._replace(edges=fitted.model.edges))
+        one = (where[n : n + 1], what[n : n + 1])
+        expected = integrated(without, TAPS.taps[n : n + 1], one, np.random.default_rng(0))[0]
+        assert left.integrated[n] == pytest.approx(expected, abs=1e-9)
+        assert left.plug_in[n] == pytest.approx(plug_in(without, TAPS.taps[n : n + 1], one)[0], abs=1e-9)
+
+
+def test_histogram_is_dirichlet_multinomial():
+    """The samples of a tap, one after the other, each counted before the next, have the same probability."""
+    fitted = fit_model("histogram", TAPS, GRID, SETTINGS)
+    tap, l, m = TEST.taps[4], OWN[0][4], OWN[1][4]
+    counts = fitted.posterior.concentration[l, m].copy()
+    expected = 0.0
+    for sample in fitted.model.bins(tap):
+        for k, b in enumerate(sample):
+            expected += np.log(counts[k, b] / counts[k].sum())
+            counts[k, b] += 1
+    value = integrated(fitted, TEST.taps[4:5], (OWN[0][4:5], OWN[1][4:5]), np.random.default_rng(0))[0]
+    assert value == pytest.approx(expected, abs=1e-10)
+    assert np.isfinite(gammaln(counts)).all()
+
+
+def test_gaussian_forecasts_are_a_multivariate_t():
+    """On narrow bins the samples of a tap, integrated, have the joint density of a multivariate t distribution."""
+    generator = np.random.default_rng(7)
+    taps = TapSet.from_arrays(
+        generator.normal(size=(3, J, 1)), np.zeros(3, dtype=int), ["a"], preprocessing=Preprocessing(samples=J)
+    )
+    edges = np.linspace(-8, 8, 16001)
+    fitted = fit_model("gaussian", taps, taps.grid(), SETTINGS._replace(bins=16000, edges=edges))
+    cells, scaling = fitted.posterior.cells, fitted.model.scaling
+    level, strength, a, b = (float(values[0, 0, 0, 0]) for values in cells)
+    shape = b / a * (np.eye(J) + 1 / strength)
+    width = edges[1] - edges[0]
+    new = (np.floor(generator.normal(size=(5, J, 1)) * 1.5 / width) + 0.5) * width  # in the middle of bins
+    own = np.zeros(5, dtype=int), np.zeros(5, dtype=int)
+    scaled = ((new - scaling.centre) / scaling.unit)[..., 0]
+    density = multivariate_t(np.full(J, level), shape, df=2 * a).logpdf(scaled) - J * np.log(scaling.unit[0])
+    found = integrated(fitted, new, own, generator) - J * np.log(width)
+    np.testing.assert_allclose(found, density, atol=1e-5)
+
+
+@pytest.mark.parametrize("name", ["histogram", "profile", "matrix-normal"])
+def test_states_are_summed_over(name):
+    """A single state among impossible ones gives that state's probability, equal states give the plain one."""
+    fitted = fit_model(name, TAPS, GRID, SETTINGS._replace(unconverged=True))
+    twice = States(np.ones(2), np.zeros(2), np.log([0.3, 0.7]))
+    model = replace(fitted.model, states=twice)
+    np.testing.assert_allclose(
+        plug_in(fitted._replace(model=model), TEST.taps, OWN), plug_in(fitted, TEST.taps, OWN), atol=1e-9
+    )
+    certain = States(np.array([1.0, 1.4]), np.array([0.0, 0.2]), np.log([1e-300, 1.0]))
+    alone = States(certain.gain[1:], certain.offset[1:], np.zeros(1))
+    both, one = (replace(fitted.model, states=states) for states in (certain, alone))
+    exact = (plug_in, lambda f, t, o: integrated(f, t, o, np.random.default_rng(0)))
+    for estimate in exact[: 1 if name == "matrix-normal" else 2]:  # which draws, and other ones in each state
+        np.testing.assert_allclose(
+            estimate(fitted._replace(model=both), TEST.taps, OWN),
+            estimate(fitted._replace(model=one), TEST.taps, OWN),
+            atol=1e-6,
+        )

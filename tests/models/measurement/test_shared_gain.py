@@ -1,0 +1,133 @@
+"""Unknown gains and offsets: their grid, and how far training sessions show them to differ."""
+
+import numpy as np
+import pytest
+from solidtouch.models.errors import InputError
+from solidtouch.models.measurement.catalogue import FitSettings, fit_model
+from solidtouch.models.measurement.shared_gain import session_spread, state_grid
+from solidtouch.models.preprocessing import Preprocessing
+from solidtouch.models.taps import TapSet
+
+L, M, J, K, N = 4, 3, 6, 5, 9
+EDGES = np.linspace(-10.0, 15.0, 51)  # bins of half a unit
+
+
+@pytest.fixture(scope="module")
+def sessions():
+    """A function that makes sessions of taps with gains and offsets of their own."""
+
+    def make(gains, offsets, noise=0.3, repeats=N, seed=0):
+        rng = np.random.default_rng(seed)
+        shape = 3 * rng.normal(size=(L, M, J, K)) + 2
+        session, _, where, what = (i.ravel() for i in np.indices((len(gains), repeats, L, M)))
+        samples = shape[where, what] + noise * rng.normal(size=(len(where), J, K))
+        samples = np.asarray(gains)[session, None, None] * samples + np.asarray(offsets)[session, None, None]
+        return TapSet.from_arrays(
+            samples,
+            what,
+            [f"rod {m}" for m in range(M)],
+            preprocessing=Preprocessing(samples=J),
+            where=where.astype(float),
+            session=session,
+        )
+
+    return make
+
+
+# The grid
+
+
+def test_the_grid_has_normal_weights_over_log_gain_and_offset():
+    """Seven gains by three offsets, to two standard deviations; weights sum to one."""
+    states = state_grid(0.1, 0.4)
+    z = np.stack([np.log(states.gain) / 0.1, states.offset / 0.4], axis=1)
+
+    assert len(states.gain) == 21
+    assert np.exp(states.log_prior).sum() == pytest.approx(1.0)
+    np.testing.assert_allclose(np.unique(np.round(z[:, 0], 12)), np.linspace(-2, 2, 7), atol=1e-12)
+    np.testing.assert_allclose(np.unique(np.round(z[:, 1], 12)), [-2, 0, 2], atol=1e-12)
+    np.testing.assert_allclose(np.ptp(states.log_prior + 0.5 * (z**2).sum(axis=1)), 0.0, atol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("spread", "points", "left"), [((0.0, 0.4), (7, 3), 3), ((0.1, 0.0), (5, 3), 5), ((0.0, 0.0), (7, 3), 1)]
+)
+def test_what_does_not_vary_takes_one_point(spread, points, left):
+    states = state_grid(*spread, *points)
+
+    assert len(states.gain) == left
+    assert spread[0] > 0 or (states.gain == 1).all()
+    assert spread[1] > 0 or (states.offset == 0).all()
+
+
+@pytest.mark.parametrize("arguments", [(-0.1, 0.1), (0.1, -0.1), (np.nan, 0.1), (0.1, np.inf), (0.1, 0.1, 0)])
+def test_spreads_below_0_are_refused(arguments):
+    with pytest.raises(InputError, match="must not be negative and needs a point or more, got"):
+        state_grid(*arguments)
+
+
+# Their spread
+
+
+@pytest.mark.parametrize("noise", [0.1, 3.0])
+def test_planted_spreads_are_recovered(sessions, noise):
+    """Over 40 sessions, within a third, also where a tap is as much noise as signal."""
+    rng = np.random.default_rng(3)
+    gains, offsets = np.exp(0.08 * rng.normal(size=40)), 0.5 * rng.normal(size=40)
+    gain_sd, offset_sd = session_spread(sessions(gains, offsets, noise), sessions(gains, offsets).grid(), EDGES)
+
+    assert gain_sd == pytest.approx(0.08, rel=0.34)
+    assert offset_sd == pytest.approx(0.5, rel=0.34)
+
+
+@pytest.mark.parametrize("count", [2, 5])
+def test_noise_is_not_taken_for_a_gain(sessions, count):
+    """Sessions that differ by noise alone have gains within a few per cent, though noise flattens a plain line."""
+    found = [
+        session_spread(taps := sessions([1.0] * count, [0.0] * count, 3.0, seed=seed), taps.grid(), EDGES)[0]
+        for seed in range(6)
+    ]
+
+    assert np.mean(found) < 0.06
+
+
+def test_two_sessions_differ_by_root_two_times_their_spread(sessions):
+    """Log gains of plus and minus g are a spread of root two times g with the mean known to be 0."""
+    taps = sessions([np.exp(0.1), np.exp(-0.1)], [0.0, 0.0], 0.01)
+
+    assert session_spread(taps, taps.grid(), EDGES)[0] == pytest.approx(np.sqrt(2) * 0.1, rel=0.01)
+
+
+def test_a_single_session_has_spreads_that_stand_in(sessions):
+    """Five per cent and half a bin; the same where no class is in two sessions, or no class has two taps."""
+    one = sessions([1.3], [0.0])
+    two = sessions([1.3, 1.0], [0.0, 1.0])
+    apart = two.select((two.session == 0) == (two.what == 0))
+    single = sessions([1.3, 1.0], [0.0, 1.0], repeats=1)
+
+    for taps in (one, apart, single):
+        assert session_spread(taps, two.grid(), EDGES) == pytest.approx((0.05, 0.25))
+
+
+def test_constant_taps_have_an_offset_and_no_gain(sessions):
+    """Which a line could not tell apart."""
+    taps = sessions([1.0, 1.0], [0.0, 0.0])
+    dataset = taps.dataset.copy(deep=True)
+    dataset["taps"][:] = np.where(taps.session == 0, 4.0, 5.0)[:, None, None]
+    gain_sd, offset_sd = session_spread(TapSet(dataset), taps.grid(), EDGES)
+
+    assert gain_sd == 0
+    assert offset_sd == pytest.approx(np.sqrt(0.5))
+
+
+def test_the_model_takes_the_spread_of_its_training_sessions(sessions):
+    """Unless it is given one."""
+    taps = sessions([1.1, 0.9, 1.0], [0.3, -0.3, 0.0])
+    gain_sd, offset_sd = session_spread(taps, taps.grid(), EDGES)
+    found = fit_model("session:gaussian", taps, taps.grid(), FitSettings(edges=EDGES)).model.states
+    given = fit_model("session", taps, taps.grid(), FitSettings(edges=EDGES, gain_sd=0.2, offset_sd=0.0)).model.states
+
+    assert np.log(found.gain).max() == pytest.approx(2 * gain_sd)
+    assert found.offset.max() == pytest.approx(2 * offset_sd)
+    assert np.log(given.gain).max() == pytest.approx(0.4)
+    assert (given.offset == 0).all()

@@ -1,0 +1,165 @@
+"""Labels and values to class indices and back."""
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from solidtouch.models.errors import InputError
+from solidtouch.models.grid import ClassGrid, group, parse_length, values_from_names
+
+
+def grid(where=(0.0, 1.0, 4.0), edges=None, members=(("a",), ("b", "c")), value=None, unit="mm"):
+    return ClassGrid(
+        np.asarray(where, dtype=float),
+        unit,
+        None if edges is None else np.asarray(edges, dtype=float),
+        members,
+        None if value is None else np.asarray(value, dtype=float),
+        "" if value is None else "mm",
+    )
+
+
+SPACINGS = st.lists(st.floats(0.01, 100.0), min_size=1, max_size=12)
+STARTS = st.floats(-1e3, 1e3)
+
+
+@given(start=STARTS, spacings=SPACINGS)
+def test_the_class_of_a_class_centre_is_the_class(start, spacings):
+    """Listed values of any spacing, and the middles between any edges."""
+    edges = start + np.cumsum([0.0, *spacings])
+    centres = (edges[1:] + edges[:-1]) / 2
+    expected = list(range(len(spacings)))
+
+    assert grid(centres).where_index(centres).tolist() == expected
+    assert grid(centres, edges).where_index(centres).tolist() == expected
+
+
+@given(start=STARTS, width=st.floats(0.01, 50.0), cells=st.integers(1, 20))
+def test_a_lower_edge_belongs_to_the_class_above_it(start, width, cells):
+    edges = start + width * np.arange(cells + 1)
+    index = grid(edges[:-1] + width / 2, edges).where_index(edges)
+
+    assert index.tolist() == [*range(cells), -1]
+
+
+@given(start=STARTS, spacings=SPACINGS)
+def test_a_grid_survives_its_dictionary(start, spacings):
+    edges = start + np.cumsum([0.0, *spacings])
+    for given_edges in (None, edges):
+        original = grid((edges[1:] + edges[:-1]) / 2, given_edges, value=(2, 5))
+        read = ClassGrid.from_dict(original.to_dict())
+
+        assert not original.differences(read)
+        assert read.to_dict() == original.to_dict()
+
+
+def test_values_beside_the_classes_have_none():
+    assert grid().where_index([-1e-3, 0.5, 1.001, 4.0, 9.0]).tolist() == [-1, -1, -1, 2, -1]
+    assert grid(edges=[-1, 0.5, 2, 6]).where_index([-1.01, -1, 0.49, 0.5, 5.99, 6]).tolist() == [-1, 0, 0, 1, 2, -1]
+    assert grid().what_index(["c", "d", "a", "b"]).tolist() == [1, -1, 0, 1]
+
+
+def test_one_class_finds_itself():
+    assert grid([0.0]).where_index([0.0, 0.5]).tolist() == [0, -1]
+    assert grid([7.5]).shape == (1, 2)
+
+
+def test_errors_are_distances_or_whether_wrong():
+    assert grid().where_error([0, 2, 1], [0, 0, 2]).tolist() == [0.0, 4.0, 3.0]
+    assert grid(value=(2, 9)).what_error([0, 1], [1, 1]).tolist() == [7.0, 0.0]
+    assert grid().what_error([0, 1], [1, 1]).tolist() == [1.0, 0.0]
+    assert (grid().what_error_unit, grid(value=(2, 9)).what_error_unit) == ("P(wrong)", "mm")
+
+
+def test_labels_leave_out_remarks_behind_the_unit():
+    assert grid(unit="mm (x axis)").where_label(2) == "4 mm"
+    assert grid(unit="encoder counts, 4th column").where_label(1) == "1 encoder counts"
+    assert grid(unit="").where_label(1) == "1"
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ({"where": ()}, "at least one where and one what class, got 0 and 2"),
+        ({"members": ()}, "got 3 and 0"),
+        ({"where": (0, 2, 2)}, "must increase"),
+        ({"edges": (0, 1, 2)}, "3 where classes need 4 increasing edges"),
+        ({"edges": (0, 1, 1, 2)}, "need 4 increasing edges"),
+        ({"members": (("a",), ("a",))}, "stands in two what classes"),
+        ({"value": (1, 2, 3)}, r"2 what classes need 2 values, got shape \(3,\)"),
+    ],
+)
+def test_grids_that_contradict_themselves_are_refused(arguments, message):
+    with pytest.raises(InputError, match=message):
+        grid(**arguments)
+
+
+def test_other_dictionaries_are_no_grid():
+    for fields in ({}, {**grid().to_dict(), "what_members": 3}, {**grid().to_dict(), "where_value": ["x"]}):
+        with pytest.raises(InputError, match="not a class grid"):
+            ClassGrid.from_dict(fields)
+
+
+def test_classes_can_be_left_out():
+    some = grid(edges=[-1, 0.5, 2, 6], value=(2, 9)).select([1, 2], [1])
+
+    assert some.where_edges is not None
+    assert (some.where_value.tolist(), some.where_edges.tolist()) == ([1.0, 4.0], [0.5, 2.0, 6.0])
+    assert some.what_members == (("b", "c"),)
+    assert grid().select([0, 2], [0]).where_value.tolist() == [0.0, 4.0]
+    with pytest.raises(InputError, match="between others cannot be left out"):
+        grid(edges=[-1, 0.5, 2, 6]).select([0, 2], [0])
+
+
+def test_grids_of_other_classes_differ():
+    for other, phrase in (
+        (grid((0, 1)), "3 x 2 classes here and 2 x 2 there"),
+        (grid((0, 1, 5)), "the where values differ"),
+        (grid(unit="cm"), "the where values differ"),
+        (grid(members=(("a",), ("b",))), "the objects differ"),
+    ):
+        assert grid().differences(other) == [phrase]
+
+
+@pytest.mark.parametrize(
+    ("text", "unit", "expected"),
+    [("3mm", "mm", 3.0), (" 3 mm ", "mm (x axis)", 3.0), ("3", "N", 3.0), ("0.3cm", "mm", 3.0), ("3e3um", "mm", 3.0)],
+)
+def test_lengths_are_converted(text, unit, expected):
+    assert parse_length(text, unit, "--w") == pytest.approx(expected)
+
+
+@pytest.mark.parametrize("text", ["", "mm", "-3mm", "0mm", "1.2.3mm", "nan", "inf", "1e999mm"])
+def test_what_is_no_positive_length_is_refused(text):
+    with pytest.raises(InputError, match="--w needs a positive length"):
+        parse_length(text, "mm", "--w")
+
+
+def test_lengths_of_another_unit_are_refused():
+    for text, unit in (("3mm", ""), ("3mm", "counts"), ("3N", "mm")):
+        with pytest.raises(InputError, match="cannot be converted"):
+            parse_length(text, unit, "--w")
+
+
+@pytest.mark.parametrize(
+    ("names", "expected"),
+    [
+        (["rod 4 mm", "rod 12 mm"], ([4.0, 12.0], "mm")),
+        (["y=0mm", "y=1.5mm"], ([0.0, 1.5], "mm")),
+        (["ball_1", "ball_2"], None),
+        (["rod 4 mm", "ball 4 mm"], None),
+        (["rod 4 mm", "rod 4 cm"], None),
+        (["rod 4 mm", "cup"], None),
+    ],
+)
+def test_sizes_are_read_from_names_that_spell_them(names, expected):
+    found = values_from_names(names)
+
+    assert (found if found is None else (found[0].tolist(), found[1])) == expected
+
+
+@given(width=st.floats(0.01, 10.0), cells=st.lists(st.integers(0, 40), min_size=1))
+def test_multiples_of_the_width_begin_their_own_cell(width, cells):
+    values = width * np.array([0, *cells])
+
+    assert group(values, width).tolist() == [0, *cells]
