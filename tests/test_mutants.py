@@ -104,7 +104,7 @@ def test_a_caught_error_is_told_from_a_survivor(parts, tmp_path):
     rows = parts.mutants._known(tmp_path / "results.jsonl")
 
     assert rows[caught.key]["outcome"] == "caught"
-    assert rows[caught.key]["test"].startswith("tests/hardware/test_tap_quality.py::")
+    assert rows[caught.key]["test"].startswith("tests/hardware/rig/test_tap_quality.py::")
     assert rows[harmless.key]["outcome"] == "survived"
     table = parts.mutants.report(list(rows.values()), {harmless.key: "Parentheses."})
     assert "| hardware | 2 | 1 | 0 | 1 | 0 | 1.000" in table
