@@ -10,7 +10,7 @@ from solidtouch.hardware.recording.plan import load_plan, parse_plan
 from solidtouch.hardware.rig.settings import RangeSettings, load_rig
 from solidtouch.models.errors import InputError
 
-EXAMPLES = Path(__file__).parents[2] / "docs" / "examples"
+EXAMPLES = Path(__file__).parents[3] / "docs" / "examples"
 OBJECTS = "\nobjects = [{ name = 'thin' }, { name = 'thick' }, { name = 'cone' }]"
 
 

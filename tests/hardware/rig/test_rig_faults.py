@@ -8,7 +8,7 @@ import pytest
 from solidtouch.hardware.emulator.faults import FAULTS
 
 HERE = Path(__file__)
-PAGE = HERE.parents[2] / "docs" / "faults.md"
+PAGE = HERE.parents[3] / "docs" / "faults.md"
 ALWAYS = {19, 20}
 
 

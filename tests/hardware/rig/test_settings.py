@@ -7,7 +7,7 @@ import pytest
 from solidtouch.hardware.rig.settings import EmulatorSettings, IcubSettings, LineSettings, load_rig, parse_rig
 from solidtouch.models.errors import InputError
 
-EXAMPLE = Path(__file__).parents[2] / "docs" / "examples" / "rig.toml"
+EXAMPLE = Path(__file__).parents[3] / "docs" / "examples" / "rig.toml"
 
 RIG = """
 name = "bench"

@@ -19,7 +19,7 @@ from solidtouch.models.io.export import Decisions, log_tables
 from solidtouch.models.power import likelihood_exponent
 
 DECISIONS = Decisions("clamp", 0.9, 0.25, 1)
-SOLID = Path(__file__).parents[2] / "docs" / "conformance" / "solid.c"
+SOLID = Path(__file__).parents[3] / "docs" / "conformance" / "solid.c"
 COMPILERS = {
     "C": ("cc", "-x", "c", "-std=c99"),
     "C++": ("c++", "-x", "c++", "-std=c++11"),
@@ -105,7 +105,7 @@ def test_names_and_comments_break_no_program(tmp_path, make_model):
 
 def test_every_name_is_documented(make_model):
     """In docs/exported-models.md; sizes by their letters."""
-    text = Path(__file__).parents[2].joinpath("docs/exported-models.md").read_text(encoding="utf-8")
+    text = Path(__file__).parents[3].joinpath("docs/exported-models.md").read_text(encoding="utf-8")
     header = c_header(make_model(), DECISIONS)
     macros = [name for name in re.findall(r"#define SOLIDTOUCH_(\w+) ", header) if name not in "LMKJB"]
     arrays = re.findall(r"solidtouch_(\w+\[)", header)
