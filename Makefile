@@ -21,7 +21,10 @@ check: $(VENV)/.ready-dev
 	@$(PY) -m ruff check .
 	@$(PY) -m ruff format --check .
 	@$(PY) -m pyright
-	@$(VENV)/bin/lint-imports
+	@# import-linter reads packages as they are installed, not as they are mapped from folders.
+	@rm -rf build/imports && mkdir -p build/imports && cp -R solidtouch build/imports/
+	@cp -R models hardware inference analysis cli build/imports/solidtouch/
+	@cd build/imports && ../../$(VENV)/bin/lint-imports --config ../../pyproject.toml
 
 format: $(VENV)/.ready-dev
 	@$(PY) -m ruff check --fix .

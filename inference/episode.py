@@ -9,11 +9,11 @@ from numpy.typing import NDArray
 from ..hardware.replay import uniforms
 from ..hardware.sensor import TouchSensor
 from ..models.errors import InputError
-from ..models.measurement.states import log_fold
+from ..models.measurement.model import TapModel
 from . import reference
 from .engines.engine import Engine
+from .filter import Filter, engine_of
 from .moves.control import MovePolicy
-from .saturation import share, temper
 from .stopping.stopping import DECIDE, GIVE_UP, GO_ON, Moment, StopRule, Watch, what_above
 
 DEADLINE = 100
@@ -105,7 +105,7 @@ class Episode(NamedTuple):
 
 def perceive(
     sensor: TouchSensor,
-    engine: Engine,
+    engine: Engine | TapModel,
     stop: float | StopRule,
     move: MovePolicy,
     deadline: int = DEADLINE,
@@ -117,7 +117,7 @@ def perceive(
 
     Args:
         sensor: Where taps come from.
-        engine: How beliefs are computed.
+        engine: How beliefs are computed; of a model by itself, with the compiled engine.
         stop: As in `steps`.
         move: Control strategy.
         deadline: Taps after which the most probable classes are taken.
@@ -132,7 +132,7 @@ def perceive(
 
 def steps(
     sensor: TouchSensor,
-    engine: Engine,
+    engine: Engine | TapModel,
     stop: float | StopRule,
     move: MovePolicy,
     deadline: int = DEADLINE,
@@ -154,7 +154,7 @@ def steps(
 
     Args:
         sensor: Where taps come from.
-        engine: How beliefs are computed.
+        engine: How beliefs are computed; of a model by itself, with the compiled engine.
         stop: Threshold theta_W on the what belief, of which 1 or more never stops, or another stopping rule.
         move: Control strategy.
         deadline: Taps after which the episode ends.
@@ -170,25 +170,23 @@ def steps(
     """
     if deadline < 1:
         raise InputError(f"The deadline must be at least one tap, got {deadline}.")
+    engine = engine_of(engine)
     engine.model.check_taps(sensor.preprocessing)
     chance = uniforms(np.random.default_rng(0)) if chance is None else chance
-    predicted, arrived, M = engine.model.log_prior, 0, engine.model.grid.M
-    saturation = engine.model.saturation
+    known, arrived = Filter(engine), 0
     rule = stop if callable(stop) else what_above(stop)
     for number in range(1, deadline + 1):
         tap = sensor.tap()
-        before = temper(predicted, share(number - 1, saturation))
-        log_predicted = log_fold(before, M)
+        log_predicted, log_states = known.log_belief, known.log_states
         try:
-            carried, log_evidence = engine.update(predicted, tap)
+            log_evidence = known.update(tap)
         except reference.ZeroEvidenceError:
             if doubt is not None:
                 doubt(tap, arrived)
             beliefs = log_predicted, log_predicted, -np.inf
-            yield Step(number, tap, arrived, *beliefs, None, None, _log_states(before, M), no_class_left=True)
+            yield Step(number, tap, arrived, *beliefs, None, None, log_states, no_class_left=True)
             return
-        read = temper(carried, share(number, saturation))
-        log_belief = log_fold(read, M)
+        log_belief = known.log_belief
         belief = np.exp(log_belief)
         doubted = doubt is not None and doubt(tap, arrived)
         delta = None if watch is None else int(move(belief, np.asarray(next(chance))))
@@ -208,13 +206,13 @@ def steps(
             log_evidence,
             int(np.argmax(reference.what_marginal(belief))) if answer == DECIDE else None,
             delta,
-            _log_states(read, M),
+            known.log_states,
             answer == GIVE_UP,
         )
         if delta is None:
             return
         arrived = sensor.move(delta)
-        predicted = engine.shift(carried, delta)
+        known.move(delta)
 
 
 def _moment(belief: NDArray[np.float64], number: int, delta: int | None, watch: Watch | None) -> Moment:
@@ -222,14 +220,6 @@ def _moment(belief: NDArray[np.float64], number: int, delta: int | None, watch: 
     gain = np.asarray(np.nan) if watch is None else watch(belief[np.newaxis], np.array([delta]))["gain"][0]
     where_belief = np.asarray(reference.where_marginal(belief).max())
     return Moment(reference.what_marginal(belief), where_belief, np.asarray(number), gain)
-
-
-def _log_states(log_belief: NDArray[np.float64], M: int) -> NDArray[np.float64]:
-    """The log belief in the states alone, shape (S,), from one of shape (L, S M)."""
-    L, hypotheses = log_belief.shape
-    if hypotheses == M:
-        return np.zeros(1)
-    return np.logaddexp.reduce(log_belief.reshape(L, hypotheses // M, M), axis=(0, 2))
 
 
 def collect(made: Iterator[Step]) -> Episode:

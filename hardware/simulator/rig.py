@@ -7,6 +7,7 @@ from ...models.errors import InputError
 from ...models.preprocessing import Preprocessing
 from ..sensor import clipped_move
 from .nuisances import Purpose
+from .presets import preset
 from .settings import RigSettings
 from .tap_stream import TapStream
 
@@ -20,7 +21,7 @@ class SimulatedRig:
     drift goes on as long as the rig taps; a new `run` starts without it.
 
     Args:
-        settings: The rig.
+        settings: The rig, or the name of a preset.
         seed: The data set.
         session: Session whose gains and mounting hold.
         position_mm: Where it stands first.
@@ -35,12 +36,12 @@ class SimulatedRig:
         clamped: Moves that the end of the range cut short.
 
     Raises:
-        InputError: The position or the rod is not on the rig.
+        InputError: There is no such preset, or the position or the rod is not on the rig.
     """
 
     def __init__(
         self,
-        settings: RigSettings,
+        settings: RigSettings | str,
         seed: int,
         session: int,
         position_mm: float,
@@ -48,7 +49,7 @@ class SimulatedRig:
         run: int = 0,
         settling_taps: int | None = None,
     ) -> None:
-        self.settings = settings
+        self.settings = settings = preset(settings) if isinstance(settings, str) else settings
         self._stream = TapStream(settings, seed, session, Purpose.LIVE, run)
         self._settling_taps = settings.settling_taps if settling_taps is None else settling_taps
         self.clamped = 0

@@ -2,11 +2,30 @@
 
 import numpy as np
 
+from ...models.errors import InputError
 from ...models.taps import TapSet
 from .nuisances import Purpose
 from .physics import taxel_positions_mm
+from .presets import preset
 from .settings import RigSettings
 from .tap_stream import TapStream
+
+
+def simulate(rig: str | RigSettings, sessions: int = 1, seed: int = 0) -> list[TapSet]:
+    """Whole sessions of one data set, numbered from 0; they share the sensor, and gains and mounting differ.
+
+    Args:
+        rig: Its settings, or the name of a preset.
+        sessions: How many.
+        seed: The data set.
+
+    Raises:
+        InputError: There is no such preset, or no session is asked for.
+    """
+    if sessions < 1:
+        raise InputError(f"There must be at least one session, got {sessions}.")
+    settings = preset(rig) if isinstance(rig, str) else rig
+    return [simulate_session(settings, seed, session) for session in range(sessions)]
 
 
 def simulate_session(settings: RigSettings, seed: int, session: int) -> TapSet:

@@ -247,6 +247,14 @@ class TapModel(ABC):
             }
         return {"/": xr.Dataset(attrs=attributes), "constant_data": xr.Dataset(data, self.grid.coords())}
 
+    def to_datatree(self) -> xr.DataTree:
+        """The model as it stands in its file, labelled.
+
+        Raises:
+            InputError: Files hold no such model.
+        """
+        return xr.DataTree.from_dict(self.groups())
+
     def save(self, path: str | Path, force: bool = False) -> None:
         """Writes the model as netCDF, complete or not at all; see `model_file`.
 

@@ -1,0 +1,36 @@
+"""One call from training taps to a fitted model, its exponent learned where that is asked for."""
+
+from typing import Any
+
+from ..models.errors import InputError
+from ..models.grid import ClassGrid
+from ..models.measurement.catalogue import FitSettings
+from ..models.measurement.histogram import trim
+from ..models.measurement.model import TapModel
+from ..models.power import parse_power_choice
+from ..models.taps import TapSet
+from .tuning.tempering import fit_tempered
+
+
+def fit(taps: TapSet, model: str = "histogram", *, grid: ClassGrid | None = None, **settings: Any) -> TapModel:
+    """A measurement model of the catalogue, fitted to training taps.
+
+    Args:
+        taps: Training taps.
+        model: Its name, see docs/models.md.
+        grid: The classes; those of the taps' own tables where none are given. Objects without a tap and empty ends of
+            the range are taken out.
+        settings: Fields of `FitSettings`, such as `bins=100`, `pseudocount=0.01` or `power="J"`; a power may also be
+            `"learned"`, which leaves out each training session in turn.
+
+    Raises:
+        InputError: There is no such model or setting, one is out of range, or the taps cannot carry the model.
+        NotConvergedError: The fit did not converge, and `unconverged` was not set.
+    """
+    if unknown := sorted(set(settings) - set(FitSettings._fields)):
+        raise InputError(f"fit has no setting {unknown[0]!r}; it has {', '.join(FitSettings._fields)}.")
+    if isinstance(settings.get("power"), str):
+        settings["power"] = parse_power_choice(settings["power"])
+    grid, _ = trim(taps.grid() if grid is None else grid, [taps])
+    fitted, _ = fit_tempered(model, taps, grid, FitSettings(**settings), "taps given to fit")
+    return fitted.model.with_scores(taps)

@@ -1,0 +1,29 @@
+from .hardware.replay import ReplayRig as ReplayRig
+from .hardware.sensor import TouchSensor as TouchSensor
+from .hardware.simulator.presets import PRESETS as PRESETS
+from .hardware.simulator.rig import SimulatedRig as SimulatedRig
+from .hardware.simulator.session import simulate as simulate
+from .hardware.simulator.settings import RigSettings as RigSettings
+from .inference.engines.engine import Engine as Engine
+from .inference.engines.engine import make_engine as make_engine
+from .inference.episode import Episode as Episode
+from .inference.episode import Step as Step
+from .inference.episode import perceive as perceive
+from .inference.episode import steps as steps
+from .inference.filter import Filter as Filter
+from .inference.fit import fit as fit
+from .inference.moves.control import fixation as fixation
+from .inference.moves.control import passive as passive
+from .inference.moves.control import random_place as random_place
+from .inference.moves.control import random_step as random_step
+from .inference.reference import ZeroEvidenceError as ZeroEvidenceError
+from .models.errors import InputError as InputError
+from .models.grid import ClassGrid as ClassGrid
+from .models.io.load import load_taps as load_taps
+from .models.io.model_file import load_model as load_model
+from .models.measurement.fits.convergence import NotConvergedError as NotConvergedError
+from .models.measurement.model import TapModel as TapModel
+from .models.preprocessing import Preprocessing as Preprocessing
+from .models.taps import TapSet as TapSet
+
+__version__: str
