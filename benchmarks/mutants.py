@@ -119,10 +119,9 @@ class Bench:
 
     def __init__(self, folder: Path, limit_s: float) -> None:
         shutil.rmtree(folder, ignore_errors=True)
-        for package in (*PACKAGES, "cli"):
-            shutil.copytree(
-                ROOT / package, folder / "solidtouch" / package, ignore=shutil.ignore_patterns("__pycache__")
-            )
+        for package in ("", *PACKAGES, "cli"):
+            source = ROOT / (package or "solidtouch")
+            shutil.copytree(source, folder / "solidtouch" / package, ignore=shutil.ignore_patterns("__pycache__"))
         self._folder, self._limit_s = folder, limit_s
         self._sound: dict[str, bool] = {}
         self._running: subprocess.Popen[bytes] | None = None
@@ -178,6 +177,7 @@ class Bench:
         environment = os.environ | _ONE_THREAD
         environment |= {
             "PYTHONPATH": os.pathsep.join((str(self._folder), str(Path(__file__).parent))),
+            "PYTHONSAFEPATH": "1",  # or the folder solidtouch of this repository came first
             "NUMBA_CACHE_DIR": str(caches),
         }
         with tempfile.TemporaryFile("w+") as output:
