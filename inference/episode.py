@@ -97,6 +97,11 @@ class Episode(NamedTuple):
     gave_up: bool = False
     no_class_left: bool = False
 
+    def __repr__(self) -> str:
+        end = "decided" if self.stopped else "undecided"
+        taps = f"{self.taps} tap{'s' * (self.taps != 1)}"
+        return f"<Episode of {taps}: {end}, object {self.what} in where class {self.where}>"
+
     @property
     def taps(self) -> int:
         """Reaction time: the number of taps made."""

@@ -5,24 +5,30 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ..models.errors import InputError
 from ..models.measurement.model import TapModel
 from ..models.measurement.states import log_fold
 from . import reference
 from .engines.engine import Engine, make_engine
 from .reference import Border
 from .saturation import share, temper
+from .stopping.stopping import check_threshold
 
 if TYPE_CHECKING:
     import xarray as xr
 
 
-def engine_of(model: TapModel | Engine, border: Border = "uniform") -> Engine:
-    """The compiled engine of a model; an engine is what it is.
+def engine_of(model: TapModel | Engine, border: Border | None = None) -> Engine:
+    """The compiled engine of a model, with border `uniform` if none is given; an engine is returned as it is.
 
     Raises:
-        InputError: As `make_engine`.
+        InputError: As `make_engine`; or a border is given with an engine.
     """
-    return make_engine("filter", model, border) if isinstance(model, TapModel) else model
+    if isinstance(model, TapModel):
+        return make_engine("filter", model, border or "uniform")
+    if border is not None:
+        raise InputError("An engine has its border already; give it to make_engine.")
+    return model
 
 
 class Filter:
@@ -33,7 +39,7 @@ class Filter:
 
     Args:
         model: A fitted model, or an engine of `make_engine`.
-        border: Reading of Eq. 9 at the ends of the range; an engine has its own.
+        border: Reading of Eq. 9 at the ends of the range, by default `uniform`; an engine has its own.
         stop: Threshold theta_W of `decision`.
 
     Attributes:
@@ -42,17 +48,17 @@ class Filter:
         taps: How many taps there were.
 
     Raises:
-        InputError: There is no such border, or it does not go with the model.
+        InputError: There is no such border, it does not go with the model, or an engine has one; the threshold is NaN.
     """
 
-    def __init__(self, model: TapModel | Engine, *, border: Border = "uniform", stop: float = 0.95) -> None:
-        self.engine = engine_of(model, border)
-        self.stop = stop
+    def __init__(self, model: TapModel | Engine, *, border: Border | None = None, stop: float = 0.95) -> None:
+        check_threshold(stop)
+        self.engine, self.stop = engine_of(model, border), stop
         self.reset()
 
     def reset(self) -> None:
         """Forgets all taps: a new episode begins."""
-        self._carried, self.taps = self.engine.model.log_prior, 0
+        self._carried, self._what, self.taps = self.engine.model.log_prior, None, 0
 
     def update(self, tap: ArrayLike) -> float:
         """Takes one more tap in.
@@ -64,21 +70,35 @@ class Filter:
             Log evidence of the tap given those before, Eq. 4.
 
         Raises:
-            InputError: The tap has not the size of the training taps, or a sample is NaN.
+            InputError: The tap does not have the size of the training taps, or a sample is NaN.
             ZeroEvidenceError: The tap is impossible under every class. The belief is as before.
         """
+        tap, model = np.asarray(tap), self.engine.model
+        if tap.shape != (model.preprocessing.samples, model.K):
+            raise InputError(
+                f"A tap has {model.preprocessing.samples} samples of {model.K} taxels, got shape {tap.shape}."
+            )
         self._carried, log_evidence = self.engine.update(self._carried, tap)
         self.taps += 1
+        self._what = reference.what_marginal(np.exp(self.log_belief))
         return log_evidence
 
     def move(self, delta: int) -> None:
-        """Shifts the belief by a commanded move of so many where classes; Eq. 9."""
-        self._carried = self.engine.shift(self._carried, delta)
+        """Shifts the belief by a commanded move of so many where classes; Eq. 9.
+
+        The end of the range does not cut it short; what lies beyond is left to the border.
+
+        Raises:
+            InputError: It is no whole number.
+        """
+        if not float(delta).is_integer():
+            raise InputError(f"A move is a whole number of where classes, got {delta}.")
+        self._carried = self.engine.shift(self._carried, int(delta))
 
     @property
     def log_hypotheses(self) -> NDArray[np.float64]:
         """Log belief in every hypothesis as it is read, shape (L, H)."""
-        return temper(self._carried, share(self.taps, self.engine.model.saturation))
+        return np.array(temper(self._carried, share(self.taps, self.engine.model.saturation)))
 
     @property
     def log_belief(self) -> NDArray[np.float64]:
@@ -88,9 +108,9 @@ class Filter:
     @property
     def log_states(self) -> NDArray[np.float64]:
         """Log belief in the states of the episode, shape (S,); one zero for a model without."""
-        log_belief, M = self.log_hypotheses, self.engine.model.grid.M
-        L, H = log_belief.shape
-        return np.zeros(1) if H == M else np.logaddexp.reduce(log_belief.reshape(L, H // M, M), axis=(0, 2))
+        hypotheses, M = self.log_hypotheses, self.engine.model.grid.M
+        L, H = hypotheses.shape
+        return np.zeros(1) if H == M else np.logaddexp.reduce(hypotheses.reshape(L, H // M, M), axis=(0, 2))
 
     @property
     def belief(self) -> "xr.DataArray":
@@ -101,10 +121,13 @@ class Filter:
 
     @property
     def decision(self) -> str | None:
-        """The object in which the belief exceeds the threshold, Eq. 7; `None` where there is none yet."""
-        what = reference.what_marginal(np.exp(self.log_belief))
-        sure = what.max() > self.stop and self.stop < 1
-        return self.engine.model.grid.what_name[int(what.argmax())] if sure else None
+        """The object in which the belief exceeded the threshold at the last tap, Eq. 7; `None` where there is none.
+
+        Moves do not change it: the stop test comes before the move.
+        """
+        if self._what is None or not self._what.max() > self.stop or self.stop >= 1:
+            return None
+        return self.engine.model.grid.what_name[int(self._what.argmax())]
 
     def __repr__(self) -> str:
         grid, belief = self.engine.model.grid, np.exp(self.log_belief)

@@ -1,5 +1,7 @@
 """One call from training taps to a fitted model, its exponent learned where that is asked for."""
 
+from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any
 
 from ..models.errors import InputError
@@ -8,18 +10,22 @@ from ..models.measurement.catalogue import FitSettings
 from ..models.measurement.histogram import trim
 from ..models.measurement.model import TapModel
 from ..models.power import parse_power_choice
-from ..models.taps import TapSet
+from ..models.taps import TapSet, concatenate
 from .tuning.tempering import fit_tempered
 
 
-def fit(taps: TapSet, model: str = "histogram", *, grid: ClassGrid | None = None, **settings: Any) -> TapModel:
+def fit(
+    taps: TapSet | Sequence[TapSet], model: str = "histogram", *, grid: ClassGrid | None = None, **settings: Any
+) -> TapModel:
     """A measurement model of the catalogue, fitted to training taps.
 
+    The model is all that is kept; `solidtouch fit` also writes draws from the posterior and how the fit converged.
+
     Args:
-        taps: Training taps.
+        taps: Training taps, in one set or several whose sessions differ in number.
         model: Its name, see docs/models.md.
         grid: The classes; those of the taps' own tables where none are given. Objects without a tap and empty ends of
-            the range are taken out.
+            the range are taken out and named in `left_out`, so classes are counted as in the `grid` of the model.
         settings: Fields of `FitSettings`, such as `bins=100`, `pseudocount=0.01` or `power="J"`; a power may also be
             `"learned"`, which leaves out each training session in turn.
 
@@ -29,8 +35,10 @@ def fit(taps: TapSet, model: str = "histogram", *, grid: ClassGrid | None = None
     """
     if unknown := sorted(set(settings) - set(FitSettings._fields)):
         raise InputError(f"fit has no setting {unknown[0]!r}; it has {', '.join(FitSettings._fields)}.")
-    if isinstance(settings.get("power"), str):
-        settings["power"] = parse_power_choice(settings["power"])
-    grid, _ = trim(taps.grid() if grid is None else grid, [taps])
+    if "power" in settings:
+        settings["power"] = parse_power_choice(str(settings["power"]))
+    taps = taps if isinstance(taps, TapSet) else concatenate(taps)
+    grid, dropped = trim(taps.grid() if grid is None else grid, [taps])
     fitted, _ = fit_tempered(model, taps, grid, FitSettings(**settings), "taps given to fit")
-    return fitted.model.with_scores(taps)
+    scored: Any = fitted.model.with_scores(taps)
+    return replace(scored, left_out=(*dropped, *scored.left_out))

@@ -58,7 +58,7 @@ def what_above(threshold: float) -> StopRule:
     Raises:
         InputError: The threshold is no number.
     """
-    _check_threshold(threshold)
+    check_threshold(threshold)
     return lambda moment: _decide_where((moment.what.max(axis=-1) > threshold) & (threshold < 1))
 
 
@@ -68,7 +68,7 @@ def where_above(threshold: float) -> StopRule:
     Raises:
         InputError: The threshold is no number.
     """
-    _check_threshold(threshold)
+    check_threshold(threshold)
     return lambda moment: _decide_where((moment.where_belief > threshold) & (threshold < 1))
 
 
@@ -205,7 +205,12 @@ def _decide_where(stop: NDArray[np.bool_]) -> NDArray[np.int8]:
     return np.where(stop, DECIDE, GO_ON).astype(np.int8)
 
 
-def _check_threshold(threshold: float) -> None:
+def check_threshold(threshold: float) -> None:
+    """Refuses a threshold on a belief that is no number.
+
+    Raises:
+        InputError: It is NaN.
+    """
     if np.isnan(threshold):
         raise InputError("A threshold on a belief must be a number, got NaN.")
 

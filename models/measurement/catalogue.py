@@ -106,6 +106,7 @@ def fit_model(name: str, taps: TapSet, grid: ClassGrid, settings: FitSettings, t
         NotConvergedError: The fit did not converge, and this was not allowed.
     """
     kind, in_states = split_name(name)
+    settings = _checked(settings, taps)
     if kind == "histogram":
         fitted = _fit_histogram(taps, grid, settings, trained_on)
     else:
@@ -124,6 +125,22 @@ def fit_model(name: str, taps: TapSet, grid: ClassGrid, settings: FitSettings, t
     spread += f" and offsets {states.offset.min():.2g} to {states.offset.max():.2g}."
     convergence = fitted.convergence._replace(sentence=f"{fitted.convergence.sentence} {spread}")
     return fitted._replace(model=_in_states(fitted.model, states), convergence=convergence)
+
+
+def _checked(settings: FitSettings, taps: TapSet) -> FitSettings:
+    """The settings if they make sense for every model; given edges say how many bins there are."""
+    if settings.method not in {"closed", "nuts"}:
+        raise InputError(f"The method of a fit is closed or nuts, got {settings.method!r}.")
+    if not (np.isfinite(settings.pseudocount) and settings.pseudocount >= 0):
+        raise InputError(f"The pseudocount must be finite and not negative, got {settings.pseudocount}.")
+    if settings.edges is None:
+        return settings
+    edges, K = np.asarray(settings.edges, dtype=np.float64), taps.dataset.sizes["taxel"]
+    if edges.shape[:-1] not in {(), (K,)} or edges.ndim == 0 or edges.shape[-1] < 2:
+        raise InputError(f"Edges of B bins have shape (B + 1,) or ({K}, B + 1), got {edges.shape}.")
+    if not (np.isfinite(edges).all() and (np.diff(edges) > 0).all()):
+        raise InputError("Edges of bins must be finite and increase.")
+    return settings._replace(edges=edges, bins=edges.shape[-1] - 1)
 
 
 def split_name(name: str) -> tuple[str, bool]:

@@ -57,7 +57,7 @@ def histogram_model(
         numpyro.sample("bins", dist.CategoricalProbs(probs=p[where, what][:, None]), obs=bins)
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class HistogramModel(TapModel):
     """A fitted histogram for every class and taxel.
 
@@ -165,13 +165,13 @@ def fit(
         taps: Training taps.
         grid: The classes to tell apart. A class without a training tap stays in the grid as an untrained class,
             which is impossible; `trim` takes whole empty objects and ends of the range out of a grid.
-        bins: `B`, equal-width bins across the range.
+        bins: `B`, equal-width bins across the range; given edges say it themselves.
         pseudocount: Added to every bin, in counts. The paper has none, and then a quarter to a half of
             simulated test taps are impossible under their own class; later work adds a small constant.
         power: Root of Eq. 1, see `inference.reference.exponent`.
         saturation: How many taps' evidence an episode carries at most, see `inference.saturation`.
         value_range: Whether bins span the range of all taxels together or of each.
-        edges: Bin edges to use instead, shape (bins + 1,) or (K, bins + 1).
+        edges: Bin edges to use instead, shape (B + 1,) or (K, B + 1).
         trained_on: Which taps these are, in words, for the model's file.
 
     Returns:
@@ -192,7 +192,7 @@ def fit(
         raise InputError("No training tap belongs to a class of the grid.")
     samples = taps.taps if inside.all() else taps.taps[inside]
     edges = bin_edges(samples, bins, value_range) if edges is None else edges
-    counts = _class_counts(samples, edges, where[inside], what[inside], (*grid.shape, K, bins))
+    counts = _class_counts(samples, edges, where[inside], what[inside], (*grid.shape, K, edges.shape[-1] - 1))
     return HistogramModel(
         grid=grid,
         edges=edges,

@@ -70,6 +70,11 @@ class TapModel(ABC):
         """Checks the saturation."""
         check_saturation(self.saturation)
 
+    def __repr__(self) -> str:
+        L, M = self.grid.shape
+        B, J = self.edges.shape[-1] - 1, self.preprocessing.samples
+        return f"<{self.name} model: {L} x {M} classes, {J} samples of {self.K} taxels, {B} bins, power {self.power}>"
+
     @property
     @abstractmethod
     def kind(self) -> str:

@@ -52,7 +52,7 @@ DIMS: dict[str, dict[str, tuple[str, ...]]] = {
 """Dims of the parameters, by the name of the model."""
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class ParametricModel(TapModel):
     """A fitted model of the catalogue; see `TapModel` for what all have in common.
 

@@ -16,7 +16,7 @@ from .novelty import NoveltyScores
 from .states import ONE_STATE, States
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class TableModel(TapModel):
     """Tables P_k(b | class) in place of the histograms of Eq. 2; Eq. 1 is the same.
 

@@ -105,3 +105,60 @@ def test_what_is_fitted_is_written_as_it_stands(taps, tmp_path):
     with xr.open_datatree(tmp_path / "model.nc", engine="h5netcdf") as tree:
         assert set(tree.children) == set(model.to_datatree().children)
         assert tree.attrs["name"] == model.to_datatree().attrs["name"] == "histogram"
+
+
+@pytest.mark.parametrize("engine", ["numpy", "filter"])
+def test_what_is_refused_leaves_the_belief(taps, engine):
+    model = fit(taps, bins=12)
+    belief = Filter(make_engine(engine, model))
+    for wrong in (taps.taps[:1], taps.taps[0][:-1], 1.0):
+        with pytest.raises(InputError, match="A tap has"):
+            belief.update(wrong)
+    with pytest.raises(InputError, match=r"whole number of where classes, got 1\.5"):
+        belief.move(1.5)
+    belief.move(np.float64(0))
+    with pytest.raises(InputError, match="NaN"):
+        Filter(model, stop=np.nan)
+    with pytest.raises(InputError, match="border already"):
+        Filter(make_engine(engine, model), border="clamp")
+
+    np.testing.assert_array_equal(belief.log_belief, model.log_prior)
+
+
+def test_what_is_read_may_be_written_to(taps):
+    """It is nobody else's: neither the model's nor the next reader's."""
+    model = fit(taps, bins=12)
+    belief = Filter(model)
+    belief.log_belief[:] = 0
+
+    assert np.exp(belief.log_belief).sum() == pytest.approx(1)
+    assert np.exp(model.log_prior).sum() == pytest.approx(1)
+
+
+def test_a_decision_outlasts_the_move_after_it(taps):
+    model = fit(taps, bins=12)
+    belief = Filter(model, stop=0.4)
+    while belief.decision is None:
+        belief.update(taps.taps[0])
+    before = belief.decision
+    belief.move(10 * model.grid.L)
+    assert belief.decision == before
+
+
+def test_given_edges_say_how_many_bins_there_are(taps):
+    """Whatever `bins` is; edges that are none are refused."""
+    even = fit(taps, bins=12)
+    given = fit(taps, edges=even.edges.tolist())
+    np.testing.assert_array_equal(given.log_likelihood(taps.taps[:3]), even.log_likelihood(taps.taps[:3]))
+    for edges in ([0.0], [2.0, 1.0], [0.0, np.nan], 3.0, np.zeros((2, 2, 4))):
+        with pytest.raises(InputError, match=r"[Ee]dges of"):
+            fit(taps, edges=edges)
+
+
+def test_sessions_may_come_apart(taps):
+    """Several sets are as one; objects that nobody touched are named."""
+    parts = [taps.select(np.asarray(taps.session) == session) for session in (0, 1)]
+    np.testing.assert_array_equal(fit(parts, bins=12).counts, fit(taps, bins=12).counts)
+    one = fit(taps.select(np.asarray(taps.indices(taps.grid())[1]) == 0), bins=12)
+    assert one.left_out == taps.grid().what_name[1:]
+    assert len(repr(one)) < 120
