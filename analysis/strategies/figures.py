@@ -324,8 +324,9 @@ def trajectories(source: Mapping[str, Any]) -> Figure:
             panel.axhline(value, color=PASSIVE, linewidth=0.8, linestyle=(0, (4, 2)), zorder=0)
         panel.set_title(name)
         panel.set_xlabel("")
-    for panel in axes.flat[len(names) :]:
-        panel.set_visible(False)
+    for number in range(len(names), axes.size):
+        axes.flat[number].set_visible(False)
+        axes.flat[max(number - _COLUMNS, 0)].tick_params(labelbottom=True)
     _taps_axis(axes[0, 0], max(len(path) for paths in source["paths"].values() for path in paths))
     axes[0, 0].set_xlim(left=0.72)
     low, high = grid.where_value.min(), grid.where_value.max()

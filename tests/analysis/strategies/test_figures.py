@@ -136,6 +136,18 @@ def test_all_may_decide_with_the_first_tap(source):
         assert texts(axes) == ["decided: 2 at tap 1, 2 by 5"]
 
 
+@pytest.mark.parametrize("number", [1, 4, 5, 7, 11])
+def test_the_lowest_panel_of_each_column_names_taps(source, number):
+    """Whether or not the last row is full."""
+    source["paths"] = {f"{BASE}:{i}": [[0, 1, 2], [2, 1, -1]] for i in range(number)}
+    figure = trajectories(source)
+    shown = [axes for axes in figure.axes if axes.get_visible()]
+    assert len(shown) == number
+    for i, axes in enumerate(shown):
+        lowest = i + len(figure.axes) // -(-number // 4) >= number
+        assert axes.xaxis.get_tick_params()["labelbottom"] == lowest
+
+
 def test_trust_beyond_its_axes_is_hollow_at_their_ends(source):
     """A miscalibration that is not known is counted."""
     source["powers"] = [{"power": "J", "trust": [told(None, 2e8)]}, {"power": "none", "trust": [told(1.0, 1.0)]}]
