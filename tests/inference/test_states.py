@@ -37,7 +37,7 @@ class NumberedTaps:
     log_prior: np.ndarray
     grid = ClassGrid(1.5 * np.arange(L), "mm", None, tuple((f"object {m}",) for m in range(M)))
     preprocessing = Preprocessing(samples=1)
-    saturation = np.inf
+    saturation, K = np.inf, 1
     trained = np.ones((L, M), dtype=bool)
 
     def log_likelihood(self, taps):
