@@ -33,7 +33,7 @@ from solidtouch.models.grid import ClassGrid
 from solidtouch.models.measurement.histogram import HistogramModel, fit
 from solidtouch.models.measurement.model import TapModel
 from solidtouch.models.seeds import Purpose, data_set_seed, derived_seed
-from solidtouch.models.setting import Setting
+from solidtouch.models.setting_file import Setting
 from solidtouch.models.taps import TapSet, concatenate
 from studies import check_block, share_interval, table, until_interrupted, write_block, write_json
 
@@ -124,7 +124,7 @@ def unbroken(model: TapModel, samples: int, seed: int) -> tuple[int, str | None,
 def well_alone(name: str, sets: Callable[[], Sequence[TapSet]], power: str, seed: int) -> tuple[str, str, str]:
     """What an audit recommends, and how beliefs are."""
     parts, grid = of_sets(sets())
-    remedies, _ = make_remedies(parts.train, parts.tune, grid, Setting(power=power), SEQUENCE, seed, lambda _: None)
+    remedies, _ = make_remedies(parts.train, parts.tune, grid, Setting.of(power=power), SEQUENCE, seed, lambda _: None)
     measured = measure(remedies, parts.measure, SEQUENCE, 2000, seed, lambda _: None)
     return name, calibration(measured.judged), recommended(measured) or "nothing"
 

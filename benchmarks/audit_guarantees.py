@@ -28,6 +28,7 @@ from solidtouch.hardware.simulator.session import simulate_session
 from solidtouch.inference.trials.plan import tap_table
 from solidtouch.models.measurement.histogram import HistogramModel, fit
 from solidtouch.models.seeds import Purpose, data_set_seed, derived_seed
+from solidtouch.models.settings import PlaySettings
 from studies import check_block, table, until_interrupted, write_block, write_json
 
 SAMPLES = (1, 2, 3, 4, 5)
@@ -74,7 +75,16 @@ def drawn(model: HistogramModel, samples: int, sizes: Sizes, seed: int) -> Drawn
         trial_seed = derived_seed(seed, Purpose.REPEAT, pool)
         seen = tap_table(own, taps)
         parts.append(
-            guarantees(seen, seen, own.grid, THETAS, trial_seed, trials=sizes.trials, deadline=DEADLINE, resamples=1)
+            guarantees(
+                seen,
+                seen,
+                own.grid,
+                THETAS,
+                trial_seed,
+                trials=sizes.trials,
+                play=PlaySettings(deadline=DEADLINE),
+                resamples=1,
+            )
         )
     pools = over("pool", parts)
     taps = pools["taps"].sel(setup=PROMISED, what="all").mean("pool").values

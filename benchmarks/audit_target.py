@@ -22,6 +22,7 @@ from solidtouch.hardware.simulator.session import simulate_session
 from solidtouch.hardware.simulator.settings import RigSettings
 from solidtouch.models.measurement.histogram import fit
 from solidtouch.models.seeds import data_set_seed
+from solidtouch.models.settings import PlaySettings
 from studies import check_block, share_interval, table, until_interrupted, write_block, write_json
 
 TUNING = 5
@@ -85,7 +86,9 @@ def data_set(settings: RigSettings, seed: int, trials: int) -> dict[str, list[Ou
     sessions = [simulate_session(settings, seed, 1 + number) for number in range(TUNING + FRESH)]
     found = {}
     for policy, theta_x in POLICIES.items():
-        curves, _, _ = session_curves(model, sessions, model.grid, theta_x=theta_x, seed=seed, trials=trials)
+        curves, _, _ = session_curves(
+            model, sessions, model.grid, play=PlaySettings(theta_x=theta_x), seed=seed, trials=trials
+        )
         tuning = Curves(curves.theta, *(values[:TUNING] for values in curves[1:]))
         found[policy] = outcomes(tuning, curves.error[TUNING:])
     return found

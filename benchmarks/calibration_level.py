@@ -32,7 +32,6 @@ from solidtouch.analysis.stats.uniformity import rejected
 from solidtouch.hardware.simulator.model_rig import draw_session
 from solidtouch.hardware.simulator.presets import preset
 from solidtouch.hardware.simulator.session import simulate_session
-from solidtouch.inference.moves.control import check_fixation
 from solidtouch.inference.trials.plan import tap_table
 from solidtouch.inference.trials.records import TapTable
 from solidtouch.inference.trials.resampling import RESAMPLES
@@ -41,7 +40,7 @@ from solidtouch.models.measurement.histogram import HistogramModel, fit
 from solidtouch.models.measurement.model import TapModel
 from solidtouch.models.preprocessing import Preprocessing
 from solidtouch.models.seeds import Purpose, data_set_seed, derived_seed
-from solidtouch.models.setting import Setting
+from solidtouch.models.setting_file import Setting
 from solidtouch.models.taps import TapSet
 from studies import check_block, processes, share_interval, table, write_block, write_json
 
@@ -144,14 +143,14 @@ def learned(size: str, samples: int, taps: int, seed: int) -> dict[tuple[float, 
     right = right_model(size, samples)
     train, test = (draw_session(right, taps, derived_seed(seed, Purpose.REPEAT, i), 0) for i in range(2))
     model = replace(right, power=best_power(right, [train], _CONTACTS, seed).power)
-    return called(model, test, Setting(border="clamp"), THETAS, seed)
+    return called(model, test, Setting.of(border="clamp"), THETAS, seed)
 
 
 def on_rig(name: str, seed: int) -> dict[tuple[float, str], str]:
     """What an audit calls the beliefs in one data set of a simulated rig, by threshold and policy."""
     train, test = (simulate_session(preset(name), seed, session) for session in (0, 1))
     model = fit(train, train.grid())
-    return called(model, model.usable(test), Setting(), (Setting().threshold,), seed)
+    return called(model, model.usable(test), Setting(), (Setting().play.threshold,), seed)
 
 
 def called(
@@ -172,10 +171,7 @@ def called(
             model,
             table,
             thetas,
-            theta_x=1.0 if policy == "passive" else setting.theta_x,
-            fixation=check_fixation(setting.fixation, model.grid.L),
-            border=setting.border,
-            deadline=setting.deadline,
+            play=setting.play.changed(passive=policy == "passive"),
             trials=TRIALS // 2,
             seed=seed,
         )

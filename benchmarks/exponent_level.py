@@ -24,11 +24,12 @@ from solidtouch.analysis.audit.remedies import BASELINE, EXPONENT, FALLING, Reme
 from solidtouch.analysis.stats.right_exponent import Tuned, learned_beside, outside
 from solidtouch.hardware.simulator.model_rig import draw_session
 from solidtouch.inference.tuning.tempering import best_power, fit_tempered, learn_saturation
-from solidtouch.models.measurement.catalogue import FitSettings, fit_model
+from solidtouch.models.measurement.catalogue import fit_model
 from solidtouch.models.measurement.histogram import HistogramModel
 from solidtouch.models.preprocessing import Preprocessing
 from solidtouch.models.seeds import Purpose, derived_seed
-from solidtouch.models.setting import Setting
+from solidtouch.models.setting_file import Setting
+from solidtouch.models.settings import FitSettings
 from solidtouch.models.taps import TapSet, concatenate
 from studies import OUT, check_block, processes, share_interval, table, write_block, write_json
 
@@ -85,14 +86,14 @@ def lower(design: Design, fixed: bool, seed: int) -> list[bool]:
     if design.planted:
         train, tune = copied(train), copied(tune)
     grid, B = right.grid, right.counts.shape[-1]
-    setting = Setting(bins=B, power="none")
+    setting = Setting.of(bins=B, power="none")
     model = fit_model("histogram", train, grid, FitSettings(bins=B, power="none")).model
     power, falling = best_power(model, [tune], _CONTACTS, seed).power, learn_saturation(model, [tune], seed=seed)
     limit = None if np.isinf(falling.saturation) else falling.saturation
     tuned = {
         BASELINE: setting,
-        EXPONENT: Setting(bins=B, power=power),
-        FALLING: Setting(bins=B, power=falling.power, saturation=limit),
+        EXPONENT: Setting.of(bins=B, power=power),
+        FALLING: Setting.of(bins=B, power=falling.power, saturation=limit),
     }
     remedies = [Remedy(name, "", "", one, model, grid, "") for name, one in tuned.items()]
     _, one, other = (remedy.beside for remedy in beside_right(remedies, train, [tune], _CONTACTS, own, lambda _: None))

@@ -28,6 +28,7 @@ from solidtouch.inference.trials.records import TapTable
 from solidtouch.inference.trials.resampling import FEW, RESAMPLES
 from solidtouch.models import seeds
 from solidtouch.models.grid import ClassGrid
+from solidtouch.models.settings import PlaySettings
 from studies import OUT, check_block, processes, share_interval, table, write_block, write_json
 
 SIZES = {"6 x 3": (6, 3), "16 x 5": (16, 5)}
@@ -87,7 +88,7 @@ def decisions(L: int, M: int, taps: int, few: bool, trials: int, resamples: int,
     """What is said of decisions; at equal taps that are those of `FEWER`, or not."""
     tables, grid = draw(L, M, taps, seed)
     compared = {name: tables[name] for name in MODELS[1:]}
-    options = {"border": "clamp", "resamples": resamples}
+    options = {"play": PlaySettings(border="clamp"), "resamples": resamples}
     played = play_models(compared, grid, (0.5, 0.7, 0.8, THETA, 0.95, SURER), trials, seed, **options)
     every = decision_curves(played)
     curves, surer = every.sel(theta=THETA), every.sel(theta=SURER)

@@ -31,6 +31,7 @@ from solidtouch.models import seeds
 from solidtouch.models.grid import ClassGrid
 from solidtouch.models.measurement.histogram import HistogramModel, fit
 from solidtouch.models.preprocessing import Preprocessing
+from solidtouch.models.settings import PlaySettings
 from solidtouch.models.taps import TapSet, concatenate
 from studies import check_block, share_interval, table, until_interrupted, write_block
 
@@ -48,7 +49,7 @@ RECORD = Preprocessing(samples=1)
 PRICE = 20.0
 SIZES = (5, 20, 60)
 _WORDS = {"what_wrong": "P(wrong)", "taps": "taps"}
-RULE = {"border": "clamp", "deadline": DEADLINE}
+PLAY = PlaySettings(border="clamp", deadline=DEADLINE)
 
 
 class Held(NamedTuple):
@@ -98,7 +99,7 @@ def fitted(taps: TapSet, grid: ClassGrid) -> HistogramModel:
 def true_means(large: TapTable, theta_x: float = 0.0) -> dict[str, float]:
     """What fresh taps give."""
     plan = plan_trials(large.pool, TRUE_TRIALS, 1, AIM)
-    found = run_trials(large, plan, (THETA,), theta_x=theta_x, fresh=True, **RULE)
+    found = run_trials(large, plan, (THETA,), play=PLAY.changed(theta_x=theta_x), fresh=True)
     return {"what_wrong": float((found.what[:, 0] != plan.what).mean()), "taps": float(found.taps.mean())}
 
 
@@ -112,7 +113,7 @@ def of_trials(truth: int, number: int, taps: int) -> Iterator[Held]:
     """`trials`: on fresh taps against what these give, as stored against the mean of all data sets."""
     table_of = tap_table(right(truth), drawn(truth, taps, number))
     for policy, theta_x in (("passive", 1.0), ("active", 0.0)):
-        rule = RULE | {"theta_x": theta_x, "fixation": AIM, "seed": number}
+        rule = {"play": PLAY.changed(theta_x=theta_x), "fixation": AIM, "seed": number}
         spread = tap_spread(table_of, GRID, (THETA,), TRIALS, **rule)
         means = tally_means(tally_trials(table_of, (THETA,), TRIALS, **rule), GRID)
         true = known_means(truth, theta_x)
@@ -146,7 +147,11 @@ def of_tune(truth: int, number: int, taps: int, sessions: int) -> Iterator[Held]
     """`tune`: error, taps and cost of a threshold on parts, against fresh taps under the same models."""
     recorded = concatenate([drawn(truth, taps, number, session) for session in range(sessions)])
     parts = held_out(recorded, GRID, fitted)
-    options = {"fixation": AIM, "trials": _TUNE_TRIALS, "deadline": DEADLINE, "border": "clamp", "seed": number}
+    options = {
+        "play": PlaySettings(fixation=AIM, deadline=DEADLINE, border="clamp"),
+        "trials": _TUNE_TRIALS,
+        "seed": number,
+    }
     found = choose_threshold(parts, (0.5, THETA), PRICE, **options)
     large = drawn(truth, LARGE, _POOL)
     true = [true_means(tap_table(part.model, large)) for part in parts.parts]

@@ -15,6 +15,7 @@ from solidtouch.inference.trials.plan import plan_trials, tap_table
 from solidtouch.inference.trials.records import TapTable, TrialPlan, Trials
 from solidtouch.inference.trials.run import empty_trials, make_player, make_rule, run_trials
 from solidtouch.models.measurement.histogram import fit
+from solidtouch.models.settings import PlaySettings
 
 POLICIES = {"passive": 1.0, "active": 0.0}
 """Threshold theta_X of the moves of each."""
@@ -128,13 +129,20 @@ def ours(job: Job, workers: int = 1, device: str = "cpu") -> Decisions:
 
 def play(job: Job, workers: int = 1, device: str = "cpu") -> Trials:
     """The trials as `run_trials` gives them."""
-    options = {"deadline": job.deadline, "seed": SEED, "device": device, "workers": workers}
-    return run_trials(job.table, job.plan, job.thresholds, theta_x=job.theta_x, **options)
+    options = {
+        "play": PlaySettings(theta_x=job.theta_x, deadline=job.deadline),
+        "seed": SEED,
+        "device": device,
+        "workers": workers,
+    }
+    return run_trials(job.table, job.plan, job.thresholds, **options)
 
 
 def prepared(job: Job) -> Callable[[], Trials]:
     """This project's Monte Carlo on one core with the table's likelihoods made ready beforehand."""
-    player = make_player(job.table, make_rule(job.thresholds, job.theta_x, "uniform", job.deadline, SEED))
+    player = make_player(
+        job.table, make_rule(job.thresholds, PlaySettings(theta_x=job.theta_x, deadline=job.deadline), SEED)
+    )
 
     def playing() -> Trials:
         trials = empty_trials(len(job.number), len(job.thresholds))

@@ -9,6 +9,7 @@ from pathlib import Path
 from job import POLICIES, SEED, paper_table
 from solidtouch.inference.episode import DEADLINE
 from solidtouch.inference.trials.tally import tally_trials
+from solidtouch.models.settings import PlaySettings
 
 THRESHOLD = 0.995
 
@@ -21,8 +22,13 @@ def peaks(quick: bool = False) -> dict[int, float]:
 def stream(trials: int, policy: str) -> int:
     """Plays and counts trials of the paper's job on one core; returns the number of useful taps."""
     table = paper_table()
-    options = {"fixation": (len(table.log_prior) - 1) // 2, "deadline": DEADLINE, "seed": SEED, "workers": 1}
-    tally = tally_trials(table, THRESHOLD, trials, theta_x=POLICIES[policy], **options)
+    options = {
+        "fixation": (len(table.log_prior) - 1) // 2,
+        "play": PlaySettings(theta_x=POLICIES[policy], deadline=DEADLINE),
+        "seed": SEED,
+        "workers": 1,
+    }
+    tally = tally_trials(table, THRESHOLD, trials, **options)
     return int(tally.taps[0] @ range(tally.taps.shape[1]))
 
 

@@ -25,6 +25,7 @@ from solidtouch.models import seeds
 from solidtouch.models.experiment import load_experiment
 from solidtouch.models.grid import ClassGrid
 from solidtouch.models.measurement.histogram import HistogramModel, fit, trim
+from solidtouch.models.settings import Division
 from solidtouch.models.taps import TapSet, concatenate
 
 PAPER = preset("paper")
@@ -173,7 +174,7 @@ class Case(NamedTuple):
 def recorded(path: str, where_cell: str | None, most: int, runs: int) -> None:
     """Rows for a recording: taps and episodes of known objects, and of objects left out of training one at a time."""
     for method in ("parity", "sessions"):
-        parts, grid = load_experiment([path], where_cell, where_cell, method)
+        parts, grid = load_experiment([path], Division(where_cell=where_cell, what_cell=where_cell, split=method))
         fold = parts.folds[0]
         grid, _ = trim(grid, [fold.train])
         what = fold.train.indices(grid)[1]

@@ -23,7 +23,7 @@ from solidtouch.hardware.simulator.session import simulate_session
 from solidtouch.hardware.simulator.settings import PAPER_RODS
 from solidtouch.models import seeds
 from solidtouch.models.grid import ClassGrid
-from solidtouch.models.measurement.catalogue import FitSettings, Fitted, fit_model
+from solidtouch.models.measurement.catalogue import Fitted, fit_model
 from solidtouch.models.measurement.draws import form_of
 from solidtouch.models.measurement.fits.curves import CurvePosterior
 from solidtouch.models.measurement.likelihood.forms import GaussianForm, TableForm
@@ -31,6 +31,7 @@ from solidtouch.models.measurement.likelihood.shapes import Parameters
 from solidtouch.models.measurement.parametric import ParametricModel
 from solidtouch.models.measurement.predictive import integrated
 from solidtouch.models.measurement.states import States
+from solidtouch.models.settings import FitSettings
 from solidtouch.models.taps import TapSet, concatenate
 from studies import check_block, publish, share_interval, table, thinned, until_interrupted, write_block, write_json
 from studies.figure_study import recovery_figure

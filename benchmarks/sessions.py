@@ -19,10 +19,11 @@ from solidtouch.hardware.simulator.presets import preset
 from solidtouch.hardware.simulator.session import simulate_session
 from solidtouch.hardware.simulator.settings import RigSettings
 from solidtouch.models.grid import ClassGrid
-from solidtouch.models.measurement.catalogue import FitSettings, fit_model
+from solidtouch.models.measurement.catalogue import fit_model
 from solidtouch.models.measurement.model import TapModel
 from solidtouch.models.measurement.states import log_fold
 from solidtouch.models.seeds import data_set_seed
+from solidtouch.models.settings import FitSettings
 from solidtouch.models.taps import TapSet, concatenate
 from studies import check_block, mean_interval, publish, table, thinned, until_interrupted, write_block, write_json
 from studies.figure_study import Gain, session_figure

@@ -25,7 +25,8 @@ from solidtouch.inference.trials.run import run_trials
 from solidtouch.inference.tuning.held_out import held_out
 from solidtouch.models.measurement.histogram import fit
 from solidtouch.models.seeds import data_set_seed
-from solidtouch.models.setting import Setting
+from solidtouch.models.setting_file import Setting
+from solidtouch.models.settings import PlaySettings
 from solidtouch.models.taps import TapSet, concatenate
 from studies import check_block, mean_interval, publish, table, until_interrupted, write_block, write_json
 from studies.figure_tuning import regret_figure, tuning_figure
@@ -79,14 +80,14 @@ def data_set(name: str, seed: int, trials: int, episodes: int) -> Found:
     outcome = np.empty((grid.L, len(theta), 3))
     for l in range(grid.L):
         aimed = plan._replace(fixation=np.full_like(plan.fixation, l))
-        played = run_trials(whole, aimed, theta, theta_x=0.0, seed=seed)
+        played = run_trials(whole, aimed, theta, play=PlaySettings(theta_x=0.0), seed=seed)
         error = grid.what_error(played.what, plan.what[:, np.newaxis]).mean(axis=0)
         outcome[l] = np.stack([COST * error + played.taps.mean(axis=0), error, played.taps.mean(axis=0)], axis=-1)
     l, h = np.unravel_index(outcome[..., 0].argmin(), outcome.shape[:2])
     pairs = {
         "default": (default_fixation(grid.L), DEFAULT_THETA),
-        "one session": (one.fixation.chosen, one.setting.threshold),
-        "three sessions": (three.fixation.chosen, three.setting.threshold),
+        "one session": (one.fixation.chosen, one.setting.play.threshold),
+        "three sessions": (three.fixation.chosen, three.setting.play.threshold),
         "best there": (int(l), float(theta[h])),
     }
     at = {way: outcome[l, np.argmin(np.abs(theta - value))] for way, (l, value) in pairs.items()}

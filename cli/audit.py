@@ -10,26 +10,18 @@ from typing import TYPE_CHECKING, Annotated, Any
 from typer import Argument, Option
 
 from ..models.errors import InputError
+from ..models.settings import FitSettings, PlaySettings
 from .shared.interrupt import loading
-from .shared.options import (
-    Bins,
-    Border,
-    Deadline,
-    Force,
-    Pseudocount,
-    Seed,
-    TrainingTaps,
-    ValueRange,
-    WhatCell,
-    WhereCell,
-)
+from .shared.options import Exponent, Fields, Force, Seed, TrainingTaps, WhatCell, WhereCell, spelled_out
 
 if TYPE_CHECKING:
     from ..analysis.audit.parts import AuditParts
 
 _FEWEST_PERMUTATIONS = 99
+_Passive = Annotated[bool, Option("--passive", help="Judge trials that never move.")]
 
 
+@spelled_out
 def audit(
     files: Annotated[
         list[Path],
@@ -51,16 +43,11 @@ def audit(
     where_cell: WhereCell = None,
     what_cell: WhatCell = None,
     training_taps: TrainingTaps = False,
-    bins: Bins = 100,
-    pseudocount: Pseudocount = 0.01,
-    power: Annotated[str, Option(help="Root of the likelihood in use: J, JK, none or an exponent.")] = "J",
-    value_range: ValueRange = "global",
-    theta: Annotated[float, Option(help="Belief in an object needed to decide.")] = 0.95,
-    theta_x: Annotated[float, Option(help="Belief in a position needed for a move; 0 always moves.")] = 0.0,
-    fixation: Annotated[int | None, Option(help="Fixation point as 0-based class index; default the middle.")] = None,
-    passive: Annotated[bool, Option("--passive", help="Judge trials that never move.")] = False,
-    deadline: Deadline = 100,
-    border: Border = "uniform",
+    fit: Annotated[FitSettings, Fields("bins", "pseudocount", "value_range", power=Exponent)] = FitSettings(),
+    play: Annotated[
+        PlaySettings,
+        Fields("threshold", "theta_x", "fixation", "deadline", "border", passive=_Passive),
+    ] = PlaySettings(),
     pre: Annotated[
         int | None,
         Option(
@@ -79,11 +66,9 @@ def audit(
     force: Force = False,
 ) -> None:
     """Audits the naive-Bayes assumption on taps: where it fails, what it costs in decisions, which remedy pays."""
-    for name, value in (("--theta", theta), ("--target-error", target_error)):
+    for name, value in (("--theta", play.threshold), ("--target-error", target_error)):
         if value is not None and not 0 < value < 1:
             raise InputError(f"{name} must lie between 0 and 1, got {value}.")
-    if not 0 <= theta_x <= 1:
-        raise InputError(f"--theta-x must lie between 0 and 1, got {theta_x}.")
     with loading():
         from rich.console import Console
 
@@ -95,8 +80,7 @@ def audit(
         from ..analysis.audit.view import render
         from ..inference.moves.control import check_fixation
         from ..models.measurement.histogram import trim
-        from ..models.power import parse_power
-        from ..models.setting import Setting
+        from ..models.setting_file import Setting
         from ..models.storage import check_folder
     from .shared.progress import bars
 
@@ -104,22 +88,9 @@ def audit(
     check_folder(folder, force)
     parts, grid = load_parts(files, where_cell, what_cell, training_taps)
     grid, dropped = trim(grid, [parts.train])
-    check_fixation(fixation, grid.L)
+    check_fixation(play.fixation, grid.L)
     settings = AuditSettings(
-        setting=Setting(
-            power=parse_power(power),
-            bins=bins,
-            pseudocount=pseudocount,
-            value_range=value_range,
-            where_cell=where_cell,
-            what_cell=what_cell,
-            threshold=theta,
-            border=border,
-            theta_x=theta_x,
-            fixation=fixation,
-            passive=passive,
-            deadline=deadline,
-        ),
+        setting=Setting(fit=fit, where_cell=where_cell, what_cell=what_cell, play=play),
         target_error=target_error,
         pre=pre,
         covariates=tuple(covariate or ()),

@@ -10,25 +10,9 @@ from typing import TYPE_CHECKING, Annotated, Any
 from typer import Option
 
 from ..models.errors import InputError
+from ..models.settings import Division, FitSettings, PlaySettings
 from .shared.interrupt import loading
-from .shared.options import (
-    Bins,
-    Border,
-    Data,
-    Deadline,
-    Force,
-    Power,
-    Pseudocount,
-    Seed,
-    SplitMethod,
-    TestSessions,
-    TrainingTaps,
-    TrainSessions,
-    ValueRange,
-    WhatCell,
-    WhereCell,
-    parse_thresholds,
-)
+from .shared.options import DIVIDED, FITTING, Data, Fields, Force, Seed, parse_thresholds, spelled_out
 
 if TYPE_CHECKING:
     from ..models.grid import ClassGrid
@@ -38,40 +22,25 @@ if TYPE_CHECKING:
 _FEWEST_DRAWS = 100
 
 
+@spelled_out
 def compare(
     data: Data,
     models: Annotated[
         str, Option(help="Names separated by commas, the reference first, such as histogram,profile; or all.")
     ] = "all",
     out: Annotated[Path | None, Option(help="Folder for the results; default runs/<date-time>-compare.")] = None,
-    where_cell: WhereCell = None,
-    what_cell: WhatCell = None,
-    split: SplitMethod = None,
-    train: TrainSessions = None,
-    test: TestSessions = None,
-    training_taps: TrainingTaps = False,
-    bins: Bins = 100,
-    pseudocount: Pseudocount = 0.01,
-    power: Power = "J",
-    value_range: ValueRange = "global",
-    unconverged: Annotated[
-        bool, Option("--allow-unconverged", help="Use fits that did not converge; they are marked.")
-    ] = False,
+    division: Annotated[Division, Fields(*DIVIDED, "training_taps")] = Division(),
+    fit: Annotated[FitSettings, Fields(*FITTING, "unconverged")] = FitSettings(),
     draws: Annotated[
         int, Option(min=0, help="From each posterior, to leave out single taps; 0 skips that and predictive checks.")
     ] = 400,
     trials: Annotated[int, Option(min=1, help="Of each model, passive and active.")] = 4000,
     thresholds: Annotated[str | None, Option(help="Belief thresholds, such as 0.5,0.9,0.99.")] = None,
-    theta_x: Annotated[float, Option(help="Belief in a position needed for a move; 0 always moves.")] = 0.0,
-    fixation: Annotated[int | None, Option(help="Fixation point as 0-based class index; default the middle.")] = None,
-    deadline: Deadline = 100,
-    border: Border = "uniform",
+    play: Annotated[PlaySettings, Fields("theta_x", "fixation", "deadline", "border")] = PlaySettings(),
     seed: Seed = 0,
     force: Force = False,
 ) -> None:
     """Fits measurement models to training taps and compares how they predict taps, tell classes and decide."""
-    if not 0 <= theta_x <= 1:
-        raise InputError(f"--theta-x must lie between 0 and 1, got {theta_x}.")
     if 0 < draws < _FEWEST_DRAWS:
         raise InputError(f"--draws must be 0, or {_FEWEST_DRAWS} or more to look at tails, got {draws}.")
     with loading():
@@ -85,16 +54,14 @@ def compare(
         from ..inference.moves.control import check_fixation
         from ..inference.trials.run import THRESHOLDS
         from ..models.experiment import load_experiment
-        from ..models.measurement.catalogue import FitSettings
         from ..models.measurement.histogram import trim
-        from ..models.power import parse_power_choice
         from ..models.storage import check_folder
     from .shared.progress import bars
 
     names = _names(models)
     folder = out or Path("runs") / f"{datetime.now().astimezone():%Y-%m-%d-%H%M%S}-compare"
     check_folder(folder, force)
-    parts, grid = load_experiment(data, where_cell, what_cell, split, train, test, training_taps)
+    parts, grid = load_experiment(data, division)
     if len(parts.folds) != 1:
         raise InputError(
             f"--split {parts.method} makes {len(parts.folds)} training sets; compare takes one, and leaves out each "
@@ -102,30 +69,20 @@ def compare(
         )
     fold = parts.folds[0]
     grid, dropped = trim(grid, [fold.train])
-    check_fixation(fixation, grid.L)
+    check_fixation(play.fixation, grid.L)
     settings = CompareSettings(
         models=names,
-        fit=FitSettings(
-            bins=bins,
-            pseudocount=pseudocount,
-            power=parse_power_choice(power),
-            value_range=value_range,
-            unconverged=unconverged,
-            seed=seed,
-        ),
+        fit=fit.changed(seed=seed),
         draws=draws,
         trials=trials,
         thresholds=THRESHOLDS if thresholds is None else parse_thresholds(thresholds),
-        theta_x=theta_x,
-        fixation=fixation,
-        border=border,
-        deadline=deadline,
+        play=play,
         seed=seed,
         one_recording=len(data) == 1,
     )
     with bars() as progress:
         comparison = run(fold.train, fold.test, grid, settings, progress)
-    summary = summarise(comparison, settings, _described(data, parts, grid, dropped, comparison.test_taps), power)
+    summary = summarise(comparison, settings, _described(data, parts, grid, dropped, comparison.test_taps))
     write_comparison(folder, comparison, summary, force)
     render(summary, Console())
     print(f"The report is {folder / 'report.html'}")

@@ -1,32 +1,14 @@
 """`solidtouch crosscheck`: all ways of computing the posterior, compared."""
 
 from collections.abc import Callable
-from dataclasses import replace
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 from typer import Option
 
+from ..models.settings import Division, FitSettings, PlaySettings
 from .shared.interrupt import loading
-from .shared.options import (
-    MODELS,
-    AllowUnconverged,
-    Bins,
-    Border,
-    Data,
-    ModelOrAll,
-    Power,
-    Pseudocount,
-    Saturation,
-    Seed,
-    SplitMethod,
-    TestSessions,
-    TrainingTaps,
-    TrainSessions,
-    ValueRange,
-    WhatCell,
-    WhereCell,
-)
+from .shared.options import DIVIDED, FITTING, MODELS, Data, Fields, ModelOrAll, Seed, spelled_out
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -36,25 +18,16 @@ if TYPE_CHECKING:
 _ALL = "all"
 
 
+@spelled_out
 def crosscheck(
     data: Data,
     model: ModelOrAll = "histogram",
-    where_cell: WhereCell = None,
-    what_cell: WhatCell = None,
-    split: SplitMethod = None,
-    train: TrainSessions = None,
-    test: TestSessions = None,
-    training_taps: TrainingTaps = False,
-    bins: Bins = 100,
-    pseudocount: Pseudocount = 0.01,
-    power: Power = "J",
-    value_range: ValueRange = "global",
-    saturation: Saturation = None,
-    border: Border = "uniform",
+    division: Annotated[Division, Fields(*DIVIDED, "training_taps")] = Division(),
+    fit: Annotated[FitSettings, Fields(*FITTING, "saturation", "unconverged")] = FitSettings(),
+    play: Annotated[PlaySettings, Fields("border")] = PlaySettings(),
     episodes: Annotated[int, Option(min=1, help="Episodes to compare.")] = 10,
     length: Annotated[int, Option(min=1, help="Taps of each episode.")] = 40,
     sequence_taps: Annotated[int, Option(min=0, max=20, help="Taps of each that are enumerated at once.")] = 20,
-    allow_unconverged: AllowUnconverged = False,
     seed: Seed = 0,
 ) -> None:
     """Compares all engines on episodes with moves over the test taps of DATA; exit code 1 if they differ."""
@@ -62,27 +35,18 @@ def crosscheck(
 
     with loading():
         from ..analysis.experiment.crosscheck import crosscheck as compare
-        from ..analysis.experiment.settings import Settings
+        from ..analysis.experiment.settings import ExperimentSettings
         from ..models.experiment import load_experiment
         from ..models.measurement.histogram import trim
-        from ..models.power import parse_power_choice
     from .shared.progress import bars
 
-    settings = Settings(
-        bins=bins,
-        pseudocount=pseudocount,
-        power=parse_power_choice(power),
-        value_range=value_range,
-        saturation=saturation,
-        seed=seed,
-        unconverged=allow_unconverged,
-    )
-    parts, grid = load_experiment(data, where_cell, what_cell, split, train, test, training_taps)
+    settings = ExperimentSettings(fit=fit.changed(seed=seed), play=play, seed=seed)
+    parts, grid = load_experiment(data, division)
     grid, _ = trim(grid, [fold.train for fold in parts.folds])
     fold = parts.folds[0]
 
     def check(name: str) -> "CrossCheck":
-        fitted = replace(settings, model=name).fit(fold.train, grid)
+        fitted = settings.changed(model=name).fitted(fold.train, grid)
         with bars() as progress:
             advance = progress(f"Cross-checking {name}" if model == _ALL else "Cross-checking engines", episodes)
             return compare(
@@ -90,7 +54,7 @@ def crosscheck(
                 fitted.usable(fold.test),
                 train=fold.train,
                 settings=settings,
-                border=border,
+                border=play.border,
                 episodes=episodes,
                 length=length,
                 sequence_taps=sequence_taps,

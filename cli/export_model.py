@@ -1,13 +1,14 @@
 """`solidtouch export-model`: a fitted model for programs without this software."""
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Literal
 
 from typer import Argument, Context, Option
 
 from ..models.errors import InputError
+from ..models.settings import PlaySettings
 from .shared.interrupt import loading
-from .shared.options import Border, Force, SettingFile, chosen, given
+from .shared.options import Fields, Force, SettingFile, given, merged, spelled_out
 
 if TYPE_CHECKING:
     from ..models.io.export import Decisions
@@ -16,6 +17,13 @@ if TYPE_CHECKING:
 _SUFFIXES = {"json": (".json",), "c-header": (".h", ".hpp")}
 
 
+_ThetaX = Annotated[
+    float, Option("--theta-x", help="Belief in a position needed for a move; 0 always moves, 1 never does.")
+]
+_Threshold = Annotated[float, Option("--threshold", help="Belief in an object needed to decide; 1 never decides.")]
+
+
+@spelled_out
 def export_model(
     context: Context,
     model: Annotated[Path, Argument(metavar="MODEL", help="A fitted model, from `fit`.", show_default=False)],
@@ -27,14 +35,7 @@ def export_model(
         Option(metavar="FILE", help="The file to write; default beside MODEL, in .json or .h.", show_default=False),
     ] = None,
     setting: SettingFile = None,
-    border: Border = "uniform",
-    theta_x: Annotated[
-        float, Option(help="Belief in a position needed for a move; 0 always moves, 1 never does.")
-    ] = 0.0,
-    threshold: Annotated[float, Option(help="Belief in an object needed to decide; 1 never decides.")] = 0.95,
-    fixation: Annotated[
-        int | None, Option(help="Fixation point as 0-based class index; default the middle.", show_default=False)
-    ] = None,
+    play: Annotated[PlaySettings, Fields("border", "fixation", theta_x=_ThetaX, threshold=_Threshold)] = PlaySettings(),
     single: Annotated[bool, Option("--single", help="Numbers of a C header in single precision.")] = False,
     force: Force = False,
 ) -> None:
@@ -51,9 +52,7 @@ def export_model(
         from ..models.io.model_file import load_model
 
     fitted = load_model(model)
-    decisions = _decisions(
-        context, fitted, model, setting, border=border, threshold=threshold, theta_x=theta_x, fixation=fixation
-    )
+    decisions = _decisions(context, fitted, model, setting, play)
     if layout == "json":
         save_exported(fitted, target, decisions, model.stem, force)
     else:
@@ -74,7 +73,9 @@ def _target(model: Path, out: Path | None, layout: str) -> Path:
     return target
 
 
-def _decisions(context: Context, fitted: "TapModel", model: Path, setting: Path | None, **options: Any) -> "Decisions":
+def _decisions(
+    context: Context, fitted: "TapModel", model: Path, setting: Path | None, play: PlaySettings
+) -> "Decisions":
     """What the options say, or a setting where they do not.
 
     Raises:
@@ -82,19 +83,16 @@ def _decisions(context: Context, fitted: "TapModel", model: Path, setting: Path 
     """
     from ..inference.moves.control import check_fixation
     from ..models.io.export import Decisions
-    from ..models.setting import load_setting
+    from ..models.setting_file import load_setting
 
     read = None if setting is None else load_setting(setting)
-    values: dict[str, Any] = chosen(context, read, **options)
     if read is not None:
         read.check_model(fitted, str(model), str(setting))
-        if read.passive and not (given(context, "theta_x") or given(context, "fixation")):
-            values["theta_x"] = 1.0
-    for name, value in (("--threshold", values["threshold"]), ("--theta-x", values["theta_x"])):
-        if not 0 <= value <= 1:
-            raise InputError(f"{name} must lie between 0 and 1, got {value}.")
-    values["fixation"] = check_fixation(values["fixation"], fitted.grid.L)
-    return Decisions(**values)
+        moving = given(context, "theta_x") or given(context, "fixation")
+        play = merged(context, read, play)
+        play = play.changed(passive=play.passive and not moving)
+    aim = check_fixation(play.fixation, fitted.grid.L)
+    return Decisions(border=play.border, threshold=play.threshold, theta_x=play.move_threshold, fixation=aim)
 
 
 def _told(fitted: "TapModel", target: Path) -> str:

@@ -5,60 +5,39 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 from typer import Option
 
+from ..models.settings import Division, FitSettings
 from .shared.interrupt import loading
-from .shared.options import (
-    AllowUnconverged,
-    Bins,
-    Data,
-    Force,
-    Model,
-    Power,
-    Pseudocount,
-    Saturation,
-    Seed,
-    SplitMethod,
-    TestSessions,
-    TrainSessions,
-    ValueRange,
-    WhatCell,
-    WhereCell,
-)
+from .shared.options import DIVIDED, FITTING, Data, Fields, Force, Model, Seed, spelled_out
 
 if TYPE_CHECKING:
     from ..models.io.model_file import Draws
-    from ..models.measurement.catalogue import FitSettings, Fitted
+    from ..models.measurement.catalogue import Fitted
     from ..models.taps import TapSet
 
+_Method = Annotated[Literal["closed", "nuts"], Option("--fit", help="The model's own fast fit, or NUTS on its story.")]
+_GainSd = Annotated[
+    float | None,
+    Option("--gain-sd", help="For session: deviation of the log gain between sessions; default the training taps'."),
+]
+_OffsetSd = Annotated[
+    float | None,
+    Option("--offset-sd", help="For session: deviation of the offset, in the unit of the samples; likewise."),
+]
 
+
+@spelled_out
 def fit(
     data: Data,
     out: Annotated[Path, Option(help="The file to write, such as model.nc.")],
     model: Model = "histogram",
-    where_cell: WhereCell = None,
-    what_cell: WhatCell = None,
-    split: SplitMethod = None,
-    train: TrainSessions = None,
-    test: TestSessions = None,
-    bins: Bins = 100,
-    pseudocount: Pseudocount = 0.01,
-    power: Power = "J",
-    saturation: Saturation = None,
-    value_range: ValueRange = "global",
+    division: Annotated[Division, Fields(*DIVIDED)] = Division(training_taps=True),
+    settings: Annotated[
+        FitSettings,
+        Fields(*FITTING, "saturation", "unconverged", method=_Method, gain_sd=_GainSd, offset_sd=_OffsetSd),
+    ] = FitSettings(),
     draws: Annotated[
         int, Option(min=0, help="Posterior draws kept in the file for ArviZ, in each of 4 chains; 0 for none.")
     ] = 25,
-    method: Annotated[
-        Literal["closed", "nuts"], Option("--fit", help="The model's own fast fit, or NUTS on its story.")
-    ] = "closed",
-    allow_unconverged: AllowUnconverged = False,
-    gain_sd: Annotated[
-        float | None,
-        Option(min=0.0, help="For session: deviation of the log gain between sessions; default the training taps'."),
-    ] = None,
-    offset_sd: Annotated[
-        float | None,
-        Option(min=0.0, help="For session: deviation of the offset, in the unit of the samples; likewise."),
-    ] = None,
     simulations: Annotated[
         int,
         Option(
@@ -81,34 +60,21 @@ def fit(
         from ..inference.tuning.tempering import fit_tempered
         from ..models.experiment import load_experiment
         from ..models.io.model_file import save_model
-        from ..models.measurement.catalogue import FitSettings, split_name
+        from ..models.measurement.catalogue import split_name
         from ..models.measurement.histogram import trim
-        from ..models.power import check_saturation, learned_taps, parse_power_choice
+        from ..models.power import learned_taps
 
     _, in_states = split_name(model)
-    if not in_states and (gain_sd is not None or offset_sd is not None):
+    if not in_states and (settings.gain_sd is not None or settings.offset_sd is not None):
         raise InputError(f"--gain-sd and --offset-sd go with session models only, and not with {model}.")
     if simulations:
-        if learned_taps(power) is None:
+        if learned_taps(settings.power) is None:
             raise InputError("--simulations goes with --power learned only.")
         with loading():
             from ..analysis.stats.right_exponent import check_simulations
         check_simulations(simulations)
-    limit = float("inf") if saturation is None else saturation
-    check_saturation(limit)
-    settings = FitSettings(
-        bins=bins,
-        pseudocount=pseudocount,
-        power=parse_power_choice(power),
-        saturation=limit,
-        value_range=value_range,
-        method=method,
-        unconverged=allow_unconverged,
-        gain_sd=gain_sd,
-        offset_sd=offset_sd,
-        seed=seed,
-    )
-    parts, grid = load_experiment(data, where_cell, what_cell, split, train, test, training_taps=True)
+    settings = settings.changed(seed=seed)
+    parts, grid = load_experiment(data, division)
     if len(parts.folds) != 1:
         raise InputError(f"--split {parts.method} makes {len(parts.folds)} models; fit writes one, so choose another.")
     fold = parts.folds[0]

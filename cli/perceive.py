@@ -2,13 +2,14 @@
 
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Literal
 
 from typer import Argument, Context, Option
 
 from ..models.errors import InputError
+from ..models.settings import PlaySettings
 from .shared.interrupt import loading, terminable
-from .shared.options import Border, Force, Seed, SettingFile, TrainingTaps, chosen, given
+from .shared.options import Fields, Force, Seed, SettingFile, TrainingTaps, given, merged, spelled_out
 from .shared.recording import check_record, kept, recording
 from .shared.untrained import check_training_taps, untrained
 
@@ -20,13 +21,17 @@ if TYPE_CHECKING:
     from ..inference.engines.engine import Engine
     from ..inference.novelty import Novelty
     from ..models.measurement.model import TapModel
-    from ..models.setting import Setting
+    from ..models.setting_file import Setting
     from .shared.moving import Moves
     from .shared.rigs import Placed
     from .shared.showing import Ending, Show
     from .shared.stopping import Ends
 
+_Theta = Annotated[float, Option("--theta", help="Belief in an object needed to decide; 1 never decides.")]
+_Deadline = Annotated[int, Option("--deadline", min=1, help="Taps after which the most probable object is taken.")]
 
+
+@spelled_out
 def perceive(
     context: Context,
     model: Annotated[Path, Argument(metavar="MODEL", help="A fitted model, from `fit`.", show_default=False)],
@@ -34,12 +39,10 @@ def perceive(
         str, Option(metavar="RIG", help="simulated, simulated:PRESET, replay:FILE with recorded taps, or a rig.toml.")
     ] = "simulated",
     engine: Annotated[Literal["numpy", "numpyro", "filter"], Option(help="How beliefs are computed.")] = "numpyro",
-    theta: Annotated[float, Option(help="Belief in an object needed to decide; 1 never decides.")] = 0.95,
-    passive: Annotated[bool, Option("--passive", help="Never move.")] = False,
-    fixation: Annotated[
-        int | None, Option(help="Fixation point as 0-based class index; default the middle.", show_default=False)
-    ] = None,
-    theta_x: Annotated[float, Option(help="Belief in a position needed for a move; 0 always moves.")] = 0.0,
+    play: Annotated[
+        PlaySettings,
+        Fields("passive", "fixation", "theta_x", "border", threshold=_Theta, deadline=_Deadline),
+    ] = PlaySettings(),
     move: Annotated[
         str | None,
         Option(metavar="NAME", help="Another way to move: random, step, info-what, ...; docs/perceiving.md has all."),
@@ -60,7 +63,6 @@ def perceive(
         str | None,
         Option("--give-up", metavar="TAPS[:BELIEF]", help="No answer if not decided by then, or by so much belief."),
     ] = None,
-    deadline: Annotated[int, Option(min=1, help="Taps after which the most probable object is taken.")] = 100,
     start: Annotated[
         str | None, Option(help="Where to begin: class index, or a place such as 2.3mm; default drawn.")
     ] = None,
@@ -89,34 +91,20 @@ def perceive(
     ] = None,
     home: Annotated[bool, Option("--home", help="Home the stage first: it moves to its limit switches.")] = False,
     training_taps: TrainingTaps = False,
-    border: Border = "uniform",
     setting: SettingFile = None,
     seed: Seed = 0,
     force: Force = False,
 ) -> None:
     """Perceives an object by tapping: which it is and where it is touched, live."""
     check_training_taps(training_taps, rig)
-    _check_together(passive, fixation, theta_x, move, stop, given(context, "theta"))
+    _check_together(play, move, stop, given(context, "threshold"))
     read = None
     if setting is not None:
         with loading():
-            from ..models.setting import load_setting
+            from ..models.setting_file import load_setting
 
         read = load_setting(setting)
-        theta = theta if given(context, "theta") else read.threshold
-        theta_x, fixation, passive, deadline, border = _from_setting(
-            context,
-            read,
-            move,
-            theta_x=theta_x,
-            fixation=fixation,
-            passive=passive,
-            deadline=deadline,
-            border=border,
-        )
-    for name, value in (("--theta", theta), ("--theta-x", theta_x)):
-        if not 0 <= value <= 1:
-            raise InputError(f"{name} must lie between 0 and 1, got {value}.")
+        play = _with_setting(context, read, play, move)
     if image is not None:
         check_picture(image, force)
     if record is not None:
@@ -126,23 +114,25 @@ def perceive(
         from ..analysis.live import view as live_view  # noqa: F401
         from ..inference.engines.latency import TimedEngine, warm_up
         from ..models.io.model_file import load_model
-        from .shared.moving import chances
+        from .shared.moving import chances, choose_moves, load_outcomes
         from .shared.rigs import Wish, open_source
         from .shared.showing import latency_sentence, show
+        from .shared.stopping import choose_ends
 
         fitted = load_model(model)
         if read is not None:
             read.check_model(fitted, str(model), str(setting))
-        name = move or ("passive" if passive else f"fixation:{theta_x!r}")
-        wanted = {"fixation": None if passive else fixation, "training": training, "targets": targets}
-        moves, ends = _plan(fitted, border, name, stop, theta=theta, give_up=give_up, deadline=deadline, **wanted)
-        novelty, engines = _novelty(fitted, unknown, deadline), _engines(engine, fitted, border, shadow)
+        name = move or ("passive" if play.passive else f"fixation:{play.theta_x!r}")
+        outcomes = load_outcomes(fitted, training, name, stop)
+        moves = choose_moves(name, fitted, play, outcomes, targets)
+        ends = choose_ends(stop, play, give_up, fitted, moves.fixation, outcomes)
+        novelty, engines = _novelty(fitted, unknown, play.deadline), _engines(engine, fitted, play.border, shadow)
         warm_up_s = warm_up(engines)
     timed = TimedEngine(engines)
     endings: list[Ending] = []
     with (
         terminable(),
-        recording(record, rig, fitted.grid, what, episodes * deadline, force) as recorder,
+        recording(record, rig, fitted.grid, what, episodes * play.deadline, force) as recorder,
         show(as_json) as shown,
     ):
         if rig.endswith(".toml"):
@@ -154,7 +144,7 @@ def perceive(
                 f"the belief in each, and moves are in where classes{_promised(novelty, unknown)}"
             )
             for number in range(episodes):
-                run = _Run(timed, ends, moves, chances(seed, number, deadline), deadline, novelty, unknown)
+                run = _Run(timed, ends, moves, chances(seed, number, play.deadline), play.deadline, novelty, unknown)
                 heading = f"{source.name}, engine {timed.name}" + f", episode {number + 1}" * (episodes > 1)
                 endings.append(run.episode(source.place(number), shown, heading))
                 shown.end(number + 1, endings[-1])
@@ -167,58 +157,30 @@ def perceive(
         save_picture(endings[-1].seen, image, force)
 
 
-def _check_together(
-    passive: bool, fixation: int | None, theta_x: float, move: str | None, stop: str | None, theta: bool
-) -> None:
+def _check_together(play: PlaySettings, move: str | None, stop: str | None, theta: bool) -> None:
     """Refuses options that contradict each other; `theta` says whether `--theta` is given."""
-    if passive and (fixation is not None or theta_x > 0):
+    if play.passive and (play.fixation is not None or play.theta_x > 0):
         raise InputError("--passive never moves and does not go with --fixation or --theta-x.")
-    if move is not None and (passive or theta_x > 0):
+    if move is not None and (play.passive or play.theta_x > 0):
         raise InputError("--move says how to move and does not go with --passive or --theta-x; see fixation:THETA_X.")
     if stop is not None and theta:
         raise InputError("--stop says when to stop and does not go with --theta; see what:THETA.")
 
 
-def _from_setting(context: Context, setting: "Setting", move: str | None, **options: Any) -> tuple[Any, ...]:
-    """Values of options in the order given, as a setting has them where the command line has not.
+def _with_setting(context: Context, setting: "Setting", play: PlaySettings, move: str | None) -> PlaySettings:
+    """What the command line says, and a setting where it does not.
 
     Whether to move is said as a whole: `--passive` on the command line does away with the setting's fixation point and
     threshold, one of these with a setting that is passive, and `--move` with all three but for the fixation point of a
     strategy that aims for one.
     """
-    values = chosen(context, setting, **options)
+    both = merged(context, setting, play)
     if given(context, "passive"):
-        values |= {"theta_x": 0.0, "fixation": None}
-    elif move is not None:
+        return both.changed(theta_x=0.0, fixation=None)
+    if move is not None:
         aims = move.partition(":")[0] == "fixation"
-        values |= {"theta_x": 0.0, "passive": False}
-        if not aims:
-            values["fixation"] = options["fixation"]
-    elif given(context, "theta_x") or given(context, "fixation"):
-        values["passive"] = False
-    return tuple(values[name] for name in options)
-
-
-def _plan(
-    model: "TapModel",
-    border: "reference.Border",
-    move: str,
-    stop: str | None,
-    *,
-    theta: float,
-    give_up: str | None,
-    deadline: int,
-    fixation: int | None,
-    training: list[Path] | None,
-    targets: Path | None,
-) -> "tuple[Moves, Ends]":
-    """How episodes move and when they end, from options of these names."""
-    from .shared.moving import choose_moves, load_outcomes
-    from .shared.stopping import choose_ends
-
-    outcomes = load_outcomes(model, training, move, stop)
-    moves = choose_moves(move, model, border, fixation, outcomes, targets)
-    return moves, choose_ends(stop, theta, give_up, deadline, model, border, moves.fixation, outcomes)
+        return both.changed(theta_x=0.0, passive=False, fixation=both.fixation if aims else play.fixation)
+    return both.changed(passive=both.passive and not (given(context, "theta_x") or given(context, "fixation")))
 
 
 class _Run:

@@ -2,7 +2,6 @@
 
 import shlex
 import sys
-from dataclasses import replace
 from datetime import datetime
 from pathlib import Path
 from typing import Annotated, Any
@@ -11,35 +10,29 @@ import typer
 from typer import Option
 
 from ..models.errors import InputError
+from ..models.settings import Division, FitSettings, PlaySettings
 from .shared.interrupt import loading
 from .shared.options import (
+    DIVIDED,
+    FITTING,
     MODELS,
-    AllowUnconverged,
-    Bins,
-    Border,
-    Deadline,
+    Fields,
     Force,
     Model,
-    Power,
-    Pseudocount,
-    Saturation,
     Seed,
     SettingFile,
-    SplitMethod,
-    TestSessions,
-    TrainingTaps,
-    TrainSessions,
-    ValueRange,
-    WhatCell,
-    WhereCell,
-    chosen,
+    given,
+    merged,
     parse_thresholds,
+    spelled_out,
 )
 
 _QUICK_DATA_SETS, _DATA_SETS = 4, 12
 _QUICK_TRIALS, _TRIALS = 250, 1000
+_FROM_SETTING = "where_cell", "what_cell"
 
 
+@spelled_out
 def reproduce(
     context: typer.Context,
     data: Annotated[
@@ -59,23 +52,10 @@ def reproduce(
         int | None, Option(min=1, help=f"Trials per position and per fixation point; default {_TRIALS}.")
     ] = None,
     thresholds: Annotated[str | None, Option(help="Belief thresholds, such as 0.5,0.9,0.99.")] = None,
-    theta_x: Annotated[float, Option(help="Belief in a position needed for a move; 0 always moves.")] = 0.0,
-    fixation: Annotated[int | None, Option(help="Fixation point as 0-based class index; default the middle.")] = None,
-    deadline: Deadline = 100,
+    play: Annotated[PlaySettings, Fields("theta_x", "fixation", "deadline", "border")] = PlaySettings(),
     model: Model = "histogram",
-    where_cell: WhereCell = None,
-    what_cell: WhatCell = None,
-    split: SplitMethod = None,
-    train: TrainSessions = None,
-    test: TestSessions = None,
-    training_taps: TrainingTaps = False,
-    bins: Bins = 100,
-    pseudocount: Pseudocount = 0.01,
-    power: Power = "J",
-    saturation: Saturation = None,
-    value_range: ValueRange = "global",
-    border: Border = "uniform",
-    allow_unconverged: AllowUnconverged = False,
+    division: Annotated[Division, Fields(*DIVIDED, "training_taps")] = Division(),
+    fit: Annotated[FitSettings, Fields(*FITTING, "saturation", "unconverged")] = FitSettings(),
     setting: SettingFile = None,
     seed: Seed = 0,
     force: Force = False,
@@ -85,57 +65,50 @@ def reproduce(
     if test_data and not data:
         raise InputError(f"{test_data[0]} is not expected here; recorded taps are named with --data.")
     simulated_only = {"--preset": preset, "--data-sets": data_sets}
-    recorded_only = {"--split": split, "--train": train, "--test": test, "--training-taps": training_taps or None}
+    recorded_only = {
+        "--split": division.split,
+        "--train": division.train,
+        "--test": division.test,
+        "--training-taps": division.training_taps or None,
+    }
     for option, value in (simulated_only if files else recorded_only).items():
         if value is not None:
             raise InputError(f"{option} goes with {'simulated' if files else 'recorded'} taps only.")
     preset = preset or "paper"
     with loading():
-        from ..analysis.experiment.settings import Settings
+        from ..analysis.experiment.settings import ExperimentSettings
         from ..analysis.reproduce.results import Request
         from ..analysis.reproduce.run import reproduce as run
         from ..analysis.reproduce.run import simulated_split
+        from ..inference.trials.run import THRESHOLDS
         from ..models.experiment import load_experiment
-        from ..models.power import parse_power_choice
-        from ..models.setting import load_setting
+        from ..models.setting_file import load_setting
     from ..models.storage import check_folder
     from .shared.progress import bars
 
     read = None if setting is None else load_setting(setting)
-    cells = chosen(context, read, where_cell=where_cell, what_cell=what_cell)
-    options = chosen(
-        context,
-        read,
-        theta_x=theta_x,
-        fixation=fixation,
-        border=border,
-        deadline=deadline,
-        bins=bins,
-        pseudocount=pseudocount,
-        power=power,
-        saturation=saturation,
-        value_range=value_range,
-        model=model,
-    )
-    options["power"] = parse_power_choice(str(options["power"]))
-    settings = Settings(
-        trials=trials or (_QUICK_TRIALS if quick else _TRIALS), seed=seed, unconverged=allow_unconverged, **options
-    )
     if read is not None:
-        more = tuple(sorted({*settings.thresholds, read.threshold}))
-        settings = replace(settings, thresholds=more, shown_theta=read.threshold)
+        fit, play = merged(context, read, fit), merged(context, read, play)
+        division = division.changed(**{key: getattr(read, key) for key in _FROM_SETTING if not given(context, key)})
+        model = model if given(context, "model") else read.model
+    settings = ExperimentSettings(
+        model=model,
+        fit=fit.changed(seed=seed),
+        play=play,
+        trials=trials or (_QUICK_TRIALS if quick else _TRIALS),
+        thresholds=THRESHOLDS if read is None else tuple(sorted({*THRESHOLDS, read.play.threshold})),
+        seed=seed,
+    )
     if thresholds is not None:
-        settings = replace(settings, thresholds=parse_thresholds(thresholds))
+        settings = settings.changed(thresholds=parse_thresholds(thresholds))
     folder = out or Path("runs") / datetime.now().astimezone().strftime("%Y-%m-%d-%H%M%S")
     check_folder(folder, force)
     with bars() as progress:
         if files:
-            parts, grid = load_experiment(
-                files, **cells, method=split, train=train, test=test, training_taps=training_taps
-            )
+            parts, grid = load_experiment(files, division)
         else:
             parts = simulated_split(preset, data_sets or (_QUICK_DATA_SETS if quick else _DATA_SETS), seed, progress)
-            grid = parts.folds[0].train.grid(**cells)
+            grid = parts.folds[0].train.grid(division.where_cell, division.what_cell)
         request = Request(
             parts,
             grid,

@@ -8,8 +8,9 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal, Self
 from typer import Argument, Option
 
 from ..models.errors import InputError
+from ..models.settings import PlaySettings
 from .shared.interrupt import loading, terminable
-from .shared.options import Border, Deadline, Force, Seed, TestSessions, TrainingTaps, Workers, parse_thresholds
+from .shared.options import Fields, Force, Seed, TestSessions, TrainingTaps, Workers, parse_thresholds, spelled_out
 from .shared.untrained import untrained
 
 if TYPE_CHECKING:
@@ -24,6 +25,7 @@ if TYPE_CHECKING:
 _WIDEST = 500  # characters
 
 
+@spelled_out
 def trials(
     model: Annotated[Path, Argument(metavar="MODEL", help="A fitted model, from `fit`.", show_default=False)],
     taps: Annotated[
@@ -31,19 +33,13 @@ def trials(
         Argument(metavar="TAPS", help="Test taps; those that trained the model are left out.", show_default=False),
     ],
     number: Annotated[int, Option("--trials", metavar="N", min=1, help="How many.")] = 100_000,
-    passive: Annotated[bool, Option("--passive", help="Never move.")] = False,
-    fixation: Annotated[
-        int | None, Option(help="Fixation point as 0-based class index; default the middle.", show_default=False)
-    ] = None,
-    theta_x: Annotated[float, Option(help="Belief in a position needed for a move; 0 always moves.")] = 0.0,
+    play: Annotated[PlaySettings, Fields("passive", "fixation", "theta_x", "deadline", "border")] = PlaySettings(),
     start: Annotated[
         int | None, Option(help="Where class to begin in, from 0; default any.", show_default=False)
     ] = None,
     thresholds: Annotated[str | None, Option(help="Belief thresholds, such as 0.5,0.9,0.99.")] = None,
-    deadline: Deadline = 100,
     test: TestSessions = None,
     training_taps: TrainingTaps = False,
-    border: Border = "uniform",
     seed: Seed = 0,
     device: Annotated[
         Literal["cpu", "gpu", "xla-cpu"],
@@ -54,10 +50,8 @@ def trials(
     force: Force = False,
 ) -> None:
     """Plays trials on TAPS and counts errors and reaction times; memory does not grow with their number."""
-    if passive and (fixation is not None or theta_x > 0):
+    if play.passive and (play.fixation is not None or play.theta_x > 0):
         raise InputError("--passive never moves and does not go with --fixation or --theta-x.")
-    if not 0 <= theta_x <= 1:
-        raise InputError(f"--theta-x must lie between 0 and 1, got {theta_x}.")
     if out is not None:
         from ..models.storage import check_netcdf_name, check_writable
 
@@ -86,19 +80,19 @@ def trials(
     chosen = THRESHOLDS if thresholds is None else parse_thresholds(thresholds)
     if start is not None and not 0 <= start < grid.L:
         raise InputError(f"--start must be a class index from 0 to {grid.L - 1}, got {start}.")
-    point = check_fixation(fixation, grid.L)
-    settings = {"theta_x": 1.0 if passive else theta_x, "border": border, "deadline": deadline, "seed": seed}
+    point = check_fixation(play.fixation, grid.L)
+    settings = {"theta_x": play.move_threshold, "border": play.border, "deadline": play.deadline, "seed": seed}
     about = {
         "model": model.name,
         "taps": f"{len(tested)} of {taps.name}",
-        "policy": "passive" if passive else "active",
-        "fixation": "none" if passive else grid.where_label(point),
+        "policy": "passive" if play.passive else "active",
+        "fixation": "none" if play.passive else grid.where_label(point),
         "start": "anywhere" if start is None else grid.where_label(start),
         **settings,
         "requested_trials": number,
         "solidtouch": version("solidtouch"),
     }
-    rule = {"fixation": point, "where": start, "workers": workers, **settings}
+    rule = {"fixation": point, "where": start, "workers": workers, "play": play, "seed": seed}
     table_of = partial(tally_table, grid=grid, thresholds=chosen, what_for=_title(about))
     with terminable(), _Shown(table_of, number) as shown:
         spread = shown.spread(partial(tap_spread, table, grid, chosen, number, **rule), spread_trials(number))

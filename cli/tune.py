@@ -7,26 +7,20 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 from typer import Context, Option
 
 from ..models.errors import InputError
+from ..models.settings import Division, FitSettings, PlaySettings
 from .shared.interrupt import loading, terminable
 from .shared.options import (
-    Bins,
-    Border,
+    DIVIDED,
     Data,
-    Deadline,
+    Exponent,
+    Fields,
     Force,
     Model,
-    Pseudocount,
-    Saturation,
     Seed,
-    SplitMethod,
-    TestSessions,
     TrainingTaps,
-    TrainSessions,
-    ValueRange,
-    WhatCell,
-    WhereCell,
     given,
     parse_thresholds,
+    spelled_out,
 )
 from .shared.untrained import check_training_taps
 from .tune_online import LearningPlan, learned
@@ -37,13 +31,16 @@ if TYPE_CHECKING:
     from ..analysis.tuning.run import Price
     from ..inference.tuning.held_out import Parts
     from ..models.grid import ClassGrid
-    from ..models.setting import Setting
+    from ..models.setting_file import Setting
     from ..models.taps import TapSet
 
 _TWO = 2  # files that `fit` takes
 _WIDTH = 100  # characters of a table
 
+_Theta = Annotated[float, Option("--theta", help="Threshold at which positions are compared.")]
 
+
+@spelled_out
 def tune(
     context: Context,
     data: Data,
@@ -65,7 +62,6 @@ def tune(
     thresholds: Annotated[
         str | None, Option(help="To choose from, such as 0.5,0.9,0.99; default many, or eight on line.")
     ] = None,
-    theta: Annotated[float, Option(help="Threshold at which positions are compared.")] = 0.95,
     online: Annotated[
         int | None, Option("--online", metavar="N", min=2, help="Learn both in N episodes instead.")
     ] = None,
@@ -89,19 +85,11 @@ def tune(
         Path | None,
         Option("--targets", metavar="FILE.json", help="Also learn where to go from each place: for --move table."),
     ] = None,
-    where_cell: WhereCell = None,
-    what_cell: WhatCell = None,
-    split: SplitMethod = None,
-    train: TrainSessions = None,
-    test: TestSessions = None,
-    bins: Bins = 100,
-    pseudocount: Pseudocount = 0.01,
-    power: Annotated[str, Option(help="Root of the likelihood: J, JK, none or an exponent.")] = "J",
-    saturation: Saturation = None,
-    value_range: ValueRange = "global",
-    theta_x: Annotated[float, Option(help="Belief in a position needed for a move; 0 always moves.")] = 0.0,
-    deadline: Deadline = 100,
-    border: Border = "uniform",
+    division: Annotated[Division, Fields(*DIVIDED)] = Division(training_taps=True),
+    fit: Annotated[
+        FitSettings, Fields("bins", "pseudocount", "saturation", "value_range", power=Exponent)
+    ] = FitSettings(),
+    play: Annotated[PlaySettings, Fields("theta_x", "deadline", "border", threshold=_Theta)] = PlaySettings(),
     trials: Annotated[
         int, Option(min=100, max=10**6, help="In each part, of each position, for thresholds and for targets.")
     ] = 1000,
@@ -115,14 +103,13 @@ def tune(
     _check_words(context, online, rig, target_error)
     check_training_taps(training_taps, rig)
     with loading():
-        from ..analysis.experiment.settings import Settings
+        from ..analysis.experiment.settings import ExperimentSettings
         from ..analysis.tuning.run import Price, check_objects, check_price
         from ..inference.moves.table import save_table
         from ..inference.moves.table_learning import learn_table
         from ..inference.tuning.held_out import held_out
         from ..models.io.model_file import save_model
-        from ..models.power import check_saturation, parse_power
-        from ..models.setting import Setting
+        from ..models.setting_file import Setting
         from ..models.storage import check_netcdf_name
     from .shared.progress import bars
 
@@ -130,44 +117,32 @@ def tune(
         check_netcdf_name(model_file)
     _check_files({"--out": out, "--model-file": model_file, "--targets": targets}, state, force)
     price = Price(cost_error, wrong, target_error)
-    check_saturation(float("inf") if saturation is None else saturation)
-    fitting = {"bins": bins, "pseudocount": pseudocount, "value_range": value_range, "saturation": saturation}
-    setting = Setting(
-        model=model,
-        power=parse_power(power),
-        **fitting,
-        where_cell=where_cell,
-        what_cell=what_cell,
-        threshold=theta,
-        border=border,
-        theta_x=theta_x,
-        deadline=deadline,
-    )
+    setting = Setting(model=model, fit=fit, where_cell=division.where_cell, what_cell=division.what_cell, play=play)
     chosen = None if thresholds is None else parse_thresholds(thresholds)
-    taps, grid, told = _training(data, where_cell, what_cell, split, train, test)
+    taps, grid, told = _training(data, division)
     check_objects(grid)
     check_price(price, len(set(taps.session.tolist())))
-    study = Settings(model=model, power=setting.power, **fitting, seed=seed)
+    study = ExperimentSettings(model=model, fit=fit.changed(seed=seed))
     print(told)
     with terminable(), bars() as progress:
         models = max(_TWO, len(set(taps.session.tolist())))
 
         @cache
         def parts() -> "Parts":
-            return held_out(taps, grid, study.fit, progress("Fitting models", models))
+            return held_out(taps, grid, study.fitted, progress("Fitting models", models))
 
         if online is not None:
             course = LearningPlan(learner, chosen, online, seed, state, rig, what, home, training_taps)
-            fitted = partial(study.fit, taps, grid)
+            fitted = partial(study.fitted, taps, grid)
             best = learned(course, setting, price, taps, grid, fitted, parts, progress("Learning", online))
         else:
             best = _offline(parts(), setting, price, chosen, by == "passive", trials, seed, progress)
         if targets is not None:
             tables = [part.table for part in parts().parts]
-            save_table(learn_table(tables, grid, border=border, trials=trials, seed=seed), targets, force)
+            save_table(learn_table(tables, grid, border=play.border, trials=trials, seed=seed), targets, force)
             print(f"The table of targets is {targets}")
     if model_file is not None:
-        save_model(study.fit(taps, grid).with_scores(taps), model_file, force)
+        save_model(study.fitted(taps, grid).with_scores(taps), model_file, force)
         print(f"The model of all training taps is {model_file}")
     best.save(out, force)
     print(f"The setting is {out}")
@@ -201,14 +176,7 @@ def _check_words(context: Context, online: int | None, rig: str | None, target_e
         raise InputError("--target-error asks for an error whatever it costs and does not go with --cost-error.")
 
 
-def _training(
-    data: "Sequence[Path]",
-    where_cell: str | None,
-    what_cell: str | None,
-    method: str | None,
-    train: str | None,
-    test: str | None,
-) -> "tuple[TapSet, ClassGrid, str]":
+def _training(data: "Sequence[Path]", division: Division) -> "tuple[TapSet, ClassGrid, str]":
     """The training taps, their classes, and which they are in words."""
     from ..analysis.audit.parts import load_parts
     from ..models.experiment import load_experiment
@@ -216,14 +184,12 @@ def _training(
     from ..models.taps import concatenate
 
     if len(data) > _TWO:
-        for option, value in (("--split", method), ("--train", train), ("--test", test)):
-            if value is not None:
-                raise InputError(f"{option} divides one file; of several all but the last train.")
-        divided, grid = load_parts(data, where_cell, what_cell, training_taps=True)
+        division.refuse_split("of several all but the last train")
+        divided, grid = load_parts(data, division.where_cell, division.what_cell, training_taps=True)
         taps = concatenate([divided.train, *divided.tune])
         told = f"{len(data) - 1} files train; {data[-1].name} is kept for tests."
     else:
-        parts, grid = load_experiment(data, where_cell, what_cell, method, train, test, training_taps=True)
+        parts, grid = load_experiment(data, division)
         if len(parts.folds) != 1:
             raise InputError(f"--split {parts.method} has no one training part; choose another.")
         taps, told = parts.folds[0].train, parts.description

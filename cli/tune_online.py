@@ -2,7 +2,6 @@
 
 from collections.abc import Callable
 from contextlib import ExitStack
-from dataclasses import asdict
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -19,7 +18,7 @@ if TYPE_CHECKING:
     from ..inference.tuning.online import Learner
     from ..models.grid import ClassGrid
     from ..models.measurement.model import TapModel
-    from ..models.setting import Setting
+    from ..models.setting_file import Setting
     from ..models.taps import TapSet
 
 
@@ -89,11 +88,11 @@ def learned(
             save_learner(learner, course.state, force=True)
         bar(1)
 
-    options: dict[str, Any] = {"wrong": price.wrong, "theta_x": setting.theta_x, "deadline": setting.deadline}
+    options: dict[str, Any] = {"wrong": price.wrong, "play": setting.play}
     try:
         with ExitStack() as stack:
             if course.rig is None:
-                cost = _replayed(parts(), known, course, setting, price, options)
+                cost = _replayed(parts(), known, course, price, options)
             else:
                 cost = _live(fitted(), known, course, setting, price, options, stack)
             learn(known, course.episodes, cost, hear)
@@ -126,7 +125,7 @@ def _setup(course: LearningPlan, setting: "Setting", price: "Price", taps: "TapS
     from ..models.digest import tap_digests
 
     free = ("threshold", "fixation", "passive", "note")
-    chosen = {name.replace("_", " "): str(value) for name, value in asdict(setting).items() if name not in free}
+    chosen = {name.replace("_", " "): str(value) for name, value in setting.values().items() if name not in free}
     digest = np.bitwise_xor.reduce(tap_digests(taps.taps))
     return {
         "rig": course.rig or "held-out taps",
@@ -138,13 +137,12 @@ def _setup(course: LearningPlan, setting: "Setting", price: "Price", taps: "TapS
 
 
 def _replayed(
-    parts: "Parts", known: "Learner", course: LearningPlan, setting: "Setting", price: "Price", options: dict[str, Any]
+    parts: "Parts", known: "Learner", course: LearningPlan, price: "Price", options: dict[str, Any]
 ) -> Callable[[int, int], float]:
     """Episodes on held-out taps."""
     from ..inference.tuning.costs import held_out_costs
 
-    options = options | {"border": setting.border, "seed": course.seed}
-    costs = held_out_costs(parts, known, course.episodes, price.cost_error, **options)
+    costs = held_out_costs(parts, known, course.episodes, price.cost_error, seed=course.seed, **options)
     return lambda episode, arm: float(costs[arm, episode - known.episodes])
 
 
@@ -164,7 +162,7 @@ def _live(
         from ..inference.tuning.costs import episode_cost
         from .shared.rigs import Wish, open_source
 
-    engine = make_engine("filter", model, setting.border)
+    engine = make_engine("filter", model, setting.play.border)
     warm_up(engine)
     wish = Wish(None, course.what, course.seed)
     fresh = partial(untrained, model, keep=course.training_taps)

@@ -6,10 +6,9 @@ from typing import Any
 
 from ..models.errors import InputError
 from ..models.grid import ClassGrid
-from ..models.measurement.catalogue import FitSettings
 from ..models.measurement.histogram import trim
 from ..models.measurement.model import TapModel
-from ..models.power import parse_power_choice
+from ..models.settings import FitSettings
 from ..models.taps import TapSet, concatenate
 from .tuning.tempering import fit_tempered
 
@@ -33,10 +32,8 @@ def fit(
         InputError: There is no such model or setting, one is out of range, or the taps cannot carry the model.
         NotConvergedError: The fit did not converge, and `unconverged` was not set.
     """
-    if unknown := sorted(set(settings) - set(FitSettings._fields)):
-        raise InputError(f"fit has no setting {unknown[0]!r}; it has {', '.join(FitSettings._fields)}.")
-    if "power" in settings:
-        settings["power"] = parse_power_choice(str(settings["power"]))
+    if unknown := sorted(set(settings) - set(FitSettings.__struct_fields__)):
+        raise InputError(f"fit has no setting {unknown[0]!r}; it has {', '.join(FitSettings.__struct_fields__)}.")
     taps = taps if isinstance(taps, TapSet) else concatenate(taps)
     grid, dropped = trim(taps.grid() if grid is None else grid, [taps])
     fitted, _ = fit_tempered(model, taps, grid, FitSettings(**settings), "taps given to fit")

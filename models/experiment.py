@@ -8,28 +8,16 @@ import numpy as np
 from .errors import InputError
 from .grid import ClassGrid
 from .io.load import load_taps
+from .settings import Division
 from .splits import Split, split, two_files, untrained
 
 
-def load_experiment(
-    data: Sequence[str | Path],
-    where_cell: str | None = None,
-    what_cell: str | None = None,
-    method: str | None = None,
-    train: str | None = None,
-    test: str | None = None,
-    training_taps: bool = False,
-) -> tuple[Split, ClassGrid]:
+def load_experiment(data: Sequence[str | Path], division: Division | None = None) -> tuple[Split, ClassGrid]:
     """The split and the class grid of an experiment on recorded taps.
 
     Args:
         data: One file (or folder of CSV files) that is split, or two, TRAIN and TEST.
-        where_cell: Width of the where cells with unit, such as `"3mm"`.
-        what_cell: Width of the what cells.
-        method: As `split`.
-        train: Sessions to train with, such as `"0,1"`.
-        test: Sessions to test.
-        training_taps: Whether to keep test taps that stand among the training taps; the split's warning names them.
+        division: How the taps are grouped and divided.
 
     Returns:
         The split, and the grid of the tables of the (first) file; classes without a training tap are in it.
@@ -40,20 +28,20 @@ def load_experiment(
     """
     if not 1 <= len(data) <= 2:
         raise InputError(f"One data file or two, TRAIN and TEST, are needed, got {len(data)}.")
+    division = division or Division()
     first = load_taps(data[0])
-    grid = first.grid(where_cell, what_cell)
+    grid = first.grid(division.where_cell, division.what_cell)
     if len(data) == 1:
-        parts = split(first, grid, method, parse_sessions(train, "--train"), parse_sessions(test, "--test"))
+        sessions = parse_sessions(division.train, "--train"), parse_sessions(division.test, "--test")
+        parts = split(first, grid, division.split, *sessions)
     else:
-        for option, value in (("--split", method), ("--train", train), ("--test", test)):
-            if value is not None:
-                raise InputError(f"{option} divides one file; with two files the first trains and the second tests.")
+        division.refuse_split("with two files the first trains and the second tests")
         parts = two_files(first, load_taps(data[1]))
     for fold in parts.folds:
         for verb, side in (("train with", fold.train), ("test", fold.test)):
             if not np.any(np.minimum(*side.indices(grid)) >= 0):
                 raise InputError(f"There is no tap left to {verb}: none of {data[-1]} falls into a class of {data[0]}.")
-    return untrained(parts, training_taps), grid
+    return untrained(parts, division.training_taps), grid
 
 
 def parse_sessions(text: str | None, option: str) -> list[int] | None:

@@ -1,8 +1,7 @@
 """The root in Eq. 1 of the paper, how much the samples of one tap count; and how much the taps of an episode do."""
 
+import math
 import re
-
-import numpy as np
 
 from .errors import InputError
 
@@ -20,7 +19,7 @@ def likelihood_exponent(power: str | float, J: int, K: int) -> float:
     """
     named = {"J": 1.0 / J, "JK": 1.0 / (J * K), "none": 1.0}
     value = named.get(power) if isinstance(power, str) else float(power)
-    if value is None or not (np.isfinite(value) and value > 0):
+    if value is None or not (math.isfinite(value) and value > 0):
         raise InputError(f"The power must be J, JK, none or a positive number, got {power!r}.")
     return value
 
@@ -47,7 +46,7 @@ def parse_power(text: str) -> str | float:
         number = float(text)
     except ValueError:
         number = -1.0
-    if not (np.isfinite(number) and number > 0):
+    if not (math.isfinite(number) and number > 0):
         raise InputError(f"The power must be J, JK, none or a positive number, got {text!r}.")
     return number
 
@@ -77,5 +76,5 @@ def learned_taps(power: str | float) -> int | None:
     matched = re.fullmatch(f"{LEARNED}(?::([0-9]{{1,6}}))?", power)
     taps = int(matched[1] or TAPS) if matched else 0
     if not taps:
-        raise InputError(f"A power to be learned is {LEARNED}, or {LEARNED}: and a number of taps, got {power!r}.")
+        raise InputError(f"The power must be {LEARNED}, or {LEARNED}: and a number of taps, got {power!r}.")
     return taps

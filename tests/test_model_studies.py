@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 from solidtouch.hardware.simulator.presets import preset
-from solidtouch.models.measurement.catalogue import FitSettings, fit_model
+from solidtouch.models.measurement.catalogue import fit_model
+from solidtouch.models.settings import FitSettings
 
 FOLDER = Path(__file__).parents[1] / "benchmarks"
 

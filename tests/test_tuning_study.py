@@ -14,7 +14,8 @@ from solidtouch.inference.tuning.held_out import held_out
 from solidtouch.inference.tuning.online import Learner
 from solidtouch.models.errors import InputError
 from solidtouch.models.measurement.histogram import fit
-from solidtouch.models.setting import Setting
+from solidtouch.models.setting_file import Setting
+from solidtouch.models.settings import PlaySettings
 from solidtouch.models.taps import concatenate
 
 THETA = (0.6, 0.9)
@@ -48,8 +49,10 @@ def test_arms_are_priced_by_trials_and_the_best_without_its_luck(study, drawn):
     """What one half of the trials calls best is priced by the other, and so no cheaper than the cheapest of all."""
     table, grid = drawn
     learner = Learner.new("thompson", range(4), THETA)
-    prices = study.learning_regret.arm_prices(table, grid, learner, 20.0, 400, deadline=15)
-    fresh = trial_costs(table, grid, learner.fixation, learner.theta, 20.0, 4000, deadline=15, first_stream=7)
+    prices = study.learning_regret.arm_prices(table, grid, learner, 20.0, 400, play=PlaySettings(deadline=15))
+    fresh = trial_costs(
+        table, grid, learner.fixation, learner.theta, 20.0, 4000, play=PlaySettings(deadline=15), first_stream=7
+    )
     assert np.abs(prices.mean - fresh.mean(axis=1)).max() < 6 * fresh.std(axis=1).max() / np.sqrt(400)
     assert prices.least >= prices.mean.min() - 1e-9
     assert prices.of(2, 0.9) == prices.mean[5]
@@ -59,7 +62,7 @@ def test_regret_adds_up_what_chosen_arms_cost_more(study, drawn):
     """A learner loses less than an arm at random, and what it ends with is no worse."""
     table, grid = drawn
     lost, prices = study.learning_regret.regrets(
-        table, grid, range(4), THETA, 20.0, episodes=200, trials=2000, seed=1, deadline=15
+        table, grid, range(4), THETA, 20.0, episodes=200, trials=2000, seed=1, play=PlaySettings(deadline=15)
     )
     steps = prices.mean - prices.least
     np.testing.assert_allclose(lost["random"].regret, steps.mean() * np.arange(1, 201))
@@ -72,11 +75,11 @@ def test_regret_adds_up_what_chosen_arms_cost_more(study, drawn):
 def test_both_choices_end_in_a_setting_and_in_words(parts):
     """The threshold is chosen for the chosen point, and progress counts all trials."""
     played = []
-    found = tune(parts, Setting(passive=True), Price(30.0), trials=100, progress=played.append)
+    found = tune(parts, Setting.of(passive=True), Price(30.0), trials=100, progress=played.append)
     assert sum(played) == tuning_trials(parts, 100) == 3 * 5 * 100
-    assert found.setting.fixation == found.fixation.chosen
-    assert found.setting.threshold == found.threshold.value
-    assert not found.setting.passive
+    assert found.setting.play.fixation == found.fixation.chosen
+    assert found.setting.play.threshold == found.threshold.value
+    assert not found.setting.play.passive
     first, second = found.sentences
     assert f"class {found.fixation.chosen}" in first
     assert f"cost {found.threshold.cost.mean[found.chosen]:.1f}" in second

@@ -23,7 +23,7 @@ from ...hardware.pool import tap_pool
 from ...inference.trials.records import TapTable
 from ...models.errors import InputError
 from ...models.measurement.model import TapModel
-from ...models.setting import Setting
+from ...models.setting_file import Setting
 from ..stats.right_model import LEVEL, equivalent, quantiles, reference_factors
 
 POWER = 0.8

@@ -20,14 +20,13 @@ import numpy as np
 import xarray as xr
 from numpy.typing import ArrayLike, NDArray
 
-from ...inference.episode import DEADLINE
 from ...inference.moves.control import check_fixation
-from ...inference.reference import Border
 from ...inference.trials.records import TapTable, TrialPlan, Trials
 from ...inference.trials.resampling import CONFIDENCE, RESAMPLES, play_resamples, spread, trial_noise, widened
 from ...models.errors import InputError
 from ...models.grid import ClassGrid
 from ...models.measurement.model import TapModel
+from ...models.settings import PlaySettings
 from ..stats.reliability import EVERYTHING, TRIALS, Subject, decided_about, independent_decisions, plain
 from ..stats.right_model import LEVEL, SIMULATIONS, Beside, compare, simulate
 from ..stats.uniformity import rejected
@@ -45,11 +44,8 @@ def guarantees(
     thresholds: ArrayLike,
     seed: int,
     *,
-    border: Border = "uniform",
+    play: PlaySettings = PlaySettings(),
     trials: int = TRIALS,
-    deadline: int = DEADLINE,
-    fixation: int | None = None,
-    theta_x: float = 0.0,
     resamples: int = RESAMPLES,
 ) -> xr.Dataset:
     """How often decisions are wrong, beside what the stopping rule would promise were the model right.
@@ -60,11 +56,8 @@ def guarantees(
         grid: The classes.
         thresholds: theta_W, shape (H,), between 0 and 1.
         seed: Of the trials and the resamples.
-        border: The one in use.
+        play: How trials are played, those of the active policy whether or not it is passive.
         trials: Of each setup and policy; the same ones.
-        deadline: Taps after which a trial ends without a decision of its own.
-        fixation: Where class that active trials aim for; `None` for the middle.
-        theta_x: Threshold for a move of active trials.
         resamples: For the intervals.
 
     Returns:
@@ -90,17 +83,15 @@ def guarantees(
     limit = np.array([1 - thresholds, *[(M - 1) * (1 - thresholds) / thresholds] * M]).T
     shape = 2, len(first.policies), len(thresholds), 1 + M
     found = {name: np.full(shape, np.nan) for name in _COUNTED}
-    for i, (subject, edge) in enumerate(zip(subjects, ("clamp", border), strict=True)):
+    for i, (subject, edge) in enumerate(zip(subjects, ("clamp", play.border), strict=True)):
         for j, policy in enumerate(first.policies):
             kept = play_resamples(
                 subject.table,
                 thresholds,
                 partial(_counts, M),
                 trials=trials,
-                theta_x=1.0 if policy == "passive" else theta_x,
-                fixation=check_fixation(fixation, grid.L) if grid.M > 1 else 0,
-                border=edge,
-                deadline=deadline,
+                play=play.changed(border=edge, passive=policy == "passive"),
+                fixation=check_fixation(play.fixation, grid.L) if grid.M > 1 else 0,
                 seed=seed,
                 resamples=resamples,
             )
@@ -115,7 +106,7 @@ def guarantees(
             "theta": thresholds,
             "what": np.array([EVERYTHING, *first.names], dtype=np.str_),
         },
-        {"trials": trials, "seed": seed, "deadline": deadline, "border": border, "decides": first.kind},
+        {"trials": trials, "seed": seed, "deadline": play.deadline, "border": play.border, "decides": first.kind},
     )
     for end in ("", "_low", "_high"):
         result[f"factor{end}"] = (result[f"wrong{end}"] / result["limit"]).transpose(*_DIMS)
@@ -164,8 +155,7 @@ def exceeded(
     policy: str,
     theta: float,
     *,
-    fixation: int | None = None,
-    theta_x: float = 0.0,
+    play: PlaySettings = PlaySettings(),
     trials: int = TRIALS // 2,
     simulations: int = SIMULATIONS,
 ) -> dict[str, PromiseTest]:
@@ -180,8 +170,7 @@ def exceeded(
         table: The test taps as it sees them.
         policy: `"passive"` or `"active"`.
         theta: The threshold.
-        fixation: As in `guarantees`.
-        theta_x: As in `guarantees`.
+        play: As in `guarantees`.
         trials: In each simulated data set.
         simulations: At least; as many more as Holm's first step needs.
 
@@ -196,10 +185,7 @@ def exceeded(
         model,
         table,
         [float(at["theta"])],
-        theta_x=1.0 if policy == "passive" else theta_x,
-        fixation=check_fixation(fixation, model.grid.L) if model.grid.M > 1 else 0,
-        border="clamp",
-        deadline=int(data.attrs["deadline"]),
+        play=play.changed(passive=policy == "passive", border="clamp", deadline=int(data.attrs["deadline"])),
         trials=trials,
         seed=int(data.attrs["seed"]),
         simulations=max(simulations, int(np.ceil(len(names) / LEVEL)) - 1),

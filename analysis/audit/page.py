@@ -5,7 +5,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from ...models.setting import Setting
+from ...models.setting_file import Setting
 from ...models.storage import complete_folder
 from ..page.figure_confusion import confusion
 from ..page.page import Picture, write_page

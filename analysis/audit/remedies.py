@@ -13,10 +13,11 @@ import numpy as np
 from ...inference.tuning.tempering import best_power, learn_saturation
 from ...models.errors import InputError
 from ...models.grid import ClassGrid
-from ...models.measurement.catalogue import FitSettings, fit_model
+from ...models.measurement.catalogue import fit_model
 from ...models.measurement.histogram import trim
 from ...models.measurement.model import TapModel
-from ...models.setting import Setting
+from ...models.setting_file import Setting
+from ...models.settings import FitSettings
 from ...models.taps import TapSet
 from ..stats.right_exponent import SIMULATIONS, Tuned, beside_right_model, simulate_tuned
 
@@ -129,28 +130,28 @@ def make_remedies(
 
     def exponent() -> Remedy:
         learned = best_power(base, tune, n, seed)
-        chosen = replace(setting, power=learned.power)
+        chosen = setting.changed(power=learned.power)
         title = "evidence counts less, by one exponent for all numbers of taps"
         return Remedy(EXPONENT, title, _assumes(setting), chosen, _powered(base, chosen), grid, learned.sentence)
 
     def falling() -> Remedy:
         learned = learn_saturation(base, tune, seed=seed)
         limit = None if np.isinf(learned.saturation) else float(learned.saturation)
-        chosen = replace(setting, power=learned.power, saturation=limit)
+        chosen = setting.changed(power=learned.power, saturation=limit)
         title = "an exponent that falls with the number of taps: a sequence never counts more than so many taps"
         assumes = "samples and taxels independent, taps dependent to the same degree everywhere"
         return Remedy(FALLING, title, assumes, chosen, _powered(base, chosen), grid, learned.sentence)
 
     def other(name: str) -> Remedy:
         model, title, assumes = _model_of(name, train)
-        fitted = _fit(replace(setting, model=model), train, grid)
+        fitted = _fit(setting.changed(model=model), train, grid)
         learned = best_power(fitted, tune, n, seed)
-        chosen = replace(setting, model=model, power=learned.power)
+        chosen = setting.changed(model=model, power=learned.power)
         return Remedy(name, title, assumes, chosen, _powered(fitted, chosen), grid, learned.sentence)
 
     def finer() -> Remedy:
         cell, fine = _finer(train, grid, setting)
-        chosen = replace(setting, where_cell=cell, fixation=_same_place(setting.fixation, grid, fine))
+        chosen = setting.changed(where_cell=cell, fixation=_same_place(setting.play.fixation, grid, fine))
         title = f"where classes half as wide, {cell}"
         return Remedy(FINER, title, _assumes(setting), chosen, _fit(chosen, train, fine), fine, "")
 
@@ -201,8 +202,8 @@ def beside_right(
     for name, setting in tuned.items():
         limit = None
         if name == FALLING:
-            limit = np.inf if setting.saturation is None else setting.saturation
-        beside[name] = beside_right_model(float(setting.power), limit, found[:, columns[name]], base.model, train)
+            limit = np.inf if setting.fit.saturation is None else setting.fit.saturation
+        beside[name] = beside_right_model(float(setting.fit.power), limit, found[:, columns[name]], base.model, train)
     return [remedy._replace(beside=beside.get(remedy.name)) for remedy in remedies]
 
 
@@ -225,18 +226,18 @@ def _assumes(setting: Setting) -> str:
 
 def _fit(setting: Setting, train: TapSet, grid: ClassGrid) -> TapModel:
     settings = FitSettings(
-        bins=setting.bins,
-        pseudocount=setting.pseudocount,
-        power=setting.power,
-        value_range=setting.value_range,
+        bins=setting.fit.bins,
+        pseudocount=setting.fit.pseudocount,
+        power=setting.fit.power,
+        value_range=setting.fit.value_range,
     )
     return _powered(fit_model(setting.model, train, grid, settings, "the training taps of an audit").model, setting)
 
 
 def _powered(model: TapModel, setting: Setting) -> TapModel:
     """The model at the power and saturation of a setting."""
-    saturation = np.inf if setting.saturation is None else setting.saturation
-    return replace(model, power=setting.power, saturation=saturation)  # pyright: ignore[reportArgumentType]
+    saturation = np.inf if setting.fit.saturation is None else setting.fit.saturation
+    return replace(model, power=setting.fit.power, saturation=saturation)  # pyright: ignore[reportArgumentType]
 
 
 def _finer(train: TapSet, grid: ClassGrid, setting: Setting) -> tuple[str, ClassGrid]:

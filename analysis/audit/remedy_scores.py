@@ -34,7 +34,7 @@ from ...models import seeds
 from ...models.errors import InputError
 from ...models.grid import ClassGrid
 from ...models.measurement.model import TapModel
-from ...models.setting import Setting
+from ...models.setting_file import Setting
 from ...models.taps import TapSet
 from ...models.threads import cores, in_order
 from ..stats.acting import can_act
@@ -151,17 +151,17 @@ def measure(
     for remedy in remedies:
         tables[remedy.name] = tap_table(remedy.model, shared)
         advance(1)
-    policy = "active" if can_act(base.grid) and not base.setting.passive else "passive"
+    policy = "active" if can_act(base.grid) and not base.setting.play.passive else "passive"
     alike = {remedy.name: tables[remedy.name] for remedy in remedies if remedy.grid is base.grid}
     options = {"policy": policy, "trials": trials, "seed": seed}
     rough = _rough(alike, base, **options)
-    theta = _comparable(rough, base.name, base.setting.threshold)
+    theta = _comparable(rough, base.name, base.setting.play.threshold)
     time = float(rough["taps"].sel(model=base.name, theta=theta)[0])
     played = _play(alike, base, highest=_needed(rough, time), **options)
     at_time = at_equal_taps(played, [time]).sel(policy=policy).isel(taps=0)
-    thetas = sorted({*THETAS, base.setting.threshold})
+    thetas = sorted({*THETAS, base.setting.play.threshold})
     reliable = decisions(tables[base.name], base.grid, base.setting, thetas, trials=trials, seed=seed)
-    as_it_is = headline(reliable, policy, base.setting.threshold)
+    as_it_is = headline(reliable, policy, base.setting.play.threshold)
     beliefs_of = partial(_log_beliefs, grid=base.grid, taps=shared, n=n, seed=seed)
     seen = [(alike[remedy.name], remedy) for remedy in remedies if remedy.name in alike]
     beliefs = dict(zip(alike, beliefs_of(seen, tables[base.name]), strict=True))
@@ -181,7 +181,7 @@ def measure(
         if remedy is base:
             found = as_it_is
         else:
-            found = headline(_factors(table, remedy, **options), policy, remedy.setting.threshold)
+            found = headline(_factors(table, remedy, **options), policy, remedy.setting.play.threshold)
         scores.append(
             Scored(
                 remedy.name,
@@ -263,13 +263,10 @@ def _play(
     return play_models(
         tables,
         remedy.grid,
-        sorted({*THRESHOLDS, setting.threshold}),
+        sorted({*THRESHOLDS, setting.play.threshold}),
         trials,
         seed,
-        fixation=setting.fixation,
-        border=setting.border,
-        deadline=setting.deadline,
-        theta_x=setting.theta_x,
+        play=setting.play,
         resamples=resamples,
         resample_trials=resample_trials,
         only=policy,
@@ -423,10 +420,7 @@ def decisions(
         table,
         grid,
         thresholds,
-        border=setting.border,
-        deadline=setting.deadline,
-        fixation=setting.fixation,
-        theta_x=setting.theta_x,
+        play=setting.play,
         **options,
     )
 
@@ -437,7 +431,7 @@ def _factors(table: TapTable, remedy: Remedy, policy: str, trials: int, seed: in
         table,
         remedy.grid,
         remedy.setting,
-        [remedy.setting.threshold],
+        [remedy.setting.play.threshold],
         only=policy,
         trials=trials,
         seed=seed,

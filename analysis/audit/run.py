@@ -13,7 +13,7 @@ from ...models.errors import InputError
 from ...models.grid import ClassGrid
 from ...models.measurement.histogram import HistogramModel
 from ...models.measurement.model import TapModel
-from ...models.setting import Setting
+from ...models.setting_file import Setting
 from ...models.taps import TapSet, concatenate
 from ...models.threads import one_blas_thread
 from ..page.stages import Progress, StageClock
@@ -313,29 +313,20 @@ def _promises(
         table,
         tap_table(base.model, usable),
         grid,
-        sorted({*THETAS, setting.threshold}),
+        sorted({*THETAS, setting.play.threshold}),
         settings.seed,
-        border=setting.border,
+        play=setting.play,
         trials=settings.trials,
-        deadline=setting.deadline,
-        fixation=setting.fixation,
-        theta_x=setting.theta_x,
     )
     return found, exceeded(
         found,
         correct,
         table,
         policy,
-        setting.threshold,
-        fixation=setting.fixation,
-        theta_x=setting.theta_x,
+        setting.play.threshold,
+        play=setting.play,
         trials=settings.trials // 2,
     )
-
-
-def _theta_x(setting: Setting) -> float:
-    """The threshold for a move, 1 where there are none."""
-    return 1.0 if setting.passive else setting.theta_x
 
 
 def _recalibrate(base: Remedy, parts: AuditParts, settings: AuditSettings) -> Recalibrated:
@@ -345,21 +336,17 @@ def _recalibrate(base: Remedy, parts: AuditParts, settings: AuditSettings) -> Re
             base.model,
             sessions,
             base.grid,
-            setting.threshold,
             seed=settings.seed,
             trials=settings.trials,
-            border=setting.border,
-            deadline=setting.deadline,
-            fixation=setting.fixation,
-            theta_x=_theta_x(setting),
+            play=setting.play,
             fresh=True,
         )[0]
         for sessions in (parts.tune, [parts.measure])
     )
-    error, target = tuned.error.mean(axis=0), 1 - setting.threshold
+    error, target = tuned.error.mean(axis=0), 1 - setting.play.threshold
     fine = np.flatnonzero(error <= target)
     h = int(fine[0]) if len(fine) else int(error.argmin())
-    usual = int(np.searchsorted(tuned.theta, setting.threshold))
+    usual = int(np.searchsorted(tuned.theta, setting.play.threshold))
     return Recalibrated(
         target=target,
         reached=bool(len(fine)),
@@ -386,9 +373,5 @@ def _tune_threshold(
         settings.target_error or 0.0,
         chosen.grid,
         seed=settings.seed,
-        border=setting.border,
-        deadline=setting.deadline,
-        fixation=setting.fixation,
-        theta_x=_theta_x(setting),
-        default=setting.threshold,
+        play=setting.play,
     )

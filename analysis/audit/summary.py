@@ -47,13 +47,13 @@ def summarise(audit: Audit, settings: AuditSettings, about: Mapping[str, Any]) -
         about: Title, command, files and warnings.
     """
     setting, measured = settings.setting, audit.measured
-    at_rest = headline(audit.measured.reliability, measured.policy, setting.threshold)
+    at_rest = headline(audit.measured.reliability, measured.policy, setting.play.threshold)
     state = calibration(measured.judged)
     cause = first_cause(audit.leakage, audit.split, audit.session_p, audit.samples_per_bin, state)
     titles = {remedy.name: remedy.title for remedy in audit.remedies}
     unit = audit.grid.what_error_unit
     within = "other taps of the session that trains" if audit.parts.of_one_session else MEASURING
-    sentences = verdict(cause, measured, setting.threshold, titles, unit, within)
+    sentences = verdict(cause, measured, setting.play.threshold, titles, unit, within)
     sentences[0] += _other_sessions(audit)
     if audit.leakage.unjudged:
         sentences.insert(2, audit.leakage.unjudged)
@@ -88,12 +88,12 @@ def summarise(audit: Audit, settings: AuditSettings, about: Mapping[str, Any]) -
                     "judged": _judged(measured.judged),
                     "at_stopping": at_rest,
                     "other_policy": {
-                        str(policy): headline(audit.measured.reliability, str(policy), setting.threshold)
+                        str(policy): headline(audit.measured.reliability, str(policy), setting.play.threshold)
                         for policy in np.unique(audit.measured.reliability["policy"])
                         if policy != measured.policy
                     },
                     "after_taps": _after_taps(audit.measured.reliability),
-                    "guarantees": broken(audit.guarantees, measured.policy, setting.threshold),
+                    "guarantees": broken(audit.guarantees, measured.policy, setting.play.threshold),
                     "exceeded": {name: _promise(promise) for name, promise in audit.exceeded.items()},
                     "guarantee_sentence": guarantee_sentence(audit.guarantees),
                     "intervals": interval_sentence(audit.measured.reliability),
@@ -126,7 +126,7 @@ def summarise(audit: Audit, settings: AuditSettings, about: Mapping[str, Any]) -
             **about,
             "parts": audit.parts.description,
             "warnings": [*audit.parts.warnings, *about.get("warnings", ())],
-            "threshold": setting.threshold,
+            "threshold": setting.play.threshold,
             "seed": settings.seed,
             "units": {"what": unit, "where": audit.grid.where_unit},
             "grid": {"L": audit.grid.L, "M": audit.grid.M},
@@ -340,7 +340,7 @@ def _scored(score: Scored, audit: Audit) -> dict[str, Any]:
         "assumes": remedy.assumes,
         "how": remedy.how,
         "power": remedy.model.exponent,
-        "saturation": remedy.setting.saturation,
+        "saturation": remedy.setting.fit.saturation,
         "right_model": None if remedy.beside is None else _tuned(remedy.beside),
     }
 

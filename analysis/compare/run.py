@@ -7,16 +7,15 @@ from typing import Any, NamedTuple
 import numpy as np
 import xarray as xr
 
-from ...inference.episode import DEADLINE
-from ...inference.reference import Border
 from ...inference.trials.plan import tap_table
 from ...inference.trials.records import TapTable
 from ...inference.trials.run import THRESHOLDS
 from ...inference.tuning.tempering import fit_tempered
 from ...models.errors import InputError
 from ...models.grid import ClassGrid
-from ...models.measurement.catalogue import FitSettings, Fitted, fit_model, split_name
+from ...models.measurement.catalogue import Fitted, fit_model, split_name
 from ...models.measurement.likelihood.bins import bin_edges
+from ...models.settings import FitSettings, PlaySettings
 from ...models.taps import TapSet
 from ..page.stages import Progress, StageClock
 from ..stats.checks import REPLICATES, predictive_checks
@@ -45,10 +44,7 @@ class CompareSettings:
         draws: From each posterior, for leaving out single taps; 0 skips that and the predictive checks.
         trials: Of each model and policy.
         thresholds: theta_W.
-        theta_x: Threshold for a move of active trials.
-        fixation: Where class that they aim for; `None` for the middle.
-        border: Reading of Eq. 9.
-        deadline: Taps after which the most probable classes are taken.
+        play: How trials are played; the figures show the threshold nearest to its own.
         seed: Of every random draw.
         one_recording: Whether sessions of the same number in training and test taps are the same session.
     """
@@ -58,10 +54,7 @@ class CompareSettings:
     draws: int = 400
     trials: int = 4000
     thresholds: tuple[float, ...] = THRESHOLDS
-    theta_x: float = 0.0
-    fixation: int | None = None
-    border: Border = "uniform"
-    deadline: int = DEADLINE
+    play: PlaySettings = PlaySettings()
     seed: int = 0
     one_recording: bool = False
 
@@ -121,7 +114,7 @@ def compare(train: TapSet, test: TapSet, grid: ClassGrid, settings: CompareSetti
     _check(settings)
     clock = StageClock(progress)
     edges = _edges(train, grid, settings.fit)
-    fit = settings.fit._replace(edges=edges, bins=edges.shape[-1] - 1)
+    fit = settings.fit.changed(edges=edges, bins=edges.shape[-1] - 1)
     fits, learned, refused, seconds = _fit_all(settings.models, train, grid, fit, clock)
     shared = _shared(fits, test)
     left_out = _leave_out_taps(fits, train, settings, clock)
@@ -141,10 +134,7 @@ def compare(train: TapSet, test: TapSet, grid: ClassGrid, settings: CompareSetti
             settings.thresholds,
             settings.trials,
             settings.seed,
-            fixation=settings.fixation,
-            border=settings.border,
-            deadline=settings.deadline,
-            theta_x=settings.theta_x,
+            play=settings.play,
             progress=advance,
         )
     return Comparison(
@@ -169,7 +159,7 @@ def compare(train: TapSet, test: TapSet, grid: ClassGrid, settings: CompareSetti
 def _check(settings: CompareSettings) -> None:
     """Refuses what would fail only after the work."""
     in_states = [name for name in settings.models if split_name(name)[1]]
-    if settings.border == "prior" and in_states:
+    if settings.play.border == "prior" and in_states:
         raise InputError(
             "--border prior renormalises the belief and does not go with models that carry a state: "
             f"{', '.join(in_states)}."
@@ -281,7 +271,7 @@ def _refit(
     """The models fitted to the training taps of a fold; their power does not matter for taps."""
     if fold.train is train:
         return fits
-    fit, refitted = fit._replace(power="none"), {}
+    fit, refitted = fit.changed(power="none"), {}
     for name in fits:
         try:
             refitted[name] = fit_model(name, fold.train, grid, fit)

@@ -41,16 +41,13 @@ _DECISIONS = (
 )
 
 
-def summarise(
-    comparison: Comparison, settings: CompareSettings, described: Mapping[str, Any], power: str
-) -> dict[str, Any]:
+def summarise(comparison: Comparison, settings: CompareSettings, described: Mapping[str, Any]) -> dict[str, Any]:
     """What `summary.json` holds.
 
     Args:
         comparison: What came out.
         settings: What was asked for.
         described: The data in words: `title`, `command`, `data`, `split`, `warnings`.
-        power: The root of the likelihood, as it was asked for.
     """
     grid = comparison.grid
     names = list(comparison.fits)
@@ -63,7 +60,7 @@ def summarise(
         "grid": {"L": grid.L, "M": grid.M, "unit": short_unit(grid.where_unit)},
         "units": {"what": grid.what_error_unit, "where": short_unit(grid.where_unit)},
         "test_taps": comparison.test_taps,
-        "models": [_model(comparison, name, power) for name in names],
+        "models": [_model(comparison, name, settings.fit.power) for name in names],
         "refused": [{"name": name, "reason": reason} for name, reason in comparison.refused.items()],
         "sessions": comparison.sessions,
         "warnings": [
@@ -100,7 +97,7 @@ def _no_class_left(comparison: Comparison) -> list[str]:
     ]
 
 
-def _model(comparison: Comparison, name: str, power: str) -> dict[str, Any]:
+def _model(comparison: Comparison, name: str, power: str | float) -> dict[str, Any]:
     kind, in_states = split_name(name)
     row = CATALOGUE["session"] if in_states else CATALOGUE[kind]
     fitted = comparison.fits[name]

@@ -12,6 +12,7 @@ from ...hardware.pool import TapPool
 from ...inference.trials.plan import trial_uniforms
 from ...inference.trials.records import TapTable, TrialPlan, Trials
 from ...inference.trials.run import run_trials
+from ...models.settings import PlaySettings
 from .answers import Answer
 from .case import Case
 from .comparison import Difference
@@ -47,7 +48,11 @@ def trial_difference(case: Case, expected: Sequence[Answer], tolerances: dict[st
     plan = TrialPlan(*(np.array([value]) for value in (0, 0, case.fixation, stream)))
     thresholds = np.array(case.thresholds)
     trials = run_trials(
-        table, plan, thresholds, theta_x=case.theta_x, border=case.border, deadline=len(case.taps), workers=1
+        table,
+        plan,
+        thresholds,
+        play=PlaySettings(theta_x=case.theta_x, border=case.border, deadline=len(case.taps)),
+        workers=1,
     )
     return _differs(case, expected, trials, tolerances)
 

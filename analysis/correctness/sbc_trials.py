@@ -16,6 +16,7 @@ from ...inference.moves.control import default_fixation
 from ...inference.trials.plan import plan_trials
 from ...inference.trials.records import TapTable, TrialPlan, Trials
 from ...inference.trials.run import run_trials
+from ...models.settings import PlaySettings
 from ..stats.uniformity import JudgedBeliefs
 from .sbc_arrays import draw
 from .sbc_chain import PASSIVE, Checkpoints, World
@@ -56,9 +57,7 @@ def _played(
             table,
             plan,
             thresholds,
-            theta_x=1.0 if policy == PASSIVE else 0.0,
-            border=world.border,
-            deadline=deadline,
+            play=PlaySettings(theta_x=1.0 if policy == PASSIVE else 0.0, border=world.border, deadline=deadline),
             seed=seed,
             device=name,
         )

@@ -29,7 +29,7 @@ from ...models.measurement.states import fold
 from ...models.power import learned_taps
 from ...models.taps import TapSet
 from ..stats.no_class_left import impossible_cause
-from .settings import Settings
+from .settings import ExperimentSettings
 from .trial_check import RAW, TrialDifferences, belief_gap, compare_trials
 
 if TYPE_CHECKING:
@@ -115,7 +115,7 @@ def crosscheck(
     taps: TapSet,
     *,
     train: TapSet | None = None,
-    settings: Settings | None = None,
+    settings: ExperimentSettings | None = None,
     border: Border = "uniform",
     episodes: int = 10,
     length: int = 40,
@@ -131,7 +131,7 @@ def crosscheck(
         model: The fitted measurement model.
         taps: Test taps of trained classes.
         train: The training taps; without them the route from raw taps is left out.
-        settings: How the model was fitted, for that route; default `Settings()`.
+        settings: How the model was fitted, for that route; default `ExperimentSettings()`.
         border: Reading of Eq. 9; under `"prior"`, which is no kernel, the NumPyro routes are left out.
         episodes: Number of episodes.
         length: Taps of each.
@@ -150,7 +150,7 @@ def crosscheck(
     notes = [] if len(names) == 3 else [f"Border {border} is no Markov kernel, so the NumPyro routes were left out."]
     comparison = _Comparison(model.grid.M)
     comparison.add_story(model, taps)
-    raw = None if train is None else _raw_filter(model, train, settings or Settings(), border, notes)
+    raw = None if train is None else _raw_filter(model, train, settings or ExperimentSettings(), border, notes)
     if raw is not None:
         comparison.add_fit(model, raw)
     sequence = _SequenceRoute(model, border, min(sequence_taps, length) if "numpyro" in names else 0, notes)
@@ -350,22 +350,22 @@ def _script(engine: Engine, taps: TapSet, length: int, generator: np.random.Gene
 
 
 def _raw_filter(
-    model: TapModel, train: TapSet, settings: Settings, border: Border, notes: list[str]
+    model: TapModel, train: TapSet, settings: ExperimentSettings, border: Border, notes: list[str]
 ) -> RawFilter | None:
     """The paper's filter from the training taps and the options that the user gave; None for other models."""
     if model.name != "histogram":
         return None
-    power = settings.power
+    power = settings.fit.power
     if learned_taps(power) is not None:
         power = model.exponent
         notes.append(f"The route from raw taps takes the learned exponent {power:.4g} from the model.")
     options = Options(
-        bins=settings.bins,
-        value_range=settings.value_range,
-        pseudocount=settings.pseudocount,
+        bins=settings.fit.bins,
+        value_range=settings.fit.value_range,
+        pseudocount=settings.fit.pseudocount,
         power=power,  # pyright: ignore[reportArgumentType]
         border=border,
-        saturation=np.inf if settings.saturation is None else settings.saturation,
+        saturation=settings.fit.limit,
     )
     return RawFilter.learn(LabelledTaps(train.taps, *train.indices(model.grid)), model.grid.shape, options)
 

@@ -18,7 +18,7 @@ from ...inference.trials.selections import resampled_pools, thinned_pools
 from ...models.grid import ClassGrid
 from ...models.threads import cores, in_order
 from ..stats.metrics import Means, confusion, mean_outcomes, outcomes_dataset
-from .settings import Settings
+from .settings import ExperimentSettings
 
 type Play = Callable[[TrialPlan, bool, bool], Trials]
 """Plays a plan; the arguments behind it are whether the sensor moves and whether no tap is drawn twice."""
@@ -138,7 +138,7 @@ def make_plans(
     return Plans(starts, join_plans(others), compared)
 
 
-def most_trials(grid: ClassGrid, settings: Settings, acts: bool, resamples: int) -> int:
+def most_trials(grid: ClassGrid, settings: ExperimentSettings, acts: bool, resamples: int) -> int:
     """How many trials `play_policies` plays where every position has a test tap."""
 
     def on_pool(trials: int, fewest: int) -> int:
@@ -151,7 +151,7 @@ def most_trials(grid: ClassGrid, settings: Settings, acts: bool, resamples: int)
 def play_policies(
     table: TapTable,
     grid: ClassGrid,
-    settings: Settings,
+    settings: ExperimentSettings,
     fixation: int,
     *,
     acts: bool,
@@ -179,9 +179,7 @@ def play_policies(
             table,
             plan,
             settings.fresh_thresholds if fresh else settings.thresholds,
-            theta_x=settings.theta_x if moves else 1.0,
-            border=settings.border,
-            deadline=settings.deadline,
+            play=settings.play.changed(passive=not moves),
             seed=settings.seed,
             fresh=fresh,
             progress=progress,
@@ -197,14 +195,16 @@ def play_policies(
         drawn, n = [pair[of] for pair in resampled], 1 + len(ends)
         return combined(
             [outcomes, *ends, *drawn],
-            lambda means: outcomes_dataset(means[0], means[n:], grid, thresholds, settings.deadline, means[1:n]),
+            lambda means: outcomes_dataset(means[0], means[n:], grid, thresholds, settings.play.deadline, means[1:n]),
         )
 
     used_up = _used_up(fresh_trials)
     confusions = [confusion(plans.starts.what, trials.what[:, settings.shown], grid.M) for trials in stored_trials]
     return PlayedPolicies(
         datasets(stored, (), 0, settings.thresholds),
-        datasets(fresh, _endings(plans.starts, fresh_trials, grid, settings.deadline), 1, settings.fresh_thresholds),
+        datasets(
+            fresh, _endings(plans.starts, fresh_trials, grid, settings.play.deadline), 1, settings.fresh_thresholds
+        ),
         confusions[0],
         confusions[1] if acts else None,
         used_up,
@@ -257,7 +257,7 @@ def _outcomes(plans: Plans, play: Play, grid: ClassGrid, *, fresh: bool) -> tupl
 def _on_resamples(
     table: TapTable,
     grid: ClassGrid,
-    settings: Settings,
+    settings: ExperimentSettings,
     fixation: int,
     acts: bool,
     pools: ResampledPools,
@@ -265,10 +265,10 @@ def _on_resamples(
 ) -> tuple[list[tuple[Outcomes[Means], Outcomes[Means]]], NDArray[np.float64]]:
     """Outcomes on stored and on fresh taps of each selection, and the share that used up the latter."""
     thresholds = settings.thresholds, settings.fresh_thresholds
-    rules = [make_rule(some, 1.0, settings.border, settings.deadline, settings.seed) for some in thresholds]
+    rules = [make_rule(some, settings.play, settings.seed) for some in thresholds]
     players = {
         (moves, fresh): LoopPlayer(
-            table, rules[fresh]._replace(theta_x=settings.theta_x if moves else 1.0, fresh=fresh)
+            table, rules[fresh]._replace(theta_x=settings.play.theta_x if moves else 1.0, fresh=fresh)
         )
         for moves in (False, True)
         for fresh in (False, True)
@@ -312,6 +312,6 @@ def resamples_of(table: TapTable, resamples: int, seed: int) -> ResampledPools:
     return ResampledPools(*(list(pools(table, resamples, seed))[1:] for pools in (resampled_pools, thinned_pools)))
 
 
-def _per_position(L: int, settings: Settings) -> int:
+def _per_position(L: int, settings: ExperimentSettings) -> int:
     """Trials at each position on a resample."""
     return min(settings.trials, -(-RESAMPLE_TRIALS // L))

@@ -14,6 +14,7 @@ from ...models.io.load import load_taps
 from ...models.io.recording import naming
 from ...models.measurement.histogram import HistogramModel, fit, trim
 from ...models.seeds import data_set_seed
+from ...models.settings import Division
 from ...models.splits import Fold
 from ..stats.acting import policies
 from ..stats.resampled_units import RESAMPLES, resampled_sentence
@@ -99,7 +100,9 @@ def recorded_source(
     sessions = len(set(load_taps(path).session.tolist()))
     with naming(path):
         method = "leave-one-session-out" if sessions >= _FEWEST_SESSIONS else None
-        parts, grid = load_experiment([path], where_cell, what_cell, method, training_taps=training_taps)
+        parts, grid = load_experiment(
+            [path], Division(where_cell=where_cell, what_cell=what_cell, split=method, training_taps=training_taps)
+        )
         grid, _ = trim(grid, [fold.train for fold in parts.folds])
     folds = list(parts.folds)
     units = (

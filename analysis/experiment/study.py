@@ -13,7 +13,7 @@ from ...models.taps import TapSet
 from ..stats.acting import can_act
 from ..stats.contacts import Accuracy, accuracy
 from .policies import PlayedPolicies, most_trials, play_policies, resamples_of
-from .settings import Settings
+from .settings import ExperimentSettings
 
 
 class Study(NamedTuple):
@@ -41,7 +41,7 @@ class Study(NamedTuple):
 def study(
     fold: Fold,
     grid: ClassGrid,
-    settings: Settings,
+    settings: ExperimentSettings,
     progress: Callable[[int], None] | None = None,
     resamples: int = 0,
 ) -> Study:
@@ -57,16 +57,16 @@ def study(
     Raises:
         InputError: No test tap belongs to a trained class, or a setting is out of range.
     """
-    model = settings.fit(fold.train, grid)
+    model = settings.fitted(fold.train, grid)
     test = model.usable(fold.test)
     table = tap_table(model, test)
-    fixation = check_fixation(settings.fixation, grid.L)
+    fixation = check_fixation(settings.play.fixation, grid.L)
     pools = resamples_of(table, resamples, settings.seed)
     played = play_policies(table, grid, settings, fixation, acts=can_act(grid), pools=pools, progress=progress)
     dropped = len(fold.test) - len(test)
     return Study(fold.name, model, test, dropped, table, played, accuracy(table, settings.seed, pools=pools.fresh))
 
 
-def planned(grid: ClassGrid, settings: Settings, resamples: int = 0) -> int:
+def planned(grid: ClassGrid, settings: ExperimentSettings, resamples: int = 0) -> int:
     """How many trials `study` plays, or about as many, for progress bars."""
     return most_trials(grid, settings, can_act(grid), resamples)

@@ -15,6 +15,7 @@ from ...inference.reference import Border
 from ...inference.trials.plan import trial_uniforms
 from ...inference.trials.records import TapTable, TrialPlan, Trials
 from ...inference.trials.run import THRESHOLDS, run_trials
+from ...models.settings import PlaySettings
 from ...models.taps import TapSet
 
 DEVICES = ("cpu", "xla-cpu")
@@ -61,7 +62,9 @@ def compare_trials(
         The differences by device; those of `raw` as `RAW`.
     """
     played = {
-        device: run_trials(table, plan, THRESHOLDS, theta_x=0.0, border=border, deadline=deadline, device=device)
+        device: run_trials(
+            table, plan, THRESHOLDS, play=PlaySettings(theta_x=0.0, border=border, deadline=deadline), device=device
+        )
         for device in DEVICES
     }
     labelled = LabelledTaps(taps.taps, *taps.indices(engine.model.grid))

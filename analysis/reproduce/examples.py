@@ -11,7 +11,7 @@ from ...inference.episode import perceive
 from ...inference.moves.control import MovePolicy, fixation, passive
 from ...inference.trials.plan import plan_trials, trial_uniforms
 from ...models.measurement.states import fold
-from ..experiment.settings import Settings
+from ..experiment.settings import ExperimentSettings
 from ..experiment.study import Study
 from ..page.figure_episodes import BeliefCase
 
@@ -27,7 +27,7 @@ class Trajectories(NamedTuple):
     active: NDArray[np.int64]
 
 
-def belief_cases(study: Study, engine: Engine, settings: Settings) -> tuple[BeliefCase, BeliefCase]:
+def belief_cases(study: Study, engine: Engine, settings: ExperimentSettings) -> tuple[BeliefCase, BeliefCase]:
     """One clear and one ambiguous passive sequence of 20 taps.
 
     Clear is the one in which the right class leads for good the earliest, ties go to the surer end; ambiguous the
@@ -41,19 +41,19 @@ def belief_cases(study: Study, engine: Engine, settings: Settings) -> tuple[Beli
     return max(cases, key=_clarity), max(cases, key=_ambiguity)
 
 
-def trajectories(study: Study, engine: Engine, settings: Settings, fixation_index: int) -> Trajectories:
+def trajectories(study: Study, engine: Engine, settings: ExperimentSettings, fixation_index: int) -> Trajectories:
     """A hundred trials each, passive and active, from the same random starts up to their decisions."""
     theta = settings.thresholds[settings.shown]
 
     def positions(move: MovePolicy) -> NDArray[np.int64]:
-        paths = np.full((_TRAJECTORIES, settings.deadline), -1)
+        paths = np.full((_TRAJECTORIES, settings.play.deadline), -1)
         for row, (where, what, stream) in enumerate(_starts(study, _TRAJECTORIES, settings.seed)):
-            rig = _rig(study, where, what, stream, settings.seed, settings.deadline)
-            episode = perceive(rig, engine, theta, move, settings.deadline)
+            rig = _rig(study, where, what, stream, settings.seed, settings.play.deadline)
+            episode = perceive(rig, engine, theta, move, settings.play.deadline)
             paths[row, : episode.taps] = where + np.concatenate([[0], np.cumsum(episode.realised)])
         return paths[:, : int((paths >= 0).any(axis=0).sum())]
 
-    return Trajectories(positions(passive), positions(fixation(fixation_index, settings.theta_x)))
+    return Trajectories(positions(passive), positions(fixation(fixation_index, settings.play.theta_x)))
 
 
 def _starts(study: Study, n: int, seed: int) -> list[tuple[int, int, int]]:

@@ -12,7 +12,7 @@ from ...models.grid import ClassGrid
 from ...models.splits import Split
 from ..experiment.crosscheck import CrossCheck
 from ..experiment.policies import Outcomes
-from ..experiment.settings import Settings
+from ..experiment.settings import ExperimentSettings
 from ..experiment.study import Study
 from ..stats import metrics
 from ..stats.contacts import summarise
@@ -37,7 +37,7 @@ class Request:
 
     split: Split
     grid: ClassGrid
-    settings: Settings
+    settings: ExperimentSettings
     simulated: str | None = None
     command: str = ""
     files: tuple[str, ...] = ()

@@ -81,7 +81,7 @@ def _run(request: Request, clock: StageClock) -> Results:
     settings, folds = request.settings, request.split.folds
     grid, left_out = trim(request.grid, [fold.train for fold in folds])
     check_settings(settings, grid)
-    fixation = check_fixation(settings.fixation, grid.L)
+    fixation = check_fixation(settings.play.fixation, grid.L)
     resamples = RESAMPLES if len(folds) == 1 else 0
     with clock.stage("Playing trials", planned(grid, settings, resamples) * len(folds)) as advance:
         # Data sets must not share random numbers, or their spread would miss the sampling of trials.
@@ -96,14 +96,14 @@ def _run(request: Request, clock: StageClock) -> Results:
             first.test,
             train=folds[0].train,
             settings=settings,
-            border=settings.border,
+            border=settings.play.border,
             episodes=request.episodes,
             sequence_taps=request.sequence_taps,
             seed=settings.seed,
             progress=lambda: advance(1),
         )
     with clock.stage("Following single episodes", 1) as advance:
-        engine = make_engine("filter", first.model, settings.border)
+        engine = make_engine("filter", first.model, settings.play.border)
         cases = belief_cases(first, engine, settings)
         paths = trajectories(first, engine, settings, fixation) if can_act(grid) else None
         advance(1)

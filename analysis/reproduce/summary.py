@@ -15,7 +15,7 @@ from ...models.power import learned_taps
 from ...models.splits import Fold
 from ...models.taps import TapSet, concatenate
 from ..experiment.crosscheck import CrossCheck
-from ..experiment.settings import Settings
+from ..experiment.settings import ExperimentSettings
 from ..experiment.suspicions import FEW, suspicions
 from ..page.figure_style import short_unit
 from ..stats import metrics
@@ -146,7 +146,7 @@ def _what_was_run(request: Request, results: Results) -> list[str]:
             if can_act(grid)
             else ""
         )
-        + f"All thresholds are read off the same trials. After {settings.deadline} taps the most probable classes "
+        + f"All thresholds are read off the same trials. After {settings.play.deadline} taps the most probable classes "
         "are taken. "
         + (
             "Object errors are shares of wrong decisions, position errors distances between classes."
@@ -157,18 +157,18 @@ def _what_was_run(request: Request, results: Results) -> list[str]:
     ]
 
 
-def _model(settings: Settings) -> str:
+def _model(settings: ExperimentSettings) -> str:
     """The measurement model, in words."""
     kind, in_states = split_name(settings.model)
-    words = f"A histogram model of {settings.bins} bins"
+    words = f"A histogram model of {settings.fit.bins} bins"
     if kind != "histogram":
-        words = f"The model {kind} ({CATALOGUE[kind].how}; likelihoods over {settings.bins} bins)"
+        words = f"The model {kind} ({CATALOGUE[kind].how}; likelihoods over {settings.fit.bins} bins)"
     return words + " under a gain and offset that all taps of an episode share" * in_states
 
 
 def _learned(request: Request, results: Results) -> list[str]:
     """What power was learned, where one was."""
-    taps = learned_taps(request.settings.power)
+    taps = learned_taps(request.settings.fit.power)
     if taps is None:
         return []
     powers = ", ".join(f"{part.model.exponent:.3g}" for part in results.studies)

@@ -16,6 +16,7 @@ from ...inference.trials.run import THRESHOLDS, run_trials
 from ...models.grid import ClassGrid
 from ...models.measurement.model import TapModel
 from ...models.seeds import data_set_seed
+from ...models.settings import PlaySettings
 from ...models.splits import Fold
 from ...models.taps import TapSet
 from ...models.threads import cores, in_order, one_blas_thread
@@ -180,9 +181,7 @@ def play_reading(
             table,
             plan,
             THRESHOLDS,
-            theta_x=theta_x,
-            border=reading.border,
-            deadline=reading.deadline,
+            play=PlaySettings(theta_x=theta_x, border=reading.border, deadline=reading.deadline),
             seed=seed,
             workers=1,
         )

@@ -15,6 +15,7 @@ from ...inference.trials.lockstep import drawn_taps, log_sum, shift_beliefs
 from ...inference.trials.plan import checked_plan
 from ...inference.trials.records import Rule, TapTable, TrialPlan, Trials
 from ...inference.trials.run import empty_trials, make_rule
+from ...models.settings import PlaySettings
 from .choices import Reading
 
 type Floats = NDArray[np.float64]
@@ -76,7 +77,7 @@ def play_open(
     Raises:
         InputError: An argument is out of range.
     """
-    rule = make_rule(thresholds, theta_x, reading.border, reading.deadline, seed)
+    rule = make_rule(thresholds, PlaySettings(theta_x=theta_x, border=reading.border, deadline=reading.deadline), seed)
     plan = checked_plan(plan, table.pool)
     n, H = len(plan.where), len(rule.thresholds)
     done = OpenTrials(empty_trials(n, H), np.zeros((n, H), np.int64), np.zeros((n, H), np.int64), np.zeros(n, np.bool_))

@@ -12,9 +12,7 @@ import numpy as np
 import xarray as xr
 from numpy.typing import ArrayLike, NDArray
 
-from ...inference.episode import DEADLINE
 from ...inference.moves.control import check_fixation
-from ...inference.reference import Border
 from ...inference.trials.cut_short import ENDINGS, Farthest, endings
 from ...inference.trials.records import TapTable, TrialPlan, Trials
 from ...inference.trials.resampling import (
@@ -31,6 +29,7 @@ from ...inference.trials.resampling import (
 )
 from ...models.errors import InputError
 from ...models.grid import ClassGrid
+from ...models.settings import PlaySettings
 from .acting import policies
 from .pairing import check_tables, reference_name, with_intervals
 from .ranges import SHARE, Range, ranges
@@ -62,10 +61,7 @@ def play_models(
     trials: int,
     seed: int,
     *,
-    fixation: int | None = None,
-    border: Border = "uniform",
-    deadline: int = DEADLINE,
-    theta_x: float = 0.0,
+    play: PlaySettings = PlaySettings(),
     resamples: int = RESAMPLES,
     resample_trials: int = RESAMPLE_TRIALS,
     only: str | None = None,
@@ -80,10 +76,7 @@ def play_models(
         thresholds: theta_W, shape (H,), any order; sorted in the result.
         trials: Of each model and policy, starting anywhere; resamples take fewer.
         seed: Of the trials and the resamples.
-        fixation: Where class that active trials aim for; `None` for the middle.
-        border: Reading of Eq. 9.
-        deadline: Taps after which the most probable classes are taken.
-        theta_x: Threshold for a move of the active policy.
+        play: How trials are played, those of the active policy whether or not it is passive.
         resamples: How many.
         resample_trials: On each of them.
         only: The policy to play; `None` for all of `policies`.
@@ -115,15 +108,13 @@ def play_models(
                 some,
                 partial(_means, grid),
                 trials=trials,
-                theta_x=theta_x if policy == "active" else 1.0,
-                fixation=check_fixation(fixation, grid.L),
-                border=border,
-                deadline=deadline,
+                play=play.changed(passive=policy != "active"),
+                fixation=check_fixation(play.fixation, grid.L),
                 seed=seed,
                 resamples=resamples,
                 resample_trials=resample_trials,
                 progress=progress,
-                endings=partial(endings, deadline=deadline, farthest=Farthest.on(grid)),
+                endings=partial(endings, deadline=play.deadline, farthest=Farthest.on(grid)),
             )
             means[i, j, :, : len(some)] = [kept.samples[name] for name in MEANS]
             ends[:, i, j, :, : len(some)] = [[ending[name] for name in MEANS] for ending in kept.endings]
@@ -158,7 +149,7 @@ def play_models(
             "sessions": how.sessions,
             "taps_per_class": taps_per_class(table.pool),
             "test_taps": int(table.pool.count.sum()),
-            **{f"range_{name}": one for name, one in (_RANGES | ranges(grid, deadline)).items()},
+            **{f"range_{name}": one for name, one in (_RANGES | ranges(grid, play.deadline)).items()},
         },
     )
 

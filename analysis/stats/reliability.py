@@ -22,9 +22,7 @@ import xarray as xr
 from numpy.typing import ArrayLike, NDArray
 
 from ...hardware.pool import TapPool
-from ...inference.episode import DEADLINE
 from ...inference.moves.control import check_fixation
-from ...inference.reference import Border
 from ...inference.trials.cut_short import Farthest, endings
 from ...inference.trials.plan import plan_trials
 from ...inference.trials.records import TapTable, TrialPlan, Trials
@@ -46,6 +44,7 @@ from ...inference.trials.selections import sessions_drawn
 from ...models.compiled import compiled
 from ...models.errors import InputError
 from ...models.grid import ClassGrid
+from ...models.settings import PlaySettings
 from .acting import policies
 from .metrics import confusion
 from .ranges import SHARE, Range, of_taps
@@ -135,10 +134,7 @@ def reliability(
     *,
     trials: int = TRIALS,
     contacts: Sequence[int] = CONTACTS,
-    border: Border = "uniform",
-    deadline: int = DEADLINE,
-    fixation: int | None = None,
-    theta_x: float = 0.0,
+    play: PlaySettings = PlaySettings(),
     resamples: int = RESAMPLES,
     resample_trials: int = RESAMPLE_TRIALS,
     only: str | None = None,
@@ -152,10 +148,7 @@ def reliability(
         seed: Of the trials and the resamples.
         trials: Of each policy.
         contacts: Numbers of taps after which passive trials are looked at besides, where nearly all classes have them.
-        border: Reading of Eq. 9.
-        deadline: Taps after which the most probable is decided.
-        fixation: Where class that active trials aim for; `None` for the middle.
-        theta_x: Threshold for a move of active trials.
+        play: How trials are played, those of the active policy whether or not it is passive.
         resamples: Of the test taps, for the intervals.
         resample_trials: On each of them.
         only: The policy to play; `None` for passive, and active where the finger can move.
@@ -179,9 +172,9 @@ def reliability(
         raise InputError(f"Reliability at stopping needs thresholds below 1, got {thresholds.tolist()}.")
     if resamples < 1 or min(contacts, default=1) < 1:
         raise InputError(f"There must be a resample and a tap, got {resamples} and contacts {list(contacts)}.")
-    aim = check_fixation(fixation, grid.L) if grid.M > 1 else 0
+    aim = check_fixation(play.fixation, grid.L) if grid.M > 1 else 0
     plan = plan_trials(subject.table.pool, trials, seed, aim)
-    options = {"trials": trials, "fixation": aim, "border": border, "seed": seed, "resamples": resamples}
+    options: dict[str, Any] = {"trials": trials, "fixation": aim, "seed": seed, "resamples": resamples}
     how = spread(subject.table, noise=trial_noise(trials, resample_trials), thinned=True)
     far = Farthest.among(*subject.table.pool.nearest.shape)
 
@@ -193,11 +186,14 @@ def reliability(
     rows: list[dict[str, NDArray[Any]]] = []
     for policy in subject.policies if only is None else (only,):
         still = policy == "passive"
-        moves = 1.0 if still else theta_x
-        stops = [(thresholds, deadline), *((np.ones(1), n) for n in _answerable(subject.table.pool, contacts) if still)]
+        stops = [
+            (thresholds, play.deadline),
+            *((np.ones(1), n) for n in _answerable(subject.table.pool, contacts) if still),
+        ]
         for theta, most in stops:
             fixed = bool((theta == 1).all())
-            played = play(subject.table, plan, theta, moves, border=border, deadline=most, seed=seed, fresh=True)
+            how_played = play.changed(passive=still, deadline=most)
+            played = decided_trials(subject.table, plan, theta, how_played, seed, fresh=True)
             if fixed:
                 played = [one._replace(stopped=np.ones(trials, dtype=bool)) for one in played]
             edges = np.array(
@@ -209,8 +205,7 @@ def reliability(
                 theta,
                 partial(_sums, edges, fixed),
                 resample_trials=resample_trials,
-                theta_x=moves,
-                deadline=most,
+                play=how_played,
                 endings=ends,
                 **options,
             )
@@ -219,7 +214,9 @@ def reliability(
                 one = Sums(**{name: values[h] for name, values in kept.samples.items()})
                 ends_of = [end["sums"][h] for end in kept.endings]
                 rows.append(_described(decisions, one, ends_of, settings[-1][1], most, subject, how))
-    return _dataset(settings, rows, subject, {"trials": trials, "seed": seed, "deadline": deadline, "border": border})
+    return _dataset(
+        settings, rows, subject, {"trials": trials, "seed": seed, "deadline": play.deadline, "border": play.border}
+    )
 
 
 def _answerable(pool: TapPool, contacts: Sequence[int]) -> list[int]:
@@ -252,22 +249,11 @@ def decided_about(table: TapTable, grid: ClassGrid) -> Subject:
     return Subject("place", places, turned, ("passive",))
 
 
-def play(
-    table: TapTable,
-    plan: TrialPlan,
-    thresholds: ArrayLike,
-    theta_x: float,
-    *,
-    border: Border,
-    deadline: int,
-    seed: int,
-    fresh: bool = False,
+def decided_trials(
+    table: TapTable, plan: TrialPlan, thresholds: ArrayLike, play: PlaySettings, seed: int, *, fresh: bool = False
 ) -> list[DecidedTrials]:
     """Plays trials and gives how they end at each threshold."""
-    trials = run_trials(
-        table, plan, thresholds, theta_x=theta_x, border=border, deadline=deadline, seed=seed, fresh=fresh
-    )
-    return decisions_of(trials, plan)
+    return decisions_of(run_trials(table, plan, thresholds, play=play, seed=seed, fresh=fresh), plan)
 
 
 def decisions_of(trials: Trials, plan: TrialPlan) -> list[DecidedTrials]:

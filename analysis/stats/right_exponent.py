@@ -24,9 +24,9 @@ from numpy.typing import NDArray
 from ...inference.tuning.tempering import CONTACTS, learn_power
 from ...models import seeds
 from ...models.errors import InputError
-from ...models.measurement.catalogue import FitSettings
 from ...models.measurement.histogram import HistogramModel
 from ...models.measurement.model import TapModel
+from ...models.settings import FitSettings
 from ...models.taps import TapSet
 from ...models.threads import cores, in_order
 from .right_model import LEVEL, Beside, compare, drawn_set

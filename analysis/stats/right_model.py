@@ -18,14 +18,14 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ...inference.moves.control import check_fixation
-from ...inference.reference import Border
 from ...inference.trials.plan import plan_trials
 from ...inference.trials.records import TapTable
 from ...inference.trials.run import LoopPlayer, empty_trials, make_rule
 from ...models import seeds
 from ...models.measurement.likelihood.forms import GaussianForm
 from ...models.measurement.model import TapModel
-from ...models.setting import Setting
+from ...models.setting_file import Setting
+from ...models.settings import PlaySettings
 from ...models.taps import TapSet
 from ...models.threads import cores, in_order
 from .reliability import decided_about
@@ -75,10 +75,7 @@ def simulate(
     table: TapTable,
     thresholds: ArrayLike,
     *,
-    theta_x: float,
-    fixation: int,
-    border: Border,
-    deadline: int,
+    play: PlaySettings,
     trials: int,
     seed: int,
     simulations: int = SIMULATIONS,
@@ -91,10 +88,7 @@ def simulate(
         model: The model in use, with its power and saturation.
         table: The taps at hand, of which only the number in each class matters.
         thresholds: theta_W, shape (H,).
-        theta_x: Threshold for a move; 1 never moves.
-        fixation: Class that the sensor aims for.
-        border: Reading of Eq. 9.
-        deadline: Taps after which the most probable is decided.
+        play: How trials are played.
         trials: In each data set.
         seed: Of all random numbers.
         simulations: Data sets.
@@ -103,13 +97,14 @@ def simulate(
     """
     thresholds = np.asarray(thresholds, dtype=np.float64)
     drawn = equivalent(model)
-    rule = make_rule(thresholds, theta_x, border, deadline, seed)._replace(fresh=True)
+    aim = check_fixation(play.fixation, model.grid.L) if model.grid.M > 1 else 0
+    rule = make_rule(thresholds, play, seed)._replace(fresh=True)
     draw = partial(drawn_table, drawn, table) if draw is None else draw
 
     def one(number: int) -> tuple[Floats, Floats]:
         generator = seeds.generator(seed, seeds.Purpose.RIGHT_MODEL, number)
         subject = decided_about(draw(generator), drawn.grid)
-        plan = plan_trials(subject.table.pool, trials, seed, fixation, first_stream=number * trials)
+        plan = plan_trials(subject.table.pool, trials, seed, aim, first_stream=number * trials)
         played = empty_trials(trials, len(thresholds))
         LoopPlayer(subject.table, rule)(plan, 0, trials, played)
         return described(played.what, plan.what, played.belief, played.stopped, len(subject.names))
@@ -148,11 +143,8 @@ def reference_factors(
     return simulate(
         model,
         table,
-        [setting.threshold],
-        theta_x=1.0 if policy == "passive" else setting.theta_x,
-        fixation=check_fixation(setting.fixation, model.grid.L) if model.grid.M > 1 else 0,
-        border=setting.border,
-        deadline=setting.deadline,
+        [setting.play.threshold],
+        play=setting.play.changed(passive=policy == "passive"),
         trials=trials,
         seed=seed,
         simulations=simulations,

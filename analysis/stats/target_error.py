@@ -22,15 +22,14 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import t
 
-from ...inference.episode import DEADLINE
 from ...inference.moves.control import check_fixation
-from ...inference.reference import Border
 from ...inference.trials.plan import plan_trials, tap_table
 from ...models.errors import InputError
 from ...models.grid import ClassGrid
 from ...models.measurement.model import TapModel
+from ...models.settings import PlaySettings
 from ...models.taps import TapSet
-from .reliability import decided_about, play
+from .reliability import decided_about, decided_trials
 
 FEWEST = 5
 """Sessions that a threshold can be tuned on."""
@@ -162,11 +161,7 @@ def target_error(
     *,
     seed: int = 0,
     trials: int = TRIALS,
-    border: Border = "uniform",
-    deadline: int = DEADLINE,
-    fixation: int | None = None,
-    theta_x: float = 0.0,
-    default: float = DEFAULT_THETA,
+    play: PlaySettings = PlaySettings(),
 ) -> TargetError:
     """The smallest threshold whose decisions in a new session err as rarely as wanted.
 
@@ -179,11 +174,7 @@ def target_error(
         grid: The classes of the model.
         seed: Of the trials.
         trials: In each session.
-        border: Reading of Eq. 9.
-        deadline: Taps after which the most probable is decided; such decisions count.
-        fixation: Where class that active trials aim for; `None` for the middle.
-        theta_x: Threshold for a move; 1 for passive trials.
-        default: Threshold that the chosen one is compared with.
+        play: How trials are played; decisions at the deadline count. The chosen threshold is compared with its own.
 
     Raises:
         InputError: There are too few sessions, one of them trained the model, or a setting is out of range.
@@ -195,8 +186,8 @@ def target_error(
         )
     if not 0 < target < 1:
         raise InputError(f"The wanted error must lie between 0 and 1, got {target}.")
-    if not 0 < default < 1:
-        raise InputError(f"The default threshold must lie between 0 and 1, got {default}.")
+    if not 0 < play.threshold < 1:
+        raise InputError(f"The default threshold must lie between 0 and 1, got {play.threshold}.")
     for number, taps in enumerate(sessions):
         known = model.trained_with(taps)
         if 2 * known > len(taps):
@@ -207,16 +198,12 @@ def target_error(
         model,
         sessions,
         grid,
-        default,
         seed=seed,
         trials=trials,
-        border=border,
-        deadline=deadline,
-        fixation=fixation,
-        theta_x=theta_x,
+        play=play,
     )
     h, reachable = choose(curves.error, target)
-    usual = int(np.searchsorted(curves.theta, default))
+    usual = int(np.searchsorted(curves.theta, play.threshold))
     return TargetError(
         float(target),
         reachable,
@@ -233,14 +220,10 @@ def session_curves(
     model: TapModel,
     sessions: Sequence[TapSet],
     grid: ClassGrid,
-    default: float = DEFAULT_THETA,
     *,
     seed: int = 0,
     trials: int = TRIALS,
-    border: Border = "uniform",
-    deadline: int = DEADLINE,
-    fixation: int | None = None,
-    theta_x: float = 0.0,
+    play: PlaySettings = PlaySettings(),
     fresh: bool = False,
 ) -> tuple[Curves, tuple[str, ...], bool]:
     """Errors and reaction times of each session at every threshold, what is decided for, and whether the finger moves.
@@ -251,27 +234,22 @@ def session_curves(
         model: The fitted measurement model.
         sessions: Taps of each.
         grid: The classes of the model.
-        default: A threshold to add to those of `threshold_grid`.
         seed: Of the trials.
         trials: In each session.
-        border: Reading of Eq. 9.
-        deadline: Taps after which the most probable is decided.
-        fixation: Where class that active trials aim for; `None` for the middle.
-        theta_x: Threshold for a move; 1 for passive trials.
+        play: How trials are played; its threshold is added to those of `threshold_grid`.
         fresh: Whether no tap is drawn twice in a trial.
 
     Raises:
         InputError: There is nothing to decide, or a setting is out of range.
     """
-    aim = check_fixation(fixation, grid.L) if grid.M > 1 else 0
-    theta = np.union1d(threshold_grid(grid.M if grid.M > 1 else grid.L), [default])
+    aim = check_fixation(play.fixation, grid.L) if grid.M > 1 else 0
+    theta = np.union1d(threshold_grid(grid.M if grid.M > 1 else grid.L), [play.threshold])
     rows, names, moving = [], (), False
     for taps in sessions:
         subject = decided_about(tap_table(model, model.usable(taps)), grid)
-        names, moving = subject.names, "active" in subject.policies and theta_x < 1
+        names, moving = subject.names, "active" in subject.policies and play.move_threshold < 1
         plan = plan_trials(subject.table.pool, trials, seed, aim)
-        moves = theta_x if moving else 1.0
-        played = play(subject.table, plan, theta, moves, border=border, deadline=deadline, seed=seed, fresh=fresh)
+        played = decided_trials(subject.table, plan, theta, play.changed(passive=not moving), seed, fresh=fresh)
         wrong = np.array([one.decided != one.true for one in played], dtype=np.float64)
         count = np.bincount(plan.what, minlength=len(names))
         with np.errstate(invalid="ignore"):

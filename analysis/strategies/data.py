@@ -19,11 +19,11 @@ from ...inference.trials.records import TapTable
 from ...inference.tuning.tempering import best_power, learn_power
 from ...models.errors import InputError
 from ...models.grid import ClassGrid
-from ...models.measurement.catalogue import FitSettings
 from ...models.measurement.histogram import fit
 from ...models.measurement.model import TapModel
 from ...models.power import TAPS
 from ...models.seeds import data_set_seed
+from ...models.settings import FitSettings
 from ...models.taps import TapSet
 from ..experiment.sources import recorded_source, right_model
 from ..stats.acting import can_act

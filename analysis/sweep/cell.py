@@ -5,7 +5,7 @@ import time
 import traceback
 from collections.abc import Callable, Generator, Iterator
 from functools import lru_cache, partial
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,6 +20,7 @@ from ...inference.trials.plan import tap_table
 from ...inference.trials.records import TapTable
 from ...inference.trials.tally import Tally, tally_trials
 from ...models.seeds import Purpose, derived_seed
+from ...models.settings import PlaySettings
 from ..stats.resampled_units import resampled_table
 from ..stats.tallied import tally_means
 from .cells import Cell, Effort
@@ -89,12 +90,15 @@ def _counts(cell: Cell, effort: Effort, data: DataSet) -> Tally:
     """Trials of a cell, compiled where their strategy is."""
     table = resampled_table(_table(data, cell.fit_settings), cell.resample, _seed_of(cell.data, 0))
     trials = effort.thresholds, effort.trials
-    common: dict[str, Any] = {"border": cell.border, "deadline": effort.deadline, "seed": _trial_seed(cell)}
+    seed = _trial_seed(cell)
     theta_x = cell.theta_x
     if theta_x is None:
-        return tally_policy(table, *trials, _policy(cell, data), **common)
+        return tally_policy(
+            table, *trials, _policy(cell, data), border=cell.border, deadline=effort.deadline, seed=seed
+        )
     point = check_fixation(cell.fixation, data.grid.L)
-    return tally_trials(table, *trials, theta_x=theta_x, fixation=point, workers=1, **common)
+    play = PlaySettings(theta_x=theta_x, border=cell.border, deadline=effort.deadline)
+    return tally_trials(table, *trials, play=play, fixation=point, workers=1, seed=seed)
 
 
 def _policy(cell: Cell, data: DataSet) -> MovePolicy:

@@ -11,6 +11,7 @@ from ...models.errors import InputError
 from ...models.experiment import load_experiment
 from ...models.grid import ClassGrid
 from ...models.io.recording import naming
+from ...models.settings import Division
 from ...models.splits import Fold, Split
 from .study import DataEntry, StudyFile
 
@@ -148,8 +149,15 @@ def _simulated(entry: DataEntry, seed: int) -> tuple[tuple[Fold, ...], ClassGrid
 
 def _recorded(entry: DataEntry, paths: tuple[Path, ...]) -> tuple[Split, ClassGrid]:
     train, test = (None if given is None else ",".join(map(str, given)) for given in (entry.train, entry.test))
-    cells = entry.where_cell, entry.what_cell
-    return load_experiment(paths, *cells, entry.split, train, test, training_taps=bool(entry.training_taps))
+    division = Division(
+        where_cell=entry.where_cell,
+        what_cell=entry.what_cell,
+        split=entry.split,
+        train=train,
+        test=test,
+        training_taps=bool(entry.training_taps),
+    )
+    return load_experiment(paths, division)
 
 
 def _digest(paths: tuple[Path, ...]) -> str:

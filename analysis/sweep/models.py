@@ -33,8 +33,8 @@ def fit_cell(taps: "TapSet", grid: "ClassGrid", settings: FitAxes) -> "TapModel"
         InputError: As `inference.tuning.tempering.fit_tempered`.
     """
     from ...inference.tuning import tempering  # noqa: PLC0415 - SciPy takes long to import
-    from ...models.measurement import catalogue  # noqa: PLC0415
+    from ...models.settings import FitSettings  # noqa: PLC0415
 
     more = settings._asdict()
-    fitted, _ = tempering.fit_tempered(more.pop("model"), taps, grid, catalogue.FitSettings(**more))
+    fitted, _ = tempering.fit_tempered(more.pop("model"), taps, grid, FitSettings(**more))
     return fitted.model

@@ -10,7 +10,6 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ...inference.episode import DEADLINE
 from ...inference.trials.cut_short import Farthest, endings
 from ...inference.trials.records import TapTable, TrialPlan, Trials
 from ...inference.trials.resampling import (
@@ -30,6 +29,7 @@ from ...inference.trials.resampling import (
 from ...inference.trials.selections import sessions_drawn
 from ...inference.trials.tally import tally
 from ...models.grid import ClassGrid
+from ...models.settings import PlaySettings
 from ..stats.ranges import SHARE, Range, ranges
 from ..stats.tallied import tally_means
 
@@ -101,7 +101,7 @@ def tap_spread(
     thresholds: ArrayLike,
     trials: int,
     *,
-    deadline: int = DEADLINE,
+    play: PlaySettings = PlaySettings(),
     progress: Callable[[int], None] | None = None,
     **rule: Any,
 ) -> TapSpread:
@@ -112,9 +112,9 @@ def tap_spread(
         grid: The classes.
         thresholds: theta_W, shape (H,).
         trials: Whose means are to have intervals; on each resample as many, `SELECTED_TRIALS` at most.
-        deadline: Taps after which a trial ends.
+        play: How trials are played.
         progress: Told how many more trials were played; `spread_trials` says of how many.
-        rule: As for `resampling.play_resamples`: `theta_x`, `fixation`, `where`, `border`, `seed`, `workers`.
+        rule: As for `resampling.play_resamples`: `fixation`, `where`, `seed`, `workers`.
 
     Raises:
         InputError: An argument is out of range.
@@ -125,8 +125,8 @@ def tap_spread(
         means = tally_means(tally(played, plan, grid.shape), grid)
         return {name: means[name] for name in SPREAD} | {"used_up": played.used_up.mean(axis=0)}
 
-    ends = partial(endings, deadline=deadline, farthest=Farthest.on(grid))
-    rule |= {"deadline": deadline, "progress": progress}
+    ends = partial(endings, deadline=play.deadline, farthest=Farthest.on(grid))
+    rule |= {"play": play, "progress": progress}
 
     def samples(fresh: bool, number: int) -> ResampledTrials:
         might_be = ends if fresh else no_endings
@@ -154,7 +154,7 @@ def tap_spread(
         fresh_spread,
         _few(table, thresholds, fresh_spread, used_up),
         _sentence(table),
-        _RANGES | ranges(grid, deadline),
+        _RANGES | ranges(grid, play.deadline),
     )
 
 

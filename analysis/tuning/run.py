@@ -19,7 +19,7 @@ from ...inference.tuning.online import Learner, beliefs, interval, recommended
 from ...inference.tuning.threshold import ThresholdChoice, check_cost, choose_threshold
 from ...models.errors import InputError
 from ...models.grid import ClassGrid
-from ...models.setting import Setting
+from ...models.setting_file import Setting
 from ..stats.metrics import CONFIDENCE
 from ..stats.target_error import FEWEST, choose, prediction_interval, threshold_grid
 
@@ -123,21 +123,18 @@ def tune(
     common = {
         "wrong": price.wrong,
         "trials": trials,
-        "theta_x": setting.theta_x,
-        "border": setting.border,
-        "deadline": setting.deadline,
         "seed": seed,
         "progress": progress,
     }
-    fixation = choose_fixation(parts, setting.threshold, passive=passive, **common)
+    fixation = choose_fixation(parts, setting.play.changed(passive=passive), **common)
     theta = threshold_grid(parts.grid.M) if thresholds is None else np.array(thresholds)
-    threshold = choose_threshold(parts, theta, price.cost_error, fixation=fixation.chosen, **common)
+    aimed = setting.play.changed(fixation=fixation.chosen, passive=False)
+    threshold = choose_threshold(parts, theta, price.cost_error, play=aimed, **common)
     chosen, reachable, missed = threshold.chosen, None, ""
     if price.target is not None:
         chosen, reachable = choose(threshold.wrong, price.target)
         missed = "" if reachable else f" A P(wrong) of {price.target:g} is not reached in a new session."
-    tuned = replace(
-        setting,
+    tuned = setting.changed(
         fixation=fixation.chosen,
         threshold=float(threshold.theta[chosen]),
         passive=False,

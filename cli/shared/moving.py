@@ -12,7 +12,6 @@ from ...inference.moves.control import MovePolicy, check_fixation
 from ...inference.moves.information import training_outcomes
 from ...inference.moves.strategies import make_policy, parse_strategy
 from ...inference.moves.table import load_table
-from ...inference.reference import Border
 from ...inference.stopping.rules import parse_stopping
 from ...inference.trials.plan import trial_chances
 from ...models.digest import tap_digests
@@ -20,6 +19,7 @@ from ...models.errors import InputError
 from ...models.io.load import load_taps
 from ...models.io.recording import naming
 from ...models.measurement.model import TapModel
+from ...models.settings import PlaySettings
 from ...models.taps import concatenate
 
 
@@ -69,8 +69,7 @@ def load_outcomes(model: TapModel, training: Sequence[Path] | None, move: str, s
 def choose_moves(
     name: str,
     model: TapModel,
-    border: Border,
-    fixation: int | None,
+    play: PlaySettings,
     outcomes: TapOutcomes | None,
     targets: Path | None,
 ) -> Moves:
@@ -79,8 +78,7 @@ def choose_moves(
     Args:
         name: Of the strategy, see `strategies.FORMS`.
         model: The fitted model.
-        border: Reading of Eq. 9.
-        fixation: `--fixation`.
+        play: Reading of Eq. 9 and fixation point; that of passive episodes is not looked at.
         outcomes: Training taps, for a strategy that looks ahead.
         targets: `--targets`.
 
@@ -96,14 +94,14 @@ def choose_moves(
         raise InputError("--move table needs --targets with a learned table.")
     if targets is not None and strategy.kind != "table":
         raise InputError("--targets goes with --move table only.")
-    if fixation is not None and not strategy.aims:
+    if play.fixation is not None and not (strategy.aims or play.passive):
         raise InputError(f"--fixation does not go with --move {name}, which aims for no fixation point.")
-    point = check_fixation(fixation, model.grid.L) if strategy.aims else None
+    point = check_fixation(play.fixation, model.grid.L) if strategy.aims else None
     table = None
     if targets is not None:
         with naming(f"--targets {targets}"):
             table = load_table(targets).checked(model.grid)
-    policy = make_policy(name, model.grid, border=border, fixation_index=point, outcomes=outcomes, table=table)
+    policy = make_policy(name, model.grid, border=play.border, fixation_index=point, outcomes=outcomes, table=table)
     return Moves(policy, point)
 
 

@@ -1,14 +1,18 @@
 """Arguments and options that several commands share."""
 
+import inspect
+from collections.abc import Callable
+from functools import wraps
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
 from ...models.errors import InputError
+from ...models.settings import Checked, FitSettings, SettingError
 
 if TYPE_CHECKING:
-    from ...models.setting import Setting
+    from ...models.setting_file import Setting
 
 Data = Annotated[
     list[Path],
@@ -70,6 +74,7 @@ Power = Annotated[
         "for beliefs after N taps (default 20).",
     ),
 ]
+Exponent = Annotated[str, typer.Option("--power", help="Root of the likelihood in use: J, JK, none or an exponent.")]
 Saturation = Annotated[
     float | None,
     typer.Option(
@@ -99,6 +104,13 @@ Seed = Annotated[int, typer.Option("--seed", min=0, max=2**63 - 1, help="Of ever
 TrainingTaps = Annotated[
     bool, typer.Option("--training-taps", help="Also play test taps that trained the model; default leaves them out.")
 ]
+Theta = Annotated[float, typer.Option("--theta", help="Belief in an object needed to decide.")]
+ThetaX = Annotated[float, typer.Option("--theta-x", help="Belief in a position needed for a move; 0 always moves.")]
+Fixation = Annotated[
+    int | None,
+    typer.Option("--fixation", help="Fixation point as 0-based class index; default the middle.", show_default=False),
+]
+Passive = Annotated[bool, typer.Option("--passive", help="Never move.")]
 Deadline = Annotated[
     int, typer.Option("--deadline", min=1, max=10**6, help="Taps after which the most probable classes are taken.")
 ]
@@ -107,24 +119,101 @@ Workers = Annotated[
 ]
 
 
+OPTIONS: dict[str, Any] = {
+    "bins": Bins,
+    "pseudocount": Pseudocount,
+    "power": Power,
+    "saturation": Saturation,
+    "value_range": ValueRange,
+    "unconverged": AllowUnconverged,
+    "threshold": Theta,
+    "theta_x": ThetaX,
+    "fixation": Fixation,
+    "passive": Passive,
+    "deadline": Deadline,
+    "border": Border,
+    "where_cell": WhereCell,
+    "what_cell": WhatCell,
+    "split": SplitMethod,
+    "train": TrainSessions,
+    "test": TestSessions,
+    "training_taps": TrainingTaps,
+}
+"""Usual options of the fields of settings records."""
+
+
+FITTING = "bins", "pseudocount", "power", "value_range"
+DIVIDED = "where_cell", "what_cell", "split", "train", "test"
+
+
 def given(context: typer.Context, option: str) -> bool:
     """Whether an option stands on the command line, by the name of its parameter."""
     source = context.get_parameter_source(option)
     return source is not None and not source.name.startswith("DEFAULT")
 
 
-def chosen(context: typer.Context, setting: "Setting | None", **options: Any) -> dict[str, Any]:
-    """Values of options: what stands on the command line, else what a setting says, else the default.
+def merged[R: Checked](context: typer.Context, setting: "Setting | None", record: R) -> R:
+    """The values of a settings record: what stands on the command line, else what a setting says, else the default.
 
     Args:
         context: Of the command.
-        setting: The setting, if there is one; its fields are called as the parameters are.
-        **options: Values of parameters as the command got them.
+        setting: The setting, if there is one.
+        record: `FitSettings` or `PlaySettings` as the command got it.
     """
-    return {
-        name: value if setting is None or given(context, name) else getattr(setting, name)
-        for name, value in options.items()
-    }
+    if setting is None:
+        return record
+    names = [name for name in record.__struct_fields__ if given(context, name)]
+    known: Any = setting.fit if isinstance(record, FitSettings) else setting.play
+    return known.changed(**{name: getattr(record, name) for name in names})
+
+
+class Fields:
+    """The fields of a settings record that a command has as options, in the annotation of a parameter.
+
+    Args:
+        names: Fields with their usual options, see `OPTIONS`.
+        others: Fields with options of the command's own.
+    """
+
+    def __init__(self, *names: str, **others: Any) -> None:
+        self.options: dict[str, Any] = {name: OPTIONS[name] for name in names} | others
+
+
+def spelled_out(command: Callable[..., None]) -> Callable[..., None]:
+    """A command for Typer: each parameter annotated with `Fields` is spelled out as one option per field.
+
+    The defaults are those of the record that is the parameter's default. A value that the record refuses is named by
+    its option.
+    """
+    parameters, records = [], {}
+    for name, parameter in inspect.signature(command, eval_str=True).parameters.items():
+        fields = next(
+            (part for part in getattr(parameter.annotation, "__metadata__", ()) if isinstance(part, Fields)), None
+        )
+        if fields is None:
+            parameters.append(parameter)
+            continue
+        records[name] = parameter.default, fields.options
+        parameters += [
+            parameter.replace(name=field, annotation=option, default=getattr(parameter.default, field))
+            for field, option in fields.options.items()
+        ]
+
+    @wraps(command)
+    def spelled(**values: Any) -> None:
+        for name, (default, options) in records.items():
+            try:
+                values[name] = default.changed(**{field: values.pop(field) for field in options})
+            except SettingError as error:
+                option = options[error.name].__metadata__[0].param_decls[0]
+                raise InputError(f"{option} {error.problem}") from None
+        command(**values)
+
+    parameters.sort(key=lambda parameter: parameter.default is not parameter.empty)
+    spelled.__signature__ = inspect.Signature(parameters)  # type: ignore[attr-defined]
+    spelled.__annotations__ = {parameter.name: parameter.annotation for parameter in parameters}
+    del spelled.__wrapped__
+    return spelled
 
 
 def parse_thresholds(text: str) -> tuple[float, ...]:

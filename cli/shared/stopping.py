@@ -3,12 +3,12 @@
 from typing import NamedTuple
 
 from ...inference.information import TapOutcomes
-from ...inference.reference import Border
 from ...inference.stopping.rules import gain_of, make_rule, parse_patience, parse_stopping
 from ...inference.stopping.stopping import StopRule, Watch
 from ...models.errors import InputError
 from ...models.io.recording import naming
 from ...models.measurement.model import TapModel
+from ...models.settings import PlaySettings
 
 
 class Ends(NamedTuple):
@@ -29,11 +29,9 @@ class Ends(NamedTuple):
 
 def choose_ends(
     name: str | None,
-    theta: float,
+    play: PlaySettings,
     patience: str | None,
-    deadline: int,
     model: TapModel,
-    border: Border,
     fixation: int | None,
     outcomes: TapOutcomes | None,
 ) -> Ends:
@@ -41,11 +39,9 @@ def choose_ends(
 
     Args:
         name: Of the rule, see `stopping.rules.FORMS`; `None` for `--theta`.
-        theta: `--theta`.
+        play: Threshold, deadline and reading of Eq. 9.
         patience: `--give-up`.
-        deadline: `--deadline`.
         model: The fitted model.
-        border: Reading of Eq. 9.
         fixation: The where class that moves aim for, if they do.
         outcomes: Training taps, for a rule that looks ahead.
 
@@ -55,13 +51,13 @@ def choose_ends(
     with naming("--give-up"):
         limit = None if patience is None else parse_patience(patience)
     with naming("--stop"):
-        stopping = parse_stopping(name or f"what:{theta!r}")
+        stopping = parse_stopping(name or f"what:{play.threshold!r}")
         rule = make_rule(stopping, model, fixation, limit)
-    if limit is not None and limit[0] > deadline:
-        raise InputError(f"--give-up {patience} comes after the deadline of {deadline} taps.")
+    if limit is not None and limit[0] > play.deadline:
+        raise InputError(f"--give-up {patience} comes after the deadline of {play.deadline} taps.")
     watch = None
     if stopping.needs_outcomes:
         if outcomes is None:
             raise InputError(f"--stop {name} needs --training with the taps that trained the model.")
-        watch = gain_of(outcomes, model.grid, border)
+        watch = gain_of(outcomes, model.grid, play.border)
     return Ends(rule, stopping.threshold, watch, name or "")

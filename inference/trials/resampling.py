@@ -28,9 +28,8 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.special import stdtrit
 
 from ...hardware.pool import TapPool
+from ...models.settings import PlaySettings
 from ...models.threads import cores, in_order
-from ..episode import DEADLINE
-from ..reference import Border
 from .plan import checked_plan, plan_trials
 from .records import TapTable, TrialPlan, Trials
 from .run import LoopPlayer, empty_trials, make_rule
@@ -382,11 +381,9 @@ def play_resamples(
     reduce: Callable[[Trials, TrialPlan], Mapping[str, Floats]],
     *,
     trials: int,
-    theta_x: float,
+    play: PlaySettings = PlaySettings(),
     fixation: int = 0,
     where: int | None = None,
-    border: Border = "uniform",
-    deadline: int = DEADLINE,
     seed: int = 0,
     fresh: bool = True,
     resamples: int = RESAMPLES,
@@ -402,11 +399,9 @@ def play_resamples(
         thresholds: theta_W, shape (H,).
         reduce: What is kept of decided trials: means, or sums whose ratios matter alone, by name.
         trials: On the taps as they are; their streams and starts are those of `plan_trials`.
-        theta_x: Threshold for a move; 1 never moves.
+        play: As in `run_trials`.
         fixation: Class that the sensor aims for.
         where: Start in this where class only, or the nearest with a tap in the resample; `None` for any.
-        border: Reading of Eq. 9.
-        deadline: Taps after which the most probable classes are taken.
         seed: Of starts, draws and resamples.
         fresh: Whether no tap is drawn twice in a trial; resamples are `thinned_pools` then, else `resampled_pools`.
         resamples: How many.
@@ -421,7 +416,7 @@ def play_resamples(
     Raises:
         InputError: An argument is out of range.
     """
-    rule = make_rule(thresholds, theta_x, border, deadline, seed)._replace(fresh=fresh)
+    rule = make_rule(thresholds, play, seed)._replace(fresh=fresh)
     player = LoopPlayer(table, rule)
     half = _half(trials, resample_trials)
 

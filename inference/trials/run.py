@@ -18,10 +18,9 @@ from numpy.typing import ArrayLike, NDArray
 from ...hardware.pool import TapPool
 from ...models.errors import InputError
 from ...models.power import check_saturation
+from ...models.settings import PlaySettings
 from ...models.threads import cores, in_order
 from ..engines.compiled import border_number, classes, likelihoods, refuse_border, scaled_belief
-from ..episode import DEADLINE
-from ..reference import BORDERS, Border
 from . import kernel
 from . import random as draws
 from .plan import checked_plan
@@ -49,9 +48,7 @@ def run_trials(
     plan: TrialPlan,
     thresholds: ArrayLike,
     *,
-    theta_x: float,
-    border: Border = "uniform",
-    deadline: int = DEADLINE,
+    play: PlaySettings = PlaySettings(),
     seed: int = 0,
     fresh: bool = False,
     device: str = "cpu",
@@ -67,9 +64,7 @@ def run_trials(
         table: Test taps.
         plan: The trials.
         thresholds: theta_W, shape (H,), any order; 1 or more never stops.
-        theta_x: Threshold for a move: 0 always moves, 1 never (passive).
-        border: Reading of Eq. 9.
-        deadline: Taps after which the most probable classes are taken.
+        play: How they are played; their thresholds are `thresholds` and their fixation points those of the plan.
         seed: Of the draws of taps.
         fresh: Whether no tap is drawn twice in a trial, see `Rule.fresh`; on the processor only.
         device: `"cpu"` for compiled loops, `"gpu"` or `"xla-cpu"` for arrays on what JAX finds.
@@ -79,37 +74,33 @@ def run_trials(
     Raises:
         InputError: An argument is out of range, or there is no such device.
     """
-    rule = make_rule(thresholds, theta_x, border, deadline, seed)._replace(fresh=fresh)
-    play = make_player(table, rule, device)
+    rule = make_rule(thresholds, play, seed)._replace(fresh=fresh)
+    player = make_player(table, rule, device)
     plan = checked_plan(plan, table.pool)
     n = len(plan.where)
     trials = empty_trials(n, len(rule.thresholds))
     threads = cores(workers) if device == "cpu" else 1
-    step = play.at_once if threads == 1 else max(1, min(play.at_once, -(-n // (_PIECES * threads))))
+    step = player.at_once if threads == 1 else max(1, min(player.at_once, -(-n // (_PIECES * threads))))
     pieces = [(first, min(first + step, n)) for first in range(0, n, step)]
-    tasks = (partial(play, plan, first, last, trials) for first, last in pieces)
+    tasks = (partial(player, plan, first, last, trials) for first, last in pieces)
     for (first, last), _ in zip(pieces, in_order(tasks, threads), strict=True):
         if progress is not None:
             progress(last - first)
     return trials
 
 
-def make_rule(thresholds: ArrayLike, theta_x: float, border: Border, deadline: int, seed: int) -> Rule:
+def make_rule(thresholds: ArrayLike, play: PlaySettings, seed: int) -> Rule:
     """The rule of trials from what a user says.
 
     Raises:
         InputError: An argument is out of range.
     """
     thresholds = np.atleast_1d(np.asarray(thresholds, dtype=np.float64))
-    if border not in BORDERS:
-        raise InputError(f"The border must be one of {', '.join(BORDERS)}, got {border!r}.")
-    if deadline < 1 or not len(thresholds):
-        raise InputError(f"Trials need a threshold and a deadline, got {len(thresholds)} and {deadline}.")
-    if np.isnan(thresholds).any() or np.isnan(theta_x):
-        raise InputError("A threshold is NaN.")
+    if not len(thresholds) or np.isnan(thresholds).any():
+        raise InputError("Trials need one threshold or more, and none that is NaN.")
     never = np.where(thresholds >= 1, np.inf, thresholds)
     column = np.argsort(never, kind="stable")
-    return Rule(never[column], column, float(theta_x), border_number(border), int(deadline), *draws.key(seed))
+    return Rule(never[column], column, play.move_threshold, border_number(play.border), play.deadline, *draws.key(seed))
 
 
 def make_player(table: TapTable, rule: Rule, device: str = "cpu") -> Player:

@@ -12,9 +12,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from ...models.compiled import compiled
 from ...models.errors import InputError
+from ...models.settings import PlaySettings
 from ...models.threads import cores, in_order
-from ..episode import DEADLINE
-from ..reference import Border
 from .plan import plan_trials
 from .records import Rule, TapTable, TrialPlan, Trials
 from .run import Player, empty_trials, make_player, make_rule
@@ -79,12 +78,10 @@ def tally_trials(
     thresholds: ArrayLike,
     trials: int,
     *,
-    theta_x: float,
+    play: PlaySettings = PlaySettings(),
     fixation: int = 0,
     where: int | None = None,
     first_stream: int = 0,
-    border: Border = "uniform",
-    deadline: int = DEADLINE,
     seed: int = 0,
     device: str = "cpu",
     workers: int | None = None,
@@ -98,12 +95,10 @@ def tally_trials(
         table: Test taps.
         thresholds: theta_W, shape (H,), any order; 1 or more never stops.
         trials: How many to play.
-        theta_x: Threshold for a move: 0 always moves, 1 never (passive).
+        play: As in `run_trials`.
         fixation: Class that the sensor aims for.
         where: Start in this where class only; `None` for any.
         first_stream: Random stream of the first trial; the others follow.
-        border: Reading of Eq. 9.
-        deadline: Taps after which the most probable classes are taken.
         seed: Of the starts and the draws of taps.
         device: As in `run_trials`.
         workers: As in `run_trials`.
@@ -114,12 +109,12 @@ def tally_trials(
     """
     if trials < 1:
         raise InputError(f"There must be at least one trial, got {trials}.")
-    rule = make_rule(thresholds, theta_x, border, deadline, seed)
-    play = make_player(table, rule, device)
-    piece = partial(_piece, table, play, rule, seed, fixation, where)
+    rule = make_rule(thresholds, play, seed)
+    player = make_player(table, rule, device)
+    piece = partial(_piece, table, player, rule, seed, fixation, where)
     end = first_stream + trials
     tasks = (
-        partial(piece, stream, min(play.at_once, end - stream)) for stream in range(first_stream, end, play.at_once)
+        partial(piece, stream, min(player.at_once, end - stream)) for stream in range(first_stream, end, player.at_once)
     )
     L, M = table.pool.nearest.shape
     total = Tally.empty(len(rule.thresholds), L, M)

@@ -12,10 +12,10 @@ from numpy.typing import ArrayLike, NDArray
 
 from ...hardware.sensor import TouchSensor
 from ...models.grid import ClassGrid
+from ...models.settings import PlaySettings
 from ..engines.engine import Engine
-from ..episode import DEADLINE, perceive
+from ..episode import perceive
 from ..moves.control import check_fixation, fixation
-from ..reference import Border
 from ..trials.plan import join_plans, plan_trials
 from ..trials.records import TapTable
 from ..trials.run import run_trials
@@ -33,8 +33,7 @@ def episode_cost(
     cost_error: float,
     *,
     wrong: bool = False,
-    theta_x: float = 0.0,
-    deadline: int = DEADLINE,
+    play: PlaySettings = PlaySettings(),
     chance: Iterator[float] | None = None,
 ) -> float:
     """The cost of one episode on any rig.
@@ -47,8 +46,7 @@ def episode_cost(
         theta: Threshold on the what belief.
         cost_error: Taps that a unit of error is worth.
         wrong: Whether errors are P(wrong) even where objects have sizes.
-        theta_x: Threshold for a move.
-        deadline: Taps after which the most probable object is taken.
+        play: Threshold for a move and deadline; the border is that of the engine.
         chance: As in `episode.perceive`.
 
     Raises:
@@ -56,8 +54,8 @@ def episode_cost(
     """
     grid = engine.model.grid
     check_cost(cost_error)
-    policy = fixation(check_fixation(fixation_index, grid.L), theta_x)
-    episode = perceive(sensor, engine, theta, policy, deadline, chance=chance)
+    policy = fixation(check_fixation(fixation_index, grid.L), play.theta_x)
+    episode = perceive(sensor, engine, theta, policy, play.deadline, chance=chance)
     return float(cost_error * decision_error(grid, episode.what, what, wrong) + episode.taps)
 
 
@@ -70,9 +68,7 @@ def trial_costs(
     trials: int,
     *,
     wrong: bool = False,
-    theta_x: float = 0.0,
-    border: Border = "uniform",
-    deadline: int = DEADLINE,
+    play: PlaySettings = PlaySettings(),
     seed: int = 0,
     first_stream: int = 0,
 ) -> NDArray[np.float64]:
@@ -86,9 +82,7 @@ def trial_costs(
         cost_error: Taps that a unit of error is worth.
         trials: How many, n.
         wrong: Whether errors are P(wrong) even where objects have sizes.
-        theta_x: Threshold for a move.
-        border: Reading of Eq. 9.
-        deadline: Taps after which the most probable object is taken.
+        play: As in `run_trials`.
         seed: Of starts and draws of taps.
         first_stream: Random stream of the first trial; the others follow.
 
@@ -105,7 +99,7 @@ def trial_costs(
     check_fixation(int(points[-1]), grid.L)
     plan = plan_trials(table.pool, trials, seed, first_stream=first_stream)
     plan = join_plans([plan._replace(fixation=np.full(trials, l)) for l in points])
-    played = run_trials(table, plan, theta, theta_x=theta_x, border=border, deadline=deadline, seed=seed)
+    played = run_trials(table, plan, theta, play=play, seed=seed)
     cost = cost_error * decision_error(grid, played.what, plan.what[:, np.newaxis], wrong) + played.taps
     return cost.reshape(len(points), trials, len(theta))[point, :, h]
 

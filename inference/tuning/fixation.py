@@ -18,9 +18,8 @@ from numpy.typing import NDArray
 
 from ...hardware.pool import TapPool
 from ...models.errors import InputError
-from ..episode import DEADLINE
+from ...models.settings import PlaySettings
 from ..moves.control import default_fixation
-from ..reference import Border
 from ..trials.cut_short import Farthest, endings
 from ..trials.plan import join_plans, plan_trials
 from ..trials.records import TapTable, TrialPlan
@@ -54,14 +53,10 @@ class FixationChoice(NamedTuple):
 
 def choose_fixation(
     parts: Parts,
-    theta: float,
+    play: PlaySettings,
     *,
-    passive: bool = False,
     wrong: bool = False,
     trials: int = TRIALS,
-    theta_x: float = 0.0,
-    border: Border = "uniform",
-    deadline: int = DEADLINE,
     seed: int = 0,
     progress: Callable[[int], None] | None = None,
 ) -> FixationChoice:
@@ -69,42 +64,36 @@ def choose_fixation(
 
     Args:
         parts: Training taps and models that have not seen them.
-        theta: Threshold on the what belief.
-        passive: Whether trials stand at the position; otherwise they begin anywhere and aim for it.
+        play: How trials are played: passive ones stand at the position, active ones begin anywhere and aim for it.
         wrong: Whether errors are P(wrong) even where objects have sizes.
         trials: At each position in each part.
-        theta_x: Threshold for a move of trials that do.
-        border: Reading of Eq. 9.
-        deadline: Taps after which the most probable object is taken.
         seed: Of the trials.
         progress: Told how many more trials have ended.
 
     Raises:
         InputError: No position has taps in all parts, or a setting is out of range.
     """
-    tried = _positions(parts, passive)
+    tried = _positions(parts, play.passive)
 
     far = Farthest.on(parts.grid)
 
-    def play(table: TapTable, stream: int = 0) -> tuple[NDArray[Any], ...]:
-        plan = (_passive_plan if passive else _active_plan)(table.pool, tried, trials, seed, stream)
+    def played_on(table: TapTable, stream: int = 0) -> tuple[NDArray[Any], ...]:
+        plan = (_passive_plan if play.passive else _active_plan)(table.pool, tried, trials, seed, stream)
         played = run_trials(
             table,
             plan,
-            (theta,),
-            theta_x=1.0 if passive else theta_x,
-            border=border,
-            deadline=deadline,
+            (play.threshold,),
+            play=play,
             seed=seed,
             fresh=True,
             progress=progress,
         )
-        ends = [played, *endings(played, plan, deadline, far)]
+        ends = [played, *endings(played, plan, play.deadline, far)]
         errors = [decision_error(parts.grid, end.what[:, 0], plan.what, wrong) for end in ends]
         return tuple(one.reshape(len(tried), trials) for one in (*errors, played.taps))
 
-    errors, *ends, taps = map(np.array, zip(*(play(part.table) for part in parts.parts), strict=True))
-    resampled = resampled_means(parts, play, trials, seed)
+    errors, *ends, taps = map(np.array, zip(*(played_on(part.table) for part in parts.parts), strict=True))
+    resampled = resampled_means(parts, played_on, trials, seed)
     return choice(errors, taps, tried, parts.grid.L, None if resampled is None else resampled[0], ends)
 
 

@@ -19,10 +19,11 @@ from numpy.typing import NDArray
 
 from ...models.errors import InputError
 from ...models.grid import ClassGrid
-from ...models.measurement.catalogue import FitSettings, Fitted, fit_model
+from ...models.measurement.catalogue import Fitted, fit_model
 from ...models.measurement.model import TapModel
 from ...models.power import learned_taps
 from ...models.seeds import Purpose, generator
+from ...models.settings import FitSettings
 from ...models.taps import TapSet
 from ..saturation import share
 from ..trials.judged_sequences import JudgedSession, Sequences, mean_log_belief, refuse_impossible
@@ -121,7 +122,7 @@ def fit_tempered(
         return fit_model(name, taps, grid, settings, trained_on), None
     learned = learn_power(name, taps, grid, settings, n, settings.seed)
     told = " ".join(part for part in (trained_on, learned.sentence) if part)
-    return fit_model(name, taps, grid, settings._replace(power=learned.power), told), learned
+    return fit_model(name, taps, grid, settings.changed(power=learned.power), told), learned
 
 
 def learn_power(name: str, taps: TapSet, grid: ClassGrid, settings: FitSettings, n: int, seed: int) -> LearnedPower:
@@ -152,7 +153,7 @@ def learn_power(name: str, taps: TapSet, grid: ClassGrid, settings: FitSettings,
     _check_length(n)
     used, sequences = [], []
     for session in sessions:
-        model = fit_model(name, taps.select(taps.session != session), grid, settings._replace(power="none")).model
+        model = fit_model(name, taps.select(taps.session != session), grid, settings.changed(power="none")).model
         left_out = _usable(model, taps.select(taps.session == session))
         if left_out is not None:
             used.append(session)

@@ -14,9 +14,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ...models.errors import InputError
-from ..episode import DEADLINE
+from ...models.settings import PlaySettings
 from ..moves.control import check_fixation
-from ..reference import Border
 from ..trials.cut_short import Farthest, endings
 from ..trials.plan import plan_trials
 from ..trials.records import TapTable
@@ -64,12 +63,9 @@ def choose_threshold(
     thresholds: ArrayLike,
     cost_error: float,
     *,
-    fixation: int | None = None,
+    play: PlaySettings = PlaySettings(),
     wrong: bool = False,
     trials: int = TRIALS,
-    theta_x: float = 0.0,
-    border: Border = "uniform",
-    deadline: int = DEADLINE,
     seed: int = 0,
     progress: Callable[[int], None] | None = None,
 ) -> ThresholdChoice:
@@ -79,12 +75,9 @@ def choose_threshold(
         parts: Training taps and models that have not seen them.
         thresholds: Those to choose from, shape (H,).
         cost_error: Taps that a unit of error is worth, 0 or more.
-        fixation: Where class that trials aim for; `None` for the middle.
+        play: How trials are played.
         wrong: Whether errors are P(wrong) even where objects have sizes.
         trials: In each part; all thresholds share them.
-        theta_x: Threshold for a move; 1 for passive trials.
-        border: Reading of Eq. 9.
-        deadline: Taps after which the most probable object is taken.
         seed: Of the trials.
         progress: Told how many more trials have ended.
 
@@ -93,34 +86,32 @@ def choose_threshold(
     """
     check_cost(cost_error)
     theta = np.unique(np.asarray(thresholds, dtype=np.float64))
-    aim = check_fixation(fixation, parts.grid.L)
+    aim = check_fixation(play.fixation, parts.grid.L)
 
     far = Farthest.on(parts.grid)
 
-    def play(table: TapTable, stream: int = 0) -> tuple[NDArray[Any], ...]:
+    def played_on(table: TapTable, stream: int = 0) -> tuple[NDArray[Any], ...]:
         plan = plan_trials(table.pool, trials, seed, aim, first_stream=stream)
         played = run_trials(
             table,
             plan,
             theta,
-            theta_x=theta_x,
-            border=border,
-            deadline=deadline,
+            play=play,
             seed=seed,
             fresh=True,
             progress=progress,
         )
-        true, ends = plan.what[:, np.newaxis], (played, *endings(played, plan, deadline, far))
+        true, ends = plan.what[:, np.newaxis], (played, *endings(played, plan, play.deadline, far))
         error = [decision_error(parts.grid, end.what, true, wrong).T for end in ends]
         return *error, *(end.taps.T for end in ends), (played.what != true).T, played.used_up.T
 
     error, error_best, error_worst, taps, taps_best, taps_worst, missed, used_up = map(
-        np.array, zip(*(play(part.table) for part in parts.parts), strict=True)
+        np.array, zip(*(played_on(part.table) for part in parts.parts), strict=True)
     )
     errors, times = (error_best, error_worst), (taps_best, taps_worst)
     cost, costs = cost_error * error + taps, [cost_error * e + t for e, t in zip(errors, times, strict=True)]
     error_drawn = taps_drawn = cost_drawn = None
-    if (resampled := resampled_means(parts, play, trials, seed)) is not None:
+    if (resampled := resampled_means(parts, played_on, trials, seed)) is not None:
         error_drawn, taps_drawn = resampled[0], resampled[3]
         cost_drawn = cost_error * error_drawn + taps_drawn
     mean = over_parts(cost, cost_drawn, 1.0, costs)

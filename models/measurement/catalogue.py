@@ -5,7 +5,7 @@ A name is one of `CATALOGUE`, or `session:` and one of them; `session` alone hol
 
 from dataclasses import replace
 from importlib.metadata import version
-from typing import Any, Literal, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,6 +14,7 @@ from ..digest import tap_digests
 from ..errors import InputError
 from ..grid import ClassGrid
 from ..power import likelihood_exponent
+from ..settings import FitSettings
 from ..taps import TapSet
 from ..threads import one_blas_thread
 from .fits.cells import fit_gaussian, fit_profile, fit_profile_ar, fit_profile_mvn
@@ -33,36 +34,6 @@ from .shared_gain import session_spread, state_grid
 
 SUB_PLACES = 4
 """Places in a class whose taps lie at different ones, over which `smooth` takes the mean."""
-
-
-class FitSettings(NamedTuple):
-    """What a fit depends on beside the taps.
-
-    Attributes:
-        bins: Number of bins, the measure of all models and the resolution of the histogram.
-        pseudocount: Added to every bin of the histogram, in counts.
-        power: Root of the likelihood.
-        saturation: How many taps' evidence an episode carries at most; infinity for no limit.
-        value_range: Whether bins span all taxels together or each.
-        edges: Bin edges to use instead of those of the training taps.
-        method: `"closed"` for the fast fit of each model, `"nuts"` to sample its story.
-        unconverged: Whether a fit may be used that did not converge.
-        gain_sd: Standard deviation of the log gain between sessions; `None` to take it from the training taps.
-        offset_sd: Standard deviation of the offset between sessions, likewise.
-        seed: Of random numbers, where a fit needs some.
-    """
-
-    bins: int = 100
-    pseudocount: float = 0.01
-    power: str | float = "J"
-    saturation: float = np.inf
-    value_range: Literal["global", "taxel"] = "global"
-    edges: NDArray[np.float64] | None = None
-    method: Literal["closed", "nuts"] = "closed"
-    unconverged: bool = False
-    gain_sd: float | None = None
-    offset_sd: float | None = None
-    seed: int = 0
 
 
 class Fitted(NamedTuple):
@@ -128,11 +99,7 @@ def fit_model(name: str, taps: TapSet, grid: ClassGrid, settings: FitSettings, t
 
 
 def _checked(settings: FitSettings, taps: TapSet) -> FitSettings:
-    """The settings if they make sense for every model; given edges say how many bins there are."""
-    if settings.method not in {"closed", "nuts"}:
-        raise InputError(f"The method of a fit is closed or nuts, got {settings.method!r}.")
-    if not (np.isfinite(settings.pseudocount) and settings.pseudocount >= 0):
-        raise InputError(f"The pseudocount must be finite and not negative, got {settings.pseudocount}.")
+    """The settings, the number of bins taken from edges where these are given."""
     if settings.edges is None:
         return settings
     edges, K = np.asarray(settings.edges, dtype=np.float64), taps.dataset.sizes["taxel"]
@@ -140,7 +107,7 @@ def _checked(settings: FitSettings, taps: TapSet) -> FitSettings:
         raise InputError(f"Edges of B bins have shape (B + 1,) or ({K}, B + 1), got {edges.shape}.")
     if not (np.isfinite(edges).all() and (np.diff(edges) > 0).all()):
         raise InputError("Edges of bins must be finite and increase.")
-    return settings._replace(edges=edges, bins=edges.shape[-1] - 1)
+    return settings.changed(edges=edges, bins=edges.shape[-1] - 1)
 
 
 def split_name(name: str) -> tuple[str, bool]:
@@ -172,7 +139,7 @@ def _fit_histogram(taps: TapSet, grid: ClassGrid, settings: FitSettings, trained
         bins=settings.bins,
         pseudocount=settings.pseudocount,
         power=settings.power,
-        saturation=settings.saturation,
+        saturation=settings.limit,
         value_range=settings.value_range,
         edges=settings.edges,
         trained_on=trained_on,
@@ -217,7 +184,7 @@ def _fit_story(kind: str, taps: TapSet, grid: ClassGrid, settings: FitSettings, 
         trained_on=trained_on,
         version=version("solidtouch"),
         training=tap_digests(used.taps),
-        saturation=float(settings.saturation),
+        saturation=settings.limit,
     )
     return Fitted(model, posterior, posterior.convergence())
 

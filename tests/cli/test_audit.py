@@ -16,7 +16,7 @@ from solidtouch.hardware.simulator.session import simulate_session
 from solidtouch.hardware.simulator.settings import PAPER_RODS
 from solidtouch.models.io.model_file import load_model
 from solidtouch.models.preprocessing import Preprocessing
-from solidtouch.models.setting import load_setting
+from solidtouch.models.setting_file import load_setting
 from solidtouch.models.taps import TapSet
 
 RIG = replace(preset("paper"), rods=PAPER_RODS[:3], start_mm=6.0, end_mm=10.0, spacing_mm=0.125)
@@ -193,7 +193,7 @@ def test_passive_audits_tune_passive_thresholds(files, tmp_path):
     evidence = done.summary["remedy"]["evidence"]
     assert evidence["policy"] == "passive"
     assert evidence["target_error"]["policy"] == "passive"
-    assert load_setting(done.folder / "setting.json").passive
+    assert load_setting(done.folder / "setting.json").play.passive
 
 
 @pytest.mark.slow
@@ -203,7 +203,7 @@ def test_a_threshold_for_a_wanted_error_comes_with_its_prediction(files, tmp_pat
     assert done.code == 0, done.err
     target = done.summary["remedy"]["evidence"]["target_error"]
     assert target["sentence"] in " ".join(done.out.split())
-    threshold = load_setting(done.folder / "setting.json").threshold
+    threshold = load_setting(done.folder / "setting.json").play.threshold
     assert threshold == (target["chosen"]["theta"] if target["reachable"] else 0.95)
 
 

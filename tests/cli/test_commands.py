@@ -9,7 +9,8 @@ import xarray as xr
 from solidtouch.analysis.experiment.crosscheck import CrossCheck, RouteDifference
 from solidtouch.cli.shared.options import MODELS
 from solidtouch.models.io.model_file import load_model
-from solidtouch.models.measurement.catalogue import CATALOGUE, FitSettings, fit_model
+from solidtouch.models.measurement.catalogue import CATALOGUE, fit_model
+from solidtouch.models.settings import FitSettings
 from solidtouch.models.taps import TapSet
 
 

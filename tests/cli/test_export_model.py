@@ -12,7 +12,7 @@ from solidtouch.hardware.simulator.session import simulate_session
 from solidtouch.inference.engines.engine import NumpyEngine
 from solidtouch.models.io.model_file import load_model
 from solidtouch.models.measurement.histogram import fit
-from solidtouch.models.setting import Setting
+from solidtouch.models.setting_file import Setting
 
 SOLID = Path(__file__).parents[2] / "docs" / "conformance" / "solid.c"
 
@@ -61,8 +61,8 @@ def test_trials_and_perceive_answer_the_same_for_both_files(files, model, comman
 
 def test_options_win_over_a_setting_and_a_setting_over_defaults(model, tmp_path, command):
     """The middle is the fixation point where nothing is said; a passive setting never moves, unless it is told to."""
-    Setting(threshold=0.7, border="clamp", theta_x=0.25, fixation=3).save(tmp_path / "active.json")
-    Setting(passive=True).save(tmp_path / "passive.json")
+    Setting.of(threshold=0.7, border="clamp", theta_x=0.25, fixation=3).save(tmp_path / "active.json")
+    Setting.of(passive=True).save(tmp_path / "passive.json")
     out = tmp_path / "out.json"
 
     def chosen(*words):
@@ -111,7 +111,7 @@ def test_what_cannot_be_is_one_sentence(model, command, words, message):
 
 
 def test_a_setting_of_another_model_is_refused(model, tmp_path, command):
-    Setting(bins=64).save(tmp_path / "other.json")
+    Setting.of(bins=64).save(tmp_path / "other.json")
     done = command("export-model", model, "--format", "json", "--setting", tmp_path / "other.json")
 
     assert done.code == 2

@@ -10,6 +10,7 @@ from solidtouch.inference.trials.plan import plan_trials, tap_table
 from solidtouch.inference.trials.run import run_trials
 from solidtouch.models.io.load import load_taps
 from solidtouch.models.measurement.histogram import fit, trim
+from solidtouch.models.settings import PlaySettings
 from solidtouch.models.splits import split
 
 RECORDED = ("barrett_boxes", "barrett_ballcyl", "braille_icub", "eflesh_grid", "icub_grasp")
@@ -91,7 +92,7 @@ def test_recorded_sets_with_holes_are_played(shared_data, name, pattern):
 
     assert not model.trained.all()
     for border in BORDERS:
-        trials = run_trials(table, plan, (0.9, 1.0), theta_x=0.0, border=border, deadline=15)
+        trials = run_trials(table, plan, (0.9, 1.0), play=PlaySettings(theta_x=0.0, border=border, deadline=15))
         assert not trials.no_class_left.any()
 
 

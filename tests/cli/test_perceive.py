@@ -27,9 +27,10 @@ from solidtouch.inference.stopping.stopping import DECIDE, GO_ON, Moment
 from solidtouch.inference.trials.plan import trial_chances
 from solidtouch.models.digest import tap_digests
 from solidtouch.models.io.model_file import load_model
-from solidtouch.models.measurement.catalogue import FitSettings, fit_model
+from solidtouch.models.measurement.catalogue import fit_model
 from solidtouch.models.measurement.histogram import fit
-from solidtouch.models.setting import Setting
+from solidtouch.models.setting_file import Setting
+from solidtouch.models.settings import FitSettings
 
 
 @pytest.fixture(scope="module")
@@ -455,7 +456,7 @@ def test_options_come_from_a_setting(command, fine, tmp_path):
     assert out("--setting", file, "--move", "fixation", "--fixation", 3) == out(
         *aiming[:-3], "fixation", "--fixation", 3
     )
-    setting = replace(setting, passive=True)
+    setting = setting.changed(passive=True)
     setting.save(file, force=True)
     still = out("--setting", file, "--theta", 1)
     assert [row["move"] for row in still[:-2]] == [0] * 8
@@ -472,7 +473,7 @@ def test_options_come_from_a_setting(command, fine, tmp_path):
     ],
 )
 def test_a_model_of_another_setting_is_refused(command, fine, tmp_path, changes, said):
-    replace(Setting(power=0.03, saturation=3.0), **changes).save(tmp_path / "setting.json")
+    Setting.of(power=0.03, saturation=3.0).changed(**changes).save(tmp_path / "setting.json")
     done = command("perceive", fine, "--setting", tmp_path / "setting.json")
 
     assert done.code == 2

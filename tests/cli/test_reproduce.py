@@ -14,7 +14,7 @@ import xarray as xr
 from solidtouch.analysis.experiment.study import study
 from solidtouch.models.errors import InputError
 from solidtouch.models.seeds import data_set_seed
-from solidtouch.models.setting import Setting
+from solidtouch.models.setting_file import Setting
 
 FIGURES = ("fig3", "fig4", "fig5_passive", "fig5_active", "fig6", "fig7", "confusion", "contacts")
 ACTIVE = ("fig5_passive", "fig5_active", "fig6")

@@ -10,8 +10,9 @@ from solidtouch.hardware.simulator.model_rig import draw_taps
 from solidtouch.hardware.simulator.presets import PRESETS
 from solidtouch.hardware.simulator.session import simulate_session
 from solidtouch.models.errors import InputError
-from solidtouch.models.measurement.catalogue import FitSettings, fit_model
+from solidtouch.models.measurement.catalogue import fit_model
 from solidtouch.models.measurement.histogram import fit
+from solidtouch.models.settings import FitSettings
 from solidtouch.models.taps import TapSet
 
 

@@ -13,8 +13,9 @@ from solidtouch.hardware.simulator.session import simulate_session
 from solidtouch.inference.trials.plan import plan_trials, tap_table
 from solidtouch.inference.trials.resampling import RESAMPLES
 from solidtouch.inference.trials.run import run_trials
-from solidtouch.models.measurement.catalogue import FitSettings, fit_model
+from solidtouch.models.measurement.catalogue import fit_model
 from solidtouch.models.measurement.histogram import fit
+from solidtouch.models.settings import FitSettings, PlaySettings
 from solidtouch.models.taps import concatenate
 
 
@@ -38,7 +39,7 @@ def test_the_file_holds_the_trials_of_the_plan(files, command, tmp_path):
     )
     table = tap_table(model, test)
     plan = plan_trials(table.pool, 500, 3, fixation=6)
-    trials = run_trials(table, plan, (0.5, 0.9), theta_x=0.3, deadline=20, seed=3)
+    trials = run_trials(table, plan, (0.5, 0.9), play=PlaySettings(theta_x=0.3, deadline=20), seed=3)
     wrong = trials.what != plan.what[:, None]
     error = model.grid.what_error(trials.what, plan.what[:, None])
     kept = xr.load_dataset(tmp_path / "out.nc")
@@ -102,7 +103,9 @@ def test_any_fitted_model_is_played(command, make_taps, tmp_path, name):
     done = command(*words, "--out", tmp_path / "out.nc")
     prior = command(*words, "--border", "prior")
     table = tap_table(model, test)
-    expected = run_trials(table, plan_trials(table.pool, 90, 0, fixation=1), (0.9,), theta_x=0.0, seed=0)
+    expected = run_trials(
+        table, plan_trials(table.pool, 90, 0, fixation=1), (0.9,), play=PlaySettings(theta_x=0.0), seed=0
+    )
 
     assert done.code == 0
     np.testing.assert_allclose(xr.load_dataset(tmp_path / "out.nc")["taps"], expected.taps.mean(axis=0))
@@ -120,7 +123,10 @@ def test_intervals_are_over_taps_and_not_over_trials(files, command, tmp_path):
         kept = xr.load_dataset(tmp_path / f"{number}.nc")
         widths.append((kept["what_wrong_high"] - kept["what_wrong_low"]).values)
     table = tap_table(model, test)
-    plan, rule = plan_trials(table.pool, 3000, 5, 7), {"theta_x": 0.0, "deadline": 30, "seed": 5, "fresh": True}
+    plan, rule = (
+        plan_trials(table.pool, 3000, 5, 7),
+        {"play": PlaySettings(theta_x=0.0, deadline=30), "seed": 5, "fresh": True},
+    )
     played = run_trials(table, plan, (0.5, 0.999), **rule)
     words = " ".join(printed.split())
 

@@ -16,7 +16,7 @@ from solidtouch.models.errors import InputError
 from solidtouch.models.io.load import load_taps
 from solidtouch.models.io.model_file import load_model
 from solidtouch.models.measurement.histogram import fit
-from solidtouch.models.setting import Setting, load_setting
+from solidtouch.models.setting_file import Setting, load_setting
 from solidtouch.models.taps import TapSet
 from typer.testing import CliRunner
 
@@ -74,19 +74,24 @@ def test_the_setting_holds_both_choices_and_how_they_were_made(call, recorded, t
     result = call(recorded, "--out", out, *COMMON, "--theta-x", 0.2, "--border", "clamp")
     assert result.exit_code == 0, result.output
     setting = load_setting(out)
-    assert setting.fixation in range(3)
-    assert 0.25 <= setting.threshold < 1
-    assert (setting.bins, setting.theta_x, setting.border, setting.deadline) == (12, 0.2, "clamp", 20)
+    assert setting.play.fixation in range(3)
+    assert 0.25 <= setting.play.threshold < 1
+    assert (setting.fit.bins, setting.play.theta_x, setting.play.border, setting.play.deadline) == (
+        12,
+        0.2,
+        "clamp",
+        20,
+    )
     assert "2 training sessions" in setting.note
     for words in (
         "Fixation points",
         "Thresholds",
         "chosen",
         "Each of 2 training sessions",
-        f"class {setting.fixation}",
+        f"class {setting.play.fixation}",
     ):
         assert words in result.output
-    assert f"Threshold {shown_threshold(setting.threshold)}: error" in result.output
+    assert f"Threshold {shown_threshold(setting.play.threshold)}: error" in result.output
 
 
 def test_perceive_takes_the_setting(call, command, recorded, tmp_path):
@@ -149,7 +154,7 @@ def test_a_learner_goes_on_where_it_stopped(call, recorded, tmp_path):
         )
     assert json.loads(whole.read_text()) == json.loads((tmp_path / "half.json").read_text())
     assert load_setting(tmp_path / "a.json") == load_setting(tmp_path / "b.json")
-    assert load_setting(tmp_path / "a.json").threshold in (0.6, 0.9)
+    assert load_setting(tmp_path / "a.json").play.threshold in (0.6, 0.9)
 
 
 def test_learning_on_a_rig_plays_its_episodes(call, recorded, tmp_path):
@@ -176,7 +181,7 @@ def test_what_was_learned_is_kept_when_it_is_interrupted(make_taps, recorded, tm
 
     course = LearningPlan("thompson", None, 20, 0, state, f"replay:{recorded}", None)
     with pytest.raises(KeyboardInterrupt):
-        learned(course, Setting(deadline=20), Price(), taps, model.grid, lambda: model, lambda: None, bar)
+        learned(course, Setting.of(deadline=20), Price(), taps, model.grid, lambda: model, lambda: None, bar)
     assert load_learner(state).episodes == 3
 
 
@@ -228,7 +233,7 @@ def test_one_place_has_a_threshold_to_tune(call, make_taps, tmp_path):
     make_taps(L=1, M=2).save(tmp_path / "one.nc")
     result = call(tmp_path / "one.nc", "--out", tmp_path / "setting.json", *COMMON)
     assert result.exit_code == 0, result.output
-    assert load_setting(tmp_path / "setting.json").fixation == 0
+    assert load_setting(tmp_path / "setting.json").play.fixation == 0
 
 
 def test_what_was_learned_for_other_pairs_is_not_gone_on_with(call, recorded, tmp_path):

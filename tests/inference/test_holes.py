@@ -23,6 +23,7 @@ from solidtouch.inference.trials.plan import plan_trials, tap_table, trial_unifo
 from solidtouch.inference.trials.run import run_trials
 from solidtouch.models.measurement.states import States
 from solidtouch.models.preprocessing import Preprocessing
+from solidtouch.models.settings import PlaySettings
 from solidtouch.models.taps import TapSet
 from solidtouch.models.touch import KERNEL_BORDERS
 
@@ -257,7 +258,7 @@ def test_trials_are_episodes_on_grids_with_holes(recorded, pattern, pseudocount)
     table, thetas, deadline = tap_table(model, taps), (0.5, 0.9, 1.0), 12
     plan = plan_trials(table.pool, 25, 0, fixation=4)
     for border in BORDERS:
-        how = {"theta_x": 0.0, "border": border, "deadline": deadline}
+        how = {"play": PlaySettings(theta_x=0.0, border=border, deadline=deadline)}
         trials = run_trials(table, plan, thetas, **how)
         if pattern == "half of one object" and not pseudocount:
             arrays = run_trials(table, plan, thetas, **how, device="xla-cpu")

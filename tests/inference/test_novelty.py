@@ -15,9 +15,10 @@ from solidtouch.inference.novelty import Novelty, Promise, UnknownTest, can_tell
 from solidtouch.inference.reference import bin_index
 from solidtouch.models.errors import InputError
 from solidtouch.models.io.model_file import load_model
-from solidtouch.models.measurement.catalogue import FitSettings, fit_model
+from solidtouch.models.measurement.catalogue import fit_model
 from solidtouch.models.measurement.histogram import fit
 from solidtouch.models.measurement.novelty import calibrating, misfit, misfits, own_excess
+from solidtouch.models.settings import FitSettings
 
 
 def refitted(model, edges_of, taps, kept):

@@ -19,7 +19,8 @@ from solidtouch.inference.trials.records import TapTable, TrialPlan
 from solidtouch.inference.trials.run import run_trials
 from solidtouch.inference.trials.tally import tally_trials
 from solidtouch.models.errors import InputError
-from solidtouch.models.measurement.catalogue import FitSettings, fit_model
+from solidtouch.models.measurement.catalogue import fit_model
+from solidtouch.models.settings import FitSettings, PlaySettings
 
 L, M, TRIALS, DEADLINE, SEED = 5, 3, 14, 17, 6
 THETAS = (0.9, 0.35, 1.0, 0.6, 0.0, 0.97)
@@ -133,7 +134,9 @@ def test_trials_are_episodes_on_the_same_taps(models, taps, plan, saturation, th
     for name in ("histogram", "session")[: 1 if border == "prior" else 2]:
         model = replace(models[name], saturation=saturation)
         table = tap_table(model, taps)
-        trials = run_trials(table, plan, THETAS, theta_x=theta_x, border=border, deadline=DEADLINE, seed=SEED)
+        trials = run_trials(
+            table, plan, THETAS, play=PlaySettings(theta_x=theta_x, border=border, deadline=DEADLINE), seed=SEED
+        )
         engine = make_engine("filter", model, border)
         for i, (where, what, point, stream) in enumerate(zip(*plan, strict=True)):
             for h, theta in enumerate(THETAS):
@@ -153,8 +156,7 @@ def test_the_cases_above_are_not_trivial(models, taps, plan):
             tap_table(replace(models["histogram"], saturation=saturation), taps),
             plan,
             THETAS,
-            theta_x=0.8,
-            deadline=DEADLINE,
+            play=PlaySettings(theta_x=0.8, deadline=DEADLINE),
             seed=SEED,
         )
         for saturation in (*SATURATIONS, np.inf)
@@ -174,7 +176,7 @@ def test_arrays_decide_as_loops_do(monkeypatch, models, taps, plan, saturation, 
     pytest.importorskip("jax")
     monkeypatch.setitem(device._SLOTS, "cpu", 7)
     table = tap_table(replace(models["histogram"], saturation=saturation), taps)
-    options = {"theta_x": theta_x, "border": border, "deadline": DEADLINE, "seed": SEED}
+    options = {"play": PlaySettings(theta_x=theta_x, border=border, deadline=DEADLINE), "seed": SEED}
     loops, arrays = (run_trials(table, plan, THETAS, device=name, **options) for name in ("cpu", "xla-cpu"))
 
     for name in loops._fields:
@@ -186,7 +188,7 @@ def test_arrays_decide_as_loops_do(monkeypatch, models, taps, plan, saturation, 
 def test_a_saturation_that_no_trial_reaches_changes_no_bit(models, taps, plan, saturation):
     table = tap_table(models["histogram"], taps)
     plain, other = (
-        run_trials(one, plan, THETAS, theta_x=0.0, deadline=DEADLINE, seed=SEED)
+        run_trials(one, plan, THETAS, play=PlaySettings(theta_x=0.0, deadline=DEADLINE), seed=SEED)
         for one in (TapTable(*table[:3]), table._replace(saturation=float(saturation)))
     )
 
@@ -196,8 +198,10 @@ def test_a_saturation_that_no_trial_reaches_changes_no_bit(models, taps, plan, s
 
 def test_tallies_are_of_the_same_trials(models, taps):
     table = tap_table(replace(models["histogram"], saturation=2.0), taps)
-    counts = tally_trials(table, (0.6,), 200, theta_x=0.0, deadline=DEADLINE, seed=SEED)
-    trials = run_trials(table, plan_trials(table.pool, 200, SEED), (0.6,), theta_x=0.0, deadline=DEADLINE, seed=SEED)
+    counts = tally_trials(table, (0.6,), 200, play=PlaySettings(theta_x=0.0, deadline=DEADLINE), seed=SEED)
+    trials = run_trials(
+        table, plan_trials(table.pool, 200, SEED), (0.6,), play=PlaySettings(theta_x=0.0, deadline=DEADLINE), seed=SEED
+    )
 
     assert counts.belief[0] == pytest.approx(trials.belief.sum())
     np.testing.assert_array_equal(counts.taps[0], np.bincount(trials.taps[:, 0], minlength=len(counts.taps[0])))
@@ -209,7 +213,7 @@ def test_classes_far_below_double_precision_come_back():
     pool = tap_pool([0, 0], [0, 1], (1, 3))
     plan = TrialPlan(*(np.array([[0, 0], [0, 1], [0, 0], [0, 1]])))
     table = TapTable(log_likelihood, pool, np.log(np.full((1, 3), 1 / 3)), 1e-3)
-    trials = run_trials(table, plan, (1.0,), theta_x=1.0, deadline=30)
+    trials = run_trials(table, plan, (1.0,), play=PlaySettings(theta_x=1.0, deadline=30))
     expected = softmax(1e-3 * np.array([0.0, -700.0, -1400.0])).max()
 
     np.testing.assert_allclose(trials.belief[:, 0], expected, rtol=1e-12)
@@ -243,4 +247,9 @@ def test_what_is_no_number_of_taps_is_refused(models, taps, plan, saturation):
     with pytest.raises(InputError, match=message):
         fit_model("gaussian", taps, taps.grid(), FitSettings(saturation=saturation))
     with pytest.raises(InputError, match=message):
-        run_trials(tap_table(models["histogram"], taps)._replace(saturation=saturation), plan, THETAS, theta_x=0.0)
+        run_trials(
+            tap_table(models["histogram"], taps)._replace(saturation=saturation),
+            plan,
+            THETAS,
+            play=PlaySettings(theta_x=0.0),
+        )

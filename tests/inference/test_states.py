@@ -20,6 +20,7 @@ from solidtouch.models.errors import InputError
 from solidtouch.models.grid import ClassGrid
 from solidtouch.models.measurement.states import fold, log_fold
 from solidtouch.models.preprocessing import Preprocessing
+from solidtouch.models.settings import PlaySettings
 from solidtouch.models.taps import TapSet
 
 L, M, S, N = 5, 2, 3, 40
@@ -131,9 +132,7 @@ class Case:
             self.table if table is None else table,
             self.plan,
             THETAS,
-            theta_x=theta_x,
-            border=border,
-            deadline=DEADLINE,
+            play=PlaySettings(theta_x=theta_x, border=border, deadline=DEADLINE),
             seed=SEED,
             device=device,
         )
@@ -311,7 +310,9 @@ def test_states_come_back_from_any_depth(case, border, depth):
     log_likelihood -= depth * rng.exponential(size=(N, 1, S)).repeat(M, axis=2)
     table, deadline = case.table._replace(log_likelihood=log_likelihood), 300
     plan = TrialPlan(*(column[:6] for column in case.plan))
-    trials = run_trials(table, plan, (1.0,), theta_x=0.0, border=border, deadline=deadline, seed=SEED)
+    trials = run_trials(
+        table, plan, (1.0,), play=PlaySettings(theta_x=0.0, border=border, deadline=deadline), seed=SEED
+    )
     leaders = set()
     for i, (where, what, target, stream) in enumerate(zip(*plan, strict=True)):
         log_belief, at = table.log_prior, int(table.pool.nearest[where, what])
@@ -332,7 +333,7 @@ def test_states_come_back_from_any_depth(case, border, depth):
 
 def test_tallies_count_objects_not_hypotheses(case):
     """As `run_trials` on the same plan."""
-    options = {"theta_x": 0.0, "deadline": DEADLINE, "seed": SEED}
+    options = {"play": PlaySettings(theta_x=0.0, deadline=DEADLINE), "seed": SEED}
     counts = tally_trials(case.table, THETAS, TRIALS, fixation=1, **options)
     plan = plan_trials(case.table.pool, TRIALS, SEED, fixation=1)
     expected = tally(run_trials(case.table, plan, THETAS, **options), plan, (L, M))
@@ -416,7 +417,7 @@ def test_the_border_that_knows_no_states_is_refused(case):
         with pytest.raises(InputError, match=REFUSED):
             case.play(border="prior", device=device)
     with pytest.raises(InputError, match=REFUSED):
-        tally_trials(case.table, THETAS, 3, theta_x=0.0, border="prior")
+        tally_trials(case.table, THETAS, 3, play=PlaySettings(theta_x=0.0, border="prior"))
 
     assert case.play(alone, border="prior").taps.shape == (TRIALS, len(THETAS))
     assert FilterEngine(NumberedTaps(alone.log_likelihood, alone.log_prior), "prior").border == "prior"

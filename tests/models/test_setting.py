@@ -1,15 +1,15 @@
 """Setting files: what is written is read, and what is not right is named."""
 
 import json
-from dataclasses import asdict, fields, replace
 
 import numpy as np
 import pytest
 from solidtouch.models.errors import InputError
-from solidtouch.models.measurement.catalogue import FitSettings, fit_model
-from solidtouch.models.setting import Setting, load_setting, save_setting
+from solidtouch.models.measurement.catalogue import fit_model
+from solidtouch.models.setting_file import KEYS, Setting, load_setting
+from solidtouch.models.settings import FitSettings
 
-WHOLE = Setting(
+WHOLE = Setting.of(
     model="session:profile",
     power=0.0279,
     saturation=2.73,
@@ -28,20 +28,22 @@ WHOLE = Setting(
 )
 
 
-@pytest.mark.parametrize("setting", [WHOLE, Setting(), Setting(power="JK", saturation=3)], ids=["whole", "none", "JK"])
+MADE = {"whole": WHOLE, "none": Setting(), "JK": Setting.of(power="JK", saturation=3)}
+
+
+@pytest.mark.parametrize("setting", MADE.values(), ids=MADE.keys())
 def test_a_setting_survives_its_file(tmp_path, setting):
     """With every field under its name, and nothing else but the format."""
-    save_setting(setting, tmp_path / "a.json")
-    setting.save(tmp_path / "b.json")
+    setting.save(tmp_path / "a.json")
     written = json.loads((tmp_path / "a.json").read_text(encoding="utf-8"))
 
-    assert load_setting(tmp_path / "a.json") == load_setting(tmp_path / "b.json") == setting
-    assert written == {"format": 1} | asdict(setting)
+    assert load_setting(tmp_path / "a.json") == setting
+    assert written == {"format": 1} | setting.values()
 
 
 def test_the_whole_setting_differs_from_the_default_everywhere():
     """So that the test above can miss nothing."""
-    assert [f.name for f in fields(Setting) if getattr(WHOLE, f.name) == getattr(Setting(), f.name)] == []
+    assert [key for key, value in WHOLE.values().items() if value == Setting().values()[key]] == []
 
 
 def test_files_are_replaced_by_force_only(tmp_path):
@@ -55,14 +57,14 @@ def test_files_are_replaced_by_force_only(tmp_path):
 
 def written(path, **changes):
     """A file of the whole setting with some keys changed, those that are `...` left out."""
-    values = {"format": 1} | asdict(WHOLE) | changes
+    values = {"format": 1} | WHOLE.values() | changes
     path.write_text(json.dumps({key: value for key, value in values.items() if value is not ...}), encoding="utf-8")
     return path
 
 
-@pytest.mark.parametrize("key", [field.name for field in fields(Setting)])
+@pytest.mark.parametrize("key", list(KEYS))
 def test_every_key_is_needed(tmp_path, key):
-    with pytest.raises(InputError, match=rf"a\.json is no whole setting: the key {key} is missing"):
+    with pytest.raises(InputError, match=rf"a\.json: missing key '{key}'"):
         load_setting(written(tmp_path / "a.json", **{key: ...}))
 
 
@@ -86,7 +88,7 @@ WRONG = {
 
 
 def test_every_field_has_wrong_values_to_try():
-    assert list(WRONG) == [field.name for field in fields(Setting)]
+    assert list(WRONG) == list(KEYS)
 
 
 @pytest.mark.parametrize(("key", "value"), [(key, value) for key, values in WRONG.items() for value in values])
@@ -95,7 +97,7 @@ def test_wrong_values_are_named_with_file_and_key(tmp_path, key, value):
     with pytest.raises(InputError, match=rf"a\.json: {key} must be .*, got .*\.$"):
         load_setting(written(tmp_path / "a.json", **{key: value}))
     with pytest.raises(InputError, match=f"^{key} must be"):
-        replace(WHOLE, **{key: value})
+        WHOLE.changed(**{key: value})
 
 
 TEXTS = {
@@ -124,7 +126,7 @@ def test_other_files_are_refused(tmp_path):
         load_setting(tmp_path / "none.json")
     with pytest.raises(InputError, match="cannot be read"):
         load_setting(tmp_path)
-    with pytest.raises(InputError, match=r"has the key 'colour', which no setting has"):
+    with pytest.raises(InputError, match=r"a\.json: unknown key 'colour'"):
         load_setting(written(tmp_path / "a.json", colour="red"))
 
 
@@ -144,7 +146,7 @@ def fitted(make_taps):
 )
 def test_a_model_of_the_setting_is_taken(fitted, name, called, power):
     """By what its power means and not by how it is written."""
-    Setting(model=called, power=power, saturation=2.5, bins=9, where_cell="3mm").check_model(
+    Setting.of(model=called, power=power, saturation=2.5, bins=9, where_cell="3mm").check_model(
         fitted[name], "m.nc", "s.json"
     )
 
@@ -162,7 +164,7 @@ def test_a_model_of_the_setting_is_taken(fitted, name, called, power):
     ],
 )
 def test_another_model_is_refused(fitted, changes, message):
-    setting = replace(Setting(saturation=2.5, bins=9), **changes)
+    setting = Setting.of(saturation=2.5, bins=9).changed(**changes)
     with pytest.raises(InputError, match=message):
         setting.check_model(fitted["histogram"], "m.nc", "s.json")
 
@@ -173,4 +175,4 @@ def test_a_grid_without_edges_has_no_width_to_compare(make_taps):
 
     assert model.grid.where_edges is None
     assert np.isinf(model.saturation)
-    Setting(model="gaussian", where_cell="7mm").check_model(model, "m.nc", "s.json")
+    Setting.of(model="gaussian", where_cell="7mm").check_model(model, "m.nc", "s.json")

@@ -27,7 +27,8 @@ from scipy.stats import norm
 from ....models import seeds
 from ....models.errors import InputError
 from ....models.grid import ClassGrid
-from ....models.measurement.catalogue import FitSettings, fit_model
+from ....models.measurement.catalogue import fit_model
+from ....models.settings import FitSettings
 from ....models.taps import TapSet, check_compatible
 from ...experiment.suspicions import in_blocks, recorded_order
 from ...stats.metrics import CONFIDENCE

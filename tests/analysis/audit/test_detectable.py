@@ -7,7 +7,7 @@ from solidtouch.analysis.stats.right_model import LEVEL
 from solidtouch.inference.trials.plan import tap_table
 from solidtouch.models.errors import InputError
 from solidtouch.models.preprocessing import Preprocessing
-from solidtouch.models.setting import Setting
+from solidtouch.models.setting_file import Setting
 from solidtouch.models.taps import TapSet
 
 
@@ -78,7 +78,7 @@ def few(make_model, rng):
 def test_a_design_of_a_fitted_model_detects_less_with_more_taps(few):
     """By simulation from the model itself; as many taps in fewer sessions detect as much."""
     model, table = few
-    rows = enough(model, table, Setting(threshold=0.8, power="none"), "passive", 500, 0, 40)
+    rows = enough(model, table, Setting.of(threshold=0.8, power="none"), "passive", 500, 0, 40)
     factor = {row.design: row.factor for row in rows}
     assert len(rows) == 9
     assert factor[Design(3, 20)] == factor[Design(1, 60)]

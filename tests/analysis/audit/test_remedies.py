@@ -14,10 +14,10 @@ from solidtouch.hardware.simulator.session import simulate_session
 from solidtouch.hardware.simulator.settings import PAPER_RODS
 from solidtouch.inference.trials.resampling import USED_UP_SELECTED
 from solidtouch.models.errors import InputError
-from solidtouch.models.setting import Setting
+from solidtouch.models.setting_file import Setting
 
 RIG = replace(preset("paper"), rods=PAPER_RODS[:3], start_mm=6.0, end_mm=10.0, spacing_mm=0.125)
-SETTING = Setting(bins=40, threshold=0.9)
+SETTING = Setting.of(bins=40, threshold=0.9)
 TAPS = 4
 ALL = [BASELINE, "exponent", "falling exponent", *MODELS, FINER]
 
@@ -83,7 +83,7 @@ def test_a_fixation_point_stays_where_it_is(sessions):
     at_end = replace(SETTING, fixation=3)
     grid = sessions[0].grid()
     remedies, _ = make_remedies(sessions[0], [sessions[1]], grid, at_end, TAPS, 0, lambda _: None)
-    assert [remedy.setting.fixation for remedy in remedies] == [3] * 6 + [6]
+    assert [remedy.setting.play.fixation for remedy in remedies] == [3] * 6 + [6]
     base = remedies[0]
     elsewhere = base._replace(setting=SETTING)
     found, middle = (measure([one], sessions[2], TAPS, 200, 0, lambda _: None) for one in (base, elsewhere))
@@ -96,14 +96,14 @@ def test_training_taps_do_not_tune(made, sessions):
     others, _ = make_remedies(sessions[0], [sessions[0]], sessions[0].grid(), SETTING, TAPS, 0, lambda _: None)
     tuned, again = made[0][1], others[1]
     np.testing.assert_array_equal(tuned.model.counts, again.model.counts)
-    assert again.setting.power > 1.2 * tuned.setting.power
+    assert again.setting.fit.power > 1.2 * tuned.setting.fit.power
 
 
 def test_what_taps_do_not_allow_is_refused_with_a_reason(make_taps):
     """Profiles need samples, covariance taxels, finer classes several places; the others still come."""
     sets = [make_taps(sessions=1, J=1, K=1, seed=seed) for seed in range(2)]
     told = []
-    remedies, refused = make_remedies(sets[0], sets[1:], sets[0].grid(), Setting(bins=20), TAPS, 0, told.append)
+    remedies, refused = make_remedies(sets[0], sets[1:], sets[0].grid(), Setting.of(bins=20), TAPS, 0, told.append)
     assert [remedy.name for remedy in remedies] == [BASELINE, "exponent", "falling exponent", "session state"]
     reasons = {item.name: item.reason for item in refused}
     assert list(reasons) == ["time-indexed", "taxel covariance", FINER]
@@ -179,7 +179,7 @@ def test_scores_after_one_tap_are_those_of_bayes_rule(made, sessions):
         return float(np.mean(scores))
 
     assert found.scores[0].log_score[0] == pytest.approx(score(1 / 50))
-    assert found.scores[1].log_score[0] == pytest.approx(score(sharper.setting.power))
+    assert found.scores[1].log_score[0] == pytest.approx(score(sharper.setting.fit.power))
     assert found.scores[1].gain[0] == pytest.approx(found.scores[1].log_score[0] - found.scores[0].log_score[0])
     assert where.tolist() == np.repeat(np.arange(4), 3).tolist()
 
@@ -209,7 +209,7 @@ def test_errors_are_compared_at_the_reaction_time_of_the_setting_as_it_is(measur
     """At its threshold, or the highest below at which test taps suffice; its own error there is that at it."""
     own = measured.played.sel(model=BASELINE, policy=measured.policy)
     used_up = own["used_up"].sel(theta=measured.theta)
-    assert measured.theta < SETTING.threshold
+    assert measured.theta < SETTING.play.threshold
     assert used_up[0] == 0
     assert spread_of(measured.played).center(used_up.values) < 2 * USED_UP_SELECTED
     at = own.sel(theta=measured.theta).isel(resample=0)

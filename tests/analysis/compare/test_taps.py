@@ -12,8 +12,9 @@ from solidtouch.analysis.compare.taps import (
     stacked,
 )
 from solidtouch.analysis.stats.checks import STATISTICS, predictive_checks
-from solidtouch.models.measurement.catalogue import FitSettings, fit_model
+from solidtouch.models.measurement.catalogue import fit_model
 from solidtouch.models.preprocessing import Preprocessing
+from solidtouch.models.settings import FitSettings
 from solidtouch.models.taps import TapSet
 
 J, K = 6, 3
@@ -93,7 +94,7 @@ def test_importance_sampling_agrees_where_it_can():
     taps = TapSet.from_arrays(
         generator.normal(size=(300, 1, 1)), np.zeros(300, dtype=int), ["a"], preprocessing=Preprocessing(samples=1)
     )
-    fitted = fit_model("histogram", taps, taps.grid(), SETTINGS._replace(bins=5))
+    fitted = fit_model("histogram", taps, taps.grid(), SETTINGS.changed(bins=5))
     result = leave_one_tap_out(fitted, taps, 2000, seed=0)
     assert float(result["pareto_k"].max()) < 0.7
     np.testing.assert_allclose(result["psis"], result["exact"], atol=0.02)
@@ -195,7 +196,7 @@ def test_places_within_a_class_are_replicated_where_the_model_knows_them():
         where_edges=np.arange(5.0),
         preprocessing=Preprocessing(samples=J),
     )
-    models = {n: fit_model(n, taps, taps.grid(), SETTINGS._replace(unconverged=True)) for n in ("profile", "smooth")}
+    models = {n: fit_model(n, taps, taps.grid(), SETTINGS.changed(unconverged=True)) for n in ("profile", "smooth")}
     checks = predictive_checks(models, taps, seed=0, replicates=6).sel(statistic="place")
     replicated = checks["replicated"].mean("replicate")
     assert float(replicated.sel(model="profile")) < 0.5 * float(checks["observed"])

@@ -11,7 +11,8 @@ from solidtouch.inference.engines import enumeration
 from solidtouch.inference.engines.engine import make_engine
 from solidtouch.inference.reference import BORDERS
 from solidtouch.models.errors import InputError
-from solidtouch.models.measurement.catalogue import CATALOGUE, FitSettings, fit_model
+from solidtouch.models.measurement.catalogue import CATALOGUE, fit_model
+from solidtouch.models.settings import FitSettings
 from solidtouch.models.touch import KERNEL_BORDERS
 
 L, M, J, K, B = 4, 3, 6, 5, 8

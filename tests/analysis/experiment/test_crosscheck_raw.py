@@ -5,12 +5,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from solidtouch.analysis.experiment.crosscheck import STORY, crosscheck
-from solidtouch.analysis.experiment.settings import Settings
+from solidtouch.analysis.experiment.settings import ExperimentSettings
 from solidtouch.inference import raw, reference
 from solidtouch.models.experiment import load_experiment
 from solidtouch.models.grid import ClassGrid
 from solidtouch.models.measurement import histogram, model
 from solidtouch.models.measurement.histogram import HistogramModel, trim
+from solidtouch.models.settings import FitSettings
 from solidtouch.models.taps import TapSet
 
 FIT, RECURSION, TRIALS = "fit, raw taps", "numpy, raw taps", "numpy, raw taps trials"
@@ -28,11 +29,15 @@ def taps(make_taps):
     return made.select((where != EMPTY[0]) | (what != EMPTY[1]))
 
 
+def fitted_by(**fit):
+    return ExperimentSettings(fit=FitSettings(**fit))
+
+
 def check(taps, *, train=True, settings=None, change=None, **more):
     """Session 0 trains and session 1 tests; `change` is made to the fitted model."""
-    settings = settings or Settings(bins=8)
+    settings = settings or fitted_by(bins=8)
     parts = [taps.select(taps.session == session) for session in (0, 1)]
-    fitted = settings.fit(parts[0], taps.grid())
+    fitted = settings.fitted(parts[0], taps.grid())
     fitted = fitted if change is None else change(fitted)
     return crosscheck(
         fitted, fitted.usable(parts[1]), train=parts[0] if train else None, settings=settings, **(SIZES | more)
@@ -56,7 +61,7 @@ OPTIONS = [
 @pytest.mark.parametrize(("more", "border"), OPTIONS, ids=str)
 def test_all_routes_agree_with_the_one_from_raw_taps(taps, more, border):
     """Whatever the user chooses."""
-    found = check(taps, settings=Settings(**({"bins": 8} | more)), border=border)
+    found = check(taps, settings=fitted_by(**({"bins": 8} | more)), border=border)
 
     assert found.passed
     assert {FIT, RECURSION, TRIALS, STORY} <= {row.routes for row in found.rows}
@@ -88,7 +93,7 @@ def test_a_grid_with_holes(make_taps):
 def test_without_pseudocount_trials_end_without_a_class(make_taps):
     """For all routes alike."""
     made = make_taps(L=3, M=2, J=2, K=2)
-    found = check(made, settings=Settings(bins=40, pseudocount=0.0), length=8)
+    found = check(made, settings=fitted_by(bins=40, pseudocount=0.0), length=8)
 
     assert found.passed
     assert "end early" in " ".join(found.notes)
@@ -104,8 +109,8 @@ def test_test_taps_may_lie_beyond_the_training_range(taps):
 def test_a_learned_exponent_is_taken_over(make_taps):
     made = make_taps(sessions=3, repeats=3)
     parts = made.select(made.session < 2), made.select(made.session == 2)
-    settings = Settings(bins=8, power="learned:2")
-    fitted = settings.fit(parts[0], made.grid())
+    settings = fitted_by(bins=8, power="learned:2")
+    fitted = settings.fitted(parts[0], made.grid())
     found = crosscheck(fitted, fitted.usable(parts[1]), train=parts[0], settings=settings, **SIZES)
 
     assert found.passed
@@ -114,7 +119,7 @@ def test_a_learned_exponent_is_taken_over(make_taps):
 
 def test_other_models_have_no_such_route(taps):
     """Their likelihood is checked by their story."""
-    found = check(taps, settings=Settings(bins=8, model="gaussian"))
+    found = check(taps, settings=fitted_by(bins=8).changed(model="gaussian"))
 
     assert found.passed
     assert {FIT, RECURSION, TRIALS}.isdisjoint(row.routes for row in found.rows)
@@ -201,7 +206,7 @@ def test_a_prior_over_untrained_classes_is_found(taps):
 
 def test_a_wrong_saturation_is_found(taps):
     """In trials, where beliefs are read with it."""
-    settings = Settings(bins=8, saturation=2.0)
+    settings = fitted_by(bins=8, saturation=2.0)
     found = check(taps, settings=settings, change=lambda fitted: replace(fitted, saturation=1.5), length=8)
 
     assert check(taps, train=False, settings=settings, length=8).passed
@@ -296,7 +301,7 @@ def test_recorded_taps(shared_data, name, more):
     parts, grid = load_experiment([shared_data / f"{name}.npz"], **more)
     fold = parts.folds[0]
     grid: ClassGrid = trim(grid, [fold.train])[0]
-    fitted = Settings().fit(fold.train, grid)
+    fitted = ExperimentSettings().fitted(fold.train, grid)
     found = crosscheck(
         fitted, fitted.usable(fold.test), train=fold.train, episodes=2, length=4, sequence_taps=0, border="clamp"
     )

@@ -4,12 +4,13 @@ import numpy as np
 import pytest
 import xarray as xr
 from solidtouch.analysis.experiment.policies import make_plans, most_trials, play_policies, resamples_of
-from solidtouch.analysis.experiment.settings import Settings
+from solidtouch.analysis.experiment.settings import ExperimentSettings
 from solidtouch.analysis.stats import metrics
 from solidtouch.hardware.pool import tap_pool
 from solidtouch.inference.trials.records import TapTable
 from solidtouch.inference.trials.run import run_trials
 from solidtouch.models.grid import ClassGrid
+from solidtouch.models.settings import PlaySettings
 
 L, M, SYMBOLS = 5, 3, 6
 FIXATION = 2
@@ -34,7 +35,8 @@ def table_of(seed=0, taps=9, holes=(), sharpness=0.5):
 
 
 def settings_of(**options):
-    return Settings(**{"trials": 30, "thresholds": (0.2, 0.9), "shown_theta": 0.2, "border": "clamp"} | options)
+    play = PlaySettings(border="clamp", threshold=options.pop("threshold", 0.2), deadline=options.pop("deadline", 100))
+    return ExperimentSettings(**{"trials": 30, "thresholds": (0.2, 0.9), "play": play} | options)
 
 
 @pytest.mark.parametrize("holes", [(), HOLES], ids=["whole grid", "holes"])
@@ -62,7 +64,9 @@ def test_decisions_after_one_tap_are_identical(holes):
     """Trial by trial, whatever is decided."""
     table = table_of(holes=holes, sharpness=0.1)
     starts, _, _ = make_plans(table.pool, 40, 3, FIXATION, acts=True)
-    passive, active = (run_trials(table, starts, (0.2, 0.6), theta_x=theta, seed=3) for theta in (1.0, 0.0))
+    passive, active = (
+        run_trials(table, starts, (0.2, 0.6), play=PlaySettings(theta_x=theta), seed=3) for theta in (1.0, 0.0)
+    )
     once = passive.taps == 1
 
     assert 0.1 < once[:, 1].mean() < 0.9
@@ -108,7 +112,7 @@ def test_fixation_points_are_averages_over_starts(grid):
 def test_fresh_trials_draw_no_tap_twice(grid):
     """With one tap per class nobody gets a second one of it, so passive trials are all used up after the first."""
     table = table_of(taps=1)
-    settings = settings_of(shown_theta=0.9)
+    settings = settings_of(threshold=0.9)
     played = play_policies(table, grid, settings, FIXATION, acts=True)
 
     assert played.fresh.passive["theta"].values.tolist() == [theta for theta in settings.thresholds if theta <= 0.9]
@@ -123,7 +127,7 @@ def test_fresh_trials_draw_no_tap_twice(grid):
 
 
 def test_what_selections_use_up_is_that_of_their_trials(grid):
-    table, settings = table_of(taps=4), settings_of(shown_theta=0.9)
+    table, settings = table_of(taps=4), settings_of(threshold=0.9)
     pools = resamples_of(table, 3, 0)
     played = play_policies(table, grid, settings, FIXATION, acts=True, pools=pools)
     own = [play_policies(table._replace(pool=pool), grid, settings, FIXATION, acts=True) for pool in pools.fresh]

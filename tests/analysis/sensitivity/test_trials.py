@@ -15,6 +15,7 @@ from solidtouch.inference.trials.plan import plan_trials, tap_table, trial_unifo
 from solidtouch.inference.trials.records import TapTable, TrialPlan
 from solidtouch.inference.trials.run import THRESHOLDS, run_trials
 from solidtouch.models.measurement.histogram import fit
+from solidtouch.models.settings import PlaySettings
 
 L, M, TRIALS, DEADLINE, SEED = 5, 3, 30, 17, 4
 COUNT = np.array([[2, 0, 5], [1, 4, 3], [0, 6, 2], [3, 1, 0], [2, 2, 7]])
@@ -54,7 +55,9 @@ def assert_same(expected, actual):
 @pytest.mark.parametrize("border", BORDERS)
 def test_defaults_are_the_compiled_trials(table, plan, border, theta_x):
     """Where the compiled loops know a reading, every number of every trial is theirs."""
-    compiled = run_trials(table, plan, THETAS, theta_x=theta_x, border=border, deadline=DEADLINE, seed=SEED)
+    compiled = run_trials(
+        table, plan, THETAS, play=PlaySettings(theta_x=theta_x, border=border, deadline=DEADLINE), seed=SEED
+    )
     done = play_open(table, plan, THETAS, replace(READING, border=border), theta_x, SEED)
     assert_same(compiled, done.trials)
     assert not done.impossible.any()
@@ -66,7 +69,7 @@ def test_defaults_decide_the_same_on_the_simulated_rig():
     table = tap_table(fit(train, train.grid()), test)
     plan = plan_trials(table.pool, 200, SEED, 7)
     for theta_x in (0.0, 1.0):
-        compiled = run_trials(table, plan, THRESHOLDS, theta_x=theta_x, seed=SEED)
+        compiled = run_trials(table, plan, THRESHOLDS, play=PlaySettings(theta_x=theta_x), seed=SEED)
         assert_same(compiled, play_open(table, plan, THRESHOLDS, Reading(), theta_x, SEED).trials)
 
 

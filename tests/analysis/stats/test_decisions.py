@@ -25,6 +25,7 @@ from solidtouch.inference.trials.run import run_trials
 from solidtouch.inference.trials.selections import thinned_pools
 from solidtouch.models.errors import InputError
 from solidtouch.models.grid import ClassGrid
+from solidtouch.models.settings import PlaySettings
 
 L, M, H = 4, 3, 5
 THRESHOLDS = (0.9, 0.4, 0.7, 0.97, 0.999)
@@ -54,13 +55,23 @@ def tables():
 
 @pytest.fixture(scope="module")
 def played(tables):
-    return play_models(tables, grid_of(L, M), THRESHOLDS, TRIALS, 7, fixation=2, deadline=DEADLINE, resamples=RESAMPLES)
+    return play_models(
+        tables,
+        grid_of(L, M),
+        THRESHOLDS,
+        TRIALS,
+        7,
+        play=PlaySettings(deadline=DEADLINE, fixation=2),
+        resamples=RESAMPLES,
+    )
 
 
 def by_hand(table, theta_x, grid, thresholds=THRESHOLDS, trials=TRIALS, first_stream=0):
     """Every mean of the trials as one would play them without this module, one trial at a time."""
     thresholds, plan = np.sort(thresholds), plan_trials(table.pool, trials, 7, 2, first_stream=first_stream)
-    outcome = run_trials(table, plan, thresholds, theta_x=theta_x, deadline=DEADLINE, seed=7, fresh=True)
+    outcome = run_trials(
+        table, plan, thresholds, play=PlaySettings(theta_x=theta_x, deadline=DEADLINE), seed=7, fresh=True
+    )
     rows = {name: np.zeros((trials, len(thresholds))) for name in MEANS}
     for i in range(trials):
         for h in range(len(thresholds)):
@@ -100,8 +111,7 @@ def test_resamples_are_the_same_taps_and_trials_for_all_models_and_policies(tabl
         THRESHOLDS,
         few,
         7,
-        fixation=2,
-        deadline=DEADLINE,
+        play=PlaySettings(deadline=DEADLINE, fixation=2),
         resamples=3,
     )
     for number, pool in enumerate(thinned_pools(tables["weak"], 3, 7)):
@@ -144,7 +154,7 @@ def test_intervals_are_as_wide_as_the_taps_leave_a_mean():
     """
     repeats = 40
     table = table_of(1, 2, skill=0.5, repeats=repeats)
-    played = play_models({"one": table}, grid_of(1, 2), (0.5,), 4000, 0, deadline=1, resamples=1500)
+    played = play_models({"one": table}, grid_of(1, 2), (0.5,), 4000, 0, play=PlaySettings(deadline=1), resamples=1500)
     curves = decision_curves(played).isel(model=0, policy=0, theta=0)
     right = table.log_likelihood[:, 0].argmax(axis=1) == np.repeat([0, 1], repeats)
     variance = np.mean([own.var(ddof=1) for own in np.split(right.astype(float), 2)]) / (2 * repeats)

@@ -30,6 +30,7 @@ from solidtouch.models.errors import InputError
 from solidtouch.models.grid import ClassGrid
 from solidtouch.models.measurement.histogram import HistogramModel
 from solidtouch.models.preprocessing import Preprocessing
+from solidtouch.models.settings import PlaySettings
 
 L, M = 6, 3
 TRIALS, DEADLINE = 240, 7
@@ -62,12 +63,22 @@ def calibrated(L=L, M=M, repeats=1500, seed=5, symbols=7, evenness=1.5):
 
 @pytest.fixture(scope="module")
 def data():
-    return reliability(table_of(), grid_of(), THETAS, 3, trials=TRIALS, deadline=DEADLINE, contacts=(1, 4), fixation=2)
+    return reliability(
+        table_of(),
+        grid_of(),
+        THETAS,
+        3,
+        trials=TRIALS,
+        play=PlaySettings(deadline=DEADLINE, fixation=2),
+        contacts=(1, 4),
+    )
 
 
 def by_hand(table, theta, theta_x, deadline=DEADLINE):
     plan = plan_trials(table.pool, TRIALS, 3, 2)
-    trials = run_trials(table, plan, (theta,), theta_x=theta_x, deadline=deadline, seed=3, fresh=True)
+    trials = run_trials(
+        table, plan, (theta,), play=PlaySettings(theta_x=theta_x, deadline=deadline), seed=3, fresh=True
+    )
     return plan, trials
 
 
@@ -170,9 +181,9 @@ def test_equal_beliefs_share_a_bin():
 def test_a_right_model_has_factor_one_and_keeps_the_promises(policy):
     """Within the interval, overall; promises hold for each object too, and some decisions are wrong."""
     table = calibrated()
-    more = {"trials": 6000, "resamples": 100, "deadline": 400}
-    data = reliability(table, grid_of(), (0.6, 0.8, 0.9), 1, border="clamp", contacts=(2, 5), only=policy, **more)
-    promises = guarantees(table, table, grid_of(), (0.6, 0.8, 0.9), 1, **more)
+    more, play = {"trials": 6000, "resamples": 100}, PlaySettings(border="clamp", deadline=400)
+    data = reliability(table, grid_of(), (0.6, 0.8, 0.9), 1, play=play, contacts=(2, 5), only=policy, **more)
+    promises = guarantees(table, table, grid_of(), (0.6, 0.8, 0.9), 1, play=PlaySettings(deadline=400), **more)
     at = at_stopping(data, policy).sel(what=EVERYTHING, counted="stopped")
     kept = promises.sel(setup=PROMISED, policy=policy)
 
@@ -246,16 +257,17 @@ def test_promises_of_many_objects_are_simulated_often_enough(monkeypatch):
     _, table, promises = promising(p, 40, 1, power=4.0)
     asked = []
 
-    def simulated(*_, simulations, **more):
-        asked.append((simulations, more["border"], more["theta_x"], more["fixation"], more["deadline"]))
+    def simulated(*_, simulations, play, **more):
+        asked.append((simulations, play))
         return Reference(np.zeros((simulations, 1, 4)), np.zeros((simulations, 1, 4)))
 
     monkeypatch.setattr("solidtouch.analysis.audit.guarantees.simulate", simulated)
     right, _, _ = promising(p, 40, 1)
     found = exceeded(promises, right, table, "passive", 0.8, simulations=9)
-    exceeded(promises, right, table, "active", 0.8, simulations=99, fixation=3, theta_x=0.2)
+    exceeded(promises, right, table, "active", 0.8, simulations=99, play=PlaySettings(fixation=3, theta_x=0.2))
 
-    assert asked == [(79, "clamp", 1.0, 1, 100), (99, "clamp", 0.2, 3, 100)]
+    active = PlaySettings(border="clamp", fixation=3, theta_x=0.2)
+    assert asked == [(79, PlaySettings(border="clamp", passive=True)), (99, active)]
     assert found[EVERYTHING].beside.above == 1 / 80
     assert found[EVERYTHING].exceeded
 
@@ -264,7 +276,13 @@ def test_promises_are_counted_as_they_are_made():
     """Overall among the stopped trials, for an object among all of its trials; against limits by hand."""
     table = table_of()
     data = guarantees(
-        table, table, grid_of(), (0.7, 0.9), 3, trials=TRIALS, deadline=DEADLINE, fixation=2, border="circular"
+        table,
+        table,
+        grid_of(),
+        (0.7, 0.9),
+        3,
+        trials=TRIALS,
+        play=PlaySettings(deadline=DEADLINE, border="circular", fixation=2),
     )
     plan, trials = by_hand(table, 0.9, 1.0)
     stopped, missed = trials.stopped[:, 0], trials.what[:, 0] != plan.what
@@ -326,7 +344,7 @@ def test_taps_used_twice_make_no_more_decisions():
 
 def test_intervals_hold_whatever_trials_that_were_cut_short_might_have_come_to():
     """What 400 taps of a class give, where 4 of them end most trials: scores of beliefs, too, in 20 data sets."""
-    options = {"trials": 400, "contacts": (), "only": "passive", "deadline": 60}
+    options = {"trials": 400, "contacts": (), "only": "passive", "play": PlaySettings(deadline=60)}
     names = ("wrong", "doubt", "log_loss", "brier", "taps", "factor")
     many = calibrated(2, 2, repeats=400, symbols=3)
     truth = reliability(many, grid_of(2, 2), [0.99], 1, resamples=2, **options | {"trials": 4000})
@@ -362,7 +380,7 @@ def test_few_taps_give_the_factor_of_fresh_ones():
         )
         plan = plan_trials(table.pool, 500, seed)
         for fresh, counts in found.items():
-            trials = run_trials(table, plan, (0.95,), theta_x=1.0, seed=seed, fresh=fresh)
+            trials = run_trials(table, plan, (0.95,), play=PlaySettings(theta_x=1.0), seed=seed, fresh=fresh)
             counts.append([(trials.what[:, 0] != plan.what).sum(), (1 - trials.belief).sum()])
     wrong, doubt = np.moveaxis(np.array([found[True], found[False]]), -1, 0)
 
@@ -472,14 +490,18 @@ def test_one_tap_of_a_class_gives_no_interval():
 
 def test_thresholds_that_nobody_reaches_leave_no_stopped_trial():
     """All trials still have their numbers."""
-    data = reliability(table_of(skill=0.1), grid_of(), (0.999,), 0, trials=40, deadline=2, contacts=())
+    data = reliability(
+        table_of(skill=0.1), grid_of(), (0.999,), 0, trials=40, play=PlaySettings(deadline=2), contacts=()
+    )
     at = at_stopping(data, "passive").sel(theta=0.999, what=EVERYTHING)
 
     assert at.fraction.sel(counted="stopped") == 0
     assert np.isnan(at.factor.sel(counted="stopped"))
     assert at.factor.sel(counted="all") > 0
     assert headline(data, "passive", 0.999)["factor"] == [None, None, None]
-    promises = guarantees(table_of(skill=0.1), table_of(skill=0.1), grid_of(), (0.999,), 0, trials=40, deadline=2)
+    promises = guarantees(
+        table_of(skill=0.1), table_of(skill=0.1), grid_of(), (0.999,), 0, trials=40, play=PlaySettings(deadline=2)
+    )
     assert np.isnan(promises.wrong.sel(what=EVERYTHING)).all()
     assert (promises.wrong.sel(what="rod 0") == 0).all()
 
@@ -502,7 +524,15 @@ def test_the_headline_says_the_numbers_of_the_dataset(data):
 
 def test_the_same_seed_gives_the_same_numbers(data):
     """Trials and resamples."""
-    again = reliability(table_of(), grid_of(), THETAS, 3, trials=TRIALS, deadline=DEADLINE, contacts=(1, 4), fixation=2)
+    again = reliability(
+        table_of(),
+        grid_of(),
+        THETAS,
+        3,
+        trials=TRIALS,
+        play=PlaySettings(deadline=DEADLINE, fixation=2),
+        contacts=(1, 4),
+    )
     xr.testing.assert_identical(data, again)
 
 

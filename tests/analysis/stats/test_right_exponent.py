@@ -23,10 +23,11 @@ from solidtouch.hardware.simulator.model_rig import draw_session
 from solidtouch.inference.tuning.tempering import best_power, fit_tempered
 from solidtouch.models.errors import InputError
 from solidtouch.models.grid import ClassGrid
-from solidtouch.models.measurement.catalogue import FitSettings, fit_model
+from solidtouch.models.measurement.catalogue import fit_model
 from solidtouch.models.measurement.histogram import HistogramModel
 from solidtouch.models.preprocessing import Preprocessing
-from solidtouch.models.setting import Setting
+from solidtouch.models.setting_file import Setting
+from solidtouch.models.settings import FitSettings
 from solidtouch.models.taps import TapSet, concatenate
 
 B, J, N = 6, 4, 6
@@ -94,7 +95,7 @@ def test_samples_that_are_copies_are_found():
 def test_taps_that_are_copies_are_found():
     """However often the same tap is counted, it is worth one: the saturation of a right model is larger."""
     train, tune = parts(1, n=20, right=model_of(5, 3))
-    setting = Setting(bins=B, power="none")
+    setting = Setting.of(bins=B, power="none")
     for planted, expected in ((tune, False), (same(tune), True)):
         made, _ = make_remedies(train, [planted], train.grid(), setting, CONTACTS, 0, lambda _: None)
         told = []
@@ -107,25 +108,25 @@ def test_taps_that_are_copies_are_found():
         assert sum(told) == SIMULATIONS
         assert [one._replace(beside=None) for one in found] == made
     # what is shown is what was tuned
-    assert tuned[EXPONENT].power.value == made[1].setting.power
-    assert tuned[FALLING].saturation.value == made[2].setting.saturation
+    assert tuned[EXPONENT].power.value == made[1].setting.fit.power
+    assert tuned[FALLING].saturation.value == made[2].setting.fit.saturation
 
 
 def test_remedies_are_tuned_anew_on_every_data_set():
     """Fitted to its training taps, tuned on its tuning taps, as `make_remedies` does."""
     train, tune = parts(2)
-    setting = Setting(bins=B, power="none")
+    setting = Setting.of(bins=B, power="none")
     made, _ = make_remedies(train, [tune], train.grid(), setting, CONTACTS, 3, lambda _: None)
     _, one, falling, *_ = beside_right(made, train, [tune], CONTACTS, 3, lambda _: None)
 
     def tuned(sets):
         again, _ = make_remedies(sets[0], sets[1:], train.grid(), setting, CONTACTS, 3, lambda _: None)
-        limit = again[2].setting.saturation
-        return again[1].setting.power, again[2].setting.power, MOST_TAPS if limit is None else limit
+        limit = again[2].setting.fit.saturation
+        return again[1].setting.fit.power, again[2].setting.fit.power, MOST_TAPS if limit is None else limit
 
     expected = simulate_tuned(made[0].model, [train, tune], tuned, 3, 3).T
-    limit = made[2].setting.saturation
-    values = made[1].setting.power, made[2].setting.power, MOST_TAPS if limit is None else limit
+    limit = made[2].setting.fit.saturation
+    values = made[1].setting.fit.power, made[2].setting.fit.power, MOST_TAPS if limit is None else limit
     found = one.beside.power, falling.beside.power, falling.beside.saturation
     for beside, value, column in zip(found, values, expected, strict=True):
         assert beside == compare_below(value, column)
@@ -133,7 +134,7 @@ def test_remedies_are_tuned_anew_on_every_data_set():
 
 def test_without_tuned_exponents_nothing_is_simulated():
     train, tune = parts(0)
-    made, _ = make_remedies(train, [tune], train.grid(), Setting(bins=B), CONTACTS, 0, lambda _: None)
+    made, _ = make_remedies(train, [tune], train.grid(), Setting.of(bins=B), CONTACTS, 0, lambda _: None)
     told = []
     assert beside_right(made[:1], train, [tune], CONTACTS, 0, told.append) == made[:1]
     assert sum(told) == SIMULATIONS
@@ -253,7 +254,7 @@ def test_taps_of_a_session_are_in_one_state():
 def test_learned_powers_stand_beside_those_of_a_right_model(name):
     """Sessions left out in turn, as `fit --power learned` does; copies of a sample are found."""
     both = concatenate(parts(3, n=20))
-    settings = SETTINGS._replace(power=f"learned:{CONTACTS}")
+    settings = SETTINGS.changed(power=f"learned:{CONTACTS}")
     found = []
     for taps in (both, repeated(both)):
         fitted, learned = fit_tempered(name, taps, taps.grid(), settings)

@@ -21,12 +21,13 @@ from solidtouch.inference.trials.plan import plan_trials
 from solidtouch.inference.trials.records import TapTable
 from solidtouch.inference.trials.run import run_trials
 from solidtouch.models.grid import ClassGrid
-from solidtouch.models.measurement.catalogue import FitSettings, fit_model
+from solidtouch.models.measurement.catalogue import fit_model
 from solidtouch.models.measurement.histogram import HistogramModel
 from solidtouch.models.preprocessing import Preprocessing
-from solidtouch.models.setting import Setting
+from solidtouch.models.setting_file import Setting
+from solidtouch.models.settings import FitSettings, PlaySettings
 
-OPTIONS = {"theta_x": 1.0, "fixation": 0, "border": "clamp", "deadline": 40, "trials": 120, "seed": 0}
+OPTIONS = {"play": PlaySettings(theta_x=1.0, fixation=0, border="clamp", deadline=40), "trials": 120, "seed": 0}
 
 
 def model_of(L=3, M=2, K=1, J=1, B=5, power="none", seed=0, saturation=np.inf):
@@ -112,7 +113,7 @@ def test_in_the_reference_beliefs_are_right(power, J, repeat):
     for seed in range(60):
         own = data_of(model, 12, 1000 + seed, repeat)
         plan = plan_trials(own.pool, 400, seed)
-        trials = run_trials(own, plan, [0.9], theta_x=1.0, deadline=40, fresh=True, seed=seed)
+        trials = run_trials(own, plan, [0.9], play=PlaySettings(theta_x=1.0, deadline=40), fresh=True, seed=seed)
         factors.append((trials.what != plan.what[:, None]).sum() / (1 - trials.belief).sum())
     ours = found.factor[:, 0, 0]
     assert np.mean(factors) == pytest.approx(ours.mean(), abs=3 * np.hypot(np.std(factors), ours.std()) / np.sqrt(60))
@@ -154,7 +155,7 @@ def test_data_sets_are_described_as_the_audit_describes_taps():
     model = model_of(L=4, M=3)
     table = data_of(model, 9, 3)
     plan = plan_trials(table.pool, 300, 0)
-    trials = run_trials(table, plan, (0.6, 0.8), theta_x=1.0, deadline=4, border="clamp", fresh=True)
+    trials = run_trials(table, plan, (0.6, 0.8), play=PlaySettings(theta_x=1.0, deadline=4, border="clamp"), fresh=True)
     factor, missed = described(trials.what, plan.what, trials.belief, trials.stopped, 3)
     data = reliability(
         table,
@@ -162,8 +163,7 @@ def test_data_sets_are_described_as_the_audit_describes_taps():
         (0.6, 0.8),
         0,
         trials=300,
-        deadline=4,
-        border="clamp",
+        play=PlaySettings(deadline=4, border="clamp"),
         contacts=(),
         resamples=1,
         only="passive",
@@ -221,8 +221,8 @@ def test_an_infinite_factor_is_above_all_others():
 def judged_passive(model, table, setting, trials, advance=lambda _: None):
     """A model on a table of taps, in passive trials."""
     options = {"trials": trials, "seed": 0}
-    found = decisions(table, model.grid, setting, [setting.threshold], contacts=(), only="passive", **options)
-    told = headline(found, "passive", setting.threshold)
+    found = decisions(table, model.grid, setting, [setting.play.threshold], contacts=(), only="passive", **options)
+    told = headline(found, "passive", setting.play.threshold)
     reference = reference_factors(model, table, setting, "passive", trials // 2, 0, progress=advance)
     return judge(told, model, table.pool, reference)
 
@@ -233,7 +233,7 @@ def test_mistakes_without_a_doubt_are_overconfident():
     table = data_of(model, 12, 1)
     bold = replace(model, power=1e6)
     seen = table._replace(log_likelihood=1e6 * table.log_likelihood)
-    setting = Setting(threshold=0.9, border="clamp", passive=True, deadline=40)
+    setting = Setting.of(threshold=0.9, border="clamp", passive=True, deadline=40)
     found = judged_passive(bold, seen, setting, 300)
     assert 0 < found.wrong < 1
     assert found.factor == (np.inf, np.inf, np.inf)
@@ -244,11 +244,24 @@ def test_a_setting_is_played_as_it_says():
     """Moves, fixation, border, deadline and threshold of the setting; passive trials never move."""
     model = model_of(L=5, M=2, B=3)
     table = data_of(model, 6, 0)
-    setting = Setting(threshold=0.8, theta_x=0.3, fixation=1, border="circular", deadline=6)
-    options = {"border": "circular", "deadline": 6, "fixation": 1, "trials": 90, "seed": 4, "simulations": 3}
+    setting = Setting.of(threshold=0.8, theta_x=0.3, fixation=1, border="circular", deadline=6)
+    options = {
+        "trials": 90,
+        "seed": 4,
+        "simulations": 3,
+    }
     for policy, theta_x in (("active", 0.3), ("passive", 1.0)):
         found = reference_factors(model, table, setting, policy, 90, 4, 3)
-        np.testing.assert_array_equal(found, simulate(model, table, [0.8], theta_x=theta_x, **options).factor[:, 0])
+        np.testing.assert_array_equal(
+            found,
+            simulate(
+                model,
+                table,
+                [0.8],
+                play=PlaySettings(theta_x=theta_x, border="circular", deadline=6, fixation=1),
+                **options,
+            ).factor[:, 0],
+        )
     one = reference_factors(model_of(L=5, M=1), data_of(model_of(L=5, M=1), 6, 0), setting, "passive", 90, 4, 3)
     assert one.shape == (3, 6)
 
@@ -259,9 +272,15 @@ def test_the_test_has_its_level():
     p = []
     for seed in range(100):
         table = data_of(model, 10, seed)
-        options = OPTIONS | {"seed": seed, "trials": 60, "deadline": 10}  # as here, with streams of its own
+        options = OPTIONS | {
+            "seed": seed,
+            "trials": 60,
+            "play": OPTIONS["play"].changed(deadline=10),
+        }  # as here, with streams of its own
         plan = plan_trials(table.pool, 60, seed, first_stream=10**6)
-        trials = run_trials(table, plan, [0.7], theta_x=1.0, deadline=10, border="clamp", fresh=True, seed=seed)
+        trials = run_trials(
+            table, plan, [0.7], play=PlaySettings(theta_x=1.0, deadline=10, border="clamp"), fresh=True, seed=seed
+        )
         value = described(trials.what, plan.what, trials.belief, trials.stopped, 2)[0][0, 0]
         reference = simulate(model, table, [0.7], **options, simulations=29).factor[:, 0, 0]
         p.append(compare(value, reference)[4:])
@@ -275,7 +294,7 @@ def test_the_verdict_finds_the_side():
     """Samples counted several times are above a right model, half counted ones below; the right model is neither."""
     model = model_of(L=4, M=3, J=3)
     table = data_of(model, 40, 5)
-    setting = Setting(threshold=0.9, border="clamp", passive=True, deadline=40)
+    setting = Setting.of(threshold=0.9, border="clamp", passive=True, deadline=40)
     told = []
 
     def judged(power):

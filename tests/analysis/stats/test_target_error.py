@@ -22,6 +22,7 @@ from solidtouch.inference.trials.run import run_trials
 from solidtouch.models.errors import InputError
 from solidtouch.models.grid import ClassGrid
 from solidtouch.models.measurement.histogram import fit
+from solidtouch.models.settings import PlaySettings
 
 L, M, J = 4, 3, 6
 
@@ -38,7 +39,9 @@ def fitted(make_taps):
 @pytest.fixture(scope="module")
 def result(fitted):
     model, sessions = fitted
-    return target_error(model, sessions[:5], 0.3, model.grid, seed=2, trials=150, deadline=20, fixation=1)
+    return target_error(
+        model, sessions[:5], 0.3, model.grid, seed=2, trials=150, play=PlaySettings(deadline=20, fixation=1)
+    )
 
 
 def curves_of(error, taps=None):
@@ -109,7 +112,7 @@ def test_errors_are_those_of_trials_of_each_session(fitted, result):
     for s, h in ((0, 3), (4, 30), (2, len(curves.theta) - 1)):
         table = tap_table(model, sessions[s])
         plan = plan_trials(table.pool, 150, 2, 1)
-        trials = run_trials(table, plan, (curves.theta[h],), theta_x=0.0, deadline=20, seed=2)
+        trials = run_trials(table, plan, (curves.theta[h],), play=PlaySettings(theta_x=0.0, deadline=20), seed=2)
         wrong = trials.what[:, 0] != plan.what
         assert curves.error[s, h] == wrong.mean()
         assert curves.taps[s, h] == trials.taps.mean()
@@ -186,7 +189,10 @@ def test_a_right_model_reaches_its_target(make_model):
 def test_passive_trials_and_one_object_do_not_move(fitted, make_taps):
     """With one object, decisions are about the place."""
     model, sessions = fitted
-    assert target_error(model, sessions[:5], 0.3, model.grid, trials=30, theta_x=1.0).policy == "passive"
+    assert (
+        target_error(model, sessions[:5], 0.3, model.grid, trials=30, play=PlaySettings(theta_x=1.0)).policy
+        == "passive"
+    )
     taps = make_taps(L=5, M=1, J=J, K=2, sessions=6, repeats=4)
     single = [taps.select(taps.session == s) for s in range(6)]
     model = fit(single[0], single[0].grid(), bins=9, pseudocount=0.5)
@@ -203,9 +209,9 @@ def test_bad_arguments_are_refused(fitted):
     with pytest.raises(InputError, match=r"wanted error must lie between 0 and 1, got 1\.5"):
         target_error(model, sessions, 1.5, model.grid)
     with pytest.raises(InputError, match="default threshold must lie between 0 and 1, got 1"):
-        target_error(model, sessions, 0.1, model.grid, default=1)
+        target_error(model, sessions, 0.1, model.grid, play=PlaySettings(threshold=1))
     with pytest.raises(InputError, match="from 0 to 3, got 9"):
-        target_error(model, sessions, 0.1, model.grid, fixation=9)
+        target_error(model, sessions, 0.1, model.grid, play=PlaySettings(fixation=9))
 
 
 def test_a_session_that_trained_the_model_does_not_tune(fitted, make_taps):

@@ -26,6 +26,7 @@ from solidtouch.inference.trials.lockstep import Record, play
 from solidtouch.inference.trials.plan import plan_trials, tap_table
 from solidtouch.inference.trials.run import THRESHOLDS, run_trials
 from solidtouch.models.grid import ClassGrid
+from solidtouch.models.settings import PlaySettings
 
 GRID = ClassGrid(np.array([0.0, 1.0, 3.0, 7.0]), "mm", None, (("a",), ("b",), ("c",)), np.array([4.0, 6.0, 10.0]), "mm")
 T = 3
@@ -157,7 +158,7 @@ def test_under_the_papers_strategies_it_counts_as_the_compiled_trials(drawn, pol
     model, taps = drawn
     table = tap_table(model, taps)
     plan = plan_trials(table.pool, 60, 3, 1)
-    trials = run_trials(table, plan, THRESHOLDS, theta_x=theta_x, deadline=9, seed=3)
+    trials = run_trials(table, plan, THRESHOLDS, play=PlaySettings(theta_x=theta_x, deadline=9), seed=3)
     what = families(model, 1, 9)[0]
     values = decided_sums(play(table, plan, policy, deadline=9, seed=3, watch=no_gain), what, model.grid)
     np.testing.assert_array_equal(sums(values, "taps"), trials.taps)

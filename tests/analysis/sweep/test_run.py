@@ -42,8 +42,9 @@ from solidtouch.inference.trials.resampling import Spread
 from solidtouch.inference.trials.run import run_trials
 from solidtouch.inference.tuning.tempering import learn_power
 from solidtouch.models.errors import InputError
-from solidtouch.models.measurement.catalogue import FitSettings, fit_model
+from solidtouch.models.measurement.catalogue import fit_model
 from solidtouch.models.measurement.histogram import fit
+from solidtouch.models.settings import FitSettings, PlaySettings
 
 GRID = """
 pseudocount = [0.01, 1]
@@ -77,7 +78,7 @@ def test_a_cell_holds_the_means_of_its_trials(make_study):
     table = tap_table(model, model.usable(data.fold.test))
     seed = sweep_cell._trial_seed(cell)
     plan = plan_trials(table.pool, 50, seed, 2)
-    trials = run_trials(table, plan, effort.thresholds, theta_x=0.0, deadline=20, seed=seed)
+    trials = run_trials(table, plan, effort.thresholds, play=PlaySettings(theta_x=0.0, deadline=20), seed=seed)
     error = data.grid.where_error(trials.where, trials.true_where)
     np.testing.assert_allclose(values["taps"], trials.taps.mean(axis=0))
     np.testing.assert_allclose(values["where_error"], error.mean(axis=0))
@@ -134,7 +135,7 @@ def test_any_model_of_the_catalogue_is_swept(make_study, name):
     table = tap_table(model, model.usable(data.fold.test))
     seed = sweep_cell._trial_seed(cell)
     plan = plan_trials(table.pool, 30, seed, 1)
-    trials = run_trials(table, plan, effort.thresholds, theta_x=1.0, deadline=20, seed=seed)
+    trials = run_trials(table, plan, effort.thresholds, play=PlaySettings(theta_x=1.0, deadline=20), seed=seed)
     np.testing.assert_allclose(values["taps"], trials.taps.mean(axis=0))
     np.testing.assert_allclose(values["what_wrong"], (trials.what != plan.what[:, None]).mean(axis=0), atol=1e-12)
 

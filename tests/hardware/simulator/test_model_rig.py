@@ -4,8 +4,9 @@ import numpy as np
 import pytest
 from solidtouch.hardware.simulator.model_rig import ModelRig, bin_tables, draw_session, draw_taps
 from solidtouch.models.errors import InputError
-from solidtouch.models.measurement.catalogue import FitSettings, fit_model
+from solidtouch.models.measurement.catalogue import fit_model
 from solidtouch.models.preprocessing import Preprocessing
+from solidtouch.models.settings import FitSettings
 
 L, M, K, B, J = 5, 2, 3, 7, 4
 RECORD = Preprocessing(samples=J, rate_hz=50.0)

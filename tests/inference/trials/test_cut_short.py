@@ -7,6 +7,7 @@ from solidtouch.inference.trials.cut_short import Farthest, endings
 from solidtouch.inference.trials.plan import plan_trials
 from solidtouch.inference.trials.run import run_trials
 from solidtouch.models.grid import ClassGrid
+from solidtouch.models.settings import PlaySettings
 
 DEADLINE = 60
 SIZES = np.array([4.0, 9.0, 2.0, 2.0])
@@ -35,7 +36,9 @@ def test_only_trials_that_were_cut_short_might_end_otherwise(theta_x):
     """At best they are right, as late and as sure as they are; at worst wrong, sure and late. Means lie between."""
     table = table_of()
     plan = plan_trials(table.pool, 300, 1, 1)
-    trials = run_trials(table, plan, (0.5, 0.8, 0.99), theta_x=theta_x, deadline=DEADLINE, seed=1, fresh=True)
+    trials = run_trials(
+        table, plan, (0.5, 0.8, 0.99), play=PlaySettings(theta_x=theta_x, deadline=DEADLINE), seed=1, fresh=True
+    )
     best, worst = endings(trials, plan, DEADLINE, Farthest.among(3, 2))
 
     cut = trials.used_up
@@ -61,7 +64,7 @@ def test_trials_on_more_taps_lie_between_the_endings():
     many = table_of(count=np.full((3, 2), 40))
     few = many._replace(pool=many.pool._replace(count=np.full((3, 2), 4)))
     plan = plan_trials(few.pool, 2000, 1, 1)
-    options = {"theta_x": 1.0, "deadline": DEADLINE, "seed": 1, "fresh": True}
+    options = {"play": PlaySettings(theta_x=1.0, deadline=DEADLINE), "seed": 1, "fresh": True}
     trials, further = (run_trials(table, plan, (0.9,), **options) for table in (few, many))
     assert trials.used_up.mean() > 0.2
     assert not further.used_up.any()

@@ -13,6 +13,7 @@ from solidtouch.inference.trials import random as draws
 from solidtouch.inference.trials.plan import trial_uniforms
 from solidtouch.inference.trials.records import TapTable, TrialPlan
 from solidtouch.inference.trials.run import run_trials
+from solidtouch.models.settings import PlaySettings
 
 NEAR_TIE = 1e-6
 
@@ -93,7 +94,9 @@ class Trial:
 
 def assert_same(table, plan, thresholds, theta_x, border, deadline, seed, tolerance=1e-10):
     """Every trial decides as the reference does; those with a near-tie on their way are counted and returned."""
-    trials = run_trials(table, plan, thresholds, theta_x=theta_x, border=border, deadline=deadline, seed=seed)
+    trials = run_trials(
+        table, plan, thresholds, play=PlaySettings(theta_x=theta_x, border=border, deadline=deadline), seed=seed
+    )
     near = 0
     for i, row in enumerate(zip(*plan, strict=True)):
         expected = Trial(table, *(int(v) for v in row), thresholds, theta_x, border, deadline, seed)
@@ -186,7 +189,13 @@ def test_trials_on_fresh_taps_are_those_of_the_reference(border, theta_x):
     table = TapTable(log_likelihood, tap_pool(where, what, (L, M)), np.full((L, M), -np.log(L * M)))
     plan = random_plan(rng, table, 150)
     trials = run_trials(
-        table, plan, thresholds, theta_x=theta_x, border=border, deadline=deadline, seed=5, fresh=True, workers=1
+        table,
+        plan,
+        thresholds,
+        play=PlaySettings(theta_x=theta_x, border=border, deadline=deadline),
+        seed=5,
+        fresh=True,
+        workers=1,
     )
     used, by_deadline, visited = 0, 0, 0
     for i, (l, m, aim, stream) in enumerate(zip(*plan, strict=True)):
@@ -236,7 +245,7 @@ def test_classes_come_back_from_any_depth(step):
     )
     trials, deadline, seed = 300, 999, 4
     plan = TrialPlan(*np.zeros((3, trials), dtype=int), np.arange(trials))
-    decided = run_trials(table, plan, (1.0,), theta_x=1.0, deadline=deadline, seed=seed)
+    decided = run_trials(table, plan, (1.0,), play=PlaySettings(theta_x=1.0, deadline=deadline), seed=seed)
     odds = np.array(
         [step * (deadline - 2 * (trial_uniforms(seed, stream, deadline) >= 0.5).sum()) for stream in range(trials)]
     )
@@ -255,7 +264,7 @@ def test_classes_that_lead_in_turn_from_any_depth():
     table = TapTable(steps[:, np.newaxis], tap_pool([0] * 3, [0] * 3, (1, 3)), prior - np.logaddexp.reduce(prior[0]))
     trials, deadline = 20_000, 7
     plan = TrialPlan(*np.zeros((3, trials), dtype=int), np.arange(trials))
-    played = run_trials(table, plan, (1.0,), theta_x=1.0, deadline=deadline)
+    played = run_trials(table, plan, (1.0,), play=PlaySettings(theta_x=1.0, deadline=deadline))
     taps = draws.below(draws.words(0, plan.stream, kernel.TAPS, 0, deadline), np.uint64(3)).astype(int)
     log_belief = table.log_prior + steps[taps].sum(axis=1)
     belief = np.exp(log_belief - np.logaddexp.reduce(log_belief, axis=1)[:, np.newaxis])
@@ -274,7 +283,7 @@ def test_random_walks_of_beliefs_over_hundreds_of_units(seed):
     table = TapTable(steps, tap_pool([0] * N, [0] * N, (1, M)), np.full((1, M), -np.log(M)))
     trials, deadline = 200, 40
     plan = TrialPlan(*np.zeros((3, trials), dtype=int), np.arange(trials))
-    played = run_trials(table, plan, (1.0,), theta_x=1.0, deadline=deadline, workers=1)
+    played = run_trials(table, plan, (1.0,), play=PlaySettings(theta_x=1.0, deadline=deadline), workers=1)
     taps = draws.below(draws.words(0, plan.stream, kernel.TAPS, 0, deadline), np.uint64(N)).astype(int)
     log_belief = steps[taps].sum(axis=(1, 2))
     belief = np.exp(log_belief - np.logaddexp.reduce(log_belief, axis=1)[:, np.newaxis])

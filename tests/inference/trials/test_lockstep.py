@@ -20,6 +20,7 @@ from solidtouch.inference.trials.records import TapTable, TrialPlan
 from solidtouch.inference.trials.run import run_trials
 from solidtouch.models.errors import InputError
 from solidtouch.models.measurement.states import States
+from solidtouch.models.settings import PlaySettings
 from solidtouch.models.taps import TapSet
 
 L, M, S = 5, 3, 2
@@ -125,7 +126,12 @@ VARIANTS = [
 def test_the_papers_strategies_play_the_compiled_trials(tables, plan, played, kind, border, theta_x):
     """Every trial at every threshold: taps, decisions, places, beliefs, and what the ends of the range did."""
     compiled = run_trials(
-        tables[kind], plan, THETAS, theta_x=theta_x, border=border, deadline=DEADLINE, seed=SEED, workers=1
+        tables[kind],
+        plan,
+        THETAS,
+        play=PlaySettings(theta_x=theta_x, border=border, deadline=DEADLINE),
+        seed=SEED,
+        workers=1,
     )
     record = played(kind, theta_x, border)
     for h, theta in enumerate(THETAS):

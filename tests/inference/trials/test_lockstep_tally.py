@@ -12,6 +12,7 @@ from solidtouch.inference.trials.records import TapTable
 from solidtouch.inference.trials.run import run_trials
 from solidtouch.inference.trials.tally import tally_trials
 from solidtouch.models.errors import InputError
+from solidtouch.models.settings import PlaySettings
 
 L, M, N, TRIALS = 5, 3, 90, 70
 THETAS = (0.9, 0.35, 1.0, 0.6)
@@ -40,7 +41,20 @@ def test_counts_are_those_of_compiled_trials(table, monkeypatch, policy, theta_x
     told = []
     found = tally_policy(table, THETAS, TRIALS, policy, where=where, progress=told.append, **RULE)
 
-    assert_same(found, tally_trials(table, THETAS, TRIALS, theta_x=theta_x, fixation=3, where=where, workers=1, **RULE))
+    assert_same(
+        found,
+        tally_trials(
+            table,
+            THETAS,
+            TRIALS,
+            play=PlaySettings(theta_x=theta_x, border=RULE["border"], deadline=RULE["deadline"]),
+            fixation=3,
+            where=where,
+            workers=1,
+            seed=RULE["seed"],
+            first_stream=RULE["first_stream"],
+        ),
+    )
     assert [counts.trials for counts in told] == [32, 64, TRIALS]
 
 
@@ -53,7 +67,7 @@ def test_strategies_at_random_do_not_depend_on_the_pieces(table, monkeypatch):
 
 def test_a_record_is_decided_at_every_threshold(table):
     plan = plan_trials(table.pool, TRIALS, 1, 2)
-    expected = run_trials(table, plan, THETAS, theta_x=0.0, deadline=15, seed=1)
+    expected = run_trials(table, plan, THETAS, play=PlaySettings(theta_x=0.0, deadline=15), seed=1)
     found = trials_of(play(table, plan, fixation(2), deadline=15, seed=1), THETAS)
     for name, value in expected._asdict().items():
         np.testing.assert_allclose(getattr(found, name), value, rtol=1e-9, err_msg=name)

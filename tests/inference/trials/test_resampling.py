@@ -20,6 +20,7 @@ from solidtouch.inference.trials.resampling import (
 )
 from solidtouch.inference.trials.run import run_trials
 from solidtouch.inference.trials.selections import resampled_pools, thinned_pools
+from solidtouch.models.settings import PlaySettings
 
 SAMPLES = np.arange(101.0)
 """Resamples 0 to 100, of mean 50."""
@@ -189,7 +190,14 @@ def means(trials, plan):
     return {"taps": trials.taps.mean(axis=0), "right": (trials.what == plan.what[:, None]).mean(axis=0)}
 
 
-OPTIONS = {"trials": 60, "theta_x": 0.0, "fixation": 1, "deadline": 9, "seed": 4, "resamples": 6, "resample_trials": 25}
+OPTIONS = {
+    "trials": 60,
+    "play": PlaySettings(theta_x=0.0, deadline=9),
+    "fixation": 1,
+    "seed": 4,
+    "resamples": 6,
+    "resample_trials": 25,
+}
 
 
 @pytest.mark.parametrize(("fresh", "pools"), [(True, thinned_pools), (False, resampled_pools)])
@@ -201,7 +209,15 @@ def test_resamples_are_trials_on_selections_of_the_taps(fresh, pools):
     def alone(pool, n, stream):
         plan = plan_trials(pool, n, 4, 1, first_stream=stream)
         return means(
-            run_trials(table._replace(pool=pool), plan, (0.5, 0.9), theta_x=0.0, deadline=9, seed=4, fresh=fresh), plan
+            run_trials(
+                table._replace(pool=pool),
+                plan,
+                (0.5, 0.9),
+                play=PlaySettings(theta_x=0.0, deadline=9),
+                seed=4,
+                fresh=fresh,
+            ),
+            plan,
         )
 
     first, *others = pools(table, 6, 4)

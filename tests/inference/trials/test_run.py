@@ -17,6 +17,7 @@ from solidtouch.inference.trials.plan import join_plans, plan_trials, tap_table,
 from solidtouch.inference.trials.records import TapTable, TrialPlan
 from solidtouch.inference.trials.run import run_trials
 from solidtouch.models.errors import InputError
+from solidtouch.models.settings import PlaySettings
 from solidtouch.models.taps import TapSet
 
 COUNT = np.array([[2, 0, 5], [1, 4, 3], [0, 6, 2], [3, 1, 0], [2, 2, 7]])
@@ -74,9 +75,7 @@ def play(table, plan):
             table,
             plan,
             thetas,
-            theta_x=theta_x,
-            border=border,
-            deadline=deadline,
+            play=PlaySettings(theta_x=theta_x, border=border, deadline=deadline),
             seed=SEED,
             device=device,
             fresh=fresh,
@@ -138,9 +137,9 @@ def test_the_cases_above_are_not_trivial(play):
 def test_trials_do_not_depend_on_pieces_and_threads(monkeypatch, table, plan, play, piece, workers, fresh):
     """How trials are cut into pieces and who plays them changes the speed only."""
     monkeypatch.setattr(montecarlo, "_AT_ONCE", piece)
-    options = {"deadline": DEADLINE, "seed": SEED, "workers": workers, "fresh": fresh}
+    options = {"play": PlaySettings(theta_x=0.0, deadline=DEADLINE), "seed": SEED, "workers": workers, "fresh": fresh}
 
-    assert_same(play(fresh=fresh), run_trials(table, plan, THETAS, theta_x=0.0, **options))
+    assert_same(play(fresh=fresh), run_trials(table, plan, THETAS, **options))
 
 
 @pytest.mark.parametrize("theta_x", [0.0, 1.0])
@@ -167,13 +166,15 @@ def test_fresh_trials_end_where_a_class_is_used_up(table, plan, play):
     enough = table._replace(pool=tap_pool(where, 0 * where, (5, 3)))  # seven of each class
     start = TrialPlan(plan.where, 0 * plan.what, plan.fixation, plan.stream)
     for deadline, some in ((7, False), (8, True)):
-        found = run_trials(enough, start, THETAS, theta_x=1.0, deadline=deadline, seed=SEED, fresh=True)
+        found = run_trials(
+            enough, start, THETAS, play=PlaySettings(theta_x=1.0, deadline=deadline), seed=SEED, fresh=True
+        )
         assert found.used_up.any() == some
 
 
 def test_fresh_trials_are_played_on_the_processor_only(table, plan):
     with pytest.raises(InputError, match="on fresh taps are played on the cpu only, not on 'xla-cpu'"):
-        run_trials(table, plan, THETAS, theta_x=0.0, fresh=True, device="xla-cpu")
+        run_trials(table, plan, THETAS, play=PlaySettings(theta_x=0.0), fresh=True, device="xla-cpu")
 
 
 @pytest.mark.parametrize(
@@ -195,8 +196,7 @@ def test_trials_do_not_depend_on_their_company(table, plan, play, fresh):
         table,
         TrialPlan(*(field[chosen] for field in plan)),
         THETAS,
-        theta_x=0.0,
-        deadline=DEADLINE,
+        play=PlaySettings(theta_x=0.0, deadline=DEADLINE),
         seed=SEED,
         fresh=fresh,
     )
@@ -246,7 +246,7 @@ def test_a_deadline_of_one_tap(play):
 
 def test_the_seed_decides(table, plan, play):
     """Another seed draws other taps."""
-    other = run_trials(table, plan, THETAS, theta_x=0.0, deadline=DEADLINE, seed=SEED + 1)
+    other = run_trials(table, plan, THETAS, play=PlaySettings(theta_x=0.0, deadline=DEADLINE), seed=SEED + 1)
 
     assert not np.array_equal(other.taps, play().taps)
 
@@ -255,7 +255,9 @@ def test_progress_counts_every_trial(monkeypatch, table, plan):
     """The calls sum to the number of trials."""
     monkeypatch.setattr(montecarlo, "_AT_ONCE", 4)
     finished = []
-    run_trials(table, plan, THETAS, theta_x=0.0, deadline=DEADLINE, seed=SEED, progress=finished.append)
+    run_trials(
+        table, plan, THETAS, play=PlaySettings(theta_x=0.0, deadline=DEADLINE), seed=SEED, progress=finished.append
+    )
 
     assert sum(finished) == TRIALS
     assert len(finished) > 1
@@ -275,7 +277,7 @@ def test_one_class_is_decided_at_once(make_model):
     """With L = M = 1 the first tap settles it, unless the threshold is 1."""
     model = make_model(1, 1)
     table = TapTable(model.log_likelihood(np.zeros((2, 5, 2))), tap_pool([0, 0], [0, 0], (1, 1)), model.log_prior)
-    trials = run_trials(table, plan_trials(table.pool, 3, 0), (0.995, 1.0), theta_x=0.0, deadline=4)
+    trials = run_trials(table, plan_trials(table.pool, 3, 0), (0.995, 1.0), play=PlaySettings(theta_x=0.0, deadline=4))
 
     assert trials.taps.tolist() == [[1, 4]] * 3
     assert (trials.what == 0).all()
@@ -294,7 +296,7 @@ def test_an_impossible_tap_ends_the_trial_undecided(where_to, deadline):
     """With what was most probable before it, which may be the last tap before the deadline."""
     table = impossible_table()
     plan = TrialPlan(*np.array([[0] * 64, [1] * 64, [0] * 64, range(64)]))
-    trials = run_trials(table, plan, (1.0, 0.4), theta_x=1.0, deadline=deadline, device=where_to)
+    trials = run_trials(table, plan, (1.0, 0.4), play=PlaySettings(theta_x=1.0, deadline=deadline), device=where_to)
     drawn = [(2 * trial_uniforms(0, stream, deadline)).astype(int) for stream in range(64)]
     differ = np.array([len(set(taps)) > 1 for taps in drawn])
     first_other = np.array([(taps != taps[0]).argmax() + 1 for taps in drawn])
@@ -317,7 +319,7 @@ def test_a_first_tap_may_be_impossible(where_to):
     table = table._replace(pool=tap_pool([0], [0], (1, 2)))
     table.log_likelihood[0] = [[0.0, -np.inf]]
     plan = TrialPlan(*np.zeros((4, 3), dtype=int))
-    trials = run_trials(table, plan, (-1.0, 0.5), theta_x=1.0, deadline=1, device=where_to)
+    trials = run_trials(table, plan, (-1.0, 0.5), play=PlaySettings(theta_x=1.0, deadline=1), device=where_to)
 
     assert trials.no_class_left.all()
     assert (trials.taps == 1).all()
@@ -331,8 +333,7 @@ def test_taps_after_the_decision_do_not_matter():
         impossible_table(),
         TrialPlan(*np.array([[0] * 4, [1] * 4, [0] * 4, range(4)])),
         (0.9,),
-        theta_x=1.0,
-        deadline=60,
+        play=PlaySettings(theta_x=1.0, deadline=60),
     )
 
     assert (trials.taps == 1).all()
@@ -353,8 +354,10 @@ def first_class(trials):
 def test_a_threshold_that_is_met_exactly_goes_on():
     """The comparison is strict."""
     table = flat_table(2, 3)
-    belief = run_trials(table, first_class(1), (1.0,), theta_x=1.0, deadline=1).belief[0, 0]
-    trials = run_trials(table, first_class(1), (belief, np.nextafter(belief, 0.0)), theta_x=1.0, deadline=1)
+    belief = run_trials(table, first_class(1), (1.0,), play=PlaySettings(theta_x=1.0, deadline=1)).belief[0, 0]
+    trials = run_trials(
+        table, first_class(1), (belief, np.nextafter(belief, 0.0)), play=PlaySettings(theta_x=1.0, deadline=1)
+    )
 
     assert trials.stopped.tolist() == [[False, True]]
 
@@ -364,7 +367,7 @@ def test_a_move_needs_more_belief_than_its_threshold():
     table = flat_table(2, 3)
     theta_x = 0.5
     stays, moves = (
-        run_trials(table, first_class(1), (1.0,), theta_x=theta, deadline=2).true_where[0, 0]
+        run_trials(table, first_class(1), (1.0,), play=PlaySettings(theta_x=theta, deadline=2)).true_where[0, 0]
         for theta in (theta_x, theta_x - 1e-9)
     )
 
@@ -377,7 +380,9 @@ def test_a_single_object_does_not_cross_a_threshold_of_one(where_to):
     rng = np.random.default_rng(0)
     log_likelihood = rng.normal(size=(400, 7, 1))
     table = TapTable(log_likelihood, tap_pool(np.arange(400) % 7, [0] * 400, (7, 1)), np.full((7, 1), -np.log(7)))
-    trials = run_trials(table, plan_trials(table.pool, 300, 0), (1.0,), theta_x=1.0, deadline=2, device=where_to)
+    trials = run_trials(
+        table, plan_trials(table.pool, 300, 0), (1.0,), play=PlaySettings(theta_x=1.0, deadline=2), device=where_to
+    )
 
     np.testing.assert_allclose(trials.belief, 1.0, rtol=1e-12)
     assert not trials.stopped.any()
@@ -432,13 +437,15 @@ def test_plans_without_trials_or_taps_are_refused(table):
 def test_plans_that_cannot_be_played_are_refused(table, change, message):
     plan = TrialPlan(*np.array([[0, 4], [1, 1], [0, 0], [0, 1]]))._replace(**change)
     with pytest.raises(InputError, match=message):
-        run_trials(table, plan, THETAS, theta_x=0.0)
+        run_trials(table, plan, THETAS, play=PlaySettings(theta_x=0.0))
 
 
 def test_objects_without_a_tap_are_refused():
     table = TapTable(np.zeros((1, 1, 2)), tap_pool([0], [0], (1, 2)), np.log([[0.5, 0.5]]))
     with pytest.raises(InputError, match="Trial 2 holds object 1, of which there is no tap"):
-        run_trials(table, TrialPlan(*np.array([[0] * 3, [0, 0, 1], [0] * 3, [0] * 3])), (0.5,), theta_x=0.0)
+        run_trials(
+            table, TrialPlan(*np.array([[0] * 3, [0, 0, 1], [0] * 3, [0] * 3])), (0.5,), play=PlaySettings(theta_x=0.0)
+        )
 
 
 @pytest.mark.parametrize("value", [np.nan, np.inf])
@@ -447,13 +454,13 @@ def test_tables_of_what_is_no_likelihood_are_refused(table, plan, part, value):
     wrong = getattr(table, part).copy()
     wrong.flat[3] = value
     with pytest.raises(InputError, match="holds NaN or"):
-        run_trials(table._replace(**{part: wrong}), plan, THETAS, theta_x=0.0)
+        run_trials(table._replace(**{part: wrong}), plan, THETAS, play=PlaySettings(theta_x=0.0))
 
 
 @pytest.mark.parametrize("seed", [-1, 2**64, 0.5])
 def test_seeds_out_of_range_are_refused(table, plan, seed):
     with pytest.raises(InputError, match="seed must be a whole number from 0 to 18446744073709551615"):
-        run_trials(table, plan, THETAS, theta_x=0.0, seed=seed)
+        run_trials(table, plan, THETAS, play=PlaySettings(theta_x=0.0), seed=seed)
 
 
 def test_streams_out_of_range_are_refused(table):
@@ -465,18 +472,15 @@ def test_streams_out_of_range_are_refused(table):
 @pytest.mark.parametrize(
     ("more", "message"),
     [
-        ({"border": "wall"}, "border must be one of uniform, .* got 'wall'"),
-        ({"deadline": 0}, "need a threshold and a deadline, got 6 and 0"),
-        ({"thresholds": ()}, "got 0 and 23"),
-        ({"thresholds": (0.5, np.nan)}, "A threshold is NaN"),
-        ({"theta_x": np.nan}, "A threshold is NaN"),
+        ({"thresholds": ()}, "one threshold or more"),
+        ({"thresholds": (0.5, np.nan)}, "none that is NaN"),
         ({"device": "tpu"}, "device must be cpu, gpu or xla-cpu, got 'tpu'"),
         ({"workers": 0}, "at least one worker, got 0"),
     ],
 )
 def test_arguments_out_of_range_are_refused(table, plan, more, message):
     """The message shows what was given."""
-    arguments = {"thresholds": THETAS, "theta_x": 0.0, "deadline": DEADLINE} | more
+    arguments = {"thresholds": THETAS, "play": PlaySettings(theta_x=0.0, deadline=DEADLINE)} | more
     with pytest.raises(InputError, match=message):
         run_trials(table, plan, **arguments)
 
@@ -493,7 +497,7 @@ def test_belief_at_stopping_is_the_chance_of_being_right(make_model, theta_x):
     taps = draw_taps(model.grid, model.probabilities, model.edges, model.preprocessing, 1500, seed=1)
     table = tap_table(model, taps)
     plan = plan_trials(table.pool, n, seed=2, fixation=2)
-    trials = run_trials(table, plan, thetas, theta_x=theta_x, border="clamp", seed=4)
+    trials = run_trials(table, plan, thetas, play=PlaySettings(theta_x=theta_x, border="clamp"), seed=4)
     wrong = trials.what != plan.what[:, None]
     doubt = 1 - trials.belief
 

@@ -7,6 +7,7 @@ from solidtouch.hardware.pool import pool_of, tap_pool
 from solidtouch.inference.trials.records import TapTable
 from solidtouch.inference.trials.resampling import play_resamples, spread
 from solidtouch.inference.trials.selections import resampled_pools, sessions_drawn, thinned_pools
+from solidtouch.models.settings import PlaySettings
 
 
 def cells(pool):
@@ -87,7 +88,7 @@ def test_the_finger_plays_on_where_a_class_is_lost_with_a_session():
     lost = [pool for pool in thinned_pools(table, 4, 0) if pool.count[3, 0] == 0]
     assert len(lost) == 2
     assert all(pool.nearest[3, 0] in (2, 4) for pool in lost)
-    options = {"trials": 30, "theta_x": 0.0, "resamples": 4, "deadline": 5}
+    options = {"trials": 30, "play": PlaySettings(theta_x=0.0, deadline=5), "resamples": 4}
     kept = play_resamples(table, (0.9,), lambda t, _: {"taps": t.taps.mean()}, **options)
     assert np.isfinite(kept.samples["taps"]).all()
 

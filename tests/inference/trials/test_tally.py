@@ -9,10 +9,11 @@ from solidtouch.inference.trials.records import TapTable
 from solidtouch.inference.trials.run import run_trials
 from solidtouch.inference.trials.tally import Tally, tally, tally_trials
 from solidtouch.models.errors import InputError
+from solidtouch.models.settings import PlaySettings
 
 L, M, TRIALS, DEADLINE = 4, 3, 200, 9
 THETAS = (0.8, 0.3, 1.0)
-RULE = {"theta_x": 0.2, "fixation": 1, "deadline": DEADLINE, "seed": 5, "first_stream": 17}
+RULE = {"play": PlaySettings(theta_x=0.2, deadline=DEADLINE), "fixation": 1, "seed": 5, "first_stream": 17}
 
 
 @pytest.fixture(scope="module")
@@ -32,7 +33,7 @@ def assert_equal(expected, actual):
 @pytest.fixture(scope="module")
 def kept(table):
     plan = plan_trials(table.pool, TRIALS, 5, fixation=1, first_stream=17)
-    return plan, run_trials(table, plan, THETAS, theta_x=0.2, deadline=DEADLINE, seed=5)
+    return plan, run_trials(table, plan, THETAS, play=PlaySettings(theta_x=0.2, deadline=DEADLINE), seed=5)
 
 
 def test_a_tally_counts_the_trials_of_the_plan(table, kept):
@@ -61,7 +62,7 @@ def test_taps_of_a_neighbour_are_counted_where_a_class_has_none(table):
     held = np.flatnonzero((where + what) % 4 > 0)
     gaps = table._replace(pool=tap_pool(np.repeat(where[held], 5), np.repeat(what[held], 5), (L, M)))
     plan = plan_trials(gaps.pool, TRIALS, 5, fixation=1)
-    trials = run_trials(gaps, plan, THETAS, theta_x=0.0, deadline=DEADLINE, seed=5)
+    trials = run_trials(gaps, plan, THETAS, play=PlaySettings(theta_x=0.0, deadline=DEADLINE), seed=5)
     counts = tally(trials, plan, (L, M))
 
     np.testing.assert_array_equal(counts.substituted, (trials.substituted > 0).sum(axis=0))
@@ -113,21 +114,21 @@ def test_progress_sees_the_counts_grow(monkeypatch, table):
 
 def test_only_one_start_can_be_asked_for(table):
     """Passive trials that start in a class stay there."""
-    counts = tally_trials(table, THETAS, 50, theta_x=1.0, where=2)
+    counts = tally_trials(table, THETAS, 50, play=PlaySettings(theta_x=1.0), where=2)
 
     assert counts.where.sum(axis=(0, 2)).tolist() == [0, 0, 3 * 50, 0]
 
 
 def test_bad_arguments_are_refused(table):
     with pytest.raises(InputError, match="at least one trial, got 0"):
-        tally_trials(table, THETAS, 0, theta_x=0.0)
+        tally_trials(table, THETAS, 0, play=PlaySettings(theta_x=0.0))
     with pytest.raises(InputError, match="no test tap in where class 9"):
-        tally_trials(table, THETAS, 5, theta_x=0.0, where=9)
+        tally_trials(table, THETAS, 5, play=PlaySettings(theta_x=0.0), where=9)
 
 
 def test_memory_does_not_grow_with_the_deadline(table):
     """Reaction times are counted up to the longest that was seen."""
-    counts = tally_trials(table, (0.5,), 20, theta_x=0.0, deadline=10**9)
+    counts = tally_trials(table, (0.5,), 20, play=PlaySettings(theta_x=0.0, deadline=10**9))
 
     assert counts.trials == 20
     assert counts.taps.shape[1] < 1000
@@ -139,7 +140,7 @@ def test_trials_in_which_no_class_is_left_are_counted(device):
     """Two objects at one place; each tap of the second excludes one of them."""
     log_likelihood = np.array([[[0.0, -np.inf]], [[-np.inf, 0.0]]])
     table = TapTable(log_likelihood, tap_pool([0, 0], [1, 1], (1, 2)), np.log([[0.5, 0.5]]))
-    counts = tally_trials(table, (1.0, 0.9), 5, theta_x=1.0, deadline=60, device=device)
+    counts = tally_trials(table, (1.0, 0.9), 5, play=PlaySettings(theta_x=1.0, deadline=60), device=device)
 
     assert counts.no_class_left.tolist() == [5, 0]
     assert counts.stopped.tolist() == [0, 5]

@@ -12,6 +12,7 @@ from solidtouch.models.errors import InputError
 from solidtouch.models.grid import ClassGrid
 from solidtouch.models.measurement.histogram import fit
 from solidtouch.models.preprocessing import Preprocessing
+from solidtouch.models.settings import PlaySettings
 from solidtouch.models.taps import TapSet, concatenate
 
 L, M, J, B = 6, 3, 2, 8
@@ -45,7 +46,9 @@ def fitted(taps, grid):
 def test_a_planted_best_position_is_found(best, sessions, passive):
     """By trials that aim for it and by trials that stand there, from sessions and from halves of one."""
     parts = held_out(planted(best, sessions, repeats=40, width=0.5), GRID, fitted)
-    found = choose_fixation(parts, 0.9, passive=passive, trials=500, deadline=25, border="clamp")
+    found = choose_fixation(
+        parts, PlaySettings(threshold=0.9, passive=passive, deadline=25, border="clamp"), trials=500
+    )
 
     assert found.best == best
     assert found.chosen == best
@@ -81,12 +84,12 @@ def test_taps_that_stand_in_two_sessions_are_not_held_out():
 def test_errors_are_those_of_trials_on_the_part():
     """At each position, by trials that anyone can play again; the reaction times as well."""
     parts = held_out(planted(4), GRID, fitted)
-    found = choose_fixation(parts, 0.8, trials=150, deadline=20, seed=5)
+    found = choose_fixation(parts, PlaySettings(threshold=0.8, deadline=20), trials=150, seed=5)
     for f, l in ((0, 0), (2, 4)):
         part = parts.parts[f]
         table = tap_table(part.model, part.taps)
         plan = plan_trials(table.pool, 150, 5, l)
-        trials = run_trials(table, plan, (0.8,), theta_x=0.0, deadline=20, seed=5, fresh=True)
+        trials = run_trials(table, plan, (0.8,), play=PlaySettings(theta_x=0.0, deadline=20), seed=5, fresh=True)
         assert found.errors[f, l] == decision_error(GRID, trials.what[:, 0], plan.what).mean()
         assert found.taps[f, l] == trials.taps.mean()
 
@@ -142,7 +145,7 @@ def test_taps_of_halves_are_drawn_anew_and_not_trials():
 
     def play(table, stream, trials=4000):
         plan = plan_trials(table.pool, trials, 3, where=2, first_stream=stream)
-        played = run_trials(table, plan, (0.0,), theta_x=1.0, seed=3, fresh=True)
+        played = run_trials(table, plan, (0.0,), play=PlaySettings(theta_x=1.0), seed=3, fresh=True)
         return ((played.what != plan.what[:, np.newaxis]).T.astype(float),)
 
     (drawn,) = resampled_means(parts, play, 4000, 0)
@@ -163,7 +166,9 @@ def test_positions_without_passive_taps_are_not_tried():
     """They hold NaN, and are not chosen."""
     taps = planted(4)
     taps = taps.select((taps.indices(GRID)[0] != 0) | (taps.session != 1))
-    found = choose_fixation(held_out(taps, GRID, fitted), 0.8, passive=True, trials=50, deadline=10)
+    found = choose_fixation(
+        held_out(taps, GRID, fitted), PlaySettings(threshold=0.8, passive=True, deadline=10), trials=50
+    )
     assert np.isnan(found.error.mean[0])
     assert np.isnan(found.errors[:, 0]).all()
     assert not found.alike[0]
@@ -175,7 +180,7 @@ def test_one_place_and_one_object_have_a_fixation_point(make_taps, shape):
     """The only one, or the middle where nothing can go wrong."""
     taps = make_taps(L=shape[0], M=shape[1], repeats=4)
     grid = taps.grid()
-    found = choose_fixation(held_out(taps, grid, fitted), 0.9, trials=40, deadline=10)
+    found = choose_fixation(held_out(taps, grid, fitted), PlaySettings(threshold=0.9, deadline=10), trials=40)
     assert found.chosen == (shape[0] - 1) // 2
     if shape[1] == 1:
         assert found.error.mean.tolist() == [0] * shape[0]
@@ -191,6 +196,8 @@ def test_errors_have_the_unit_that_is_asked_for():
 
 def test_the_same_seed_gives_the_same_choice():
     parts = held_out(planted(4), GRID, fitted)
-    first, second, other = (choose_fixation(parts, 0.8, trials=60, deadline=9, seed=s) for s in (1, 1, 2))
+    first, second, other = (
+        choose_fixation(parts, PlaySettings(threshold=0.8, deadline=9), trials=60, seed=s) for s in (1, 1, 2)
+    )
     np.testing.assert_array_equal(first.errors, second.errors)
     assert not np.array_equal(first.errors, other.errors)

@@ -25,6 +25,7 @@ from solidtouch.inference.tuning.online import (
 from solidtouch.models.errors import InputError
 from solidtouch.models.measurement.histogram import fit
 from solidtouch.models.seeds import Purpose, generator
+from solidtouch.models.settings import PlaySettings
 
 FIXATIONS, THETA = tuple(range(5)), (0.5, 0.9, 0.99)
 A = len(FIXATIONS) * len(THETA)
@@ -162,13 +163,15 @@ def test_a_rig_and_trials_cost_the_same(drawn):
     model, taps = drawn
     table, engine = tap_table(model, taps), make_engine("numpy", model)
     arms = [(0, 0.6), (3, 0.6), (2, 0.95)]
-    costs = trial_costs(table, model.grid, *zip(*arms, strict=True), 7.0, 6, deadline=12, seed=3, first_stream=5)
+    costs = trial_costs(
+        table, model.grid, *zip(*arms, strict=True), 7.0, 6, play=PlaySettings(deadline=12), seed=3, first_stream=5
+    )
     plan = plan_trials(table.pool, 6, 3, first_stream=5)
     for a, (point, theta) in enumerate(arms):
         for i in range(6):
             numbers = iter(trial_uniforms(3, int(plan.stream[i]), 12))
             rig = ReplayRig(taps, model.grid, int(plan.where[i]), int(plan.what[i]), numbers)
-            cost = episode_cost(rig, engine, int(plan.what[i]), point, theta, 7.0, deadline=12)
+            cost = episode_cost(rig, engine, int(plan.what[i]), point, theta, 7.0, play=PlaySettings(deadline=12))
             assert cost == costs[a, i]
 
 
@@ -177,12 +180,14 @@ def test_episodes_of_a_learner_go_round_the_parts(drawn):
     model, taps = drawn
     parts = held_out(taps, model.grid, lambda part, grid: fit(part, grid, bins=6, pseudocount=0.5))
     new = Learner.new("thompson", (0, 3), (0.6, 0.9))
-    whole = held_out_costs(parts, new, 9, 5.0, deadline=10, seed=1)
+    whole = held_out_costs(parts, new, 9, 5.0, play=PlaySettings(deadline=10), seed=1)
     part = parts.parts[1]
-    own = trial_costs(part.table, parts.grid, new.fixation, new.theta, 5.0, 4, deadline=10, seed=1)
+    own = trial_costs(part.table, parts.grid, new.fixation, new.theta, 5.0, 4, play=PlaySettings(deadline=10), seed=1)
     np.testing.assert_array_equal(whole[:, 1::2], own)
     later, _ = played(new, 4, lambda *_: 1.0)
-    np.testing.assert_array_equal(held_out_costs(parts, later, 5, 5.0, deadline=10, seed=1), whole[:, 4:])
+    np.testing.assert_array_equal(
+        held_out_costs(parts, later, 5, 5.0, play=PlaySettings(deadline=10), seed=1), whole[:, 4:]
+    )
 
 
 # What is refused ---------------------------------------------------------------------------------------------------

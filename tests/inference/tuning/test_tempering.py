@@ -10,8 +10,9 @@ from solidtouch.inference.trials.plan import tap_table
 from solidtouch.inference.tuning.tempering import LEAST, MOST, best_power, fit_tempered, learn_power, learn_saturation
 from solidtouch.models.errors import InputError
 from solidtouch.models.io.model_file import load_model
-from solidtouch.models.measurement.catalogue import FitSettings, fit_model
+from solidtouch.models.measurement.catalogue import fit_model
 from solidtouch.models.measurement.states import log_fold
+from solidtouch.models.settings import FitSettings
 
 L, M, J, K, B, REPEATS = 3, 2, 6, 5, 7, 4
 SETTINGS = FitSettings(bins=B, gain_sd=0.05, offset_sd=0.3)
@@ -34,7 +35,7 @@ def naive_score(name, taps, exponent, n):
     total, weight = [], []
     for session in np.unique(taps.session):
         rest, left_out = taps.select(taps.session != session), taps.select(taps.session == session)
-        model = fit_model(name, rest, taps.grid(), SETTINGS._replace(power=float(exponent))).model
+        model = fit_model(name, rest, taps.grid(), SETTINGS.changed(power=float(exponent))).model
         table = tap_table(model, left_out)
         where, what = left_out.indices(model.grid)
         for l, m in np.ndindex(L, M):
@@ -86,9 +87,7 @@ def test_the_score_after_one_tap_is_that_of_every_tap(taps):
     learned = learn_power("gaussian", taps, taps.grid(), SETTINGS, 1, 0)
     scores = []
     for session in range(3):
-        model = fit_model(
-            "gaussian", taps.select(taps.session != session), taps.grid(), SETTINGS._replace(power="none")
-        )
+        model = fit_model("gaussian", taps.select(taps.session != session), taps.grid(), SETTINGS.changed(power="none"))
         left_out = taps.select(taps.session == session)
         where, what = left_out.indices(taps.grid())
         log_joint = learned.power * model.model.log_likelihood(left_out.taps)
@@ -141,9 +140,7 @@ def test_a_sequence_longer_than_a_session_takes_all_its_taps(taps):
 
 
 def test_the_power_ignored_is_that_of_the_settings(taps):
-    powers = [
-        learn_power("gaussian", taps, taps.grid(), SETTINGS._replace(power=p), 3, 0).power for p in ("JK", "none")
-    ]
+    powers = [learn_power("gaussian", taps, taps.grid(), SETTINGS.changed(power=p), 3, 0).power for p in ("JK", "none")]
 
     assert powers[0] == powers[1]
 
@@ -167,7 +164,7 @@ def test_one_session_is_too_few(taps):
 def test_impossible_taps_are_refused(taps):
     """No power makes them possible; a pseudocount does."""
     with pytest.raises(InputError, match="sequences of left-out taps are impossible under their own class"):
-        learn_power("histogram", taps, taps.grid(), SETTINGS._replace(pseudocount=0.0, bins=60), 3, 0)
+        learn_power("histogram", taps, taps.grid(), SETTINGS.changed(pseudocount=0.0, bins=60), 3, 0)
 
 
 def test_no_taps_are_refused(taps):
@@ -177,7 +174,7 @@ def test_no_taps_are_refused(taps):
 
 def test_a_model_is_fitted_with_the_learned_power(taps, tmp_path):
     """To all sessions; its file says the number and how it was found."""
-    settings = SETTINGS._replace(power="learned:3", seed=4)
+    settings = SETTINGS.changed(power="learned:3", seed=4)
     fitted, learned = fit_tempered("profile", taps, taps.grid(), settings, "taps.nc: all.")
     fitted.model.save(tmp_path / "model.nc")
     loaded = load_model(tmp_path / "model.nc")
@@ -190,12 +187,12 @@ def test_a_model_is_fitted_with_the_learned_power(taps, tmp_path):
     assert "after 3 taps of a class" in learned.sentence
     np.testing.assert_array_equal(
         loaded.log_likelihood(taps.taps),
-        fit_model("profile", taps, taps.grid(), settings._replace(power=learned.power)).model.log_likelihood(taps.taps),
+        fit_model("profile", taps, taps.grid(), settings.changed(power=learned.power)).model.log_likelihood(taps.taps),
     )
 
 
 def test_other_powers_are_kept(taps):
-    fitted, learned = fit_tempered("histogram", taps, taps.grid(), SETTINGS._replace(power="JK"), "all")
+    fitted, learned = fit_tempered("histogram", taps, taps.grid(), SETTINGS.changed(power="JK"), "all")
 
     assert learned is None
     assert (fitted.model.power, fitted.model.trained_on) == ("JK", "all")
@@ -257,7 +254,7 @@ def test_leaving_out_in_turn_is_the_best_power_of_each_fit(taps):
 def test_a_power_under_a_saturation_is_judged_as_beliefs_are_read(taps):
     """Half as many taps that count deserve twice the power, as the prior is flat."""
     plain = learn_power("histogram", taps, taps.grid(), SETTINGS, REPEATS, 0)
-    limited = learn_power("histogram", taps, taps.grid(), SETTINGS._replace(saturation=REPEATS / 2), REPEATS, 0)
+    limited = learn_power("histogram", taps, taps.grid(), SETTINGS.changed(saturation=REPEATS / 2), REPEATS, 0)
 
     assert limited.power == pytest.approx(2 * plain.power, rel=1e-3)
     assert limited.score.max() == pytest.approx(plain.score.max(), rel=1e-6)

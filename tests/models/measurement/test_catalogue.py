@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from solidtouch.models.errors import InputError
 from solidtouch.models.grid import ClassGrid
-from solidtouch.models.measurement.catalogue import CATALOGUE, FitSettings, fit_model, split_name
+from solidtouch.models.measurement.catalogue import CATALOGUE, fit_model, split_name
 from solidtouch.models.measurement.fits.checks import check_places
 from solidtouch.models.measurement.fits.convergence import NotConvergedError
 from solidtouch.models.measurement.fits.priors import Taps
@@ -14,6 +14,7 @@ from solidtouch.models.measurement.likelihood.bins import bin_edges
 from solidtouch.models.measurement.likelihood.forms import TableForm
 from solidtouch.models.measurement.shared_gain import session_spread, state_grid
 from solidtouch.models.preprocessing import Preprocessing
+from solidtouch.models.settings import FitSettings
 from solidtouch.models.taps import TapSet
 
 L, M, J, K, B = 4, 3, 6, 5, 20
@@ -129,7 +130,7 @@ def test_units_do_not_matter(name, unit, offset):
     edges = plain(name).model.edges
     moved = edges * unit + offset
     other = changed(taps, taps.taps * unit + offset)
-    settings = SETTINGS._replace(edges=moved if unit > 0 else moved[::-1].copy())
+    settings = SETTINGS.changed(edges=moved if unit > 0 else moved[::-1].copy())
     actual = fit_model(name, other, taps.grid(), settings).model.log_likelihood(other.taps)
 
     np.testing.assert_allclose(actual, plain(name).model.log_likelihood(taps.taps), rtol=2e-3, atol=2e-3)
@@ -145,7 +146,7 @@ def test_the_order_of_taxels_does_not_matter(name):
     order = np.array([3, 0, 4, 1, 2])
     expected, actual = (
         fit_model(
-            name, changed(taps, taps.taps[:, :, o]), taps.grid(), SETTINGS._replace(bins=200)
+            name, changed(taps, taps.taps[:, :, o]), taps.grid(), SETTINGS.changed(bins=200)
         ).model.log_likelihood(taps.taps[:, :, o])
         for o in (np.arange(K), order)
     )
@@ -283,16 +284,16 @@ def test_single_samples_of_single_taps_say_nothing_of_differences(name):
 @pytest.mark.parametrize(
     ("settings", "message"),
     [
-        ({"bins": 0}, "at least one bin, got bins=0"),
+        ({"bins": 0}, "bins must be a whole number from 1 to 65536, got 0"),
         ({"power": "K"}, "power must be J, JK, none or a positive number, got 'K'"),
-        ({"value_range": "all"}, "range must be global or taxel, got 'all'"),
+        ({"value_range": "all"}, "value_range must be one of global, taxel, got 'all'"),
     ],
 )
 def test_settings_out_of_range_are_refused(name, settings, message):
     """By every model alike."""
     taps = taps_of()
     with pytest.raises(InputError, match=message):
-        fit_model(name, taps, taps.grid(), SETTINGS._replace(**settings))
+        fit_model(name, taps, taps.grid(), SETTINGS.changed(**settings))
 
 
 @pytest.mark.parametrize("name", FAST)
@@ -309,7 +310,7 @@ def test_fits_that_did_not_converge_are_errors(monkeypatch):
     taps = taps_of()
     with pytest.raises(NotConvergedError, match=r"profile-mvn did not converge: Factorised .* 1 rounds"):
         fit_model("profile-mvn", taps, taps.grid(), SETTINGS)
-    fitted = fit_model("profile-mvn", taps, taps.grid(), SETTINGS._replace(unconverged=True))
+    fitted = fit_model("profile-mvn", taps, taps.grid(), SETTINGS.changed(unconverged=True))
 
     assert not fitted.convergence.converged
     assert np.isfinite(fitted.model.log_likelihood(taps.taps)).all()
@@ -353,7 +354,7 @@ def test_convergence_is_a_sentence_with_numbers(name):
 def test_without_a_pseudocount_there_is_no_posterior():
     """The prior of the histogram is improper then, and the model works all the same."""
     taps = taps_of()
-    fitted = fit_model("histogram", taps, taps.grid(), SETTINGS._replace(pseudocount=0.0))
+    fitted = fit_model("histogram", taps, taps.grid(), SETTINGS.changed(pseudocount=0.0))
 
     assert fitted.posterior is None
     assert fitted.convergence.converged
@@ -367,7 +368,7 @@ def test_a_single_state_is_the_plain_model(name):
     """No spread between sessions, no difference: not even in the name."""
     taps = taps_of()
     wrapped = "session" if name == "histogram" else f"session:{name}"
-    model = fit_model(wrapped, taps, taps.grid(), SETTINGS._replace(gain_sd=0.0, offset_sd=0.0)).model
+    model = fit_model(wrapped, taps, taps.grid(), SETTINGS.changed(gain_sd=0.0, offset_sd=0.0)).model
 
     np.testing.assert_array_equal(model.log_likelihood(taps.taps), plain(name).model.log_likelihood(taps.taps))
     assert model.name == name
@@ -377,7 +378,7 @@ def test_a_single_state_is_the_plain_model(name):
 def test_states_recognise_a_changed_gain(name):
     """Taps 12 % stronger than the training taps are more probable under states than without."""
     taps = taps_of(noise=0.5)
-    settings = SETTINGS._replace(gain_sd=0.06, offset_sd=0.0)
+    settings = SETTINGS.changed(gain_sd=0.06, offset_sd=0.0)
     model = fit_model(name, taps, taps.grid(), settings).model
     strong = 1.12 * taps.taps
     where, what = taps.indices(taps.grid())

@@ -9,12 +9,13 @@ from scipy.special import gammaln
 from scipy.stats import multivariate_t
 from solidtouch.models.grid import ClassGrid
 from solidtouch.models.measurement import predictive
-from solidtouch.models.measurement.catalogue import CATALOGUE, FitSettings, fit_model
+from solidtouch.models.measurement.catalogue import CATALOGUE, fit_model
 from solidtouch.models.measurement.draws import drawn
 from solidtouch.models.measurement.posterior import HistogramPosterior
 from solidtouch.models.measurement.predictive import integrated, plug_in
 from solidtouch.models.measurement.states import States
 from solidtouch.models.preprocessing import Preprocessing
+from solidtouch.models.settings import FitSettings
 from solidtouch.models.taps import TapSet
 
 L, M, J, K, PER_CLASS = 3, 2, 4, 5, 6
@@ -53,7 +54,7 @@ SETTINGS = FitSettings(bins=23, pseudocount=0.5)
 )
 def test_every_model_predicts_taps_left_out(name):
     """Both estimates are finite, below zero, and those of single taps do not depend on the others."""
-    fitted = fit_model(name, TAPS, GRID, SETTINGS._replace(unconverged=True))
+    fitted = fit_model(name, TAPS, GRID, SETTINGS.changed(unconverged=True))
     for estimate in (
         lambda taps, own: plug_in(fitted, taps, own),
         lambda taps, own: integrated(fitted, taps, own, np.random.default_rng(0)),
@@ -72,7 +73,7 @@ def test_integrated_is_the_mean_over_draws_where_taps_are_short(name, monkeypatc
     generator = np.random.default_rng(3)
     small = make_small(generator)
     fitted = fit_model(
-        name, small, small.grid(), SETTINGS._replace(bins=6 if name == "histogram" else 60, unconverged=True)
+        name, small, small.grid(), SETTINGS.changed(bins=6 if name == "histogram" else 60, unconverged=True)
     )
     own = small.indices(small.grid())
     rows = np.array([values for _, values in drawn(fitted, small, 4000, seed=1)])
@@ -100,7 +101,7 @@ def test_histogram_leaves_out_taps_exactly():
     left = fitted.posterior.leave_out(TAPS.taps, fitted.model.edges, where * M + what)
     for n in (0, 7, 20):
         rest = TAPS.select(np.arange(len(TAPS)) != n)
-        without = fit_model("histogram", rest, GRID, SETTINGS._replace(edges=fitted.model.edges))
+        without = fit_model("histogram", rest, GRID, SETTINGS.changed(edges=fitted.model.edges))
         one = (where[n : n + 1], what[n : n + 1])
         expected = integrated(without, TAPS.taps[n : n + 1], one, np.random.default_rng(0))[0]
         assert left.integrated[n] == pytest.approx(expected, abs=1e-9)
@@ -129,7 +130,7 @@ def test_gaussian_forecasts_are_a_multivariate_t():
         generator.normal(size=(3, J, 1)), np.zeros(3, dtype=int), ["a"], preprocessing=Preprocessing(samples=J)
     )
     edges = np.linspace(-8, 8, 16001)
-    fitted = fit_model("gaussian", taps, taps.grid(), SETTINGS._replace(bins=16000, edges=edges))
+    fitted = fit_model("gaussian", taps, taps.grid(), SETTINGS.changed(bins=16000, edges=edges))
     cells, scaling = fitted.posterior.cells, fitted.model.scaling
     level, strength, a, b = (float(values[0, 0, 0, 0]) for values in cells)
     shape = b / a * (np.eye(J) + 1 / strength)
@@ -145,7 +146,7 @@ def test_gaussian_forecasts_are_a_multivariate_t():
 @pytest.mark.parametrize("name", ["histogram", "profile", "matrix-normal"])
 def test_states_are_summed_over(name):
     """A single state among impossible ones gives that state's probability, equal states give the plain one."""
-    fitted = fit_model(name, TAPS, GRID, SETTINGS._replace(unconverged=True))
+    fitted = fit_model(name, TAPS, GRID, SETTINGS.changed(unconverged=True))
     twice = States(np.ones(2), np.zeros(2), np.log([0.3, 0.7]))
     model = replace(fitted.model, states=twice)
     np.testing.assert_allclose(

@@ -3,9 +3,10 @@
 import numpy as np
 import pytest
 from solidtouch.models.errors import InputError
-from solidtouch.models.measurement.catalogue import FitSettings, fit_model
+from solidtouch.models.measurement.catalogue import fit_model
 from solidtouch.models.measurement.shared_gain import session_spread, state_grid
 from solidtouch.models.preprocessing import Preprocessing
+from solidtouch.models.settings import FitSettings
 from solidtouch.models.taps import TapSet
 
 L, M, J, K, N = 4, 3, 6, 5, 9

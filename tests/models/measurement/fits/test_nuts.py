@@ -4,13 +4,14 @@ import arviz as az
 import numpy as np
 import pytest
 from solidtouch.models.measurement import stories
-from solidtouch.models.measurement.catalogue import FitSettings, fit_model
+from solidtouch.models.measurement.catalogue import fit_model
 from solidtouch.models.measurement.fits import nuts as fit_nuts
 from solidtouch.models.measurement.fits.cells import fit_profile, fit_profile_mvn
 from solidtouch.models.measurement.fits.kronecker import fit_matrix_normal
 from solidtouch.models.measurement.fits.nuts import SamplePosterior, sample_story
 from solidtouch.models.measurement.fits.priors import Taps
 from solidtouch.models.preprocessing import Preprocessing
+from solidtouch.models.settings import FitSettings
 from solidtouch.models.taps import TapSet
 
 L, M, J, K = 2, 2, 3, 4
@@ -151,7 +152,7 @@ def test_smooth_by_nuts_makes_the_same_model(rng):
     )
     settings = FitSettings(bins=12, power="none", unconverged=True)
     fast, slow = (
-        fit_model("smooth", taps, taps.grid(), settings._replace(method=method)) for method in ("closed", "nuts")
+        fit_model("smooth", taps, taps.grid(), settings.changed(method=method)) for method in ("closed", "nuts")
     )
     own = [fitted.model.log_likelihood(samples)[np.arange(18), where, 0].mean() for fitted in (fast, slow)]
 

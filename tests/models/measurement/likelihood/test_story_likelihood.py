@@ -9,11 +9,12 @@ import numpy as np
 import numpyro.distributions as dist
 import pytest
 from scipy.stats import norm
-from solidtouch.models.measurement.catalogue import FitSettings, fit_model
+from solidtouch.models.measurement.catalogue import fit_model
 from solidtouch.models.measurement.likelihood import shapes
 from solidtouch.models.measurement.likelihood.story_likelihood import InBin, in_state, log_likelihoods
 from solidtouch.models.measurement.parametric import ParametricModel
 from solidtouch.models.measurement.shared_gain import state_grid
+from solidtouch.models.settings import FitSettings
 
 L, M, J, K = 3, 2, 4, 3
 KINDS = ["histogram", "gaussian", "student", "profile", "profile-ar", "profile-mvn", "matrix-normal", "smooth"]

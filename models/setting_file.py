@@ -1,0 +1,162 @@
+"""A setting: everything that a person chooses for perception beside the taps, as a file.
+
+The file is JSON, one object with the keys of `KEYS`, and none is missing, so that it says what was done without this
+software's defaults.
+"""
+
+import json
+import math
+from pathlib import Path
+from typing import Annotated, Any, Self
+
+import numpy as np
+
+from .errors import InputError
+from .grid import parse_length
+from .json_object import read_object
+from .measurement.catalogue import split_name
+from .measurement.histogram import HistogramModel
+from .measurement.model import TapModel
+from .power import learned_taps, likelihood_exponent
+from .settings import Checked, FitSettings, PlaySettings, SettingError, wanted
+from .storage import complete_file
+
+FORMAT = 1
+_FIT = ("power", "saturation", "bins", "pseudocount", "value_range")
+_CELLS = ("where_cell", "what_cell")
+_PLAY = ("threshold", "border", "theta_x", "fixation", "passive", "deadline")
+KEYS = ("model", *_FIT, *_CELLS, *_PLAY, "note")
+_CLOSE = 1e-6  # numbers that differ by less in proportion are the same
+
+
+class Setting(Checked, frozen=True, kw_only=True):
+    """How to perceive.
+
+    Attributes:
+        model: Measurement model of the catalogue.
+        fit: How it is fitted; the file keeps what changes its likelihoods and not how they are computed.
+        where_cell: Width of the where classes with unit, such as `"0.5mm"`; `None` takes those of the taps.
+        what_cell: Width of the what classes, likewise.
+        play: How episodes are played.
+        note: Where the setting comes from.
+
+    Raises:
+        SettingError: A value is out of range.
+    """
+
+    model: Annotated[str, wanted("a model of the catalogue")] = "histogram"
+    fit: FitSettings = FitSettings()
+    where_cell: str | None = None
+    what_cell: str | None = None
+    play: PlaySettings = PlaySettings()
+    note: str = ""
+
+    def __post_init__(self) -> None:
+        """Checks every value."""
+        super().__post_init__()
+        try:
+            split_name(self.model)
+        except InputError:
+            raise SettingError("model", f"must be a model of the catalogue, got {self.model!r}.") from None
+        if learned_taps(self.fit.power) is not None:
+            raise SettingError("power", f"must be J, JK, none or a positive number, got {self.fit.power!r}.")
+
+    @classmethod
+    def of(cls, **values: Any) -> "Setting":
+        """The setting with these values of the file, and defaults for the others.
+
+        Raises:
+            SettingError: A value is out of range.
+        """
+        return cls().changed(**values)
+
+    def changed(self, **values: Any) -> Self:
+        """The setting with other values, named as in the file.
+
+        Raises:
+            SettingError: A value is out of range.
+        """
+        fit, play = ({key: values.pop(key) for key in keys if key in values} for keys in (_FIT, _PLAY))
+        return super().changed(fit=self.fit.changed(**fit), play=self.play.changed(**play), **values)
+
+    def values(self) -> dict[str, Any]:
+        """The values of the file, by key."""
+        owners = {key: self.fit if key in _FIT else self.play if key in _PLAY else self for key in KEYS}
+        return {key: getattr(owner, key) for key, owner in owners.items()}
+
+    def save(self, path: str | Path, force: bool = False) -> None:
+        """Writes the setting, complete or not at all.
+
+        Args:
+            path: The file.
+            force: Whether an existing file may be replaced.
+
+        Raises:
+            InputError: The file cannot be written, or exists and `force` is not set.
+        """
+        text = json.dumps({"format": FORMAT} | self.values(), indent=1, allow_nan=False, ensure_ascii=False)
+        with complete_file(path, force) as temporary:
+            temporary.write_text(text + "\n", encoding="utf-8")
+
+    def check_model(self, model: TapModel, path: str | Path, setting_path: str | Path) -> None:
+        """Whether a fitted model is the one that the setting speaks of, as far as both tell.
+
+        Args:
+            model: The fitted model.
+            path: Its file, for the message.
+            setting_path: That of the setting.
+
+        Raises:
+            InputError: Its name, power, saturation, bins, pseudocount or width of where cells differs.
+        """
+        ours: dict[str, str | float] = {
+            "model": "session" if self.model == "session:histogram" else self.model,
+            "power": likelihood_exponent(self.fit.power, model.preprocessing.samples, model.K),
+            "saturation": self.fit.limit,
+            "bins": self.fit.bins,
+        }
+        theirs: dict[str, str | float] = {
+            "model": model.name,
+            "power": model.exponent,
+            "saturation": model.saturation,
+            "bins": model.edges.shape[-1] - 1,
+        }
+        if isinstance(model, HistogramModel):
+            ours["pseudocount"], theirs["pseudocount"] = self.fit.pseudocount, model.pseudocount
+        ours["value_range"], theirs["value_range"] = self.fit.value_range, ("global", "taxel")[model.edges.ndim - 1]
+        edges = model.grid.where_edges
+        if self.where_cell is not None and edges is not None:
+            ours["where_cell"] = parse_length(self.where_cell, model.grid.where_unit, "where_cell")
+            theirs["where_cell"] = float(np.diff(edges).mean())
+        for key, value in theirs.items():
+            wanted = ours[key]
+            same = value == wanted if isinstance(value, str) else math.isclose(value, float(wanted), rel_tol=_CLOSE)
+            if not same:
+                raise InputError(
+                    f"{path} was fitted with {key} {_printed(value)} and the setting {setting_path} says "
+                    f"{_printed(wanted)}; perceive with a model of this setting, or take another setting."
+                )
+
+
+def load_setting(path: str | Path) -> Setting:
+    """The setting in a file.
+
+    Raises:
+        InputError: The file is missing or no setting, a key is missing or unknown, or a value is wrong; the message
+            names the file and the key.
+    """
+    values = read_object(path, "setting")
+    if values.pop("format", None) != FORMAT:
+        raise InputError(f"{path} is not a setting: its key format is not {FORMAT}.")
+    if missing := [key for key in KEYS if key not in values]:
+        raise InputError(f"{path}: missing key {missing[0]!r}.")
+    if unknown := [key for key in values if key not in KEYS]:
+        raise InputError(f"{path}: unknown key {unknown[0]!r}.")
+    try:
+        return Setting.of(**values)
+    except InputError as error:
+        raise InputError(f"{path}: {error}") from error
+
+
+def _printed(value: Any) -> str:
+    return f"{value:.6g}" if isinstance(value, float) else str(value)

@@ -1,0 +1,179 @@
+"""Settings records: how taps are divided, how a measurement model is fitted, how episodes are played with it."""
+
+import math
+import sys
+from functools import cache
+from typing import Annotated, Any, Literal, Self, get_args
+
+import msgspec
+from msgspec import Meta, Struct
+
+from .errors import InputError
+from .power import parse_power_choice
+
+type ValueRange = Literal["global", "taxel"]
+type Border = Literal["uniform", "uniform_what", "prior", "clamp", "circular"]
+_LARGEST = sys.float_info.max
+
+
+def wanted(description: str, **limits: Any) -> Meta:
+    """Limits of a value, with the words by which a message describes them."""
+    return Meta(**limits, extra={"wanted": description})
+
+
+_Probability = Annotated[float, wanted("a number from 0 to 1", ge=0, le=1)]
+_Spread = Annotated[float, wanted("a number, 0 or more", ge=0, le=_LARGEST)]
+
+
+class SettingError(InputError):
+    """A value of a settings record that is out of range.
+
+    Attributes:
+        name: Name of the field, with which the message begins.
+        problem: The rest of the message.
+    """
+
+    def __init__(self, name: str, problem: str) -> None:
+        super().__init__(f"{name} {problem}")
+        self.name, self.problem = name, problem
+
+
+class Checked(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """A record that checks its values against their types when it is made; NumPy's numbers become Python's.
+
+    Raises:
+        SettingError: A value is out of range.
+    """
+
+    def changed(self, **values: Any) -> Self:
+        """The record with other values."""
+        return msgspec.structs.replace(self, **values)
+
+    def __post_init__(self) -> None:
+        """Checks every value."""
+        for field in _fields(type(self)):
+            value = getattr(self, field.name)
+            plain = value.item() if hasattr(value, "item") and not getattr(value, "ndim", 0) else value
+            try:
+                known = msgspec.convert(plain, field.type)
+            except msgspec.ValidationError:
+                raise SettingError(field.name, f"must be {_description(field.type)}, got {value!r}.") from None
+            msgspec.structs.force_setattr(self, field.name, known)
+
+
+class FitSettings(Checked, frozen=True, kw_only=True):
+    """How a measurement model is fitted.
+
+    Attributes:
+        bins: Number of histogram bins; all models are judged by probabilities of these bins.
+        pseudocount: Counts added to every bin of the histogram.
+        power: Exponent of the likelihood of a tap: `"J"` (1/J, as printed in Eq. 1), `"JK"`, `"none"` or a number;
+            `"learned"` or `"learned:N"` where it is learned from training sessions.
+        saturation: Number of taps that an episode's evidence counts as at most, see `inference.saturation`; `None` for
+            no limit.
+        value_range: Whether bins span the range of all taxels together or of each.
+        edges: Bin edges, shape (B + 1,) or (K, B + 1), instead of those of the training taps; they replace `bins`.
+        method: `"closed"` for the fast fit of each model, `"nuts"` to sample its story.
+        unconverged: Whether a fit that did not converge may be used.
+        gain_sd: Session models: standard deviation of the log gain between sessions; `None` to estimate it from the
+            training taps.
+        offset_sd: Session models: standard deviation of the offset between sessions, likewise.
+        seed: Random seed of fits that draw random numbers.
+    """
+
+    bins: Annotated[int, wanted("a whole number from 1 to 65536", ge=1, le=65536)] = 100
+    pseudocount: Annotated[float, wanted("a number of counts, 0 or more", ge=0, le=_LARGEST)] = 0.01
+    power: Annotated[str | float, wanted("J, JK, none, learned or a positive number")] = "J"
+    saturation: Annotated[float, wanted("a positive number of taps", gt=0, le=_LARGEST)] | None = None
+    value_range: ValueRange = "global"
+    edges: Any = None
+    method: Literal["closed", "nuts"] = "closed"
+    unconverged: bool = False
+    gain_sd: _Spread | None = None
+    offset_sd: _Spread | None = None
+    seed: Annotated[int, wanted("a whole number, 0 or more", ge=0)] = 0
+
+    def __post_init__(self) -> None:
+        """Checks every value."""
+        super().__post_init__()
+        try:
+            msgspec.structs.force_setattr(self, "power", parse_power_choice(str(self.power)))
+        except InputError as error:
+            raise SettingError("power", str(error).removeprefix("The power ")) from None
+
+    @property
+    def limit(self) -> float:
+        """The saturation as a number, infinity where there is no limit."""
+        return math.inf if self.saturation is None else self.saturation
+
+
+class PlaySettings(Checked, frozen=True, kw_only=True):
+    """How episodes and trials are played; the defaults are the paper's as far as it states them.
+
+    Attributes:
+        threshold: Belief in an object needed to decide.
+        border: Reading of Eq. 9 at the ends of the range: what becomes of belief shifted beyond them.
+        theta_x: Belief in a position needed for a move.
+        fixation: Fixation point as index of a position; `None` for the middle.
+        passive: Whether the sensor stays in place.
+        deadline: Number of taps after which the most probable object is taken.
+    """
+
+    threshold: _Probability = 0.95
+    border: Border = "uniform"
+    theta_x: _Probability = 0.0
+    fixation: Annotated[int, wanted("a class index from 0", ge=0)] | None = None
+    passive: bool = False
+    deadline: Annotated[int, wanted("a whole number of taps from 1 to 1000000", ge=1, le=10**6)] = 100
+
+    @property
+    def move_threshold(self) -> float:
+        """Belief in a position needed for a move, 1 where the sensor stays in place."""
+        return 1.0 if self.passive else self.theta_x
+
+
+class Division(Checked, frozen=True, kw_only=True):
+    """How recorded taps are grouped into classes and divided into training and test taps.
+
+    Attributes:
+        where_cell: Width of the where cells with unit, such as `"3mm"`; `None` takes the positions of the file.
+        what_cell: Width of the what cells, likewise.
+        split: How one file is split, see `splits.split`.
+        train: Sessions to train with, such as `"0,1"`.
+        test: Sessions to test.
+        training_taps: Whether to keep test taps that are among the training taps; the split's warning names them.
+    """
+
+    where_cell: str | None = None
+    what_cell: str | None = None
+    split: str | None = None
+    train: str | None = None
+    test: str | None = None
+    training_taps: bool = False
+
+    def refuse_split(self, reason: str) -> None:
+        """Refuses options that divide one file.
+
+        Raises:
+            InputError: One is given; the message ends with the reason.
+        """
+        for option, value in (("--split", self.split), ("--train", self.train), ("--test", self.test)):
+            if value is not None:
+                raise InputError(f"{option} divides one file; {reason}.")
+
+
+@cache
+def _fields(record: type[Struct]) -> tuple[msgspec.structs.FieldInfo, ...]:
+    return msgspec.structs.fields(record)
+
+
+def _description(kind: Any) -> str:
+    """What a type allows, for a message."""
+    if hasattr(kind, "__value__"):
+        return _description(kind.__value__)
+    if hasattr(kind, "__metadata__"):
+        return kind.__metadata__[0].extra["wanted"]
+    options = get_args(kind)
+    if type(None) in options:
+        return f"{_description(options[0])} or none"
+    return f"one of {', '.join(options)}" if options else {str: "a text", bool: "true or false"}[kind]
