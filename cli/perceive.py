@@ -42,7 +42,7 @@ def perceive(
     theta_x: Annotated[float, Option(help="Belief in a position needed for a move; 0 always moves.")] = 0.0,
     move: Annotated[
         str | None,
-        Option(metavar="NAME", help="Another way to move: random, step, info-what, ...; docs/perceiving.md has all."),
+        Option(metavar="NAME", help="How to move: random, step, info-what, ...; docs/how-to/perceiving.md lists all."),
     ] = None,
     training: Annotated[
         list[Path] | None,
@@ -53,7 +53,7 @@ def perceive(
         str | None,
         Option(
             metavar="RULE",
-            help="Another rule to stop by: where:0.9, taps:5, ...; docs/perceiving.md has all.",
+            help="Stopping rule: where:0.9, taps:5, ...; docs/how-to/perceiving.md lists all.",
         ),
     ] = None,
     give_up: Annotated[

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-PAGE = Path(__file__).parents[1] / "docs" / "bring-your-own-recordings.md"
+PAGE = Path(__file__).parents[1] / "docs" / "tutorials" / "bring-your-own-recordings.md"
 RECORDED = ("convert", "inspect")  # what the quick test runs; the slow one runs every command
 
 
