@@ -33,7 +33,9 @@ def test_every_command_is_listed():
 
 def test_the_equation_table_names_things_that_exist():
     """Every function and test file in the table is there."""
-    table = (ROOT / "docs" / "reference" / "equations.md").read_text(encoding="utf-8").split("|---|---|---|---|---|\n")[1]
+    table = (
+        (ROOT / "docs" / "reference" / "equations.md").read_text(encoding="utf-8").split("|---|---|---|---|---|\n")[1]
+    )
     names = re.findall(r"`([^`]+)`", table)
     assert names
     sources = "".join(
