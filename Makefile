@@ -31,44 +31,44 @@ format: $(VENV)/.ready-dev
 	@$(PY) -m ruff format .
 
 bench: $(VENV)/.ready-dev
-	@$(PY) benchmarks/run.py --document docs/performance.md
+	@$(PY) benchmarks/run.py --document docs/reference/performance.md
 
 bench-quick: $(VENV)/.ready-dev
 	@$(PY) benchmarks/run.py --quick
 
 studies: $(VENV)/.ready-run
-	@$(PY) benchmarks/recovery.py --document docs/model-studies.md
-	@$(PY) benchmarks/sbc.py --document docs/model-studies.md
-	@$(PY) benchmarks/sessions.py --document docs/model-studies.md
+	@$(PY) benchmarks/recovery.py --document docs/explanation/model-studies.md
+	@$(PY) benchmarks/sbc.py --document docs/explanation/model-studies.md
+	@$(PY) benchmarks/sessions.py --document docs/explanation/model-studies.md
 
 audit-studies: $(VENV)/.ready-run
-	@$(PY) benchmarks/audit_levels.py --document docs/audit-studies.md
-	@$(PY) benchmarks/audit_drift.py --document docs/audit-studies.md
-	@$(PY) benchmarks/audit_causes.py --document docs/audit-studies.md
-	@$(PY) benchmarks/audit_guarantees.py --document docs/audit-studies.md
-	@$(PY) benchmarks/audit_target.py --document docs/audit-studies.md
-	@$(PY) benchmarks/audit_sets.py --document docs/audit.md $(if $(RECORDED),--recorded "$(RECORDED)")
+	@$(PY) benchmarks/audit_levels.py --document docs/explanation/audit-studies.md
+	@$(PY) benchmarks/audit_drift.py --document docs/explanation/audit-studies.md
+	@$(PY) benchmarks/audit_causes.py --document docs/explanation/audit-studies.md
+	@$(PY) benchmarks/audit_guarantees.py --document docs/explanation/audit-studies.md
+	@$(PY) benchmarks/audit_target.py --document docs/explanation/audit-studies.md
+	@$(PY) benchmarks/audit_sets.py --document docs/how-to/audit.md $(if $(RECORDED),--recorded "$(RECORDED)")
 
 interval-studies: $(VENV)/.ready-run
-	@$(PY) benchmarks/calibration_level.py --document docs/intervals.md
-	@$(PY) benchmarks/exponent_level.py --document docs/intervals.md
-	@$(PY) benchmarks/intervals.py --document docs/intervals.md
-	@$(PY) benchmarks/stored_taps.py --document docs/intervals.md
-	@$(PY) benchmarks/intervals_commands.py --document docs/intervals-commands.md
+	@$(PY) benchmarks/calibration_level.py --document docs/explanation/intervals.md
+	@$(PY) benchmarks/exponent_level.py --document docs/explanation/intervals.md
+	@$(PY) benchmarks/intervals.py --document docs/explanation/intervals.md
+	@$(PY) benchmarks/stored_taps.py --document docs/explanation/intervals.md
+	@$(PY) benchmarks/intervals_commands.py --document docs/explanation/intervals-commands.md
 
 results: $(VENV)/.ready-run
-	@$(PY) benchmarks/results.py --document docs/results.md $(if $(RECORDED),--recorded "$(RECORDED)")
-	@$(PY) benchmarks/comparison.py --document docs/comparison.md $(if $(RECORDED),--recorded "$(RECORDED)")
-	@$(PY) benchmarks/holes.py --document docs/results.md $(if $(RECORDED),--recorded "$(RECORDED)")
+	@$(PY) benchmarks/results.py --document docs/reference/results.md $(if $(RECORDED),--recorded "$(RECORDED)")
+	@$(PY) benchmarks/comparison.py --document docs/explanation/comparison.md $(if $(RECORDED),--recorded "$(RECORDED)")
+	@$(PY) benchmarks/holes.py --document docs/reference/results.md $(if $(RECORDED),--recorded "$(RECORDED)")
 
 reference-studies: $(VENV)/.ready-run
-	@$(PY) benchmarks/chain.py --document docs/calibration.md
-	@$(PY) benchmarks/open_choices.py --document docs/open-choices.md $(if $(RECORDED),--recorded "$(RECORDED)")
-	@$(PY) benchmarks/unknown.py --document docs/unknown-objects.md
+	@$(PY) benchmarks/chain.py --document docs/explanation/calibration.md
+	@$(PY) benchmarks/open_choices.py --document docs/explanation/open-choices.md $(if $(RECORDED),--recorded "$(RECORDED)")
+	@$(PY) benchmarks/unknown.py --document docs/explanation/unknown-objects.md
 
 strategy-studies: $(VENV)/.ready-run
-	@$(PY) benchmarks/strategies.py --document docs/strategies.md
-	@$(PY) benchmarks/tuning.py --document docs/tuning.md
+	@$(PY) benchmarks/strategies.py --document docs/explanation/strategies.md
+	@$(PY) benchmarks/tuning.py --document docs/how-to/tuning.md
 
 fuzz: $(VENV)/.ready-run
 	@$(PY) benchmarks/fuzz.py
@@ -80,7 +80,7 @@ kills: $(VENV)/.ready-run
 	@$(PY) benchmarks/kills.py
 
 mutants: $(VENV)/.ready-dev
-	@$(PY) benchmarks/mutants.py --document docs/mutants.md $(if $(NUMBER),--number $(NUMBER))
+	@$(PY) benchmarks/mutants.py --document docs/explanation/mutants.md $(if $(NUMBER),--number $(NUMBER))
 
 rig-demo: $(VENV)/.ready-run
 	@PATH="$(CURDIR)/$(VENV)/bin:$$PATH" docs/examples/rig-demo.sh
@@ -95,24 +95,24 @@ clean:
 
 help:
 	@echo "make run     reproduce the paper, about a minute"
-	@echo "make test    the tests, without the slow ones"
-	@echo "make test-all  all tests, with whole commands, clusters and emulated rigs that take long"
-	@echo "make check   lint, format, types and import layers"
-	@echo "make format  mend lint and format"
-	@echo "make bench   time everything beside baselines and limits, into docs/performance.md; bench-quick only tries it"
-	@echo "make studies whether models are recognised, fits calibrated, and what sessions gain, into docs/model-studies.md"
-	@echo "make audit-studies  level and power of the audit, and whether its promises hold, into docs/audit-studies.md"
-	@echo "make interval-studies  coverage of intervals and level of the verdict on beliefs, into docs/intervals.md; hours"
-	@echo "make results  what the software finds on simulated taps, with RECORDED=FOLDER on recorded ones too, into docs"
-	@echo "make reference-studies  calibration of the whole chain, each open choice of the paper, level and power of unknown"
-	@echo "make strategy-studies  how to move and when to stop: strategies, regret against the exact rule, tuning"
-	@echo "make rig-demo  emulated devices: collect, fit and perceive over serial ports"
-	@echo "make faults  random faults of the emulated rig, and what came of them"
-	@echo "make kills   kill a data collection at random moments, and what was lost"
-	@echo "make mutants  plant small errors and count those that tests notice, into docs/mutants.md; takes hours, resumes"
-	@echo "make fuzz    a million random and mutated inputs for the decoders"
-	@echo "make lock    choose the newest dependencies and pin them in constraints.txt"
-	@echo "make clean   remove what the others made"
+	@echo "make test    run the tests except the slow ones"
+	@echo "make test-all  run all tests, including whole commands, clusters and emulated rigs"
+	@echo "make check   check lint, format, types and import layers"
+	@echo "make format  fix lint and format"
+	@echo "make bench   time every task against baselines and limits, into docs/reference/performance.md; bench-quick is a trial"
+	@echo "make studies model recovery, calibration of fits and gain of session models, into docs/explanation/model-studies.md"
+	@echo "make audit-studies  level and power of the audit, into docs/explanation/audit-studies.md"
+	@echo "make interval-studies  coverage of intervals and level of the verdict on beliefs, into docs/explanation/intervals.md; hours"
+	@echo "make results  results on simulated taps, with RECORDED=FOLDER also on recorded ones, into docs/"
+	@echo "make reference-studies  calibration of beliefs, open choices of the paper, level and power of unknown"
+	@echo "make strategy-studies  strategies of moving and stopping, regret against the exact rule, tuning"
+	@echo "make rig-demo  collect, fit and perceive on emulated devices"
+	@echo "make faults  tap an emulated rig under random faults and report the outcome"
+	@echo "make kills   kill data collections at random moments and count lost taps"
+	@echo "make mutants  plant small errors and count those that tests notice, into docs/explanation/mutants.md; hours, resumes"
+	@echo "make fuzz    feed the decoders a million random and mutated inputs"
+	@echo "make lock    pin the newest dependencies in constraints.txt"
+	@echo "make clean   remove generated files"
 
 $(VENV)/.ready-run: pyproject.toml constraints.txt
 	@./.ci/make-venv $(VENV)

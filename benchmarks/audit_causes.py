@@ -6,7 +6,7 @@
   often the test of sessions rejects at .05.
 - Well alone: whole audits of such taps and of preset `ideal`: what is recommended.
 
-`python benchmarks/audit_causes.py --document docs/audit-studies.md` writes the tables of that page.
+`python benchmarks/audit_causes.py --document docs/explanation/audit-studies.md` writes the tables of that page.
 """
 
 import argparse

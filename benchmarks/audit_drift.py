@@ -4,7 +4,7 @@
   of contrasts should reject in one data set of twenty. Power against noise that taxels share.
 - Suspects: an operator drawn for each tap and a temperature that walks, which make evidence vary or do not.
 
-`python benchmarks/audit_drift.py --document docs/audit-studies.md` writes both tables of that page.
+`python benchmarks/audit_drift.py --document docs/explanation/audit-studies.md` writes both tables of that page.
 """
 
 import argparse

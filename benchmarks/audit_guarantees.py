@@ -6,7 +6,7 @@ ones, so a pool has a thousand taps of each class and every number comes from se
 taps that a trial has met before, were all of them drawn from one class. Intervals are t-intervals over the pools, which
 hold the drawing of taps as well as that of trials.
 
-`python benchmarks/audit_guarantees.py --document docs/audit-studies.md` writes the tables of that page.
+`python benchmarks/audit_guarantees.py --document docs/explanation/audit-studies.md` writes the tables of that page.
 """
 
 import argparse

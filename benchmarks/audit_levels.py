@@ -4,7 +4,7 @@ Levels: taps drawn from a fitted histogram model, preset `model`, the only data 
 the class. Power: taps of the simulated rig with all positions of a class in its middle and no nuisance, one of which
 is then turned up.
 
-`python benchmarks/audit_levels.py --document docs/audit-studies.md` writes both tables of that page.
+`python benchmarks/audit_levels.py --document docs/explanation/audit-studies.md` writes both tables of that page.
 """
 
 import argparse

@@ -3,7 +3,7 @@
 The rigs are three sessions of a preset, seed 0. `model` is taps drawn from the histograms fitted to the first two
 sessions of preset paper: 400 of each class to train, and twice 40 to tune and to measure.
 
-`python benchmarks/audit_sets.py --document docs/audit.md --recorded FOLDER` writes the table and figures of that page.
+`python benchmarks/audit_sets.py --document docs/how-to/audit.md --recorded FOLDER` writes its table and figures.
 """
 
 import argparse

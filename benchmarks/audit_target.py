@@ -4,7 +4,7 @@ Simulated data sets with drift between sessions, of the paper's sizes. One sessi
 are fresh: the first of them is what a user would meet, and all of them give the shares below with less noise. The error
 of a fresh session should lie in the 90 % prediction interval, and a target that is called reachable should be kept.
 
-`python benchmarks/audit_target.py --document docs/audit-studies.md` writes the table of that page.
+`python benchmarks/audit_target.py --document docs/explanation/audit-studies.md` writes the table of that page.
 """
 
 import argparse

@@ -9,7 +9,7 @@ give, `promise exceeded` data sets in which a promise of the stopping rule is re
 audit asks more, that its interval lies above the limit too. `learned` is the exponent of `tempering.best_power` on as
 many other taps; there every data set has its own reference and intervals, as in an audit.
 
-`python benchmarks/calibration_level.py --document docs/intervals.md` writes the tables of that page.
+`python benchmarks/calibration_level.py --document docs/explanation/intervals.md` writes the tables of that page.
 """
 
 import argparse

@@ -5,7 +5,7 @@ truth must rank uniformly and decisions must be right as often as believed. An e
 world stays as it is, must show: how often it does is counted over repetitions at several sample sizes, and without any
 error the same count is the rate of false alarms. Repetitions use the array code, which is the fastest.
 
-`python benchmarks/chain.py --document docs/calibration.md` writes the tables and the figure of that page.
+`python benchmarks/chain.py --document docs/explanation/calibration.md` writes the tables and the figure of that page.
 """
 
 import argparse

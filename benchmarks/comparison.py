@@ -1,7 +1,7 @@
 """What `solidtouch compare` says of all measurement models on simulated taps and on two recordings.
 
-`python benchmarks/comparison.py --document docs/comparison.md --recorded FOLDER` writes the tables and figures of that
-page.
+`python benchmarks/comparison.py --document docs/explanation/comparison.md --recorded FOLDER` writes its tables
+and figures.
 """
 
 import argparse

@@ -5,7 +5,7 @@ on them and compared with those of a right model as in an audit; `learned` is th
 which leaves each of both sessions out in turn. Truths are tables of 12 symbols from Dirichlet 1, and normal curves over
 30 bins at 6 x 3 classes, anew in each data set. Planted dependence repeats one sample of each tap J times.
 
-`python benchmarks/exponent_level.py --document docs/intervals.md` writes the tables of that page.
+`python benchmarks/exponent_level.py --document docs/explanation/intervals.md` writes the tables of that page.
 """
 
 import argparse

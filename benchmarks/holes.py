@@ -3,7 +3,7 @@
 Preset paper of seed 0, and recorded sets with several positions, without the taps of some classes in all sessions, go
 through `crosscheck`, `reproduce --quick` and `audit`. No command may end, and no trial be left without a class.
 
-`python benchmarks/holes.py --document docs/results.md --recorded FOLDER` writes the table of that page.
+`python benchmarks/holes.py --document docs/reference/results.md --recorded FOLDER` writes the table of that page.
 """
 
 import argparse

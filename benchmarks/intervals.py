@@ -5,7 +5,7 @@ log-likelihoods are the right ones and noise of the same size (`noisy`, `noisy t
 the first of these at half the power (`remedied`). Data sets are drawn anew. The truth of a quantity is what a pool of
 `MANY` taps of each class gives, which no trial uses up; of the difference of two models of equal error, it is 0.
 
-`python benchmarks/intervals.py --document docs/intervals.md` writes the tables of that page.
+`python benchmarks/intervals.py --document docs/explanation/intervals.md` writes the tables of that page.
 """
 
 import argparse

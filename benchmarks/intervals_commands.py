@@ -1,7 +1,8 @@
 """Coverage of the intervals of `trials`, `strategies` and `tune` on data of known truth.
 
 Test taps are drawn from the tables that the filter uses, so what fresh taps would give is known from a large pool of
-them. `python benchmarks/intervals_commands.py --document docs/intervals-commands.md` writes the table of that page.
+them. `python benchmarks/intervals_commands.py --document docs/explanation/intervals-commands.md` writes its
+table.
 """
 
 import argparse

@@ -1,8 +1,8 @@
 """What every open choice of the paper is worth, on simulated data sets and on recorded ones.
 
-`python benchmarks/open_choices.py --document docs/open-choices.md --recorded FOLDER` writes the tables and figures of
-that page; without a folder of recordings their table stays as it is. `--from runs/studies/open-choices.json` measures
-nothing and makes words, tables and figures anew from what was measured before.
+`python benchmarks/open_choices.py --document docs/explanation/open-choices.md --recorded FOLDER` writes its tables
+and figures; without a folder of recordings their table keeps its content. `--from runs/studies/open-choices.json`
+measures nothing and rewrites text, tables and figures from earlier measurements.
 """
 
 import argparse
@@ -54,7 +54,7 @@ def section(choice: Mapping[str, Any], source: Mapping[str, Any]) -> str:
         verdict = VERDICTS[option["verdict"]] + (f": {', '.join(option['of'])}" if option["of"] else "")
         lines.append([option["name"], *(interval(option, name) for name in _COLUMNS), verdict])
     head = f"### {choice['name'][0].upper()}{choice['name'][1:]}\n\n*The paper:* {choice['paper']}"
-    default = f"*Default:* {choice['default']}, see [the note](decisions/{choice['record']})."
+    default = f"*Default:* {choice['default']}, see [the note](../decisions/{choice['record']})."
     more = [choice["note"]] if choice["note"] else []
     more += [
         f"Without it {percent(option['impossible_taps'])} of the test taps are impossible under their own class, and "

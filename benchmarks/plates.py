@@ -1,4 +1,4 @@
-"""Draws docs/images/model-plates.svg: plate diagrams of all stories, from the NumPyro models themselves."""
+"""Draws docs/reference/images/model-plates.svg: plate diagrams of all stories, from the NumPyro models themselves."""
 
 from pathlib import Path
 
@@ -32,7 +32,7 @@ def main() -> None:
         "smooth": (stories.smooth, (taps, curves)),
     }
     drawn = [Story(name, get_model_relations(story, arguments)) for name, (story, arguments) in models.items()]
-    folder = Path(__file__).parent.parent / "docs" / "images"
+    folder = Path(__file__).parent.parent / "docs" / "reference" / "images"
     png, _ = save(plates(drawn), folder, "model-plates")
     png.unlink()
 

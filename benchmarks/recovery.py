@@ -4,7 +4,7 @@ Each model is fitted once to simulated sessions of the preset `paper`. Its param
 sessions of taps from these; all models are fitted to the training sessions and forecast the one left out. A session is
 forecast as a whole, since its taps share a state under `session:profile`.
 
-`python benchmarks/recovery.py --document docs/model-studies.md` writes the tables and the figure of that page.
+`python benchmarks/recovery.py --document docs/explanation/model-studies.md` writes its tables and its figure.
 """
 
 import argparse

@@ -1,6 +1,7 @@
-"""What `solidtouch reproduce` finds on simulated taps and on recordings: the tables of docs/results.md.
+"""What `solidtouch reproduce` finds on simulated taps and on recordings: the tables of docs/reference/results.md.
 
-`python benchmarks/results.py --document docs/results.md --recorded FOLDER` writes them, and the figure of the README.
+`python benchmarks/results.py --document docs/reference/results.md --recorded FOLDER` writes them and
+the figure of the README.
 """
 
 import argparse

@@ -5,7 +5,7 @@ same prior. Of an exact posterior the rank of the true value among draws is unif
 inference algorithms with simulation-based calibration", 2018). Ranks are judged by their distribution function with a
 simultaneous band (Sailynoja, Buerkner and Vehtari, Statistics and Computing 32 (2022) 32) and by chi-square.
 
-`python benchmarks/sbc.py --document docs/model-studies.md` writes the table and the figure of that page.
+`python benchmarks/sbc.py --document docs/explanation/model-studies.md` writes the table and the figure of that page.
 """
 
 import argparse

@@ -4,7 +4,7 @@ Simulated data sets of eight sessions each: four train, the exponent of the like
 models of a pair meet the same sequences of taps of one class and session, at the exponent 1/J of the paper and at the
 one fitted for each of them.
 
-`python benchmarks/sessions.py --document docs/model-studies.md` writes the tables and the figure of that page.
+`python benchmarks/sessions.py --document docs/explanation/model-studies.md` writes its tables and its figure.
 """
 
 import argparse

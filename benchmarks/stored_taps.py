@@ -3,7 +3,7 @@
 Taps are drawn from the very histograms that judge them, as in intervals.py, and trials are played twice: with stored
 taps drawn with replacement, and with no tap drawn twice. The miscalibration factor of the latter is 1 in truth.
 
-`python benchmarks/stored_taps.py --document docs/intervals.md` writes the table of that page.
+`python benchmarks/stored_taps.py --document docs/explanation/intervals.md` writes the table of that page.
 """
 
 import argparse

@@ -1,8 +1,8 @@
 """Strategies of moving and rules of stopping on simulated data sets and on recordings that have a tap in every cell.
 
-`python benchmarks/strategies.py --recorded FOLDER --document docs/strategies.md` writes the tables and figures of that
-page; `--summary strategies.json` takes the numbers of finished `solidtouch strategies` instead of playing, and writes
-what these have.
+`python benchmarks/strategies.py --recorded FOLDER --document docs/explanation/strategies.md` writes its tables
+and figures; `--summary strategies.json` takes the numbers of finished `solidtouch strategies` instead of playing, and
+writes what these have.
 """
 
 import argparse

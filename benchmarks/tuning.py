@@ -5,7 +5,7 @@ them, each session left out in turn, or from the halves of the first alone. A fo
 costs with them, with the default pair, and with the pair that is best there, which nobody could have known. On the same
 session learners find both from the costs of single episodes.
 
-`python benchmarks/tuning.py --document docs/tuning.md` writes the tables and figures of that page.
+`python benchmarks/tuning.py --document docs/how-to/tuning.md` writes the tables and figures of that page.
 """
 
 import argparse

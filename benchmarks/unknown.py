@@ -5,7 +5,7 @@ replacement, independently, so that false alarms are those of fresh taps from th
 data set is one draw of training taps with one episode at each object, so episodes at an object are independent and
 their counts have exact binomial (Clopper-Pearson) intervals. Episodes go on for 300 taps; an alarm ends them.
 
-`python benchmarks/unknown.py --document docs/unknown-objects.md` writes the tables of that page.
+`python benchmarks/unknown.py --document docs/explanation/unknown-objects.md` writes the tables of that page.
 """
 
 import argparse

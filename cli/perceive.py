@@ -45,7 +45,7 @@ def perceive(
     ] = PlaySettings(),
     move: Annotated[
         str | None,
-        Option(metavar="NAME", help="Another way to move: random, step, info-what, ...; docs/perceiving.md has all."),
+        Option(metavar="NAME", help="How to move: random, step, info-what, ...; docs/how-to/perceiving.md lists all."),
     ] = None,
     training: Annotated[
         list[Path] | None,
@@ -56,7 +56,7 @@ def perceive(
         str | None,
         Option(
             metavar="RULE",
-            help="Another rule to stop by: where:0.9, taps:5, ...; docs/perceiving.md has all.",
+            help="Stopping rule: where:0.9, taps:5, ...; docs/how-to/perceiving.md lists all.",
         ),
     ] = None,
     give_up: Annotated[

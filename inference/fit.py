@@ -22,7 +22,7 @@ def fit(
 
     Args:
         taps: Training taps, in one set or several whose sessions differ in number.
-        model: Its name, see docs/models.md.
+        model: Its name, see docs/reference/models.md.
         grid: The classes; those of the taps' own tables where none are given. Objects without a tap and empty ends of
             the range are taken out and named in `left_out`, so classes are counted as in the `grid` of the model.
         settings: Fields of `FitSettings`, such as `bins=100`, `pseudocount=0.01` or `power="J"`; a power may also be

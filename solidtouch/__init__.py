@@ -1,7 +1,7 @@
 """Active Bayesian perception for robot touch: where and what, from taps.
 
-Names are listed with their places in `__init__.pyi` and described in docs/api.md. They are loaded when they are first
-asked for, so that importing this package costs nothing.
+Names are listed with their places in `__init__.pyi` and described in docs/reference/api.md. They are loaded when
+they are first asked for, so that importing this package costs nothing.
 """
 
 from importlib.metadata import version

@@ -9,20 +9,23 @@ from pathlib import Path
 
 import pytest
 
-PAGE = Path(__file__).parents[1] / "docs" / "bring-your-own-recordings.md"
+TUTORIALS = Path(__file__).parents[1] / "docs" / "tutorials"
+PAGE = TUTORIALS / "bring-your-own-recordings.md"
 RECORDED = ("convert", "inspect")  # what the quick test runs; the slow one runs every command
 
 
-def blocks() -> list[tuple[str, str]]:
+def blocks(page: Path) -> list[tuple[str, str]]:
     """Language and content of each fenced block, in the order of the page."""
-    return re.findall(r"^```(\w+)\n(.*?)^```$", PAGE.read_text(encoding="utf-8"), flags=re.MULTILINE | re.DOTALL)
+    return re.findall(r"^```(\w+)\n(.*?)^```$", page.read_text(encoding="utf-8"), flags=re.MULTILINE | re.DOTALL)
 
 
-def run_page(folder: Path, commands: tuple[str, ...] | None) -> dict[str, str]:
-    """Runs the page in a folder, of its shell lines those with one of the commands; returns what each line printed."""
+def run_page(page: Path, folder: Path, commands: tuple[str, ...] | None) -> dict[str, str]:
+    """Runs a page in a folder, of its shell lines those with one of the commands; returns what each line printed."""
     path = os.pathsep.join([str(Path(sys.executable).parent), os.environ["PATH"]])
     printed = {}
-    for language, content in blocks():
+    for language, content in blocks(page):
+        if language == "text":
+            continue
         if language == "python":
             subprocess.run([sys.executable, "-c", content], cwd=folder, check=True)
             continue
@@ -40,7 +43,7 @@ def run_page(folder: Path, commands: tuple[str, ...] | None) -> dict[str, str]:
 
 def test_the_page_converts_and_inspects_its_recordings(tmp_path):
     """180 taps in 6 streams, none lost, and the warning that the page speaks of."""
-    printed = " ".join(" ".join(run_page(tmp_path, RECORDED).values()).split())
+    printed = " ".join(" ".join(run_page(PAGE, tmp_path, RECORDED).values()).split())
 
     assert "180 taps from 6 streams, 0 cut short" in printed
     assert "taps.nc: 180 taps of 20 samples from 3 taxels." in printed
@@ -50,7 +53,17 @@ def test_the_page_converts_and_inspects_its_recordings(tmp_path):
 
 @pytest.mark.slow
 def test_the_page_ends_in_the_report(tmp_path):
-    run_page(tmp_path, None)
+    run_page(PAGE, tmp_path, None)
 
     assert (tmp_path / "model.nc").is_file()
     assert (tmp_path / "report" / "report.html").is_file()
+
+
+@pytest.mark.slow
+def test_the_first_steps_print_what_the_page_shows(tmp_path):
+    page = TUTORIALS / "first-steps.md"
+    printed = "".join(run_page(page, tmp_path, None).values())
+
+    shown = [content for language, content in blocks(page) if language == "text"]
+    assert len(shown) == 2
+    assert all(text in printed for text in shown)

@@ -9,7 +9,7 @@ import pytest
 
 import solidtouch
 
-DOCUMENT = (Path(__file__).parents[1] / "docs" / "api.md").read_text(encoding="utf-8")
+DOCUMENT = (Path(__file__).parents[1] / "docs" / "reference" / "api.md").read_text(encoding="utf-8")
 
 
 def test_importing_loads_nothing_else():

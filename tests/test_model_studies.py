@@ -260,7 +260,7 @@ def test_an_interrupted_study_keeps_what_is_finished(parts, capsys):
 
 
 def test_the_page_has_a_place_for_every_study(parts):
-    page = FOLDER.parent / "docs" / "model-studies.md"
+    page = FOLDER.parent / "docs" / "explanation" / "model-studies.md"
     for name in ("recovery", "sbc", "sessions"):
         parts.studies.check_block(page, name)
 

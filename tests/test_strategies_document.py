@@ -24,7 +24,7 @@ def benchmark():
 
 def test_every_block_has_its_place(benchmark):
     """So that minutes of trials are not for nothing."""
-    page = ROOT / "docs" / "strategies.md"
+    page = ROOT / "docs" / "explanation" / "strategies.md"
     for name in (*benchmark.BLOCKS, benchmark.REGRET):
         benchmark.check_block(page, name)
     with pytest.raises(ValueError, match="no lines <!-- begin nothing -->"):

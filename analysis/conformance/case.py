@@ -1,6 +1,6 @@
 """A conformance case: a model, taps and moves as plain numbers, and the lines that a program reads.
 
-The format is documented in docs/conformance/README.md. Numbers are doubles, indices count from 0.
+The format is documented in docs/reference/conformance/README.md. Numbers are doubles, indices count from 0.
 """
 
 import json

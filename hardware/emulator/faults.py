@@ -1,6 +1,6 @@
 """The faults that a bench produces, as switches that emulated devices ask.
 
-Numbers are those of the table in docs/faults.md, which says what the driver does about each.
+Numbers are those of the table in docs/reference/faults.md, which says what the driver does about each.
 """
 
 import math
@@ -16,7 +16,7 @@ class Fault(NamedTuple):
     """One thing that goes wrong.
 
     Attributes:
-        number: Its row in docs/faults.md.
+        number: Its row in docs/reference/faults.md.
         where: `"port"` for either port, `"stage"` or `"sensor"`.
         meaning: What happens, in words, with its parameters.
         parameters: Names of its parameters; each is a number.

@@ -121,7 +121,7 @@ class IcubSettings(_RigTable, frozen=True, tag_field="kind", tag="icub"):
 
 
 class LineSettings(_RigTable, frozen=True, tag_field="kind", tag="lines"):
-    """A sensor that sends one line per reading, `t_ms,v0,...`; see docs/line-sensor.md.
+    """A sensor that sends one line per reading, `t_ms,v0,...`; see docs/how-to/line-sensor.md.
 
     Attributes:
         port: Device or URL.

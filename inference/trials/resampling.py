@@ -40,13 +40,13 @@ type Floats = NDArray[np.float64]
 RESAMPLES = 100
 CONFIDENCE = 0.95
 FEW = 10
-"""Taps of a class below which intervals are not known to hold, see docs/intervals.md."""
+"""Taps of a class below which intervals are not known to hold, see docs/explanation/intervals.md."""
 _FEW_SESSIONS, _FEW_FREEDOM = 4, 10.0
 RESAMPLE_TRIALS = 2000
 USED_UP = 0.05
 """Share of trials that the stored taps end, above which there are too few of them."""
 USED_UP_SELECTED = 0.005
-"""The same in selections of three quarters of the taps, above which intervals are too wide, see docs/intervals.md."""
+"""The same in selections of three quarters of the taps, above which intervals are too wide, see the same page."""
 _LEAST_FREEDOM = 4.0  # where the chance of trials hides that of taps, how well either is known is not known itself
 _DEFINED = 0.95  # of the resamples: an interval from fewer would be that of the lucky ones
 

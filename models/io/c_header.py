@@ -1,4 +1,4 @@
-"""Fitted tables as a C header, for robots whose programs are compiled; docs/exported-models.md explains it.
+"""Fitted tables as a C header, for robots whose programs are compiled; docs/how-to/exported-models.md explains it.
 
 It is C99 and C++11, includes nothing but `math.h`, and stands for itself: sizes are macros, tables static constants.
 """

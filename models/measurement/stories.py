@@ -1,8 +1,8 @@
 """The measurement models as generative stories in NumPyro: how the samples of taps of known class come about.
 
 Each is one function of 10 to 25 lines that says nothing but the story; how a model is fitted stands in `fit_*`, and
-what the models assume and relax in docs/models.md. Plates carry the letters of the axes: `L` where classes, `M` what
-classes, `J` samples of a tap, `K` taxels.
+what the models assume and relax in docs/reference/models.md. Plates carry the letters of the axes: `L` where classes,
+`M` what classes, `J` samples of a tap, `K` taxels.
 
 Levels are intercepts of forecasts: a sample is `level` plus what the samples before it add to it. Samples are in units
 of `Scaling`, in which the typical deviation of a taxel within a class is 1. Hyperparameters are given: the same prior

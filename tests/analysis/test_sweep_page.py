@@ -12,7 +12,7 @@ from solidtouch.analysis.sweep.run import sweep
 from solidtouch.analysis.sweep.study import load_study, parse_study
 
 DOCS = Path(__file__).parents[2] / "docs"
-PAGE = (DOCS / "sweep.md").read_text(encoding="utf-8")
+PAGE = (DOCS / "how-to" / "sweep.md").read_text(encoding="utf-8")
 
 
 def block(language: str) -> str:

@@ -14,7 +14,7 @@ from solidtouch.models.io.model_file import load_model
 from solidtouch.models.measurement.histogram import fit
 from solidtouch.models.setting_file import Setting
 
-SOLID = Path(__file__).parents[2] / "docs" / "conformance" / "solid.c"
+SOLID = Path(__file__).parents[2] / "docs" / "reference" / "conformance" / "solid.c"
 
 
 @pytest.fixture(scope="module")

@@ -9,7 +9,7 @@ removed first: of three neighbouring taps of a class and session at times t1 < t
 counts, which is zero for any line through the session and nearly so for any slow course. Triples do not overlap, so
 these contrasts are exchangeable under independent noise and under random walks, and are permuted as taps are; classes
 that were tapped in turns share their drift, so all classes of a session are permuted alike. What taxels share slowly is
-removed as well, and a third of the taps is left: docs/audit-studies.md has levels and the price in power.
+removed as well, and a third of the taps is left: docs/explanation/audit-studies.md has levels and the price in power.
 """
 
 from collections.abc import Callable

@@ -1,9 +1,9 @@
 """The likelihood of taps from the generative stories of `stories`, at the parameters of a fitted model.
 
-The stories give densities of exact samples, fitted models the probabilities of their bins (docs/models.md). Here a
-story is run by NumPyro at the fitted parameters, and its distribution of every sample given those before it is taken
-over the bin that holds the sample: `log_density` of the story with interval-censored samples. Forms and the compiled
-loops behind a model take no part, so that both can be compared.
+The stories give densities of exact samples, fitted models the probabilities of their bins
+(docs/reference/models.md). Here a story is run by NumPyro at the fitted parameters, and its distribution of every
+sample given those before it is taken over the bin that holds the sample: `log_density` of the story with
+interval-censored samples. Forms and the compiled loops behind a model take no part, so that both can be compared.
 """
 
 from collections.abc import Callable

@@ -1,4 +1,4 @@
-"""The two foreign programs of docs/conformance agree with the reference equations and refuse what they cannot read."""
+"""The programs in docs/reference/conformance agree with the reference equations and refuse what they cannot read."""
 
 import importlib.util
 import json
@@ -18,7 +18,7 @@ from solidtouch.analysis.conformance.run import Asked, check_program
 from solidtouch.inference import reference
 from solidtouch.inference.reference import BORDERS, ZeroEvidenceError
 
-FOLDER = Path(__file__).parents[3] / "docs" / "conformance"
+FOLDER = Path(__file__).parents[3] / "docs" / "reference" / "conformance"
 MISTAKES = tomllib.loads((FOLDER / "mistakes.toml").read_text(encoding="utf-8"))["mistake"]
 STRICT = ["-Wall", "-Wextra", "-Wpedantic", "-Wconversion", "-Wshadow", "-Werror", "-std=c99", "-ffp-contract=off"]
 NAMES = [

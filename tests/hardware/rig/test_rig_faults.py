@@ -1,4 +1,4 @@
-"""The table in docs/faults.md names every fault once, with a switch that exists and tests that exist."""
+"""The table in docs/reference/faults.md names every fault once, with a switch that exists and tests that exist."""
 
 import ast
 import re
@@ -8,7 +8,7 @@ import pytest
 from solidtouch.hardware.emulator.faults import FAULTS
 
 HERE = Path(__file__)
-PAGE = HERE.parents[3] / "docs" / "faults.md"
+PAGE = HERE.parents[3] / "docs" / "reference" / "faults.md"
 ALWAYS = {19, 20}
 
 

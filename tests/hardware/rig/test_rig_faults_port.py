@@ -1,4 +1,4 @@
-"""What a bench does to both ports, and what the whole rig does about it; numbers are the rows of docs/faults.md."""
+"""Faults of both ports and how the whole rig handles them; numbers are rows of docs/reference/faults.md."""
 
 from itertools import pairwise
 

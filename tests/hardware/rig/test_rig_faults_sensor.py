@@ -1,4 +1,4 @@
-"""What a bench does to the fingertip, and what the whole rig does about it; numbers are the rows of docs/faults.md."""
+"""Faults of the fingertip and how the whole rig handles them; numbers are rows of docs/reference/faults.md."""
 
 import re
 

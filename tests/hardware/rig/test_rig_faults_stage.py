@@ -1,4 +1,4 @@
-"""What a bench does to the stage, and what the whole rig does about it; numbers are the rows of docs/faults.md."""
+"""Faults of the stage and how the whole rig handles them; numbers are rows of docs/reference/faults.md."""
 
 import re
 

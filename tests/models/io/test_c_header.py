@@ -19,7 +19,7 @@ from solidtouch.models.io.export import Decisions, log_tables
 from solidtouch.models.power import likelihood_exponent
 
 DECISIONS = Decisions("clamp", 0.9, 0.25, 1)
-SOLID = Path(__file__).parents[3] / "docs" / "conformance" / "solid.c"
+SOLID = Path(__file__).parents[3] / "docs" / "reference" / "conformance" / "solid.c"
 COMPILERS = {
     "C": ("cc", "-x", "c", "-std=c99"),
     "C++": ("c++", "-x", "c++", "-std=c++11"),
@@ -104,8 +104,8 @@ def test_names_and_comments_break_no_program(tmp_path, make_model):
 
 
 def test_every_name_is_documented(make_model):
-    """In docs/exported-models.md; sizes by their letters."""
-    text = Path(__file__).parents[3].joinpath("docs/exported-models.md").read_text(encoding="utf-8")
+    """In docs/how-to/exported-models.md; sizes by their letters."""
+    text = Path(__file__).parents[3].joinpath("docs/how-to/exported-models.md").read_text(encoding="utf-8")
     header = c_header(make_model(), DECISIONS)
     macros = [name for name in re.findall(r"#define SOLIDTOUCH_(\w+) ", header) if name not in "LMKJB"]
     arrays = re.findall(r"solidtouch_(\w+\[)", header)
@@ -156,7 +156,7 @@ def test_bins_too_narrow_for_single_precision_are_refused(make_model):
 def test_the_small_c_program_perceives_as_the_reference(tmp_path, make_model, draw_samples, border, single):
     """Built with the header it gives the posteriors, decisions and moves of the reference, over taps and moves."""
     if not SOLID.exists():
-        pytest.skip("docs/conformance/solid.c is not there")
+        pytest.skip("docs/reference/conformance/solid.c is not there")
     model = make_model(value_range="taxel", untrained=[(0, 1)], power=0.3)
     decisions = Decisions(border, 0.6, 0.3, 1)
     save_c_header(model, tmp_path / "model.h", decisions, single)

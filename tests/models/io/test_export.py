@@ -54,7 +54,7 @@ def test_a_histogram_comes_back_bit_for_bit(tmp_path, make_taps, value_range, po
 
 def test_the_keys_are_those_of_a_conformance_case(make_model):
     """All of its header's, of the three that exclude each other the one that is there."""
-    text = Path(__file__).parents[3].joinpath("docs/conformance/README.md").read_text(encoding="utf-8")
+    text = Path(__file__).parents[3].joinpath("docs/reference/conformance/README.md").read_text(encoding="utf-8")
     table = text.split("The first line is the header of the case:")[1].split("Exactly one of")[0]
     rows = [line.split("|")[1] for line in table.splitlines() if line.startswith("| `")]
     keys = {key for row in rows for key in re.findall(r"`(\w+)`", row)}
@@ -64,8 +64,8 @@ def test_the_keys_are_those_of_a_conformance_case(make_model):
 
 
 def test_every_key_is_documented(make_model):
-    """In docs/exported-models.md, also the fields of the record and the grid."""
-    text = Path(__file__).parents[3].joinpath("docs/exported-models.md").read_text(encoding="utf-8")
+    """In docs/how-to/exported-models.md, also the fields of the record and the grid."""
+    text = Path(__file__).parents[3].joinpath("docs/how-to/exported-models.md").read_text(encoding="utf-8")
     values = {**exported(make_model(), DECISIONS, "a"), **exported(make_model(untrained=[(0, 0)]), DECISIONS, "a")}
 
     assert [key for key in [*values, *values["grid"], *values["preprocessing"]] if f"`{key}`" not in text] == []
@@ -272,7 +272,7 @@ def test_numbers_too_large_for_a_float_are_refused(tmp_path, make_model, name):
 
 
 def test_the_high_pass_is_what_the_document_says(rng):
-    """Coefficients and start of docs/exported-models.md give what the taps of the model were prepared by."""
+    """Coefficients and start of docs/how-to/exported-models.md give what the taps of the model were prepared by."""
     record = Preprocessing(samples=40, rate_hz=50.0, highpass_hz=0.3, trigger="clock")
     frames = rng.normal(size=(40, 2)).cumsum(axis=0) + 100
     c = np.tan(np.pi * 0.3 / 50.0)
