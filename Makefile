@@ -95,7 +95,7 @@ clean:
 
 help:
 	@echo "make run     reproduce the paper, about a minute"
-	@echo "make test    the tests, without the slow ones"
+	@echo "make test    the tests, without the slow ones; the first run compiles what the next ones find in build/xla"
 	@echo "make test-all  all tests, with whole commands, clusters and emulated rigs that take long"
 	@echo "make check   lint, format, types and import layers"
 	@echo "make format  mend lint and format"

@@ -2,6 +2,7 @@
 
 import hashlib
 import importlib.util
+import shutil
 import sys
 import tempfile
 import time
@@ -26,7 +27,7 @@ from threadpoolctl import threadpool_limits
 settings.register_profile("solidtouch", deadline=None)
 settings.load_profile("solidtouch")
 
-_KEPT_S = 14 * 86400
+_KEPT_S, _LEFT_S = 14 * 86400, 86400
 
 
 @pytest.fixture(scope="session", autouse=True)
@@ -37,7 +38,7 @@ def _one_blas_thread() -> Iterator[None]:
 
 
 @pytest.fixture(scope="session", autouse=True)
-def _xla_compiles_once(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
+def _xla_compiles_once() -> Iterator[None]:
     """Machine code of XLA is kept between runs in `build/xla`, as numba keeps its own beside the source.
 
     Its key is a hash of the whole program, so changed code is compiled anew. JAX does not write files atomically, so
@@ -49,6 +50,10 @@ def _xla_compiles_once(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Non
     features = hashlib.sha256(get_host_cpu_features().flatten().encode()).hexdigest()[:12]
     kept = Path(__file__).parents[1] / "build" / "xla" / features
     kept.mkdir(parents=True, exist_ok=True)
+    for left in kept.parent.glob("tmp*"):  # by a run that was killed
+        with suppress(FileNotFoundError):
+            if time.time() - left.stat().st_mtime > _LEFT_S:
+                shutil.rmtree(left, ignore_errors=True)
     with tempfile.TemporaryDirectory(dir=kept.parent) as own:
         for entry in kept.iterdir():
             with suppress(FileNotFoundError):  # another run may have removed it
