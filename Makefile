@@ -95,7 +95,7 @@ clean:
 
 help:
 	@echo "make run     reproduce the paper, about a minute"
-	@echo "make test    run the tests except the slow ones"
+	@echo "make test    run the tests except the slow ones; the first run compiles what later ones find in build/xla"
 	@echo "make test-all  run all tests, including whole commands, clusters and emulated rigs"
 	@echo "make check   check lint, format, types and import layers"
 	@echo "make format  fix lint and format"

@@ -25,7 +25,7 @@ import threading
 import time
 import tomllib
 from collections import Counter
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
 from itertools import count
@@ -53,8 +53,9 @@ class Tests:
         # The entry point imports every command, so through it all tests of commands would concern all modules.
         self._modules = {name: file for file in files if (name := _dotted(file)) not in {"cli.main", "cli.__main__"}}
         self._imports = {name: self._imported(file, name) for name, file in self._modules.items()}
-        tests = sorted((ROOT / "tests").glob("**/test_*.py"))
-        self._tested = {test: self._imported(test, "tests") for test in tests}
+        tests = ROOT / "tests"
+        helpers = {file.stem: self._imported(file, "tests") for file in tests.glob("*.py")}
+        self._tested = {test: self._imported(test, "tests", helpers) for test in sorted(tests.glob("**/test_*.py"))}
         compiled = {name for name, used in self._imports.items() if "models.compiled" in used}
         self.frozen = compiled.union({"models.compiled"}, *(self._imports[name] for name in compiled))
         """Modules whose code or constants machine code on disk may hold."""
@@ -81,7 +82,8 @@ class Tests:
         importing.sort(key=lambda test: (test.parent != mirrored.parent, len(self._tested[test])))
         return [mirrored] * mirrored.exists() + importing
 
-    def _imported(self, file: Path, name: str) -> set[str]:
+    def _imported(self, file: Path, name: str, helpers: Mapping[str, set[str]] = {}) -> set[str]:
+        """Modules that a file imports, itself or through helpers."""
         found = set()
         for node in ast.walk(ast.parse(file.read_text(encoding="utf-8"))):
             if isinstance(node, ast.ImportFrom):
@@ -94,7 +96,7 @@ class Tests:
                 found |= {base, *(f"{base}.{alias.name}".removeprefix("solidtouch.") for alias in node.names)}
             elif isinstance(node, ast.Import):
                 found |= {alias.name.removeprefix("solidtouch.") for alias in node.names}
-        return found & set(self._modules)
+        return found.union(*(helpers[one] for one in found & set(helpers))) & set(self._modules)
 
 
 class Run(NamedTuple):

@@ -1,13 +1,20 @@
 """What several folders of tests share: one random generator, recorded data, and small tap sets."""
 
+import hashlib
 import importlib.util
+import shutil
+import sys
+import tempfile
+import time
 from collections.abc import Callable, Iterable, Iterator
+from contextlib import suppress
 from pathlib import Path
 from types import ModuleType
 
 import numpy as np
 import pytest
 from hypothesis import settings
+from llvmlite.binding import get_host_cpu_features
 from numpy.typing import NDArray
 from solidtouch.hardware.simulator.model_rig import bin_tables
 from solidtouch.models.grid import ClassGrid
@@ -20,12 +27,46 @@ from threadpoolctl import threadpool_limits
 settings.register_profile("solidtouch", deadline=None)
 settings.load_profile("solidtouch")
 
+_KEPT_S, _LEFT_S = 14 * 86400, 86400
+
 
 @pytest.fixture(scope="session", autouse=True)
 def _one_blas_thread() -> Iterator[None]:
     """Linear algebra of the small sizes of tests is several times slower on several threads."""
     with threadpool_limits(1):
         yield
+
+
+@pytest.fixture(scope="session", autouse=True)
+def _xla_compiles_once() -> Iterator[None]:
+    """Machine code of XLA is kept between runs in `build/xla`, as numba keeps its own beside the source.
+
+    Its key is a hash of the whole program, so changed code is compiled anew. JAX does not write files atomically, so
+    each process has a folder of its own and publishes at its end what it has written.
+    """
+    if "jax" not in sys.modules:
+        yield
+        return
+    features = hashlib.sha256(get_host_cpu_features().flatten().encode()).hexdigest()[:12]
+    kept = Path(__file__).parents[1] / "build" / "xla" / features
+    kept.mkdir(parents=True, exist_ok=True)
+    for left in kept.parent.glob("tmp*"):  # by a run that was killed
+        with suppress(FileNotFoundError):
+            if time.time() - left.stat().st_mtime > _LEFT_S:
+                shutil.rmtree(left, ignore_errors=True)
+    with tempfile.TemporaryDirectory(dir=kept.parent) as own:
+        for entry in kept.iterdir():
+            with suppress(FileNotFoundError):  # another run may have removed it
+                if time.time() - entry.stat().st_mtime > _KEPT_S:
+                    entry.unlink()
+                else:
+                    Path(own, entry.name).hardlink_to(entry)
+        config = sys.modules["jax"].config
+        config.update("jax_compilation_cache_dir", own)
+        config.update("jax_persistent_cache_min_compile_time_secs", 0)
+        yield
+        for entry in Path(own).iterdir():
+            entry.replace(kept / entry.name)
 
 
 @pytest.fixture

@@ -10,12 +10,16 @@ from numpy.testing import assert_array_equal
 FOLDER = Path(__file__).parents[1] / "benchmarks"
 
 
+def study_of(name):
+    with pytest.MonkeyPatch.context() as patch:
+        patch.syspath_prepend(FOLDER)
+        return importlib.import_module(name)
+
+
 @pytest.fixture(scope="module")
 def study():
     """The module of the study."""
-    with pytest.MonkeyPatch.context() as patch:
-        patch.syspath_prepend(FOLDER)
-        yield importlib.import_module("audit_levels")
+    return study_of("audit_levels")
 
 
 def test_a_common_mode_is_found_across_taxels_and_in_time(study):
@@ -51,9 +55,7 @@ def test_the_figure_has_a_curve_for_every_knob(study):
 @pytest.fixture(scope="module")
 def drifting():
     """The module of the study of drift."""
-    with pytest.MonkeyPatch.context() as patch:
-        patch.syspath_prepend(FOLDER)
-        yield importlib.import_module("audit_drift")
+    return study_of("audit_drift")
 
 
 def test_a_drift_of_each_taxel_is_found_by_whole_taps_only(drifting):

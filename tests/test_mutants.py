@@ -83,12 +83,16 @@ def test_samples_grow_and_mix_kinds(parts):
 
 
 def test_tests_of_a_module_come_first(parts):
-    """The mirrored file, then those that import the module, then those of its users; loops need caches of their own."""
+    """The mirrored file, then those that import the module, also through helpers, then those of its users.
+
+    Loops need caches of their own.
+    """
     tests = parts.mutants.Tests()
     own, later = tests.of("hardware.rig.tap_quality")
     assert own[0].name == "test_tap_quality.py"
     assert later
     assert not set(own) & set(later)
+    assert "test_resets.py" in {test.name for test in tests.of("hardware.emulator.grbl.controller")[0]}
     assert {"inference.trials.kernel", "models.measurement.likelihood.counting"} <= tests.frozen
     assert "hardware.rig.tap_quality" not in tests.frozen
 

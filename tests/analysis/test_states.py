@@ -1,65 +1,31 @@
 """Analysis of a model that carries a state of the episode speaks of objects, not of hypotheses."""
 
-from dataclasses import dataclass
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from numbered_taps import NumberedTaps
 from solidtouch.analysis.experiment.trial_check import DEVICES, compare_trials
 from solidtouch.analysis.reproduce.examples import belief_cases
 from solidtouch.analysis.stats.contacts import accuracy
 from solidtouch.inference.engines.compiled import FilterEngine
 from solidtouch.inference.reference import BORDERS
 from solidtouch.inference.trials.plan import plan_trials, tap_table
-from solidtouch.models.grid import ClassGrid
-from solidtouch.models.preprocessing import Preprocessing
-from solidtouch.models.taps import TapSet
 
 L, M, S, N = 4, 3, 2, 30
-
-
-@dataclass(frozen=True)
-class NumberedTaps:
-    """A measurement model that knows N taps by their number, which is all that they hold."""
-
-    known: np.ndarray
-    log_prior: np.ndarray
-    grid = ClassGrid(1.5 * np.arange(L), "mm", None, tuple((f"object {m}",) for m in range(M)))
-    preprocessing = Preprocessing(samples=1)
-    saturation, K = np.inf, 1
-    trained = np.ones((L, M), dtype=bool)
-
-    def log_likelihood(self, taps):
-        return self.known[np.asarray(taps)[:, 0, 0].astype(int)]
-
-    def check_taps(self, preprocessing):
-        assert preprocessing == self.preprocessing
-
-
-def numbered(model, where, what):
-    """The taps of these classes, in turn."""
-    return TapSet.from_arrays(
-        np.arange(len(where), dtype=float)[:, np.newaxis, np.newaxis],
-        what,
-        model.grid.what_name,
-        preprocessing=model.preprocessing,
-        where=model.grid.where_value[where],
-        where_value=model.grid.where_value,
-        where_unit="mm",
-    )
 
 
 @pytest.fixture
 def model():
     rng = np.random.default_rng(0)
     prior = rng.dirichlet(np.ones(L * S * M)).reshape(L, S * M)
-    return NumberedTaps(2 * rng.normal(size=(N, L, S * M)), np.log(prior))
+    return NumberedTaps(2 * rng.normal(size=(N, L, S * M)), np.log(prior), M)
 
 
 @pytest.fixture
 def taps(model):
     where, what = np.indices((L, M)).reshape(2, -1)
-    return numbered(model, np.resize(where, N), np.resize(what, N))
+    return model.taps_of(np.resize(where, N), np.resize(what, N))
 
 
 def test_contacts_are_judged_by_sums_over_states():
@@ -69,8 +35,8 @@ def test_contacts_are_judged_by_sums_over_states():
     belief[0, 1, 2] = 0.4
     with np.errstate(divide="ignore"):
         log_likelihood = np.log(belief).reshape(1, L, S * M)
-    model = NumberedTaps(log_likelihood, np.full((L, S * M), -np.log(L * S * M)))
-    (row,) = accuracy(tap_table(model, numbered(model, [0], [1])), seed=0, contacts=(1,))
+    model = NumberedTaps(log_likelihood, np.full((L, S * M), -np.log(L * S * M)), M)
+    (row,) = accuracy(tap_table(model, model.taps_of([0], [1])), seed=0, contacts=(1,))
 
     assert row.hits.tolist() == [[1.0, 1.0, 1.0]]
 
@@ -80,17 +46,17 @@ def test_contacts_share_the_state():
     likelihood = np.full((2, L, S, M), 0.1)
     likelihood[0, 0, 0, 1] = likelihood[1, 0, 1, 1] = 1.0
     likelihood[:, 0, 0, 2] = 0.6
-    model = NumberedTaps(np.log(likelihood).reshape(2, L, S * M), np.full((L, S * M), -np.log(L * S * M)))
-    one, two = accuracy(tap_table(model, numbered(model, [0, 0], [1, 1])), seed=0, contacts=(1, 2))
+    model = NumberedTaps(np.log(likelihood).reshape(2, L, S * M), np.full((L, S * M), -np.log(L * S * M)), M)
+    one, two = accuracy(tap_table(model, model.taps_of([0, 0], [1, 1])), seed=0, contacts=(1, 2))
 
     assert one.hits.tolist() == [[1.0, 1.0, 1.0]]
     assert two.hits.tolist() == [[0.0, 1.0, 0.0]]
 
 
 def test_taps_that_no_state_can_give_count_as_wrong():
-    model = NumberedTaps(np.full((1, L, S * M), -np.inf), np.full((L, S * M), -np.log(L * S * M)))
+    model = NumberedTaps(np.full((1, L, S * M), -np.inf), np.full((L, S * M), -np.log(L * S * M)), M)
 
-    (row,) = accuracy(tap_table(model, numbered(model, [3], [2])), seed=0, contacts=(1,))
+    (row,) = accuracy(tap_table(model, model.taps_of([3], [2])), seed=0, contacts=(1,))
 
     assert not row.hits.any()
 

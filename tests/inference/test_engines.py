@@ -180,6 +180,16 @@ def over_all_paths(log_likelihood, log_prior, deltas, border):
     return np.log(evidence), (smoothed / evidence).reshape(T, L, M)
 
 
+def assert_enumerated(model, taps, deltas, border, log_evidence, smoothed):
+    """The enumerated sequence has this evidence and these posteriors, and filtered ones of the recursion."""
+    posterior = enumerate_sequence(model, taps, deltas, border)
+    log_beliefs, evidence = follow(make_engine("numpy", model, border), taps, deltas)
+    np.testing.assert_allclose(posterior.smoothed, smoothed, rtol=0, atol=1e-10)
+    np.testing.assert_allclose(posterior.filtered, np.exp(log_beliefs), rtol=0, atol=1e-10)
+    np.testing.assert_allclose(posterior.log_evidence, evidence, rtol=0, atol=1e-10)
+    assert posterior.log_evidence[-1] == pytest.approx(log_evidence, abs=1e-10)
+
+
 @pytest.mark.parametrize("border", KERNEL_BORDERS)
 @pytest.mark.parametrize("sizes", [(2, 3, 4, 1, 5, 4), (3, 1, 2, 4, 6, 5), (1, 2, 3, 5, 4, 6), (1, 1, 2, 3, 4, 2)])
 @pytest.mark.parametrize("pseudocount", [0.0, 0.3])
@@ -191,13 +201,8 @@ def test_enumerated_sequences_agree_with_all_paths(make_model, draw_samples, rng
     taps = draw_samples(model, T, seed=1, where=0)
     deltas = rng.integers(-L - 1, L + 2, size=T - 1).tolist() if pseudocount else [0] * (T - 1)
     log_evidence, smoothed = over_all_paths(model.log_likelihood(taps), model.log_prior, deltas, border)
-    posterior = enumerate_sequence(model, taps, deltas, border)
-    log_beliefs, evidence = follow(make_engine("numpy", model, border), taps, deltas)
 
-    np.testing.assert_allclose(posterior.smoothed, smoothed, rtol=0, atol=1e-10)
-    np.testing.assert_allclose(posterior.filtered, np.exp(log_beliefs), rtol=0, atol=1e-10)
-    np.testing.assert_allclose(posterior.log_evidence, evidence, rtol=0, atol=1e-10)
-    assert posterior.log_evidence[-1] == pytest.approx(log_evidence, abs=1e-10)
+    assert_enumerated(model, taps, deltas, border, log_evidence, smoothed)
 
 
 @pytest.mark.parametrize("power", ["JK", "none", 2.5])
@@ -235,13 +240,8 @@ def test_enumerated_sequences_in_states_agree_with_all_paths(make_taps, border, 
     evidences = states.log_prior + [part[0] for part in parts]
     log_evidence = np.logaddexp.reduce(evidences)
     smoothed = np.concatenate([np.exp(e - log_evidence) * p[1] for e, p in zip(evidences, parts, strict=True)], axis=2)
-    posterior = enumerate_sequence(model, taps, deltas, border)
-    log_beliefs, evidence = follow(make_engine("numpy", model, border), taps, deltas)
 
-    np.testing.assert_allclose(posterior.smoothed, smoothed, rtol=0, atol=1e-10)
-    np.testing.assert_allclose(posterior.filtered, np.exp(log_beliefs), rtol=0, atol=1e-10)
-    np.testing.assert_allclose(posterior.log_evidence, evidence, rtol=0, atol=1e-10)
-    assert posterior.log_evidence[-1] == pytest.approx(log_evidence, abs=1e-10)
+    assert_enumerated(model, taps, deltas, border, log_evidence, smoothed)
 
 
 def two_objects(make_model, peak, pseudocount, power="none", J=1):

@@ -5,6 +5,7 @@ from functools import cache
 
 import numpy as np
 import pytest
+from numbered_taps import NumberedTaps
 from solidtouch.hardware.replay import ReplayRig
 from solidtouch.inference import reference
 from solidtouch.inference.engines.compiled import FilterEngine, likelihoods
@@ -17,35 +18,14 @@ from solidtouch.inference.trials.records import TapTable, TrialPlan
 from solidtouch.inference.trials.run import run_trials
 from solidtouch.inference.trials.tally import tally, tally_trials
 from solidtouch.models.errors import InputError
-from solidtouch.models.grid import ClassGrid
 from solidtouch.models.measurement.states import fold, log_fold
-from solidtouch.models.preprocessing import Preprocessing
 from solidtouch.models.settings import PlaySettings
-from solidtouch.models.taps import TapSet
 
 L, M, S, N = 5, 2, 3, 40
 TRIALS, DEADLINE, SEED = 40, 13, 6
 THETAS = (0.9, 0.6, 1.0, 0.97)
 ALLOWED = [border for border in BORDERS if border != "prior"]
 DEVICES = ["cpu", "xla-cpu"]
-
-
-@dataclass(frozen=True)
-class NumberedTaps:
-    """A measurement model that knows N taps by their number, which is all that they hold."""
-
-    known: np.ndarray
-    log_prior: np.ndarray
-    grid = ClassGrid(1.5 * np.arange(L), "mm", None, tuple((f"object {m}",) for m in range(M)))
-    preprocessing = Preprocessing(samples=1)
-    saturation, K = np.inf, 1
-    trained = np.ones((L, M), dtype=bool)
-
-    def log_likelihood(self, taps):
-        return self.known[np.asarray(taps)[:, 0, 0].astype(int)]
-
-    def check_taps(self, preprocessing):
-        assert preprocessing == self.preprocessing
 
 
 def hypotheses(values):
@@ -108,16 +88,8 @@ class Case:
         self.where, self.what = rng.integers(L, size=N), rng.integers(M, size=N)
         self.likelihood = rng.gamma(0.8, size=(N, L, M, S))
         self.prior = rng.dirichlet(np.ones(L * M * S)).reshape(L, M, S)
-        self.model = NumberedTaps(np.log(hypotheses(self.likelihood)), np.log(hypotheses(self.prior)))
-        self.taps = TapSet.from_arrays(
-            np.arange(N, dtype=float)[:, np.newaxis, np.newaxis],
-            self.what,
-            self.model.grid.what_name,
-            preprocessing=self.model.preprocessing,
-            where=self.model.grid.where_value[self.where],
-            where_value=self.model.grid.where_value,
-            where_unit="mm",
-        )
+        self.model = NumberedTaps(np.log(hypotheses(self.likelihood)), np.log(hypotheses(self.prior)), M)
+        self.taps = self.model.taps_of(self.where, self.what)
         self.table = tap_table(self.model, self.taps)
         held = rng.permutation(60)[:TRIALS]
         self.plan = TrialPlan(rng.integers(L, size=TRIALS), held % M, rng.integers(L, size=TRIALS), held)
@@ -252,7 +224,7 @@ def test_episodes_are_the_trials(case):
 def test_without_states_steps_hold_the_engines_belief(case):
     """Unchanged, and one zero for the state."""
     table = case.state(1)
-    engine = FilterEngine(NumberedTaps(table.log_likelihood, table.log_prior))
+    engine = FilterEngine(NumberedTaps(table.log_likelihood, table.log_prior, M))
     rig = ReplayRig(case.taps, case.model.grid, 2, 0, iter(trial_uniforms(SEED, 1, 3)))
     log_belief = table.log_prior
     for step in steps(rig, engine, 1.0, fixation(2), 3):
@@ -420,7 +392,7 @@ def test_the_border_that_knows_no_states_is_refused(case):
         tally_trials(case.table, THETAS, 3, play=PlaySettings(theta_x=0.0, border="prior"))
 
     assert case.play(alone, border="prior").taps.shape == (TRIALS, len(THETAS))
-    assert FilterEngine(NumberedTaps(alone.log_likelihood, alone.log_prior), "prior").border == "prior"
+    assert FilterEngine(NumberedTaps(alone.log_likelihood, alone.log_prior, M), "prior").border == "prior"
 
 
 @pytest.mark.parametrize("columns", [1, S * M - 1, S * M + M])

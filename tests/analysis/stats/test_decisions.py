@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 import xarray as xr
+from even_taps import even_table
 from scipy.stats import t
 from solidtouch.analysis.stats.acting import policies
 from solidtouch.analysis.stats.decisions import (
@@ -16,10 +17,8 @@ from solidtouch.analysis.stats.decisions import (
     spread_of,
     too_few_taps,
 )
-from solidtouch.hardware.pool import tap_pool
 from solidtouch.inference.trials.cut_short import ENDINGS
 from solidtouch.inference.trials.plan import plan_trials
-from solidtouch.inference.trials.records import TapTable
 from solidtouch.inference.trials.resampling import share_beyond
 from solidtouch.inference.trials.run import run_trials
 from solidtouch.inference.trials.selections import thinned_pools
@@ -38,14 +37,8 @@ def grid_of(L, M, sized=True):
     return ClassGrid(1.5 * np.arange(L), "mm", None, names, value, "cm" if sized else "")
 
 
-def table_of(L=L, M=M, seed=0, skill=1.0, repeats=6, states=1):
-    rng = np.random.default_rng(seed)
-    where, what, _ = (index.ravel() for index in np.indices((L, M, repeats)))
-    log_likelihood = rng.normal(size=(len(where), L, states * M))
-    for s in range(states):
-        log_likelihood[np.arange(len(where)), where, s * M + what] += skill
-    prior = np.full((L, states * M), -np.log(L * M * states))
-    return TapTable(log_likelihood, tap_pool(where, what, (L, M)), prior)
+def table_of(L=L, M=M, repeats=6, **more):
+    return even_table(L, M, repeats, **more)
 
 
 @pytest.fixture(scope="module")

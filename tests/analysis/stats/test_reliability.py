@@ -6,6 +6,7 @@ from functools import cache
 import numpy as np
 import pytest
 import xarray as xr
+from even_taps import even_table
 from solidtouch.analysis.audit.guarantees import PROMISED, USED, broken, exceeded, guarantee_sentence, guarantees
 from solidtouch.analysis.stats import reliability as reliability_module
 from solidtouch.analysis.stats.reliability import (
@@ -41,13 +42,8 @@ def grid_of(L=L, M=M):
     return ClassGrid(1.5 * np.arange(L), "mm", None, tuple((f"rod {m}",) for m in range(M)))
 
 
-def table_of(L=L, M=M, seed=0, skill=1.0, repeats=4, states=1):
-    rng = np.random.default_rng(seed)
-    where, what, _ = (index.ravel() for index in np.indices((L, M, repeats)))
-    log_likelihood = rng.normal(size=(len(where), L, states * M))
-    for s in range(states):
-        log_likelihood[np.arange(len(where)), where, s * M + what] += skill
-    return TapTable(log_likelihood, tap_pool(where, what, (L, M)), np.full((L, states * M), -np.log(L * M * states)))
+def table_of(L=L, M=M, repeats=4, **more):
+    return even_table(L, M, repeats, **more)
 
 
 @cache

@@ -174,21 +174,20 @@ def test_a_cell_that_raises_does_not_stop_the_others(make_study, cluster):
     assert np.isfinite(dataset["taps"].sel(power="J")).all()
 
 
-def test_a_worker_with_other_software_is_refused(make_study, cluster):
-    preload = cluster.folder / "other.py"
-    preload.write_text(OTHER_VERSION, encoding="utf-8")
+@pytest.mark.parametrize(
+    ("code", "sentence"),
+    [
+        (OTHER_VERSION, r"The worker tcp://.* other software than this client: numba 0\.1 instead of"),
+        (WITHOUT, r"The worker tcp://.* cannot run this solidtouch: .*No module named"),
+    ],
+    ids=["other", "without"],
+)
+def test_a_worker_without_the_same_software_is_refused(make_study, cluster, code, sentence):
+    preload = cluster.folder / "preload.py"
+    preload.write_text(code, encoding="utf-8")
     cluster.scheduler(), cluster.worker("--preload", preload)
 
-    with pytest.raises(InputError, match=r"The worker tcp://.* other software than this client: numba 0\.1 instead of"):
-        run(make_study(), cluster)
-
-
-def test_a_worker_without_this_software_is_refused(make_study, cluster):
-    preload = cluster.folder / "without.py"
-    preload.write_text(WITHOUT, encoding="utf-8")
-    cluster.scheduler(), cluster.worker("--preload", preload)
-
-    with pytest.raises(InputError, match=r"The worker tcp://.* cannot run this solidtouch: .*No module named"):
+    with pytest.raises(InputError, match=sentence):
         run(make_study(), cluster)
 
 

@@ -40,22 +40,16 @@ def test_fault_22_no_acks(rig_bench, acks):
         assert rig_bench.deviation(rig.tap()) < 1e-9
 
 
-def test_fault_22_acks_that_are_counted_on(rig_bench):
-    rig_bench.on("no_acks")
-    with (
-        pytest.raises(NoAnswer, match=r"did not answer the command 'no time stamps \(Z0\)'"),
-        rig_bench.rig(settings=with_acks(rig_bench.settings, "strict")),
-    ):
-        pass
-    assert rig_bench.open_ports == []
-
-
-def test_fault_22_bell(rig_bench):
-    rig_bench.on("bell")
-    with (
-        pytest.raises(WrongDevice, match=r"the adapter refused the command"),
-        rig_bench.rig(settings=with_acks(rig_bench.settings, "strict")),
-    ):
+@pytest.mark.parametrize(
+    ("fault", "error", "sentence"),
+    [
+        ("no_acks", NoAnswer, r"did not answer the command 'no time stamps \(Z0\)'"),
+        ("bell", WrongDevice, r"the adapter refused the command"),
+    ],
+)
+def test_fault_22_acks_that_are_counted_on(rig_bench, fault, error, sentence):
+    rig_bench.on(fault)
+    with pytest.raises(error, match=sentence), rig_bench.rig(settings=with_acks(rig_bench.settings, "strict")):
         pass
     assert rig_bench.open_ports == []
 

@@ -288,27 +288,19 @@ def test_noise_between_two_programs_on_the_port_is_counted(bench):
 # Faults that stop the rig
 
 
-def test_silence_is_stale(bench):
+@pytest.mark.parametrize(
+    ("fault", "error", "sentence"),
+    [
+        ("silent_sensor", StaleSensor, "skin: no reading came for"),
+        ("stuck", SensorFault, "skin: the last 26 readings are identical"),
+        ("taxel_error", SensorFault, "all taxels were invalid in the last 3 readings"),
+    ],
+)
+def test_silent_frozen_and_invalid_readings_stop_the_rig(bench, fault, error, sentence):
     bench.started()
-    bench.faults.on("silent_sensor")
+    bench.faults.on(fault)
 
-    with pytest.raises(StaleSensor, match="skin: no reading came for"):
-        bench.readings()
-
-
-def test_frozen_values_are_a_fault(bench):
-    bench.started()
-    bench.faults.on("stuck")
-
-    with pytest.raises(SensorFault, match="skin: the last 26 readings are identical"):
-        bench.readings()
-
-
-def test_a_board_that_lost_its_chip_is_a_fault(bench):
-    bench.started()
-    bench.faults.on("taxel_error")
-
-    with pytest.raises(SensorFault, match="all taxels were invalid in the last 3 readings"):
+    with pytest.raises(error, match=sentence):
         bench.readings()
 
 

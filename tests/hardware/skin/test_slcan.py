@@ -1,9 +1,13 @@
 """SLCAN units from bytes and commands to bytes, on clean and on noisy wires."""
 
-from itertools import pairwise
-
 import pytest
-from hypothesis import given, settings
+from decoder_laws import (
+    assert_any_split_gives_the_same_units,
+    assert_garbage_touches_only_the_unit_behind_it,
+    assert_no_bytes_fill_the_memory,
+    wire_of,
+)
+from hypothesis import given
 from hypothesis import strategies as st
 from solidtouch.hardware.link.lines import LineSplitter
 from solidtouch.hardware.skin import slcan
@@ -172,34 +176,16 @@ def test_lengths_beyond_eight_are_refused(frame):
         slcan.transmit(frame)
 
 
-@settings(deadline=None)
 @given(STREAMS, st.binary(max_size=120), st.lists(st.integers(0, 400)))
 def test_any_split_gives_the_same_units(stream, noise, cuts):
-    wire = b"".join(wire for _, wire in stream) + noise
-    whole, split = SlcanDecoder(), SlcanDecoder()
-    cuts = [0, *sorted(cuts), len(wire)]
-    units = [unit for start, stop in pairwise(cuts) for unit in split.push(wire[start:stop])]
-
-    assert whole.push(wire) == units
-    assert (whole.lines.dropped, whole.lines.pending) == (split.lines.dropped, split.lines.pending)
+    assert_any_split_gives_the_same_units(SlcanDecoder, wire_of(stream) + noise, cuts)
 
 
-@settings(deadline=None)
 @given(STREAMS, st.binary(max_size=150), STREAMS)
 def test_garbage_touches_only_the_unit_behind_it(before, garbage, after):
-    """Units before it are kept; those after too, but for the first unless the garbage ends in a terminator."""
-    units = SlcanDecoder().push(b"".join(wire for _, wire in before) + garbage + b"".join(wire for _, wire in after))
-    kept = [unit for unit, _ in (after if garbage[-1:] in {b"", b"\r", b"\a"} else after[1:])]
-
-    assert [unit for unit, _ in before] == units[: len(before)]
-    assert kept == units[len(units) - len(kept) :]
-    assert len(units) >= len(before) + len(kept)
+    assert_garbage_touches_only_the_unit_behind_it(SlcanDecoder, before, garbage, after, b"\r\a")
 
 
-@settings(deadline=None)
 @given(st.lists(st.one_of(st.binary(max_size=200), st.text("tTrRzZVNF0189aAfF\r\a\n").map(str.encode))))
 def test_no_bytes_raise_or_fill_the_memory(chunks):
-    decoder = SlcanDecoder()
-    for chunk in chunks:
-        decoder.push(chunk)
-        assert decoder.lines.pending <= slcan.LONGEST_LINE
+    assert_no_bytes_fill_the_memory(SlcanDecoder(), chunks, slcan.LONGEST_LINE)

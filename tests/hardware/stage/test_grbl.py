@@ -1,9 +1,13 @@
 """GRBL units from bytes and commands to bytes, on clean and on noisy wires."""
 
-from itertools import pairwise
-
 import pytest
-from hypothesis import given, settings
+from decoder_laws import (
+    assert_any_split_gives_the_same_units,
+    assert_garbage_touches_only_the_unit_behind_it,
+    assert_no_bytes_fill_the_memory,
+    wire_of,
+)
+from hypothesis import given
 from hypothesis import strategies as st
 from solidtouch.hardware.stage import grbl
 from solidtouch.hardware.stage.grbl import (
@@ -188,33 +192,16 @@ def test_impossible_jogs_are_refused(arguments, message):
         grbl.jog(**arguments)
 
 
-@settings(deadline=None)
 @given(STREAMS, st.binary(max_size=300), st.lists(st.integers(0, 700)))
 def test_any_split_gives_the_same_units(stream, noise, cuts):
-    wire = b"".join(wire for _, wire in stream) + noise
-    whole, split = GrblDecoder(), GrblDecoder()
-    cuts = [0, *sorted(cuts), len(wire)]
-
-    assert whole.push(wire) == [unit for start, stop in pairwise(cuts) for unit in split.push(wire[start:stop])]
-    assert (whole.lines.dropped, whole.lines.pending) == (split.lines.dropped, split.lines.pending)
+    assert_any_split_gives_the_same_units(GrblDecoder, wire_of(stream) + noise, cuts)
 
 
-@settings(deadline=None)
 @given(STREAMS, st.binary(max_size=300), STREAMS)
 def test_garbage_touches_only_the_unit_behind_it(before, garbage, after):
-    """Units before it are kept; those after too, but for the first unless the garbage ends a line."""
-    units = GrblDecoder().push(b"".join(wire for _, wire in before) + garbage + b"".join(wire for _, wire in after))
-    kept = [unit for unit, _ in (after if garbage[-1:] in {b"", b"\r", b"\n"} else after[1:])]
-
-    assert [unit for unit, _ in before] == units[: len(before)]
-    assert kept == units[len(units) - len(kept) :]
-    assert len(units) >= len(before) + len(kept)
+    assert_garbage_touches_only_the_unit_behind_it(GrblDecoder, before, garbage, after, b"\r\n")
 
 
-@settings(deadline=None)
 @given(st.lists(st.one_of(st.binary(max_size=400), st.text("<>|:,.-0123MPosWCOIdlekrAL[]$=G\r\n").map(str.encode))))
 def test_no_bytes_raise_or_fill_the_memory(chunks):
-    decoder = GrblDecoder()
-    for chunk in chunks:
-        decoder.push(chunk)
-        assert decoder.lines.pending <= grbl.LONGEST_LINE
+    assert_no_bytes_fill_the_memory(GrblDecoder(), chunks, grbl.LONGEST_LINE)

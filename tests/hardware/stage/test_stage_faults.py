@@ -18,11 +18,10 @@ from solidtouch.hardware.errors import (
     WriteTimeout,
 )
 from solidtouch.hardware.journal import NoJournal
-from solidtouch.hardware.rig.settings import AxisSettings, StageSettings
+from solidtouch.hardware.rig.settings import StageSettings
 from solidtouch.hardware.stage.stage import Stage
+from stage_script import X, Y
 
-X = AxisSettings(letter="X", origin_mm=-60.0, low_mm=-1.0, high_mm=17.0, speed_mm_s=20.0)
-Y = AxisSettings(letter="Y", origin_mm=-40.0, low_mm=-2.0, high_mm=3.0, speed_mm_s=12.0, direction=-1)
 SETTINGS = StageSettings(port="wired", x=X, y=Y, homing_s=20.0)
 TAP = [(0.0, 2.5, 12.0), (0.0, 0.0, 12.0)]
 

@@ -11,24 +11,9 @@ from solidtouch.inference.episode import perceive, steps
 from solidtouch.inference.information import tap_outcomes
 from solidtouch.inference.moves.control import fixation, passive
 from solidtouch.inference.moves.expected_gain import expected_gain
+from solidtouch.inference.stopping import stopping
 from solidtouch.inference.stopping.recorded import stops
 from solidtouch.inference.stopping.rules import FORMS, error_loss, gain_of, make_rule, parse_patience, parse_stopping
-from solidtouch.inference.stopping.stopping import (
-    DECIDE,
-    GIVE_UP,
-    GO_ON,
-    Moment,
-    after,
-    both_above,
-    divergences,
-    each_error,
-    lookahead,
-    mean_error,
-    msprt,
-    or_give_up,
-    what_above,
-    where_above,
-)
 from solidtouch.inference.trials.lockstep import play
 from solidtouch.inference.trials.plan import plan_trials, tap_table, trial_uniforms
 from solidtouch.models.errors import InputError
@@ -56,26 +41,26 @@ def same(rule, other, M=3):
     """Whether two rules say the same of many moments."""
     rng = np.random.default_rng(3)
     what = rng.dirichlet(np.full(M, 0.3), size=400)
-    moment = Moment(what, rng.uniform(size=400), rng.integers(1, 12, size=400), rng.uniform(0, 0.3, size=400))
+    moment = stopping.Moment(what, rng.uniform(size=400), rng.integers(1, 12, size=400), rng.uniform(0, 0.3, size=400))
     return rule(moment).tolist() == other(moment).tolist()
 
 
 def test_a_name_is_its_rule(model):
     expected = (
-        what_above(0.9),
-        where_above(0.6),
-        both_above(0.8, 0.5),
-        after(4),
-        mean_error(0.2),
-        each_error(0.3, 3),
-        msprt(divergences(model, 2), 0.05),
-        lookahead(0.1),
+        stopping.what_above(0.9),
+        stopping.where_above(0.6),
+        stopping.both_above(0.8, 0.5),
+        stopping.after(4),
+        stopping.mean_error(0.2),
+        stopping.each_error(0.3, 3),
+        stopping.msprt(stopping.divergences(model, 2), 0.05),
+        stopping.lookahead(0.1),
     )
     for name, rule in zip(NAMES, expected, strict=True):
         assert same(make_rule(parse_stopping(name), model, 2), rule), name
     given_up = make_rule(parse_stopping("what:0.9"), model, patience=(6, 0.5))
-    assert same(given_up, or_give_up(what_above(0.9), 6, 0.5))
-    assert not same(given_up, what_above(0.9))
+    assert same(given_up, stopping.or_give_up(stopping.what_above(0.9), 6, 0.5))
+    assert not same(given_up, stopping.what_above(0.9))
 
 
 def test_every_form_has_a_name_here():
@@ -83,10 +68,10 @@ def test_every_form_has_a_name_here():
 
 
 def test_without_a_place_msprt_takes_that_where_objects_are_farthest_apart(model):
-    least = [divergences(model, l).min() for l in range(5)]
+    least = [stopping.divergences(model, l).min() for l in range(5)]
     found = make_rule(parse_stopping("msprt:0.05"), model)
 
-    assert same(found, msprt(divergences(model, int(np.argmax(least))), 0.05))
+    assert same(found, stopping.msprt(stopping.divergences(model, int(np.argmax(least))), 0.05))
 
 
 @pytest.fixture(scope="module")
@@ -112,7 +97,7 @@ def test_episodes_end_where_recorded_trials_do(model, recorded, name, patience):
     for i, (where, what, _, stream) in enumerate(zip(*plan, strict=True)):
         rig = ReplayRig(taps, model.grid, where, what, iter(trial_uniforms(SEED, stream, DEADLINE)))
         episode = perceive(rig, engine, rule, fixation(2), DEADLINE, watch=watch)
-        answer = DECIDE if episode.stopped else GIVE_UP if episode.gave_up else GO_ON
+        answer = stopping.DECIDE if episode.stopped else stopping.GIVE_UP if episode.gave_up else stopping.GO_ON
 
         assert (episode.taps, answer) == (found.taps[i], found.answer[i])
         assert episode.what == record.what[i, episode.taps - 1]
@@ -122,12 +107,15 @@ def test_null_decisions_occur(model, recorded):
     """So that the test above means something."""
     rule = make_rule(parse_stopping("what:0.999"), model, patience=(2, 0.9))
     answers = stops(rule, recorded[2]).answer.tolist()
-    assert min(answers.count(DECIDE), answers.count(GIVE_UP)) > 3
+    assert min(answers.count(stopping.DECIDE), answers.count(stopping.GIVE_UP)) > 3
 
 
 def test_doubt_holds_back_decisions_and_not_giving_up(model, recorded):
     taps, plan, *_ = recorded
-    for rule, ended in ((what_above(0.4), (DEADLINE, False)), (or_give_up(what_above(1.0), 3, 1.0), (3, True))):
+    for rule, ended in (
+        (stopping.what_above(0.4), (DEADLINE, False)),
+        (stopping.or_give_up(stopping.what_above(1.0), 3, 1.0), (3, True)),
+    ):
         rig = ReplayRig(taps, model.grid, int(plan.where[0]), int(plan.what[0]), uniforms(np.random.default_rng(0)))
         made = list(steps(rig, make_engine("filter", model), rule, passive, DEADLINE, lambda *_: True))
 
@@ -139,7 +127,7 @@ def test_a_rule_that_looks_ahead_needs_somebody_who_does(model, recorded):
     taps, plan, *_ = recorded
     rig = ReplayRig(taps, model.grid, int(plan.where[0]), int(plan.what[0]), uniforms(np.random.default_rng(0)))
     with pytest.raises(InputError, match="nobody has watched"):
-        perceive(rig, make_engine("filter", model), lookahead(0.1), passive)
+        perceive(rig, make_engine("filter", model), stopping.lookahead(0.1), passive)
 
 
 def test_the_gain_is_that_of_the_error_under_the_border(model, recorded):

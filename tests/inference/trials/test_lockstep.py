@@ -21,7 +21,6 @@ from solidtouch.inference.trials.run import run_trials
 from solidtouch.models.errors import InputError
 from solidtouch.models.measurement.states import States
 from solidtouch.models.settings import PlaySettings
-from solidtouch.models.taps import TapSet
 
 L, M, S = 5, 3, 2
 COUNT = np.array([[2, 0, 5], [1, 4, 3], [0, 6, 2], [3, 1, 0], [2, 2, 7]])
@@ -49,21 +48,8 @@ def models(make_model):
 
 
 @pytest.fixture(scope="module")
-def taps(models, draw_samples):
-    """Taps of unequal classes, in the order in which no class is together."""
-    model = models["plain"]
-    cells = np.repeat(np.argwhere(COUNT >= 0), COUNT.ravel(), axis=0)
-    cells = np.random.default_rng(0).permutation(cells)
-    samples = np.concatenate([draw_samples(model, 1, i, l, m) for i, (l, m) in enumerate(cells)])
-    return TapSet.from_arrays(
-        samples,
-        cells[:, 1],
-        model.grid.what_name,
-        preprocessing=model.preprocessing,
-        where=model.grid.where_value[cells[:, 0]],
-        where_value=model.grid.where_value,
-        where_unit="mm",
-    )
+def taps(models, taps_of_counts):
+    return taps_of_counts(models["plain"], COUNT)
 
 
 @pytest.fixture(scope="module")

@@ -1,0 +1,192 @@
+"""The stage driver connects, byte by byte: which controllers it takes, and what it makes of their first answers."""
+
+import re
+
+import pytest
+from solidtouch.hardware.errors import (
+    NoAnswer,
+    PortBusy,
+    PortError,
+    PositionUnknown,
+    StageFault,
+    WrongDevice,
+)
+from stage_script import BANNER, READY, SETTINGS, VERSION, dollar, report, status
+
+
+def test_a_controller_that_was_homed_before_keeps_its_position(ready):
+    stage = ready()
+
+    assert stage.homed
+    assert stage.position_mm == (0.0, 0.0)
+    assert (*stage.report[:3], stage.report.notes) == ("Grbl 1.1h.20190830", "Idle", True, ())
+    assert stage.report.values[100] == 250.0
+
+
+def test_a_controller_that_opening_reset_does_not_know_where_it_is(plugged):
+    unheard = [(b"?", b"")] * 6
+    stage = plugged(*unheard[:-1], (b"?", BANNER, 0.2), VERSION, dollar(), status(state="Alarm"))
+    stage.connect()
+
+    assert not stage.homed
+    assert stage.position_mm is None
+    with pytest.raises(PositionUnknown, match="home it first"):
+        stage.move(x_mm=1.0)
+
+
+def test_a_restart_at_opening_costs_the_position_even_if_the_controller_is_idle(plugged):
+    stage = plugged((b"?", BANNER), VERSION, dollar(), status())
+    stage.connect()
+
+    assert not stage.homed
+
+
+def test_a_position_outside_the_travel_is_not_believed(plugged):
+    stage = plugged(status(), VERSION, dollar(), status(61.5))
+    stage.connect()
+
+    assert stage.position_mm is None
+
+
+def test_old_input_is_no_answer(plugged):
+    stage = plugged((b"", b"ok\r\nerror:9\r\n<Idle|MP" + report(5.0) + b"ok\r\n"), *READY)
+    stage.connect()
+
+    assert stage.position_mm == (0.0, 0.0)
+
+
+def test_half_a_command_that_was_left_is_refused_and_asked_again(plugged):
+    stage = plugged(status(), (b"$I\n", b"error:1\r\n"), *READY)
+    stage.connect()
+
+    assert stage.homed
+
+
+def test_settings_with_a_lost_line_are_asked_again(plugged):
+    stage = plugged(status(), VERSION, dollar(_110=None), dollar(), status())
+    stage.connect()
+
+    assert stage.homed
+
+
+def test_work_positions_are_understood_once_their_offset_came(plugged):
+    work = b"<Idle|WPos:1.000,2.000,0.000|FS:0,0>\r\n"
+    offset = b"<Idle|WPos:1.000,2.000,0.000|FS:0,0|WCO:-61.000,-42.000,0.000>\r\n"
+    stage = plugged((b"?", work), VERSION, dollar(_10=0), (b"?", work), (b"?", offset))
+    stage.connect()
+
+    assert stage.position_mm == (0.0, 0.0)
+
+
+@pytest.mark.parametrize(
+    ("changed", "sentence"),
+    [
+        ({"_13": 1}, r"inches \(\$13=1\); send \$13=0"),
+        ({"_22": 0}, r"homing is switched off \(\$22=0\).*send \$22=1"),
+        ({"_20": 0}, r"\(\$20=0\); send \$20=1"),
+        ({"_110": 600}, r"X makes at most 10 mm/s \(\$110=600 mm/min\).*send \$110=1200"),
+        ({"_131": 40}, r"limits of stage.y are -43 to -38 mm.*travel of Y, -40 to 0 mm \(\$131=40\)"),
+        ({"_101": 0}, r"steps of Y must be above 0, not \$101=0"),
+    ],
+)
+def test_a_controller_set_up_otherwise_is_refused(plugged, changed, sentence):
+    stage = plugged(status(), VERSION, dollar(**changed))
+    with pytest.raises(WrongDevice, match=sentence):
+        stage.connect()
+
+    assert not stage.port.is_open
+
+
+@pytest.mark.parametrize(
+    ("changed", "note"),
+    [({"_1": 25}, r"let go 25 ms"), ({"_21": 0}, r"\$21=1"), ({"_23": 2}, r"homing ends at y = 159 mm")],
+)
+def test_what_may_disappoint_is_noted(plugged, changed, note):
+    stage = plugged(status(), VERSION, dollar(**changed), status())
+    stage.connect()
+
+    (text,) = stage.report.notes
+    assert re.search(note, text)
+
+
+def test_homing_bits_of_grblhal_are_understood(plugged):
+    stage = plugged(status(), VERSION, dollar(_22=13), status())
+    stage.connect()
+
+    assert stage.homed
+
+
+@pytest.mark.parametrize(
+    ("sent", "sentence"),
+    [
+        (b"12,34,56\r\n", "sent '12,34,56', so the port or its baud rate"),
+        (b"\x80\xfe\x00\r", "sent noise"),
+        (b"\xf0" * 500, "sent noise"),
+    ],
+)
+def test_another_device_is_refused(plugged, sent, sentence):
+    stage = plugged((b"", sent), *[(b"?", b"")] * 8)
+    with pytest.raises(WrongDevice, match=sentence):
+        stage.connect()
+
+
+def test_another_version_is_refused(plugged):
+    stage = plugged(status(), (b"$I\n", b"[VER:0.9j.20160303:]\r\nok\r\n"))
+    with pytest.raises(WrongDevice, match=r"GRBL 1.1 is needed, and this controller has 0.9j"):
+        stage.connect()
+
+
+def test_silence_ends_at_the_deadline(plugged, clock):
+    stage = plugged(*[(b"?", b"")] * 8)
+    with pytest.raises(NoAnswer, match="scripted: nothing answered for 2 s"):
+        stage.connect()
+
+    assert pytest.approx(clock.now()) == 2.0
+    assert not stage.port.is_open
+
+
+def test_a_controller_that_does_not_come_to_rest_is_named(plugged):
+    held = status(state="Hold:0"), (b"$I\n", b"error:8\r\n")
+    stage = plugged(*held * 200, settings=SETTINGS)
+    with pytest.raises(StageFault, match="in state Hold for 2 s"):
+        stage.connect()
+    stage.port.exchanges.clear()
+
+
+def test_a_busy_port_is_tried_for_a_while(plugged, clock, monkeypatch):
+    stage = plugged(*READY)
+    opened = stage.port.open
+
+    def busy():
+        if clock.now() < 9.0:
+            raise PortBusy("scripted: another program has this port open.")
+        opened()
+
+    monkeypatch.setattr(stage.port, "open", busy)
+    stage.connect()
+
+    assert stage.homed
+
+
+def test_a_port_that_stays_busy_is_given_up(plugged, clock, monkeypatch):
+    stage = plugged()
+
+    def busy():
+        raise PortBusy("scripted: another program has this port open.")
+
+    monkeypatch.setattr(stage.port, "open", busy)
+    with pytest.raises(PortBusy, match="another program"):
+        stage.connect()
+    assert 15.0 <= clock.now() < 16.0
+
+
+def test_a_missing_port_is_no_reason_to_wait(plugged, clock, monkeypatch):
+    stage = plugged()
+
+    def missing():
+        raise PortError("scripted: there is no such port.")
+
+    monkeypatch.setattr(stage.port, "open", missing)
+    with pytest.raises(PortError, match="no such port"):
+        stage.connect()
+    assert clock.now() == 0.0
