@@ -164,7 +164,7 @@ def reproduce(
 def _print_results(summary: dict[str, Any]) -> None:
     """One line per policy and one for their difference, at the threshold that the figures show."""
     from ..analysis.page.figure_style import axis_label
-    from ..analysis.page.page import interval
+    from ..analysis.page.numbers import interval
 
     kinds = [kind for kind, size in (("what", "M"), ("where", "L")) if summary["grid"][size] > 1]
     names = {f"{kind}_error": axis_label(f"{kind} error", summary["units"][kind]) for kind in kinds} | {"taps": "taps"}

@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING, Any
 from ...models.setting import Setting
 from ...models.storage import complete_folder
 from ..page.figure_confusion import confusion
-from ..page.page import Picture, write_page
+from ..page.old import DrawnPicture as Picture
+from ..page.old import write_page
 from . import figures, figures_reliability
 from .checks import figure_checks
 from .remedies import BASELINE, Remedy

@@ -3,7 +3,7 @@
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
-from ..page.page import factor, interval, number
+from ..page.numbers import factor, interval, number
 
 if TYPE_CHECKING:
     from rich.console import Console

@@ -7,7 +7,7 @@ from typing import Any
 import xarray as xr
 
 from ...models.grid import ClassGrid
-from ..page.page import Picture
+from ..page.old import DrawnPicture as Picture
 from ..stats.acting import can_act
 from . import figures
 from .results import Request, Results

@@ -21,7 +21,7 @@ from ..experiment.crosscheck import crosscheck
 from ..experiment.policies import combined
 from ..experiment.settings import check_settings
 from ..experiment.study import Study, planned, study
-from ..page.page import write_report
+from ..page.old import write_report
 from ..page.stages import Progress, StageClock, no_progress
 from ..stats import metrics
 from ..stats.acting import can_act

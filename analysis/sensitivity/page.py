@@ -5,7 +5,8 @@ from pathlib import Path
 from typing import Any
 
 from ...models.storage import complete_folder
-from ..page.page import Picture, write_page
+from ..page.old import DrawnPicture as Picture
+from ..page.old import write_page
 from . import figures
 
 

@@ -3,7 +3,7 @@
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
-from ..page.page import interval
+from ..page.numbers import interval
 from .findings import VERDICTS
 
 if TYPE_CHECKING:

@@ -4,7 +4,7 @@ import json
 
 import numpy as np
 import pytest
-from solidtouch.analysis.page.page import render_page
+from solidtouch.analysis.page.old import render_page
 from solidtouch.analysis.page.stages import no_progress
 from solidtouch.analysis.strategies import regret, regret_cases
 from solidtouch.analysis.strategies.figures_regret import regret as regret_figure

@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from solidtouch.analysis.page.page import render_page
+from solidtouch.analysis.page.old import render_page
 from solidtouch.analysis.page.stages import no_progress
 from solidtouch.analysis.page.words import STORED_ONLY
 from solidtouch.analysis.stats.resampled_units import RESAMPLES
