@@ -45,7 +45,9 @@ def write_page(
     drawn = [block for block in blocks_of([*page.intro, *page.sections]) if isinstance(block, Picture)]
     images = {}
     for picture in drawn:
-        images[picture.name] = embedded(*save(picture.draw(), folder, picture.name), _IMAGE_BYTES // len(drawn))
+        figure = picture.draw()
+        if figure is not None:
+            images[picture.name] = embedded(*save(figure, folder, picture.name), _IMAGE_BYTES // len(drawn))
         advance(1)
     text = json.dumps(summary, indent=1, allow_nan=False, ensure_ascii=False) + "\n"
     (folder / name).write_text(text, encoding="utf-8")

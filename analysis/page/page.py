@@ -38,13 +38,13 @@ class Picture(NamedTuple):
         name: Of its files.
         title: Its name on the page.
         caption: What is to be seen.
-        draw: Draws it.
+        draw: Draws it; `None` where there is nothing to draw, which leaves it out.
     """
 
     name: str
     title: str
     caption: str
-    draw: "Callable[[], Figure]"
+    draw: "Callable[[], Figure | None]"
 
 
 class Listing(NamedTuple):

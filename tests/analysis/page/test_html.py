@@ -38,6 +38,7 @@ PAGE = Page(
             [
                 Brief(TABLE),
                 Picture("fig1", "Title", 'Caption "1" & more', Figure),
+                Picture("fig2", "Nothing", "to draw", lambda: None),
                 Note(["**Simulated.**"]),
                 Section("Inner", [Listing(["one", "two"], "Found"), Listing([], "Lost")]),
             ],
@@ -141,7 +142,7 @@ def test_a_page_is_written_with_its_figures_and_numbers(tmp_path):
 
     assert {path.name for path in tmp_path.iterdir()} == {"fig1.png", "fig1.svg", "report.html", "summary.json"}
     assert json.loads((tmp_path / "summary.json").read_text(encoding="utf-8")) == {"a": 1.5, "b": "ü"}
-    assert counted == [1]
+    assert counted == [1, 1]
     text = (tmp_path / "report.html").read_text(encoding="utf-8")
     assert Parsed(text).of("img")[0]["src"].startswith("data:image/svg+xml;base64,")
     assert not re.search(r"<script|<link|@import|url\(", text)

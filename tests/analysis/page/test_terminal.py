@@ -45,9 +45,5 @@ def test_what_is_brief_is_printed_under_the_titles_of_its_sections():
 
 
 def test_a_list_of_names_and_values_has_no_head():
-    assert [
-        " ".join(line.split()) for line in printed(Page("T", [Brief(Table((), [("seed", "1"), ("taps", "20")]))], []))
-    ] == [
-        "seed 1",
-        "taps 20",
-    ]
+    lines = printed(Page("T", [Brief(Table((), [("seed", "1"), ("taps", "20")]))], []))
+    assert [" ".join(line.split()) for line in lines] == ["seed 1", "taps 20"]
