@@ -2,7 +2,7 @@
 
 import base64
 import json
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from importlib import resources
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -11,7 +11,7 @@ from jinja2 import Environment, StrictUndefined
 from markupsafe import Markup
 
 from .figure_style import PNG_DPI, save
-from .page import Page, Picture, blocks_of, spans
+from .page import Page, Picture, spans
 
 _IMAGE_BYTES = 4_000_000  # of all figures together; base64 adds a third
 _ELEMENTS = {"": Markup("{0}"), "strong": Markup("<strong>{0}</strong>"), "code": Markup("<code>{0}</code>")}
@@ -31,7 +31,7 @@ class Image(NamedTuple):
 
 
 def write_page(
-    folder: Path, page: Page, summary: Mapping[str, Any], name: str, advance: Callable[[int], object] = lambda _: None
+    folder: Path, page: Page, summary: Mapping[str, Any], name: str, images: Mapping[str, Image] | None = None
 ) -> None:
     """Writes the figures, what they and the page show as JSON, and the page, into a folder that is complete later.
 
@@ -40,18 +40,31 @@ def write_page(
         page: The page, `report.html`.
         summary: Content of the JSON file.
         name: Of the JSON file.
-        advance: Told of every figure that is finished.
+        images: From `draw_pictures` where they are drawn already.
     """
-    drawn = [block for block in blocks_of([*page.intro, *page.sections]) if isinstance(block, Picture)]
-    images = {}
-    for picture in drawn:
-        figure = picture.draw()
-        if figure is not None:
-            images[picture.name] = embedded(*save(figure, folder, picture.name), _IMAGE_BYTES // len(drawn))
-        advance(1)
+    images = draw_pictures(folder, page.pictures) if images is None else images
     text = json.dumps(summary, indent=1, allow_nan=False, ensure_ascii=False) + "\n"
     (folder / name).write_text(text, encoding="utf-8")
     (folder / "report.html").write_text(render_page(page, images), encoding="utf-8")
+
+
+def draw_pictures(
+    folder: Path, pictures: Sequence[Picture], advance: Callable[[int], object] = lambda _: None
+) -> dict[str, Image]:
+    """Writes figures into a folder, and returns them for a page by name.
+
+    Args:
+        folder: Where to.
+        pictures: Those that are drawn, one after the other.
+        advance: Told of every one that is finished.
+    """
+    images = {}
+    for picture in pictures:
+        figure = picture.draw()
+        if figure is not None:
+            images[picture.name] = embedded(*save(figure, folder, picture.name), _IMAGE_BYTES // len(pictures))
+        advance(1)
+    return images
 
 
 def render_page(page: Page, images: Mapping[str, Image] | None = None) -> str:

@@ -104,6 +104,11 @@ class Page(NamedTuple):
     intro: Sequence[Block]
     sections: Sequence[Section]
 
+    @property
+    def pictures(self) -> list[Picture]:
+        """All figures in their order."""
+        return [block for block in blocks_of([*self.intro, *self.sections]) if isinstance(block, Picture)]
+
 
 def blocks_of(blocks: Iterable[Block]) -> Iterator[Block]:
     """All blocks in their order, those of the sections among them, too."""

@@ -8,7 +8,7 @@ from html.parser import HTMLParser
 import pytest
 from matplotlib.figure import Figure
 from solidtouch.analysis.page import page as pages
-from solidtouch.analysis.page.html import Image, embedded, render_page, write_page
+from solidtouch.analysis.page.html import Image, draw_pictures, embedded, render_page, write_page
 from solidtouch.analysis.page.page import (
     Brief,
     Cautions,
@@ -137,16 +137,25 @@ def test_what_is_empty_is_left_out():
 
 def test_a_page_is_written_with_its_figures_and_numbers(tmp_path):
     """It needs nothing from outside, and has no script."""
-    counted = []
-    write_page(tmp_path, PAGE, {"a": 1.5, "b": "ü"}, "summary.json", counted.append)
+    write_page(tmp_path, PAGE, {"a": 1.5, "b": "ü"}, "summary.json")
 
     assert {path.name for path in tmp_path.iterdir()} == {"fig1.png", "fig1.svg", "report.html", "summary.json"}
     assert json.loads((tmp_path / "summary.json").read_text(encoding="utf-8")) == {"a": 1.5, "b": "ü"}
-    assert counted == [1, 1]
     text = (tmp_path / "report.html").read_text(encoding="utf-8")
     assert Parsed(text).of("img")[0]["src"].startswith("data:image/svg+xml;base64,")
     assert not re.search(r"<script|<link|@import|url\(", text)
     assert "http" not in re.sub(r'"data:[^"]*"', "", text)
+
+
+def test_drawn_figures_are_counted_and_need_not_be_drawn_again(tmp_path):
+    counted = []
+    images = draw_pictures(tmp_path, PAGE.pictures, counted.append)
+
+    assert set(images) == {"fig1"}
+    assert counted == [1, 1]
+    (tmp_path / "again").mkdir()
+    write_page(tmp_path / "again", PAGE, {}, "summary.json", images)
+    assert {path.name for path in (tmp_path / "again").iterdir()} == {"report.html", "summary.json"}
 
 
 def test_large_drawings_are_embedded_as_pixels(tmp_path):
