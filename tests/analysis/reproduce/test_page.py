@@ -107,7 +107,7 @@ def test_the_page_is_complete():
         "fresh, at threshold 0.1 active 1.000 [0.889, 1.122]",
         "Meaning of stored. Meaning of fresh. Meaning of enough. Too few test taps. Brackets hold",
         "starts and random numbers, so differences are paired.",
-        "Passive minus active belief threshold what error (mm) where error (mm) reaction time (taps) 0.1 0.2000",
+        "Passive minus active belief threshold what error (mm) where error (mm) reaction time (taps) 0.1 0.200 [",
         "differences exceed the limits (20 episodes of 400 taps each). Differing decisions: 0, differing moves: 3",
         "posterior numpy, numpyro 3.6e-15 1e-16 FAILED",
         "Seed 123456789.",
