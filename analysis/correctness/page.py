@@ -1,7 +1,7 @@
 """The cross-check as a page."""
 
 from ..experiment.crosscheck import NEAR_TIE, CrossCheck
-from ..experiment.page import crosscheck_table
+from ..page.crosscheck import crosscheck_table
 from ..page.page import Brief, Page
 
 

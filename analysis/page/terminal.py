@@ -13,12 +13,23 @@ from .page import Block, Brief, Cautions, Listing, Note, Page, Section, Table, b
 
 def show(page: Page, console: Console) -> None:
     """Prints what is brief."""
+    for one in gist(page):
+        console.print(one, highlight=False)
+
+
+def gist(page: Page) -> Iterator[RenderableType]:
+    """What is brief, for rich."""
     for section in (Section("", page.intro), *page.sections):
         shown = [one for block in _brief(section.blocks) for one in _renderables(block)]
         if shown and section.title:
-            console.print(Text(section.title, style="bold"))
-        for one in shown:
-            console.print(one, highlight=False)
+            yield Text(section.title, style="bold")
+        yield from shown
+
+
+def widest_table(page: Page, console: Console) -> int:
+    """Characters that the widest table of what is brief takes, 0 without one."""
+    tables = [one for one in gist(page) if isinstance(one, RichTable)]
+    return max((console.measure(table).maximum for table in tables), default=0)
 
 
 def rich_table(table: Table, columns: Sequence[int] = ()) -> RichTable:

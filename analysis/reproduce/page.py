@@ -7,7 +7,7 @@ from typing import Any
 import xarray as xr
 
 from ..experiment.crosscheck import CrossCheck
-from ..experiment.page import crosscheck_table
+from ..page.crosscheck import crosscheck_table
 from ..page.numbers import interval, number, percent
 from ..page.page import Block, Brief, Cautions, Note, Page, Picture, Section, Table, Verbatim
 from . import figures

@@ -1,8 +1,8 @@
-"""What pages of several studies show of an experiment."""
+"""The cross-check of engines as a table."""
 
-from ..page.numbers import number
-from ..page.page import Table
-from .crosscheck import CrossCheck
+from ..experiment.crosscheck import CrossCheck
+from .numbers import number
+from .page import Table
 
 
 def crosscheck_table(check: CrossCheck) -> Table:
