@@ -1,17 +1,17 @@
 """The folder of an audit: figures, `audit.json`, the page, and the chosen setting with its model."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from ...models.setting import Setting
 from ...models.storage import complete_folder
 from ..page.figure_confusion import confusion
 from ..page.html import write_page
 from ..page.numbers import bounded, factor, interval, number, percent
-from ..page.page import Block, Brief, Cautions, Listing, Note, Page, Picture, Section, Table, Verbatim
+from ..page.page import Block, Brief, Cautions, Listing, Note, Page, Picture, Row, Section, Table, Verbatim
 from . import figures, figures_reliability
 from .checks import figure_checks
 from .remedies import BASELINE, Remedy
@@ -20,8 +20,6 @@ from .summary import unseen_parts
 
 if TYPE_CHECKING:
     import xarray as xr
-
-type Row = Mapping[str, Any]
 
 _TESTS = {
     "rank": "rank correlation",

@@ -1,21 +1,18 @@
 """The folder of a comparison: figures, `compare.nc`, `summary.json` and the page."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from functools import partial
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import xarray as xr
 
 from ...models.storage import complete_folder
 from ..page.html import write_page
-from ..page.numbers import bounded, interval, number, percent
-from ..page.page import Block, Brief, Cautions, Listing, Note, Page, Picture, Section, Table, Verbatim
+from ..page.numbers import bounded, in_brackets, interval, number, percent
+from ..page.page import Block, Brief, Cautions, Listing, Note, Page, Picture, Row, Section, Table, Verbatim
 from . import figures, figures_taps
 from .run import Comparison
-
-type Row = Mapping[str, Any]
 
 
 def write_comparison(folder: Path, comparison: Comparison, summary: Row, force: bool = False) -> Page:
@@ -95,7 +92,7 @@ def _findings(summary: Row) -> Iterator[Block]:
         return "–" if cell is None else f"**{cell['rank']}** ({number(cell['value'])})"
 
     yield Brief(Listing(summary["findings"]))
-    titles = [level["title"] + (f" ({level['unit']})" if level["unit"] else "") for level in summary["levels"]]
+    titles = [level["title"] + in_brackets(level["unit"]) for level in summary["levels"]]
     rows = [[row["name"], *map(rank, row["levels"])] for row in summary["ranks"]]
     yield Brief(Table(["model", *titles], rows, "Rank of each model, 1 for the best, and what it is ranked by"))
     yield (
@@ -262,7 +259,7 @@ def _decisions(comparison: Comparison, summary: Row) -> Iterator[Block]:
     )
     units = summary["units"]
     what = "P(wrong)" if units["what"] == "P(wrong)" else f"what error ({units['what']})"
-    where = f"where error ({units['where']})" if units["where"] else "where error"
+    where = "where error" + in_brackets(units["where"])
     errors = {what: "what_error"} if comparison.grid.M > 1 else {}
     errors |= {where: "where_error"} if comparison.grid.L > 1 else {}
     for policy in ("passive", "active"):

@@ -72,5 +72,14 @@ def factor(values: Sequence[float | None] | None, unbounded: bool = False) -> st
     return f"{value} [{low}, {high}]"
 
 
+def in_brackets(unit: str) -> str:
+    """A unit as it stands behind a quantity, nothing for none.
+
+    >>> in_brackets("mm"), in_brackets("")
+    (' (mm)', '')
+    """
+    return f" ({unit})" if unit else ""
+
+
 def _is_number(value: Any) -> TypeGuard[float]:
     return isinstance(value, Real) and not isinstance(value, bool) and math.isfinite(value)

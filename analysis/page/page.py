@@ -5,7 +5,7 @@ Text may hold `**strong**` words, `` `code` `` and links to sections, `[words](#
 
 import re
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -94,6 +94,8 @@ class Brief(NamedTuple):
     columns: Sequence[int] = ()
 
 
+type Row = Mapping[str, Any]
+"""Names and values of a summary, as its JSON file holds them."""
 type Block = str | Table | Picture | Listing | Verbatim | Note | Cautions | Folded | Section | Brief
 
 

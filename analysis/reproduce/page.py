@@ -1,19 +1,16 @@
 """The page of a run, and its figures."""
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator
 from functools import partial
-from typing import Any
 
 import xarray as xr
 
 from ..experiment.crosscheck import CrossCheck
 from ..page.crosscheck import crosscheck_table
-from ..page.numbers import interval, number, percent
-from ..page.page import Block, Brief, Cautions, Note, Page, Picture, Section, Table, Verbatim
+from ..page.numbers import in_brackets, interval, number, percent
+from ..page.page import Block, Brief, Cautions, Note, Page, Picture, Row, Section, Table, Verbatim
 from . import figures
 from .results import Request, Results
-
-type Row = Mapping[str, Any]
 
 _BAND = "The band is the 95 % interval at the highest threshold."
 _LISTS = (("Options", "options", 10), ("Versions", "versions", 10), ("Time spent (s)", "elapsed_s", 3))
@@ -189,7 +186,7 @@ def _provenance(summary: Row) -> Iterator[Block]:
 def _heads(summary: Row) -> list[str]:
     what, where = summary["units"]["what"], summary["units"]["where"]
     error = "what" if what == "P(wrong)" else "what error"
-    return [error + _unit(what), "where error" + _unit(where), "reaction time (taps)"]
+    return [error + in_brackets(what), "where error" + in_brackets(where), "reaction time (taps)"]
 
 
 def _errors_and_taps(row: Row) -> list[str]:
@@ -197,11 +194,7 @@ def _errors_and_taps(row: Row) -> list[str]:
 
 
 def _classes(count: int, kind: str, labels: str) -> str:
-    return f"{count} {kind} {'class' if count == 1 else 'classes'}{_unit(labels)}"
-
-
-def _unit(unit: str) -> str:
-    return f" ({unit})" if unit else ""
+    return f"{count} {kind} {'class' if count == 1 else 'classes'}{in_brackets(labels)}"
 
 
 def pictures(request: Request, results: Results) -> Iterator[Picture]:

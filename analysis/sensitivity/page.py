@@ -1,18 +1,15 @@
 """The folder of a sensitivity study: figures, `sensitivity.json` and the page."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from functools import partial
 from pathlib import Path
-from typing import Any
 
 from ...models.storage import complete_folder
 from ..page.html import write_page
-from ..page.numbers import interval, number, percent
-from ..page.page import Block, Brief, Listing, Note, Page, Picture, Section, Table, Verbatim
+from ..page.numbers import in_brackets, interval, number, percent
+from ..page.page import Block, Brief, Listing, Note, Page, Picture, Row, Section, Table, Verbatim
 from . import figures
 from .findings import VERDICTS, options_of
-
-type Row = Mapping[str, Any]
 
 _ADVANTAGES = ("what_error", "where_error", "taps")
 
@@ -56,7 +53,7 @@ def _source(i: int, source: Row) -> Iterator[Block]:
     if source["simulated"]:
         yield "**These data are simulated.** The simulator was calibrated to the paper's numbers."
     yield Brief(f"{source['grid']['L']} positions and {source['grid']['M']} objects. {source['units']}")
-    what, where = _unit(source["what_unit"]), _unit(source["where_unit"])
+    what, where = in_brackets(source["what_unit"]), in_brackets(source["where_unit"])
     yield _defaults(source, what, where)
     yield (
         "In brackets are 95 % intervals. What dashes mean, and numbers without brackets, is said in "
@@ -156,7 +153,3 @@ def _impossible(option: Row) -> str:
 def _verdict(option: Row) -> str:
     of, better = ", ".join(option["of"]), ", ".join(option["better"]["surely"])
     return VERDICTS[option["verdict"]] + f": {of}" * bool(of) + f"; surely errs less: {better}" * bool(better)
-
-
-def _unit(unit: str) -> str:
-    return f" ({unit})" if unit else ""

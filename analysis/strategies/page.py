@@ -1,20 +1,17 @@
 """The folder of a comparison of strategies: figures, `strategies.json` and the page."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from functools import partial
 from pathlib import Path
-from typing import Any
 
 from ...models.storage import complete_folder
 from ..page.html import write_page
-from ..page.numbers import factor, interval, number, percent
-from ..page.page import Block, Brief, Folded, Note, Page, Picture, Section, Table, Verbatim
+from ..page.numbers import factor, in_brackets, interval, number, percent
+from ..page.page import Block, Brief, Folded, Note, Page, Picture, Row, Section, Table, Verbatim
 from . import figures
 from .figures_regret import regret
 from .figures_trust import trust
 from .findings import FIXED, PAPER
-
-type Row = Mapping[str, Any]
 
 _EQUAL = {
     PAPER: "At equal mean numbers of taps, by the threshold on the belief in an object",
@@ -66,7 +63,7 @@ def _source(i: int, source: Row, theta: float) -> Iterator[Block]:
     """One kind of data; the number of its figures counts from 1."""
     first, name = source["powers"][0], source["name"]
     error = f"object error ({source['what_unit']})"
-    unit = f" ({source['where_unit']})" if source["where_unit"] else ""
+    unit = in_brackets(source["where_unit"])
     yield from (Brief(sentence) for sentence in source["findings"])
     yield (
         f"{source['grid']['L']} positions and {source['grid']['M']} objects, power {first['power']}, border "
