@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from solidtouch.analysis.experiment.sources import Source, recorded_source, simulated_source
-from solidtouch.analysis.page.page import interval, percent
+from solidtouch.analysis.page.numbers import interval, percent
 from solidtouch.analysis.sensitivity.figures import forest, interactions
 from solidtouch.analysis.sensitivity.findings import VERDICTS, WORDS, worded
 from solidtouch.analysis.sensitivity.run import SensitivitySettings, sensitivity

@@ -77,7 +77,7 @@ def audit(
         from ..analysis.audit.run import AuditSettings
         from ..analysis.audit.run import audit as run
         from ..analysis.audit.summary import summarise
-        from ..analysis.audit.view import render
+        from ..analysis.page.terminal import show
         from ..inference.moves.control import check_fixation
         from ..models.measurement.histogram import trim
         from ..models.setting_file import Setting
@@ -101,8 +101,7 @@ def audit(
     with bars() as progress:
         found = run(parts, grid, settings, progress)
     summary = summarise(found, settings, _about(files, parts, dropped, found.unused))
-    write_audit(folder, found, summary, chosen_setting(found, summary), force)
-    render(summary, Console())
+    show(write_audit(folder, found, summary, chosen_setting(found, summary), force), Console())
     print(f"The report is {folder / 'report.html'}")
 
 

@@ -50,7 +50,7 @@ def compare(
         from ..analysis.compare.run import CompareSettings
         from ..analysis.compare.run import compare as run
         from ..analysis.compare.summary import summarise
-        from ..analysis.compare.view import render
+        from ..analysis.page.terminal import show
         from ..inference.moves.control import check_fixation
         from ..inference.trials.run import THRESHOLDS
         from ..models.experiment import load_experiment
@@ -83,8 +83,7 @@ def compare(
     with bars() as progress:
         comparison = run(fold.train, fold.test, grid, settings, progress)
     summary = summarise(comparison, settings, _described(data, parts, grid, dropped, comparison.test_taps))
-    write_comparison(folder, comparison, summary, force)
-    render(summary, Console())
+    show(write_comparison(folder, comparison, summary, force), Console())
     print(f"The report is {folder / 'report.html'}")
 
 

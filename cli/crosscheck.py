@@ -72,12 +72,13 @@ def crosscheck(
 
 def _check_one(check: "Callable[[str], CrossCheck]", name: str, console: "Console") -> bool:
     """Whether all routes agree for a model; prints the comparison."""
-    from ..analysis.correctness.view import render
+    from ..analysis.correctness.page import crosscheck_page
+    from ..analysis.page.terminal import show
 
     result = check(name)
     if name != MODELS[0]:
         console.print(f"Model {name}", highlight=False)
-    render(result, console)
+    show(crosscheck_page(result), console)
     return result.passed
 
 
@@ -87,7 +88,8 @@ def _check_all(check: "Callable[[str], CrossCheck]", console: "Console") -> bool
     Raises:
         InputError: No model could be checked.
     """
-    from ..analysis.correctness.view import render
+    from ..analysis.correctness.page import crosscheck_page
+    from ..analysis.page.terminal import show
     from ..inference.reference import ZeroEvidenceError
     from ..models.errors import InputError
 
@@ -100,7 +102,7 @@ def _check_all(check: "Callable[[str], CrossCheck]", console: "Console") -> bool
             refused[name] = str(error)
             continue
         console.print(f"Model {name}", highlight=False)
-        render(result, console)
+        show(crosscheck_page(result), console)
         results[name] = result.passed
     for name, reason in refused.items():
         console.print(f"Model {name} was not checked: {reason}", highlight=False)

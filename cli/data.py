@@ -182,9 +182,10 @@ def inspect(
     """Prints what a tap set holds and names what in it may mislead."""
     from rich.console import Console
 
+    from ..analysis.inspect.page import inspection_page
     from ..analysis.inspect.run import inspect as inspect_taps
-    from ..analysis.inspect.view import show
+    from ..analysis.page.terminal import show
     from ..models.io.load import load_taps
 
     taps = load_taps(data)
-    show(inspect_taps(taps, taps.grid(where_cell, what_cell)), Console(), str(data))
+    show(inspection_page(inspect_taps(taps, taps.grid(where_cell, what_cell)), str(data)), Console())

@@ -4,7 +4,7 @@ import shlex
 import sys
 from datetime import datetime
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 import typer
 from typer import Option
@@ -76,7 +76,10 @@ def reproduce(
             raise InputError(f"{option} goes with {'simulated' if files else 'recorded'} taps only.")
     preset = preset or "paper"
     with loading():
+        from rich.console import Console
+
         from ..analysis.experiment.settings import ExperimentSettings
+        from ..analysis.page.terminal import show
         from ..analysis.reproduce.results import Request
         from ..analysis.reproduce.run import reproduce as run
         from ..analysis.reproduce.run import simulated_split
@@ -119,34 +122,12 @@ def reproduce(
             episodes=4 if quick else 10,
             sequence_taps=8 if quick else 20,
         )
-        summary = run(request, folder, force, progress)
-    for sentence in summary["warnings"]:
-        print(f"Warning: {sentence}")
-    for sentence in summary["skipped"]:
-        print(f"Note: {sentence}")
+        page, summary = run(request, folder, force, progress)
     if read is not None and read.note:
         print(f"Setting: {read.note}")
     if settings.model != MODELS[0]:
         print(f"Model {settings.model}")
-    _print_results(summary)
+    show(page, Console())
     print(f"The report is {folder / 'report.html'}")
     if not summary["crosscheck"]["passed"]:
         raise typer.Exit(1)
-
-
-def _print_results(summary: dict[str, Any]) -> None:
-    """One line per policy and one for their difference, at the threshold that the figures show."""
-    from ..analysis.page.figure_style import axis_label
-    from ..analysis.page.page import interval
-
-    kinds = [kind for kind, size in (("what", "M"), ("where", "L")) if summary["grid"][size] > 1]
-    names = {f"{kind}_error": axis_label(f"{kind} error", summary["units"][kind]) for kind in kinds} | {"taps": "taps"}
-    headline = summary["headline"]
-    for side in filter(None, (headline["stored"], headline["fresh"], headline["enough"])):
-        print(side["meaning"])
-        for row in side["rows"]:
-            policy = f"{row['policy']:7} at threshold {row['theta']:g}"
-            print(f"  {policy}: {', '.join(f'{label} {interval(row, name)}' for name, label in names.items())}")
-    sentences = (headline["few"], headline["still"], summary["interval"])
-    for sentence in dict.fromkeys(sentence for sentence in sentences if sentence):
-        print(sentence)

@@ -59,11 +59,11 @@ def sensitivity(
         from rich.console import Console
 
         from ..analysis.experiment.sources import recorded_source, simulated_source
+        from ..analysis.page.terminal import show
         from ..analysis.sensitivity.page import write_sensitivity
         from ..analysis.sensitivity.run import SensitivitySettings
         from ..analysis.sensitivity.run import sensitivity as run
         from ..analysis.sensitivity.summary import summarise
-        from ..analysis.sensitivity.view import render
         from ..models.storage import check_folder
     from .shared.progress import bars
 
@@ -76,6 +76,5 @@ def sensitivity(
         studies = [run(source, settings, progress) for source in sources]
     title = "What the open choices of the paper are worth"
     summary = summarise(studies, settings, {"title": title, "command": shlex.join(["solidtouch", *sys.argv[1:]])})
-    write_sensitivity(folder, summary, force)
-    render(summary, Console())
+    show(write_sensitivity(folder, summary, force), Console())
     print(f"The report is {folder / 'report.html'}")

@@ -74,13 +74,13 @@ def strategies(
     with loading():
         from rich.console import Console
 
+        from ..analysis.page.terminal import show
         from ..analysis.strategies.data import recorded_bench, simulated_bench
         from ..analysis.strategies.page import write_strategies
         from ..analysis.strategies.regret import QUICK_TRIALS, TRIALS, RegretSettings, regret_study
         from ..analysis.strategies.regret_summary import summarise_regret
         from ..analysis.strategies.run import StrategySettings, strategy_study
         from ..analysis.strategies.summary import summarise
-        from ..analysis.strategies.view import render
         from ..models.storage import check_folder
     from .shared.progress import bars
 
@@ -96,6 +96,5 @@ def strategies(
     title = "How to move and when to stop"
     command = shlex.join(["solidtouch", *sys.argv[1:]])
     summary = summarise(studies, settings, {"title": title, "command": command}, lost)
-    write_strategies(folder, summary, force)
-    render(summary, Console())
+    show(write_strategies(folder, summary, force), Console())
     print(f"The report is {folder / 'report.html'}")

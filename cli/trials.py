@@ -17,8 +17,8 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
     from rich.console import RenderableType
-    from rich.table import Table
 
+    from ..analysis.page.page import Page
     from ..analysis.trials.spread import TapSpread
     from ..inference.trials.tally import Tally
 
@@ -59,9 +59,9 @@ def trials(
         check_writable(out, force)
     with loading():
         from ..analysis.stats.no_class_left import no_class_left_sentence
+        from ..analysis.trials.page import tally_page
         from ..analysis.trials.spread import spread_trials, tap_spread
         from ..analysis.trials.tallied import tally_dataset
-        from ..analysis.trials.view import tally_table
         from ..inference.moves.control import check_fixation
         from ..inference.trials.plan import tap_table
         from ..inference.trials.run import THRESHOLDS
@@ -93,8 +93,8 @@ def trials(
         "solidtouch": version("solidtouch"),
     }
     rule = {"fixation": point, "where": start, "workers": workers, "play": play, "seed": seed}
-    table_of = partial(tally_table, grid=grid, thresholds=chosen, what_for=_title(about))
-    with terminable(), _Shown(table_of, number) as shown:
+    page_of = partial(tally_page, grid=grid, thresholds=chosen, what_for=_title(about))
+    with terminable(), _Shown(page_of, number) as shown:
         spread = shown.spread(partial(tap_spread, table, grid, chosen, number, **rule), spread_trials(number))
         try:
             tally_trials(table, chosen, number, device=device, progress=shown.update, **rule)
@@ -120,14 +120,14 @@ def _title(about: dict[str, Any]) -> str:
 class _Shown:
     """The results so far: while they grow on standard error, in the end, also an early one, on standard output."""
 
-    def __init__(self, table: "Callable[..., Table]", number: int) -> None:
+    def __init__(self, page: "Callable[..., Page]", number: int) -> None:
         from rich.console import Console
         from rich.live import Live
 
         from .shared.progress import progress_bars
 
         self.tally: Tally | None = None
-        self._table = table
+        self._page = page
         self._bars = progress_bars()
         self._task = self._bars.add_task("Playing trials", total=number)
         self._live = Live(console=Console(stderr=True), get_renderable=self._render, transient=True)
@@ -139,17 +139,18 @@ class _Shown:
     def __exit__(self, *error: object) -> None:
         from rich.console import Console
 
+        from ..analysis.page.terminal import show, widest_table
+
         self._live.stop()
         if self.tally is not None:
-            table = self._table(self.tally)
-            needed = Console(width=_WIDEST).measure(table).maximum
-            Console(width=max(Console().width, needed)).print(table)
+            page = self._page(self.tally)
+            show(page, Console(width=max(Console().width, widest_table(page, Console(width=_WIDEST)))))
 
     def spread(self, play: "Callable[..., TapSpread]", total: int) -> "TapSpread":
         """Plays trials on resampled taps, with a bar, and shows intervals from now on."""
         bar = self._bars.add_task("Resampling test taps", total=total)
         spread = play(progress=partial(self._bars.advance, bar))
-        self._table = partial(self._table, spread=spread)
+        self._page = partial(self._page, spread=spread)
         return spread
 
     def update(self, tally: "Tally") -> None:
@@ -160,4 +161,6 @@ class _Shown:
     def _render(self) -> "RenderableType":
         from rich.console import Group
 
-        return self._bars if self.tally is None else Group(self._table(self.tally), self._bars)
+        from ..analysis.page.terminal import gist
+
+        return self._bars if self.tally is None else Group(*gist(self._page(self.tally)), self._bars)

@@ -212,15 +212,14 @@ def _offline(
     """The setting from held-out trials, printed with its curves."""
     from rich.console import Console
 
+    from ..analysis.page.terminal import show
+    from ..analysis.tuning.page import tuning_page
     from ..analysis.tuning.run import tune as run
     from ..analysis.tuning.run import tuning_trials
-    from ..analysis.tuning.view import position_table, threshold_table
 
     bar = progress("Playing trials", tuning_trials(parts, trials))
     options: dict[str, Any] = {"thresholds": thresholds, "passive": passive, "trials": trials, "seed": seed}
     found = run(parts, setting, price, **options, progress=bar)
-    tables = position_table(found), threshold_table(found)
-    console = Console(width=max(Console().width, _WIDTH))
-    console.print(*tables)
+    show(tuning_page(found), Console(width=max(Console().width, _WIDTH)))
     print(parts.sentence, *found.sentences, sep="\n")
     return found.setting

@@ -1,4 +1,4 @@
-"""The two foreign programs of docs/reference/conformance, cases for them, and what the reference equations make of these."""
+"""The two programs of docs/reference/conformance, cases for them, and the answers of the reference equations."""
 
 import importlib.util
 import json

@@ -1,20 +1,22 @@
 """The folder of a comparison: figures, `compare.nc`, `summary.json` and the page."""
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator
+from functools import partial
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import xarray as xr
 
 from ...models.storage import complete_folder
-from ..page.page import Picture, write_page
+from ..page.html import write_page
+from ..page.numbers import bounded, in_brackets, interval, number, percent
+from ..page.page import Block, Brief, Cautions, Listing, Note, Page, Picture, Row, Section, Table, Verbatim
 from . import figures, figures_taps
 from .run import Comparison
 
 
-def write_comparison(folder: Path, comparison: Comparison, summary: Mapping[str, Any], force: bool = False) -> None:
-    """Writes everything, whole or not at all.
+def write_comparison(folder: Path, comparison: Comparison, summary: Row, force: bool = False) -> Page:
+    """Writes everything, whole or not at all, and returns the page.
 
     Args:
         folder: Where to.
@@ -25,12 +27,14 @@ def write_comparison(folder: Path, comparison: Comparison, summary: Mapping[str,
     Raises:
         InputError: The folder cannot be written.
     """
+    page = comparison_page(comparison, summary)
     with complete_folder(folder, force) as temporary:
         comparison_tree(comparison, summary).to_netcdf(temporary / "compare.nc", engine="h5netcdf")
-        write_page(temporary, "compare.html", summary, _pictures(comparison), "summary.json")
+        write_page(temporary, page, summary, "summary.json")
+    return page
 
 
-def comparison_tree(comparison: Comparison, summary: Mapping[str, Any]) -> xr.DataTree:
+def comparison_tree(comparison: Comparison, summary: Row) -> xr.DataTree:
     """All numbers with their names, dims and units."""
     groups: dict[str, xr.Dataset | None] = {
         "/": xr.Dataset(attrs={"title": summary["title"], "command": summary["command"], "seed": summary["seed"]}),
@@ -50,63 +54,286 @@ def comparison_tree(comparison: Comparison, summary: Mapping[str, Any]) -> xr.Da
     return xr.DataTree.from_dict({name: group for name, group in groups.items() if group is not None})
 
 
-def _pictures(comparison: Comparison) -> Iterator[Picture]:
+def comparison_page(comparison: Comparison, summary: Row) -> Page:
+    """Everything that was found, the ranks first.
+
+    Args:
+        comparison: What came out, for the figures.
+        summary: See `summary.summarise`.
+    """
+    sections = (
+        Section("Findings", [*_findings(summary)], "findings"),
+        Section("Taps", [*_taps(comparison, summary)], "taps"),
+        Section("Predictive checks", [*_checks(comparison, summary)], "checks"),
+        Section("Classes", [*_classes(comparison, summary)], "classes"),
+        Section("Decisions", [*_decisions(comparison, summary)], "decisions"),
+        Section("Models", [_models(summary)], "models"),
+        Section("Provenance", [*_provenance(summary)], "provenance"),
+    )
+    return Page(summary["title"], [*_intro(summary)], [section for section in sections if section.blocks])
+
+
+def _intro(summary: Row) -> Iterator[Block]:
+    yield from summary["what_was_run"]
+    yield Verbatim(summary["command"])
+    if summary["simulated"]:
+        yield Note(
+            [
+                "**These data are simulated.** What predicts or decides best here says something about the simulator; "
+                "a real sensor may rank the models otherwise."
+            ]
+        )
+    refused = [f"{row['name']} was left out: {row['reason']}" for row in summary["refused"]]
+    yield Brief(Cautions([*summary["warnings"], *refused]))
+
+
+def _findings(summary: Row) -> Iterator[Block]:
+    def rank(cell: Row | None) -> str:
+        return "–" if cell is None else f"**{cell['rank']}** ({number(cell['value'])})"
+
+    yield Brief(Listing(summary["findings"]))
+    titles = [level["title"] + in_brackets(level["unit"]) for level in summary["levels"]]
+    rows = [[row["name"], *map(rank, row["levels"])] for row in summary["ranks"]]
+    yield Brief(Table(["model", *titles], rows, "Rank of each model, 1 for the best, and what it is ranked by"))
+    yield (
+        "Taps: mean log probability of a tap’s bins under its own class, sessions left out, integrated over the "
+        "posterior, at power 1. Classes: mean log belief in the true (where, what). Decisions: mean error at a "
+        "reaction time that all models reach or, where there is none, most of them. Near ranks may be ties: the "
+        "intervals below tell."
+    )
+
+
+def _taps(comparison: Comparison, summary: Row) -> Iterator[Block]:
+    yield (
+        f"{summary['sessions']} Values are means per tap in nats, of probabilities of the same bins for all models, at "
+        "power 1 whatever the power of decisions. Integrated: over the posterior of the parameters. Plug-in: at the "
+        "parameters with which the model decides. Intervals are 95 % bootstrap intervals that take the taps of one "
+        "session and class as a unit; the difference to the best with its standard error, for which taps are "
+        "independent, and the weight of stacking are ArviZ’s (`az.compare`)."
+    )
     if comparison.left_out_sessions is not None:
+        less = f"less {summary['reference']}"
+        yield Brief(
+            Table(
+                ["model", "integrated", less, "plug-in", less, "less the best ± SE", "weight"],
+                [
+                    [
+                        row["name"],
+                        interval(row, "integrated"),
+                        _difference(row, "integrated"),
+                        interval(row, "plug_in"),
+                        _difference(row, "plug_in"),
+                        f"{row['behind']:.1f} ± {row['behind_se']:.1f}" if "behind" in row else "–",
+                        f"{row['weight']:.2f}" if "weight" in row else "–",
+                    ]
+                    for row in summary["taps"]
+                ],
+                "Sessions left out, log probability of their taps (nat per tap)",
+            ),
+            columns=(0, 1, 2, 3, 6),
+        )
         yield Picture(
             "sessions",
             "Sessions left out",
             "Mean log probability of a tap’s bins less that of the reference model, with 95 % intervals.",
-            figures_taps.sessions_left_out(comparison.left_out_sessions),
+            partial(figures_taps.sessions_left_out, comparison.left_out_sessions),
         )
     if comparison.left_out_taps is not None:
-        yield Picture(
-            "pareto",
-            "Where importance sampling can leave out a tap",
-            "Pareto k of the training taps; beyond the dashed line the estimate of a tap is not to be trusted.",
-            figures_taps.pareto(comparison.left_out_taps),
-        )
-    if comparison.checks is not None and comparison.checks.sizes["statistic"]:
-        yield Picture(
-            "checks",
-            "Predictive checks",
-            "Statistics of the training taps (lines) and of replicates drawn from each fitted model (ticks).",
-            figures_taps.predictive_checks(comparison.checks),
-        )
-    grid = comparison.grid
-    for name, title, caption, draw in _levels(comparison):
-        yield Picture(name, title, caption, draw(grid))
+        yield from _single_taps(comparison.left_out_taps, summary)
 
 
-def _levels(comparison: Comparison) -> list[tuple[str, str, str, Callable[[Any], Any]]]:
-    return [
-        (
-            "classes",
-            "Beliefs after a number of taps",
-            "Scores of beliefs against the number of taps of one class, with 95 % intervals.",
-            lambda grid: figures.class_scores(comparison.classes, grid),
-        ),
-        (
-            "class_differences",
-            "Beliefs, differences",
-            "The same, less the score of the reference model on the same sequences.",
-            lambda grid: figures.class_differences(comparison.classes, grid),
-        ),
-        (
-            "decisions",
-            "Errors against reaction time",
-            "Mean errors against mean reaction times, one point per threshold; bands are 95 % intervals.",
-            lambda grid: figures.decision_curves(comparison.curves, grid),
-        ),
-        (
-            "decision_differences",
-            "Errors at equal reaction times, differences",
-            "Error less that of the reference model at the same mean reaction time, in the same trials.",
-            lambda grid: figures.decision_differences(comparison.equal, grid),
-        ),
-        (
-            "miscalibration",
-            "Are decisions as right as they believe?",
-            "Fraction of wrong objects over the mean of 1 - belief against the threshold; 1 where beliefs are right.",
-            lambda _: figures.miscalibration(comparison.curves),
-        ),
-    ]
+def _single_taps(left_out: xr.Dataset, summary: Row) -> Iterator[Block]:
+    rows = [row for row in summary["taps"] if "psis" in row]
+    yield Table(
+        [
+            *("model", "by importance sampling", "taps with too large a k", "may be ranked"),
+            *("exactly, integrated", "exactly, plug-in"),
+        ],
+        [
+            [
+                row["name"],
+                number(row["psis"], 4),
+                percent(row["bad_k"]),
+                "yes" if row["psis_ranks"] else "no",
+                number(row.get("exact"), 4),
+                number(row.get("exact_plug_in"), 4),
+            ]
+            for row in rows
+        ],
+        "Single training taps left out",
+    )
+    yield (
+        f"Importance sampling (PSIS-LOO, {summary['draws']} draws) cannot leave out a tap that carries much of what is "
+        f"known of its class, which its Pareto k shows: above {number(rows[0]['good_k'], 2)} with so many draws it is "
+        "not to be trusted, and a model with such a tap is not ranked by it. For the histogram leaving out a tap is a "
+        "subtraction of counts, exact."
+    )
+    yield Picture(
+        "pareto",
+        "Where importance sampling can leave out a tap",
+        "Pareto k of the training taps; beyond the dashed line the estimate of a tap is not to be trusted.",
+        partial(figures_taps.pareto, left_out),
+    )
+
+
+def _checks(comparison: Comparison, summary: Row) -> Iterator[Block]:
+    checks = summary["checks"]
+    if not checks or comparison.checks is None:
+        return
+    yield (
+        "Each statistic shows something that some models leave out. Given are its value in the training taps and the "
+        "mean of replicates drawn from each fitted model; in brackets the share of replicates at or above the observed "
+        "value, which is near 0 or 1 where a model does not make such taps. A share near 0 or 1 with values that lie "
+        "close together says little: estimated means scatter twice in replicates, once in the fit and once in the taps."
+    )
+    yield Table(
+        ["statistic", "tests", "observed", *(model["name"] for model in checks[0]["models"])],
+        [
+            [
+                check["statistic"],
+                check["assumption"],
+                number(check["observed"]),
+                *(f"{number(model['replicated'], 2)} ({number(model['p'], 2)})" for model in check["models"]),
+            ]
+            for check in checks
+        ],
+        words={1},
+        dense=True,
+    )
+    yield Picture(
+        "checks",
+        "Predictive checks",
+        "Statistics of the training taps (lines) and of replicates drawn from each fitted model (ticks).",
+        partial(figures_taps.predictive_checks, comparison.checks),
+    )
+
+
+def _classes(comparison: Comparison, summary: Row) -> Iterator[Block]:
+    yield (
+        "Beliefs after fixed numbers of taps of one class and session, the same sequences for all models, without "
+        f"moves or stopping. {summary['class_interval']}"
+    )
+    scores = {"log belief in the true class (nat)": "log_score_joint"}
+    others = {}
+    if comparison.grid.M > 1:
+        others |= {"Brier score, what": "brier_what", "calibration error, what": "calibration_what"}
+        others |= {"what right": "accuracy_what"}
+    if comparison.grid.L > 1:
+        others |= {"where right": "accuracy_where"}
+    for n in summary["contacts"]:
+        yield Table(
+            ["model", *scores, f"less {summary['reference']}", *others],
+            [
+                [
+                    row["name"],
+                    interval(row, "log_score_joint"),
+                    _difference(row, "log_score_joint"),
+                    *(interval(row, name) for name in others.values()),
+                ]
+                for row in summary["classes"]
+                if row["contacts"] == n
+            ],
+            f"After {n} tap{'' if n == 1 else 's'}",
+            dense=True,
+        )
+    yield Picture(
+        "classes",
+        "Beliefs after a number of taps",
+        "Scores of beliefs against the number of taps of one class, with 95 % intervals.",
+        partial(figures.class_scores, comparison.classes, comparison.grid),
+    )
+    yield Picture(
+        "class_differences",
+        "Beliefs, differences",
+        "The same, less the score of the reference model on the same sequences.",
+        partial(figures.class_differences, comparison.classes, comparison.grid),
+    )
+
+
+def _decisions(comparison: Comparison, summary: Row) -> Iterator[Block]:
+    yield (
+        f"{summary['trials']} trials of each model and policy, from the same starts and with the same random numbers. "
+        f"{summary['decision_interval']} Errors are compared at equal mean reaction times, curve against curve; a "
+        "model has none where its curve does not reach. The miscalibration is the fraction of wrong objects over the "
+        "mean of 1 - belief at the decision, 1 where beliefs are right."
+    )
+    units = summary["units"]
+    what = "P(wrong)" if units["what"] == "P(wrong)" else f"what error ({units['what']})"
+    where = "where error" + in_brackets(units["where"])
+    errors = {what: "what_error"} if comparison.grid.M > 1 else {}
+    errors |= {where: "where_error"} if comparison.grid.L > 1 else {}
+    for policy in ("passive", "active"):
+        yield Table(
+            ["model", *errors, "taps", "stopped by threshold", "test taps used up", "miscalibration"],
+            [
+                [
+                    row["name"],
+                    *(interval(row, name) for name in (*errors.values(), "taps")),
+                    percent(row["stopped_fraction"]),
+                    percent(row["used_up"]),
+                    interval(row, "miscalibration"),
+                ]
+                for row in summary["decisions"]
+                if (row["policy"], row["theta"]) == (policy, summary["shown_theta"])
+            ],
+            f"{policy.capitalize()}, at threshold {number(summary['shown_theta'], 10)}",
+        )
+        yield _at_equal_times([row for row in summary["equal_taps"] if row["policy"] == policy], policy, what)
+    yield Picture(
+        "decisions",
+        "Errors against reaction time",
+        "Mean errors against mean reaction times, one point per threshold; bands are 95 % intervals.",
+        partial(figures.decision_curves, comparison.curves, comparison.grid),
+    )
+    yield Picture(
+        "decision_differences",
+        "Errors at equal reaction times, differences",
+        "Error less that of the reference model at the same mean reaction time, in the same trials.",
+        partial(figures.decision_differences, comparison.equal, comparison.grid),
+    )
+    yield Picture(
+        "miscalibration",
+        "Are decisions as right as they believe?",
+        "Fraction of wrong objects over the mean of 1 - belief against the threshold; 1 where beliefs are right.",
+        partial(figures.miscalibration, comparison.curves),
+    )
+
+
+def _at_equal_times(rows: list[Row], policy: str, what: str) -> Table:
+    times, names = (list(dict.fromkeys(row[key] for row in rows)) for key in ("taps", "name"))
+    cells = [[name, *(interval(row, "what_error") for row in rows if row["name"] == name)] for name in names]
+    caption = f"{policy.capitalize()}, {what} at equal mean reaction times"
+    return Table(["model", *(f"{number(time)} taps" for time in times)], cells, caption, dense=True)
+
+
+def _models(summary: Row) -> Table:
+    return Table(
+        ["model", "does without", "and says instead", "power of decisions", "fit", "seconds"],
+        [
+            [
+                row["name"],
+                row["relaxes"],
+                row["how"],
+                row["power"],
+                row["fit"] + ("" if row["converged"] else " **It did not converge.**"),
+                number(row["seconds"]),
+            ]
+            for row in summary["models"]
+        ],
+        words={1, 2, 4},
+    )
+
+
+def _provenance(summary: Row) -> Iterator[Block]:
+    grid = summary["grid"]
+    yield (
+        f"Seed {summary['seed']}; {summary['test_taps']} test taps of {grid['L']} x {grid['M']} (where, what) classes, "
+        "those that all models know. The same command with the same seed and versions gives the same numbers."
+    )
+    yield Section("Versions", [Table((), [*summary["versions"].items()], words={1})])
+    times = [(name, number(value)) for name, value in summary["elapsed_s"].items()]
+    yield Section("Time spent (s)", [Table((), times)])
+
+
+def _difference(row: Row, name: str) -> str:
+    return bounded(*(row.get(f"{name}_difference{end}") for end in ("", "_low", "_high")))

@@ -6,7 +6,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import xarray as xr
 
-from ..page.page import number
+from ..page.numbers import number
 from .run import Comparison
 
 

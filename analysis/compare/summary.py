@@ -1,8 +1,6 @@
 """A comparison in numbers and sentences: `summary.json`, from which the page and the printed table are made."""
 
-import platform
 from collections.abc import Mapping, Sequence
-from importlib.metadata import version
 from typing import Any
 
 import numpy as np
@@ -11,6 +9,7 @@ import xarray as xr
 from ...models.measurement.catalogue import CATALOGUE, split_name
 from ..experiment.settings import SHOWN_THETA
 from ..page.figure_style import short_unit
+from ..page.words import versions
 from ..stats.decisions import decision_interval_sentence, too_few_taps
 from ..stats.no_class_left import no_class_left_sentence
 from .classes import class_interval_sentence
@@ -54,7 +53,7 @@ def summarise(comparison: Comparison, settings: CompareSettings, described: Mapp
     ranked = levels(comparison)
     return {
         **described,
-        "versions": {"python": platform.python_version()} | {name: version(name) for name in _PACKAGES},
+        "versions": versions(_PACKAGES),
         "seed": settings.seed,
         "reference": names[0],
         "grid": {"L": grid.L, "M": grid.M, "unit": short_unit(grid.where_unit)},

@@ -1,5 +1,5 @@
-"""The HTML page of a study: its renderer, templates, figure style and wording that pages share.
+"""The page of a study: records of sections, tables and figures, shown as HTML and in a terminal.
 
-Start at `page`, then `figure_style`. Figures of several studies are here, those of one study in its folder.
-No numbers are computed here, and no study is imported.
+Start at `page`, then `html` and `terminal`, the only modules that know jinja2 and rich; `numbers` writes numbers.
+Figures of several studies are here, those of one study in its folder. No study is imported.
 """

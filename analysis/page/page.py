@@ -1,175 +1,135 @@
-"""The report: one self-contained HTML page that a person can mail or print."""
+"""What a study shows, as sections of text, tables and figures; `html` writes it to a file, `terminal` prints the gist.
 
-import base64
-import json
-import math
-from collections.abc import Iterable, Mapping, Sequence
-from importlib import resources
-from numbers import Integral, Real
-from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple, TypeGuard
+Text may hold `**strong**` words, `` `code` `` and links to sections, `[words](#id)`.
+"""
 
-from jinja2 import ChainableUndefined, Environment, FunctionLoader
-
-from ...models.storage import complete_file
-from .figure_style import PNG_DPI, save
+import re
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-_IMAGE_BYTES = 4_000_000  # of all figures together; base64 adds a third
-_MISSING = "–"
-_MOST_FACTOR = 99.0
+_MARKS = re.compile(r"\*\*(?P<strong>[^*]+)\*\*|`(?P<code>[^`]+)`|\[(?P<words>[^\]]+)\]\((?P<link>#[\w-]+)\)")
+
+
+class Table(NamedTuple):
+    """A table; one without rows is not shown.
+
+    Attributes:
+        head: Headings of the columns; empty for a list of names and values.
+        rows: Cells, the first of each row naming it; the last of a short row spans what is left.
+        caption: Above it.
+        words: Columns of prose, which may be broken into lines; all but these and the first hold numbers.
+        dense: Whether it is set small.
+    """
+
+    head: Sequence[str]
+    rows: Sequence[Sequence[str]]
+    caption: str = ""
+    words: Collection[int] = ()
+    dense: bool = False
 
 
 class Picture(NamedTuple):
-    """A figure and what is said of it."""
+    """A figure and what is said of it.
+
+    Attributes:
+        name: Of its files.
+        title: Its name on the page.
+        caption: What is to be seen.
+        draw: Draws it; `None` where there is nothing to draw, which leaves it out.
+    """
 
     name: str
     title: str
     caption: str
-    figure: "Figure"
+    draw: "Callable[[], Figure | None]"
 
 
-def write_report(folder: str | Path, summary: Mapping[str, Any], figures: Sequence[Mapping[str, Any]]) -> Path:
-    """Writes `report.html` into a folder and returns its path.
+class Listing(NamedTuple):
+    """Items below each other; none is shown by its title alone, or not at all."""
 
-    Args:
-        folder: Where to write; an older report there is replaced.
-        summary: What `summary.json` holds. Sections whose keys are missing are left out.
-        figures: One mapping per figure with `name`, `title`, `caption` and the files `png` and `svg`.
+    items: Sequence[str]
+    title: str = ""
 
-    Raises:
-        InputError: The file cannot be written.
+
+class Verbatim(NamedTuple):
+    """Text as it is, such as a command line."""
+
+    text: str
+
+
+class Note(NamedTuple):
+    """Blocks that stand out."""
+
+    blocks: "Sequence[Block]"
+
+
+class Cautions(NamedTuple):
+    """What a reader must know before trusting numbers; nothing without a sentence."""
+
+    sentences: Sequence[str]
+
+
+class Folded(NamedTuple):
+    """Terms and what they mean, behind a title that opens them."""
+
+    title: str
+    terms: Sequence[Mapping[str, str]]
+
+
+class Section(NamedTuple):
+    """Blocks under a heading, in the navigation by its id; sections within have none."""
+
+    title: str
+    blocks: "Sequence[Block]"
+    id: str = ""
+
+
+class Brief(NamedTuple):
+    """A block that a terminal shows as well, of a table these columns or all."""
+
+    block: "str | Table | Listing | Note | Cautions"
+    columns: Sequence[int] = ()
+
+
+type Row = Mapping[str, Any]
+"""Names and values of a summary, as its JSON file holds them."""
+type Block = str | Table | Picture | Listing | Verbatim | Note | Cautions | Folded | Section | Brief
+
+
+class Page(NamedTuple):
+    """A title, blocks before the first section, and the sections."""
+
+    title: str
+    intro: Sequence[Block]
+    sections: Sequence[Section]
+
+    @property
+    def pictures(self) -> list[Picture]:
+        """All figures in their order."""
+        return [block for block in blocks_of([*self.intro, *self.sections]) if isinstance(block, Picture)]
+
+
+def blocks_of(blocks: Iterable[Block]) -> Iterator[Block]:
+    """All blocks in their order, those of the sections among them, too."""
+    for block in blocks:
+        yield block
+        if isinstance(block, Section):
+            yield from blocks_of(block.blocks)
+
+
+def spans(text: str) -> Iterator[tuple[str, str]]:
+    """Parts of a text, each with `""`, `"strong"`, `"code"` or the `#id` that it leads to.
+
+    >>> list(spans("See `fit` and [the rules](#rules), **surely** [0.1, 0.2]."))[:4]
+    [('See ', ''), ('fit', 'code'), (' and ', ''), ('the rules', '#rules')]
     """
-    path = Path(folder) / "report.html"
-    page = render_report(summary, figures)
-    with complete_file(path, force=True) as temporary:
-        temporary.write_text(page, encoding="utf-8")
-    return path
-
-
-def render_report(summary: Mapping[str, Any], figures: Sequence[Mapping[str, Any]]) -> str:
-    """The page as text, with every figure inside it."""
-    return render_page("report.html", summary, figures)
-
-
-def write_page(folder: Path, template: str, summary: Mapping[str, Any], pictures: Iterable[Picture], name: str) -> None:
-    """Writes figures, what they and the page show as JSON, and the page, into a folder that is complete later.
-
-    Args:
-        folder: Where to, see `storage.complete_folder`.
-        template: Of the page.
-        summary: What it shows.
-        pictures: Its figures.
-        name: Of the JSON file.
-    """
-    figures = []
-    for picture in pictures:
-        png, svg = save(picture.figure, folder, picture.name)
-        figures.append(
-            {"name": picture.name, "title": picture.title, "caption": picture.caption, "png": png, "svg": svg}
-        )
-    text = json.dumps(summary, indent=1, allow_nan=False, ensure_ascii=False) + "\n"
-    (folder / name).write_text(text, encoding="utf-8")
-    (folder / "report.html").write_text(render_page(template, summary, figures), encoding="utf-8")
-
-
-def render_page(template: str, summary: Mapping[str, Any], figures: Sequence[Mapping[str, Any]]) -> str:
-    """A page of this package as text.
-
-    Args:
-        template: Name of its file.
-        summary: What it shows.
-        figures: As `write_report`.
-    """
-    environment = Environment(
-        loader=FunctionLoader(_file),
-        autoescape=True,
-        undefined=ChainableUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-    )
-    environment.filters.update(number=number, percent=percent, interval=interval, factor=factor)
-    share = _IMAGE_BYTES // max(1, len(figures))
-    images = [
-        dict(figure) | {"data": image_uri(figure["png"], figure["svg"], share), "width": page_width(figure["png"])}
-        for figure in figures
-    ]
-    return environment.get_template(template).render(summary=summary, figures=images, style=_file("page.css"))
-
-
-def _file(name: str) -> str:
-    return resources.files(__package__ or "").joinpath(name).read_text("utf-8")
-
-
-def image_uri(png: Path, svg: Path, limit: int) -> str:
-    """A picture as a data URI: the drawing where it is no larger than `limit` bytes, else the smaller of both."""
-    chosen = svg if svg.stat().st_size <= limit else min(png, svg, key=lambda path: path.stat().st_size)
-    kind = "svg+xml" if chosen == svg else "png"
-    return f"data:image/{kind};base64,{base64.b64encode(chosen.read_bytes()).decode('ascii')}"
-
-
-def page_width(png: Path) -> int:
-    """The width of a figure in CSS pixels (96 per inch), from the header of its PNG file."""
-    return round(int.from_bytes(png.read_bytes()[16:20], "big") * 96 / PNG_DPI)
-
-
-def number(value: Any, digits: int = 3) -> str:
-    """A number rounded to so many significant digits, other things as they print, a dash for what is missing.
-
-    >>> number(0.43218), number(26.31), number(1234.5), number(None)
-    ('0.432', '26.3', '1234', '–')
-    """
-    if not _is_number(value):
-        missing = value is None or isinstance(value, ChainableUndefined | float)
-        return _MISSING if missing else str(value)
-    if isinstance(value, Integral):
-        return str(value)
-    return f"{value:.0f}" if 1000 <= abs(value) < 1e6 else f"{value:.{digits}g}"
-
-
-def percent(value: Any) -> str:
-    """A fraction in per cent; a dash where it is missing.
-
-    >>> percent(0.0481), percent(1.0)
-    ('4.8 %', '100 %')
-    """
-    return f"{number(round(100 * value, 1))} %" if _is_number(value) else _MISSING
-
-
-def interval(row: Mapping[str, Any], name: str) -> str:
-    """A quantity with its bounds, to the digit that the width of the interval supports.
-
-    >>> interval({"taps": 26.314, "taps_low": 25.2, "taps_high": 27.41}, "taps")
-    '26.31 [25.20, 27.41]'
-    """
-    value, low, high = (row.get(name + suffix) for suffix in ("", "_low", "_high"))
-    if not (_is_number(value) and _is_number(low) and _is_number(high)):
-        return number(value)
-    half = (high - low) / 2
-    digits = min(max(-math.floor(math.log10(half / 30)), 0), 4) if half > 0 else 3
-    value, low, high = (round(number, digits) + 0.0 for number in (value, low, high))  # no negative zero
-    return f"{value:.{digits}f} [{low:.{digits}f}, {high:.{digits}f}]"
-
-
-def factor(values: Sequence[float | None] | None, unbounded: bool = False) -> str:
-    """A factor with the ends of its interval, capped where size says nothing.
-
-    >>> factor((1.234, 0.5, 14461493.0)), factor((1.0, 0.5, None)), factor((1.0, None, None)), factor((None,) * 3)
-    ('1.2 [0.5, >99]', '1 [0.5, >99]', '1', '–')
-    >>> factor((None, None, None), unbounded=True)
-    'infinite'
-    """
-    if unbounded:
-        return "infinite"
-    if not values or not _is_number(values[0]):
-        return _MISSING
-    if not _is_number(values[1]):
-        return number(values[0], 2)
-    value, low, high = (">99" if not _is_number(v) or v > _MOST_FACTOR else number(v, 2) for v in values)
-    return f"{value} [{low}, {high}]"
-
-
-def _is_number(value: Any) -> TypeGuard[float]:
-    return isinstance(value, Real) and not isinstance(value, bool) and math.isfinite(value)
+    end = 0
+    for found in _MARKS.finditer(text):
+        yield text[end : found.start()], ""
+        kind = str(found.lastgroup)
+        yield (found["words"], found["link"]) if kind == "link" else (found[kind], kind)
+        end = found.end()
+    yield text[end:], ""

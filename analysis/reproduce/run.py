@@ -1,6 +1,5 @@
 """The paper end to end: data sets through the experiment, then figures, tables and the report in one folder."""
 
-import json
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -21,12 +20,13 @@ from ..experiment.crosscheck import crosscheck
 from ..experiment.policies import combined
 from ..experiment.settings import check_settings
 from ..experiment.study import Study, planned, study
-from ..page.page import write_report
+from ..page.html import draw_pictures, write_page
+from ..page.page import Page
 from ..page.stages import Progress, StageClock, no_progress
 from ..stats import metrics
 from ..stats.acting import can_act
 from .examples import belief_cases, trajectories
-from .pictures import count, draw
+from .page import pictures, report_page
 from .results import Request, Results
 from .summary import results_tree, summarise
 
@@ -50,7 +50,9 @@ def simulated_split(name: str, data_sets: int, seed: int, progress: Progress = n
     return Split(tuple(folds), "sessions", "In every simulated data set session 0 trains and session 1 tests.")
 
 
-def reproduce(request: Request, folder: Path, force: bool = False, progress: Progress = no_progress) -> dict[str, Any]:
+def reproduce(
+    request: Request, folder: Path, force: bool = False, progress: Progress = no_progress
+) -> tuple[Page, dict[str, Any]]:
     """Runs the experiment and writes its folder, whole or not at all.
 
     Args:
@@ -60,7 +62,7 @@ def reproduce(request: Request, folder: Path, force: bool = False, progress: Pro
         progress: Told the name and size of every stage; gives the function that counts what is done.
 
     Returns:
-        What `summary.json` holds.
+        The page, and what `summary.json` holds.
 
     Raises:
         InputError: The folder cannot be written, or the data or settings cannot be used.
@@ -68,13 +70,14 @@ def reproduce(request: Request, folder: Path, force: bool = False, progress: Pro
     with complete_folder(folder, force) as temporary:
         clock = StageClock(progress)
         results = _run(request, clock)
-        with clock.stage("Drawing figures", count(results.grid)) as advance:
-            pictures = draw(request, results, temporary, advance)
+        drawn = [*pictures(request, results)]
+        with clock.stage("Drawing figures", len(drawn)) as advance:
+            images = draw_pictures(temporary, drawn, advance)
         summary = summarise(request, results)
         results_tree(request, results).to_netcdf(temporary / "results.nc", engine="h5netcdf")
-        (temporary / "summary.json").write_text(json.dumps(summary, indent=1, allow_nan=False) + "\n", encoding="utf-8")
-        write_report(temporary, summary, pictures)
-    return summary
+        page = report_page(summary, results.check, drawn)
+        write_page(temporary, page, summary, "summary.json", images)
+    return page, summary
 
 
 def _run(request: Request, clock: StageClock) -> Results:

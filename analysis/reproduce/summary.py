@@ -1,6 +1,5 @@
 """A run in words and numbers: `summary.json` and `results.nc`."""
 
-import platform
 from collections.abc import Sequence
 from dataclasses import asdict
 from importlib.metadata import version
@@ -18,6 +17,7 @@ from ..experiment.crosscheck import CrossCheck
 from ..experiment.settings import ExperimentSettings
 from ..experiment.suspicions import FEW, suspicions
 from ..page.figure_style import short_unit
+from ..page.words import versions
 from ..stats import metrics
 from ..stats.acting import can_act
 from ..stats.no_class_left import no_class_left_sentence
@@ -40,7 +40,7 @@ def summarise(request: Request, results: Results) -> dict[str, Any]:
         "what_was_run": _what_was_run(request, results),
         "command": request.command,
         "simulated": request.simulated is not None,
-        "versions": {"python": platform.python_version()} | {name: version(name) for name in _PACKAGES},
+        "versions": versions(_PACKAGES),
         "model": settings.model,
         "seed": settings.seed,
         "data_sets": [part.name for part in results.studies],

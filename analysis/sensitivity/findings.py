@@ -8,7 +8,7 @@ from collections import Counter
 from collections.abc import Iterator, Mapping
 from typing import Any
 
-from ..page.page import number
+from ..page.numbers import number
 from ..page.words import STORED_ONLY, listed
 from ..stats.jackknife import FEWEST_UNITS
 from .effects import CLASS_FLOOR, FACTOR_LIMIT, RELEVANT, TAPS_FLOOR

@@ -1,16 +1,21 @@
 """The folder of a sensitivity study: figures, `sensitivity.json` and the page."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
+from functools import partial
 from pathlib import Path
-from typing import Any
 
 from ...models.storage import complete_folder
-from ..page.page import Picture, write_page
+from ..page.html import write_page
+from ..page.numbers import in_brackets, interval, number, percent
+from ..page.page import Block, Brief, Listing, Note, Page, Picture, Row, Section, Table, Verbatim
 from . import figures
+from .findings import VERDICTS, options_of
+
+_ADVANTAGES = ("what_error", "where_error", "taps")
 
 
-def write_sensitivity(folder: Path, summary: Mapping[str, Any], force: bool = False) -> None:
-    """Writes everything, whole or not at all.
+def write_sensitivity(folder: Path, summary: Row, force: bool = False) -> Page:
+    """Writes everything, whole or not at all, and returns the page.
 
     Args:
         folder: Where to.
@@ -20,29 +25,131 @@ def write_sensitivity(folder: Path, summary: Mapping[str, Any], force: bool = Fa
     Raises:
         InputError: The folder cannot be written.
     """
+    page = sensitivity_page(summary)
     with complete_folder(folder, force) as temporary:
-        write_page(temporary, "sensitivity.html", summary, pictures(summary), "sensitivity.json")
+        write_page(temporary, page, summary, "sensitivity.json")
+    return page
 
 
-def pictures(summary: Mapping[str, Any]) -> Iterator[Picture]:
-    """The figures of each source, `forest-N` and `pairs-N`, counted from 1."""
-    for number, source in enumerate(summary["sources"], 1):
+def sensitivity_page(summary: Row) -> Page:
+    """A section for each source of data, and how it is judged."""
+    intro = [
+        "What the paper leaves open has a default here. Every other option is run against the defaults on the same "
+        "trials: which of them change the paper's conclusion, which its numbers, which nothing? Results are read at "
+        f"threshold {number(summary['theta'])} where nothing else is said.",
+        Verbatim(summary["command"]),
+    ]
+    sections = [
+        Section(source["name"], [*_source(i, source)], f"source-{i}") for i, source in enumerate(summary["sources"], 1)
+    ]
+    versions = ", ".join(f"{name} {version}" for name, version in summary["versions"].items())
+    made = f"{summary['trials']} trials of each data set, policy and option; seed {summary['seed']}. {versions}."
+    return Page(summary["title"], intro, [*sections, Section("How it is judged", [*summary["rules"], made], "rules")])
+
+
+def _source(i: int, source: Row) -> Iterator[Block]:
+    """Findings and tables; the figures are `forest-N` and `pairs-N`."""
+    yield Brief(Note([*source["findings"], *(Listing(one["items"], one["title"]) for one in source["lists"])]))
+    if source["simulated"]:
+        yield "**These data are simulated.** The simulator was calibrated to the paper's numbers."
+    yield Brief(f"{source['grid']['L']} positions and {source['grid']['M']} objects. {source['units']}")
+    what, where = in_brackets(source["what_unit"]), in_brackets(source["where_unit"])
+    yield _defaults(source, what, where)
+    yield (
+        "In brackets are 95 % intervals. What dashes mean, and numbers without brackets, is said in "
+        "[how it is judged](#rules)."
+        + " Objects have no size here: the object error is the share of wrong decisions, P(wrong)."
+        * (source["what_unit"] == "P(wrong)")
+    )
+    yield Picture(
+        f"forest-{i}",
+        f"What every option is worth: {source['name']}",
+        f"Changes against the default (in brackets), {source['policies'][-1]} perception, choices by the object error "
+        "of their strongest option. Thick lines are 95 % intervals, thin ones hold all together; changes in the grey "
+        "bands do not matter. Axes are linear in the bands and logarithmic beyond.",
+        partial(figures.forest, source),
+    )
+    yield Brief(_ranking(source, what), columns=(0, 3, 4, 5))
+    yield from (f"{choice['name'].capitalize()}: {choice['note']}" for choice in source["choices"] if choice["note"])
+    yield _options(source, what, where)
+    if source["pairs"]:
         yield Picture(
-            f"forest-{number}",
-            f"What every option is worth: {source['name']}",
-            f"Changes against the default (in brackets), {source['policies'][-1]} perception, choices by the object "
-            "error of their strongest option. Thick lines are 95 % intervals, thin ones hold all together; changes in "
-            "the grey bands do not matter. Axes are linear in the bands and logarithmic beyond.",
-            figures.forest(source),
+            f"pairs-{i}",
+            f"Pairs of the strongest options: {source['name']}",
+            "Change of the object error by both options beyond the sum of what each changes, with 95 % intervals; bold "
+            "where all intervals together exclude zero. Below zero both together change less than the sum, as where "
+            "errors cannot get much worse than chance; above zero they change more. Colours are linear up to the "
+            "change that does not matter and logarithmic beyond.",
+            partial(figures.interactions, source),
         )
-        pairs = figures.interactions(source)
-        if pairs is not None:
-            yield Picture(
-                f"pairs-{number}",
-                f"Pairs of the strongest options: {source['name']}",
-                "Change of the object error by both options beyond the sum of what each changes, with 95 % intervals; "
-                "bold where all intervals together exclude zero. Below zero both together change less than the sum, as "
-                "where errors cannot get much worse than chance; above zero they change more. Colours are linear up "
-                "to the change that does not matter and logarithmic beyond.",
-                pairs,
-            )
+    left_out = [
+        f"{row['choice']}, {row['option']}: {row['reason']}." for row in (*source["not_run"], *source["skipped"])
+    ]
+    if left_out:
+        yield Listing(left_out, "Not run here")
+
+
+def _defaults(source: Row, what: str, where: str) -> Table:
+    names = ("what_error", "where_error", "taps", "factor")
+    rows = [[row["policy"], *(interval(row, name) for name in names)] for row in source["default"]]
+    if source["advantage"]:
+        advantages = (interval(source["advantage"][name], "value") for name in _ADVANTAGES)
+        rows.append(["passive less active", *advantages, ""])
+    heads = ["policy", f"object error{what}", f"position error{where}", "taps", "calibration (factor)"]
+    return Table(heads, rows, "Under the defaults")
+
+
+def _ranking(source: Row, what: str) -> Table:
+    last = source["policies"][-1]
+    change = f"its change of the {last} object error{what}"
+    heads = ["choice", "the paper", "default", "strongest option", change, "gravest verdict (of which options)"]
+    rows = [
+        [
+            *(choice[key] for key in ("name", "paper", "default")),
+            option["name"],
+            interval(option, f"{last}_what_error"),
+            f"{VERDICTS[choice['verdict']]} ({choice['verdict_of']})",
+        ]
+        for choice in source["choices"]
+        for option in choice["options"]
+        if option["name"] == choice["strongest"]
+    ]
+    return Table(heads, rows, "Choices, the strongest first", words={1, 2, 3, 5}, dense=True)
+
+
+def _options(source: Row, what: str, where: str) -> Table:
+    last, active = source["policies"][-1], bool(source["advantage"])
+    names = [f"{last}_what_error", "equal_taps", *(f"{last}_{name}" for name in ("where_error", "taps", "factor"))]
+    heads = ["choice", "option", f"object error{what}", f"the same at equal taps{what}", f"position error{where}"]
+    heads += ["taps", "calibration (factor)"]
+    caption = "All options less the default"
+    if active:
+        names += [f"advantage_{name}" for name in _ADVANTAGES]
+        errors = (f"object error{what}", f"position error{where}", "taps")
+        heads += [f"passive less active: {name}" for name in errors]
+        caption += f"; {last} perception, and what is left of its advantage"
+    first = {id(choice["options"][0]) for choice in source["choices"]}
+    rows = [
+        [
+            name if id(option) in first else "",
+            option["name"] + _impossible(option),
+            *(interval(option, key) for key in names),
+            _verdict(option),
+        ]
+        for name, option in options_of(source)
+    ]
+    return Table([*heads, "verdict"], rows, caption, words={1, len(heads)}, dense=True)
+
+
+def _impossible(option: Row) -> str:
+    if not option["impossible_trials"]:
+        return ""
+    return (
+        f" ({percent(option['impossible_trials'])} of trials met an impossible tap; "
+        f"{percent(option['impossible_taps'])} of taps are so under their own class)"
+    )
+
+
+def _verdict(option: Row) -> str:
+    of, better = ", ".join(option["of"]), ", ".join(option["better"]["surely"])
+    return VERDICTS[option["verdict"]] + f": {of}" * bool(of) + f"; surely errs less: {better}" * bool(better)

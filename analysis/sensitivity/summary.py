@@ -1,8 +1,6 @@
 """A sensitivity study in numbers and sentences: `sensitivity.json`, from which page, table and document are made."""
 
-import platform
 from collections.abc import Mapping, Sequence
-from importlib.metadata import version
 from typing import Any
 
 import numpy as np
@@ -10,7 +8,7 @@ import numpy as np
 from ...models.grid import ClassGrid
 from ..experiment.settings import SHOWN_THETA
 from ..page.figure_style import short_unit
-from ..page.words import listed
+from ..page.words import listed, versions
 from ..stats.jackknife import Interval, as_factor, as_numbers
 from .choices import Choice, Option
 from .effects import SUMS, Effect, limits, verdict
@@ -33,7 +31,7 @@ def summarise(
     """
     summary = {
         **described,
-        "versions": {"python": platform.python_version()} | {name: version(name) for name in _PACKAGES},
+        "versions": versions(_PACKAGES),
         "seed": settings.seed,
         "trials": settings.trials,
         "theta": SHOWN_THETA,

@@ -8,7 +8,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 from ..experiment.settings import SHOWN_THETA
-from ..page.page import number
+from ..page.numbers import number
 from ..page.words import listed
 
 TAPS = (2, 3, 5, 10)

@@ -1,18 +1,27 @@
 """The folder of a comparison of strategies: figures, `strategies.json` and the page."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
+from functools import partial
 from pathlib import Path
-from typing import Any
 
 from ...models.storage import complete_folder
-from ..page.page import Picture, write_page
+from ..page.html import write_page
+from ..page.numbers import factor, in_brackets, interval, number, percent
+from ..page.page import Block, Brief, Folded, Note, Page, Picture, Row, Section, Table, Verbatim
 from . import figures
 from .figures_regret import regret
 from .figures_trust import trust
+from .findings import FIXED, PAPER
+
+_EQUAL = {
+    PAPER: "At equal mean numbers of taps, by the threshold on the belief in an object",
+    FIXED: "After the same number of taps in every trial",
+}
+_COMPARED = ("what_error", "where_error", "way")
 
 
-def write_strategies(folder: Path, summary: Mapping[str, Any], force: bool = False) -> None:
-    """Writes everything, whole or not at all.
+def write_strategies(folder: Path, summary: Row, force: bool = False) -> Page:
+    """Writes everything, whole or not at all, and returns the page.
 
     Args:
         folder: Where to.
@@ -22,72 +31,218 @@ def write_strategies(folder: Path, summary: Mapping[str, Any], force: bool = Fal
     Raises:
         InputError: The folder cannot be written.
     """
+    page = strategies_page(summary)
     with complete_folder(folder, force) as temporary:
-        write_page(temporary, "strategies.html", summary, pictures(summary), "strategies.json")
+        write_page(temporary, page, summary, "strategies.json")
+    return page
 
 
-def pictures(summary: Mapping[str, Any]) -> Iterator[Picture]:
-    """The figures of each kind of data, numbered from 1, the one across them, `trust`, and `regret`."""
-    for number, source in enumerate(summary["sources"], 1):
-        name = source["name"]
-        yield Picture(
-            f"curves-{number}",
-            f"Error against taps and way: {name}",
-            "Object and position errors along the belief thresholds of the paper, against the mean number of taps and "
-            "the mean way of the sensor (linear up to its first number), each group of strategies beside the fixation "
-            "point. Right of each panel stand the last points with their 95 % intervals, in the order of the key; an "
-            "arrowhead is where one is cut.",
-            figures.curves(source),
-        )
-        yield Picture(
-            f"equal-taps-{number}",
-            f"Strategies at equal taps: {name}",
-            "Object error less that of the fixation point, paired, at equal mean numbers of taps. Thick lines are "
-            "95 % intervals, thin ones, where there are any, hold all together; hollow points have none. An arrowhead "
-            "is where a thin line is cut.",
-            figures.equal_taps(source),
-        )
-        yield Picture(
-            f"stopping-{number}",
-            f"Rules of stopping: {name}",
-            "Object error of the trials that answer along the levels of each rule, in colour, and of the paper's, in "
-            "grey, with the fixation point; in the last panel the share of null decisions of the rules that give up. "
-            "Right of each panel stand the last points with their 95 % intervals; an arrowhead is where one is cut.",
-            figures.stopping(source),
-        )
-        yield Picture(
-            f"trajectories-{number}",
-            f"Trajectories: {name}",
-            f"Position against taps in {len(next(iter(source['paths'].values())))} trials of one data set up to their "
-            f"decision at threshold {summary['theta']:g}, from the same starts. Lines on one position are spread by up "
-            "to a quarter of a class and a dot ends each; strokes at the left are trials that decide with their first "
-            "tap, grey is the share of trials that make a tap, dashed the fixation point.",
-            figures.trajectories(source),
-        )
+def strategies_page(summary: Row) -> Page:
+    """Findings, a section for each kind of data, trust and regret across them, and how it is compared."""
+    intro: list[Block] = [
+        "The paper moves to one place and stops at one belief. Here other strategies of moving and rules of stopping "
+        "are played on the same trials and taps. A negative difference is less error than with the paper's fixation "
+        "point.",
+        Verbatim(summary["command"]),
+        Folded("What the strategies and the rules of stopping are", [summary["strategy_words"], summary["rule_words"]]),
+        Brief(Note(summary["findings"])),
+    ]
+    sections = [
+        Section(source["name"], [*_source(i, source, summary["theta"])], f"source-{i}")
+        for i, source in enumerate(summary["sources"], 1)
+    ]
     if summary["sources"]:
-        yield _trust(summary)
+        sections.append(Section("Where the model is too sure", [*_trust(summary)], "trust-section"))
     if summary["regret"]:
-        yield _regret(summary["regret"])
+        sections.append(Section("Regret", [*_regret(summary["regret"])], "regret-section"))
+    sections.append(Section("How it is compared", [*_rules(summary)], "rules"))
+    return Page(summary["title"], intro, sections)
 
 
-def _trust(summary: Mapping[str, Any]) -> Picture:
-    return Picture(
+def _source(i: int, source: Row, theta: float) -> Iterator[Block]:
+    """One kind of data; the number of its figures counts from 1."""
+    first, name = source["powers"][0], source["name"]
+    error = f"object error ({source['what_unit']})"
+    unit = in_brackets(source["where_unit"])
+    yield from (Brief(sentence) for sentence in source["findings"])
+    yield (
+        f"{source['grid']['L']} positions and {source['grid']['M']} objects, power {first['power']}, border "
+        f"{source['border']}. {source['units']}" + " **These data are simulated.**" * source["simulated"]
+    )
+    yield Picture(
+        f"curves-{i}",
+        f"Error against taps and way: {name}",
+        "Object and position errors along the belief thresholds of the paper, against the mean number of taps and "
+        "the mean way of the sensor (linear up to its first number), each group of strategies beside the fixation "
+        "point. Right of each panel stand the last points with their 95 % intervals, in the order of the key; an "
+        "arrowhead is where one is cut.",
+        partial(figures.curves, source),
+    )
+    yield _at_threshold(source, theta, error, unit)
+    yield Picture(
+        f"equal-taps-{i}",
+        f"Strategies at equal taps: {name}",
+        "Object error less that of the fixation point, paired, at equal mean numbers of taps. Thick lines are "
+        "95 % intervals, thin ones, where there are any, hold all together; hollow points have none. An arrowhead "
+        "is where a thin line is cut.",
+        partial(figures.equal_taps, source),
+    )
+    less = "less fixation"
+    heads = ["strategy", "taps", error, less, f"position error{unit}", less, f"way{unit}", less, "null decisions"]
+    for family, caption in _EQUAL.items():
+        rows = [
+            [
+                row["strategy"],
+                str(row["taps"]),
+                *(
+                    interval(row, f"{q}{end}")
+                    for q in ("what_error", "where_error", "way")
+                    for end in ("", "_difference")
+                ),
+                percent(row["given_up"]),
+            ]
+            for row in first["equal"][family]
+        ]
+        table = Table(heads, rows, caption, dense=True)
+        yield Brief(table, columns=(0, 1, 2, 3)) if family == FIXED else table
+    yield Picture(
+        f"stopping-{i}",
+        f"Rules of stopping: {name}",
+        "Object error of the trials that answer along the levels of each rule, in colour, and of the paper's, in "
+        "grey, with the fixation point; in the last panel the share of null decisions of the rules that give up. "
+        "Right of each panel stand the last points with their 95 % intervals; an arrowhead is where one is cut.",
+        partial(figures.stopping, source),
+    )
+    yield Table(
+        [
+            "rule",
+            "taps",
+            f"object error of the answers ({source['what_unit']})",
+            "less the paper's rule",
+            "null decisions",
+        ],
+        [
+            [
+                row["rule"],
+                str(row["taps"]),
+                interval(row, "what_error"),
+                interval(row, "what_error_difference"),
+                percent(row["given_up"]),
+            ]
+            for row in first["rules"]
+        ],
+        "Rules of stopping with the fixation point, at equal mean numbers of taps",
+        dense=True,
+    )
+    yield Picture(
+        f"trajectories-{i}",
+        f"Trajectories: {name}",
+        f"Position against taps in {len(next(iter(source['paths'].values())))} trials of one data set up to their "
+        f"decision at threshold {theta:g}, from the same starts. Lines on one position are spread by up "
+        "to a quarter of a class and a dot ends each; strokes at the left are trials that decide with their first "
+        "tap, grey is the share of trials that make a tap, dashed the fixation point.",
+        partial(figures.trajectories, source),
+    )
+
+
+def _at_threshold(source: Row, theta: float, error: str, unit: str) -> Table:
+    first = source["powers"][0]
+    paired = {row["strategy"]: row for row in first["shown"]}
+    heads = ["strategy", error, f"position error{unit}", "taps", "less fixation", f"way{unit}", "less fixation"]
+    rows = [
+        [
+            name,
+            *(interval(row, key) for key in ("what_error", "where_error", "taps")),
+            interval(paired[name], "taps_difference"),
+            interval(row, "way"),
+            interval(paired[name], "way_difference"),
+            interval(row, "wrong"),
+            percent(row["given_up"]),
+            percent(row["unstopped"]),
+        ]
+        for name in source["strategies"]
+        for row in first["curves"][PAPER][name]
+        if row["level"] == theta
+    ]
+    return Table(
+        [*heads, "P(wrong object)", "null decisions", "stopped by the deadline"],
+        rows,
+        f"At threshold {number(theta)} on the belief in an object",
+        dense=True,
+    )
+
+
+def _trust(summary: Row) -> Iterator[Block]:
+    yield Picture(
         "trust",
         "What is left where the model is too sure",
         f"After {summary['look']} taps. A: P(wrong object) of the fixation point less that of info-what, against the "
         "miscalibration of the fixation point. B: miscalibration of both. C: information about the object that the "
         "model promised beyond what the taps told, of both. On the dashed lines both are alike. With 95 % "
         "intervals, cut ones with an arrowhead; hollow points lie beyond the axis, and what is not known is counted.",
-        trust(summary["sources"]),
+        partial(trust, summary["sources"]),
+    )
+    heads = ["data", "power", "exponent", "strategy", "miscalibration", "over that of fixation"]
+    heads += ["P(wrong): fixation less strategy", "promised (nats)", "told (nats)", "promised less told"]
+    rows = [
+        [
+            source["name"],
+            str(power["power"]),
+            number(power["exponent"]),
+            row["strategy"],
+            *(factor([row[name + end] for end in ("", "_low", "_high")]) for name in ("factor", "factor_ratio")),
+            *(interval(row, name) for name in ("gain", "expected", "told", "excess", "excess_difference")),
+            percent(row["given_up"]),
+        ]
+        for source in summary["sources"]
+        for power in source["powers"]
+        for row in power["trust"]
+    ]
+    yield Table(
+        [*heads, "the same less fixation's", "null decisions"],
+        rows,
+        f"After {summary['look']} taps, under every root of the likelihood",
+        words={1, 3},
+        dense=True,
     )
 
 
-def _regret(summary: Mapping[str, Any]) -> Picture:
-    return Picture(
+def _regret(found: Row) -> Iterator[Block]:
+    yield (
+        "How much more strategies cost than they must, where that can be known: in small cases, where the exact rule "
+        "can be computed, and in a larger one, where a cost is known that no strategy stays below."
+    )
+    yield from found["rules"]
+    yield Picture(
         "regret",
         "Cost above the least possible",
         "Cost of each strategy under four kinds of stopping rules above that of the exact rule, in the last column "
         "above a bound that no strategy stays below, with 95 % intervals. Of the fixation points the best and the "
         "worst with the best threshold. Logarithmic; what is less than the left end is drawn there.",
-        regret(summary),
+        partial(regret, found),
     )
+    for case in found["cases"]:
+        prices = {
+            name: [
+                f"**{price['shown']}**" if price["best"] else price["shown"]
+                for price in case["prices"]
+                if price["strategy"] == name
+            ]
+            for name in case["strategies"]
+        }
+        table = Table(
+            ["strategy", *found["kinds"]],
+            [[name, *shown] for name, shown in prices.items()],
+            case["caption"],
+            dense=True,
+        )
+        title = f"{case['name']}, {number(case['tap_cost'])} mm a tap"
+        yield Section(title, [f"{case['described']}. {case['said']}", table])
+
+
+def _rules(summary: Row) -> Iterator[Block]:
+    if summary["sources"]:
+        yield from summary["rules"]
+        yield f"{summary['trials']} trials of each data set, strategy and root."
+    versions = ", ".join(f"{name} {version}" for name, version in summary["versions"].items())
+    yield f"Seed {summary['seed']}. {versions}."

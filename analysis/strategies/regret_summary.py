@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from scipy.stats import norm
 
 from ...inference.bayes_risk.exact_cost import Cost
-from ..page.page import interval, percent
+from ..page.numbers import interval, percent
 from ..page.words import listed
 from ..stats.metrics import CONFIDENCE
 from .regret import Priced, Regrets, RegretSettings

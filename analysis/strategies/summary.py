@@ -1,8 +1,6 @@
 """A comparison of strategies in numbers and sentences: `strategies.json`, from which page and document are made."""
 
-import platform
 from collections.abc import Mapping, Sequence
-from importlib.metadata import version
 from typing import Any
 
 import numpy as np
@@ -10,7 +8,7 @@ import numpy as np
 from ...inference.moves.control import default_fixation
 from ..experiment.settings import SHOWN_THETA
 from ..page.figure_style import short_unit
-from ..page.words import STORED_ONLY
+from ..page.words import STORED_ONLY, versions
 from ..stats.jackknife import Interval, Means, as_factor, as_numbers, interval, jackknife
 from .curves import AT_TAPS, QUANTITIES, at_taps, curve, differences, quantities
 from .findings import FIXED, LOOK, PAPER, RULES, TAPS, findings, source_findings
@@ -44,7 +42,7 @@ def summarise(
     sources = [summarise_source(one) for one in studies]
     return {
         **described,
-        "versions": {"python": platform.python_version()} | {name: version(name) for name in _PACKAGES},
+        "versions": versions(_PACKAGES),
         "seed": settings.seed,
         "trials": settings.trials,
         "deadline": settings.deadline,

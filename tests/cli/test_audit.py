@@ -99,7 +99,7 @@ def test_the_folder_holds_everything(three):
         assert row["taps"] == 8
         assert row["sentence"] in page
     assert f"a right model on {one['taps']} taps per class gives" in page
-    assert page.count("<td>no") + page.count("<td><b>yes</b>") >= 4
+    assert page.count("<td>no") + page.count("<td><strong>yes</strong>") >= 4
     for sentence in summary["verdict"]["sentences"]:
         assert re.sub(r"\W+", " ", sentence.split("(")[0]).strip() in re.sub(r"\W+", " ", page)
     assert "nan" not in re.sub(r"<[^>]*>", " ", re.sub(r"(?s)<(svg|style|script).*?</\1>", "", page)).lower().split()

@@ -115,7 +115,7 @@ def test_reproduce_says_what_it_left_out(command, folder):
     done = command(*words, "--trials", 20, "--thresholds", "0.5,0.9", "--bins", 9, "--quick")
 
     assert done.code == 0
-    assert f"Warning: {LEFT_OUT}" in done.out
+    assert f"Warning: {LEFT_OUT}" in said(done.out)
     assert LEFT_OUT in json.loads((folder / "run" / "summary.json").read_text())["warnings"]
 
 

@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 from rich.console import Console
 from solidtouch.analysis.experiment.suspicions import constant_taxels, in_blocks, recorded_order, saturated_taxels
+from solidtouch.analysis.inspect.page import inspection_page
 from solidtouch.analysis.inspect.run import count_taps, inspect
-from solidtouch.analysis.inspect.view import show
+from solidtouch.analysis.page.terminal import show
 from solidtouch.models.io.load import load_taps
 
 
@@ -179,7 +180,7 @@ def test_constant_taxels_are_dead_and_not_saturated(make_taps):
 
 def shown(taps, width=100, **cells):
     console = Console(file=io.StringIO(), width=width)
-    show(inspect(taps, taps.grid(**cells)), console, "a.nc")
+    show(inspection_page(inspect(taps, taps.grid(**cells)), "a.nc"), console)
     assert isinstance(console.file, io.StringIO)
     return console.file.getvalue()
 

@@ -11,16 +11,16 @@ import pytest
 from rich.console import Console
 from solidtouch.analysis.experiment.sources import Source, recorded_source, simulated_source
 from solidtouch.analysis.page.stages import no_progress
+from solidtouch.analysis.page.terminal import show
 from solidtouch.analysis.page.words import STORED_ONLY
 from solidtouch.analysis.sensitivity import figures as figure_sensitivity
 from solidtouch.analysis.sensitivity import summary as sensitivity_summary
 from solidtouch.analysis.sensitivity.choices import CHOICES, Choice, Option, Reading
 from solidtouch.analysis.sensitivity.effects import SUMS
 from solidtouch.analysis.sensitivity.findings import VERDICTS, findings, lists_of, worded
-from solidtouch.analysis.sensitivity.page import write_sensitivity
+from solidtouch.analysis.sensitivity.page import sensitivity_page, write_sensitivity
 from solidtouch.analysis.sensitivity.run import SensitivitySettings, play_reading, sensitivity
 from solidtouch.analysis.sensitivity.summary import blind_error, summarise
-from solidtouch.analysis.sensitivity.view import render
 from solidtouch.analysis.stats.jackknife import Interval
 from solidtouch.analysis.stats.resampled_units import RESAMPLES
 from solidtouch.hardware.simulator.presets import preset
@@ -313,7 +313,7 @@ def test_few_units_decide_nothing(source):
 
 def in_terminal(summary):
     console = Console(width=400, record=True, file=io.StringIO())
-    render(summary, console)
+    show(sensitivity_page(summary), console)
     return console.export_text()
 
 

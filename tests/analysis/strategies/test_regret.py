@@ -4,11 +4,12 @@ import json
 
 import numpy as np
 import pytest
-from solidtouch.analysis.page.page import render_page
+from solidtouch.analysis.page.html import render_page
 from solidtouch.analysis.page.stages import no_progress
 from solidtouch.analysis.strategies import regret, regret_cases
 from solidtouch.analysis.strategies.figures_regret import regret as regret_figure
 from solidtouch.analysis.strategies.figures_regret import shown
+from solidtouch.analysis.strategies.page import strategies_page
 from solidtouch.analysis.strategies.regret import (
     RegretSettings,
     drawn_regrets,
@@ -205,13 +206,13 @@ def test_sentences_say_what_the_least_is(study, summary):
 def test_the_page_shows_every_price(summary):
     """A table for each case and cost of taps, the best bold; data of no kind leave no other section."""
     whole = summarise([], StrategySettings(), {"title": "Regret", "command": ""}, summary)
-    page = render_page("strategies.html", whole, [])
+    page = render_page(strategies_page(whole))
     assert page.count("<table") == len(summary["cases"])
     assert page.count("<strong>") == sum(row["best"] for case in summary["cases"] for row in case["prices"])
     assert "#regret-section" in page
     assert "#trust-section" not in page
     assert whole["findings"] == summary["findings"]
-    without = render_page("strategies.html", {**whole, "regret": None}, [])
+    without = render_page(strategies_page({**whole, "regret": None}))
     assert "regret-section" not in without
 
 

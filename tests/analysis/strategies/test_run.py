@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from solidtouch.analysis.page.page import render_page
+from solidtouch.analysis.page.html import render_page
 from solidtouch.analysis.page.stages import no_progress
 from solidtouch.analysis.page.words import STORED_ONLY
 from solidtouch.analysis.stats.resampled_units import RESAMPLES
@@ -22,7 +22,7 @@ from solidtouch.analysis.strategies.data import (
 )
 from solidtouch.analysis.strategies.figures_trust import trust
 from solidtouch.analysis.strategies.findings import FIXED, LOOK, PAPER, TAPS, findings, source_findings
-from solidtouch.analysis.strategies.page import write_strategies
+from solidtouch.analysis.strategies.page import strategies_page, write_strategies
 from solidtouch.analysis.strategies.run import BASE, TRUSTED, StrategySettings, playable, strategy_study
 from solidtouch.analysis.strategies.summary import summarise
 from solidtouch.hardware.simulator.presets import preset
@@ -172,7 +172,7 @@ def test_ways_in_other_units_have_no_price(bench):
 
 def test_the_page_shows_every_strategy_and_rule(summary):
     """Every finding stands there, and every table has null decisions."""
-    page = render_page("strategies.html", summary, [])
+    page = render_page(strategies_page(summary))
     for name in (*FEW, "lookahead", "msprt", "what, at 6 taps give up"):
         assert f">{name}<" in page
     assert page.count("<table") == page.count("null decisions</th>")

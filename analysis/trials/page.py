@@ -1,15 +1,14 @@
-"""Counted trials as a table in the terminal."""
+"""Counted trials as a table."""
 
 from collections.abc import Iterable, Mapping, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
-from rich import box
-from rich.table import Table
 
 from ...inference.trials.tally import Tally
 from ...models.grid import ClassGrid
 from ..page.figure_style import axis_label, short_unit
+from ..page.page import Brief, Page, Table
 from ..stats.tallied import tally_means
 from .spread import SPREAD, TapSpread
 
@@ -23,9 +22,9 @@ _LEGEND = (
 )
 
 
-def tally_table(
+def tally_page(
     tally: Tally, grid: ClassGrid, thresholds: Sequence[float], what_for: str, spread: TapSpread | None = None
-) -> Table:
+) -> Page:
     """Two rows per threshold: trials as they were asked for, and trials on fresh taps; each with intervals over taps.
 
     Args:
@@ -36,29 +35,22 @@ def tally_table(
         spread: Trials on resampled and on fresh taps; without it there are no intervals, and one row.
     """
     means = tally_means(tally, grid)
-    table = Table(
-        title=f"{tally.trials:,} {what_for}",
-        caption=" ".join(filter(None, (_LEGEND, spread.sentence, spread.few))) if spread else _LEGEND,
-        title_justify="left",
-        caption_justify="left",
-        box=box.SIMPLE,
-        padding=(0, 1, 0, 0),
-    )
     units = {"what_error": grid.what_error_unit, "where_error": short_unit(grid.where_unit)}
-    names = {name: axis_label(name.replace("_", " "), unit).replace(" (", "\n(") for name, unit in units.items()}
-    shown = dict(zip(SPREAD, (*names.values(), "taps", "wrong", "belief", "stopped", "no class\nleft"), strict=True))
+    names = [axis_label(name.replace("_", " "), unit) for name, unit in units.items()]
+    shown = dict(zip(SPREAD, (*names, "taps", "wrong", "belief", "stopped", "no class left"), strict=True))
     if not (tally.no_class_left.any() or (spread and spread.fresh["no_class_left_fraction"][:, 0].any())):
         del shown["no_class_left_fraction"]
-    for heading in ("theta", "on taps", *shown.values()):
-        table.add_column(heading, justify="right", no_wrap=True)
     intervals = spread.intervals(means) if spread else {}
     fresh = {name: values[:, 0] for name, values in spread.fresh.items()} if spread else {}
     fresh_intervals = spread.fresh_intervals() if spread else {}
+    rows: list[list[str]] = []
     for h, theta in enumerate(thresholds):
-        table.add_row(f"{theta:g}", "stored", *_cells(shown, means, intervals, h))
+        rows.append([f"{theta:g}", "stored", *_cells(shown, means, intervals, h)])
         if spread:
-            table.add_row("", "fresh", *_cells(shown, fresh, fresh_intervals, h))
-    return table
+            rows.append(["", "fresh", *_cells(shown, fresh, fresh_intervals, h)])
+    title = f"{tally.trials:,} {what_for}"
+    legend = " ".join(filter(None, (_LEGEND, spread.sentence, spread.few))) if spread else _LEGEND
+    return Page(title, [Brief(Table(["theta", "on taps", *shown.values()], rows, title)), Brief(legend)], [])
 
 
 def _cells(

@@ -1,54 +1,47 @@
-"""Curves over positions and thresholds as tables in a terminal."""
-
-from typing import TYPE_CHECKING
+"""Curves over positions and thresholds as tables."""
 
 import numpy as np
 
 from ...inference.tuning.held_out import Estimate
+from ..page.page import Brief, Page, Table
 from .run import Tuning, shown_threshold, unit_of
-
-if TYPE_CHECKING:
-    from rich.table import Table
 
 _ROWS = 16  # thresholds that are shown
 
 
-def position_table(found: Tuning) -> "Table":
+def tuning_page(found: Tuning) -> Page:
+    """Both tables."""
+    return Page("Tuning", [Brief(position_table(found)), Brief(threshold_table(found))], [])
+
+
+def position_table(found: Tuning) -> Table:
     """Error at every position that was tried, with interval."""
     choice, grid = found.fixation, found.grid
     columns = ("class", "position", f"error ({unit_of(found)})", "95 % interval", "more than least", "taps", "")
-    table = _table("Fixation points", *columns)
+    rows = []
     for l in np.flatnonzero(np.isfinite(choice.error.mean)).tolist():
         mark = "chosen" if l == choice.chosen else "as good" if choice.alike[l] else ""
         more = f"{choice.excess.mean[l]:.3f} ± {choice.excess.error[l]:.3f}"
         taps = f"{choice.taps[:, l].mean():.1f}"
-        table.add_row(str(l), grid.where_label(l), *_estimate(choice.error, l, 3), more, taps, mark)
-    return table
+        rows.append([str(l), grid.where_label(l), *_estimate(choice.error, l, 3), more, taps, mark])
+    return Table(columns, rows, "Fixation points")
 
 
-def threshold_table(found: Tuning) -> "Table":
+def threshold_table(found: Tuning) -> Table:
     """Error, taps and cost at some of the thresholds, the chosen one among them."""
     choice = found.threshold
     shown = np.linspace(0, len(choice.theta) - 1, min(_ROWS, len(choice.theta))).round().astype(int)
     some = f", {len(shown)} of {len(choice.theta)} that were tried" * (len(shown) < len(choice.theta))
-    columns = (f"error ({unit_of(found)})", "95 % interval", "taps", "95 % interval", "cost (taps)", "95 % interval")
-    table = _table(f"Thresholds{some}", "threshold", *columns, "")
+    between = "95 % interval"
+    columns = ("threshold", f"error ({unit_of(found)})", between, "taps", between, "cost (taps)", between, "")
+    rows = []
     for h in np.union1d(shown, [found.chosen]).tolist():
         mark = "chosen" if h == found.chosen else "as good" if choice.alike[h] and found.reachable is None else ""
         numbers = (*_estimate(choice.error, h, 3), *_estimate(choice.taps, h, 1), *_estimate(choice.cost, h, 1))
-        table.add_row(shown_threshold(float(choice.theta[h])), *numbers, mark)
-    return table
+        rows.append([shown_threshold(float(choice.theta[h])), *numbers, mark])
+    return Table(columns, rows, f"Thresholds{some}")
 
 
 def _estimate(estimate: Estimate, index: int, digits: int) -> tuple[str, str]:
     mean, low, high = estimate.mean[index], estimate.low[index], estimate.high[index]
     return f"{mean:.{digits}f}", f"{low:.{digits}f} to {high:.{digits}f}"
-
-
-def _table(title: str, *heads: str) -> "Table":
-    from rich.table import Table  # noqa: PLC0415 - commands that print nothing do without
-
-    table = Table(title=title, title_justify="left")
-    for head in heads:
-        table.add_column(head, justify="right")
-    return table

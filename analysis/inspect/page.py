@@ -1,35 +1,25 @@
-"""An `Inspection` as tables in the terminal."""
+"""An `Inspection` as a page."""
 
 from collections.abc import Iterator
 
 import numpy as np
-from rich.console import Console
-from rich.markup import escape
-from rich.table import Table
 
+from ..page.page import Brief, Cautions, Page, Table
 from .run import Inspection
 
 _ROWS, _COLUMNS = 40, 8  # a larger grid of cells is condensed to its smallest, middle and largest count
 
 
-def show(inspection: Inspection, console: Console, title: str = "") -> None:
-    """Prints the tables, then the warnings.
+def inspection_page(inspection: Inspection, title: str = "") -> Page:
+    """Sizes and ranges, taps per cell, then the warnings.
 
     Args:
         inspection: The facts.
-        console: Where to print.
         title: What was inspected.
     """
-    overview = Table(title=escape(title), show_header=False, title_justify="left")
-    for name, value in overview_lines(inspection):
-        overview.add_row(name, escape(value))
-    console.print(overview)
-    console.print("Taps per cell" + (", session by session" if len(inspection.sessions) > 1 else ""))
-    console.print(_counts(inspection))
-    for warning in inspection.warnings:
-        console.print(f"[yellow]![/yellow] {escape(warning)}", highlight=False)
-    if not inspection.warnings:
-        console.print("Nothing that may mislead was found.")
+    overview = Table((), [*overview_lines(inspection)], title, words={1})
+    found = Cautions(inspection.warnings) if inspection.warnings else "Nothing that may mislead was found."
+    return Page(title, [Brief(overview), Brief(_counts(inspection)), Brief(found)], [])
 
 
 def overview_lines(inspection: Inspection) -> Iterator[tuple[str, str]]:
@@ -65,23 +55,22 @@ def _counts(inspection: Inspection) -> Table:
         counts, rows, columns = counts.transpose(0, 2, 1), columns, rows
     if len(rows) > _ROWS or len(columns) > _COLUMNS or len(counts) > _COLUMNS:
         return _condensed_counts(inspection)
-    table = Table()
-    for name in ("", *(columns if len(columns) > 1 else ("taps",))):
-        table.add_column(escape(name))
-    for r, name in enumerate(rows):
-        table.add_row(escape(name), *("+".join(map(str, counts[:, r, c])) for c in range(len(columns))))
-    return table
+    heads = columns if len(columns) > 1 else ("taps",)
+    cells = [[name, *("+".join(map(str, counts[:, r, c])) for c in range(len(columns)))] for r, name in enumerate(rows)]
+    return Table(["", *heads], cells, _caption(inspection))
 
 
 def _condensed_counts(inspection: Inspection) -> Table:
-    table = Table()
-    for name in ("session", "taps", "filled cells", "fewest", "median", "most"):
-        table.add_column(name, justify="right")
+    rows = []
     for session, counts in zip(inspection.sessions, inspection.counts, strict=True):
         filled = f"{np.count_nonzero(counts)} of {counts.size}"
         spread = counts.min(), np.median(counts), counts.max()
-        table.add_row(str(session), str(counts.sum()), filled, *(f"{value:g}" for value in spread))
-    return table
+        rows.append([str(session), str(counts.sum()), filled, *(f"{value:g}" for value in spread)])
+    return Table(["session", "taps", "filled cells", "fewest", "median", "most"], rows, _caption(inspection))
+
+
+def _caption(inspection: Inspection) -> str:
+    return "Taps per cell" + (", session by session" if len(inspection.sessions) > 1 else "")
 
 
 def _condensed(names: tuple[str, ...] | list[str]) -> str:

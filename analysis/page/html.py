@@ -1,0 +1,97 @@
+"""A page as one self-contained HTML file that a person can mail or print."""
+
+import base64
+import json
+from collections.abc import Callable, Mapping, Sequence
+from importlib import resources
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from jinja2 import Environment, StrictUndefined
+from markupsafe import Markup
+
+from .figure_style import PNG_DPI, save
+from .page import Page, Picture, spans
+
+_IMAGE_BYTES = 4_000_000  # of all figures together; base64 adds a third
+_ELEMENTS = {"": Markup("{0}"), "strong": Markup("<strong>{0}</strong>"), "code": Markup("<code>{0}</code>")}
+_LINK = Markup('<a href="{1}">{0}</a>')
+
+
+class Image(NamedTuple):
+    """A figure inside a page.
+
+    Attributes:
+        data: Its file as a data URI.
+        width: In CSS pixels, 96 per inch.
+    """
+
+    data: str
+    width: int
+
+
+def write_page(
+    folder: Path, page: Page, summary: Mapping[str, Any], name: str, images: Mapping[str, Image] | None = None
+) -> None:
+    """Writes the figures, what they and the page show as JSON, and the page, into a folder that is complete later.
+
+    Args:
+        folder: Where to, see `storage.complete_folder`.
+        page: The page, `report.html`.
+        summary: Content of the JSON file.
+        name: Of the JSON file.
+        images: From `draw_pictures` where they are drawn already.
+    """
+    images = draw_pictures(folder, page.pictures) if images is None else images
+    text = json.dumps(summary, indent=1, allow_nan=False, ensure_ascii=False) + "\n"
+    (folder / name).write_text(text, encoding="utf-8")
+    (folder / "report.html").write_text(render_page(page, images), encoding="utf-8")
+
+
+def draw_pictures(
+    folder: Path, pictures: Sequence[Picture], advance: Callable[[int], object] = lambda _: None
+) -> dict[str, Image]:
+    """Writes figures into a folder, and returns them for a page by name.
+
+    Args:
+        folder: Where to.
+        pictures: Those that are drawn, one after the other.
+        advance: Told of every one that is finished.
+    """
+    images = {}
+    for picture in pictures:
+        figure = picture.draw()
+        if figure is not None:
+            images[picture.name] = embedded(*save(figure, folder, picture.name), _IMAGE_BYTES // len(pictures))
+        advance(1)
+    return images
+
+
+def render_page(page: Page, images: Mapping[str, Image] | None = None) -> str:
+    """The page as text.
+
+    Args:
+        page: What it shows.
+        images: Its figures by name; those without one are left out.
+    """
+    environment = Environment(autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True)
+    environment.filters.update(kind=lambda block: type(block).__name__, marked=_marked)
+    template = environment.from_string(_file("page.html"))
+    return template.render(page=page, images=images or {}, style=_file("page.css"))
+
+
+def embedded(png: Path, svg: Path, limit: int) -> Image:
+    """A figure for a page: the drawing where it is no larger than `limit` bytes, else the smaller of both files."""
+    chosen = svg if svg.stat().st_size <= limit else min(png, svg, key=lambda path: path.stat().st_size)
+    kind = "svg+xml" if chosen == svg else "png"
+    data = f"data:image/{kind};base64,{base64.b64encode(chosen.read_bytes()).decode('ascii')}"
+    return Image(data, round(int.from_bytes(png.read_bytes()[16:20], "big") * 96 / PNG_DPI))
+
+
+def _marked(text: str) -> Markup:
+    """The text with its marks as elements, all else escaped."""
+    return Markup("").join(_ELEMENTS.get(kind, _LINK).format(words, kind) for words, kind in spans(text))
+
+
+def _file(name: str) -> str:
+    return resources.files(__package__ or "").joinpath(name).read_text("utf-8")

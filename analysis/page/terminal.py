@@ -1,0 +1,86 @@
+"""The gist of a page in a terminal: its blocks that are marked as brief, under the titles of their sections."""
+
+from collections.abc import Iterable, Iterator, Sequence
+
+from rich import box
+from rich.console import Console, RenderableType
+from rich.padding import Padding
+from rich.table import Table as RichTable
+from rich.text import Text
+
+from .page import Block, Brief, Cautions, Listing, Note, Page, Section, Table, blocks_of, spans
+
+
+def show(page: Page, console: Console) -> None:
+    """Prints what is brief."""
+    for one in gist(page):
+        console.print(one, highlight=False)
+
+
+def gist(page: Page) -> Iterator[RenderableType]:
+    """What is brief, for rich."""
+    for section in (Section("", page.intro), *page.sections):
+        shown = [one for block in _brief(section.blocks) for one in _renderables(block)]
+        if shown and section.title:
+            yield Text(section.title, style="bold")
+        yield from shown
+
+
+def widest_table(page: Page, console: Console) -> int:
+    """Characters that the widest table of what is brief takes, 0 without one."""
+    tables = [one for one in gist(page) if isinstance(one, RichTable)]
+    return max((console.measure(table).maximum for table in tables), default=0)
+
+
+def rich_table(table: Table, columns: Sequence[int] = ()) -> RichTable:
+    """A table for rich.
+
+    Args:
+        table: What it holds.
+        columns: Those that are shown; empty for all.
+    """
+    shown = RichTable(
+        title=_text(table.caption) if table.caption else None,
+        title_justify="left",
+        box=box.SIMPLE,
+        padding=(0, 1, 0, 0),
+        show_header=bool(table.head),
+    )
+    columns = columns or range(max(map(len, (table.head, *table.rows))))
+    for column in columns:
+        heading = _text(table.head[column].replace(" (", "\n(")) if table.head else ""
+        shown.add_column(heading, justify="left" if column == 0 or column in table.words else "right", overflow="fold")
+    for row in table.rows:
+        shown.add_row(*(_text(row[column]) for column in columns if column < len(row)))
+    return shown
+
+
+def _brief(blocks: Iterable[Block]) -> Iterator[Brief]:
+    return (block for block in blocks_of(blocks) if isinstance(block, Brief))
+
+
+def _renderables(brief: Brief) -> Iterator[RenderableType]:
+    match brief.block:
+        case str(text):
+            yield _text(text)
+        case Table():
+            if brief.block.rows:
+                yield rich_table(brief.block, brief.columns)
+        case Cautions(sentences):
+            yield from (_text(f"Warning: {sentence}") for sentence in sentences)
+        case Listing(items, title):
+            if title:
+                yield _text(f"{title}:{'' if items else ' none.'}")
+            yield from (Padding(_text(f"- {item}"), (0, 0, 0, 2 if title else 0), expand=False) for item in items)
+        case Note(blocks):
+            for block in blocks:
+                if isinstance(block, str | Table | Listing | Note | Cautions):
+                    yield from _renderables(Brief(block))
+
+
+def _text(text: str) -> Text:
+    """With strong words in bold; of links the words."""
+    shown = Text()
+    for words, kind in spans(text):
+        shown.append(words, "bold" if kind == "strong" else "")
+    return shown

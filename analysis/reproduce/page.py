@@ -1,0 +1,283 @@
+"""The page of a run, and its figures."""
+
+from collections.abc import Iterable, Iterator
+from functools import partial
+
+import xarray as xr
+
+from ..experiment.crosscheck import CrossCheck
+from ..page.crosscheck import crosscheck_table
+from ..page.numbers import in_brackets, interval, number, percent
+from ..page.page import Block, Brief, Cautions, Note, Page, Picture, Row, Section, Table, Verbatim
+from . import figures
+from .results import Request, Results
+
+_BAND = "The band is the 95 % interval at the highest threshold."
+_LISTS = (("Options", "options", 10), ("Versions", "versions", 10), ("Time spent (s)", "elapsed_s", 3))
+_RATES = ("stopped_fraction", "clamped_fraction", "substituted_fraction")
+
+
+def report_page(summary: Row, check: CrossCheck, drawn: Iterable[Picture]) -> Page:
+    """What was run and what came of it; sections without content are left out.
+
+    Args:
+        summary: See `summary.summarise`.
+        check: The engines compared.
+        drawn: The figures.
+    """
+    theta = number(summary["headline"]["theta"], 10)
+    sections = (
+        Section("What was run", [*_run(summary)], "run"),
+        Section(f"Passive and active at threshold {theta}", [*_headline(summary)], "headline"),
+        Section("Beside the paper", [*_paper(summary)], "paper"),
+        Section("Figures", [*drawn], "figures"),
+        Section("Results", [*_results(summary)], "results"),
+        Section("Accuracy over contacts", [*_accuracy(summary)], "contacts"),
+        Section("Agreement of the engines", [*_crosscheck(check)], "crosscheck"),
+        Section("Provenance", [*_provenance(summary)], "provenance"),
+    )
+    return Page(summary["title"], [], [section for section in sections if section.blocks])
+
+
+def _run(summary: Row) -> Iterator[Block]:
+    yield from summary["what_was_run"]
+    if summary["command"]:
+        yield Verbatim(summary["command"])
+    if summary["simulated"]:
+        yield Note(
+            [
+                "**These data are simulated.** The simulator’s settings were chosen so that it comes near the paper’s "
+                "headline errors. Where the numbers below agree with the paper, that shows the calibration at work; it "
+                "is no evidence that the paper’s results are right or that a real sensor would do the same."
+            ]
+        )
+    yield Brief(Cautions([*summary["warnings"], *summary["skipped"]]))
+    heads = ("name", "taps", "sessions", "description")
+    rows = [[number(item[head]) for head in heads] for item in summary["data"]]
+    yield Table(heads, rows, "Data", words={3})
+    split = summary["split"]
+    yield f"Split into training and test taps: **{split['method']}**. {split['description']}"
+    yield _grid(summary)
+
+
+def _grid(summary: Row) -> str:
+    grid, fixation = summary["grid"], summary["fixation"]
+    sentences = [
+        f"{_classes(grid['L'], 'where', grid['where'])} times {_classes(grid['M'], 'what', grid['what'])}; "
+        f"{grid['K']} taxels, {grid['J']} samples per tap."
+    ]
+    if fixation:
+        sentences.append(
+            f"Active perception moves to where class {fixation['index']} (counted from 0), "
+            f"{number(fixation['value'], 10)} {summary['units']['where']}."
+        )
+    if grid["left_out"]:
+        sentences.append(f"Left out, without a training tap: “{'”, “'.join(grid['left_out'])}”.")
+    return " ".join(sentences)
+
+
+def _headline(summary: Row) -> Iterator[Block]:
+    headline = summary["headline"]
+    if headline["still"]:
+        yield Brief(f"**{headline['still']}**")
+    sides = {"stored": headline["stored"], "fresh": headline["fresh"]}
+    if headline["enough"]:
+        sides[f"fresh, at threshold {number(headline['enough']['rows'][0]['theta'], 10)}"] = headline["enough"]
+    rows = [[name, row["policy"], *_errors_and_taps(row)] for name, side in sides.items() for row in side["rows"]]
+    sized = [column for column, size in ((2, "M"), (3, "L")) if summary["grid"][size] > 1]
+    yield Brief(Table(["test taps", "perception", *_heads(summary)], rows, words={1}), columns=(0, 1, *sized, 4))
+    few = f"**{headline['few']}**" if headline["few"] and headline["few"] != summary["interval"] else ""
+    yield Brief(" ".join(filter(None, (*(side["meaning"] for side in sides.values()), few, summary["interval"]))))
+    if summary["differences"]:
+        yield "Passive and active trials have the same starts and random numbers, so differences are paired."
+
+
+def _paper(summary: Row) -> Iterator[Block]:
+    if not summary["paper"]:
+        return
+    rows = [
+        [row["quantity"], row["unit"], number(row["paper"]), interval(row, "ours"), row["source"]]
+        for row in summary["paper"]
+    ]
+    yield Table(["quantity", "unit", "paper", "here [interval]", "source in the paper"], rows, words={4})
+    yield summary["interval"]
+
+
+def _results(summary: Row) -> Iterator[Block]:
+    if not summary["results"]:
+        return
+    yield summary["interval"]
+    none_left = any(row["no_class_left_fraction"] for row in summary["results"])
+    for policy in ("passive", "active"):
+        yield _policy_table(summary, policy)
+    yield Table(
+        ["belief threshold", *_heads(summary)],
+        [[number(row["theta"], 10), *_errors_and_taps(row)] for row in summary["differences"]],
+        "Passive minus active",
+    )
+    yield (
+        "Stopped by threshold: share of trials that decided before the deadline. Clamped: share in which the end of "
+        "the range cut a move short before the decision. Substituted: share in which a move led to a class without a "
+        "test tap, so that the nearest class with one was used. "
+        + "No class left: share that ended undecided with a tap that was impossible under every class still believed "
+        "in. " * none_left + "Reaction times include the trials that the deadline ended."
+    )
+
+
+def _policy_table(summary: Row, policy: str) -> Table:
+    """Errors, taps and rates against the threshold; P(wrong) beside errors in units, no class left where there was."""
+    shown = [row for row in summary["results"] if row["policy"] == policy]
+    what, *others = _heads(summary)
+    heads = ["belief threshold", what, *others, "stopped by threshold", "trials clamped", "trials substituted"]
+    rows = [
+        [number(row["theta"], 10), *_errors_and_taps(row), *(percent(row[name]) for name in _RATES)] for row in shown
+    ]
+    if summary["units"]["what"] not in ("", "P(wrong)"):
+        heads.insert(2, "what, P(wrong)")
+        for cells, row in zip(rows, shown, strict=True):
+            cells.insert(2, "–" if row["what_wrong"] is None else f"{row['what_wrong']:.3f}")
+    if any(row["no_class_left_fraction"] for row in shown):
+        heads.append("no class left")
+        for cells, row in zip(rows, shown, strict=True):
+            cells.append(percent(row["no_class_left_fraction"]))
+    return Table(heads, rows, f"{policy.capitalize()} perception")
+
+
+def _accuracy(summary: Row) -> Iterator[Block]:
+    if not summary["accuracy"]:
+        return
+    yield (
+        "Fraction of right decisions after a given number of contacts of one class, drawn without replacement. A class "
+        f"counts where it has that many distinct test taps. {summary['interval']}"
+    )
+    kinds = ("joint", "where", "what")
+    rows = [
+        [number(row["contacts"]), number(row["classes"]), *(interval(row, kind) for kind in kinds)]
+        for row in summary["accuracy"]
+    ]
+    yield Table(["contacts", "classes", *kinds], rows)
+
+
+def _crosscheck(check: CrossCheck) -> Iterator[Block]:
+    yield (
+        "The same episodes were computed by independent routes; "
+        f"{'all differences are within the limits' if check.passed else 'differences exceed the limits'} "
+        f"({check.episodes} episodes of {check.taps} taps each). Differing decisions: {check.differing_decisions}, "
+        f"differing moves: {check.differing_moves}, near-ties counted apart: {check.near_ties}."
+    )
+    yield crosscheck_table(check)
+
+
+def _provenance(summary: Row) -> Iterator[Block]:
+    yield f"Seed {summary['seed']}. The same command with the same seed and versions gives the same numbers."
+    for title, key, digits in (
+        ("Options", "options", 10),
+        ("Versions", "versions", 10),
+        ("Time spent (s)", "elapsed_s", 3),
+    ):
+        rows = [(name, number(value, digits)) for name, value in summary[key].items()]
+        yield Section(title, [Table((), rows, words={1})])
+    yield (
+        "Method: N. Lepora, U. Martinez-Hernandez and T. Prescott, “A SOLID case for active Bayesian perception in "
+        "robot touch”."
+    )
+
+
+def _heads(summary: Row) -> list[str]:
+    what, where = summary["units"]["what"], summary["units"]["where"]
+    error = "what" if what == "P(wrong)" else "what error"
+    return [error + in_brackets(what), "where error" + in_brackets(where), "reaction time (taps)"]
+
+
+def _errors_and_taps(row: Row) -> list[str]:
+    return [interval(row, name) for name in ("what_error", "where_error", "taps")]
+
+
+def _classes(count: int, kind: str, labels: str) -> str:
+    return f"{count} {kind} {'class' if count == 1 else 'classes'}{in_brackets(labels)}"
+
+
+def pictures(request: Request, results: Results) -> Iterator[Picture]:
+    """Every figure that the data allow."""
+    yield _pressure(request, results)
+    yield Picture(
+        "fig4",
+        "Beliefs during single sequences",
+        "Belief in every class against the number of taps, a clear (A) and an ambiguous (B) passive sequence; "
+        "grey lines are all other classes.",
+        partial(figures.beliefs, *results.cases, results.grid),
+    )
+    yield from _active_pictures(request, results)
+    yield _acuity(results)
+    theta = request.settings.thresholds[request.settings.shown]
+    if results.grid.M > 1:
+        yield Picture(
+            "confusion",
+            "Which object is taken for which",
+            f"Share of decisions at threshold {theta:g}; rows are the true objects, cells below 0.005 are blank.",
+            partial(figures.confusion, *results.confusions, list(results.grid.what_name), theta),
+        )
+    if max(results.grid.shape) > 1:
+        yield Picture(
+            "contacts",
+            "Accuracy after a fixed number of contacts",
+            "Share of right answers after n taps of the same class, without moves or stopping, with 95 % intervals.",
+            partial(figures.contacts, results.accuracy_dataset, results.grid),
+        )
+
+
+def _pressure(request: Request, results: Results) -> Picture:
+    train = request.split.folds[0].train
+    shown = int(results.studies[0].test.what[0])
+    shown = shown if (train.what == shown).any() else int(train.what[0])
+    session = train.session[train.what == shown][0]
+    taps = train.select((train.session == session) & (train.what == shown))
+    return Picture(
+        "fig3",
+        "Taps of one object",
+        f"The training taps on {train.what_name[shown]} of session {session} in order of position.",
+        partial(figures.pressure, taps, shown),
+    )
+
+
+def _active_pictures(request: Request, results: Results) -> Iterator[Picture]:
+    if results.by_fixation is None or results.paths is None:
+        return
+    theta = request.settings.thresholds[request.settings.shown]
+    yield Picture(
+        "fig5_passive",
+        "Passive perception by sensing position",
+        "Errors and reaction time against the position where the sensor stays, one curve per threshold. " + _BAND,
+        partial(figures.errors_by_position, results.by_position),
+    )
+    yield Picture(
+        "fig5_active",
+        "Active perception by fixation point",
+        "Errors and reaction time against the fixation point, averaged over starts, one curve per threshold. " + _BAND,
+        partial(figures.errors_by_fixation, results.by_fixation),
+    )
+    yield Picture(
+        "fig6",
+        "Trajectories",
+        f"Position against taps in {len(results.paths.passive)} passive (A) and active (B) trials at threshold "
+        f"{theta:g}; the fixation point is {results.grid.where_label(results.fixation)}.",
+        partial(figures.trajectories, *results.paths, results.grid, results.fixation),
+    )
+
+
+def _acuity(results: Results) -> Picture:
+    # With one class of a kind its error is zero everywhere, and its panels say nothing.
+    empty = [name for name, size in zip(("where_error", "what_error"), results.grid.shape, strict=True) if size == 1]
+    empty = empty if len(empty) == 1 else []
+    curves: dict[str, xr.Dataset] = {name: curve.drop_vars(empty) for name, curve in results.curves.items()}
+    if "active" in curves:
+        title = "Decision errors, passive and active"
+        note = f"; the fixation point is {results.grid.where_label(results.fixation)}."
+    else:
+        title, note = "Decision errors, passive", "."
+    return Picture(
+        "fig7",
+        title,
+        f"Errors against the belief threshold and the mean reaction time, bands and bars are 95 % intervals{note}",
+        partial(figures.acuity, curves["passive"], curves.get("active")),
+    )

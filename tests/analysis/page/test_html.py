@@ -1,0 +1,175 @@
+"""A page as HTML."""
+
+import doctest
+import json
+import re
+from html.parser import HTMLParser
+
+import pytest
+from matplotlib.figure import Figure
+from solidtouch.analysis.page import page as pages
+from solidtouch.analysis.page.html import Image, draw_pictures, embedded, render_page, write_page
+from solidtouch.analysis.page.page import (
+    Brief,
+    Cautions,
+    Folded,
+    Listing,
+    Note,
+    Page,
+    Picture,
+    Section,
+    Table,
+    Verbatim,
+)
+
+TABLE = Table(
+    ["model", "error (mm)", "how", "taps"],
+    [["a<b", "**1.0**", "by `fit`", "3"], ["c", "too few taps"]],
+    "Errors & taps",
+    words={2},
+    dense=True,
+)
+PAGE = Page(
+    "Rods <of> steel & brass",
+    ["Intro, see [the rules](#rules).", Verbatim("solidtouch `fit` **x**"), Brief(Cautions(["Few <taps>."]))],
+    [
+        Section(
+            "Errors",
+            [
+                Brief(TABLE),
+                Picture("fig1", "Title", 'Caption "1" & more', Figure),
+                Picture("fig2", "Nothing", "to draw", lambda: None),
+                Note(["**Simulated.**"]),
+                Section("Inner", [Listing(["one", "two"], "Found"), Listing([], "Lost")]),
+            ],
+            "errors",
+        ),
+        Section(
+            "Rules", [Folded("Words", [{"risk": "mean `cost`"}, {"loss": "x"}]), Table((), [("seed", "1")])], "rules"
+        ),
+    ],
+)
+
+
+class Parsed(HTMLParser):
+    """Elements with their attributes, and the text; fails where elements are not closed in order."""
+
+    VOID = ("meta", "img")
+
+    def __init__(self, text):
+        super().__init__()
+        self.open, self.elements, self.words = [], [], []
+        self.feed(text)
+        self.close()
+        self.text = " ".join(" ".join(self.words).split())
+
+    def handle_starttag(self, tag, attrs):
+        self.elements.append((tag, dict(attrs)))
+        if tag not in self.VOID:
+            self.open.append(tag)
+
+    def handle_endtag(self, tag):
+        assert tag == self.open.pop()
+
+    def handle_data(self, data):
+        self.words.append(data)
+
+    def of(self, tag):
+        """The attributes of all elements of a kind."""
+        return [attributes for name, attributes in self.elements if name == tag]
+
+
+@pytest.fixture(scope="module")
+def parsed():
+    return Parsed(render_page(PAGE, {"fig1": Image("data:image/png;base64,AAAA", 672)}))
+
+
+def test_everything_is_on_the_page_and_escaped(parsed):
+    assert parsed.open == []
+    for expected in (
+        "Rods <of> steel & brass",
+        "Intro, see the rules .",
+        "solidtouch `fit` **x**",
+        "Read with care Few <taps>.",
+        "Errors & taps model error (mm) how taps a<b 1.0 by fit 3 c too few taps",
+        'Title (fig1). Caption "1" & more',
+        "Inner Found: one two Lost: none.",
+        "Words risk mean cost loss x",
+        "seed 1",
+    ):
+        assert expected in parsed.text
+
+
+def test_marks_become_elements(parsed):
+    tags = [tag for tag, _ in parsed.elements]
+    assert tags.count("code") == 2
+    assert tags.count("strong") == 3
+    assert [link["href"] for link in parsed.of("a")] == ["#errors", "#rules", "#rules"]
+
+
+def test_the_navigation_leads_to_every_section(parsed):
+    assert [heading.get("id") for heading in parsed.of("h2")] == ["errors", "rules"]
+    assert parsed.of("h3") == [{}]
+    assert parsed.of("nav") == [{"aria-label": "Sections"}]
+
+
+def test_tables_can_be_read_aloud_and_scrolled(parsed):
+    """Headings have a scope; prose may be broken into lines, numbers not; a short row is filled by its last cell."""
+    assert [heading["scope"] for heading in parsed.of("th")] == ["col"] * 4 + ["row"] * 3
+    assert parsed.of("td") == [{"class": "n"}, {}, {"class": "n"}, {"colspan": "3"}, {"class": "n"}]
+    assert parsed.of("table") == [{"class": "dense"}, {}]
+    assert [part["tabindex"] for part in parsed.of("div") if part.get("class") == "scroll"] == ["0"] * 3
+    assert [part["role"] for part in parsed.of("div") if "note" in part["class"]] == ["note"] * 2
+
+
+def test_figures_have_a_text_and_a_size(parsed):
+    assert parsed.of("img") == [
+        {"src": "data:image/png;base64,AAAA", "width": "672", "alt": 'Title. Caption "1" & more'}
+    ]
+    assert "img" not in dict(Parsed(render_page(PAGE)).elements)
+
+
+def test_what_is_empty_is_left_out():
+    page = Parsed(render_page(Page("T", [Cautions([]), Table(["head"], []), Listing([])], [])))
+    assert page.text.endswith("} T")
+    assert {"div", "table", "ul"}.isdisjoint(dict(page.elements))
+
+
+def test_a_page_is_written_with_its_figures_and_numbers(tmp_path):
+    """It needs nothing from outside, and has no script."""
+    write_page(tmp_path, PAGE, {"a": 1.5, "b": "ü"}, "summary.json")
+
+    assert {path.name for path in tmp_path.iterdir()} == {"fig1.png", "fig1.svg", "report.html", "summary.json"}
+    assert json.loads((tmp_path / "summary.json").read_text(encoding="utf-8")) == {"a": 1.5, "b": "ü"}
+    text = (tmp_path / "report.html").read_text(encoding="utf-8")
+    assert Parsed(text).of("img")[0]["src"].startswith("data:image/svg+xml;base64,")
+    assert not re.search(r"<script|<link|@import|url\(", text)
+    assert "http" not in re.sub(r'"data:[^"]*"', "", text)
+
+
+def test_drawn_figures_are_counted_and_need_not_be_drawn_again(tmp_path):
+    counted = []
+    images = draw_pictures(tmp_path, PAGE.pictures, counted.append)
+
+    assert set(images) == {"fig1"}
+    assert counted == [1, 1]
+    (tmp_path / "again").mkdir()
+    write_page(tmp_path / "again", PAGE, {}, "summary.json", images)
+    assert {path.name for path in (tmp_path / "again").iterdir()} == {"report.html", "summary.json"}
+
+
+def test_large_drawings_are_embedded_as_pixels(tmp_path):
+    """But where their pixels would be larger still."""
+    png, svg = tmp_path / "a.png", tmp_path / "a.svg"
+    png.write_bytes(b"\x89PNG\r\n\x1a\n\0\0\0\rIHDR" + (1400).to_bytes(4, "big") + b"\0" * 1000)
+    svg.write_text("<svg>" + " " * 2000 + "</svg>")
+
+    assert embedded(png, svg, 5000).data.startswith("data:image/svg+xml;base64,")
+    assert embedded(png, svg, 1000).data.startswith("data:image/png;base64,")
+    svg.write_text("<svg></svg>")
+    assert embedded(png, svg, 0).data.startswith("data:image/svg+xml")
+    assert embedded(png, svg, 0).width == 672
+
+
+def test_the_examples_of_the_docstrings_hold():
+    assert doctest.testmod(pages).failed == 0

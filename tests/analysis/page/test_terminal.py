@@ -1,0 +1,49 @@
+"""The gist of a page in a terminal."""
+
+import io
+
+from matplotlib.figure import Figure
+from rich.console import Console
+from solidtouch.analysis.page.page import Brief, Cautions, Listing, Note, Page, Picture, Section, Table
+from solidtouch.analysis.page.terminal import show
+
+
+def printed(page, width=80):
+    text = io.StringIO()
+    show(page, Console(file=text, width=width))
+    return [line.strip() for line in text.getvalue().splitlines() if line.strip()]
+
+
+def test_what_is_brief_is_printed_under_the_titles_of_its_sections():
+    """Nothing else is; marks and markup of rich are plain text."""
+    table = Table(["model", "error (mm)", "how"], [["[bold]a", "**1.0**", "x"], ["b", "2.0", "y"]], "Errors")
+    page = Page(
+        "Title",
+        ["Intro.", Brief(Cautions(["Few taps.", "Old taps."]))],
+        [
+            Section("First", [Brief(table, columns=(0, 1)), Picture("f", "t", "c", Figure), table], "first"),
+            Section("Second", ["Nothing brief."], "second"),
+            Section("Third", [Section("Inner", [Brief(Note(["See `fit`.", Listing(["one"], "Found")]))])], "third"),
+            Section("Fourth", [Brief(Table(["a"], [])), Brief(Cautions([]))], "fourth"),
+        ],
+    )
+    lines = printed(page)
+
+    assert lines[:4] == ["Warning: Few taps.", "Warning: Old taps.", "First", "Errors"]
+    assert [" ".join(line.split()) for line in lines[4:]] == [
+        "error",
+        "model (mm)",
+        lines[6],
+        "[bold]a 1.0",
+        "b 2.0",
+        "Third",
+        "See fit.",
+        "Found:",
+        "- one",
+    ]
+    assert set(lines[6]) == {"─"}
+
+
+def test_a_list_of_names_and_values_has_no_head():
+    lines = printed(Page("T", [Brief(Table((), [("seed", "1"), ("taps", "20")]))], []))
+    assert [" ".join(line.split()) for line in lines] == ["seed 1", "taps 20"]
