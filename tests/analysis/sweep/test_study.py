@@ -22,9 +22,9 @@ preset = "paper"
 """
 
 WRONG = {
-    "no TOML": ("name = ", "this is no TOML"),
+    "no TOML": ("name = ", "not TOML"),
     "no name": (LEAST.replace('"least"', '""'), "name: expected `str` of length >= 1"),
-    "an unknown key": (f"{LEAST}[grid]\npseudocuont = [1]", "grid: there is an unknown key `pseudocuont`"),
+    "an unknown key": (f"{LEAST}[grid]\npseudocuont = [1]", "grid: unknown key `pseudocuont`"),
     "a scalar for an axis": (f"{LEAST}[grid]\nbins = 100", "grid.bins: expected `array`, got `int`"),
     "an empty axis": (f"{LEAST}[grid]\nseed = []", "grid.seed: expected `array` of length >= 1"),
     "no bins": (f"{LEAST}[grid]\nbins = [0]", "grid.bins"),

@@ -213,8 +213,8 @@ def test_where_nothing_is_gained_the_mover_stays(rng, border):
         (lambda o: expected_gain(o, np.ones((L, M)), [0], np.eye(M), "wall"), "border must be one of"),
         (lambda _: representative_outcomes(np.zeros((L, M))), r"axes .tap, where, what., got shape \(4, 3\)"),
         (lambda _: representative_outcomes(np.full((2, L, M), np.nan)), r"NaN or \+inf"),
-        (lambda o: risk_mover(o, np.eye(M), step_cost=-1), "cost of a move must be a number from 0 on, got -1"),
-        (lambda o: gain_watch(o, np.eye(M), step_cost=np.nan), "cost of a move must be a number from 0 on"),
+        (lambda o: risk_mover(o, np.eye(M), step_cost=-1), "cost of a move must be a number of at least 0, got -1"),
+        (lambda o: gain_watch(o, np.eye(M), step_cost=np.nan), "cost of a move must be a number of at least 0"),
     ],
 )
 def test_what_makes_no_sense_is_refused(pool, call, message):
