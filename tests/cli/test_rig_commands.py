@@ -208,7 +208,7 @@ def test_a_file_that_cannot_be_made_is_found_before_the_first_move(name, bench, 
     done = command(*(str(word).replace("a.mcap", "plan.toml/a.mcap") for word in words(name, model)))
 
     assert (done.code, done.err.count("\n")) == (2, 1)
-    assert "there is no folder plan.toml" in done.err
+    assert "cannot write: no folder plan.toml" in done.err
     assert not bench.places
 
 
@@ -263,7 +263,7 @@ def test_what_is_perceived_is_recorded(bench, model, command):
 
     read = len(bench.places)
     again = command(*base)
-    assert (again.code, "p.mcap exists already; --force overwrites it." in again.err) == (2, True)
+    assert (again.code, "p.mcap: already exists; set force (--force) to overwrite it." in again.err) == (2, True)
     assert len(bench.places) == read
     assert command(*base, "--deadline", 1, "--force").code == 0
     assert len(read_rig("p.mcap").taps) == 1

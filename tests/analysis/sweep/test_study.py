@@ -47,13 +47,13 @@ WRONG = {
         "grid.policy: 'fixation' is written \"active\" here",
     ),
     "theta_X is a number": (f'{LEAST}[grid]\npolicy = ["fixation:0.5"]', "with its theta_X as a number"),
-    "a reach of 0": (f'{LEAST}[grid]\npolicy = ["step:0"]', "grid.policy: The number of a strategy must be a whole"),
+    "a reach of 0": (f'{LEAST}[grid]\npolicy = ["step:0"]', "grid.policy: The number of a strategy must be an integer"),
     "a strategy that was left out": (
         f'{LEAST}[grid]\npolicy = ["two-taps"]',
         "grid.policy: it must be passive, active or a",
     ),
-    "the same with a number": (f'{LEAST}[grid]\npolicy = ["two-taps:8"]', "grid.policy: There is no control strategy"),
-    "an unknown strategy": (f'{LEAST}[grid]\npolicy = ["info:3"]', "grid.policy: There is no control strategy"),
+    "the same with a number": (f'{LEAST}[grid]\npolicy = ["two-taps:8"]', "grid.policy: Unknown control strategy"),
+    "an unknown strategy": (f'{LEAST}[grid]\npolicy = ["info:3"]', "grid.policy: Unknown control strategy"),
     "a power below 0": (f"{LEAST}[grid]\npower = [-1]", "grid.power: The power must be J, JK, none or a positive"),
     "an infinite pseudocount": (f"{LEAST}[grid]\npseudocount = [inf]", "grid.pseudocount: the numbers must be finite"),
     "NaN as a pseudocount": (f"{LEAST}[grid]\npseudocount = [nan]", "grid.pseudocount"),
@@ -84,7 +84,7 @@ def test_a_sentence_names_the_file(tmp_path):
 
     with pytest.raises(InputError, match=r"bad\.toml: .*name"):
         load_study(tmp_path / "bad.toml")
-    with pytest.raises(InputError, match=r"none\.toml cannot be read"):
+    with pytest.raises(InputError, match=r"none\.toml: cannot read"):
         load_study(tmp_path / "none.toml")
 
 
@@ -182,7 +182,7 @@ def test_the_key_of_files_follows_their_content(make_study, make_taps):
 def test_a_file_that_cannot_be_split_is_named(make_study):
     path = make_study(data="train = [7]")
 
-    with pytest.raises(InputError, match="data rods: --train names session 7"):
+    with pytest.raises(InputError, match="data rods: --train: no session 7"):
         Sources(load_study(path), path.parent)
 
 
