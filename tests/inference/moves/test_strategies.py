@@ -83,7 +83,7 @@ def test_compiled_trials_know_the_paper_and_nothing_else():
 @pytest.mark.parametrize(
     ("name", "message"),
     [
-        ("lazy", "Unknown control strategy 'lazy'; there are passive, fixation, .*table"),
+        ("lazy", "Unknown control strategy 'lazy'; choose from passive, fixation, .*table"),
         ("info-which", "Unknown control strategy 'info-which'"),
         ("info-what-per-kg", "Unknown control strategy"),
         ("random:2", "Unknown control strategy 'random:2'"),
@@ -94,8 +94,8 @@ def test_compiled_trials_know_the_paper_and_nothing_else():
         ("step:1.5", "integer from 1 to 1000, got 'step:1.5'"),
         ("step:", "integer from 1 to 1000"),
         ("step:100000", "integer from 1 to 1000"),
-        ("two-taps", "Unknown control strategy 'two-taps'; there are passive, fixation, .*table"),
-        ("two-taps:8", "Unknown control strategy 'two-taps:8'; there are passive, fixation, .*table"),
+        ("two-taps", "Unknown control strategy 'two-taps'; choose from passive, fixation, .*table"),
+        ("two-taps:8", "Unknown control strategy 'two-taps:8'; choose from passive, fixation, .*table"),
         (f"step:{10**24}", "integer from 1 to 1000"),
     ],
 )
