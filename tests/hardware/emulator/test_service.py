@@ -122,7 +122,7 @@ def test_an_answer_that_nobody_waited_for_is_passed_over(running, connection):
         (b'{"number": 3}', "A request needs advance and sent, or order"),
         (b'{"number": 3, "advance": "x", "sent": {}}', "A request needs advance and sent, or order"),
         (b'{"number": 3, "advance": 1, "sent": {"a": "b"}}', "Invalid request"),
-        (b'{"number": 3, "advance": 1e999, "sent": {}}', "Not a JSON object|Cannot advance rig time"),
+        (b'{"number": 3, "advance": 1e999, "sent": {}}', "Invalid request|Cannot advance rig time"),
         (b'{"number": 3, "order": 5}', "A request needs advance and sent, or order"),
     ],
 )

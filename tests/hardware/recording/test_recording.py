@@ -198,7 +198,7 @@ def test_a_recording_is_not_started_where_it_cannot_be(about, tmp_path):
         Recorder.create(tmp_path / "there.mcap", about)
     with pytest.raises(InputError, match=r"must end in \.mcap"):
         Recorder.create(tmp_path / "a.nc", about)
-    with pytest.raises(InputError, match="there is no folder"):
+    with pytest.raises(InputError, match="no folder"):
         Recorder.create(tmp_path / "no" / "a.mcap", about)
     assert (tmp_path / "there.mcap").read_bytes() == b"x"
 
@@ -261,7 +261,7 @@ def test_two_programs_do_not_record_to_one_file(about, fake_rig, tmp_path):
 
 
 def test_nothing_to_resume_is_said(about, tmp_path):
-    with pytest.raises(InputError, match=r"a\.mcap cannot be read: No such file"):
+    with pytest.raises(InputError, match=r"a\.mcap: cannot read: No such file"):
         Recorder.resume(tmp_path / "a.mcap")
     (tmp_path / "b.mcap").write_bytes(b"\x89MCAP")
     with pytest.raises(InputError, match="cannot resume: the description of rig and plan is missing; delete the file"):

@@ -113,7 +113,10 @@ WRONG = {
     ),
     "nan": (edited("depth_mm = 2.0", "depth_mm = nan"), r"tap.depth_mm: must be finite"),
     "infinite limit": (edited("high_mm = 7.0", "high_mm = inf"), r"stage.x.high_mm: must be finite"),
-    "high-pass": (edited("samples = 30", "samples = 30, highpass_hz = 30.0"), r"tap: A high-pass at 30.0 Hz needs"),
+    "high-pass": (
+        edited("samples = 30", "samples = 30, highpass_hz = 30.0"),
+        r"tap: A high-pass filter at 30.0 Hz needs",
+    ),
 }
 
 

@@ -109,7 +109,7 @@ def test_tables_are_kept_whole(table, tmp_path):
     for name, value in learned._asdict().items():
         np.testing.assert_array_equal(getattr(read, name), value, err_msg=name)
     assert read.checked(GRID) is read
-    with pytest.raises(InputError, match="exists already"):
+    with pytest.raises(InputError, match="already exists"):
         save_table(learned, tmp_path / "t.json")
 
 
