@@ -185,9 +185,9 @@ def test_files_and_options_that_do_not_go_together_are_refused(make_taps, tmp_pa
     for data, options, message in (
         ([], {}, "Give one data file, or two \\(TRAIN and TEST\\), got 0"),
         ([a, b, a], {}, "got 3"),
-        ([a, b], {"method": "halves"}, "--split splits one file"),
-        ([a, b], {"train": "0"}, "--train splits one file"),
-        ([a, b], {"test": "0"}, "--test splits one file"),
+        ([a, b], {"method": "halves"}, "--split divides one file"),
+        ([a, b], {"train": "0"}, "--train divides one file"),
+        ([a, b], {"test": "0"}, "--test divides one file"),
         ([a, far], {}, r"No tap left to test: none of .*far\.nc falls into a class of .*a\.nc"),
         ([a], {"test": "one"}, "--test needs session numbers such as 0,1, got 'one'"),
         ([a], {"train": ""}, "--train needs session numbers"),
