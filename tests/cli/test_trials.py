@@ -194,7 +194,7 @@ def test_a_single_trial_has_a_wide_interval(files, command):
         (("--thresholds", "high"), "--thresholds needs numbers such as 0.5,0.9,0.99, got 'high'"),
         (("--thresholds", "1.5"), "--thresholds needs different numbers from 0 to 1, got '1.5'"),
         (("--thresholds", "0.9,0.9"), "--thresholds needs different numbers from 0 to 1, got '0.9,0.9'"),
-        (("--test", "7"), "--test names session 7"),
+        (("--test", "7"), "--test: no session 7"),
         (("--out", "here.txt"), "here.txt"),
     ],
 )
