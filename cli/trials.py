@@ -79,7 +79,7 @@ def trials(
     table = tap_table(fitted, tested)
     chosen = THRESHOLDS if thresholds is None else parse_thresholds(thresholds)
     if start is not None and not 0 <= start < grid.L:
-        raise InputError(f"--start must be a class index from 0 to {grid.L - 1}, got {start}.")
+        raise InputError(f"--start must be an index from 0 to {grid.L - 1}, got {start}.")
     point = check_fixation(play.fixation, grid.L)
     settings = {"theta_x": play.move_threshold, "border": play.border, "deadline": play.deadline, "seed": seed}
     about = {

@@ -1,32 +1,31 @@
-"""What a rig may do wrong, one sentence each for the person at the bench.
+"""Errors of a rig; each message is one sentence for the operator.
 
 ::
 
     RigError
     ├── PortError               a port cannot be opened
-    │   ├── PortBusy            another program has it
-    │   └── PortLost            it vanished while open
-    ├── WriteTimeout            a write did not end in time; the device may have got all of it
+    │   ├── PortBusy            another program has it open
+    │   └── PortLost            it disappeared while open
+    ├── WriteTimeout            a write timed out; the device may have received all of it
     ├── NoAnswer                a device stayed silent past its deadline
-    ├── WrongDevice             what answers is not the device, or not set up as needed
-    ├── NotAtRest               after one of these the finger could not be taken off the object
+    ├── WrongDevice             not the expected device, or not configured as needed
+    ├── NotAtRest               after another error the finger could not be lifted off the object
     ├── SensorFault             the frames cannot be trusted
-    │   ├── StaleSensor         none came for three periods
-    │   ├── SensorOverload      a taxel is at the end of its range
-    │   └── BaselineRefused     the finger seems to touch something, or the board calibrated under load
+    │   ├── StaleSensor         no frame for three periods
+    │   ├── SensorOverload      a taxel saturated
+    │   └── BaselineRefused     the finger may be touching something, or the board calibrated under load
     └── StageFault              the stage cannot be trusted
         ├── CommandRefused      the controller answered `error:N`
         ├── StageAlarm          the controller stopped with `ALARM:N` and waits for an operator
-        ├── PositionUnknown     nobody has homed it since the last reset
-        └── OutOfLimits         the target lies outside the limits of the rig; nothing was sent
+        ├── PositionUnknown     not homed since the last reset
+        └── OutOfLimits         the target is outside the limits of the rig; nothing was sent
 
-What is wrong in a file or an argument is an `InputError` instead. Neither pySerial's nor termios' exceptions leave
-`port.py`.
+Invalid files and arguments raise `InputError` instead. Exceptions of pySerial and termios do not leave `port.py`.
 """
 
 
 class RigError(Exception):
-    """A device or its port failed; the message is one sentence that says what was expected, what came, and where."""
+    """A device or its port failed; the message states what was expected, what was received, and where."""
 
 
 class PortError(RigError):
@@ -38,11 +37,11 @@ class PortBusy(PortError):
 
 
 class PortLost(PortError):
-    """The port vanished while it was open, as when its plug is pulled."""
+    """The port disappeared while open, as when it is unplugged."""
 
 
 class WriteTimeout(RigError, TimeoutError):
-    """A write did not end in time. The device may have got all of it, so nothing may be sent again blindly."""
+    """A write timed out. The device may have received all of it, so do not resend blindly."""
 
 
 class NoAnswer(RigError, TimeoutError):
@@ -50,11 +49,11 @@ class NoAnswer(RigError, TimeoutError):
 
 
 class WrongDevice(RigError):
-    """What answers on the port is not the device expected, speaks at another speed, or is not set up as needed."""
+    """The device on the port is not the expected one, uses another baud rate, or is not configured as needed."""
 
 
 class NotAtRest(RigError):
-    """Something failed, and then the finger could not be taken off the object either; someone must do it by hand."""
+    """After an error, the finger could not be lifted off the object; do it by hand."""
 
 
 class SensorFault(RigError):
@@ -62,26 +61,26 @@ class SensorFault(RigError):
 
 
 class StaleSensor(SensorFault, TimeoutError):
-    """No frame came for three periods; the last one is not repeated."""
+    """No frame for three periods; the last one is not repeated."""
 
 
 class SensorOverload(SensorFault):
-    """A taxel reached the end of its range under load."""
+    """A taxel saturated under load."""
 
 
 class BaselineRefused(SensorFault):
-    """The readings without contact are not those of an untouched sensor."""
+    """The baseline is not that of an untouched sensor."""
 
 
 class StageFault(RigError):
-    """The stage cannot be trusted to stand where it should."""
+    """The position of the stage cannot be trusted."""
 
 
 class CommandRefused(StageFault):
     """The controller refused a command.
 
     Attributes:
-        code: Number of the error.
+        code: Error number.
     """
 
     def __init__(self, message: str, code: int) -> None:
@@ -93,7 +92,7 @@ class StageAlarm(StageFault):
     """The controller stopped and accepts nothing until an operator homes or unlocks it.
 
     Attributes:
-        code: Number of the alarm, or None where the controller reports only that it is locked.
+        code: Alarm number, or None if the controller only reports that it is locked.
     """
 
     def __init__(self, message: str, code: int | None = None) -> None:
@@ -106,4 +105,4 @@ class PositionUnknown(StageFault):
 
 
 class OutOfLimits(StageFault):
-    """A target lies outside the limits of the rig; nothing was sent."""
+    """The target is outside the limits of the rig; nothing was sent."""

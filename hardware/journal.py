@@ -1,4 +1,4 @@
-"""What happens on a rig, told as it happens to whoever keeps it."""
+"""Journal of a rig: an interface for recording events as they happen."""
 
 from collections.abc import Mapping
 from typing import Any, Protocol
@@ -7,68 +7,68 @@ from .skin.skin import SkinFrame
 
 
 class Journal(Protocol):
-    """Keeps what happens; times are rig time in seconds."""
+    """Records events; times are rig time in seconds."""
 
     def frame(self, frame: SkinFrame) -> None:
-        """One reading of all taxels, as sent."""
+        """Records one reading of all taxels, as sent."""
         ...
 
     def status(self, time_s: float, state: str, position_mm: tuple[float, float] | None) -> None:
-        """A status report of the stage, with its position in the rig frame where that is known."""
+        """Records a status report of the stage, with its position in the rig frame if known."""
         ...
 
     def command(self, time_s: float, port: str, data: bytes) -> None:
-        """Bytes sent to a device."""
+        """Records bytes sent to a device."""
         ...
 
     def press(self, time_s: float, label: Mapping[str, Any]) -> None:
-        """A tap starts: the next frame is the first after the press.
+        """Records the start of a tap; the next frame is the first after the press.
 
         Args:
-            time_s: When.
-            label: What the tap is called, as JSON has it; empty for a tap that no one will look for.
+            time_s: Rig time.
+            label: Label of the tap, as JSON values; empty for a tap without one.
         """
         ...
 
     def tap(self, time_s: float, accepted: bool, reason: str) -> None:
-        """The tap pressed last is complete.
+        """Records that the last tap is complete.
 
         Args:
-            time_s: When.
-            accepted: Whether its readings can be believed.
-            reason: Why not, one phrase, else empty.
+            time_s: Rig time.
+            accepted: Whether its readings are plausible.
+            reason: Why it was rejected, as a phrase; empty if accepted.
         """
         ...
 
     def event(self, time_s: float, kind: str, text: str, **details: Any) -> None:
-        """Anything else worth knowing: losses, faults, the start of a tap and its end.
+        """Records any other event, such as a loss or a fault.
 
         Args:
-            time_s: When.
-            kind: A word to look for, such as `"lost"`.
-            text: The sentence for a person.
-            details: Values that go with it, as JSON has them.
+            time_s: Rig time.
+            kind: Keyword for searches, such as `"lost"`.
+            text: Description for a person.
+            details: Further values, as JSON values.
         """
         ...
 
 
 class NoJournal:
-    """Keeps nothing."""
+    """Records nothing."""
 
     def frame(self, frame: SkinFrame) -> None:
-        """Forgets it."""
+        """Does nothing."""
 
     def status(self, time_s: float, state: str, position_mm: tuple[float, float] | None) -> None:
-        """Forgets it."""
+        """Does nothing."""
 
     def command(self, time_s: float, port: str, data: bytes) -> None:
-        """Forgets it."""
+        """Does nothing."""
 
     def press(self, time_s: float, label: Mapping[str, Any]) -> None:
-        """Forgets it."""
+        """Does nothing."""
 
     def tap(self, time_s: float, accepted: bool, reason: str) -> None:
-        """Forgets it."""
+        """Does nothing."""
 
     def event(self, time_s: float, kind: str, text: str, **details: Any) -> None:
-        """Forgets it."""
+        """Does nothing."""

@@ -1,4 +1,4 @@
-"""Recorded taps sorted by class, so that one of a class is found from one random number."""
+"""Recorded taps sorted by class, so that one uniform number selects a tap of a class."""
 
 from typing import NamedTuple
 
@@ -9,16 +9,16 @@ from ..models.errors import InputError
 
 
 class TapPool(NamedTuple):
-    """Which taps belong to which class.
+    """Tap indices by class.
 
     The taps of class (l, m) are `order[first[l, m] : first[l, m] + count[l, m]]`, in the order of the file.
 
     Attributes:
         order: Tap indices, class by class, shape (taps inside the grid,).
-        first: Where a class begins in `order`, shape (L, M).
-        count: Its number of taps, shape (L, M).
-        nearest: The nearest where class with a tap of this what, itself where it has one, the lower of two equally
-            near; -1 where the what has no tap at all; shape (L, M).
+        first: Index in `order` of the first tap of each class, shape (L, M).
+        count: Number of taps of each class, shape (L, M).
+        nearest: Nearest position with a tap of the object (the lower of two equally near), -1 if the object has no
+            tap, shape (L, M).
     """
 
     order: NDArray[np.intp]
@@ -27,16 +27,16 @@ class TapPool(NamedTuple):
     nearest: NDArray[np.intp]
 
     def pick(self, where: int, what: int, uniform: float) -> int:
-        """The tap of a class that a number in [0, 1) selects, all taps alike; the class must have one."""
+        """Index of the tap of a class that a uniform number in [0, 1) selects; the class must have a tap."""
         return int(self.order[self.first[where, what] + int(uniform * self.count[where, what])])
 
 
 def tap_pool(where: ArrayLike, what: ArrayLike, shape: tuple[int, int]) -> TapPool:
-    """The pool of taps with these classes.
+    """Pool of taps with these classes.
 
     Args:
-        where: Where class of each tap, -1 for taps outside the grid, shape (N,).
-        what: What class of each tap, likewise.
+        where: Position index of each tap, -1 for taps outside the grid, shape (N,).
+        what: Object index of each tap, likewise.
         shape: (L, M).
 
     Raises:
@@ -51,11 +51,11 @@ def tap_pool(where: ArrayLike, what: ArrayLike, shape: tuple[int, int]) -> TapPo
 
 
 def pool_of(taps: NDArray[np.intp], cell: NDArray[np.intp], shape: tuple[int, int]) -> TapPool:
-    """The pool of some taps, which may be the same several times.
+    """Pool of some taps, possibly with repetitions.
 
     Args:
         taps: Tap indices, shape (n,).
-        cell: l M + m of each, shape (n,).
+        cell: Class of each as l M + m, shape (n,).
         shape: (L, M).
     """
     L, M = shape

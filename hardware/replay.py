@@ -1,4 +1,4 @@
-"""Recorded taps behind the interface of a rig (the paper's way of testing, sec. 3.2)."""
+"""Replay of recorded taps behind the interface of a rig, as in the paper's tests (sec. 3.2)."""
 
 from collections.abc import Iterator
 
@@ -14,32 +14,31 @@ from .sensor import check_class, clipped_move
 
 
 def uniforms(generator: np.random.Generator) -> Iterator[float]:
-    """Endless random numbers in [0, 1)."""
+    """Endless uniform random numbers in [0, 1)."""
     while True:
         yield generator.random()
 
 
 class ReplayRig:
-    """A `TouchSensor` that draws, with replacement, recorded taps of the class where it stands.
+    """A `TouchSensor` that draws recorded taps of its current class, with replacement.
 
-    A class without a tap is replaced by the nearest where class that has one of the same object: the sensor then
-    stands there.
+    If a class has no tap, the sensor moves to the nearest position with a tap of the same object.
 
     Args:
         taps: The recording.
-        grid: The classes.
-        start: Where class in which it stands first.
-        what: What class of the object.
-        uniforms: Numbers in [0, 1), one per tap: number `u` picks tap `floor(u * count)` of the class in the order of
-            the file.
+        grid: Class grid.
+        start: Index of the first position.
+        what: Index of the object.
+        uniforms: Numbers in [0, 1), one per tap: `u` selects tap `floor(u * count)` of the class in the order of the
+            file.
 
     Attributes:
-        where_index: The where class in which it stands.
-        clamped: Moves that the end of the range cut short.
-        substituted: Times that a class without a tap was replaced, counting the start.
+        where_index: Index of the current position.
+        clamped: Number of moves cut short at the end of the range.
+        substituted: Number of times that a class without a tap was replaced, including the start.
 
     Raises:
-        InputError: The start lies outside the grid or the object has no tap at all.
+        InputError: The start lies outside the grid or the object has no tap.
     """
 
     def __init__(self, taps: TapSet, grid: ClassGrid, start: int, what: int, uniforms: Iterator[float]) -> None:
@@ -52,29 +51,29 @@ class ReplayRig:
         self.clamped = 0
         self.substituted = 0
         if self._pool.nearest[start, what] < 0:
-            raise InputError(f"The recording holds no tap of {grid.what_name[what]} inside the class grid.")
+            raise InputError(f"The recording has no tap of {grid.what_name[what]} inside the class grid.")
         self.where_index = self._stand(start)
 
     @property
     def preprocessing(self) -> Preprocessing:
-        """How the recorded taps were prepared."""
+        """Preprocessing of the recorded taps."""
         return self._taps.preprocessing
 
     @property
     def room(self) -> tuple[int, int]:
-        """Class steps left to either side."""
+        """Steps left to either end of the range."""
         return self.where_index, self._last - self.where_index
 
     def tap(self) -> NDArray[np.float64]:
-        """A recorded tap of the class where it stands, shape (J, K)."""
+        """Samples of a recorded tap of the current class, shape (J, K)."""
         index = self._pool.pick(self.where_index, self._what, next(self._uniforms))
         return self._taps.taps[index].astype(np.float64)
 
     def move(self, delta: int) -> int:
-        """Moves by `delta` where classes, at most to the end of the range.
+        """Moves by `delta` positions, at most to the end of the range.
 
         Returns:
-            The steps really made, including those to the nearest class with a tap.
+            Steps actually made, including those to the nearest class with a tap.
         """
         before = self.where_index
         steps = clipped_move(delta, self.room)

@@ -1,4 +1,4 @@
-"""From the files and options of a command to the taps that train and test, and the classes between them."""
+"""Training taps, test taps and class grid from the files and options of a command."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -13,21 +13,21 @@ from .splits import Split, split, two_files, untrained
 
 
 def load_experiment(data: Sequence[str | Path], division: Division | None = None) -> tuple[Split, ClassGrid]:
-    """The split and the class grid of an experiment on recorded taps.
+    """Split and class grid of an experiment on recorded taps.
 
     Args:
-        data: One file (or folder of CSV files) that is split, or two, TRAIN and TEST.
-        division: How the taps are grouped and divided.
+        data: One file (or folder of CSV files) to split, or two, TRAIN and TEST.
+        division: Grouping and division of the taps.
 
     Returns:
-        The split, and the grid of the tables of the (first) file; classes without a training tap are in it.
+        The split, and the grid of the (first) file, including classes without a training tap.
 
     Raises:
-        InputError: No file or more than two, an option that does not go with two files, or as `load_taps`,
+        InputError: No file or more than two, an option that is for one file only, or as `load_taps`,
             `TapSet.grid`, `split`, `two_files` and `untrained`.
     """
     if not 1 <= len(data) <= 2:
-        raise InputError(f"One data file or two, TRAIN and TEST, are needed, got {len(data)}.")
+        raise InputError(f"Give one data file, or two (TRAIN and TEST), got {len(data)}.")
     division = division or Division()
     first = load_taps(data[0])
     grid = first.grid(division.where_cell, division.what_cell)
@@ -40,7 +40,7 @@ def load_experiment(data: Sequence[str | Path], division: Division | None = None
     for fold in parts.folds:
         for verb, side in (("train with", fold.train), ("test", fold.test)):
             if not np.any(np.minimum(*side.indices(grid)) >= 0):
-                raise InputError(f"There is no tap left to {verb}: none of {data[-1]} falls into a class of {data[0]}.")
+                raise InputError(f"No tap left to {verb}: none of {data[-1]} falls into a class of {data[0]}.")
     return untrained(parts, division.training_taps), grid
 
 
@@ -48,7 +48,7 @@ def parse_sessions(text: str | None, option: str) -> list[int] | None:
     """Session numbers separated by commas.
 
     Raises:
-        InputError: The text is something else.
+        InputError: The text has another form.
     """
     if text is None:
         return None

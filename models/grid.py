@@ -1,6 +1,6 @@
-"""The grid of classes that perception decides between: where (position) times what (object).
+"""Grid of classes: positions (where) times objects (what).
 
-Letters, everywhere in this project, are the paper's: `L` where classes, `M` what classes, `N = L M` joint classes,
+Letters are the paper's throughout: `L` positions, `M` objects, `N = L M` joint classes,
 `K` taxels, `J` samples of a tap, `B` histogram bins, `T` taps of a sequence. Arrays over classes have the axes
 (L, M) in this order and count from 0.
 """
@@ -17,24 +17,24 @@ from .errors import InputError
 
 _LENGTHS_M = {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "um": 1e-6, "µm": 1e-6}
 _MOST_CELLS = 1e6
-_ROUNDING = 1e-6  # of a cell: a value this close below an edge belongs above it
+_ROUNDING = 1e-6  # in cells: a value this close below an edge counts as above it
 
 
 @dataclass(frozen=True, eq=False)
 class ClassGrid:
-    """`L` where classes times `M` what classes, with the labels and values they stand for.
+    """`L` positions times `M` objects, with their labels and values.
 
     Attributes:
-        where_value: What each where class is reported as (its centre), shape (L,), increasing.
+        where_value: Reported value of each position class (its centre), shape (L,), increasing.
         where_unit: Unit of `where_value` and `where_edges`.
-        where_edges: Class `l` covers `[where_edges[l], where_edges[l + 1])`, shape (L + 1,); `None` where the
-            classes are the listed values themselves.
-        what_members: The object names that each what class covers, `M` tuples.
-        what_value: What each what class is reported as, shape (M,), or `None` where objects have no size.
+        where_edges: Class `l` covers `[where_edges[l], where_edges[l + 1])`, shape (L + 1,); `None` if the classes
+            are the listed values themselves.
+        what_members: Names of the objects in each object class, `M` tuples.
+        what_value: Reported value of each object class, shape (M,), or `None` if objects have no size.
         what_unit: Unit of `what_value`.
 
     Raises:
-        InputError: Sizes contradict each other, values do not increase, or a name stands in two classes.
+        InputError: Sizes do not match, values do not increase, or a name is in two classes.
     """
 
     where_value: NDArray[np.float64]
@@ -47,27 +47,27 @@ class ClassGrid:
     def __post_init__(self) -> None:
         """Checks the sizes."""
         if self.L < 1 or self.M < 1:
-            raise InputError(f"A class grid needs at least one where and one what class, got {self.L} and {self.M}.")
+            raise InputError(f"A class grid needs at least one position and one object, got {self.L} and {self.M}.")
         if not np.all(np.diff(self.where_value) > 0):
-            raise InputError("The where values of a class grid must increase.")
+            raise InputError("where_value of a class grid must increase.")
         if self.where_edges is not None and (
             self.where_edges.shape != (self.L + 1,) or not np.all(np.diff(self.where_edges) > 0)
         ):
-            raise InputError(f"{self.L} where classes need {self.L + 1} increasing edges.")
+            raise InputError(f"{self.L} position classes need {self.L + 1} increasing edges.")
         names = [name for members in self.what_members for name in members]
         if len(set(names)) != len(names):
-            raise InputError(f"An object name stands in two what classes: {sorted(names)}.")
+            raise InputError(f"An object name is in two classes: {sorted(names)}.")
         if self.what_value is not None and self.what_value.shape != (self.M,):
-            raise InputError(f"{self.M} what classes need {self.M} values, got shape {self.what_value.shape}.")
+            raise InputError(f"{self.M} object classes need {self.M} values, got shape {self.what_value.shape}.")
 
     @property
     def L(self) -> int:  # noqa: N802
-        """Number of where classes."""
+        """Number of positions."""
         return len(self.where_value)
 
     @property
     def M(self) -> int:  # noqa: N802
-        """Number of what classes."""
+        """Number of objects."""
         return len(self.what_members)
 
     @property
@@ -77,16 +77,16 @@ class ClassGrid:
 
     @property
     def what_name(self) -> tuple[str, ...]:
-        """One printable name per what class."""
+        """Printable name of each object class."""
         return tuple(m[0] if len(m) == 1 else f"{m[0]} … {m[-1]}" for m in self.what_members)
 
     def where_label(self, l: int) -> str:
-        """How where class `l` is called in print, for example `"7.5 mm"`; remarks behind the unit are left out."""
+        """Printable name of position `l`, for example `"7.5 mm"`; remarks after the unit are omitted."""
         unit = re.split(r"[,(;]", self.where_unit, maxsplit=1)[0]
         return f"{self.where_value[l]:g} {unit}".strip()
 
     def where_index(self, values: ArrayLike) -> NDArray[np.intp]:
-        """The where class of each value, -1 where there is none; same shape as `values`."""
+        """Position index of each value, -1 if outside; same shape as `values`."""
         values = np.asarray(values, dtype=np.float64)
         if self.where_edges is not None:
             slack = _ROUNDING * np.diff(self.where_edges).min()
@@ -97,16 +97,16 @@ class ClassGrid:
         return np.where(np.abs(values - self.where_value[nearest]) <= _ROUNDING * spacing, nearest, -1)
 
     def what_index(self, names: Sequence[str]) -> NDArray[np.intp]:
-        """The what class of each object name, -1 where there is none; shape (len(names),)."""
+        """Object index of each object name, -1 if unknown; shape (len(names),)."""
         table = {name: m for m, members in enumerate(self.what_members) for name in members}
         return np.array([table.get(str(name), -1) for name in names], dtype=np.intp)
 
     def where_error(self, decided: ArrayLike, true: ArrayLike) -> NDArray[np.float64]:
-        """Distance between two where classes in `where_unit` (decisions by class, so 0 or at least one cell)."""
+        """Distance between positions in `where_unit` (decisions are classes, so 0 or at least one cell)."""
         return np.abs(self.where_value[np.asarray(decided)] - self.where_value[np.asarray(true)])
 
     def what_error(self, decided: ArrayLike, true: ArrayLike) -> NDArray[np.float64]:
-        """Distance between two what classes in `what_unit`; without values 1 where they differ, else 0."""
+        """Distance between objects in `what_unit`; without values 1 if they differ, else 0."""
         decided, true = np.asarray(decided), np.asarray(true)
         if self.what_value is None:
             return (decided != true).astype(np.float64)
@@ -114,20 +114,20 @@ class ClassGrid:
 
     @property
     def what_error_unit(self) -> str:
-        """Unit of `what_error`: that of the values, or `"P(wrong)"` where there are none."""
+        """Unit of `what_error`: that of the values, or `"P(wrong)"` without values."""
         return "P(wrong)" if self.what_value is None else self.what_unit
 
     def select(self, where: Sequence[int], what: Sequence[int]) -> Self:
-        """The grid with these where and what classes only, in this order.
+        """The grid with these positions and objects only, in this order.
 
-        Edges survive only where the kept where classes are neighbours; otherwise the kept classes are listed.
+        Edges are kept only if the remaining positions are neighbours; otherwise positions are listed by value.
         """
         where, what = list(where), list(what)
         contiguous = where == list(range(where[0], where[0] + len(where))) if where else False
         edges = self.where_edges
         if edges is not None:
             if not contiguous:
-                raise InputError("Where classes between others cannot be left out of a grid with edges.")
+                raise InputError("Cannot leave out positions between others of a grid with edges.")
             edges = edges[where[0] : where[-1] + 2]
         return type(self)(
             where_value=self.where_value[where],
@@ -139,12 +139,12 @@ class ClassGrid:
         )
 
     def differences(self, other: Self) -> list[str]:
-        """How `other` differs, in phrases; empty where both grids mean the same classes."""
+        """Differences of `other` as phrases; empty if both grids have the same classes."""
         phrases = []
         if self.shape != other.shape:
             phrases.append(f"{self.L} x {self.M} classes here and {other.L} x {other.M} there")
         elif not np.array_equal(self.where_value, other.where_value) or self.where_unit != other.where_unit:
-            phrases.append("the where values differ")
+            phrases.append("the positions differ")
         elif self.what_members != other.what_members:
             phrases.append("the objects differ")
         return phrases
@@ -169,7 +169,7 @@ class ClassGrid:
 
     @classmethod
     def from_dict(cls, fields: dict[str, Any]) -> Self:
-        """The grid from `to_dict`.
+        """Grid from the result of `to_dict`.
 
         Raises:
             InputError: A field is missing or has the wrong size.
@@ -186,19 +186,19 @@ class ClassGrid:
                 what_unit=fields["what_unit"],
             )
         except (KeyError, TypeError, ValueError, OverflowError) as error:
-            raise InputError(f"This is not a class grid: {error}.") from error
+            raise InputError(f"Not a class grid: {error}.") from error
 
 
 def parse_length(text: str, unit: str, option: str) -> float:
-    """A positive number with an optional unit, such as `"3mm"`, in `unit`.
+    """Positive number in `unit` from text with an optional unit, such as `"3mm"`.
 
     Args:
-        text: What the user wrote.
-        unit: The unit of the result; lengths are converted into each other, other units must be the same word.
-        option: The option's name, for the message.
+        text: The text.
+        unit: Unit of the result; lengths are converted, other units must match.
+        option: Name of the argument, for messages.
 
     Raises:
-        InputError: The text is no positive number, or its unit cannot be converted.
+        InputError: The text is not a positive number, or its unit cannot be converted.
     """
     match = re.fullmatch(r"\s*([0-9.]+(?:[eE][-+]?\d+)?)\s*(\S*)\s*", text)
     try:
@@ -216,10 +216,10 @@ def parse_length(text: str, unit: str, option: str) -> float:
 
 
 def values_from_names(names: Sequence[str]) -> tuple[NDArray[np.float64], str] | None:
-    """Values and unit that object names spell out, such as `"rod 4 mm"`; `None` where they do not.
+    """Values and unit contained in object names, such as `"rod 4 mm"`; `None` if they contain none.
 
-    All names must be one number between the same words, so that numbering (`"ball_1"`) with a unit is told from
-    naming; names without a unit behind the number are not taken for sizes.
+    All names must be one number between the same words; names without a unit after the number (`"ball_1"`) are
+    numbering, not sizes.
     """
     matches = [re.fullmatch(r"(.*?)(-?\d+(?:\.\d+)?)\s*([a-zA-Zµ]+)", str(name)) for name in names]
     parts = [m.groups() for m in matches if m is not None]
@@ -229,10 +229,10 @@ def values_from_names(names: Sequence[str]) -> tuple[NDArray[np.float64], str] |
 
 
 def group(values: NDArray[np.float64], width: float, start: float | None = None) -> NDArray[np.intp]:
-    """The cell of each value when cells of `width` are laid from `start` (default: the lowest value) upwards.
+    """Cell index of each value for cells of `width` from `start` (default: the lowest value) upwards.
 
     Raises:
-        InputError: There would be more than a million cells.
+        InputError: More than a million cells would result.
     """
     start = float(values.min()) if start is None else start
     if not (values.max() - start) / width < _MOST_CELLS:

@@ -1,4 +1,4 @@
-"""Files that hold one JSON object, as settings and exported models do."""
+"""Files that contain one JSON object, such as settings and exported models."""
 
 import json
 from pathlib import Path
@@ -8,28 +8,28 @@ from .errors import InputError
 
 
 def read_object(path: str | Path, called: str) -> dict[str, Any]:
-    """The object in a JSON file.
+    """Object read from a JSON file.
 
     Args:
         path: The file.
-        called: What it should be, for messages, such as `"setting"`.
+        called: Expected content, for messages, such as `"setting"`.
 
     Raises:
-        InputError: The file is missing, cannot be read or is something else, or a key stands there twice.
+        InputError: The file is missing, unreadable or not a JSON object, or a key is repeated.
     """
     path = Path(path)
     if not path.exists():
-        raise InputError(f"{path} does not exist.")
+        raise InputError(f"{path}: no such file.")
     try:
         values = json.loads(path.read_text(encoding="utf-8"), object_pairs_hook=_once)
     except OSError as error:
-        raise InputError(f"{path} cannot be read: {error.strerror}.") from error
+        raise InputError(f"{path}: cannot read: {error.strerror}.") from error
     except InputError as error:
-        raise InputError(f"{path} has {error}") from error
+        raise InputError(f"{path}: {error}") from error
     except (ValueError, RecursionError) as error:
-        raise InputError(f"{path} is no {called}: it is not JSON.") from error
+        raise InputError(f"{path}: not a valid {called} file: not JSON.") from error
     if not isinstance(values, dict):
-        raise InputError(f"{path} is no {called}: it holds no JSON object.")
+        raise InputError(f"{path}: not a valid {called} file: not a JSON object.")
     return cast("dict[str, Any]", values)
 
 
@@ -37,5 +37,5 @@ def _once(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
     names = [name for name, _ in pairs]
     for name in names:
         if names.count(name) > 1:
-            raise InputError(f"the key {name} twice.")
+            raise InputError(f"repeated key {name}.")
     return dict(pairs)

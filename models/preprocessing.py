@@ -1,8 +1,7 @@
-"""How a stream of sensor frames becomes taps; the same code off line and beside the rig.
+"""Preprocessing of a stream of sensor frames into taps; the same code offline and at the rig.
 
-A histogram learned from high-pass filtered counts says nothing about raw counts, so what was done to the samples is
-part of the data: the record travels in every `TapSet` and in every fitted model, and a model refuses taps that were
-prepared otherwise.
+A histogram of high-pass filtered counts does not apply to raw counts, so the preprocessing is part of the data: it is
+stored in every `TapSet` and every fitted model, and a model refuses taps with another preprocessing.
 """
 
 import json
@@ -19,22 +18,21 @@ type _Pair = tuple[NDArray[np.float64], NDArray[np.float64]]  # SciPy's return t
 
 @dataclass(frozen=True)
 class Preprocessing:
-    """What was done to the samples of a tap, in the order of the fields.
+    """Record of the preprocessing of a tap, in the order of the fields.
 
     Attributes:
-        samples: `J`, samples in one tap.
-        rate_hz: Sampling rate in hertz, `None` where it is not known.
-        tare: What is subtracted from each taxel: nothing, the mean of the first `tare_samples` frames of the
-            stream, or the mean of the first `tare_samples` samples of each tap.
-        tare_samples: How many samples the tare is averaged over.
-        highpass_hz: Cut-off of a causal first-order Butterworth high-pass over the whole stream, started in its
-            steady state; 0 for none.
-        trigger: What starts a tap: `"none"` (taps arrived already cut), `"clock"` (every `samples` frames),
-            `"contact"` (a taxel reaches `trigger_level`; armed again when all are below half of it) or `"press"` (the
-            rig says when it presses).
-        trigger_level: The prepared value that counts as contact, in the units of the samples; negative for sensors
-            whose values fall under load.
-        pre_samples: Samples kept from before the contact or the press.
+        samples: Number of samples in a tap, `J`.
+        rate_hz: Sampling rate in hertz, `None` if unknown.
+        tare: Value subtracted from each taxel: none, the mean of the first `tare_samples` frames of the stream, or
+            the mean of the first `tare_samples` samples of each tap.
+        tare_samples: Number of samples averaged for the tare.
+        highpass_hz: Cut-off frequency of a causal first-order Butterworth high-pass filter over the whole stream,
+            started in its steady state; 0 for none.
+        trigger: Start of a tap: `"none"` (taps are already cut), `"clock"` (every `samples` frames), `"contact"` (a
+            taxel reaches `trigger_level`; rearmed when all are below half of it) or `"press"` (signalled by the rig).
+        trigger_level: Preprocessed value that counts as contact, in the unit of the samples; negative for sensors whose
+            values fall under load.
+        pre_samples: Number of samples before the contact or the press.
     """
 
     samples: int
@@ -56,26 +54,26 @@ class Preprocessing:
             if not np.isfinite(getattr(self, name) or 0.0):
                 raise InputError(f"{name} must be finite, got {getattr(self, name)}.")
         if self.samples < 1:
-            raise InputError(f"Preprocessing needs at least one sample per tap, got samples={self.samples}.")
+            raise InputError(f"samples must be at least 1, got {self.samples}.")
         if self.rate_hz is not None and not self.rate_hz > 0:
-            raise InputError(f"The sampling rate must be positive, got rate_hz={self.rate_hz}.")
+            raise InputError(f"rate_hz must be positive, got {self.rate_hz}.")
         if self.tare not in ("none", "stream", "tap"):
             raise InputError(f"tare must be none, stream or tap, got {self.tare!r}.")
         if (self.tare == "none") != (self.tare_samples == 0) or self.tare_samples < 0:
-            raise InputError(f"tare={self.tare!r} does not go with tare_samples={self.tare_samples}.")
+            raise InputError(f"tare={self.tare!r} does not match tare_samples={self.tare_samples}.")
         if self.tare == "tap" and self.tare_samples > self.samples:
-            raise InputError(f"A tap of {self.samples} samples has no {self.tare_samples} samples to tare with.")
+            raise InputError(f"tare_samples={self.tare_samples} exceeds samples={self.samples}.")
         if self.highpass_hz < 0:
-            raise InputError(f"The high-pass cut-off must not be negative, got highpass_hz={self.highpass_hz}.")
+            raise InputError(f"highpass_hz must not be negative, got {self.highpass_hz}.")
         if self.highpass_hz > 0 and (self.rate_hz is None or self.highpass_hz >= self.rate_hz / 2):
             raise InputError(
-                f"A high-pass at {self.highpass_hz} Hz needs a sampling rate above {2 * self.highpass_hz} Hz, "
+                f"A high-pass filter at {self.highpass_hz} Hz needs a sampling rate above {2 * self.highpass_hz} Hz, "
                 f"got rate_hz={self.rate_hz}."
             )
         if self.trigger not in ("none", "clock", "contact", "press"):
             raise InputError(f"trigger must be none, clock, contact or press, got {self.trigger!r}.")
         if (self.trigger == "contact") != (self.trigger_level != 0):
-            raise InputError(f"trigger={self.trigger!r} does not go with trigger_level={self.trigger_level}.")
+            raise InputError(f"trigger={self.trigger!r} does not match trigger_level={self.trigger_level}.")
         if self.pre_samples and (self.trigger not in ("contact", "press") or not 0 < self.pre_samples < self.samples):
             raise InputError(
                 f"pre_samples={self.pre_samples} needs a contact or press trigger and must be smaller than "
@@ -83,12 +81,12 @@ class Preprocessing:
             )
 
     def differences(self, other: Self, here: str = "here", there: str = "there") -> list[str]:
-        """How `other` differs, one phrase per field; empty where both prepare taps alike.
+        """Differences of `other`, one phrase per field; empty if both are equal.
 
         Args:
             other: Another record.
-            here: What this one belongs to, in words.
-            there: What the other one belongs to.
+            here: Description of this one's owner.
+            there: Description of the other one's owner.
         """
         return [
             f"{field.name} is {getattr(self, field.name)} {here} and {getattr(other, field.name)} {there}"
@@ -102,7 +100,7 @@ class Preprocessing:
 
     @classmethod
     def from_json(cls, text: str) -> Self:
-        """The record from `to_json`.
+        """Record from the result of `to_json`.
 
         Raises:
             InputError: The text is not such a record.
@@ -110,15 +108,15 @@ class Preprocessing:
         try:
             return cls(**json.loads(text))
         except (TypeError, json.JSONDecodeError) as error:
-            raise InputError(f"This is not a preprocessing record: {text[:80]!r}.") from error
+            raise InputError(f"Not a preprocessing record: {text[:80]!r}.") from error
 
 
 class CutTap(NamedTuple):
     """One tap cut from a stream.
 
     Attributes:
-        start: Index of its first frame, counted from the first frame of the stream.
-        samples: The prepared samples, shape (J, K).
+        start: Index of its first frame in the stream.
+        samples: Preprocessed samples, shape (J, K).
     """
 
     start: int
@@ -126,13 +124,13 @@ class CutTap(NamedTuple):
 
 
 class TapCutter:
-    """Prepares frames and cuts taps as they arrive; any split of a stream into pieces gives the same taps.
+    """Preprocesses frames and cuts taps as they arrive, independently of how a stream is split into pieces.
 
-    It holds at most one tap and the frames before it. Taps that the end of the stream or its beginning cuts short
-    are not returned; `incomplete` counts them.
+    It holds at most one tap and the frames before it. Taps cut short by the start or end of the stream are not
+    returned; `incomplete` counts them.
 
     Args:
-        preprocessing: What to do; its trigger must not be `"none"`.
+        preprocessing: Preprocessing; its trigger must not be `"none"`.
 
     Raises:
         InputError: The record has no trigger.
@@ -140,7 +138,7 @@ class TapCutter:
 
     def __init__(self, preprocessing: Preprocessing) -> None:
         if preprocessing.trigger == "none":
-            raise InputError("A stream can only be cut into taps with a clock, contact or press trigger.")
+            raise InputError("Cutting a stream into taps needs a clock, contact or press trigger.")
         self.preprocessing = preprocessing
         self.incomplete = 0
         self._coefficients = _highpass_coefficients(preprocessing)
@@ -154,36 +152,36 @@ class TapCutter:
         self._scanned = 0
 
     def push(self, frames: ArrayLike) -> list[CutTap]:
-        """The taps completed by these frames.
+        """Taps completed by these frames.
 
         Args:
             frames: Sensor frames in the order of time, shape (n, K), any n including 0.
 
         Raises:
-            InputError: The frames are not finite or have another number of taxels than those before.
+            InputError: The frames are not finite or differ in the number of taxels from earlier ones.
         """
         frames = np.asarray(frames, dtype=np.float64)
         if frames.ndim != 2 or not frames.shape[1]:
-            raise InputError(f"Frames must have two axes (time, taxel) and a taxel or more, got shape {frames.shape}.")
+            raise InputError(f"Frames must have shape (n, K) with at least one taxel, got {frames.shape}.")
         if not np.isfinite(frames).all():
-            raise InputError(f"Frame {int(np.argmin(np.isfinite(frames).all(axis=1)))} holds a NaN or infinite value.")
+            raise InputError(f"Frame {int(np.argmin(np.isfinite(frames).all(axis=1)))} has a NaN or infinite value.")
         if self._kept.shape[1] and frames.shape[1] != self._kept.shape[1]:
-            raise InputError(f"Frames of {frames.shape[1]} taxels follow frames of {self._kept.shape[1]}.")
+            raise InputError(f"Frames have {frames.shape[1]} taxels, earlier ones {self._kept.shape[1]}.")
         prepared = self._highpass(self._tared(frames))
         self._kept = np.concatenate([self._kept.reshape(-1, frames.shape[1]), prepared])
         return self._cut()
 
     def press(self) -> None:
-        """Starts a tap: the next frame is the first after the press, the `pre_samples` frames before it belong to it.
+        """Starts a tap: the next frame is the first after the press; the tap includes `pre_samples` frames before it.
 
-        A tap that is not complete yet is given up and counts as incomplete, as does one that begins before the stream
-        or, with a tare over the stream, before its end.
+        An unfinished tap is dropped and counts as incomplete, as does one that begins before the stream or, with a tare
+        over the stream, before the end of the tare.
 
         Raises:
             InputError: The record has another trigger.
         """
         if self.preprocessing.trigger != "press":
-            raise InputError(f"A press starts no tap with trigger={self.preprocessing.trigger!r}.")
+            raise InputError(f"press() needs trigger='press', not {self.preprocessing.trigger!r}.")
         self.finish()
         begin = self._kept_from + len(self._kept) - self.preprocessing.pre_samples
         if begin < self._kept_from or self._untared:
@@ -198,7 +196,7 @@ class TapCutter:
             self._begin = None
 
     def _tared(self, frames: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Subtracts the mean of the first frames; holds frames back until there are enough of them."""
+        """Subtracts the mean of the first frames; holds frames back until there are enough."""
         if self.preprocessing.tare != "stream":
             return frames
         if self._tare is None:
@@ -246,11 +244,11 @@ class TapCutter:
         return taps
 
     def _load(self, frames: NDArray[np.float64]) -> NDArray[np.float64]:
-        """The most loaded taxel of each frame as a fraction of the trigger level."""
+        """Largest load of a taxel in each frame, as a fraction of the trigger level."""
         return (frames / self.preprocessing.trigger_level).max(axis=1)
 
     def _next_begin(self) -> int | None:
-        """Index of the first frame of the next tap; advances over frames that start none."""
+        """Index of the first frame of the next tap; skips frames that start none."""
         record = self.preprocessing
         end = self._kept_from + len(self._kept)
         if record.trigger == "clock":
@@ -272,7 +270,7 @@ class TapCutter:
 
 
 def _highpass_coefficients(record: Preprocessing) -> _Pair | None:
-    """Numerator and denominator of the high-pass, `None` without one."""
+    """Numerator and denominator of the high-pass filter, or `None`."""
     if record.highpass_hz == 0:
         return None
     from scipy.signal import butter  # noqa: PLC0415

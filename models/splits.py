@@ -1,4 +1,4 @@
-"""Which taps train and which test; the split stands in every result."""
+"""Splits of taps into training and test sets; every result records its split."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -17,7 +17,7 @@ Method = Literal["sessions", "leave-one-session-out", "halves", "parity"]
 METHODS: tuple[str, ...] = get_args(Method)
 
 _SAME_SESSION = (
-    "Training and test taps come from the same session, so whatever drifts slowly is known to the model: "
+    "Training and test taps come from the same session, so the model has seen its slow drift: "
     "expect larger errors on a new session."
 )
 
@@ -27,9 +27,9 @@ class Fold:
     """One training and one test set; see `untrained` for taps in both.
 
     Attributes:
-        train: What the model is fitted to.
-        test: What it is tested on.
-        name: How the fold is called in print.
+        train: Training taps.
+        test: Test taps.
+        name: Printable name of the fold.
     """
 
     train: TapSet
@@ -44,8 +44,8 @@ class Split:
     Attributes:
         folds: One or more; results of several are pooled.
         method: `"sessions"`, `"leave-one-session-out"`, `"halves"`, `"parity"` or `"files"`.
-        description: One sentence that says which taps test.
-        warning: One sentence that says what the split cannot show, or nothing.
+        description: Sentence that describes the test taps.
+        warning: Sentence on the limits of the split, or empty.
     """
 
     folds: tuple[Fold, ...]
@@ -61,21 +61,21 @@ def split(
     train_sessions: Sequence[int] | None = None,
     test_sessions: Sequence[int] | None = None,
 ) -> Split:
-    """Divides one tap set.
+    """Splits one tap set.
 
     Args:
         taps: The taps; recorded order is (session, trial, position in the file).
-        grid: The classes within which `halves` and `parity` divide.
+        grid: Classes within which `halves` and `parity` split.
         method: `sessions` (default where there are two or more) tests the last session, or those named, with
             the model of the others; `leave-one-session-out` does so with each session in turn; `halves` trains
             with the first half of each class in recorded order, the longer half where the number is odd; `parity`
             (default where there is one session) trains with its first, third, fifth, ... tap.
-        train_sessions: Sessions to train with; default all that do not test.
-        test_sessions: Sessions to test; default the last, or all that do not train.
+        train_sessions: Sessions to train with; default: all not in the test.
+        test_sessions: Sessions to test; default: the last, or all not in the training.
 
     Raises:
-        InputError: An unknown method, a session that is not there or stands on both sides, or no tap left to
-            train or to test.
+        InputError: The method is unknown, a session does not exist or is on both sides, or no tap is left to train
+            or to test.
     """
     named = train_sessions is not None or test_sessions is not None
     sessions = np.unique(taps.session).tolist()
@@ -93,11 +93,11 @@ def split(
 
 
 def untrained(parts: Split, keep: bool = False) -> Split:
-    """The split without test taps that stand among the training taps of their fold; its warning says which.
+    """The split without test taps that are training taps of their fold; its warning names them.
 
     Args:
         parts: The split.
-        keep: Whether to keep these taps, with the warning.
+        keep: Whether to keep these taps, with a warning.
 
     Raises:
         InputError: No tap is left to test.
@@ -122,15 +122,15 @@ def two_files(train: TapSet, test: TapSet) -> Split:
 
 
 def select_sessions(taps: TapSet, chosen: Sequence[int] | None, option: str) -> TapSet:
-    """The taps of these sessions, all where none are named.
+    """Taps of these sessions, by default all.
 
     Args:
         taps: The taps.
-        chosen: Numbers of sessions.
-        option: Where they were named, for the message.
+        chosen: Session numbers.
+        option: Name of the option, for messages.
 
     Raises:
-        InputError: There is no such session.
+        InputError: A session does not exist.
     """
     if chosen is None:
         return taps
@@ -141,7 +141,7 @@ def select_sessions(taps: TapSet, chosen: Sequence[int] | None, option: str) -> 
 def _check_sessions(sessions: list[int], chosen: Sequence[int] | None, option: str) -> None:
     missing = sorted(set(chosen or ()) - set(sessions))
     if missing:
-        raise InputError(f"{option} names session {missing[0]}; there are {_listed(sessions)}.")
+        raise InputError(f"{option}: no session {missing[0]}; the data have {_listed(sessions)}.")
 
 
 def _by_sessions(taps: TapSet, sessions: list[int], train: Sequence[int] | None, test: Sequence[int] | None) -> Split:
@@ -156,7 +156,7 @@ def _by_sessions(taps: TapSet, sessions: list[int], train: Sequence[int] | None,
         raise InputError(f"Session {both[0]} cannot both train and test.")
     for verb, side in (("train with", train), ("test", test)):
         if not side:
-            raise InputError(f"There is no tap left to {verb}: the data have {_listed(sessions)}.")
+            raise InputError(f"No tap left to {verb}: the data have {_listed(sessions)}.")
     fold = Fold(_of(taps, train), _of(taps, test), f"test {_listed(test)}")
     description = f"{_listed(train).capitalize()} train{_s(train)}, {_listed(test)} test{_s(test)}."
     return Split((fold,), "sessions", description)
@@ -164,7 +164,7 @@ def _by_sessions(taps: TapSet, sessions: list[int], train: Sequence[int] | None,
 
 def _leave_one_out(taps: TapSet, sessions: list[int]) -> Split:
     if len(sessions) < 2:
-        raise InputError(f"There is no tap left to train with: the data have {_listed(sessions)} only.")
+        raise InputError(f"No tap left to train with: the data have {_listed(sessions)} only.")
     folds = tuple(
         Fold(_of(taps, [s for s in sessions if s != left_out]), _of(taps, [left_out]), f"test session {left_out}")
         for left_out in sessions
@@ -182,13 +182,13 @@ def _within_classes(taps: TapSet, grid: ClassGrid, method: str) -> Split:
         trains = position % 2 == 0
         description = "Within each class, taps in recorded order train and test in turn."
     if trains.all():
-        raise InputError("There is no tap left to test: no class has more than one tap.")
+        raise InputError("No tap left to test: no class has more than one tap.")
     fold = Fold(taps.select(trains), taps.select(~trains), method)
     return Split((fold,), method, description, _SAME_SESSION)
 
 
 def rank_in_class(taps: TapSet, grid: ClassGrid) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-    """Position of each tap among those of its class in recorded order, and how many there are; shapes (N,)."""
+    """Rank of each tap among those of its class in recorded order, and their number; shapes (N,)."""
     where, what = taps.indices(grid)
     key = where * (grid.M + 1) + what
     rank, size = np.zeros(len(taps), dtype=np.intp), np.zeros(len(taps), dtype=np.intp)

@@ -1,7 +1,7 @@
-"""Files that are either whole or not there.
+"""Atomic writing of files.
 
-Everything this software writes goes to a temporary name in the target's own folder first and is moved into place
-when it is complete, so an interrupted command leaves no half-written file behind.
+Output is first written under a temporary name in the target folder and moved into place when complete, so an
+interrupted command leaves no incomplete file.
 """
 
 import os
@@ -19,33 +19,33 @@ if TYPE_CHECKING:
 
 
 def check_writable(path: str | Path, force: bool = False) -> Path:
-    """The path, if a file may be written there.
+    """Checks that a file can be written, and returns its path.
 
     Args:
         path: The file to be written.
-        force: Whether an existing file may be replaced.
+        force: Whether to overwrite an existing file.
 
     Raises:
         InputError: The file exists and `force` is not set, it is a directory, or its folder cannot be written.
     """
     path = Path(path)
     if path.is_dir():
-        raise InputError(f"{path} is a directory, a file name is needed.")
+        raise InputError(f"{path}: is a folder, expected a file name.")
     if path.exists() and not path.is_file():
-        raise InputError(f"{path} is no regular file and is not replaced.")
+        raise InputError(f"{path}: not a regular file, so not overwritten.")
     if path.exists() and not force:
-        raise InputError(f"{path} exists already; --force overwrites it.")
+        raise InputError(f"{path}: already exists; set force (--force) to overwrite it.")
     folder = path.parent
     if not folder.is_dir():
-        raise InputError(f"{path} cannot be written: there is no folder {folder}.")
+        raise InputError(f"{path}: cannot write: no folder {folder}.")
     if not os.access(folder, os.W_OK):
-        raise InputError(f"{path} cannot be written: the folder {folder} is not writable.")
+        raise InputError(f"{path}: cannot write: folder {folder} is not writable.")
     return path
 
 
 @contextmanager
 def complete_file(path: str | Path, force: bool = False) -> Iterator[Path]:
-    """A temporary file name that becomes `path` when the block ends without an exception.
+    """Temporary file name that becomes `path` if the block ends without an exception.
 
     Raises:
         InputError: As `check_writable`, or the operating system refuses the write (for example a full disk).
@@ -54,7 +54,7 @@ def complete_file(path: str | Path, force: bool = False) -> Iterator[Path]:
     try:
         handle, name = tempfile.mkstemp(prefix=f".{path.name}.", suffix=path.suffix, dir=path.parent)
     except OSError as error:
-        raise InputError(f"{path} cannot be written: {error.strerror}.") from error
+        raise InputError(f"{path}: cannot write: {error.strerror}.") from error
     os.close(handle)
     temporary = Path(name)
     try:
@@ -62,13 +62,13 @@ def complete_file(path: str | Path, force: bool = False) -> Iterator[Path]:
         temporary.chmod(0o666 & ~_umask())
         temporary.replace(path)
     except OSError as error:
-        raise InputError(f"{path} cannot be written: {error.strerror or error}.") from error
+        raise InputError(f"{path}: cannot write: {error.strerror or error}.") from error
     finally:
         temporary.unlink(missing_ok=True)
 
 
 def write_groups(groups: "Mapping[str, xr.Dataset]", path: str | Path, force: bool = False) -> None:
-    """Writes datasets as the groups of a netCDF file, complete or not at all.
+    """Writes datasets as the groups of a netCDF file, atomically.
 
     Raises:
         InputError: As `complete_file`.
@@ -80,17 +80,17 @@ def write_groups(groups: "Mapping[str, xr.Dataset]", path: str | Path, force: bo
 
 
 def check_netcdf_name(path: str | Path) -> None:
-    """Refuses names that do not say what they are.
+    """Checks that a name ends in `.nc`.
 
     Raises:
-        InputError: The name does not end in `.nc`.
+        InputError: It does not.
     """
     if Path(path).suffix.lower() != ".nc":
-        raise InputError(f"{path} must end in .nc, the format that it is written in.")
+        raise InputError(f"{path}: the file name must end in .nc.")
 
 
 def _holds_folders(folder: Path) -> bool:
-    """Whether a folder can be made in this one; rights alone do not tell where a kernel makes the files."""
+    """Whether a folder can be created in this one; permissions are not sufficient on virtual file systems."""
     try:
         with tempfile.TemporaryDirectory(dir=folder):
             return True
@@ -99,30 +99,30 @@ def _holds_folders(folder: Path) -> bool:
 
 
 def check_folder(path: str | Path, force: bool = False) -> Path:
-    """The path, if a folder of results may be written there.
+    """Checks that a folder of results can be written, and returns its path.
 
     Raises:
-        InputError: It is a file or lies in one, may not be written, or is a folder that is not empty while `force` is
-            not set.
+        InputError: It is a file or lies in one, is not writable, or is a folder that is not empty while `force` is not
+            set.
     """
     path = Path(path)
     if path.exists() and not path.is_dir():
-        raise InputError(f"{path} is a file, a folder is needed.")
+        raise InputError(f"{path}: is a file, expected a folder.")
     there = next(parent for parent in (path.absolute(), *path.absolute().parents) if parent.exists())
     if not there.is_dir():
-        raise InputError(f"{path} cannot be made: {there} is a file.")
+        raise InputError(f"{path}: cannot create the folder: {there} is a file.")
     if not os.access(there, os.W_OK | os.X_OK) or not _holds_folders(there):
-        raise InputError(f"{path} cannot be made: {there} cannot be written.")
+        raise InputError(f"{path}: cannot create the folder: {there} is not writable.")
     if path.is_dir() and any(path.iterdir()) and not force:
-        raise InputError(f"{path} exists already; --force overwrites the files in it.")
+        raise InputError(f"{path}: already exists; set force (--force) to overwrite the files in it.")
     return path
 
 
 @contextmanager
 def complete_folder(path: str | Path, force: bool = False) -> Iterator[Path]:
-    """A temporary folder whose files appear in `path` when the block ends without an exception.
+    """Temporary folder whose files appear in `path` if the block ends without an exception.
 
-    With `force` files of the same name in an existing folder are replaced and others stay.
+    With `force`, files of the same name in an existing folder are overwritten and others kept.
 
     Raises:
         InputError: The folder exists and is not empty while `force` is not set, or it cannot be written.
@@ -132,14 +132,14 @@ def complete_folder(path: str | Path, force: bool = False) -> Iterator[Path]:
         path.parent.mkdir(parents=True, exist_ok=True)
         temporary = Path(tempfile.mkdtemp(prefix=f".{path.name}.", dir=path.parent))
     except OSError as error:
-        raise InputError(f"{path} cannot be written: {error.strerror}.") from error
+        raise InputError(f"{path}: cannot write: {error.strerror}.") from error
     try:
         yield temporary
         path.mkdir(exist_ok=True)
         for file in sorted(temporary.iterdir()):
             file.replace(path / file.name)
     except OSError as error:
-        raise InputError(f"{path} cannot be written: {error.strerror or error}.") from error
+        raise InputError(f"{path}: cannot write: {error.strerror or error}.") from error
     finally:
         shutil.rmtree(temporary, ignore_errors=True)
 

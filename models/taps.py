@@ -1,11 +1,11 @@
-"""Labelled taps: what every command reads and every rig writes.
+"""Labelled taps, the input of every command and the output of every rig.
 
 A `TapSet` wraps one xarray dataset, so that recordings stay readable without this software:
 
 ==================  ==================  ===================================================================
 name                dims                meaning
 ==================  ==================  ===================================================================
-``taps``            tap, sample, taxel  the prepared samples, attribute ``units`` where known
+``taps``            tap, sample, taxel  preprocessed samples, attribute ``units`` if known
 ``what``            tap                 index into the table of objects
 ``where``           tap                 position of the tap, attribute ``units``
 ``session``         tap                 number of the recording session
@@ -51,13 +51,13 @@ _DIMS = {
     "taxel_position": ("taxel", "axis"),
 }
 _OPTIONAL = ("what_value", "where_edges", "taxel_position")
-_ROUNDING = 1e-6  # of a cell
+_ROUNDING = 1e-6  # in cells
 _MOST_CELLS = 1e6
 
 
 @dataclass(frozen=True, eq=False)
 class TapSet:
-    """Labelled taps on xarray; the table in the head of this file lists its variables.
+    """Labelled taps on xarray; variables are listed at the head of this file.
 
     Attributes:
         dataset: The labelled arrays.
@@ -96,26 +96,26 @@ class TapSet:
         licence: str = "",
         extra: Mapping[str, ArrayLike] | None = None,
     ) -> Self:
-        """Labelled taps from plain arrays.
+        """Tap set from plain arrays.
 
         Args:
-            taps: Prepared samples, shape (N, J, K).
+            taps: Preprocessed samples, shape (N, J, K).
             what: Object of each tap as an index into `what_name`, shape (N,).
             what_name: Names of the objects.
-            preprocessing: What was done to the samples.
-            where: Position of each tap in `where_unit`, shape (N,); default 0 for all.
-            where_value: Nominal positions, increasing; default the distinct values of `where`.
-            where_edges: Edges of the where classes, one more than `where_value`.
+            preprocessing: Preprocessing of the samples.
+            where: Position of each tap in `where_unit`, shape (N,); default: 0 for all.
+            where_value: Nominal positions, increasing; default: the distinct values of `where`.
+            where_edges: Edges of the position classes, one more than `where_value`.
             where_unit: Unit of the positions.
             what_value: Size of each object, shape (len(what_name),).
             what_unit: Unit of the sizes.
-            session: Recording session of each tap, shape (N,); default 0 for all.
-            trial: Number of each tap in its session, shape (N,); default the order given.
+            session: Recording session of each tap, shape (N,); default: 0 for all.
+            trial: Number of each tap in its session, shape (N,); default: the order given.
             taxel_position: Position of each taxel in mm, shape (K, 2) or (K, 3).
             units: Unit of the samples.
-            sensor: What recorded them.
-            source: Where the data come from.
-            licence: Under which terms.
+            sensor: Name of the sensor.
+            source: Origin of the data.
+            licence: Licence of the data.
             extra: Further arrays whose first axis is the tap and whose second, if any, the taxel.
 
         Raises:
@@ -178,11 +178,11 @@ class TapSet:
         except ValueError as error:
             if isinstance(error, InputError):
                 raise
-            raise InputError(f"The arrays of this tap set do not fit together: {error}.") from error
+            raise InputError(f"The arrays of this tap set do not match: {error}.") from error
 
     @property
     def taps(self) -> NDArray[np.floating]:
-        """The samples, shape (N, J, K)."""
+        """Samples, shape (N, J, K)."""
         return self.dataset["taps"].values
 
     @property
@@ -207,7 +207,7 @@ class TapSet:
 
     @property
     def what_name(self) -> list[str]:
-        """The table of objects."""
+        """Names of the objects."""
         return [str(name) for name in self.dataset["what_name"].values]
 
     @property
@@ -217,33 +217,33 @@ class TapSet:
 
     @cached_property
     def preprocessing(self) -> Preprocessing:
-        """What was done to the samples."""
+        """Preprocessing of the samples."""
         return Preprocessing.from_json(self.dataset.attrs["preprocessing"])
 
     def __len__(self) -> int:
         return self.dataset.sizes["tap"]
 
     def select(self, index: ArrayLike) -> Self:
-        """The taps at these positions or where this mask is true, tables unchanged."""
+        """Taps at these indices or where this mask is True, with the same tables."""
         index = np.asarray(index)
         return type(self)(self.dataset.isel(tap=np.flatnonzero(index) if index.dtype == bool else index))
 
     def grid(self, where_cell: str | None = None, what_cell: str | None = None) -> ClassGrid:
-        """The class grid of the tables, optionally grouped into cells, or with the positions divided into finer ones.
+        """Class grid of the tables, optionally grouped into cells, or with finer positions.
 
         Args:
-            where_cell: Width of the where cells with unit, such as `"3mm"`; `None` takes the table as it is. Cells
+            where_cell: Width of the position classes with unit, such as `"3mm"`; `None` for those of the table. Cells
                 narrower than the classes of a table with edges divide its whole range equally.
-            what_cell: Width of the what cells; needs object sizes, or names that spell them (`"rod 4 mm"`).
+            what_cell: Width of the object classes; needs object sizes, or names that contain them (`"rod 4 mm"`).
 
         Raises:
-            InputError: A width cannot be read or converted, finer where cells do not divide the range or have no taps,
-                or objects have no sizes to group by.
+            InputError: A width cannot be parsed or converted, finer cells do not divide the range or have no taps, or
+                objects have no sizes.
         """
         where_value = self.dataset["where_value"].values
         edges = self.dataset["where_edges"].values if "where_edges" in self.dataset.coords else None
         if where_cell is not None:
-            width = parse_length(where_cell, self.where_unit, "--where-cell")
+            width = parse_length(where_cell, self.where_unit, "where_cell (--where-cell)")
             if edges is not None and width < (1 - _ROUNDING) * np.diff(edges).min():
                 edges = self._finer(edges, width, where_cell)
                 where_value = (edges[:-1] + edges[1:]) / 2
@@ -255,9 +255,9 @@ class TapSet:
         if what_cell is not None:
             spelled = values_from_names(names) if what_value is None else (what_value, what_unit)
             if spelled is None:
-                raise InputError("--what-cell needs objects with a size, and these data give none.")
+                raise InputError("what_cell (--what-cell) needs objects with sizes, but these have none.")
             sizes, what_unit = spelled
-            cells = group(sizes, parse_length(what_cell, what_unit, "--what-cell"))
+            cells = group(sizes, parse_length(what_cell, what_unit, "what_cell (--what-cell)"))
             kept = [np.flatnonzero(cells == cell) for cell in np.unique(cells)]
             members = tuple(tuple(names[i] for i in cell[np.argsort(sizes[cell])]) for cell in kept)
             what_value = np.array([sizes[cell].mean() for cell in kept])
@@ -271,14 +271,17 @@ class TapSet:
         )
 
     def _finer(self, edges: NDArray[np.float64], width: float, where_cell: str) -> NDArray[np.float64]:
-        """Edges of equal cells across the range, each inside of touched classes with a tap of its own."""
+        """Edges of equal cells across the range; each inside tapped classes must have a tap."""
         length = float(edges[-1] - edges[0])
         if not length / width < _MOST_CELLS:
-            raise InputError(f"--where-cell {where_cell} is too narrow for a range of {length:g} {self.where_unit}.")
+            raise InputError(
+                f"where_cell (--where-cell) {where_cell} is too narrow for a range of {length:g} {self.where_unit}."
+            )
         cells = round(length / width)
         if abs(length / width - cells) > _ROUNDING * cells:
             raise InputError(
-                f"--where-cell {where_cell} does not divide the range of {length:g} {self.where_unit} into equal cells."
+                f"where_cell (--where-cell) {where_cell} does not divide the range of {length:g} {self.where_unit} "
+                "into equal cells."
             )
         finer = np.linspace(edges[0], edges[-1], cells + 1)
         place = self.where + _ROUNDING * width
@@ -288,8 +291,8 @@ class TapSet:
         wanting = np.setdiff1d(np.flatnonzero(np.isin(centre, held)), filled)
         if len(wanting):
             raise InputError(
-                f"--where-cell {where_cell} leaves {len(wanting)} of {cells} cells without any tap: the taps lie at "
-                f"{len(np.unique(self.where))} places."
+                f"where_cell (--where-cell) {where_cell} leaves {len(wanting)} of {cells} cells without a tap: the "
+                f"taps have {len(np.unique(self.where))} positions."
             )
         return finer
 
@@ -300,11 +303,11 @@ class TapSet:
         return values.values, values.attrs.get("units", "")
 
     def indices(self, grid: ClassGrid) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-        """Where and what class of each tap in `grid`, -1 where it lies outside; two arrays of shape (N,)."""
+        """Position and object index of each tap in `grid`, -1 if outside; two arrays of shape (N,)."""
         return grid.where_index(self.where), grid.what_index(self.what_name)[self.what]
 
     def save(self, path: str | Path, force: bool = False) -> None:
-        """Writes the tap set as netCDF, complete or not at all.
+        """Writes the tap set as netCDF, atomically.
 
         Raises:
             InputError: The file cannot be written, or exists and `force` is not set.
@@ -314,14 +317,14 @@ class TapSet:
 
     @classmethod
     def load(cls, path: str | Path) -> Self:
-        """The tap set in a netCDF file.
+        """Tap set from a netCDF file.
 
         Raises:
-            InputError: The file is missing, damaged, or no tap set.
+            InputError: The file is missing, damaged or not a tap set.
         """
         dataset = load_dataset(path)
         if dataset.attrs.get("format") != FORMAT or "taps" not in dataset:
-            raise InputError(f"{path} is netCDF but no tap set of format {FORMAT}.")
+            raise InputError(f"{path}: not a tap set of format {FORMAT}.")
         try:
             return cls(dataset)
         except InputError as error:
@@ -329,35 +332,35 @@ class TapSet:
 
 
 def load_dataset(path: str | Path) -> xr.Dataset:
-    """A netCDF file's content, read whole and closed.
+    """Content of a netCDF file, fully read and closed.
 
     Raises:
-        InputError: The file is missing, a directory, truncated or not netCDF.
+        InputError: The file is missing, a folder, truncated or not netCDF.
     """
     path = Path(path)
     if path.is_dir():
-        raise InputError(f"{path} is a directory, a file is needed.")
+        raise InputError(f"{path}: is a folder, expected a file.")
     if not path.exists():
-        raise InputError(f"{path} does not exist.")
+        raise InputError(f"{path}: no such file.")
     try:
         with h5py.File(path, "r") as file:
-            file.visititems(lambda *_: None)  # where this fails, xarray would leave a half-open file behind
+            file.visititems(lambda *_: None)  # if this fails, xarray would leave the file open
         return xr.load_dataset(path, engine="h5netcdf", decode_times=False)
     except Exception as error:  # on damaged bytes these libraries raise almost any exception
-        raise InputError(f"{path} cannot be read as netCDF; it may be truncated or of another kind.") from error
+        raise InputError(f"{path}: not a netCDF file, or truncated.") from error
 
 
 def concatenate(parts: Sequence[TapSet]) -> TapSet:
     """One tap set from several with the same objects, positions and preprocessing.
 
     Raises:
-        InputError: The parts do not fit together.
+        InputError: The parts are incompatible.
     """
     first = parts[0]
     for i, part in enumerate(parts[1:], start=1):
         check_compatible(first, part, "the first part", f"part {i + 1}")
         if part.what_name != first.what_name:
-            raise InputError(f"Part {i + 1} has other objects than the first part.")
+            raise InputError(f"Part {i + 1} has different objects from the first part.")
     dataset = xr.concat(
         [part.dataset for part in parts], dim="tap", data_vars="minimal", coords="minimal", compat="override"
     )
@@ -365,32 +368,32 @@ def concatenate(parts: Sequence[TapSet]) -> TapSet:
 
 
 def check_compatible(train: TapSet, test: TapSet, train_name: str = "TRAIN", test_name: str = "TEST") -> None:
-    """Whether a model of one tap set can be tested on another.
+    """Checks that a model of one tap set can be tested on another.
 
     Raises:
-        InputError: They differ in taxels, unit of position or preprocessing; the message says how.
+        InputError: They differ in taxels, unit of position or preprocessing.
     """
     taxels = train.dataset.sizes["taxel"], test.dataset.sizes["taxel"]
     if taxels[0] != taxels[1]:
         raise InputError(f"{train_name} has {taxels[0]} taxels and {test_name} has {taxels[1]}.")
     if train.where_unit != test.where_unit:
-        raise InputError(f"{train_name} gives positions in {train.where_unit!r}, {test_name} in {test.where_unit!r}.")
+        raise InputError(f"{train_name} has positions in {train.where_unit!r}, {test_name} in {test.where_unit!r}.")
     differences = train.preprocessing.differences(test.preprocessing)
     if differences:
-        raise InputError(f"{train_name} and {test_name} were prepared differently: {'; '.join(differences)}.")
+        raise InputError(f"{train_name} and {test_name} differ in preprocessing: {'; '.join(differences)}.")
 
 
 def _coarser(
     where_value: NDArray[np.float64], edges: NDArray[np.float64] | None, width: float, where_cell: str
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Edges and values of cells that group the positions of a table."""
+    """Edges and values of the cells that group the positions of a table."""
     start = float(where_value.min()) if edges is None else float(edges[0])
     cells = group(where_value, width, start)
     if cells.max() >= len(where_value):
-        raise InputError(f"--where-cell {where_cell} leaves a cell without any position.")
+        raise InputError(f"where_cell (--where-cell) {where_cell} leaves a cell without a position.")
     groups = [where_value[cells == cell] for cell in range(cells.max() + 1)]
     if not all(len(members) for members in groups):
-        raise InputError(f"--where-cell {where_cell} leaves a cell without any position.")
+        raise InputError(f"where_cell (--where-cell) {where_cell} leaves a cell without a position.")
     values = np.array([members.mean() for members in groups])
     return start + width * np.arange(len(groups) + 1, dtype=np.float64), values
 
@@ -408,27 +411,27 @@ def _validate(dataset: xr.Dataset) -> None:
             _check_finite(str(name), values.values)
     for name in ("what", "session", "trial"):
         if dataset[name].dtype.kind not in "iu":
-            raise InputError(f"{name} must hold whole numbers, got {dataset[name].dtype}.")
+            raise InputError(f"{name} must hold integers, got {dataset[name].dtype}.")
     _check_labels("what", dataset["what"].values, sizes["what_class"])
     names = [str(name) for name in dataset["what_name"].values]
     if len(set(names)) != len(names):
-        raise InputError(f"what_name holds a name twice: {names}.")
+        raise InputError(f"what_name has a repeated name: {names}.")
     if not np.all(np.diff(dataset["where_value"].values) > 0):
         raise InputError("where_value must increase.")
     if "where_edges" in dataset and sizes["where_edge"] != sizes["where_class"] + 1:
         raise InputError(f"where_edges must have {sizes['where_class'] + 1} values, got {sizes['where_edge']}.")
     record = Preprocessing.from_json(dataset.attrs.get("preprocessing", ""))
     if record.samples != sizes["sample"]:
-        raise InputError(f"The preprocessing record speaks of {record.samples} samples, taps has {sizes['sample']}.")
+        raise InputError(f"preprocessing has {record.samples} samples, but taps have {sizes['sample']}.")
 
 
 def _check_dims(dataset: xr.Dataset) -> None:
     for name, dims in _DIMS.items():
         if name in dataset.variables:
             if dataset[name].dims != dims:
-                raise InputError(f"{name} must have the dims {dims}, got {dataset[name].dims}.")
+                raise InputError(f"{name} must have dims {dims}, got {dataset[name].dims}.")
         elif name not in _OPTIONAL:
-            raise InputError(f"The array {name} is missing.")
+            raise InputError(f"Missing array {name}.")
 
 
 def _check_finite(name: str, values: NDArray[Any]) -> None:

@@ -1,4 +1,4 @@
-"""Work in pieces on the threads of this process; compiled loops run on all of them at once."""
+"""Parallel work on threads of this process, for compiled loops."""
 
 import os
 from collections import deque
@@ -11,25 +11,25 @@ from .errors import InputError
 
 
 def cores(workers: int | None) -> int:
-    """How many threads to use: as many as there are cores unless said.
+    """Number of threads to use, by default one per core.
 
     Raises:
-        InputError: Less than one.
+        InputError: The number is below 1.
     """
     if workers is None:
         workers = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
     if workers < 1:
-        raise InputError(f"There must be at least one worker, got {workers}.")
+        raise InputError(f"The number of workers must be at least 1, got {workers}.")
     return workers
 
 
 def in_order[T](tasks: Iterable[Callable[[], T]], workers: int, unwanted: Event | None = None) -> Iterator[T]:
-    """The results of tasks in their order, a few of them in progress at a time.
+    """Results of tasks in their order, computed a few at a time.
 
     Args:
-        tasks: What to do.
-        workers: How many threads.
-        unwanted: Set when no more results are wanted, as after Ctrl-C; long tasks look at it, as they are waited for.
+        tasks: The tasks.
+        workers: Number of threads.
+        unwanted: Set when no more results are wanted, as after Ctrl-C; long tasks should check it.
     """
     if workers == 1:
         yield from (task() for task in tasks)
@@ -52,7 +52,7 @@ def in_order[T](tasks: Iterable[Callable[[], T]], workers: int, unwanted: Event 
 
 @contextmanager
 def one_blas_thread() -> Iterator[None]:
-    """Keeps linear algebra to one thread: for many small matrices more of them are several times slower."""
+    """Limits linear algebra to one thread, as more are several times slower for many small matrices."""
     from threadpoolctl import threadpool_limits  # noqa: PLC0415
 
     with threadpool_limits(1):

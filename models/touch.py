@@ -1,12 +1,12 @@
 """NumPyro models of one tap and of a sequence of taps with moves, under any measurement model.
 
-Unknown are where_t and what_t, the position class of the sensor and the object class, and session, the state that all
-taps of an episode share (see `states`; most measurement models have one only). Positions change only by commanded
-moves, so the transition is Eq. 9 of the paper read as a Markov kernel. References: Lepora, Martinez-Hernandez and
+Unknowns are where_t and what_t, the position and the object, and session, the state shared by all taps of an episode
+(see `states`; most measurement models have only one). Positions change only by commanded moves, so the transition is
+Eq. 9 of the paper as a Markov kernel. References: Lepora, Martinez-Hernandez and
 Prescott, "A SOLID case for active Bayesian perception in robot touch" (2013), Eq. 1, 3, 4, 9.
 
-Untrained classes (cells without a training tap) are impossible at every tap: their histogram is no knowledge, and a
-flat one would win whenever a tap is unusual.
+Untrained classes (cells without a training tap) are impossible at every tap: a flat histogram in their place would win
+for every unusual tap.
 """
 
 from typing import Any, NamedTuple
@@ -28,10 +28,10 @@ KERNEL_BORDERS = ("uniform", "uniform_what", "clamp", "circular")
 
 
 class TouchTables(NamedTuple):
-    """What both models need to know of the fitted measurement model.
+    """Tables of the fitted measurement model for both models.
 
     Attributes:
-        form: The probability of a tap's bins, finite also for untrained classes; see `forms`.
+        form: Probability of a tap's bins, finite also for untrained classes; see `forms`.
         edges: Bin edges, shape (B + 1,) or (K, B + 1).
         log_trained: 0 for a trained class and -inf for an untrained one, shape (L, M).
         exponent: Power of the likelihood, 1/J in Eq. 1.
@@ -74,7 +74,7 @@ class CountedTaps(NamedTuple):
 
 
 class WeighedTaps(NamedTuple):
-    """Taps of a sequence under any measurement model, each told by what it says about the classes.
+    """Taps of a sequence under any measurement model, given by their log-likelihoods.
 
     Attributes:
         log_likelihood: log P(z_t | session, x_l, w_m) at power 1, shape (T, S, L, M).
@@ -92,7 +92,7 @@ class MoveKernel(NamedTuple):
 
     Attributes:
         where: p(where' | where), shape (L, L), rows sum to one.
-        redraws_what: Whether leaving from `where` draws the object anew, uniformly over all; shape (L,).
+        redraws_what: Whether leaving from `where` redraws the object uniformly, shape (L,).
     """
 
     where: NDArray[np.float64]
@@ -102,8 +102,8 @@ class MoveKernel(NamedTuple):
 class TapCounts(dist.Distribution):
     """Occupation counts of a tap's samples, all taxels and bins at once.
 
-    The order of the samples drops out of Eq. 1, so the counts carry the same likelihood; no multinomial coefficient
-    is added, which keeps the evidence that of the samples.
+    Eq. 1 does not depend on the order of the samples, so the counts have the same likelihood; without a multinomial
+    coefficient, so that the evidence is that of the samples.
 
     Args:
         log_prob_table: log P_k(b | class), shape (..., K, B).
@@ -117,25 +117,25 @@ class TapCounts(dist.Distribution):
         super().__init__(log_prob_table.shape[:-2], log_prob_table.shape[-2:], validate_args=validate_args)
 
     def log_prob(self, value: ArrayLike, intermediates: object = None) -> jax.Array:  # noqa: ARG002
-        """Sum over taxels and bins of counts times log probability; bins never hit do not count."""
+        """Sum over taxels and bins of counts times log probability; empty bins contribute 0."""
         counts = jnp.asarray(value)
         terms = jnp.where(counts > 0, counts * self.log_prob_table, 0.0)
         return terms.sum((-2, -1))
 
 
 def move_kernel(L: int, delta: int, border: str) -> MoveKernel:
-    """The kernel of a move by `delta` classes.
+    """Kernel of a move by `delta` positions.
 
     Args:
-        L: Number of where classes.
-        delta: Where classes moved.
+        L: Number of positions.
+        delta: Move in positions.
         border: `uniform`, `uniform_what`, `clamp` or `circular`, as in `inference.reference.shift`.
 
     Raises:
-        ValueError: The border is `prior`, which renormalises the belief and is no kernel, or is unknown.
+        ValueError: The border is `prior`, which renormalises the belief and is not a kernel, or is unknown.
     """
     if border not in KERNEL_BORDERS:
-        raise ValueError(f"border {border!r} is no Markov kernel; the NumPyro models take {', '.join(KERNEL_BORDERS)}.")
+        raise ValueError(f"border {border!r} is not a Markov kernel; choose from {', '.join(KERNEL_BORDERS)}.")
     target = np.arange(L) + delta
     if border == "circular":
         target %= L
@@ -152,9 +152,9 @@ def move_kernel(L: int, delta: int, border: str) -> MoveKernel:
 
 
 def split_prior(log_prior: jax.Array) -> SplitPrior:
-    """A joint log prior over where, session and what, shape (L, S, M), one after the other.
+    """Chain of conditionals of a joint log prior over where, session and what, shape (L, S, M).
 
-    Conditions that are impossible as a whole get a flat conditional, which their zero probability cancels.
+    Impossible conditions get a flat conditional, which their zero probability cancels.
     """
     log_joint = jnp.moveaxis(log_prior, 0, 1)
     log_session_where = jax.nn.logsumexp(log_joint, axis=2)
@@ -170,12 +170,12 @@ def _conditional(log_joint: jax.Array, log_marginal: jax.Array) -> jax.Array:
 
 
 def one_tap(tables: TouchTables, log_prior: jax.Array, tap: ArrayLike) -> None:
-    """One tap on an object of unknown place and kind in a session of unknown state; Eq. 1 and 3.
+    """One tap at an unknown position on an unknown object in a session of unknown state; Eq. 1 and 3.
 
     Args:
         tables: The fitted measurement model.
         log_prior: Log belief before the tap, shape (L, S, M).
-        tap: As `observe_tap` takes it.
+        tap: As in `observe_tap`.
     """
     prior = split_prior(log_prior)
     session: Any = numpyro.sample("session", dist.CategoricalLogits(logits=prior.log_session))
@@ -192,8 +192,8 @@ def observe_tap(tables: TouchTables, where: Any, hypothesis: Any, tap: ArrayLike
 
     Args:
         tables: The fitted measurement model.
-        where: Where class.
-        hypothesis: Object in its state.
+        where: Index of the position.
+        hypothesis: Index of the object in its state.
         tap: Bin of each sample and taxel under a `TableForm`, the samples themselves under a `GaussianForm`; shape
             (J, K).
     """
@@ -219,14 +219,14 @@ def tap_sequence(
 ) -> None:
     """A sequence of T taps with a move before each but the first; Eq. 1, 3, 4 and 9.
 
-    To be enumerated with `numpyro.contrib.funsor`. The gradient of its log evidence with respect to `probe[t]` is
-    the posterior of (session, where_t, what_t).
+    For enumeration with `numpyro.contrib.funsor`. The gradient of its log evidence with respect to `probe[t]` is the
+    posterior of (session, where_t, what_t).
 
     Args:
-        log_trained: 0 for a trained class, as good as impossible for an untrained one, shape (L, M).
+        log_trained: 0 for a trained class, nearly impossible for an untrained one, shape (L, M).
         exponent: Power of the likelihood.
-        prior: Before the first tap.
-        taps: What is observed.
+        prior: Prior before the first tap.
+        taps: Observed taps.
         log_where_kernel: log p(where_t | where_{t-1}), shape (T, L, L), or on a grid with holes
             log p(where_t | where_{t-1}, what_{t-1}, what_t), shape (T, L, M, M, L); entry 0 is not used.
         log_what_kernel: log p(what_t | where_{t-1}, what_{t-1}), shape (T, L, M, M); entry 0 is not used.

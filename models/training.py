@@ -1,4 +1,4 @@
-"""Test taps that trained the model, which would make errors too small: found by their digests and left out."""
+"""Detection and exclusion of test taps that trained the model, which would bias errors downwards."""
 
 from collections.abc import Sequence
 
@@ -10,17 +10,17 @@ from .errors import InputError
 from .taps import TapSet
 
 _MOST = 2 / 3
-"""A session of which a larger share trained the model is left out as a whole; one split by parity or halves is not."""
+"""A session with a larger fraction of training taps is left out entirely; one split by parity or halves is not."""
 _FEW = 0.01
 
 
 def training_taps(taps: TapSet, training: NDArray[np.uint64]) -> NDArray[np.bool_]:
-    """Which taps belong to the training data, shape (N,).
+    """Mask of the taps that belong to the training data, shape (N,).
 
     A digest identifies a tap if it occurs once in the training data: coarse or binned samples give equal taps by
-    chance, and of these at most 1 / e equal exactly one training tap. Sessions of which more than two thirds are
-    identified belong to the training data with all their taps. Single taps do where at most one training tap in a
-    hundred equals another one.
+    chance, and of these at most 1 / e equal exactly one training tap. If more than two thirds of a session are
+    identified, all its taps belong to the training data. Single taps do if at most one training tap in a hundred
+    equals another one.
 
     Args:
         taps: The taps, N of them.
@@ -39,16 +39,16 @@ def training_taps(taps: TapSet, training: NDArray[np.uint64]) -> NDArray[np.bool
 def without_training(
     taps: TapSet, training: NDArray[np.uint64], keep: bool = False, names: Sequence[str] | None = None
 ) -> tuple[TapSet, str]:
-    """The taps that did not train a model, and one sentence about those that did.
+    """Taps that did not train a model, and a sentence about those that did.
 
     Args:
         taps: Test taps.
         training: Digests of the training taps.
-        keep: Whether to return all taps all the same.
-        names: What sessions are called, by their numbers; `None` for the numbers.
+        keep: Whether to return all taps nevertheless.
+        names: Names of the sessions by number; `None` to use the numbers.
 
     Returns:
-        The taps and the sentence, which is empty where no tap trained the model.
+        Taps and sentence, which is empty if no tap trained the model.
 
     Raises:
         InputError: No tap is left.
@@ -58,17 +58,17 @@ def without_training(
         return taps, ""
     named = f"{_counted(taps, known, names)} trained the model"
     if keep:
-        return taps, f"{named} and are played all the same, so expect larger errors on new taps."
+        return taps, f"{named} and are kept, so expect larger errors on new taps."
     if known.all():
         raise InputError(
-            f"No tap is left to test: {named}. Name other sessions or files, or play them all the same with "
+            f"No tap left to test: {named}. Choose other sessions or files, or keep them with "
             "--training-taps (training_taps = true in a study)."
         )
-    return taps.select(~known), f"{named} and are left out; --training-taps plays them all the same."
+    return taps.select(~known), f"{named} and are left out; --training-taps keeps them."
 
 
 def _counted(taps: TapSet, known: NDArray[np.bool_], names: Sequence[str] | None) -> str:
-    """How many taps of which sessions."""
+    """Numbers of taps by session, as a phrase."""
     sessions = np.unique(taps.session[known])
     parts = []
     for session in sessions:

@@ -47,5 +47,5 @@ def test_the_demonstration_leaves_no_devices_behind(tmp_path):
     )
 
     assert done.returncode == 2
-    assert "there is no key `positions`" in done.stderr or "there is no key `objects`" in done.stderr
+    assert "missing key `positions`" in done.stderr or "missing key `objects`" in done.stderr
     assert sorted(item.name for item in (tmp_path / "bench-0").iterdir()) == ["rig.toml"]

@@ -1,5 +1,5 @@
-"""Devices on pseudo-terminals that answer as real ones do, with a switch for every fault that a bench produces.
+"""Emulated devices on pseudo-terminals, with a switch for every fault seen on a bench.
 
-Start with `emulated_bench`, then `finger`, `skin_board` and `grbl`. Drivers are tested against them, so no code of
-theirs is shared beyond the simulated touch.
+Start with `emulated_bench`, then `finger`, `skin_board` and `grbl`. The drivers are tested against them, so the two
+share no code except the simulated touch.
 """

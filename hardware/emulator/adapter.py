@@ -1,8 +1,8 @@
 """An emulated SLCAN adapter between a serial port and the bus of a skin board.
 
-It answers as github.com/Nakakiyo092/canable2-fw does: a carriage return where a command is obeyed, a bell where it is
-not, which is also where it comes in the wrong state. With the fault `no_acks` it is like github.com/normaldotcom/
-canable-fw, which knows fewer commands and answers none but `V`.
+It answers as github.com/Nakakiyo092/canable2-fw does: a carriage return for a command that it obeys, a bell for any
+other and for one in the wrong state. With the fault `no_acks` it is like github.com/normaldotcom/canable-fw, which
+knows fewer commands and answers only `V`.
 """
 
 import math
@@ -66,13 +66,13 @@ _VERSION_WITHOUT_ACKS = b"b158aa7 github.com/normaldotcom/canable-fw.git\r"
 
 
 class Adapter:
-    """Bytes in, bytes out, and a board on the bus, which hears only an adapter at 1 Mbit/s.
+    """Adapter with a skin board on its bus; the board hears it at 1 Mbit/s only.
 
-    Acceptance codes and masks are taken and change nothing. A CAN channel stays open when the port is closed.
+    Acceptance codes and masks are accepted and ignored. The CAN channel stays open when the port is closed.
 
     Args:
         switches: Faults.
-        board: What is on the bus.
+        board: Board on the bus.
     """
 
     def __init__(self, switches: Switches, board: SkinBoard) -> None:
@@ -87,28 +87,28 @@ class Adapter:
         self._losses = LostReadings(switches)
 
     def opened(self, time_s: float) -> None:
-        """Does nothing, unless an earlier program left the channel open and the board streaming."""
+        """Applies the fault `left_open`: an earlier program left the channel open and the board streaming."""
         if self._switches.strikes("left_open", time_s) is not None:
             self._mode, self._bit_rate = _Mode.NORMAL, b"8"
             self._board.leave_streaming(time_s)
 
     def closed(self, time_s: float) -> None:  # noqa: ARG002 - the interface of a device
-        """Loses what was not read."""
+        """Discards unread output."""
         self._output, self._output_s = b"", math.inf
 
     def receive(self, data: bytes, time_s: float) -> None:
-        """Obeys the commands that are complete with these bytes."""
+        """Executes the commands that these bytes complete."""
         *lines, rest = (self._line + data).split(b"\r")
         self._line = rest[: _LONGEST_COMMAND + 1]
         for line in lines:
             self._take(line, time_s)
 
     def next_event_s(self) -> float:
-        """When there is something to send."""
+        """Time of the next output."""
         return min(self._output_s, self._board.next_event_s())
 
     def step(self, time_s: float) -> bytes:
-        """Answers, and what came over the bus."""
+        """Answers and frames from the bus, as bytes to send."""
         while (due_s := self._board.next_event_s()) <= time_s:
             for halves in self._heard(self._board.tick(), due_s):
                 self._pass_on(halves, due_s)
@@ -121,7 +121,7 @@ class Adapter:
             known = name in _WITHOUT_ACKS and self._obeys(line)
             self._send(_VERSION_WITHOUT_ACKS if known and name == b"V" else b"", time_s)
         else:
-            # the bell after `C` means nothing, as a closed channel rings it too
+            # the bell after `C` carries no information: a closed channel answers with it too
             rings = name not in {b"", b"C"} and self._switches.strikes("bell", time_s) is not None
             known = not rings and self._obeys(line)
             self._send(_ANSWERS.get(name, _DONE) if known else _REFUSED, time_s)
@@ -129,7 +129,7 @@ class Adapter:
             self._transmit(line, time_s)
 
     def _obeys(self, line: bytes) -> bool:
-        """Whether a command is understood and allowed now; changes what it changes in the adapter."""
+        """Executes a command; returns whether it was known and allowed in this state."""
         name, argument = line[:1], line[1:]
         command = _COMMANDS.get(name)
         if command is None or self._mode not in command.modes or not command.argument.fullmatch(argument):
@@ -147,7 +147,7 @@ class Adapter:
             self._pass_on(self._board.hear(frame, time_s), time_s)
 
     def _heard(self, readings: list[Halves], time_s: float) -> list[tuple[CanFrame, ...]]:
-        """What the adapter gets of the readings of one tick."""
+        """Frames that reach the adapter from the readings of one tick."""
         if not readings or self._mode is _Mode.CLOSED or self._losses.strikes(time_s):
             return []
         heard: list[tuple[CanFrame, ...]] = list(readings)

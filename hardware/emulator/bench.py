@@ -1,4 +1,4 @@
-"""Rig time on an emulated bench: the only place where it goes on, event by event."""
+"""Rig time on an emulated bench; advanced here only, event by event."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -10,7 +10,7 @@ from .link import Link
 
 
 class Bench:
-    """Devices behind their ports, and one time for all.
+    """Devices behind their ports, sharing one clock.
 
     Args:
         links: The devices.
@@ -26,17 +26,17 @@ class Bench:
         self._known: dict[str, Link] = {}
 
     def advance(self, until_s: float, sent: Mapping[str, int]) -> Advanced:
-        """Takes what programs wrote, then lets time go on until a device writes, and to `until_s` at the latest.
+        """Reads what programs wrote, then advances time until a device writes, at most to `until_s`.
 
         Args:
             until_s: Rig time in seconds.
-            sent: Bytes written to each open port since it was opened, by address; those are waited for.
+            sent: Bytes written to each open port since it was opened, by address; waits for all of them.
 
         Raises:
-            InputError: There is no such port, or no such time.
+            InputError: The port is unknown or the time is not finite or in the past.
         """
         if not math.isfinite(until_s):
-            raise InputError(f"Rig time cannot go on until {until_s}.")
+            raise InputError(f"Cannot advance rig time to {until_s} s.")
         addresses = {self._link(address): address for address in sent}
         for link in self.links:
             link.listen(self.now_s, sent[addresses[link]] if link in addresses else None)
@@ -44,18 +44,18 @@ class Bench:
         return Advanced(self.now_s, {addresses.get(link, str(link.terminal.link)): n for link, n in wrote.items()})
 
     def catch_up(self, time_s: float) -> None:
-        """Lets time go on to a moment, whatever the devices write, and then takes what programs wrote."""
+        """Advances time to a moment, whatever the devices write, then reads what programs wrote."""
         while self.now_s < time_s:
             self._run(time_s)
         self.settle()
 
     def settle(self) -> None:
-        """Sees what programs did, without time going on."""
+        """Handles what programs did, without advancing time."""
         for link in self.links:
             link.listen(self.now_s)
 
     def close(self) -> None:
-        """Takes all ports away."""
+        """Removes all ports."""
         for link in self.links:
             link.close()
 
@@ -81,7 +81,7 @@ class Bench:
             if path.parent.resolve() / path.name == own.parent.resolve() / own.name:
                 self._known[address] = link
                 return link
-            if path.resolve() == own.resolve():  # the terminal's own name, which changes when it is plugged in anew
+            if path.resolve() == own.resolve():  # the terminal's own name, which changes with every reconnection
                 return link
         known = ", ".join(str(link.terminal.link) for link in self.links)
-        raise InputError(f"{address}: the emulator has no such port, only {known}.")
+        raise InputError(f"{address}: unknown port of the emulator; known: {known}.")

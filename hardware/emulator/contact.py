@@ -1,4 +1,4 @@
-"""Contact of one reading: the sums of `physics.py`, with all that a standing finger needs only once kept ready."""
+"""Contact of one reading, as in `physics.py`, with the terms that depend on the position alone cached."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -8,9 +8,9 @@ from ..simulator.settings import RigSettings
 
 
 class Pad:
-    """The taxels of a finger before rods.
+    """Taxels of a finger facing an object.
 
-    Taxels at the same height to either side see the same and are computed once; those that look sideways see nothing.
+    Taxels at the same height on either side read the same and are computed once; those that face sideways read nothing.
 
     Args:
         settings: The simulated finger and its objects.
@@ -28,14 +28,14 @@ class Pad:
         self._radius_mm = [effective_radius_mm(settings, rod.diameter_mm) for rod in settings.rods]
 
     def gap_mm(self, position_mm: float, what: int) -> NDArray[np.float64]:
-        """Distance of a rod from the nodes of each distinct receptive field when the nearest point just touches.
+        """Distance in mm of an object from the nodes of each distinct receptive field when just touching.
 
         Args:
-            position_mm: Where along the finger the rod touches.
-            what: Index of the rod.
+            position_mm: Position of the object along the finger.
+            what: Index of the object.
         """
         return (self._along_mm - position_mm) ** 2 / (2 * self._radius_mm[what]) + self._lateral_gap_mm
 
     def indentation_mm(self, gap_mm: NDArray[np.float64], depth_mm: float) -> NDArray[np.float64]:
-        """Mean indentation of each taxel, shape (K,), from the gaps and the depth of the nearest point."""
+        """Mean indentation of each taxel in mm, shape (K,), from the gaps and the depth of the nearest point."""
         return self._facing * (np.maximum(depth_mm - gap_mm, 0.0) @ self._weight)[self._image]

@@ -1,4 +1,4 @@
-"""What stands behind a pseudo-terminal: a state machine in rig time, which never sees a file or a clock."""
+"""Device behind a pseudo-terminal: a state machine in rig time, without files or clocks."""
 
 from typing import Protocol
 
@@ -19,9 +19,9 @@ class Device(Protocol):
         ...
 
     def next_event_s(self) -> float:
-        """When the device does something next by itself; infinity if nothing is to come."""
+        """Time of the device's next event; infinity if none is due."""
         ...
 
     def step(self, time_s: float) -> bytes:
-        """Does all that is due by this time; returns the bytes it sends then."""
+        """Handles all events due by this time; returns the bytes to send."""
         ...

@@ -1,4 +1,4 @@
-"""A whole emulated bench: stage, fingertip, objects, ports and the `rig.toml` that goes with them."""
+"""Emulated bench: stage, fingertip, objects, ports and the matching `rig.toml`."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -23,16 +23,16 @@ from .rig_file import SensorKind, emulated_rig
 from .skin_board import SkinBoard
 
 _UNHOMED_MM = (-5.0, -5.0, -5.0)
-"""Where the machine stands before homing: off the range and away from the objects."""
+"""Machine position before homing: outside the range and away from the objects."""
 
 
 class EmulatedBench(NamedTuple):
     """Emulated devices in this process.
 
     Attributes:
-        rig: What `rig.toml` says of them.
-        emulation: The devices, and the faults to switch on.
-        clock: Their time, for the drivers.
+        rig: Their settings, as in `rig.toml`.
+        emulation: The devices and their fault switches.
+        clock: Clock that the drivers share with them.
     """
 
     rig: RigFile
@@ -53,21 +53,21 @@ def emulated_bench(
     homed: bool = False,
     switches: Switches | None = None,
 ) -> Iterator[EmulatedBench]:
-    """Emulated devices on ports in a folder, taken away when the block ends.
+    """Emulated devices on ports in a folder, removed when the block ends.
 
     Args:
-        folder: Where the ports are made; made if needed.
+        folder: Folder of the ports; created if missing.
         settings: The simulated finger and its objects.
-        seed: The data set: sensor, sessions and all noise.
-        session: Session whose gains and mounting hold.
-        kind: Which sensor the finger sits behind.
-        name: What the rig is called.
-        shared_clock: Whether drivers share the emulator's time.
-        homed: Whether the stage knows where it is, as it does after homing; else it waits for homing in alarm.
-        switches: Faults; default all off.
+        seed: Seed of the data set: sensor, sessions and noise.
+        session: Session that sets gains and mounting.
+        kind: Type of the sensor electronics.
+        name: Name of the rig.
+        shared_clock: Whether drivers use the emulator's time.
+        homed: Whether the stage is homed; if not, it is in alarm until homed.
+        switches: Faults; all off by default.
 
     Raises:
-        InputError: The ports cannot be made, or the finger does not fit to the sensor.
+        InputError: The ports cannot be created, or the finger does not match the sensor.
     """
     folder = folder.absolute()
     rig = emulated_rig(folder, settings, kind, name, shared_clock)
@@ -89,7 +89,7 @@ def emulated_bench(
 
 
 class _Place:
-    """Where the finger stands in the rig frame at a time."""
+    """Position of the finger in the rig frame, by time."""
 
     def __init__(self, controller: Controller, stage: StageSettings) -> None:
         self._controller = controller
@@ -111,4 +111,4 @@ def _make(folder: Path) -> None:
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
-        raise InputError(f"The folder {folder} cannot be made: {error.strerror}.") from error
+        raise InputError(f"{folder}: cannot create the folder: {error.strerror}.") from error

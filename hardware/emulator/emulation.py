@@ -1,10 +1,10 @@
-"""An emulated bench with something before the finger, and the orders that it takes.
+"""Emulated bench with an object in front of the finger, controlled by orders.
 
-Orders are small mappings, as JSON has them:
+Orders are mappings that JSON can hold:
 
-- `{"object": 2}` puts an object before the finger, by number or name; `{"object": null}` takes it away
+- `{"object": 2}` puts an object in front of the finger, by number or name; `{"object": null}` removes it
 - `{"on": "unplug", "port": "sensor", "times": 1, "seconds": 2.0}` switches a fault on
-- `{"off": "unplug"}` switches it off again, `{"off": null}` all of them
+- `{"off": "unplug"}` switches it off, `{"off": null}` switches all faults off
 - `{}` changes nothing
 
 Each is answered with the state of the bench.
@@ -20,11 +20,11 @@ from .faults import Switches
 
 
 class Touching(Protocol):
-    """A finger with something before it."""
+    """A finger that may face an object."""
 
     @property
     def what(self) -> int | None:
-        """Index of the object before it, None for nothing."""
+        """Index of the object in front of it, or None."""
         ...
 
     @what.setter
@@ -32,19 +32,19 @@ class Touching(Protocol):
 
 
 class Emulation:
-    """What a shared clock is connected to when the devices are in this process.
+    """Emulated devices in this process, as a connection of a shared clock.
 
     Args:
         bench: The devices and their time.
         switches: Faults.
-        finger: What touches.
-        place_mm: Where the finger truly stands in the rig frame at a time.
+        finger: The finger.
+        place_mm: True position of the finger in the rig frame, by time.
         objects: Names of the objects.
 
     Attributes:
         bench: The devices and their time.
-        switches: Faults; those of a port that nobody has open begin with the next order or when time goes on.
-        finger: What touches.
+        switches: Faults; those of a closed port start with the next order or when time advances.
+        finger: The finger.
         objects: Names of the objects.
     """
 
@@ -63,18 +63,18 @@ class Emulation:
         self._place_mm = place_mm
 
     def advance(self, until_s: float, sent: Mapping[str, int]) -> Advanced:
-        """Lets time go on until a device writes, and to `until_s` at the latest.
+        """Advances time until a device writes, at most to `until_s`.
 
         Raises:
-            InputError: There is no such port, or no such time.
+            InputError: The port is unknown or the time is not finite or in the past.
         """
         return self.bench.advance(until_s, sent)
 
     def control(self, order: Mapping[str, Any]) -> dict[str, Any]:
-        """Carries out an order and answers with the state.
+        """Executes an order and returns the state.
 
         Raises:
-            InputError: There is no such order, object or fault.
+            InputError: The order, object or fault is unknown.
         """
         match dict(order):
             case {"object": what, **rest} if not rest:
@@ -86,12 +86,12 @@ class Emulation:
             case {"off": None, **rest} if not rest:
                 self.switches.clear()
             case rest if rest:
-                raise InputError(f"The emulator knows no order {dict(order)}, only object, on and off.")
+                raise InputError(f"Unknown order {dict(order)}; choose object, on or off.")
         self.bench.settle()
         return self.state()
 
     def state(self) -> dict[str, Any]:
-        """Time, true place, object and what went wrong so far, as JSON has it."""
+        """Time, true position, object and faults so far, as JSON values."""
         what, links = self.finger.what, self.bench.links
         return {
             "now_s": self.bench.now_s,
@@ -110,10 +110,10 @@ class Emulation:
             return self.objects.index(what)
         if isinstance(what, int) and not isinstance(what, bool) and 0 <= what < len(self.objects):
             return what
-        raise InputError(f"There is no object {what!r}; the objects are {', '.join(self.objects)}, counted from 0.")
+        raise InputError(f"Unknown object {what!r}; choose from {', '.join(self.objects)}, or a number from 0.")
 
     def _switch_on(self, name: str, parameters: dict[str, Any]) -> None:
         try:
             self.switches.on(name, **parameters)
         except TypeError as error:
-            raise InputError(f"Fault {name}: {parameters} are no parameters for it.") from error
+            raise InputError(f"Fault {name}: invalid parameters {parameters}.") from error

@@ -1,6 +1,6 @@
-"""The faults that a bench produces, as switches that emulated devices ask.
+"""Faults of a bench, as switches that emulated devices query.
 
-Numbers are those of the table in docs/reference/faults.md, which says what the driver does about each.
+Numbers refer to the table in docs/reference/faults.md, which says how the driver handles each.
 """
 
 import math
@@ -13,13 +13,13 @@ from ...models.seeds import Purpose, generator
 
 
 class Fault(NamedTuple):
-    """One thing that goes wrong.
+    """Description of a fault.
 
     Attributes:
         number: Its row in docs/reference/faults.md.
         where: `"port"` for either port, `"stage"` or `"sensor"`.
-        meaning: What happens, in words, with its parameters.
-        parameters: Names of its parameters; each is a number.
+        meaning: Effect, with the parameters.
+        parameters: Names of the parameters; all are numbers.
     """
 
     number: int
@@ -34,10 +34,10 @@ FAULTS: dict[str, Fault] = {
     "merge": Fault(3, "port", "a line end is missing"),
     "flip_bits": Fault(4, "port", "`count` bits of an output are flipped", ("count",)),
     "garbage": Fault(4, "port", "all output is noise, as at a wrong baud rate"),
-    "torn_status": Fault(5, "stage", "a message stands in the middle of a status report"),
+    "torn_status": Fault(5, "stage", "a message interrupts a status report"),
     "unplug": Fault(6, "port", "the port vanishes for `seconds`", ("seconds",)),
     "renumber": Fault(
-        7, "port", "the port vanishes for `seconds` and comes back as another device behind the same link", ("seconds",)
+        7, "port", "the port vanishes for `seconds` and returns as another device under the same link", ("seconds",)
     ),
     "stale_input": Fault(8, "port", "old output arrives after the port was opened"),
     "reset_on_open": Fault(9, "stage", "opening the port resets the controller"),
@@ -50,26 +50,26 @@ FAULTS: dict[str, Fault] = {
     "limit_alarm": Fault(16, "stage", "a limit switch is hit in a move"),
     "silent_status": Fault(17, "stage", "status requests are not answered"),
     "false_idle": Fault(
-        18, "stage", "status says Idle at the old place for `seconds` after a move was accepted", ("seconds",)
+        18, "stage", "status reports Idle at the old position for `seconds` after a move was accepted", ("seconds",)
     ),
     "deaf": Fault(21, "port", "the device reads nothing for `seconds`", ("seconds",)),
     "no_acks": Fault(22, "sensor", "the adapter answers no command, like stock CANable firmware"),
     "bell": Fault(22, "sensor", "the adapter answers a command with a bell"),
-    "left_open": Fault(23, "sensor", "the adapter was left open and streaming"),
+    "left_open": Fault(23, "sensor", "an earlier program left the adapter open and streaming"),
     "lost_frames": Fault(24, "sensor", "the adapter loses both halves of `count` readings", ("count",)),
     "lost_half": Fault(25, "sensor", "the adapter loses one half of a reading"),
     "swapped_halves": Fault(25, "sensor", "the tail comes before the head"),
     "silent_sensor": Fault(26, "sensor", "no readings come"),
     "stuck": Fault(27, "sensor", "readings repeat the same values"),
     "taxel_error": Fault(28, "sensor", "the board reports an error and the taxels in `mask` read 0", ("mask",)),
-    "recalibrate": Fault(29, "sensor", "the board calibrates by itself, whatever presses"),
+    "recalibrate": Fault(29, "sensor", "the board recalibrates by itself, even under load"),
     "drift": Fault(30, "sensor", "all taxels drift by `counts_per_s`", ("counts_per_s",)),
     "old_class": Fault(31, "sensor", "the board sends class 3"),
-    "foreign": Fault(31, "sensor", "another board and another triangle send too"),
+    "foreign": Fault(31, "sensor", "another board and another triangle also send"),
     "late": Fault(32, "port", "output comes up to `delay_s` late", ("delay_s",)),
-    "overload": Fault(28, "sensor", "the taxels in `mask` go to the end of their range", ("mask",)),
+    "overload": Fault(28, "sensor", "the taxels in `mask` saturate", ("mask",)),
 }
-"""Rows 19 (receive buffer of 128 bytes) and 20 (writing a setting loses bytes) are how the controller always is."""
+"""Rows 19 (receive buffer of 128 bytes) and 20 (writing a setting loses bytes) are not switches: they always hold."""
 
 
 _WHOLE = {"count", "size", "code", "mask"}
@@ -77,11 +77,11 @@ _LEAST = {"count": 1, "size": 1, "code": 1, "mask": 1, "counts_per_s": -1e6}
 
 
 class Struck(NamedTuple):
-    """A fault that happened.
+    """A fault that occurred.
 
     Attributes:
         time_s: Rig time in seconds.
-        name: Which.
+        name: Name of the fault.
     """
 
     time_s: float
@@ -89,7 +89,7 @@ class Struck(NamedTuple):
 
 
 PORTS = ("stage", "sensor")
-"""Where faults of a port can happen."""
+"""Ports at which faults can occur."""
 
 
 class _Switch(NamedTuple):
@@ -100,14 +100,14 @@ class _Switch(NamedTuple):
 
 
 class Switches:
-    """Which faults are on; devices ask `strikes` whenever a fault could happen.
+    """Faults that are switched on; devices call `strikes` whenever a fault could occur.
 
     Args:
-        seed: Of all that is random about faults.
+        seed: Random seed.
 
     Attributes:
-        generator: Random numbers for faults: where to drop, which bit to flip.
-        struck: Every fault that happened, in order.
+        generator: Random numbers for faults, such as the bit to flip.
+        struck: Faults that occurred, in order.
     """
 
     def __init__(self, seed: int = 0) -> None:
@@ -122,43 +122,43 @@ class Switches:
 
         Args:
             name: A key of `FAULTS`.
-            times: How often it strikes before it is off again; `None` for ever.
-            rate: Probability that it strikes when it could.
-            port: The only port on which it strikes, one of `PORTS`; default either. For faults of a port.
-            parameters: What its meaning names.
+            times: Number of occurrences after which it switches off; None for no limit.
+            rate: Probability at each opportunity.
+            port: Port at which it occurs, one of `PORTS`; either by default. For faults of a port only.
+            parameters: Its parameters, as named in its meaning.
 
         Raises:
-            InputError: There is no such fault or parameter, or the numbers make no sense.
+            InputError: The fault or a parameter is unknown, or a number is out of range.
         """
         if name not in FAULTS:
-            raise InputError(f"There is no fault {name!r}; the faults are {', '.join(FAULTS)}.")
+            raise InputError(f"Unknown fault {name!r}; choose from {', '.join(FAULTS)}.")
         if not 0 <= rate <= 1 or (times is not None and times < 1):
-            raise InputError(f"Fault {name}: rate={rate} must lie between 0 and 1 and times={times} be at least 1.")
+            raise InputError(f"Fault {name}: rate={rate} must be between 0 and 1, and times={times} at least 1.")
         if port is not None and (port not in PORTS or FAULTS[name].where != "port"):
-            raise InputError(f"Fault {name}: port={port} must be stage or sensor, and only faults of a port take it.")
+            raise InputError(f"Fault {name}: port={port} must be stage or sensor, and is for faults of a port only.")
         for key, value in parameters.items():
             _check_parameter(name, key, value)
         self._on[name] = _Switch(times, rate, port, parameters)
 
     def off(self, name: str) -> None:
-        """Switches a fault off; nothing happens if it is off."""
+        """Switches a fault off if it is on."""
         self._on.pop(name, None)
 
     def clear(self) -> None:
-        """Switches all off."""
+        """Switches all faults off."""
         self._on.clear()
 
     def is_on(self, name: str) -> bool:
-        """Whether it is on; asking changes nothing."""
+        """Whether a fault is on; leaves its count unchanged."""
         return name in self._on
 
     def strikes(self, name: str, time_s: float, port: str | None = None) -> dict[str, Any] | None:
-        """The parameters of a fault if it strikes now, else None; it is noted and counted.
+        """Parameters of a fault if it occurs now, else None; the occurrence is recorded and counted.
 
         Args:
             name: A key of `FAULTS`.
-            time_s: Now, in rig time.
-            port: Where it could happen, for faults of a port; on another port than that switched on nothing changes.
+            time_s: Current rig time.
+            port: Port at which it could occur, for faults of a port.
         """
         switch = self._on.get(name)
         if switch is None or switch.port not in (None, port):
@@ -173,20 +173,20 @@ class Switches:
         return switch.parameters
 
     def tally(self) -> Counter[str]:
-        """How often each fault struck."""
+        """Number of occurrences of each fault."""
         return Counter(struck.name for struck in self.struck)
 
     def __iter__(self) -> Iterator[str]:
-        """Names of those that are on."""
+        """Names of the faults that are on."""
         return iter(tuple(self._on))
 
 
 def _check_parameter(name: str, key: str, value: Any) -> None:
     known = FAULTS[name].parameters
     if key not in known:
-        raise InputError(f"Fault {name}: it has no parameter {key!r}, only {', '.join(known) or 'none'}.")
+        raise InputError(f"Fault {name}: unknown parameter {key!r}; known: {', '.join(known) or 'none'}.")
     least = _LEAST.get(key, 0)
     if isinstance(value, bool) or not isinstance(value, int | float) or not least <= value < math.inf:
-        raise InputError(f"Fault {name}: {key} must be a number from {least:g} on, got {value!r}.")
+        raise InputError(f"Fault {name}: {key} must be a number of at least {least:g}, got {value!r}.")
     if key in _WHOLE and value != int(value):
-        raise InputError(f"Fault {name}: {key} must be a whole number, got {value!r}.")
+        raise InputError(f"Fault {name}: {key} must be an integer, got {value!r}.")

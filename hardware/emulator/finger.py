@@ -1,4 +1,4 @@
-"""The simulator's fingertip, read one reading at a time wherever the stage holds it."""
+"""The simulator's fingertip, read one reading at a time at the current position of the stage."""
 
 import math
 from collections.abc import Callable
@@ -16,27 +16,27 @@ from .contact import Pad
 from .rig_file import CLEARANCE_MM
 
 Place = Callable[[float], tuple[float, float]]
-"""Where the finger stands in the rig frame at a rig time: x along the finger, y rising towards the object, in mm."""
+"""Position of the finger in the rig frame at a rig time: x along the finger, y towards the object, in mm."""
 
-_BLOCK = 256  # readings for which noise is drawn at once, as drawing for each alone takes longer than all the rest
+_BLOCK = 256  # readings per draw of noise; one draw per reading would dominate the run time
 
 
 class Finger:
-    """A finger with a rod before it, or with nothing.
+    """A finger, with or without an object in front of it.
 
-    Pressed to `surface_mm + settings.depth_mm`, it is indented as by a tap of the simulator. What differs from tap to
-    tap there, place and depth, is drawn anew here whenever the finger lifts off.
+    Pressed to `surface_mm + settings.depth_mm`, it is indented as by a tap of the simulator. Position and depth errors,
+    which vary from tap to tap there, are redrawn whenever the finger lifts off.
 
     Args:
         settings: The simulated finger and its objects.
-        place: Where it stands.
-        seed: The data set.
-        session: Session whose gains and mounting hold.
-        what: Index of the rod at first.
-        surface_mm: Place in y of the nearest point of the rods.
+        place: Position of the finger, by time.
+        seed: Seed of the data set.
+        session: Session that sets gains and mounting.
+        what: Index of the first object.
+        surface_mm: y of the nearest point of the objects.
 
     Raises:
-        InputError: There is no such rod.
+        InputError: The object is unknown.
     """
 
     def __init__(
@@ -72,22 +72,22 @@ class Finger:
 
     @property
     def what(self) -> int | None:
-        """Index of the rod before it, None for nothing."""
+        """Index of the object in front of it, or None."""
         return self._what
 
     @what.setter
     def what(self, what: int | None) -> None:
         if what is not None and not 0 <= what < len(self._settings.rods):
-            raise InputError(f"There is no rod {what}; the finger has {len(self._settings.rods)}, counted from 0.")
+            raise InputError(f"Unknown object {what}; choose 0 to {len(self._settings.rods) - 1}.")
         self._what = what
 
     def read(self, time_s: float) -> NDArray[np.float64]:
-        """The next reading: whole counts from 0 to 255 that rise under load, shape (K,).
+        """Next reading: integer counts from 0 to 255 that rise under load, shape (K,).
 
-        Noise goes on with every reading, the foam's lag with time.
+        Noise advances with every reading, the foam's lag with time.
 
         Args:
-            time_s: When, in rig time, not before the last reading.
+            time_s: Rig time, not before the last reading.
         """
         self._lag(self._indentation_mm(*self._place(time_s)), time_s)
         noise = self._next_noise()
@@ -106,7 +106,7 @@ class Finger:
         return self._pad.indentation_mm(self._spot[-1], depth_mm)
 
     def _depth_mm(self, x_mm: float, y_mm: float) -> float:
-        """Indentation at the nearest point, 0 if nothing is touched."""
+        """Indentation at the nearest point in mm, 0 without contact."""
         what = self._what
         if what is None:
             return 0.0
@@ -118,7 +118,7 @@ class Finger:
         return max(0.0, pressed_mm - self._settings.depth_mm + self._spot[2]) * self._depth_factor
 
     def _stand(self, x_mm: float, what: int) -> tuple[float, NDArray[np.float64]]:
-        """Depth of a full press at a place, and the gaps there."""
+        """Depth of a full press at a position, and the gaps there, in mm."""
         position_mm = x_mm + float(self._nuisances.mounting_x_mm[what]) + self._astray_mm
         peak_mm = peak_depth_mm(self._settings, np.array(position_mm))
         return float(peak_mm), self._pad.gap_mm(position_mm, what)

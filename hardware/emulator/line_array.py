@@ -1,4 +1,4 @@
-"""An emulated array of taxels that prints a line for each reading, like a sketch on an Arduino."""
+"""Emulated taxel array that prints a line per reading, like an Arduino sketch."""
 
 import math
 
@@ -13,11 +13,11 @@ _BOOT_S = 1.0
 
 
 class LineArray:
-    """Restarts when the port is opened, then prints a header and `t_ms,v0,...` at a steady rate, whatever it is told.
+    """Restarts when the port is opened, then prints a header and `t_ms,v0,...` at a fixed rate; ignores all input.
 
     Args:
         switches: Faults.
-        finger: What it reads.
+        finger: The finger.
         rate_hz: Readings per second.
     """
 
@@ -30,23 +30,23 @@ class LineArray:
         self._losses = LostReadings(switches)
 
     def opened(self, time_s: float) -> None:
-        """Restarts, as the port's lines reset it."""
+        """Restarts, as opening the port resets the board."""
         self._start_s = time_s
         self._printed = 0
 
     def closed(self, time_s: float) -> None:  # noqa: ARG002 - the interface of a device
-        """Prints nothing until the port is opened again."""
+        """Stops printing until the port is opened again."""
         self._start_s = math.inf
 
     def receive(self, data: bytes, time_s: float) -> None:
-        """Ignores what it is told."""
+        """Ignores the bytes."""
 
     def next_event_s(self) -> float:
-        """When the next line comes; infinity while the port is closed."""
+        """Time of the next line; infinity while the port is closed."""
         return self._start_s + _BOOT_S + self._printed / self._rate_hz
 
     def step(self, time_s: float) -> bytes:
-        """The lines that are due, the header before the first."""
+        """Lines that are due, with a header before the first."""
         lines = b""
         while (due_s := self.next_event_s()) <= time_s:
             if self._printed == 0:

@@ -1,4 +1,4 @@
-"""A device behind its pseudo-terminal: opens, closes, bytes both ways, and what a bench does to them."""
+"""A device behind its pseudo-terminal: opening, closing, bytes both ways, and faults of the line."""
 
 from math import inf
 from pathlib import Path
@@ -22,13 +22,13 @@ class Link:
 
     Args:
         name: `"stage"` or `"sensor"`, for faults that are on for one port only.
-        path: The link where programs find it.
-        device: What answers there.
+        path: Path of the port.
+        device: The device.
         switches: Faults.
 
     Attributes:
-        name: As given.
-        device: What answers there.
+        name: Name of the port.
+        device: The device.
         terminal: Its pseudo-terminal.
     """
 
@@ -48,19 +48,19 @@ class Link:
 
     @property
     def is_open(self) -> bool:
-        """Whether a program was seen to have the port open."""
+        """Whether a program has the port open, as last seen."""
         return self._open
 
     def next_event_s(self) -> float:
-        """When something happens next without the program."""
+        """Time of the next event that needs no input."""
         return min(self.device.next_event_s(), self._wire.next_event_s(), self._back_s, self._free_s, self._hearing_s)
 
     def listen(self, time_s: float, sent: int | None = None) -> None:
-        """Sees whether a program opened or closed the port and hands on what it wrote.
+        """Detects whether a program opened or closed the port, and passes on what it wrote.
 
         Args:
-            time_s: Now.
-            sent: Bytes that the program says it has written since it opened the port; they are waited for.
+            time_s: Current rig time.
+            sent: Bytes that the program reports to have written since it opened the port; waits for all of them.
         """
         if not self.terminal.is_plugged or self._free_s < inf or self._hearing_s < inf:
             return
@@ -78,7 +78,7 @@ class Link:
             self._occupy(time_s, fault.get("seconds", _BUSY_S))
 
     def step(self, time_s: float) -> None:
-        """Lets the device and the bench do what is due."""
+        """Handles all events of the device and the line that are due."""
         if time_s >= self._back_s:
             self.terminal.plug()
             self._back_s = inf
@@ -94,10 +94,10 @@ class Link:
             self._wire.send(data, time_s)
 
     def deliver(self, time_s: float) -> int:
-        """Writes what has arrived.
+        """Writes the bytes that have arrived.
 
         Returns:
-            How many bytes the program can read; 1 if it has just lost the port, as reading then tells.
+            Number of bytes that the program can read; 1 if it has just lost the port, which a read will show.
         """
         data = self._wire.arrived(time_s)
         if not data:
@@ -117,17 +117,16 @@ class Link:
         return written
 
     def close(self) -> None:
-        """Takes the port away."""
+        """Removes the port."""
         self.terminal.unplug()
 
     def _strikes(self, fault: str, time_s: float) -> dict[str, Any] | None:
         return self._switches.strikes(fault, time_s, self.name)
 
     def _hear(self, time_s: float, sent: int | None) -> None:
-        """Reads, and finds out whether the program closed and opened the port since the last time.
+        """Reads, and detects whether the program reopened the port since the last call.
 
-        A program counts the bytes that it sent from its last opening on, so more bytes than it tells of mean that the
-        first of them came before.
+        A program counts the bytes sent since its last opening, so excess bytes date from before it.
         """
         data = self.terminal.read(0 if sent is None else sent - self._received)
         if data and not self._open:
@@ -139,7 +138,7 @@ class Link:
             self._note_closed(time_s)
             self._note_opened(time_s)
             data = data[before:]
-        self._received = self._received + len(data) if sent is None else sent  # what is missing will not come
+        self._received = self._received + len(data) if sent is None else sent  # missing bytes are lost
         if data:
             self.device.receive(data, time_s)
 
@@ -159,7 +158,7 @@ class Link:
         self.device.closed(time_s)
 
     def _occupy(self, time_s: float, seconds: float) -> None:
-        """Another program, such as one that looks for modems, opens the port and talks to the device."""
+        """Another program, such as a modem manager, opens the port and talks to the device."""
         self.terminal.hold()
         self.device.opened(time_s)
         self.device.receive(_PROBE, time_s)

@@ -1,7 +1,7 @@
-"""A pseudo-terminal behind a link whose name stays, as a serial device has one in `/dev/serial/by-id`.
+"""Pseudo-terminal behind a link with a constant name, as in `/dev/serial/by-id`.
 
-Only the device's end is kept open, so the system tells whether a program has the other one. A full buffer drops bytes
-as a UART does, and what a program leaves unread is gone when it closes the port.
+Only the device's end is kept open, so the system reports whether a program has the other one. A full buffer drops
+bytes as a UART does, and unread bytes are lost when the program closes the port.
 """
 
 import fcntl
@@ -14,22 +14,22 @@ from pathlib import Path
 from ...models.errors import InputError
 
 _PATIENCE_MS = 200
-"""Real time in milliseconds that promised bytes may take through the system; they need less than one."""
+"""Longest real time in milliseconds for expected bytes to pass through the system; they need less than one."""
 _MOST_BYTES = 65536
 
 
 class PseudoTerminal:
-    """The device's end of a serial line.
+    """Device end of a serial line.
 
     Args:
-        link: Where programs find it.
+        link: Path of the port.
 
     Attributes:
-        link: Where programs find it.
-        overrun: Bytes dropped because nobody had read the earlier ones.
+        link: Path of the port.
+        overrun: Bytes dropped because the buffer was full.
 
     Raises:
-        InputError: Something else than a link has that name, or none can be made there.
+        InputError: The path exists and is not a link, or no link can be created.
     """
 
     def __init__(self, link: Path) -> None:
@@ -41,12 +41,12 @@ class PseudoTerminal:
         self._holder: int | None = None
         self._poll = select.poll()
         if link.exists(follow_symlinks=False) and not link.is_symlink():
-            raise InputError(f"{link} exists and is no link to a terminal, so it is not replaced.")
+            raise InputError(f"{link}: exists and is not a link to a terminal; move it or choose another folder.")
         try:
             self.plug()
         except OSError as error:
             self.unplug()
-            raise InputError(f"{link} cannot be made: {error.strerror}.") from error
+            raise InputError(f"{link}: cannot create the port: {error.strerror}.") from error
 
     @property
     def is_plugged(self) -> bool:
@@ -60,15 +60,15 @@ class PseudoTerminal:
 
     @property
     def has_input(self) -> bool:
-        """Whether a program wrote what was not read yet."""
+        """Whether input from a program is waiting."""
         return bool(self._events() & select.POLLIN)
 
     def fileno(self) -> int | None:
-        """The number of the device's end, None while it is unplugged."""
+        """File descriptor of the device end, None while unplugged."""
         return self._master
 
     def plug(self) -> None:
-        """Makes a terminal and links to it; nothing happens if there is one."""
+        """Creates a terminal and its link unless there is one."""
         if self._master is not None:
             return
         self._master, self._name = _open_terminal(self._avoid)
@@ -80,10 +80,10 @@ class PseudoTerminal:
         beside.replace(self.link)
 
     def unplug(self, renumber: bool = False) -> None:
-        """Takes terminal and link away; a program that has it open meets an error.
+        """Removes terminal and link; a program that has it open gets an error.
 
         Args:
-            renumber: Whether the next terminal must have another number.
+            renumber: Whether the next terminal must have another device number.
         """
         if self._master is None:
             return
@@ -96,7 +96,7 @@ class PseudoTerminal:
             self.link.unlink()
 
     def read(self, promised: int = 0) -> bytes:
-        """What programs wrote, once the promised bytes are there or have had time enough to arrive."""
+        """Bytes written by programs, after the promised number has arrived or timed out."""
         data = b""
         while self._events(_PATIENCE_MS if len(data) < promised and self.is_open else 0) & select.POLLIN:
             data += os.read(self._file, _MOST_BYTES)
@@ -106,7 +106,7 @@ class PseudoTerminal:
         """Sends bytes to the program that has it open.
 
         Returns:
-            How many it can read now; the others are dropped and counted.
+            Number of bytes that it can read now; the others are dropped and counted.
         """
         if not self.is_plugged:
             return 0
@@ -118,7 +118,7 @@ class PseudoTerminal:
         return written
 
     def steal(self, count: int) -> int:
-        """Reads up to so many bytes at the program's end, as a second program would; returns how many it got."""
+        """Reads up to `count` bytes at the program's end, as a second program would; returns the number read."""
         other = self._open_other_end()
         try:
             return len(os.read(other, count))
@@ -128,20 +128,20 @@ class PseudoTerminal:
             os.close(other)
 
     def discard(self) -> None:
-        """Forgets what a program that closed the port did not read."""
+        """Discards what a program left unread when it closed the port."""
         if self._master is not None:
             while self.steal(_MOST_BYTES):
                 pass
 
     def hold(self) -> None:
-        """Opens and locks the program's end, as another program would, if no program has it."""
+        """Opens and locks the program's end, as another program would, unless it is in use."""
         if self._holder is None and self.is_plugged:
             self._holder = self._open_other_end()
             with suppress(BlockingIOError):
                 fcntl.flock(self._holder, fcntl.LOCK_EX | fcntl.LOCK_NB)
 
     def release(self) -> None:
-        """Lets go of the program's end again."""
+        """Releases the program's end."""
         if self._holder is not None:
             os.close(self._holder)
             self._holder = None
@@ -161,10 +161,10 @@ class PseudoTerminal:
 
 
 def _open_terminal(avoid: str) -> tuple[int, str]:
-    """The device's end of a new raw terminal and the name of the program's, another one than `avoid`."""
+    """Device end of a new raw terminal, and the name of the program's end, different from `avoid`."""
     master, slave = os.openpty()
     try:
-        tty.setraw(slave)  # a fresh one echoes and turns CR into LF
+        tty.setraw(slave)  # by default it echoes and turns CR into LF
         name = os.ttyname(slave)
         if name != avoid:
             return master, name

@@ -1,4 +1,4 @@
-"""`rig.toml` of an emulated bench: where it stands, how far it moves, and how it taps as the simulator's rig does."""
+"""`rig.toml` of an emulated bench: ports, limits, and a tap equal to that of the simulator."""
 
 import json
 import math
@@ -23,15 +23,15 @@ from ..simulator.settings import RigSettings
 
 SensorKind = Literal["icub", "lines"]
 CLEARANCE_MM = 1.0
-"""Distance from the place where nothing is touched to the nearest point of the objects."""
+"""Distance from the clear position to the nearest point of the objects."""
 TRAVEL_MM = 200.0
-"""Length of the axes; machine coordinates run from minus this to 0, where the limit switches are."""
+"""Length of the axes; machine coordinates run from minus this to 0, at the limit switches."""
 
 _HOME_MM = 30.0
 _X_MARGIN_MM = 2.0
 _Y_MARGIN_MM = 0.5
 _X_SPEED_MM_S = 25.0
-_Y_SPEED_MM_S = 10.0  # down and up again takes about half a second, as long as a contact of the simulator
+_Y_SPEED_MM_S = 10.0  # down and up takes about half a second, like a contact of the simulator
 _LEAD_S = 0.2
 _NOISE_LIMITS = 3.0
 _LEAST_NOISE_LIMIT = 4.0
@@ -42,24 +42,24 @@ _MARK = "# An emulated bench, written by `solidtouch emulate`."
 def emulated_rig(
     folder: Path, settings: RigSettings, kind: SensorKind, name: str = "emulated", shared_clock: bool = True
 ) -> RigFile:
-    """What stands on the bench of emulated devices.
+    """Settings of a rig of emulated devices.
 
-    The home of the machine lies off the range and away from the objects. The deepest point of a tap indents the finger
-    as much as the simulator's.
+    Machine home lies outside the range and away from the objects. The deepest point of a tap indents the finger as much
+    as in the simulator.
 
     Args:
-        folder: Where the ports and the socket are.
+        folder: Folder of the ports and the socket.
         settings: The simulated finger and its objects.
-        kind: Which sensor it sits behind.
-        name: What the rig is called.
-        shared_clock: Whether the emulator hands out the time.
+        kind: Type of the sensor electronics.
+        name: Name of the rig.
+        shared_clock: Whether drivers use the emulator's time.
 
     Raises:
-        InputError: The sensor cannot send such readings, or the range is longer than the axis.
+        InputError: The sensor does not support the rate or the number of taxels, or the range exceeds the axis.
     """
     length_mm = settings.end_mm - settings.start_mm
     if length_mm + _HOME_MM + _X_MARGIN_MM > TRAVEL_MM:
-        raise InputError(f"A range of {length_mm:g} mm is too long for the emulated stage of {TRAVEL_MM:g} mm.")
+        raise InputError(f"The range of {length_mm:g} mm exceeds the travel of the emulated stage, {TRAVEL_MM:g} mm.")
     depth_mm = CLEARANCE_MM + settings.depth_mm
     return RigFile(
         name=name,
@@ -89,22 +89,22 @@ def emulated_rig(
 
 
 def write_rig(path: Path, rig: RigFile, objects: list[str]) -> None:
-    """Writes `rig.toml`; the names of the objects go into a comment.
+    """Writes `rig.toml`, with the names of the objects in a comment.
 
     Raises:
-        InputError: A file that the emulator did not write has that name, or it cannot be written.
+        InputError: The file exists and was not written by the emulator, or it cannot be written.
     """
     if path.exists() and not path.read_bytes().startswith(_MARK.encode()):
-        raise InputError(f"{path} was not written by the emulator, so it is not replaced; choose another folder.")
+        raise InputError(f"{path}: not written by the emulator, so not overwritten; choose another folder.")
     head = f"{_MARK}\n# Its objects: {', '.join(objects)}.\n\n"
     try:
         path.write_text(head + toml(rig), encoding="utf-8")
     except OSError as error:
-        raise InputError(f"{path} cannot be written: {error.strerror}.") from error
+        raise InputError(f"{path}: cannot write: {error.strerror}.") from error
 
 
 def toml(rig: RigFile) -> str:
-    """The settings as a file has them."""
+    """The settings as TOML text."""
     return "\n".join(_lines("", msgspec.to_builtins(rig)))
 
 
@@ -119,7 +119,7 @@ def _sensor(port: str, settings: RigSettings, kind: SensorKind) -> IcubSettings 
         )
     period_ms = round(1000 / settings.rate_hz)
     if abs(period_ms * settings.rate_hz - 1000) > 1e-6 * 1000 or not 1 <= period_ms <= 209:
-        raise InputError(f"The board of the iCub's skin sends every 1 to 209 ms, not at {settings.rate_hz:g} Hz.")
+        raise InputError(f"The iCub skin board sends every 1 to 209 ms; {settings.rate_hz:g} Hz is out of range.")
     if K > _ICUB_TAXELS:
         raise InputError(f"The iCub's fingertip has {_ICUB_TAXELS} taxels, not {K}; --sensor lines takes any number.")
     return IcubSettings(port=port, period_ms=period_ms, noise_limit=limit, order=list(range(K)), positions_mm=positions)
@@ -137,7 +137,7 @@ def _tap(settings: RigSettings, depth_mm: float) -> TapSettings:
 
 
 def _lines(table: str, content: dict[str, Any]) -> list[str]:
-    """Lines of a TOML table, its own values before those of the tables in it."""
+    """Lines of a TOML table, its own values before its subtables."""
     values = {key: value for key, value in content.items() if value is not None and not isinstance(value, dict)}
     tables = {key: value for key, value in content.items() if isinstance(value, dict)}
     lines = [f"[{table}]"] if table and values else []

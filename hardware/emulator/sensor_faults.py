@@ -1,4 +1,4 @@
-"""What goes wrong in any tactile sensor, whatever electronics read it: drift, values that stick, overload, losses."""
+"""Faults of any tactile sensor, whatever its electronics: drift, stuck values, overload, lost readings."""
 
 from typing import Any
 
@@ -9,7 +9,7 @@ from .faults import Switches
 from .finger import Finger
 
 OVERLOAD_COUNTS = 400.0
-"""Of an overloaded taxel: beyond the range of a byte, and not so far that a board thinks that it is broken."""
+"""Counts of an overloaded taxel: beyond the range of a byte, but not so far that a board reports it broken."""
 
 _DRIFT_COUNTS_PER_S = 1.0
 
@@ -17,11 +17,11 @@ _DRIFT_COUNTS_PER_S = 1.0
 class FaultyFinger:
     """A finger whose readings drift, stick or overload while these faults are on.
 
-    What it has drifted stays when the fault is off again.
+    Accumulated drift remains after the fault is switched off.
 
     Args:
         switches: Faults.
-        finger: What is read.
+        finger: The finger.
     """
 
     def __init__(self, switches: Switches, finger: Finger) -> None:
@@ -37,7 +37,7 @@ class FaultyFinger:
         return self._finger.taxels
 
     def read(self, time_s: float) -> NDArray[np.float64]:
-        """The next reading, in counts that rise under load, drift and overload beyond 0 to 255; shape (K,)."""
+        """Next reading in counts that rise under load, shape (K,); drift and overload exceed 0 to 255."""
         if self._last is not None and self._switches.strikes("stuck", time_s) is not None:
             return self._last
         counts = self.load(time_s)
@@ -47,7 +47,7 @@ class FaultyFinger:
         return counts
 
     def load(self, time_s: float) -> NDArray[np.float64]:
-        """The next reading as it is without values that stick or overload, as a board sees it that calibrates."""
+        """Next reading without stuck or overloaded values, as a calibrating board sees it; shape (K,)."""
         if self._last_s is not None and (fault := self._switches.strikes("drift", time_s)) is not None:
             self._drift += fault.get("counts_per_s", _DRIFT_COUNTS_PER_S) * (time_s - self._last_s)
         self._last_s = time_s
@@ -55,7 +55,7 @@ class FaultyFinger:
 
 
 class LostReadings:
-    """Counts down the readings that are lost in a row.
+    """Counts down consecutive lost readings.
 
     Args:
         switches: Faults.
@@ -74,6 +74,6 @@ class LostReadings:
 
 
 def masked(fault: dict[str, Any], taxels: int) -> NDArray[np.bool_]:
-    """Which taxels a fault hits: those whose bits are set in its `mask`, all without one; shape (taxels,)."""
+    """Mask of the taxels that a fault affects: the bits of its `mask`, or all; shape (taxels,)."""
     mask = int(fault.get("mask", -1))
     return np.array([mask >> k & 1 == 1 for k in range(taxels)])

@@ -1,8 +1,8 @@
-"""Serves an emulated bench to other processes over a Unix socket, with a shared clock or in real time.
+"""Serves an emulated bench over a Unix socket, with a shared clock or in real time.
 
-Questions and answers are JSON objects, one a line. `{"number": 7, "advance": 1.25, "sent": {"/bench/stage": 40}}` lets
-time go on and `{"number": 8, "order": {"object": 2}}` changes the bench; the answer has the number of its question, and
-`error`, a sentence, if it could not be done. Time stands still while nobody asks for it to go on.
+Requests and answers are JSON objects, one per line. `{"number": 7, "advance": 1.25, "sent": {"/bench/stage": 40}}`
+advances time, and `{"number": 8, "order": {"object": 2}}` changes the bench; the answer has the number of its request,
+and `error`, a sentence, if it failed. With a shared clock, time stands still between requests.
 """
 
 import select
@@ -24,15 +24,15 @@ _MOST_LINE_BYTES = 1 << 20
 
 
 class Service:
-    """Answers whoever connects to a socket.
+    """Answers requests on a socket.
 
     Args:
         emulation: The bench.
-        path: Where to make the socket.
-        real_time: Whether rig time follows this computer's; nobody else may let it go on then.
+        path: Path of the socket.
+        real_time: Whether rig time follows this computer's clock; requests to advance it are then refused.
 
     Raises:
-        InputError: The path is too long, another emulator serves there, or something else has that name.
+        InputError: The path is too long or exists, or another emulator serves there.
     """
 
     def __init__(self, emulation: Emulation, path: Path, real_time: bool = False) -> None:
@@ -50,10 +50,10 @@ class Service:
         self.close()
 
     def run(self, stop: Callable[[], bool] = lambda: False) -> None:
-        """Serves until `stop` says so or an exception ends it.
+        """Serves until `stop` returns True or an exception ends it.
 
         Args:
-            stop: Asked about 20 times a second, in real time.
+            stop: Called about 20 times per second of real time.
         """
         start_s = time.monotonic() - self._emulation.bench.now_s
         while not stop():
@@ -68,7 +68,7 @@ class Service:
                 self._emulation.bench.catch_up(time.monotonic() - start_s)
 
     def close(self) -> None:
-        """Ends all connections and takes the socket away."""
+        """Closes all connections and removes the socket."""
         for connection in (*self._unread, self._listener):
             connection.close()
         self._unread.clear()
@@ -76,7 +76,7 @@ class Service:
 
     def _files(self) -> list[socket.socket | int]:
         files: list[socket.socket | int] = [self._listener, *self._unread]
-        if self._real_time:  # a terminal that nobody has open always looks readable
+        if self._real_time:  # a terminal without a program always looks readable
             links = (link for link in self._emulation.bench.links if link.is_open)
             files += [file for link in links if (file := link.terminal.fileno()) is not None]
         return files
@@ -93,7 +93,7 @@ class Service:
             *lines, rest = (self._unread[connection] + data).split(b"\n")
             for line in lines:
                 connection.sendall(self.answer(line, connection) + b"\n")
-        except OSError:  # it went away meanwhile, or does not read
+        except OSError:  # it has gone, or does not read
             data, rest = b"", b""
         self._unread[connection] = rest
         if not data or len(rest) > _MOST_LINE_BYTES:
@@ -102,10 +102,10 @@ class Service:
             connection.close()
 
     def answer(self, line: bytes, asker: socket.socket | None = None) -> bytes:
-        """The answer to a question, each as one line without its end.
+        """Answer to a request; both are one line without its end.
 
-        The first to let time go on is the only one who may, until it goes away: time that passes while a driver
-        computes looks to it as if its devices had fallen silent.
+        Only the first client to advance time may do so until it disconnects: if another one advanced it, devices would
+        seem silent to the first.
         """
         question: dict[str, Any] = {}
         try:
@@ -116,7 +116,7 @@ class Service:
                 answer = self._carry_out(question)
                 self._driver = asker if "advance" in question else self._driver
         except msgspec.MsgspecError as error:
-            answer = {"error": f"The emulator takes JSON objects, one a line: {error}."}
+            answer = {"error": f"Invalid request: {error}."}
         except InputError as error:
             answer = {"error": str(error)}
         return msgspec.json.encode({"number": question.get("number"), **answer})
@@ -124,23 +124,23 @@ class Service:
     def _carry_out(self, question: dict[str, Any]) -> dict[str, Any]:
         match question:
             case {"advance": int() | float()} if self._real_time:
-                raise InputError("The emulator runs in real time, so nobody else may let time go on.")
+                raise InputError("The emulator runs in real time; its time cannot be advanced.")
             case {"advance": int() | float() as until_s, "sent": dict(sent)}:
                 return self._emulation.advance(until_s, msgspec.convert(sent, dict[str, int]))._asdict()
             case {"order": dict(order)}:
                 return self._emulation.control(order)
-        raise InputError("The emulator takes questions with advance and sent, or with order.")
+        raise InputError("A request needs advance and sent, or order.")
 
 
 def check_free(path: Path) -> None:
-    """Whether an emulator may serve at a path.
+    """Checks that an emulator can serve at a path.
 
     Raises:
-        InputError: Another one does, or the path is too long.
+        InputError: Another emulator serves there, or the path is too long.
     """
     with socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as probe:
         if probe.connect_ex(socket_path(path)) == 0:
-            raise InputError(f"{path}: another emulator serves there; stop it first or choose another folder.")
+            raise InputError(f"{path}: another emulator is running there; stop it or choose another folder.")
 
 
 def _listen(path: Path) -> socket.socket:
@@ -153,5 +153,5 @@ def _listen(path: Path) -> socket.socket:
         listener.listen()
     except OSError as error:
         listener.close()
-        raise InputError(f"{path}: the socket cannot be made: {error.strerror}.") from error
+        raise InputError(f"{path}: cannot create the socket: {error.strerror}.") from error
     return listener

@@ -1,7 +1,7 @@
-"""An emulated board of the iCub's skin, like an mtb4: commands and readings of its triangles as CAN frames.
+"""Emulated board of the iCub's skin, like an mtb4: commands and readings of its triangles as CAN frames.
 
 Sources are `embot_app_application_theSkin.cpp` and `embot_prot_can_skin_periodic.cpp` of github.com/robotology/
-icub-firmware. Each triangle has 12 taxels, and touch lowers what they send.
+icub-firmware. Each triangle has 12 taxels, whose values fall under load.
 """
 
 import math
@@ -30,23 +30,23 @@ class CanFrame(NamedTuple):
 
 
 class Halves(NamedTuple):
-    """One reading of a triangle: the frame with taxels 0 to 6 and that with 7 to 11 and the diagnostics."""
+    """One reading of a triangle: a frame with taxels 0 to 6, and one with taxels 7 to 11 and the diagnostics."""
 
     head: CanFrame
     tail: CanFrame
 
 
 class SkinBoard:
-    """A board whose triangle `triangle` is the finger; what touches the others is nothing.
+    """A board with the finger as triangle `triangle`; nothing touches the others.
 
-    When it starts it calibrates, has all triangles enabled and streams nothing; `0x4D`, `0x50`, `0x07` and `0x1C` are
-    obeyed, all else is ignored. Compensation of drift by skin type is not emulated: the fingertip's has none.
+    At start it calibrates, enables all triangles and does not stream. It obeys `0x4D`, `0x50`, `0x07` and `0x1C` and
+    ignores all else. Drift compensation by skin type is not emulated, as the fingertip has none.
 
     Args:
         switches: Faults.
-        finger: What it reads; at most 12 taxels.
-        board: Its address.
-        triangle: Where the finger is connected.
+        finger: The finger, with at most 12 taxels.
+        board: CAN address of the board.
+        triangle: Triangle to which the finger is connected.
 
     Raises:
         InputError: The finger has more taxels than a triangle.
@@ -54,7 +54,7 @@ class SkinBoard:
 
     def __init__(self, switches: Switches, finger: Finger, board: int = 14, triangle: int = 0) -> None:
         if finger.taxels > TAXELS:
-            raise InputError(f"A triangle of the iCub's skin has {TAXELS} taxels, not {finger.taxels}.")
+            raise InputError(f"The finger has {finger.taxels} taxels; a triangle of the iCub's skin has {TAXELS}.")
         self._switches = switches
         self._finger = FaultyFinger(switches, finger)
         self._board = board
@@ -69,7 +69,7 @@ class SkinBoard:
         self._baseline = self._finger.load(0.0)
 
     def hear(self, frame: CanFrame, time_s: float) -> list[CanFrame]:
-        """Obeys a frame on the bus if it is a command for this board; returns the answer, if there is one."""
+        """Obeys a frame if it is a command for this board; returns its answer, if any."""
         if frame.identifier >> 8 != 2 or frame.identifier & 15 not in {self._board, _BROADCAST}:
             return []
         match [*frame.data]:
@@ -84,17 +84,17 @@ class SkinBoard:
         return []
 
     def leave_streaming(self, time_s: float) -> None:
-        """Streams the finger every 20 ms, as a program leaves it that ended without a word."""
+        """Streams the finger every 20 ms, as after a program that ended without stopping it."""
         self._set_board(20, 240, time_s)
         self._set_triangles(range(self._triangle, self._triangle + 1), 0, True, time_s)
         self._start_s = time_s
 
     def next_event_s(self) -> float:
-        """When it reads its triangles next; infinity if it streams nothing."""
+        """Time of the next reading; infinity if it does not stream."""
         return self._start_s + (self._ticks + 1) * self._period_s if self._enabled else math.inf
 
     def tick(self) -> list[Halves]:
-        """The readings that are due at `next_event_s`, in order of the triangles."""
+        """Readings that are due at `next_event_s`, in order of the triangles."""
         time_s = self.next_event_s()
         self._ticks += 1
         if self._switches.strikes("silent_sensor", time_s) is not None:
@@ -125,7 +125,7 @@ class SkinBoard:
         return CanFrame(0x200 | self._board << 4 | asker, data)
 
     def _reading(self, message_class: int, triangle: int, time_s: float) -> Halves:
-        """A triangle's taxels as bytes; those at twice their range or beyond are marked (`fill`)."""
+        """Taxels of a triangle as bytes; those at twice their range or more are flagged (`fill`)."""
         if triangle != self._triangle:
             return self._foreign(message_class, self._board, triangle)
         if self._switches.strikes("recalibrate", time_s) is not None:
@@ -145,7 +145,7 @@ class SkinBoard:
         return _halves(message_class << 8 | self._board << 4 | triangle, bytes(sent), beyond, error)
 
     def _foreign(self, message_class: int, board: int, triangle: int) -> Halves:
-        """A triangle that nothing touches."""
+        """A reading of an untouched triangle."""
         noise = np.rint(self._others.standard_normal(TAXELS)).astype(int)
         sent = np.clip(self._no_load + noise, 0, 255).astype(np.uint8).tobytes()
         return _halves(message_class << 8 | board << 4 | triangle, sent, 0, 0)

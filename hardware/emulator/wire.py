@@ -1,4 +1,4 @@
-"""What happens to the output of a device on its way to the program: pieces, losses, noise, delays."""
+"""Faults of a serial line: fragments, losses, noise, delays."""
 
 from collections import deque
 from typing import Any, NamedTuple
@@ -17,10 +17,10 @@ class _Piece(NamedTuple):
 
 
 class Wire:
-    """One direction of a serial line, in rig time; bytes never overtake each other.
+    """One direction of a serial line, in rig time; bytes stay in order.
 
     Args:
-        port: Its name, for faults that are on for one port only.
+        port: Name of the port, for faults that are on for one port only.
         switches: Faults.
     """
 
@@ -30,7 +30,7 @@ class Wire:
         self._pieces: deque[_Piece] = deque()
 
     def next_event_s(self) -> float:
-        """When the next bytes arrive; infinity if none are under way."""
+        """Arrival time of the next bytes; infinity if none are in transit."""
         return self._pieces[0].time_s if self._pieces else float("inf")
 
     def send(self, data: bytes, time_s: float) -> None:
@@ -48,14 +48,14 @@ class Wire:
             self._pieces.append(_Piece(arrival_s + i * delay_s, data[start : start + size]))
 
     def arrived(self, time_s: float) -> bytes:
-        """Takes what has arrived by this time."""
+        """Bytes that have arrived by this time; they are removed."""
         data = b""
         while self._pieces and self._pieces[0].time_s <= time_s:
             data += self._pieces.popleft().data
         return data
 
     def clear(self) -> None:
-        """Loses all that is under way."""
+        """Discards all bytes in transit."""
         self._pieces.clear()
 
     def _strikes(self, name: str, time_s: float) -> dict[str, Any] | None:
@@ -85,7 +85,7 @@ class Wire:
 
 
 def _without_line_end(data: bytes, at: int) -> bytes:
-    """The bytes without the line end at a place, both bytes of a CR LF."""
+    """The bytes without the line end at an index; removes both bytes of a CR LF."""
     first, last = at, at + 1
     if data[at : at + 2] == b"\r\n":
         last += 1

@@ -1,5 +1,5 @@
 """Serial ports, lines and clocks that stage and skin share.
 
-Start with `port`, the only file that imports pySerial, and `loop`, which reads it. What the bytes mean stands in
-`stage` and `skin`.
+Start with `port`, the only file that imports pySerial, and `loop`, which reads it. `stage` and `skin` decode the
+bytes.
 """

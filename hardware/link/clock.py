@@ -1,7 +1,7 @@
-"""Time on the rig: drivers ask one clock for the time and wait on nothing else.
+"""Rig time: drivers read one clock and wait only on it.
 
-The clock of a real rig is the host's monotonic one. Emulated devices hand out their own (`shared_clock.py`), which
-stands still while the driver computes; deadlines then do not depend on how busy the machine is.
+A real rig uses the host's monotonic clock. Emulated devices provide their own (`shared_clock.py`), which stands still
+while the driver computes, so deadlines do not depend on the load of the machine.
 """
 
 import select
@@ -22,10 +22,10 @@ class Clock(Protocol):
         ...
 
     def wait(self, ports: Sequence[Port], until: float) -> None:
-        """Returns when a port has bytes or is lost, and at rig time `until` at the latest.
+        """Waits until a port has bytes or is lost, at most until rig time `until`.
 
         Args:
-            ports: Open ports, from which everything that came before has been read.
+            ports: Open ports with all earlier bytes read.
             until: Rig time in seconds.
         """
         ...
@@ -35,11 +35,11 @@ class HostClock:
     """The monotonic clock of this computer."""
 
     def now(self) -> float:
-        """Time in seconds since some moment."""
+        """Time in seconds since an arbitrary origin."""
         return time.monotonic()
 
     def wait(self, ports: Sequence[Port], until: float) -> None:
-        """Returns when a port has bytes or is lost, and at time `until` at the latest."""
+        """Waits until a port has bytes or is lost, at most until time `until`."""
         files = [port.fileno() for port in ports]
         known = [file for file in files if file is not None]
         if len(known) == len(files):

@@ -1,4 +1,4 @@
-"""Cuts a stream of bytes into lines; what is incomplete waits, what is too long is dropped and counted.
+"""Splits a byte stream into lines; keeps incomplete ones, drops and counts overlong ones.
 
 Nothing here or in the decoders on top reads a port: bytes are pushed in, complete units come out.
 """
@@ -9,10 +9,10 @@ from typing import NamedTuple
 
 
 class Line(NamedTuple):
-    """What stood before a terminator.
+    """Text before a terminator.
 
     Attributes:
-        text: The bytes without the terminator, or None if they were too many and are gone.
+        text: Bytes without the terminator, or None if the line was too long and dropped.
         end: The terminator, one byte.
     """
 
@@ -22,11 +22,11 @@ class Line(NamedTuple):
 
 @dataclass
 class Dropped:
-    """What a decoder threw away so far.
+    """Counts of what a decoder has dropped.
 
     Attributes:
-        overlong: Lines longer than any the device sends.
-        malformed: Lines that are no unit of the protocol.
+        overlong: Number of lines longer than any that the device sends.
+        malformed: Number of lines that violate the protocol.
         byte_count: Bytes of both, without terminators.
     """
 
@@ -36,11 +36,11 @@ class Dropped:
 
     @property
     def line_count(self) -> int:
-        """Lines of both."""
+        """Number of dropped lines of both kinds."""
         return self.overlong + self.malformed
 
     def malform(self, text: bytes) -> None:
-        """Counts a line that is no unit."""
+        """Counts a malformed line."""
         self.malformed += 1
         self.byte_count += len(text)
 
@@ -48,14 +48,14 @@ class Dropped:
 class LineSplitter:
     """Returns complete lines and keeps the rest, at most `longest` bytes of it.
 
-    However a stream is cut into pushes, the lines are the same.
+    The lines do not depend on how the stream is split into pushes.
 
     Args:
         terminators: Bytes that each end a line.
-        longest: Bytes of the longest line kept, without its terminator.
+        longest: Longest line kept, in bytes without its terminator.
 
     Attributes:
-        dropped: What was thrown away; the decoder on top adds to it.
+        dropped: Counts of what was dropped; the decoder on top adds to them.
     """
 
     def __init__(self, terminators: bytes, longest: int) -> None:

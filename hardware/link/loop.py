@@ -1,7 +1,7 @@
-"""One loop in one thread reads all ports of a rig while anyone waits for anything.
+"""Single-threaded loop that reads all ports of a rig during every wait.
 
-A driver never reads its port. It is handed its bytes, and whoever waits for an answer, for a motion to end or for a
-tap to be complete turns this loop meanwhile; so frames arrive while the stage moves, and a guard sees every frame.
+Drivers never read their ports; the loop passes them their bytes. Whoever waits for an answer, the end of a motion or a
+complete tap runs the loop meanwhile, so frames arrive while the stage moves, and guards see every frame.
 """
 
 from collections.abc import Callable, Iterator
@@ -12,13 +12,13 @@ from .clock import Clock
 from .port import Port
 
 Receiver = Callable[[bytes, float], None]
-"""Takes bytes and the rig time at which they were read."""
+"""Receives bytes and the rig time at which they were read."""
 Guard = Callable[[float], None]
-"""Looks at the rig at a time and raises a `RigError` if all must stop."""
+"""Checks the rig at a rig time; raises a `RigError` to stop everything."""
 
 
 class Loop:
-    """Waits, reads, hands out bytes and runs the guards.
+    """Waits, reads, dispatches bytes and runs the guards.
 
     Args:
         clock: Rig time.
@@ -61,16 +61,16 @@ class Loop:
             self._guards = guards
 
     def turn(self, until: float) -> None:
-        """Waits for bytes until a time at the latest, hands out all there are, and runs the guards.
+        """Waits for bytes at most until a time, dispatches them, and runs the guards.
 
-        A lost port is told once and no longer read, so that the other devices can still be brought to rest.
+        A lost port is reported once and then no longer read, so that the other devices can still be brought to rest.
 
         Raises:
             RigError: A port was lost, a device failed, or a guard objects.
         """
         self.clock.wait(list(self._receivers), until)
         for port, receive in list(self._receivers.items()):
-            if port not in self._receivers:  # a receiver before it detached it
+            if port not in self._receivers:  # detached by an earlier receiver
                 continue
             try:
                 data = port.read()
@@ -83,7 +83,7 @@ class Loop:
             guard(self.clock.now())
 
     def sleep(self, seconds: float) -> None:
-        """Lets rig time go on.
+        """Waits for a time in seconds of rig time, while reading.
 
         Raises:
             RigError: As `turn`.
@@ -93,15 +93,15 @@ class Loop:
             self.turn(until)
 
     def wait_for(self, condition: Callable[[], bool], timeout_s: float, expected: str) -> None:
-        """Turns until a condition holds.
+        """Runs the loop until a condition holds.
 
         Args:
-            condition: Asked before the first turn and after each.
-            timeout_s: Time in seconds that it may take.
-            expected: The sentence of the error, which says who did not do what.
+            condition: Checked before the first turn and after each.
+            timeout_s: Timeout in seconds.
+            expected: Message of the error on timeout.
 
         Raises:
-            NoAnswer: It took longer.
+            NoAnswer: The timeout expired.
             RigError: As `turn`.
         """
         until = self.now + timeout_s

@@ -1,4 +1,4 @@
-"""Opens a port that another program may still hold for a while."""
+"""Opens a port that another program may still be using."""
 
 from ..errors import PortBusy
 from ..journal import Journal
@@ -6,15 +6,15 @@ from .loop import Loop
 from .port import Port
 
 BUSY_S = 15.0
-"""Time in seconds for which a port may be busy: a modem manager probes a new one for about ten."""
+"""Time in seconds that a port may stay busy; a modem manager probes a new one for about ten."""
 _RETRY_S = 0.5
 
 
 def open_patiently(port: Port, loop: Loop, journal: Journal) -> None:
-    """Opens a port, again and again while another program has it.
+    """Opens a port, retrying while another program has it open.
 
     Raises:
-        PortBusy: The other program keeps it.
+        PortBusy: The other program keeps it open.
         PortError: It cannot be opened.
         RigError: As `Loop.turn`.
     """

@@ -1,4 +1,4 @@
-"""Bytes to and from a serial port; the only module that knows pySerial.
+"""Serial port; the only module that imports pySerial.
 
 Addresses are those of `serial.serial_for_url`: a device such as `/dev/serial/by-id/...`, which keeps its name when it
 is plugged in again, or a URL such as `socket://host:port`.
@@ -14,15 +14,15 @@ import serial
 from ..errors import PortBusy, PortError, PortLost, WriteTimeout
 
 WRITE_TIMEOUT_S = 1.0
-"""Time in seconds that a write may take. Commands are shorter than 100 bytes, which take 9 ms at 115200 baud."""
+"""Write timeout in seconds. Commands are shorter than 100 bytes, which take 9 ms at 115200 baud."""
 
 _LOST = (serial.SerialException, OSError, termios.error, TypeError)
-"""What pySerial and the system raise when a device vanishes; a read in progress may even meet a file number of None."""
+"""Exceptions of pySerial and the system when a device disappears; a read in progress may even meet a None file."""
 _MOST_BYTES = 65536
 
 
 class Port:
-    """A serial port that never blocks for long and raises nothing but `RigError`.
+    """A serial port that never blocks for long and raises only `RigError`.
 
     Args:
         address: Device or URL.
@@ -43,15 +43,15 @@ class Port:
 
     @property
     def is_open(self) -> bool:
-        """Whether it is open, as far as is known."""
+        """Whether it is open, as last seen."""
         return self._serial is not None
 
     def open(self) -> None:
-        """Opens the port for this program alone; whatever had come before is discarded by the system.
+        """Opens the port exclusively; earlier input is discarded.
 
         Raises:
-            PortBusy: Another program has it.
-            PortError: It does not exist or is no serial port.
+            PortBusy: Another program has it open.
+            PortError: It does not exist or is not a serial port.
         """
         if self._serial is not None:
             return
@@ -64,17 +64,17 @@ class Port:
         self.sent = self.received = 0
 
     def close(self) -> None:
-        """Closes the port; nothing happens if it is closed."""
+        """Closes the port if it is open."""
         if self._serial is not None:
             port, self._serial = self._serial, None
-            with suppress(*_LOST):  # a port that vanished is closed already
+            with suppress(*_LOST):  # a lost port is closed already
                 port.close()
 
     def read(self) -> bytes:
-        """All bytes that have come, none if there are none.
+        """All bytes received so far, possibly none.
 
         Raises:
-            PortLost: The port vanished or is closed.
+            PortLost: The port was lost or is closed.
         """
         with self._losing("reading") as port:
             data = port.read(_MOST_BYTES)
@@ -85,22 +85,22 @@ class Port:
         """Sends bytes.
 
         Raises:
-            PortLost: The port vanished or is closed.
-            WriteTimeout: They did not all leave in time; the device may have got any part of them.
+            PortLost: The port was lost or is closed.
+            WriteTimeout: Not all were sent in time; the device may have received any part of them.
         """
         with self._losing("writing") as port:
             port.write(data)
         self.sent += len(data)
 
     def waiting(self) -> int:
-        """Bytes that can be read at once; 1 if the port is lost, so that reading it tells."""
+        """Number of bytes that can be read; 1 if the port is lost, so that a read reports it."""
         try:
             return 1 if self._serial is None else self._serial.in_waiting
         except _LOST:
             return 1
 
     def fileno(self) -> int | None:
-        """The number of the open file, None where there is none to wait on."""
+        """File descriptor, None if there is none to wait on."""
         try:
             return None if self._serial is None else self._serial.fileno()
         except (*_LOST, AttributeError):
@@ -114,16 +114,16 @@ class Port:
             yield self._serial
         except serial.SerialTimeoutException as error:
             raise WriteTimeout(
-                f"{self.address}: the device took no bytes for {WRITE_TIMEOUT_S:g} s; what was sent may have arrived."
+                f"{self.address}: the device took no bytes for {WRITE_TIMEOUT_S:g} s; part of them may have arrived."
             ) from error
         except _LOST as error:
             self.close()
-            reader = " or a second program reads it" if "no data" in str(error) else ""
-            raise PortLost(f"{self.address}: the port was lost while {doing}; it was unplugged{reader}.") from error
+            reader = " or is read by a second program" if "no data" in str(error) else ""
+            raise PortLost(f"{self.address}: lost the port while {doing}; it was unplugged{reader}.") from error
 
     def _not_opened(self, error: Exception) -> PortError:
         number = getattr(error, "errno", None)
         if number in (errno.EAGAIN, errno.EBUSY) or "lock" in str(error):
-            return PortBusy(f"{self.address}: another program has this port open.")
-        why = {errno.ENOENT: "there is no such port", errno.EACCES: "this user may not open it"}.get(number or 0)
-        return PortError(f"{self.address}: the port cannot be opened: {why or str(error).rstrip('.')}.")
+            return PortBusy(f"{self.address}: another program has the port open.")
+        why = {errno.ENOENT: "no such port", errno.EACCES: "permission denied"}.get(number or 0)
+        return PortError(f"{self.address}: cannot open the port: {why or str(error).rstrip('.')}.")

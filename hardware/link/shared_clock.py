@@ -1,9 +1,9 @@
-"""Rig time that emulated devices hand out, and orders to them.
+"""Rig time provided by emulated devices, and orders to them.
 
-Time stands still while the driver computes. When it waits, it says how many bytes it has written to each port and until
-when it waits; the emulator first takes those bytes, then goes on in time until a device writes, and says how many bytes
-it wrote. So a run depends neither on how busy the machine is nor on how fast bytes travel through the system, and it is
-as fast as both sides compute.
+Time stands still while the driver computes. When the driver waits, it reports how many bytes it has written to each
+port and until when it waits; the emulator reads those bytes, advances time until a device writes, and reports how many
+bytes it wrote. So a run depends neither on the load of the machine nor on delays in the system, and is as fast as both
+sides compute.
 """
 
 import select
@@ -20,18 +20,18 @@ from .clock import HostClock
 from .port import Port
 
 MOST_PATH_BYTES = 107
-"""Longest path of a Unix socket that Linux takes."""
+"""Longest path of a Unix socket on Linux, in bytes."""
 _ANSWER_S = 30.0
 _ARRIVAL_S = 0.2
 _MOST_WAITING = 4095  # the system does not count further
 
 
 class Advanced(NamedTuple):
-    """What happened while time went on.
+    """Result of advancing time.
 
     Attributes:
         now_s: Rig time in seconds.
-        wrote: Bytes that each port's device wrote by then, 1 for a port that was lost; by address.
+        wrote: Bytes that each device wrote by then, by address of its port; 1 for a lost port.
     """
 
     now_s: float
@@ -39,10 +39,10 @@ class Advanced(NamedTuple):
 
 
 class Connection(Protocol):
-    """The way to emulated devices."""
+    """Connection to emulated devices."""
 
     def advance(self, until_s: float, sent: Mapping[str, int]) -> Advanced:
-        """Lets time go on until a device writes, and to `until_s` at the latest.
+        """Advances time until a device writes, at most to `until_s`.
 
         Args:
             until_s: Rig time in seconds.
@@ -51,10 +51,10 @@ class Connection(Protocol):
         ...
 
     def control(self, order: Mapping[str, Any]) -> dict[str, Any]:
-        """Carries out an order and answers with the state; see `emulator/emulation.py`.
+        """Executes an order and returns the state; see `emulator/emulation.py`.
 
         Raises:
-            InputError: The order cannot be carried out.
+            InputError: The order cannot be executed.
         """
         ...
 
@@ -63,7 +63,7 @@ class SharedClock:
     """The clock of emulated devices.
 
     Args:
-        connection: The way to them.
+        connection: Connection to the devices.
     """
 
     def __init__(self, connection: Connection) -> None:
@@ -76,10 +76,10 @@ class SharedClock:
         return self._now
 
     def wait(self, ports: Sequence[Port], until: float) -> None:
-        """Returns when a port has bytes or is lost, and at rig time `until` at the latest.
+        """Waits until a port has bytes or is lost, at most until rig time `until`.
 
         Raises:
-            RigError: The emulator is gone.
+            RigError: The emulator has ended or does not answer.
         """
         files = [file for port in ports if (file := port.fileno()) is not None]
         if len(files) < len(ports) or select.select(files, [], [], 0)[0]:
@@ -90,16 +90,16 @@ class SharedClock:
                 self._await(port, min(count, _MOST_WAITING))
 
     def control(self, order: Mapping[str, Any]) -> dict[str, Any]:
-        """Carries out an order, such as `{"object": 2}`, and answers with the state.
+        """Executes an order, such as `{"object": 2}`, and returns the state.
 
         Raises:
-            InputError: The order cannot be carried out.
-            RigError: The emulator is gone.
+            InputError: The order cannot be executed.
+            RigError: The emulator has ended or does not answer.
         """
         return self._connection.control(order)
 
     def _await(self, port: Port, count: int) -> None:
-        """Waits until bytes that were written have come through the system, which takes microseconds."""
+        """Waits until written bytes have passed through the system, which takes microseconds."""
         limit = self._host.now() + _ARRIVAL_S
         while True:
             self._host.wait([port], limit)
@@ -108,10 +108,10 @@ class SharedClock:
 
 
 class SocketConnection:
-    """The way to emulated devices in another process.
+    """Connection to emulated devices in another process.
 
     Args:
-        path: The socket of `solidtouch emulate`, as `rig.toml` names it.
+        path: Socket of `solidtouch emulate`, as in `rig.toml`.
 
     Raises:
         InputError: The path is too long for a socket.
@@ -128,7 +128,7 @@ class SocketConnection:
             self._socket.connect(self._path)
         except OSError as error:
             self._socket.close()
-            raise PortError(f"{path}: no emulator answers; start it with `solidtouch emulate`.") from error
+            raise PortError(f"{path}: no emulator answers; start one with `solidtouch emulate`.") from error
 
     def __enter__(self) -> Self:
         return self
@@ -137,36 +137,36 @@ class SocketConnection:
         self.close()
 
     def advance(self, until_s: float, sent: Mapping[str, int]) -> Advanced:
-        """Lets time go on.
+        """Advances time.
 
         Raises:
-            RigError: The emulator is gone.
+            RigError: The emulator has ended or does not answer.
         """
         answer = self._ask({"advance": until_s, "sent": dict(sent)})
         return Advanced(answer["now_s"], answer["wrote"])
 
     def control(self, order: Mapping[str, Any]) -> dict[str, Any]:
-        """Carries out an order.
+        """Executes an order.
 
         Raises:
-            InputError: The order cannot be carried out.
-            RigError: The emulator is gone.
+            InputError: The order cannot be executed.
+            RigError: The emulator has ended or does not answer.
         """
         return self._ask({"order": dict(order)})
 
     def close(self) -> None:
-        """Ends the connection; rig time then stands still."""
+        """Closes the connection; rig time then stands still."""
         self._socket.close()
 
     def _ask(self, question: dict[str, Any]) -> dict[str, Any]:
-        """The answer to a question; an answer to an earlier one that was interrupted is passed over."""
+        """Answer to a request; answers to earlier, interrupted requests are skipped."""
         self._number += 1
         try:
             self._socket.sendall(msgspec.json.encode({"number": self._number, **question}) + b"\n")
             while (answer := msgspec.json.decode(self._line()))["number"] != self._number:
                 pass
         except TimeoutError as error:
-            raise NoAnswer(f"{self._path}: the emulator did not answer for {_ANSWER_S:g} s.") from error
+            raise NoAnswer(f"{self._path}: no answer from the emulator for {_ANSWER_S:g} s.") from error
         except (OSError, msgspec.MsgspecError) as error:
             raise PortLost(f"{self._path}: the emulator ended.") from error
         if "busy" in answer:
@@ -186,15 +186,15 @@ class SocketConnection:
 
 
 def socket_path(path: str | Path) -> str:
-    """The path as text, if a socket may have it.
+    """The path as text, if short enough for a socket.
 
     Raises:
-        InputError: It is longer than the system takes.
+        InputError: It is too long for the system.
     """
     size = len(str(path).encode())
     if size > MOST_PATH_BYTES:
         raise InputError(
-            f"{path}: the path of a socket may have {MOST_PATH_BYTES} bytes, this one has {size}; a folder nearer to "
-            f"the root helps."
+            f"{path}: a socket path may have at most {MOST_PATH_BYTES} bytes, this one has {size}; use a folder with a "
+            f"shorter path."
         )
     return str(path)

@@ -1,5 +1,4 @@
-"""Recording sessions with a rig, so that an interrupted one goes on where it stopped.
+"""Recording sessions with a rig, which resume after an interruption.
 
-Start with `collection` and `plan`; `recording` writes what was tapped. Reading recordings is the business of
-`models.io`.
+Start with `collection` and `plan`; `recording` writes the taps. `models.io` reads recordings.
 """

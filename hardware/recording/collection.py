@@ -1,4 +1,4 @@
-"""A data collection: taps of known objects at known places, each safely recorded before the next starts."""
+"""Data collection: labelled taps, each safely recorded before the next starts."""
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
@@ -21,53 +21,53 @@ _ASK_AGAIN_S = 0.05
 
 
 class CollectingRig(Protocol):
-    """What a collection needs of a rig.
+    """Rig interface for a data collection.
 
     Attributes:
-        loop: Turned while the operator is waited for, so that readings do not pile up.
-        label: What the next taps are called; the rig hands it to its journal with every press.
+        loop: Loop to run while waiting for the operator, so that readings do not pile up.
+        label: Label of the next taps; the rig passes it to its journal with every press.
     """
 
     loop: Loop
     label: Mapping[str, Any]
 
     def clear(self) -> None:
-        """Takes the finger off the object."""
+        """Lifts the finger off the object."""
         ...
 
     def go(self, x_mm: float) -> None:
-        """Moves to a place along the finger, clear of the object."""
+        """Moves to a position along the finger, clear of the object."""
         ...
 
     def tap(self) -> NDArray[np.float64]:
-        """The samples of one tap; when it returns, the journal has them."""
+        """Samples of one tap, shape (J, K); the journal has them on return."""
         ...
 
 
 class Operator(Protocol):
-    """Who puts objects under the finger: a person, or the emulator."""
+    """Person or emulator that puts objects under the finger."""
 
     def place(self, what: int, thing: ObjectSettings) -> None:
         """Asks for an object, without waiting.
 
         Args:
-            what: Its number in the plan.
-            thing: Its name and size.
+            what: Index of the object in the plan.
+            thing: Name and size of the object.
         """
         ...
 
     def ready(self) -> bool:
-        """Whether it is there."""
+        """Whether the object is in place."""
         ...
 
 
 class Recovered(NamedTuple):
-    """A recording that goes on.
+    """A resumed recording.
 
     Attributes:
-        recorder: Open at its end.
-        trials: The trials that it holds already.
-        lost: What could not be read of it as a phrase, empty where everything could.
+        recorder: Recorder, open at the end of the file.
+        trials: Trials already recorded.
+        lost: What could not be read, as a phrase; empty if everything was read.
     """
 
     recorder: Recorder
@@ -76,19 +76,19 @@ class Recovered(NamedTuple):
 
 
 def resume_recording(path: str | Path, about: About) -> Recovered:
-    """Goes on with a recording after its last accepted tap.
+    """Resumes a recording after its last accepted tap.
 
     Args:
         path: The file.
-        about: Rig and plan of what is to be recorded now.
+        about: Current rig and plan.
 
     Raises:
-        InputError: The file cannot be read or written, is in use, or was recorded with another rig or plan; it is as
-            it was.
+        InputError: The file cannot be read or written, is in use, or was recorded with another rig or plan; it is left
+            unchanged.
     """
     recorded = read_rig(path)
     if different := differences(about, recorded.about):
-        raise InputError(f"{path} cannot be continued: {'; '.join(different)}.")
+        raise InputError(f"{path}: cannot resume the recording: {'; '.join(different)}.")
     trials = frozenset(tap.label.trial for tap in recorded.taps)
     return Recovered(Recorder.resume(path), trials, recorded.lost)
 
@@ -105,17 +105,17 @@ def collect(
     """Makes the taps in order.
 
     Args:
-        rig: Connected.
-        taps: What is still to be tapped.
-        objects: The table that `what` points into.
-        settle_taps: Taps after each change of the object that get no label.
+        rig: Rig, connected.
+        taps: Labels of the taps still to be made.
+        objects: Objects of the plan, indexed by `what`.
+        settle_taps: Unlabelled taps after each change of object.
         operator: Changes the objects.
-        journal: Hears of every change.
-        progress: Called after every tap with a label.
+        journal: Journal for the changes of object.
+        progress: Called after every labelled tap.
 
     Raises:
-        RigError: A device failed; the rig has been brought to rest, and all taps before are recorded.
-        InputError: The recording cannot be written any more.
+        RigError: A device failed; the rig is at rest and all earlier taps are recorded.
+        InputError: The recording cannot be written.
     """
     present: int | None = None
     place_mm: float | None = None

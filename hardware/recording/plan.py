@@ -1,4 +1,4 @@
-"""`plan.toml`: which objects are tapped where, how often and in what order."""
+"""`plan.toml`: objects, positions, number and order of the taps of a data collection."""
 
 import math
 from collections.abc import Iterator
@@ -20,15 +20,15 @@ _MOST_POSITIONS = 1_000_000
 
 
 class _PlanTable(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """A table of the file: keys that are not known are refused."""
+    """A table of the file; unknown keys are refused."""
 
 
 class ObjectSettings(_PlanTable, frozen=True):
     """An object to tap.
 
     Attributes:
-        name: What it is called.
-        size_mm: Its size, where that is known of all objects.
+        name: Name of the object.
+        size_mm: Size of the object, given for all objects or none.
     """
 
     name: Annotated[str, Meta(min_length=1)]
@@ -36,7 +36,7 @@ class ObjectSettings(_PlanTable, frozen=True):
 
 
 class SpacedPositions(_PlanTable, frozen=True):
-    """Positions at equal distances, each in the middle of its share of a range.
+    """Equally spaced positions, each in the middle of its interval of a range.
 
     Attributes:
         start_mm: Lower end of the range.
@@ -50,16 +50,16 @@ class SpacedPositions(_PlanTable, frozen=True):
 
 
 class Plan(_PlanTable, frozen=True):
-    """The whole file.
+    """Plan of a data collection.
 
     Attributes:
-        objects: In the order in which they are tapped.
-        positions: Places along x of the rig frame, spaced or as a list in mm.
+        objects: Objects, in the order in which they are tapped.
+        positions: Positions along x of the rig frame, spaced or as a list in mm.
         taps_per_position: Taps of each object at each position.
-        order: `"forward"` taps the positions as they come, `"shuffled"` in an order drawn for each object.
-        seed: Of that draw.
+        order: `"forward"` taps the positions as listed, `"shuffled"` in a random order for each object.
+        seed: Random seed of the order.
         session: Number of the recording session.
-        settle_taps: Taps after each change of the object that get no label.
+        settle_taps: Unlabelled taps after each change of object.
     """
 
     objects: Annotated[list[ObjectSettings], Meta(min_length=1)]
@@ -72,7 +72,7 @@ class Plan(_PlanTable, frozen=True):
 
     @property
     def positions_mm(self) -> list[float]:
-        """Every position, as the file has them."""
+        """Positions in mm, in the order of the file."""
         if isinstance(self.positions, list):
             return self.positions
         spaced = self.positions
@@ -80,7 +80,7 @@ class Plan(_PlanTable, frozen=True):
         return np.round(spaced.start_mm + spaced.spacing_mm * middles, 6).tolist()
 
     def taps(self) -> Iterator[TapLabel]:
-        """Every tap that is kept, in order; `trial` counts them."""
+        """Labels of all labelled taps, in order; `trial` counts them."""
         trial = 0
         for what in range(len(self.objects)):
             places = np.repeat(self.positions_mm, self.taps_per_position)
@@ -91,25 +91,25 @@ class Plan(_PlanTable, frozen=True):
                 trial += 1
 
     def check_range(self, limits: RangeSettings) -> None:
-        """Whether a rig has a where class for each position.
+        """Checks that all positions lie in the range of a rig.
 
         Raises:
-            InputError: It has not.
+            InputError: A position lies outside.
         """
         for place in self.positions_mm:
             if not limits.start_mm <= place < limits.end_mm:
                 raise InputError(
-                    f"positions: {place:g} mm lies outside the where classes of the rig, which cover "
+                    f"positions: {place:g} mm is outside the range of the rig, "
                     f"{limits.start_mm:g} mm up to but not including {limits.end_mm:g} mm."
                 )
 
 
 def load_plan(path: str | Path) -> Plan:
-    """The plan in a file.
+    """Plan read from a file.
 
     Raises:
-        InputError: The file is missing or no TOML, a key is unknown, missing or of the wrong kind, or values
-            contradict each other; the sentence names file and key.
+        InputError: The file is missing or not TOML, a key is unknown, missing or of the wrong type, or values
+            contradict each other; the message names file and key.
     """
     text = read_settings(path)
     with naming(path):
@@ -117,7 +117,7 @@ def load_plan(path: str | Path) -> Plan:
 
 
 def parse_plan(text: str) -> Plan:
-    """The plan in the text of a file.
+    """Plan read from the text of a file.
 
     Raises:
         InputError: As `load_plan`.
@@ -125,27 +125,27 @@ def parse_plan(text: str) -> Plan:
     plan = parse_settings(text, Plan)
     names = [entry.name for entry in plan.objects]
     if len(set(names)) != len(names):
-        raise InputError("objects: two of them have the same name.")
+        raise InputError("objects: two objects have the same name.")
     sizes = [entry.size_mm for entry in plan.objects if entry.size_mm is not None]
     if sizes and len(sizes) != len(names):
-        raise InputError("objects: size_mm is given for some of them only; all or none need it.")
+        raise InputError("objects: size_mm is given for some objects only; give it for all or none.")
     if not all(map(math.isfinite, sizes)):
         raise InputError("objects: size_mm must be finite.")
     if isinstance(plan.positions, SpacedPositions):
         _check_spaced(plan.positions)
     elif not plan.positions or not all(map(math.isfinite, plan.positions)):
-        raise InputError("positions: the list must hold at least one number, and only finite ones.")
+        raise InputError("positions: must list at least one number, all finite.")
     return plan
 
 
 def _check_spaced(spaced: SpacedPositions) -> None:
     for key, value in msgspec.to_builtins(spaced).items():
         if not math.isfinite(value):
-            raise InputError(f"positions.{key}: the number must be finite, not {value}.")
+            raise InputError(f"positions.{key}: must be finite, got {value}.")
     shares = (spaced.end_mm - spaced.start_mm) / spaced.spacing_mm
     if not 0.5 <= shares <= _MOST_POSITIONS or abs(shares - round(shares)) > _ROUNDING * shares:
         raise InputError(
-            f"positions: the range must be a whole number of spacings, 1 to {_MOST_POSITIONS}, not {shares:g}."
+            f"positions: the range must be a whole number of spacings, 1 to {_MOST_POSITIONS}, got {shares:g}."
         )
 
 

@@ -1,8 +1,8 @@
-"""What happens on a rig, kept as it happens in a file that a killed process leaves readable.
+"""Recorder: writes the journal of a rig to a file that stays readable if the process is killed.
 
-Every message is handed to the system at once, so that it survives the end of this process, and every tap is synced to
-the disk, so that it survives the end of the power. While a finger may press, a full disk raises nothing: the driver
-must first be able to take it off. The error comes with the next `press` or `tap`.
+Every message is passed to the system at once, so it survives the end of the process, and every tap is synced to disk,
+so it survives a power failure. While a finger may be pressing, a full disk raises nothing, as the driver must first
+lift the finger; the next `press` or `tap` raises the error.
 """
 
 import fcntl
@@ -41,7 +41,7 @@ from ..skin.skin import SkinFrame
 
 
 def _plain(value: Any) -> Any:
-    """What JSON has no word for: arrays and numbers of NumPy as such, anything else as text."""
+    """JSON value of an object that JSON lacks: lists and numbers for NumPy, text for anything else."""
     return value.tolist() if isinstance(value, np.ndarray | np.generic) else str(value)
 
 
@@ -49,19 +49,19 @@ _ENCODER = msgspec.json.Encoder(enc_hook=_plain)
 
 
 class Recorder:
-    """A `Journal` that keeps everything in an MCAP file; see `models/io/rig_recording.py` for its layout.
+    """A `Journal` that writes everything to an MCAP file, in the layout of `models/io/rig_recording.py`.
 
-    `create` and `resume` open one. As a context manager it ends the file with a summary, whatever happened inside.
+    `create` and `resume` open one. As a context manager it finishes the file with a summary in any case.
 
     Args:
-        path: Its name, for messages.
-        file: Open for writing, empty.
-        wall_ns: Nanoseconds since 1970 at the first message to come.
+        path: Path of the file, for messages.
+        file: Empty file, open for writing.
+        wall_ns: Nanoseconds since 1970 at the first message.
 
     Attributes:
-        path: Its name.
-        presses: Presses since it was opened.
-        taps: Taps accepted since it was opened that have a label.
+        path: Path of the file.
+        presses: Number of presses since it was opened.
+        taps: Number of accepted, labelled taps since it was opened.
     """
 
     def __init__(self, path: Path, file: IO[bytes], wall_ns: int) -> None:
@@ -89,22 +89,22 @@ class Recorder:
     def create(
         cls, path: str | Path, about: About, wall_ns: Callable[[], int] = time.time_ns, force: bool = False
     ) -> Self:
-        """Starts a new file and syncs its beginning, so that a disk that takes nothing is found out now.
+        """Creates a file and syncs its start, so that an unwritable disk is found at once.
 
         Args:
             path: The file.
-            about: What is recorded.
-            wall_ns: Nanoseconds since 1970, asked once.
-            force: Whether an existing file may be replaced.
+            about: Rig and plan of the recording.
+            wall_ns: Returns nanoseconds since 1970; called once.
+            force: Whether to overwrite an existing file.
 
         Raises:
             InputError: The file exists, another program records to it, or it cannot be written.
         """
         path = Path(path)
         if path.suffix.lower() != ".mcap":
-            raise InputError(f"{path} must end in .mcap, the format that it is written in.")
+            raise InputError(f"{path}: the name of a recording must end in .mcap.")
         if path.is_file() and not force:
-            raise InputError(f"{path} exists already; --resume continues it.")
+            raise InputError(f"{path}: already exists; resume the recording (--resume) or choose another name.")
         check_writable(path, force)
         try:
             if path.exists():
@@ -112,17 +112,17 @@ class Recorder:
             file = path.open("xb")
             return _begun(lambda: cls._started(path, file, about, wall_ns()), path, file)
         except OSError as error:
-            raise InputError(f"{path} cannot be written: {error.strerror or error}.") from error
+            raise InputError(f"{path}: cannot write: {error.strerror or error}.") from error
 
     @classmethod
     def resume(cls, path: str | Path, wall_ns: Callable[[], int] = time.time_ns) -> Self:
-        """Goes on with a file, whether it was ended properly or not.
+        """Resumes a recording, whether or not it was finished properly.
 
-        What can be read of it is copied to a new file beside it, which takes its place once it is safely on the disk;
-        if anything fails before, the old file is as it was.
+        Its readable part is copied to a new file beside it, which replaces it once safely on disk; if anything fails
+        before, the old file is unchanged.
 
         Raises:
-            InputError: The file cannot be read or written, is no recording, or another program records to it.
+            InputError: The file cannot be read or written, is not a recording, or is in use by another program.
         """
         path = Path(path).resolve()
         entries = RecordingReader(path)
@@ -130,13 +130,13 @@ class Recorder:
             with path.open("rb") as old:
                 _lock(old, path)
                 if not os.path.samestat(os.fstat(old.fileno()), path.stat()):
-                    raise InputError(f"{path} is being recorded by another program.")  # which has just resumed it
+                    raise InputError(f"{path}: another program is recording to it.")  # it has just resumed it
                 temporary = path.with_name(f".{path.name}.resumed")
-                temporary.unlink(missing_ok=True)  # of one that was killed here
+                temporary.unlink(missing_ok=True)  # left by a process killed here
                 file = temporary.open("xb")
                 return _begun(lambda: cls._continued(path, file, temporary, entries, wall_ns()), temporary, file)
         except OSError as error:
-            raise InputError(f"{path} cannot be continued: {error.strerror or error}.") from error
+            raise InputError(f"{path}: cannot resume the recording: {error.strerror or error}.") from error
 
     @classmethod
     def _started(cls, path: Path, file: IO[bytes], about: About, wall_ns: int) -> Self:
@@ -157,7 +157,7 @@ class Recorder:
             if entry.content is not None:
                 recorder._keep(entry.topic, entry.log_time_ns, entry.data)
         if not recorder._sequence:
-            raise InputError(f"{path} says not what was recorded, so it cannot be continued; delete it.")
+            raise InputError(f"{path}: cannot resume: the description of rig and plan is missing; delete the file.")
         recorder.sync()
         shutil.copymode(path, temporary)
         temporary.replace(path)
@@ -165,29 +165,29 @@ class Recorder:
         return recorder
 
     def frame(self, frame: SkinFrame) -> None:
-        """One reading of all taxels, as sent."""
+        """Records one reading of all taxels, as sent."""
         device_ms = UNSET if frame.device_ms is None else frame.device_ms
         raw, values, valid = frame.raw.tolist(), frame.values.tolist(), frame.valid.tolist()
         self._write("/frame", frame.time_s, Frame(frame.time_s, raw, values, valid, device_ms))
 
     def status(self, time_s: float, state: str, position_mm: tuple[float, float] | None) -> None:
-        """A status report of the stage."""
+        """Records a status report of the stage."""
         self._write("/status", time_s, Status(time_s, state, *(position_mm or ())))
 
     def command(self, time_s: float, port: str, data: bytes) -> None:
-        """Bytes sent to a device."""
+        """Records bytes sent to a device."""
         text = data.decode("ascii", "backslashreplace")
         self._write("/command", time_s, Command(time_s, port, text, data.hex()))
 
     def event(self, time_s: float, kind: str, text: str, **details: Any) -> None:
-        """Anything else worth knowing."""
+        """Records any other event."""
         self._write("/event", time_s, Event(time_s, kind, text, details))
 
     def press(self, time_s: float, label: Mapping[str, Any]) -> None:
-        """A tap starts.
+        """Records the start of a tap.
 
         Raises:
-            InputError: The file cannot be written any more.
+            InputError: The file can no longer be written.
         """
         self._write("/press", time_s, Press(time_s, dict(label)))
         self.presses += 1
@@ -195,20 +195,20 @@ class Recorder:
         self._check()
 
     def tap(self, time_s: float, accepted: bool, reason: str) -> None:
-        """The tap pressed last is complete; it is on the disk when this returns.
+        """Records that the last tap is complete; it is on disk on return.
 
         Raises:
-            InputError: The file cannot be written any more.
+            InputError: The file can no longer be written.
         """
         self._write("/tap", time_s, Tap(time_s, accepted, reason, self._crc))
         self.sync()
         self.taps += accepted and self._labelled
 
     def sync(self) -> None:
-        """Has the system put all that was written on the disk.
+        """Syncs all that was written to disk.
 
         Raises:
-            InputError: The file cannot be written any more.
+            InputError: The file can no longer be written.
         """
         if self._failure is None and not self._finished:
             try:
@@ -218,10 +218,10 @@ class Recorder:
         self._check()
 
     def finish(self) -> None:
-        """Ends the file with a summary and closes it; what comes later is forgotten.
+        """Finishes the file with a summary and closes it; later messages are ignored.
 
         Raises:
-            InputError: The file could not be written to its end; what it holds can be read all the same.
+            InputError: The file could not be finished; what it holds stays readable.
         """
         if self._finished:
             return
@@ -245,7 +245,7 @@ class Recorder:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        """Ends the file; an exception from inside is not hidden by a failure to do so."""
+        """Finishes the file; a failure to do so does not hide an exception from inside."""
         if error is None:
             self.finish()
         else:
@@ -258,7 +258,7 @@ class Recorder:
         self._keep(topic, self._wall_ns + round(1e9 * (time_s - self._start_s)), _ENCODER.encode(content))
 
     def _keep(self, topic: str, log_time_ns: int, data: bytes) -> None:
-        """Hands one message to the system, whole even if Ctrl-C comes meanwhile."""
+        """Passes one message to the system, complete even if Ctrl-C is pressed meanwhile."""
         if self._failure is not None or self._finished:
             return
         with undisturbed():
@@ -272,7 +272,7 @@ class Recorder:
 
     def _fail(self, error: OSError) -> None:
         self._failure = InputError(
-            f"{self.path} cannot be written any more: {error.strerror or error}; what it holds so far can be read."
+            f"{self.path}: writing failed: {error.strerror or error}; the recording so far can be read."
         )
         self._failure.__cause__ = error
 
@@ -282,7 +282,7 @@ class Recorder:
 
 
 def _begun[T](start: Callable[[], T], path: Path, file: IO[bytes]) -> T:
-    """What `start` returns; if it fails, the new file is closed and removed."""
+    """Result of `start`; if it fails, the new file is closed and removed."""
     try:
         return start()
     except BaseException:
@@ -293,28 +293,28 @@ def _begun[T](start: Callable[[], T], path: Path, file: IO[bytes]) -> T:
 
 
 def _remove(path: Path) -> None:
-    """Removes a file that no program records to."""
+    """Removes a file unless a program is recording to it."""
     with path.open("rb") as file:
         _lock(file, path)
         path.unlink()
 
 
 def _lock(file: IO[bytes], path: Path) -> None:
-    """Keeps other programs from recording to the file for as long as it is open.
+    """Locks the file against recording by other programs while it is open.
 
     Raises:
-        InputError: Another program does.
+        InputError: Another program is recording to it.
     """
     try:
         fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
     except BlockingIOError as error:
-        raise InputError(f"{path} is being recorded by another program.") from error
-    except OSError:  # some network disks know no locks
+        raise InputError(f"{path}: another program is recording to it.") from error
+    except OSError:  # some network disks do not support locks
         return
 
 
 def _sync_folder(path: Path) -> None:
-    """Has the system put the name of a new file on the disk."""
+    """Syncs the name of a new file to disk."""
     folder = os.open(path.parent, os.O_RDONLY)
     try:
         os.fsync(folder)

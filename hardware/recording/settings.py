@@ -1,4 +1,4 @@
-"""What a recording says of rig and plan, and whether it may go on with others."""
+"""Rig and plan stored in a recording, and whether they allow it to be resumed."""
 
 from importlib.metadata import version
 from itertools import chain
@@ -12,16 +12,16 @@ from ..rig.settings import IcubSettings, RigFile
 from .plan import Plan
 
 _ELSEWHERE = ("settings.sensor.port", "settings.stage.port", "settings.emulator")
-"""What may change between two parts of a recording: where the devices are plugged in."""
+"""Settings that may change between two parts of a recording: the ports of the devices."""
 
 
 def about_rig(rig: RigFile, text: str = "", plan: Plan | None = None) -> About:
-    """What a recording says at its beginning.
+    """Header of a recording.
 
     Args:
-        rig: The settings of the rig.
-        text: The file that they come from.
-        plan: The plan of the collection, if there is one.
+        rig: Settings of the rig.
+        text: Text of the rig's file.
+        plan: Plan of the collection, if any.
     """
     limits = rig.range
     edges = limits.start_mm + limits.cell_mm * np.arange(limits.where_classes + 1)
@@ -44,7 +44,7 @@ def about_rig(rig: RigFile, text: str = "", plan: Plan | None = None) -> About:
 
 
 def differences(here: About, recorded: About) -> list[str]:
-    """How rig or plan differ from those of a recording, one phrase per key; none where only ports differ."""
+    """Differences of rig and plan from those of a recording, one phrase per key; ports are ignored."""
     new, old = _flat(here), _flat(recorded)
     keys = sorted(set(new) | set(old))
     return [
@@ -55,7 +55,7 @@ def differences(here: About, recorded: About) -> list[str]:
 
 
 def _flat(about: About) -> dict[str, Any]:
-    """Every setting under its full name, as JSON has it."""
+    """All settings by full name, as JSON values."""
     flat: dict[str, Any] = {}
 
     def put(name: str, value: Any) -> None:

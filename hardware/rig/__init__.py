@@ -1,4 +1,4 @@
-"""A stage and a skin as one sensor that taps where it is told.
+"""Stage and skin combined into one tapping sensor.
 
 Start with `rig`; `settings` reads the rig's file, `open_rig` opens its devices, `check` tests them.
 """

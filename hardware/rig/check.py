@@ -1,4 +1,4 @@
-"""What a rig is like at rest: who answers, how fast, how noisy, how far it may move, and what is wrong, in words."""
+"""Check of a rig at rest: devices, rate, noise, limits and problems."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
@@ -15,7 +15,7 @@ from .settings import StageSettings
 
 _RATE_TOLERANCE = 0.02
 _DRIFT_PER_MIN = 20.0
-_DRIFT_S = 10.0  # in a shorter time slow noise passes for drift
+_DRIFT_S = 10.0  # over a shorter time slow noise looks like drift
 _BLOCKS = 8
 _LEAST_READINGS = 2 * _BLOCKS
 
@@ -25,9 +25,9 @@ class SensorReport:
     """Readings of an untouched sensor.
 
     Attributes:
-        readings: How many came.
+        readings: Number of readings.
         rate_hz: Readings per second, from the first to the last.
-        loss: Share of the readings that did not come.
+        loss: Fraction of the readings lost.
         idle: Mean of each taxel as sent, shape (K,).
         noise: Standard deviation of each taxel about its drift, shape (K,).
         drift_per_min: Slope of each taxel in units per minute, shape (K,).
@@ -45,12 +45,12 @@ class SensorReport:
 
 @dataclass
 class RigReport:
-    """What a check found.
+    """Results of a check.
 
     Attributes:
-        lines: What is so, as pairs of a word and a value.
-        sensor: The readings, None where none came.
-        wrong: What is wrong, one sentence each.
+        lines: Findings, as pairs of a name and a value.
+        sensor: Statistics of the readings, None if there were none.
+        wrong: Problems, one sentence each.
     """
 
     lines: list[tuple[str, str]] = field(default_factory=list)
@@ -63,7 +63,7 @@ def sensor_report(frames: Sequence[SkinFrame], lost: int) -> SensorReport:
 
     Args:
         frames: Readings in the order of time, at least 16.
-        lost: Readings that did not come meanwhile.
+        lost: Number of readings lost meanwhile.
     """
     time_s = np.array([frame.time_s for frame in frames])
     raw = np.array([frame.raw for frame in frames])
@@ -83,7 +83,7 @@ def sensor_report(frames: Sequence[SkinFrame], lost: int) -> SensorReport:
 def _line(
     time_s: NDArray[np.float64], values: NDArray[np.float64]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
-    """Slope, level in the middle and residuals of a straight line through each column."""
+    """Slope, central level and residuals of a straight line fitted to each column."""
     centred = time_s - time_s.mean()
     slope, level = np.polyfit(centred, values, 1)
     return slope, level, values - level - np.outer(centred, slope)
@@ -92,7 +92,7 @@ def _line(
 def _drift(time_s: NDArray[np.float64], values: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Slope per second and half width of its 95 % interval.
 
-    Successive readings share their noise, so the line goes through means of blocks, which hardly do.
+    The noise of successive readings is correlated, so the line is fitted to block means, which are nearly independent.
     """
     blocks = np.array_split(np.arange(len(time_s)), _BLOCKS)
     at_s = np.array([time_s[block].mean() for block in blocks])
@@ -103,14 +103,14 @@ def _drift(time_s: NDArray[np.float64], values: NDArray[np.float64]) -> tuple[ND
 
 
 def check_rig(rig: Rig, seconds: float = 10.0, home: bool = False) -> RigReport:
-    """Opens both devices, listens to the sensor at rest, and lets go of them; without `home` nothing moves.
+    """Opens both devices, reads the sensor at rest, and closes them; nothing moves unless `home`.
 
-    What one device lacks does not keep the other from being looked at.
+    A failure of one device does not prevent the check of the other.
 
     Args:
-        rig: Not connected yet.
-        seconds: How long to listen, in rig time.
-        home: Whether to home the stage, which shows that its switches work.
+        rig: Rig, not connected yet.
+        seconds: Duration of the readings, in rig time.
+        home: Whether to home the stage, which tests its switches.
     """
     report = RigReport()
     try:
@@ -133,7 +133,7 @@ def _look_at_stage(rig: Rig, report: RigReport, home: bool) -> None:
         report.wrong.append(str(error))
     if (found := stage.report) is None:
         return
-    report.lines.append(("  controller", f"{found.firmware}, {found.state} when it was opened"))
+    report.lines.append(("  controller", f"{found.firmware}, {found.state} when opened"))
     for name, axis in (("x", settings.x), ("y", settings.y)):
         number = "XYZ".index(axis.letter)
         machine = sorted((axis.machine_mm(axis.low_mm), axis.machine_mm(axis.high_mm)))
@@ -141,21 +141,21 @@ def _look_at_stage(rig: Rig, report: RigReport, home: bool) -> None:
             (
                 f"  {name} is {axis.letter}",
                 f"{axis.low_mm:g} to {axis.high_mm:g} mm, in machine coordinates {machine[0]:g} to {machine[1]:g} of "
-                f"-{found.values[130 + number]:g} to 0; {found.values[110 + number] / 60:g} mm/s at most, "
+                f"-{found.values[130 + number]:g} to 0; at most {found.values[110 + number] / 60:g} mm/s, "
                 f"{found.values[120 + number]:g} mm/s²",
             )
         )
     place = stage.position_mm
-    report.lines.append(("  place", _placed(place, settings) if place else "not known"))
+    report.lines.append(("  position", _placed(place, settings) if place else "unknown"))
     report.wrong.extend(found.notes)
     if place is None:
-        report.wrong.append(f"{settings.port}: the stage does not know where it is; collect and perceive need --home.")
+        report.wrong.append(f"{settings.port}: position unknown; home the stage first (--home).")
 
 
 def _placed(place_mm: tuple[float, float], settings: StageSettings) -> str:
     axes = (settings.x, settings.y)
     inside = all(axis.low_mm <= mm <= axis.high_mm for mm, axis in zip(place_mm, axes, strict=True))
-    beyond = "" if inside else ", outside the limits, as after homing; the first move leads back"
+    beyond = "" if inside else ", outside the limits, as after homing; the first move brings it back"
     return f"x = {place_mm[0]:.3f}, y = {place_mm[1]:.3f} mm{beyond}"
 
 
@@ -175,23 +175,23 @@ def _look_at_sensor(rig: Rig, report: RigReport, seconds: float) -> None:
         return
     if len(frames) < _LEAST_READINGS:
         report.wrong.append(
-            f"{sensor.port}: {len(frames)} readings in {seconds:g} s are too few to judge; listen longer."
+            f"{sensor.port}: {len(frames)} readings in {seconds:g} s are too few to assess; read for longer."
         )
         return
     report.sensor = found = sensor_report(frames, lost)
     if abs(found.rate_hz / sensor.rate_hz - 1) > _RATE_TOLERANCE:
-        report.wrong.append(f"{sensor.port}: {found.rate_hz:.2f} readings per second, {sensor.rate_hz:g} are set.")
+        report.wrong.append(f"{sensor.port}: {found.rate_hz:.2f} readings per second instead of {sensor.rate_hz:g}.")
     if found.loss > 0:
         total = len(frames) + lost
-        report.wrong.append(f"{sensor.port}: {lost} of {total} readings were lost; such taps are made again.")
+        report.wrong.append(f"{sensor.port}: {lost} of {total} readings were lost; taps with losses are repeated.")
     drifts = np.abs(found.drift_per_min) - found.drift_error > _DRIFT_PER_MIN
     for k in np.flatnonzero(drifts) if seconds >= _DRIFT_S else ():
         drift, error = found.drift_per_min[k], found.drift_error[k]
         report.wrong.append(
-            f"{sensor.port}: taxel {k} drifts by {drift:+.1f} ± {error:.1f} per minute; let it warm up."
+            f"{sensor.port}: taxel {k} drifts by {drift:+.1f} ± {error:.1f} per minute; let the sensor warm up."
         )
-    if (still := found.noise == 0).any():  # a quiet one may read the same number all the time
-        report.lines.append(("  at rest", f"{taxel_names(still)} never changed; a touch shows whether it is alive"))
+    if (still := found.noise == 0).any():  # a quiet taxel may read a constant
+        report.lines.append(("  at rest", f"{taxel_names(still)} constant; touch to test"))
     others = {name: n for name, n in vars(skin.counts).items() if n and name not in ("frames", "lost")}
     if others:
         report.wrong.append(

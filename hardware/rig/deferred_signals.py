@@ -1,4 +1,4 @@
-"""Ctrl-C and SIGTERM put off while a finger is taken off an object."""
+"""Defers Ctrl-C and SIGTERM while the finger is lifted off an object."""
 
 import signal
 import threading
@@ -10,7 +10,7 @@ _SIGNALS = (signal.SIGINT, signal.SIGTERM)
 
 @contextmanager
 def undisturbed() -> Iterator[None]:
-    """Delivers the signals that come inside the block after it; outside the main thread nothing is changed."""
+    """Defers signals that arrive inside the block until its end; does nothing outside the main thread."""
     if threading.current_thread() is not threading.main_thread():
         yield
         return

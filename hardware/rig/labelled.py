@@ -1,4 +1,4 @@
-"""A rig that tells its journal what is tapped and where, tap by tap, as a data collection does."""
+"""A rig that labels its taps in the journal, as in a data collection."""
 
 import msgspec
 import numpy as np
@@ -10,13 +10,13 @@ from .rig import Rig
 
 
 class LabelledRig:
-    """A `TouchSensor` whose taps have labels, so that a recording of them becomes a tap set.
+    """A `TouchSensor` with labelled taps, so that a recording of them can be read as a tap set.
 
     Args:
-        rig: Connected.
+        rig: Rig, connected.
 
     Attributes:
-        what: Number of the object in the table of the recording; None where it is not known, and taps get no label.
+        what: Index of the object in the recording; None if unknown, and then taps are not labelled.
     """
 
     def __init__(self, rig: Rig) -> None:
@@ -26,20 +26,20 @@ class LabelledRig:
 
     @property
     def preprocessing(self) -> Preprocessing:
-        """How taps are prepared."""
+        """Preprocessing of the taps."""
         return self._rig.preprocessing
 
     @property
     def room(self) -> tuple[int, int]:
-        """Class steps left to either side."""
+        """Steps left to either end of the range."""
         return self._rig.room
 
     def move(self, delta: int) -> int:
-        """Moves by `delta` where classes, at most to the end of the range; returns the steps made."""
+        """Moves by `delta` positions, at most to the end of the range; returns the steps made."""
         return self._rig.move(delta)
 
     def tap(self) -> NDArray[np.float64]:
-        """The samples of one tap, shape (J, K)."""
+        """Samples of one tap, shape (J, K)."""
         self._rig.label = {}
         if self.what is not None:
             label = TapLabel(trial=self._trial, what=self.what, where_mm=self._rig.place_mm, session=0)

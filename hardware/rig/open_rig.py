@@ -1,4 +1,4 @@
-"""From `rig.toml` to a rig that is ready to tap, and back to rest."""
+"""Opens a rig from `rig.toml` and brings it back to rest."""
 
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
@@ -16,15 +16,15 @@ from .settings import RigFile
 
 @contextmanager
 def open_rig(settings: RigFile, journal: Journal, home: bool = False) -> Iterator[Rig]:
-    """The rig of a file, connected; it is brought to rest and let go of when the block ends, however it ends.
+    """Connected rig of a file; brought to rest and closed at the end of the block in any case.
 
     Args:
-        settings: What stands on the bench.
-        journal: Hears of everything.
+        settings: Settings of the rig.
+        journal: Journal for all events.
         home: Whether to home the stage first.
 
     Raises:
-        RigError: A device is missing, another one, or in trouble; or the finger could not be taken off the object.
+        RigError: A device is missing, unexpected or failing; or the finger could not be lifted off the object.
     """
     with unconnected(settings, journal) as rig, connected(rig, home):
         yield rig
@@ -32,7 +32,7 @@ def open_rig(settings: RigFile, journal: Journal, home: bool = False) -> Iterato
 
 @contextmanager
 def unconnected(settings: RigFile, journal: Journal) -> Iterator[Rig]:
-    """The rig of a file on its own clock, not connected yet.
+    """Rig of a file on its own clock, not connected yet.
 
     Raises:
         RigError: The devices are emulated, and the emulator does not answer.
@@ -49,7 +49,7 @@ def unconnected(settings: RigFile, journal: Journal) -> Iterator[Rig]:
 
 
 def build_rig(settings: RigFile, clock: Clock, journal: Journal) -> Rig:
-    """The rig of a file on a clock, not connected yet."""
+    """Rig of a file on a given clock, not connected yet."""
     loop = Loop(clock)
     stage = Stage(settings.stage, loop, journal)
     return Rig(settings, loop, stage, make_skin(settings.sensor, loop, journal), journal)
@@ -57,10 +57,10 @@ def build_rig(settings: RigFile, clock: Clock, journal: Journal) -> Rig:
 
 @contextmanager
 def connected(rig: Rig, home: bool = False) -> Iterator[Rig]:
-    """The rig, connected in the block and at rest after it.
+    """The rig, connected inside the block and at rest after it.
 
     Raises:
-        RigError: As `Rig.connect` and `Rig.close`; what failed first, unless the finger may still press.
+        RigError: As `Rig.connect` and `Rig.close`; the first failure, unless the finger may still be pressing.
     """
     try:
         rig.connect(home)

@@ -1,7 +1,7 @@
-"""The rig: a stage that moves a tactile sensor, behind the interface that simulated and recorded ones have.
+"""Rig: a stage that moves a tactile sensor, with the same interface as simulated and replayed rigs.
 
-Whatever goes wrong, an exception of the program, Ctrl-C or a device, the finger is stopped and taken off the object
-before anyone hears of it.
+On any failure (an exception, Ctrl-C or a device), the finger is stopped and lifted off the object before the error is
+reported.
 """
 
 from collections import deque
@@ -39,16 +39,16 @@ _ROUNDING = 1e-6
 _DEPTH_MARGIN_MM = 0.05
 _AWAY_MM = 0.05
 _LATE_S = 0.5
-_SEEN_S = 0.3  # the end of a motion is seen in two reports, a tenth of a second apart
+_SEEN_S = 0.3  # the end of a motion shows in two reports, a tenth of a second apart
 
 
 @dataclass
 class TapTally:
-    """How many taps were made.
+    """Numbers of taps.
 
     Attributes:
-        accepted: Taps that perception or a recording got.
-        rejected: Taps whose readings could not be believed, and that were made again.
+        accepted: Accepted taps.
+        rejected: Taps with implausible readings, which were repeated.
     """
 
     accepted: int = 0
@@ -56,22 +56,22 @@ class TapTally:
 
 
 class Rig:
-    """A `TouchSensor` made of a stage and a skin.
+    """A `TouchSensor` consisting of a stage and a skin.
 
-    A tap is a press and a release in one go, sent when a reading has just arrived, so that contact falls on the same
-    sample of each tap. Its readings must be complete and plausible, else it is made again.
+    A tap is a press and a release in one motion, sent just after a reading, so that contact falls on the same sample of
+    each tap. A tap with incomplete or implausible readings is repeated.
 
     Args:
-        settings: What stands on the bench.
-        loop: Waits for both devices.
-        stage: Connected by `connect`.
-        skin: Started by `connect`.
-        journal: Hears of everything.
+        settings: Settings of the rig.
+        loop: Loop that reads both devices.
+        stage: Stage, connected by `connect`.
+        skin: Skin, started by `connect`.
+        journal: Journal for all events.
 
     Attributes:
-        label: What the next taps are called in the journal, as JSON has it.
-        tally: Taps so far.
-        emulator: The way to the devices if they are emulated, to put objects under the finger.
+        label: Label of the next taps in the journal, as JSON values.
+        tally: Numbers of taps so far.
+        emulator: Clock of emulated devices, which takes orders such as putting objects under the finger; else None.
     """
 
     def __init__(self, settings: RigFile, loop: Loop, stage: Stage, skin: Skin, journal: Journal) -> None:
@@ -93,42 +93,42 @@ class Rig:
 
     @property
     def preprocessing(self) -> Preprocessing:
-        """How taps are prepared."""
+        """Preprocessing of the taps."""
         return self.settings.preprocessing
 
     @property
     def place_mm(self) -> float:
-        """Where along x of the rig frame it was told to stand."""
+        """Commanded position along x of the rig frame."""
         return self._place_mm
 
     @property
     def where_index(self) -> int:
-        """The where class in which it stands."""
+        """Index of the current position."""
         limits = self.settings.range
         cell = np.floor((self._place_mm - limits.start_mm) / limits.cell_mm + _ROUNDING)
         return int(np.clip(cell, 0, limits.where_classes - 1))
 
     @property
     def room(self) -> tuple[int, int]:
-        """Class steps left to either side."""
+        """Steps left to either end of the range."""
         return self.where_index, self.settings.range.where_classes - 1 - self.where_index
 
     def connect(self, home: bool = False) -> None:
-        """Opens both devices, takes the finger off the object and starts the readings.
+        """Opens both devices, lifts the finger off the object and starts the readings.
 
         Args:
             home: Whether to home the stage, which moves it to its limit switches.
 
         Raises:
             PositionUnknown: The stage needs homing.
-            RigError: A device is missing, another one, or in trouble.
+            RigError: A device is missing, unexpected or failing.
         """
         self.stage.connect(will_home=home)
         if home:
             self.stage.home()
         if self.stage.position_mm is None:
             port = self.settings.stage.port
-            raise PositionUnknown(f"{port}: the stage does not know where it is; free its way and home it with --home.")
+            raise PositionUnknown(f"{port}: position unknown; clear the path of the stage and home it (--home).")
         self.clear()
         self.skin.start()
         self._journal.event(self.loop.now, "stream", "the readings start")
@@ -137,24 +137,24 @@ class Rig:
         self.go(self._place_mm)
 
     def clear(self) -> None:
-        """Takes the finger off the object.
+        """Lifts the finger off the object.
 
         Raises:
-            RigError: The stage does not obey.
+            RigError: The stage does not respond.
         """
         self.stage.move(y_mm=self.settings.tap.clear_mm)
 
     def go(self, x_mm: float) -> None:
-        """Moves to a place along the finger, clear of the object.
+        """Moves to a position along the finger, clear of the object.
 
         Raises:
-            OutOfLimits: The place lies outside the range; nothing moved.
-            RigError: A device failed; the rig has been brought to rest.
+            OutOfLimits: The position lies outside the range; nothing moved.
+            RigError: A device failed; the rig is at rest.
         """
         limits = self.settings.range
         if not limits.start_mm - _ROUNDING <= x_mm <= limits.end_mm + _ROUNDING:
             raise OutOfLimits(
-                f"x = {x_mm:g} mm lies outside the range of {self.settings.name}, "
+                f"x = {x_mm:g} mm is outside the range of {self.settings.name}, "
                 f"{limits.start_mm:g} to {limits.end_mm:g} mm."
             )
         self._check_connected()
@@ -164,18 +164,18 @@ class Rig:
         self._place_mm = float(x_mm)
 
     def move(self, delta: int) -> int:
-        """Moves by `delta` where classes, at most to the end of the range; returns the steps made."""
+        """Moves by `delta` positions, at most to the end of the range; returns the steps made."""
         steps = clipped_move(delta, self.room)
         if steps:
             self.go(self._place_mm + steps * self.settings.range.cell_mm)
         return steps
 
     def tap(self) -> NDArray[np.float64]:
-        """The samples of one tap, shape (J, K).
+        """Samples of one tap, shape (J, K).
 
         Raises:
-            SensorFault: The readings of several taps could not be believed, or the sensor failed.
-            RigError: A device failed; in any case the rig has been brought to rest.
+            SensorFault: The readings of several taps were implausible, or the sensor failed.
+            RigError: A device failed; in either case the rig is at rest.
         """
         self._check_connected()
         reasons: list[str] = []
@@ -189,14 +189,14 @@ class Rig:
             self.tally.rejected += 1
             reasons.append(reason)
         raise SensorFault(
-            f"{self.settings.sensor.port}: no tap could be believed in {len(reasons)} attempts: {'; '.join(reasons)}."
+            f"{self.settings.sensor.port}: no plausible tap in {len(reasons)} attempts: {'; '.join(reasons)}."
         )
 
     def close(self) -> None:
-        """Takes the finger off the object and lets go of both devices.
+        """Lifts the finger off the object and closes both devices.
 
         Raises:
-            RigError: The finger could not be taken off; both devices are closed all the same.
+            RigError: The finger could not be lifted; both devices are closed nevertheless.
         """
         with undisturbed():
             try:
@@ -207,7 +207,7 @@ class Rig:
                 self.stage.close()
 
     def _attempt(self) -> tuple[NDArray[np.float64], str | None]:
-        """One press and release: its samples, and why they cannot be believed if so."""
+        """Samples of one press and release, and why they are implausible, or None."""
         settings, sensor = self.settings, self.settings.sensor
         with self.loop.guarded(self.skin.monitor.check), self.loop.guarded(self.stage.check):
             self._stand()
@@ -226,9 +226,9 @@ class Rig:
             samples, frames = self._wait_for_tap()
             self._rest_from = self._arrived
         if self.stage.counts.unanswered > unanswered:
-            return samples, "the stage lost an answer, so the press lasted too long"
+            return samples, "an answer of the stage was lost, so the press lasted too long"
         if ended_s - frames[-1].time_s > _SEEN_S:
-            return samples, "the finger was still on its way when the readings of the tap ended"
+            return samples, "the finger was still moving when the readings of the tap ended"
         trace = implausible(samples, settings.tap.lead_samples, sensor.noise_limit)
         return samples, self.skin.monitor.verdict(frames) or trace
 
@@ -237,13 +237,13 @@ class Rig:
             raise PositionUnknown(f"{self.settings.name}: the rig is not connected.")
 
     def _lift(self) -> None:
-        """Takes the finger off if trouble has left it on the object."""
+        """Lifts the finger if a failure left it on the object."""
         position = self.stage.position_mm
         if position is None or position[1] > self.settings.tap.clear_mm + _AWAY_MM:
             self.clear()
 
     def _stand(self) -> None:
-        """Goes where the tap is to be made if trouble has left the finger elsewhere."""
+        """Moves to the position of the tap if a failure left the finger elsewhere."""
         self._lift()
         position = self.stage.position_mm
         if position is None or abs(position[0] - self._place_mm) > _AWAY_MM:
@@ -256,26 +256,25 @@ class Rig:
             self.stage.path([(self._place_mm, tap.depth_mm, speed), (self._place_mm, tap.clear_mm, speed)])
 
     def _watch(self, now_s: float) -> None:  # noqa: ARG002 - the signature of a guard
-        """The guard of a press.
+        """Guard during a press.
 
         Raises:
-            SensorOverload: A taxel is at the end of its range.
-            StageFault: The finger is deeper than it was sent.
+            SensorOverload: A taxel saturated.
+            StageFault: The finger is deeper than commanded.
         """
         frame = self._frames[-1]
         if self.skin.monitor.overloaded(frame):
             k, port = int(np.argmax(frame.values)), self.settings.sensor.port
             if not frame.valid[k]:
-                raise SensorFault(f"{port}: taxel {k} reads the end of its range and is reported as broken.")
+                raise SensorFault(f"{port}: taxel {k} is saturated and reported as broken.")
             raise SensorOverload(
-                f"{port}: taxel {k} reached the end of its range and the finger was taken off; a smaller tap.depth_mm "
-                f"presses less."
+                f"{port}: taxel {k} saturated and the finger was lifted; reduce tap.depth_mm to press less."
             )
         position = self.stage.position_mm
         if position is not None and position[1] > self.settings.tap.depth_mm + _DEPTH_MARGIN_MM:
             raise StageFault(
                 f"{self.settings.stage.port}: the finger was at y = {position[1]:.3f} mm, deeper than "
-                f"tap.depth_mm = {self.settings.tap.depth_mm:g}, and was taken off."
+                f"tap.depth_mm = {self.settings.tap.depth_mm:g}, and was lifted."
             )
 
     def _take(self, frame: SkinFrame) -> None:
@@ -289,7 +288,7 @@ class Rig:
         self.loop.wait_for(
             lambda: self._arrived >= wanted,
             n / self.settings.sensor.rate_hz + _LATE_S,
-            f"{self.settings.sensor.port}: {n} readings did not come in time.",
+            f"{self.settings.sensor.port}: {n} readings did not arrive in time.",
         )
 
     def _wait_for_tap(self) -> tuple[NDArray[np.float64], tuple[SkinFrame, ...]]:
@@ -297,15 +296,15 @@ class Rig:
         self.loop.wait_for(
             lambda: self._tap is not None,
             J / self.settings.sensor.rate_hz + _LATE_S,
-            f"{self.settings.sensor.port}: the {J} readings of a tap did not come in time.",
+            f"{self.settings.sensor.port}: the {J} readings of a tap did not arrive in time.",
         )
-        if self._tap is None:  # never after wait_for, but a type checker cannot know
-            raise SensorFault(f"{self.settings.sensor.port}: a tap vanished.")
+        if self._tap is None:  # impossible after wait_for; for the type checker
+            raise SensorFault(f"{self.settings.sensor.port}: lost the samples of a tap.")
         return self._tap
 
     @contextmanager
     def _resting_on_trouble(self) -> Iterator[None]:
-        """Brings the rig to rest if the block ends otherwise than it should, Ctrl-C included."""
+        """Brings the rig to rest if the block fails, including by Ctrl-C."""
         try:
             yield
         except BaseException as trouble:
@@ -317,10 +316,10 @@ class Rig:
             raise
 
     def _rest(self) -> None:
-        """Stops and takes the finger off, whatever the guards say.
+        """Stops and lifts the finger, regardless of guards.
 
         Raises:
-            RigError: The stage does not obey.
+            RigError: The stage does not respond.
         """
         with self.loop.unguarded():
             try:
@@ -328,7 +327,7 @@ class Rig:
             except PortLost:
                 if not self.stage.port.is_open:
                     raise
-                self._retract()  # it was the sensor's, which is no longer read
+                self._retract()  # the error was the sensor's, which is no longer read
         self._rest_from = self._arrived
         self._journal.event(self.loop.now, "rest", "the finger is off the object")
 
@@ -338,7 +337,7 @@ class Rig:
 
 
 def still_pressing(trouble: BaseException, worse: RigError) -> NotAtRest:
-    """The error for a finger that could not be taken off after some trouble."""
+    """Error for a finger that could not be lifted after a failure."""
     first = str(trouble).rstrip(".") if isinstance(trouble, Exception) else "Interrupted"
     again = "" if str(worse) == str(trouble) else f" {worse}"
-    return NotAtRest(f"{first or type(trouble).__name__}. The finger may still press, take it off by hand.{again}")
+    return NotAtRest(f"{first or type(trouble).__name__}. The finger may still be pressing; lift it by hand.{again}")

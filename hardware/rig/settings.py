@@ -1,7 +1,7 @@
-"""`rig.toml`: what stands on the bench, and how it may be moved.
+"""`rig.toml`: the devices of a rig and the limits of its motion.
 
-Lengths are millimetres of the rig frame: x runs along the finger, from the first where class on; y is the way of a
-tap, which rises towards the object. Each axis says how it lies in the machine's own coordinates.
+Lengths are millimetres of the rig frame: x runs along the finger, starting at the first position; y is the direction of
+a tap, rising towards the object. Each axis defines its mapping to machine coordinates.
 """
 
 import math
@@ -25,19 +25,19 @@ _ROUNDING = 1e-6
 
 
 class _RigTable(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """A table of the file: keys that are not known are refused."""
+    """A table of the file; unknown keys are refused."""
 
 
 class AxisSettings(_RigTable, frozen=True):
     """One axis of the stage.
 
     Attributes:
-        letter: Its name in the controller.
-        origin_mm: Where the rig's zero lies in machine coordinates, which GRBL keeps negative.
-        direction: 1 if rig and machine coordinates rise together, -1 if not.
-        low_mm: Lower limit in the rig frame; no move leaves the limits.
-        high_mm: Upper limit in the rig frame.
-        speed_mm_s: Speed of moves along it, at most what the controller allows.
+        letter: Name of the axis in the controller.
+        origin_mm: Rig zero in machine coordinates, which are negative in GRBL.
+        direction: 1 if rig and machine coordinates rise together, -1 otherwise.
+        low_mm: Lower limit of all moves, in the rig frame.
+        high_mm: Upper limit of all moves, in the rig frame.
+        speed_mm_s: Speed of moves, at most the maximum rate of the controller.
     """
 
     letter: Literal["X", "Y", "Z"]
@@ -48,11 +48,11 @@ class AxisSettings(_RigTable, frozen=True):
     direction: Literal[-1, 1] = 1
 
     def machine_mm(self, rig_mm: float) -> float:
-        """Machine coordinate of a place in the rig frame."""
+        """Machine coordinate of a rig coordinate."""
         return self.origin_mm + self.direction * rig_mm
 
     def rig_mm(self, machine_mm: float) -> float:
-        """Place in the rig frame of a machine coordinate."""
+        """Rig coordinate of a machine coordinate."""
         return self.direction * (machine_mm - self.origin_mm)
 
 
@@ -64,8 +64,8 @@ class StageSettings(_RigTable, frozen=True):
         x: The axis along the finger.
         y: The axis of the tap.
         baud: Bits per second (GRBL: 115200).
-        boot_s: Time in seconds to wait for the banner of a controller that opening the port resets.
-        homing_s: Time in seconds that homing may take.
+        boot_s: Timeout in seconds for the banner of a controller that is reset by opening the port.
+        homing_s: Timeout of homing in seconds.
     """
 
     port: str
@@ -82,17 +82,17 @@ class IcubSettings(_RigTable, frozen=True, tag_field="kind", tag="icub"):
     Attributes:
         port: Device or URL of the adapter.
         baud: Bits per second of the port; adapters on USB ignore it.
-        acks: Whether the adapter answers commands: `"auto"` finds out, stock CANable firmware never does.
+        acks: Whether the adapter answers commands; `"auto"` detects it, stock CANable firmware does not.
         board: Address on the bus, 14 on both hands.
-        triangle: 0 to 4 are index, middle, ring, little finger and thumb.
+        triangle: Triangle; 0 to 4 are index, middle, ring and little finger, and thumb.
         period_ms: Time in milliseconds between two readings; 20 is the paper's 50 Hz.
-        no_load: What an untouched taxel reads after calibration, the middle of the band accepted.
-        no_load_band: How far from it the mean of an untouched taxel may lie, in counts.
+        no_load: Reading of an untouched taxel after calibration, in counts.
+        no_load_band: Largest deviation from it of the mean of an untouched taxel, in counts.
         noise_limit: Largest standard deviation of an untouched taxel, in counts.
         overload: Raw reading at or below which a taxel is overloaded and the finger retracts.
-        stuck_readings: Identical readings in a row that a live sensor never sends; 0 if it may.
-        order: Byte of the frames that each taxel of the taps is taken from; default as sent.
-        positions_mm: Position of each taxel of the taps, two or three numbers each; default none.
+        stuck_readings: Number of consecutive identical readings that show a stuck sensor; 0 for no check.
+        order: Byte of the frames for each taxel of the taps; default: as sent.
+        positions_mm: Position of each taxel of the taps, two or three numbers each; default: none.
     """
 
     port: str
@@ -125,17 +125,17 @@ class LineSettings(_RigTable, frozen=True, tag_field="kind", tag="lines"):
 
     Attributes:
         port: Device or URL.
-        taxels: `K`, values in a line.
+        taxels: Number of values in a line, `K`.
         rate_hz: Readings per second.
         baud: Bits per second.
         rising: Whether values rise under load.
         idle_low: Lowest mean that an untouched taxel may have.
         idle_high: Highest mean that an untouched taxel may have.
         noise_limit: Largest standard deviation of an untouched taxel.
-        overload: Raw value at or beyond which a taxel is overloaded; default never.
-        stuck_readings: Identical readings in a row that a live sensor never sends; default 0, as a clean one may.
-        order: Value of the line that each taxel of the taps is taken from; default as sent.
-        positions_mm: Position of each taxel of the taps, two or three numbers each; default none.
+        overload: Raw value at or beyond which a taxel is overloaded; default: never.
+        stuck_readings: Number of consecutive identical readings that show a stuck sensor; default: 0, no check.
+        order: Value of the line for each taxel of the taps; default: as sent.
+        positions_mm: Position of each taxel of the taps, two or three numbers each; default: none.
     """
 
     port: str
@@ -153,12 +153,12 @@ class LineSettings(_RigTable, frozen=True, tag_field="kind", tag="lines"):
 
 
 class RangeSettings(_RigTable, frozen=True):
-    """The where classes along x.
+    """Positions along x, divided into classes of equal width.
 
     Attributes:
-        start_mm: Lower end of the first.
-        end_mm: Upper end of the last.
-        cell_mm: Width of a class and of a step (paper: 1 mm).
+        start_mm: Lower end of the range.
+        end_mm: Upper end of the range.
+        cell_mm: Width of a class, and length of a step (paper: 1 mm).
     """
 
     start_mm: float = 0.0
@@ -172,18 +172,18 @@ class RangeSettings(_RigTable, frozen=True):
 
 
 class TapSettings(_RigTable, frozen=True):
-    """How a tap is made and prepared.
+    """Motion and preprocessing of a tap.
 
     Attributes:
-        clear_mm: Place in y where nothing is touched.
-        depth_mm: Place in y of the deepest point.
-        speed_mm_s: Speed of the tap; default that of the y axis.
-        samples: `J` (paper: 50).
-        lead_samples: Samples of a tap from before the press.
+        clear_mm: y of a position without contact.
+        depth_mm: y of the deepest point.
+        speed_mm_s: Speed of the tap; default: that of the y axis.
+        samples: Number of samples, `J` (paper: 50).
+        lead_samples: Number of samples before the press.
         period_s: Time from tap to tap (paper: 1 s).
         tare: `"tap"` subtracts the mean of the lead samples, `"none"` nothing.
-        highpass_hz: Cut-off of a high-pass over the whole stream, 0 for none.
-        retries: How often a tap that cannot be believed is made again.
+        highpass_hz: Cut-off frequency of a high-pass filter over the whole stream, 0 for none.
+        retries: Number of repetitions of an implausible tap.
     """
 
     depth_mm: float
@@ -198,11 +198,11 @@ class TapSettings(_RigTable, frozen=True):
 
 
 class EmulatorSettings(_RigTable, frozen=True):
-    """Where emulated devices take orders; `solidtouch emulate` writes it.
+    """Control socket of emulated devices; written by `solidtouch emulate`.
 
     Attributes:
-        control: Path of its socket.
-        shared_clock: Whether it hands out the time; otherwise the host's clock is used.
+        control: Path of the socket.
+        shared_clock: Whether the emulator provides the time; otherwise the host's clock is used.
     """
 
     control: str
@@ -210,15 +210,15 @@ class EmulatorSettings(_RigTable, frozen=True):
 
 
 class RigFile(_RigTable, frozen=True):
-    """The whole file.
+    """Settings of a rig.
 
     Attributes:
-        name: What the rig and its frame are called.
+        name: Name of the rig and its frame.
         sensor: The tactile sensor.
-        stage: What moves it.
-        tap: How a tap is made.
-        range: The where classes.
-        emulator: Only where the devices are emulated.
+        stage: The stage.
+        tap: Motion and preprocessing of a tap.
+        range: Positions along x.
+        emulator: Emulator, if the devices are emulated.
     """
 
     name: str
@@ -230,7 +230,7 @@ class RigFile(_RigTable, frozen=True):
 
     @property
     def preprocessing(self) -> Preprocessing:
-        """How taps are prepared."""
+        """Preprocessing of the taps."""
         tap = self.tap
         return Preprocessing(
             samples=tap.samples,
@@ -244,11 +244,11 @@ class RigFile(_RigTable, frozen=True):
 
 
 def load_rig(path: str | Path) -> RigFile:
-    """The settings in a file.
+    """Settings read from a file.
 
     Raises:
-        InputError: The file is missing or no TOML, a key is unknown, missing or of the wrong kind, or values
-            contradict each other; the sentence names file and key.
+        InputError: The file is missing or not TOML, a key is unknown, missing or of the wrong type, or values
+            contradict each other; the message names file and key.
     """
     text = read_settings(path)
     with naming(path):
@@ -256,7 +256,7 @@ def load_rig(path: str | Path) -> RigFile:
 
 
 def parse_rig(text: str) -> RigFile:
-    """The settings in the text of a file.
+    """Settings read from the text of a file.
 
     Raises:
         InputError: As `load_rig`.
@@ -267,36 +267,37 @@ def parse_rig(text: str) -> RigFile:
 
 
 def read_settings(path: str | Path) -> str:
-    """The text of a settings file.
+    """Text of a settings file.
 
     Raises:
-        InputError: The file is missing or no text.
+        InputError: The file is missing or not UTF-8 text.
     """
     try:
         return Path(path).read_text(encoding="utf-8")
     except (OSError, UnicodeDecodeError) as error:
-        raise InputError(f"{path} cannot be read: {getattr(error, 'strerror', None) or 'it is not UTF-8'}.") from error
+        raise InputError(f"{path}: cannot read: {getattr(error, 'strerror', None) or 'not UTF-8'}.") from error
 
 
 def parse_settings[T: Struct](text: str, kind: type[T]) -> T:
-    """The settings in a TOML text, every key known and of the right kind.
+    """Settings read from TOML text, with all keys and types checked.
 
     Raises:
-        InputError: The text is no TOML, or a key is unknown, missing or of the wrong kind.
+        InputError: The text is not TOML, or a key is unknown, missing or of the wrong type.
     """
     try:
         return msgspec.convert(tomllib.loads(text), kind)
     except tomllib.TOMLDecodeError as error:
-        raise InputError(f"this is no TOML: {error}.") from error
+        raise InputError(f"not TOML: {error}.") from error
     except msgspec.ValidationError as error:
         raise InputError(_in_words(str(error))) from error
 
 
 def _in_words(message: str) -> str:
-    """`Expected `float` - at `$.tap.depth_mm`` as a sentence that starts with the key."""
+    """Message `Expected `float` - at `$.tap.depth_mm`` as a sentence that starts with the key."""
     what, _, where = message.partition(" - at ")
-    what = what.replace("Object contains", "there is an").replace("Object missing", "there is no")
-    what = what.replace("an unknown field", "an unknown key").replace("no required field", "no key")
+    what = what.replace("Object contains unknown field", "unknown key").replace(
+        "Object missing required field", "missing key"
+    )
     key = where.strip("`").removeprefix("$.").removeprefix("$")
     return f"{key}: {what[0].lower()}{what[1:]}." if key else f"{what[0].lower()}{what[1:]}."
 
@@ -305,7 +306,7 @@ def _check(rig: RigFile) -> None:
     _check_finite("", msgspec.to_builtins(rig))
     for name, axis in (("x", rig.stage.x), ("y", rig.stage.y)):
         if not axis.low_mm < axis.high_mm:
-            raise InputError(f"stage.{name}: low_mm={axis.low_mm:g} must lie below high_mm={axis.high_mm:g}.")
+            raise InputError(f"stage.{name}: low_mm={axis.low_mm:g} must be below high_mm={axis.high_mm:g}.")
     if rig.stage.x.letter == rig.stage.y.letter:
         raise InputError(f"stage.y.letter: both axes are called {rig.stage.x.letter}.")
     _inside("range.start_mm", rig.range.start_mm, "x", rig.stage.x)
@@ -313,12 +314,12 @@ def _check(rig: RigFile) -> None:
     _inside("tap.clear_mm", rig.tap.clear_mm, "y", rig.stage.y)
     _inside("tap.depth_mm", rig.tap.depth_mm, "y", rig.stage.y)
     if not rig.tap.clear_mm < rig.tap.depth_mm:
-        raise InputError("tap.depth_mm: the deepest point must lie above clear_mm, as y rises towards the object.")
+        raise InputError("tap.depth_mm: must be above clear_mm, as y rises towards the object.")
     cells = (rig.range.end_mm - rig.range.start_mm) / rig.range.cell_mm
     if round(cells) < 1 or abs(cells - round(cells)) > _ROUNDING * cells:
-        raise InputError(f"range: the range must be a whole number of cells, at least 1, not {cells:g}.")
+        raise InputError(f"range: must be a whole number of cells, at least 1, got {cells:g}.")
     if not rig.tap.lead_samples < rig.tap.samples:
-        raise InputError("tap.lead_samples: a tap needs samples after the press, so it must be below samples.")
+        raise InputError("tap.lead_samples: must be below samples, as a tap needs samples after the press.")
     if rig.tap.samples / rig.sensor.rate_hz > rig.tap.period_s + _ROUNDING:
         seconds = rig.tap.samples / rig.sensor.rate_hz
         raise InputError(f"tap.period_s: {rig.tap.samples} samples take {seconds:g} s, longer than the period.")
@@ -335,17 +336,17 @@ def _check_order(sensor: IcubSettings | LineSettings) -> None:
     if isinstance(sensor, IcubSettings) and not order:
         raise InputError("sensor.order: a tap needs at least one taxel.")
     if any(a == b for a, b in pairwise(order)) or (order and order[-1] >= sent):
-        raise InputError(f"sensor.order: it must name some of the {sent} taxels, 0 to {sent - 1}, once each.")
+        raise InputError(f"sensor.order: must list distinct taxels out of 0 to {sent - 1}.")
     K = len(order) or sent
     sizes = {len(position) for position in sensor.positions_mm}
     if sensor.positions_mm and (len(sensor.positions_mm) != K or sizes not in ({2}, {3})):
-        raise InputError(f"sensor.positions_mm: two or three numbers for each of the {K} taxels are needed.")
+        raise InputError(f"sensor.positions_mm: must give two or three numbers for each of the {K} taxels.")
 
 
 def _inside(key: str, value_mm: float, name: str, axis: AxisSettings) -> None:
     if not axis.low_mm <= value_mm <= axis.high_mm:
         raise InputError(
-            f"{key}: {value_mm:g} mm lies outside the limits of stage.{name}, {axis.low_mm:g} to {axis.high_mm:g} mm."
+            f"{key}: {value_mm:g} mm is outside the limits of stage.{name}, {axis.low_mm:g} to {axis.high_mm:g} mm."
         )
 
 
@@ -362,4 +363,4 @@ def _check_finite(key: str, value: Any) -> None:
     elif isinstance(value, float) and (
         math.isnan(value) or (math.isinf(value) and not _MAY_BE_INFINITE.fullmatch(key))
     ):
-        raise InputError(f"{key}: the number must be finite, not {value}.")
+        raise InputError(f"{key}: must be finite, got {value}.")

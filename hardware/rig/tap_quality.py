@@ -1,7 +1,7 @@
-"""Whether the samples of a tap can be a tap: what no count of frames and no checksum tells.
+"""Plausibility of the samples of a tap, beyond frame counts and checksums.
 
-An SLCAN frame has no checksum behind the adapter, so a flipped bit of a hex digit arrives as another value; and a board
-that calibrates by itself while it is pressed reads wrongly from then on. Both leave traces that a finger cannot.
+SLCAN frames have no checksum after the adapter, so a flipped bit of a hex digit arrives as another value; and a board
+that recalibrates under load gives wrong readings from then on. Both leave traces that contact cannot cause.
 """
 
 import numpy as np
@@ -13,13 +13,13 @@ _REST_NOISE_LIMITS = 3.0
 
 
 def implausible(samples: NDArray[np.float64], lead: int, noise_limit: float) -> str | None:
-    """What is wrong with a tap, one phrase, or None.
+    """Why a tap is implausible, as a phrase, or None.
 
     Args:
-        samples: One tap of a sensor whose values rise under load, shape (J, K), with what was before the press first.
-        lead: Samples from before the press, when nothing is touched.
-        noise_limit: Largest standard deviation of an untouched taxel, in units of the samples; infinity if nothing is
-            known of it, and then nothing is checked.
+        samples: One tap of a sensor whose values rise under load, shape (J, K), starting before the press.
+        lead: Number of samples before the press, without contact.
+        noise_limit: Largest standard deviation of an untouched taxel, in units of the samples; infinity if unknown,
+            and then nothing is checked.
     """
     if not np.isfinite(noise_limit):
         return None
@@ -31,14 +31,14 @@ def implausible(samples: NDArray[np.float64], lead: int, noise_limit: float) -> 
         shift = np.abs(samples[-_REST_SAMPLES:].mean(axis=0) - samples[:lead].mean(axis=0))
         if shift.max() > _REST_NOISE_LIMITS * noise_limit:
             k = int(np.argmax(shift))
-            return f"taxel {k} came to rest {shift[k]:.1f} from where it was before the press"
+            return f"taxel {k} returned to {shift[k]:.1f} away from its value before the press"
     return None
 
 
 def _jumps(samples: NDArray[np.float64]) -> NDArray[np.float64]:
-    """How far each sample lies beyond its neighbours and the lines through them, but the first and last; (J - 2, K).
+    """Distance of each inner sample from its neighbours and the lines through them, shape (J - 2, K).
 
-    The lines let the turning point of a fast press pass.
+    The lines admit the turning point of a fast press.
     """
     if len(samples) < 3:
         return np.zeros((0, samples.shape[1]))

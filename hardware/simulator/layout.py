@@ -1,7 +1,7 @@
-"""Where the taxels of the simulated fingertip sit and how they face the object.
+"""Positions and orientation of the taxels of the simulated fingertip.
 
 The positions are those of the iCub fingertip board, second revision (layout table in
-github.com/icub-tech-iit/electronics-boards-public, sensor-boards/ftx2), which its authors call good to about 0.5 mm.
+github.com/icub-tech-iit/electronics-boards-public, sensor-boards/ftx2), accurate to about 0.5 mm.
 The finger of the paper is an earlier revision whose layout is not public.
 """
 
@@ -17,8 +17,8 @@ class Taxel(NamedTuple):
         axial_mm: Published axial coordinate; falls towards the tip.
         outward_mm: Published coordinate along the tap.
         lateral_mm: Published coordinate across the finger.
-        facing: Share of the contact pressure that the pad takes, from the tilt of its normal: 1 faces the object,
-            0 looks sideways and stays idle.
+        facing: Fraction of the contact pressure on the pad, from the tilt of its normal: 1 faces the object, 0 faces
+            sideways and stays idle.
     """
 
     axial_mm: float
@@ -46,4 +46,4 @@ ICUB_FINGERTIP = (
     Taxel(-18.7, 1.6, 2.5, 0.47),
     Taxel(-20.9, 0.0, 0.0, 0.6),
 )
-"""The twelve pads; `facing` follows the board's normals, except the tip's, which is set by hand."""
+"""The twelve pads; `facing` follows the board's normals, except at the tip, where it is set by hand."""

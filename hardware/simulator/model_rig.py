@@ -1,8 +1,8 @@
-"""Taps drawn from fitted models: the one rig whose taps fulfil every assumption of a likelihood.
+"""Taps drawn from fitted models, which satisfy every assumption of their likelihood.
 
-From the paper's histograms each sample's bin is drawn independently of all others given the class (the model of Eq. 1
-without its root), from other models as they say. The class is where the sensor stands on the grid. Error levels and
-guarantees of perception can be checked on such data and on no other.
+With the paper's histograms, the bin of each sample is drawn independently given the class (the model of Eq. 1 without
+its root); other models draw as they define. The class is given by the position of the sensor and its object. Error
+levels and guarantees of perception can be checked on such data only.
 """
 
 from dataclasses import replace
@@ -23,18 +23,18 @@ from ..sensor import check_class, clipped_move
 
 
 class BinTables(NamedTuple):
-    """Histograms ready to be drawn from.
+    """Histograms prepared for sampling.
 
     Attributes:
-        cumulative: Probability of a bin or one below it, shape (L, M, K, B).
-        centre: Sample value that stands for a bin, shape (K, B).
+        cumulative: Cumulative probability of the bins, shape (L, M, K, B).
+        centre: Sample value of each bin, shape (K, B).
     """
 
     cumulative: NDArray[np.float64]
     centre: NDArray[np.float64]
 
     def values(self, where: int, what: int, uniform: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Samples of one class from independent numbers in [0, 1), both of shape (..., K)."""
+        """Samples of one class from independent uniform numbers in [0, 1), both of shape (..., K)."""
         columns = [
             centre[np.searchsorted(cumulative, uniform[..., k], side="right")]
             for k, (cumulative, centre) in enumerate(zip(self.cumulative[where, what], self.centre, strict=True))
@@ -43,19 +43,19 @@ class BinTables(NamedTuple):
 
 
 def bin_tables(probabilities: ArrayLike, edges: ArrayLike, shape: tuple[int, int]) -> BinTables:
-    """Tables from the probabilities and edges of a fitted model.
+    """Sampling tables from the probabilities and edges of a fitted model.
 
     Args:
         probabilities: P_k(b | class), normalised or not, shape (L, M, K, B).
-        edges: Increasing bin edges, shape (B + 1,) for all taxels or (K, B + 1) for each.
+        edges: Increasing bin edges, shape (B + 1,), or (K, B + 1) for each taxel.
         shape: (L, M) of the class grid.
 
     Raises:
-        InputError: Shapes contradict each other, a histogram has no or negative weight, or edges do not increase.
+        InputError: Shapes do not match, a histogram has zero or negative weight, or edges do not increase.
     """
     p, edges = np.asarray(probabilities, dtype=np.float64), np.asarray(edges, dtype=np.float64)
     if p.ndim != 4 or p.shape[:2] != shape:
-        raise InputError(f"A grid of {shape[0]} x {shape[1]} classes needs a table for each, got shape {p.shape}.")
+        raise InputError(f"The grid has {shape[0]} x {shape[1]} classes, but the tables have shape {p.shape}.")
     K, B = p.shape[2:]
     if edges.shape not in ((B + 1,), (K, B + 1)):
         raise InputError(f"{K} taxels with {B} bins need {B + 1} edges, got shape {edges.shape}.")
@@ -69,23 +69,23 @@ def bin_tables(probabilities: ArrayLike, edges: ArrayLike, shape: tuple[int, int
 
 
 class ModelRig:
-    """A `TouchSensor` whose taps are drawn from fitted histograms; moves end at the ends of the grid.
+    """A `TouchSensor` whose taps are drawn from fitted histograms; moves stop at the ends of the grid.
 
     Args:
-        grid: The classes.
+        grid: Class grid.
         probabilities: P_k(b | class), shape (L, M, K, B).
         edges: Bin edges, shape (B + 1,) or (K, B + 1).
-        preprocessing: The record that its taps claim; gives `J`.
-        start: Where class in which it stands first.
-        what: What class of the object.
-        generator: Of all random numbers.
+        preprocessing: Preprocessing attributed to the taps; sets `J`.
+        start: Index of the first position.
+        what: Index of the object.
+        generator: Random number generator.
 
     Attributes:
-        where_index: The where class in which it stands.
-        clamped: Moves that the end of the range cut short.
+        where_index: Index of the current position.
+        clamped: Number of moves cut short at the end of the range.
 
     Raises:
-        InputError: The tables do not fit the grid or each other, or the start lies outside the grid.
+        InputError: The tables do not match the grid or each other, or the start lies outside the grid.
     """
 
     def __init__(
@@ -109,21 +109,21 @@ class ModelRig:
 
     @property
     def preprocessing(self) -> Preprocessing:
-        """The record given."""
+        """Preprocessing attributed to the taps."""
         return self._preprocessing
 
     @property
     def room(self) -> tuple[int, int]:
-        """Class steps left to either side."""
+        """Steps left to either end of the range."""
         return self.where_index, self._last - self.where_index
 
     def tap(self) -> NDArray[np.float64]:
-        """The samples of one tap, bin centres, shape (J, K)."""
+        """Samples of one tap as bin centres, shape (J, K)."""
         uniform = self._generator.random((self._preprocessing.samples, len(self._tables.centre)))
         return self._tables.values(self.where_index, self._what, uniform)
 
     def move(self, delta: int) -> int:
-        """Moves by `delta` where classes, at most to the end of the range; returns the steps made."""
+        """Moves by `delta` positions, at most to the end of the range; returns the steps made."""
         steps = clipped_move(delta, self.room)
         self.clamped += steps != delta
         self.where_index += steps
@@ -143,20 +143,20 @@ def draw_taps(
     """A session of taps drawn from fitted histograms.
 
     Args:
-        grid: The classes.
+        grid: Class grid.
         probabilities: P_k(b | class), shape (L, M, K, B).
         edges: Bin edges, shape (B + 1,) or (K, B + 1).
-        preprocessing: The record that the taps claim; gives `J`.
-        taps_per_class: Taps of each class.
-        seed: The data set.
-        session: Number of the session, drawn independently of the others.
-        trained: Classes to draw from, shape (L, M); default all.
+        preprocessing: Preprocessing attributed to the taps; sets `J`.
+        taps_per_class: Number of taps of each class.
+        seed: Seed of the data set.
+        session: Number of the session; sessions are independent.
+        trained: Classes to draw from, shape (L, M); default: all.
 
     Returns:
-        Taps class by class, at the values of their classes.
+        Taps class by class, labelled with the values of their classes.
 
     Raises:
-        InputError: The tables do not fit the grid or each other, no class is trained, or no tap is asked for.
+        InputError: The tables do not match the grid or each other, no class is trained, or no tap is requested.
     """
     tables = bin_tables(probabilities, edges, grid.shape)
     classes = _classes(grid, taps_per_class, trained)
@@ -170,19 +170,19 @@ def draw_taps(
 def draw_session(
     model: TapModel, taps_per_class: int, seed: int, session: int = 0, samples: int | None = None
 ) -> TapSet:
-    """A session of taps drawn from any fitted model, all of them in one state of it.
+    """A session of taps drawn from any fitted model, all in the same state.
 
     Args:
-        model: The model; of its classes those that it can speak about.
-        taps_per_class: Taps of each class.
-        seed: The data set.
-        session: Number of the session, drawn independently of the others; in a model with states it has one of these,
-            drawn from their probabilities before any tap.
-        samples: Samples of a tap, `None` for those of the model.
+        model: Fitted model; taps are drawn from its trained classes.
+        taps_per_class: Number of taps of each class.
+        seed: Seed of the data set.
+        session: Number of the session; sessions are independent. With a model that has states, a session has one
+            state, drawn from their probabilities before any tap.
+        samples: Number of samples of a tap; default: that of the model.
 
     Raises:
-        InputError: No class is trained, no tap is asked for, or other taps than the model has while its samples have
-            their times.
+        InputError: No class is trained, no tap is requested, or the model depends on time and `samples` differs from
+            its own.
     """
     record = model.preprocessing if samples is None else replace(model.preprocessing, samples=samples)
     if isinstance(model, HistogramModel) and len(model.states.gain) == 1:
@@ -191,8 +191,8 @@ def draw_session(
         )
     if isinstance(model.form, GaussianForm) and record.samples != model.preprocessing.samples:
         raise InputError(
-            f"A {model.name} model says something of {model.preprocessing.samples} samples at their times; taps of "
-            f"{samples} cannot be drawn from it."
+            f"The {model.name} model describes taps of {model.preprocessing.samples} samples; cannot draw taps of "
+            f"{samples}."
         )
     classes = _classes(model.grid, taps_per_class, model.trained)
     generator = seeds.generator(seed, seeds.Purpose.MODEL, session)
@@ -204,16 +204,16 @@ def draw_session(
 
 
 def _state(model: TapModel, number: int) -> str:
-    """What a session has of a model with states, in words."""
+    """State of a session, as a phrase; empty for a model without states."""
     if len(model.states.gain) == 1:
         return ""
     return f", gain {model.states.gain[number]:.4g} and offset {model.states.offset[number]:.4g}"
 
 
 def _classes(grid: ClassGrid, taps_per_class: int, trained: NDArray[np.bool_] | None) -> NDArray[np.intp]:
-    """Where and what of the classes to draw from, shape (n, 2)."""
+    """Position and object indices of the classes to draw from, shape (n, 2)."""
     if taps_per_class < 1:
-        raise InputError(f"At least one tap per class is needed, got {taps_per_class}.")
+        raise InputError(f"taps_per_class must be at least 1, got {taps_per_class}.")
     classes = np.argwhere(np.ones(grid.shape, dtype=bool) if trained is None else trained)
     if not len(classes):
         raise InputError("The model has no trained class to draw from.")
@@ -229,7 +229,7 @@ def _session(
     sensor: str,
     told: str,
 ) -> TapSet:
-    """Taps of classes, as many of each, as a tap set."""
+    """Taps of the given classes, equally many of each, as a tap set."""
     each = len(taps) // len(classes)
     where, what = np.repeat(classes, each, axis=0).T
     return TapSet.from_arrays(

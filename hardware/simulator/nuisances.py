@@ -1,7 +1,7 @@
-"""What differs between sensors and between sessions, drawn reproducibly.
+"""Variation between sensors and between sessions, drawn reproducibly.
 
-Session `r` of seed `s` is the same however many sessions or taps are made (see `models.seeds`), and presets differ by
-their sizes only, not by other random numbers.
+Session `r` of seed `s` does not depend on the number of sessions or taps (see `models.seeds`). Presets scale the same
+random numbers.
 """
 
 from typing import NamedTuple
@@ -14,13 +14,13 @@ from .settings import RigSettings
 
 
 class Nuisances(NamedTuple):
-    """One session's sensor and mounting.
+    """Sensor and mounting of one session.
 
     Attributes:
-        gain_counts_per_mm: Of each taxel at light load, shape (K,).
+        gain_counts_per_mm: Gain of each taxel at light load, shape (K,).
         rail_counts: Reading of each taxel without load, before the limits of the converter, shape (K,).
-        mounting_x_mm: Displacement of each rod along the finger, shape (M,).
-        mounting_y_mm: Displacement of each rod towards the finger, shape (M,).
+        mounting_x_mm: Displacement of each object along the finger, shape (M,).
+        mounting_y_mm: Displacement of each object towards the finger, shape (M,).
     """
 
     gain_counts_per_mm: NDArray[np.float64]
@@ -30,9 +30,9 @@ class Nuisances(NamedTuple):
 
 
 def session_nuisances(settings: RigSettings, seed: int, session: int) -> Nuisances:
-    """The sensor of data set `seed` and what session `session` makes of it.
+    """Sensor of data set `seed`, as modified in session `session`.
 
-    Sensitivity and idle reading belong to the sensor and stay; gains drift and rods are mounted anew.
+    Sensitivity and idle reading belong to the sensor and are constant; gains and mounting vary between sessions.
     """
     K = len(settings.taxels)
     sensor = generator(seed, Purpose.SENSOR).standard_normal((2, K))

@@ -1,7 +1,7 @@
-"""Contact of a rounded fingertip with a rod, noise-free: from position and depth to the indentation each taxel sees.
+"""Noise-free contact of a rounded fingertip with a rod: taxel indentation from position and depth.
 
-A thin foam over a rigid core answers locally (Winkler bed), so the contact is the overlap of two rounded surfaces, as
-in Hertz's geometry. The rod's diameter enters only through the width of that patch.
+A thin foam on a rigid core responds locally (Winkler bed), so the contact is the overlap of two rounded surfaces, as
+in Hertz's geometry. The diameter of the rod only sets the width of that patch.
 """
 
 from functools import lru_cache
@@ -16,26 +16,26 @@ _NODES = 7  # Gauss-Hermite nodes per axis of a receptive field
 
 
 def effective_radius_mm(settings: RigSettings, diameter_mm: float) -> float:
-    """Radius `R_e` of the contact along the finger, `1 / R_e = 1 / R_rod + 1 / R_finger`."""
+    """Effective radius `R_e` in mm along the finger, `1 / R_e = 1 / R_rod + 1 / R_finger`."""
     return 1.0 / (2.0 / diameter_mm + 1.0 / settings.axial_radius_mm)
 
 
 def peak_depth_mm(settings: RigSettings, position_mm: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Deepest indentation of a tap at each position: a Gaussian on a pedestal; same shape.
+    """Deepest indentation in mm of a tap at each position, a Gaussian on a pedestal; same shape.
 
     The finger is rounded and tilted, and rods are mounted with their nearest points in line, so the depth depends on
-    the position and not on the rod.
+    the position but not on the rod.
     """
     offset = (position_mm - settings.depth_centre_mm) / settings.depth_width_mm
     return settings.depth_mm * (settings.depth_edge + (1 - settings.depth_edge) * np.exp(-(offset**2) / 2))
 
 
 def press_profile(settings: RigSettings, delay_samples: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Depth over time as a fraction of the deepest: half a sine while in contact, else 0.
+    """Depth over time as a fraction of the deepest: half a sine during contact, else 0.
 
     Args:
-        settings: The rig.
-        delay_samples: By how many samples each tap's time axis is shifted, shape (n,).
+        settings: Settings of the rig.
+        delay_samples: Delay of each tap in samples, shape (n,).
 
     Returns:
         Values in [0, 1], shape (n, J).
@@ -48,20 +48,20 @@ def press_profile(settings: RigSettings, delay_samples: NDArray[np.float64]) -> 
 def taxel_indentation_mm(
     settings: RigSettings, position_mm: NDArray[np.float64], diameter_mm: float, depth_mm: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """Mean indentation in each taxel's receptive field, times how the pad faces the object.
+    """Mean indentation in the receptive field of each taxel, times its `facing`.
 
     At the distance `u` along and `z` across the finger from the nearest point, a depth `D` indents the foam by
     `max(0, D - u² / (2 R_e) - z² / (2 R_lateral))`. The Gaussian mean over a receptive field is a sum over 7 x 7
     Gauss-Hermite nodes.
 
     Args:
-        settings: The rig.
-        position_mm: Where along the finger the rod touches, shape (n,).
-        diameter_mm: The rod's diameter.
+        settings: Settings of the rig.
+        position_mm: Position of the rod along the finger, shape (n,).
+        diameter_mm: Diameter of the rod.
         depth_mm: Depth of the nearest point over time, shape (n, J).
 
     Returns:
-        Millimetres, shape (n, J, K).
+        Indentation in mm, shape (n, J, K).
     """
     along, across, weight = receptive_field(settings.receptive_field_mm)
     radius = effective_radius_mm(settings, diameter_mm)
@@ -92,12 +92,12 @@ def _mean_overlap(
 
 @lru_cache
 def receptive_field(sd_mm: float) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
-    """Offsets along and across and weights of the nodes of a Gaussian receptive field, each of shape (49,)."""
+    """Offsets along and across the finger, and weights, of the nodes of a receptive field; each of shape (49,)."""
     node, weight = np.polynomial.hermite.hermgauss(_NODES)
     along, across = np.meshgrid(np.sqrt(2) * sd_mm * node, np.sqrt(2) * sd_mm * node)
     return along.ravel(), across.ravel(), np.outer(weight, weight).ravel() / np.pi
 
 
 def taxel_positions_mm(taxels: tuple[Taxel, ...]) -> NDArray[np.float64]:
-    """Distance from the base, height and lateral offset of each taxel, shape (K, 3)."""
+    """Distance from the base, height and lateral offset of each taxel in mm, shape (K, 3)."""
     return np.array([(taxel.along_mm, taxel.outward_mm, taxel.lateral_mm) for taxel in taxels])

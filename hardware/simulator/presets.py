@@ -24,20 +24,20 @@ PRESETS = {
     "hold2": RigSettings(hold_samples=2),
     "nodrift": _NO_DRIFT,
 }
-"""Settings by name: the paper's rig; one without nuisances; one with strong common noise; one that reads every second
-frame; one whose sessions are all alike."""
+"""Settings by name: the paper's rig; without nuisances; with strong common noise; with every second frame repeated;
+with identical sessions."""
 
 
 def preset(name: str, others: Sequence[str] = ()) -> RigSettings:
-    """The settings of that name.
+    """Settings of a preset.
 
     Args:
         name: A key of `PRESETS`.
-        others: Further names that the caller would take, for the message.
+        others: Further names that the caller accepts, for the message.
 
     Raises:
-        InputError: There is no such preset.
+        InputError: The preset is unknown.
     """
     if name not in PRESETS:
-        raise InputError(f"There is no preset {name!r}; the presets are {', '.join([*PRESETS, *others])}.")
+        raise InputError(f"Unknown preset {name!r}; choose from {', '.join([*PRESETS, *others])}.")
     return PRESETS[name]

@@ -1,4 +1,4 @@
-"""The simulated rig, live: stands somewhere, taps there, moves."""
+"""Simulated rig for live use: taps and moves."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,28 +15,28 @@ from .tap_stream import TapStream
 class SimulatedRig:
     """A `TouchSensor` at any continuous position, with the gains and mounting that `simulate_session` gives a session.
 
-    Its noise is its own, so that it never repeats the taps of the data collection. The high-pass filter remembers the
-    former place for a few seconds; recordings, made in steps of 0.05 mm, know no such jumps. The rig therefore taps
-    `settling_taps` times unrecorded after each change of place, as the operator of a real one would. Thermal
-    drift goes on as long as the rig taps; a new `run` starts without it.
+    Its noise is independent of that of the data collection. The high-pass filter remembers the previous position for a
+    few seconds; recordings, made in steps of 0.05 mm, contain no such jumps. The rig therefore makes `settling_taps`
+    unrecorded taps after each change of position, as the operator of a real one would. Thermal drift accumulates as
+    long as the rig taps; a new `run` starts without it.
 
     Args:
-        settings: The rig, or the name of a preset.
-        seed: The data set.
-        session: Session whose gains and mounting hold.
-        position_mm: Where it stands first.
-        what: Index of the rod.
-        run: Tells repeated runs with other noise apart.
-        settling_taps: Taps not recorded after each change of place; default `settings.settling_taps`.
+        settings: Settings of the rig, or the name of a preset.
+        seed: Seed of the data set.
+        session: Session that sets gains and mounting.
+        position_mm: First position.
+        what: Index of the object.
+        run: Number of the run; runs have independent noise.
+        settling_taps: Unrecorded taps after each change of position; default: `settings.settling_taps`.
 
     Attributes:
-        settings: The rig.
-        position_mm: Where it stands.
-        what: Index of the rod before it.
-        clamped: Moves that the end of the range cut short.
+        settings: Settings of the rig.
+        position_mm: Current position.
+        what: Index of the current object.
+        clamped: Number of moves cut short at the end of the range.
 
     Raises:
-        InputError: There is no such preset, or the position or the rod is not on the rig.
+        InputError: The preset or the object is unknown, or the position is outside the range.
     """
 
     def __init__(
@@ -57,44 +57,44 @@ class SimulatedRig:
 
     @property
     def preprocessing(self) -> Preprocessing:
-        """How the taps are prepared."""
+        """Preprocessing of the taps."""
         return self.settings.preprocessing
 
     @property
     def where_index(self) -> int:
-        """The where class in which it stands."""
+        """Index of the current position."""
         return int(self.settings.where_index(self.position_mm))
 
     @property
     def room(self) -> tuple[int, int]:
-        """Class steps left to either side."""
+        """Steps left to either end of the range."""
         return self.where_index, self.settings.where_classes - 1 - self.where_index
 
     def place(self, position_mm: float, what: int | None = None) -> None:
-        """Stands at a position, and before another rod if one is named.
+        """Sets the position, and the object if given.
 
         Raises:
-            InputError: The position or the rod is not on the rig.
+            InputError: The position is outside the range, or the object is unknown.
         """
         settings = self.settings
         if not settings.start_mm <= position_mm <= settings.end_mm:
             raise InputError(
-                f"Position {position_mm} mm lies outside the range from {settings.start_mm} to {settings.end_mm} mm."
+                f"Position {position_mm} mm is outside the range, {settings.start_mm} to {settings.end_mm} mm."
             )
         if what is not None and not 0 <= what < len(settings.rods):
-            raise InputError(f"There is no rod {what}; the rig has {len(settings.rods)}, counted from 0.")
+            raise InputError(f"Unknown object {what}; choose 0 to {len(settings.rods) - 1}.")
         self.position_mm = float(position_mm)
         self.what = self.what if what is None else what
         self._unsettled = self._settling_taps
 
     def tap(self) -> NDArray[np.float64]:
-        """The samples of one tap, shape (J, K)."""
+        """Samples of one tap, shape (J, K)."""
         position = self.settings.spread([self.position_mm] * (self._unsettled + 1))
         self._unsettled = 0
         return self._stream.tap(position, self.what)[-1]
 
     def move(self, delta: int) -> int:
-        """Moves by `delta` where classes, at most to the end of the range; returns the steps made."""
+        """Moves by `delta` positions, at most to the end of the range; returns the steps made."""
         steps = clipped_move(delta, self.room)
         self.clamped += steps != delta
         if steps:

@@ -1,4 +1,4 @@
-"""A whole session of the paper's experiment, simulated (sec. 2.3): every rod tapped along the whole range."""
+"""Simulated session of the paper's experiment (sec. 2.3): every object tapped along the whole range."""
 
 import numpy as np
 
@@ -12,32 +12,32 @@ from .tap_stream import TapStream
 
 
 def simulate(rig: str | RigSettings, sessions: int = 1, seed: int = 0) -> list[TapSet]:
-    """Whole sessions of one data set, numbered from 0; they share the sensor, and gains and mounting differ.
+    """Sessions of one data set, numbered from 0; they share the sensor but differ in gains and mounting.
 
     Args:
-        rig: Its settings, or the name of a preset.
-        sessions: How many.
-        seed: The data set.
+        rig: Settings of the rig, or the name of a preset.
+        sessions: Number of sessions.
+        seed: Seed of the data set.
 
     Raises:
-        InputError: There is no such preset, or no session is asked for.
+        InputError: The preset is unknown, or no session is requested.
     """
     if sessions < 1:
-        raise InputError(f"There must be at least one session, got {sessions}.")
+        raise InputError(f"sessions must be at least 1, got {sessions}.")
     settings = preset(rig) if isinstance(rig, str) else rig
     return [simulate_session(settings, seed, session) for session in range(sessions)]
 
 
 def simulate_session(settings: RigSettings, seed: int, session: int) -> TapSet:
-    """All taps of one session: each rod is one stream from the lower to the upper end of the range.
+    """All taps of one session; each object gives one stream from the lower to the upper end of the range.
 
     Args:
-        settings: The rig.
-        seed: The data set; its sessions share the sensor.
+        settings: Settings of the rig.
+        seed: Seed of the data set; its sessions share the sensor.
         session: Number of the session; gains and mounting differ between sessions.
 
     Returns:
-        `len(rods) * taps` taps in counts after the high-pass, `where` in mm as commanded.
+        Taps in counts after the high-pass filter, with commanded positions in mm as `where`.
     """
     nominal = settings.nominal_mm
     M, n = len(settings.rods), len(nominal)

@@ -1,8 +1,8 @@
-"""Every parameter of the simulated rig.
+"""Parameters of the simulated rig.
 
-Sizes of finger, rods, range and timing are the paper's (sec. 2.3). What it does not give is taken from public sources
-where there are any (named below) and otherwise **tuned until the paper's headline errors come out**: depth envelope,
-gains, noise and drift. Agreement with the paper is therefore calibration and no evidence for it.
+Sizes of finger and rods, range and timing are the paper's (sec. 2.3). Other values are from public sources where
+available (named below) and otherwise **tuned to reproduce the paper's headline errors**: depth envelope, gains, noise
+and drift. Agreement with the paper is therefore calibration, not evidence for it.
 """
 
 from dataclasses import dataclass, fields
@@ -16,15 +16,15 @@ from ...models.preprocessing import Preprocessing
 from .layout import ICUB_FINGERTIP, Taxel
 
 _ROUNDING = 1e-6
-_SETTLED = 4.0  # time constants after which 2 % of a step is left
+_SETTLED = 4.0  # time constants after which 2 % of a step remain
 
 
 class Rod(NamedTuple):
     """A cylinder to tap.
 
     Attributes:
-        name: How it is called.
-        diameter_mm: Its diameter.
+        name: Name of the rod.
+        diameter_mm: Diameter of the rod.
     """
 
     name: str
@@ -36,38 +36,38 @@ PAPER_RODS = tuple(Rod(f"{d} mm rod", float(d)) for d in (4, 6, 8, 10, 12))
 
 @dataclass(frozen=True)
 class RigSettings:
-    """The generative model of the rig; the defaults are the preset `paper`.
+    """Generative model of the rig; the defaults are the preset `paper`.
 
-    Standard deviations marked "log" are those of a logarithm, so about a relative change.
+    Standard deviations marked "log" are those of the logarithm, that is, approximately relative.
 
     Attributes:
         rods: The objects (paper: 4 to 12 mm steel cylinders).
         start_mm: Lower end of the range of positions.
         end_mm: Upper end of the range (paper: 16 mm).
         spacing_mm: Distance between successive taps of the data collection (paper: 0.05 mm).
-        cell_mm: Width of a where class and of a move's step (paper: 1 mm).
-        position_spread_mm: Width of the interval inside a where class from which its taps come, centred; `cell_mm`
-            is continuous positions as in the paper, 0 puts all taps of a class at its centre.
+        cell_mm: Width of a position class, and length of a step (paper: 1 mm).
+        position_spread_mm: Width of the centred interval of a position class from which its taps come; `cell_mm`
+            gives continuous positions as in the paper, 0 puts all taps of a class at its centre.
         rate_hz: Frames per second (paper: 50).
         tap_period_s: Time from tap to tap (paper: 1 s).
-        contact_start_s: When in a tap the finger touches.
-        contact_duration_s: How long it touches.
+        contact_start_s: Start of contact within a tap.
+        contact_duration_s: Duration of contact.
         depth_mm: Indentation at the best position; the foam of such fingertips is about 2 mm thick.
         depth_edge: Indentation far from the best position, as a fraction of `depth_mm`.
         depth_width_mm: Standard deviation of the Gaussian between the two.
         depth_centre_mm: The best position; the middle taxel row sits at 7.7 mm.
         axial_radius_mm: Curvature of the finger along its axis, nearly straight.
         lateral_radius_mm: Curvature across, half the finger's width of 13 mm (Schmitz et al. 2010).
-        receptive_field_mm: Standard deviation of a taxel's Gaussian receptive field: pad and spread in the foam.
+        receptive_field_mm: Standard deviation of a taxel's Gaussian receptive field, from the pad and the foam.
         taxels: Positions and tilt of the pads (github.com/icub-tech-iit/electronics-boards-public, ftx2).
-        gain_counts_per_mm: Counts per millimetre of mean indentation at light load; gives peaks of about 100 counts,
-            like published traces of this fingertip on Braille (github.com/event-driven-robotics).
+        gain_counts_per_mm: Counts per millimetre of mean indentation at light load; gives peaks of about 100 counts, as
+            in published traces of this fingertip on Braille (github.com/event-driven-robotics).
         compression_mm: Mean indentation at which compression halves the signal.
         sensitivity_log_sd: Log spread between the taxels of one sensor, the same in all sessions.
         lag_s: Time constant of the foam's first-order viscous lag.
         rail_counts: Mean reading without load; 240 in iCub software, at the upper rail in published traces.
-        rail_sd_counts: Spread of it between taxels; taxels whose idle reading lies above 255 have a dead zone.
-        highpass_hz: Cut-off of the high-pass over the whole stream; the paper says only that there is one.
+        rail_sd_counts: Its spread between taxels; taxels whose idle reading exceeds 255 have a dead zone.
+        highpass_hz: Cut-off frequency of the high-pass filter over the whole stream; the paper gives no value.
         white_counts: White noise of each taxel.
         taxel_noise_counts: Autocorrelated noise of each taxel.
         common_noise_counts: Autocorrelated noise common to all taxels.
@@ -79,11 +79,11 @@ class RigSettings:
         tap_position_mm: Spread of the position between taps (paper: about 50 µm accuracy).
         session_gain_log_sd: Log spread of the gain between sessions, common to all taxels.
         session_taxel_gain_log_sd: Log spread of each taxel's gain between sessions.
-        mounting_x_mm: Spread of each rod's position between sessions (it is mounted anew).
+        mounting_x_mm: Spread of each rod's position between sessions, from remounting.
         mounting_y_mm: Spread of each rod's distance between sessions, added to the indentation.
 
     Raises:
-        InputError: A value lies outside its range or sizes do not fit together.
+        InputError: A value is out of range or sizes do not match.
     """
 
     rods: tuple[Rod, ...] = PAPER_RODS
@@ -134,35 +134,35 @@ class RigSettings:
         for name in _POSITIVE:
             if not getattr(self, name) > 0:
                 raise InputError(f"{name} must be positive, got {getattr(self, name)}.")
-        _check_whole("the range in cells", (self.end_mm - self.start_mm) / self.cell_mm)
-        _check_whole("the range in taps", (self.end_mm - self.start_mm) / self.spacing_mm)
-        _check_whole("the samples of a tap", self.rate_hz * self.tap_period_s)
+        _check_whole("positions (range / cell_mm)", (self.end_mm - self.start_mm) / self.cell_mm)
+        _check_whole("taps (range / spacing_mm)", (self.end_mm - self.start_mm) / self.spacing_mm)
+        _check_whole("samples per tap (rate_hz * tap_period_s)", self.rate_hz * self.tap_period_s)
         if self.position_spread_mm > self.cell_mm:
             raise InputError(f"position_spread_mm={self.position_spread_mm} exceeds cell_mm={self.cell_mm}.")
         if not self.noise_correlation < 1:
             raise InputError(f"noise_correlation must be below 1, got {self.noise_correlation}.")
         if not self.rods or not self.taxels or any(not rod.diameter_mm > 0 for rod in self.rods):
-            raise InputError("A rig needs at least one taxel and one rod, and rods need positive diameters.")
+            raise InputError("A rig needs at least one taxel and one rod, and diameters must be positive.")
 
     @property
     def where_classes(self) -> int:
-        """`L`, cells in the range."""
+        """Number of positions, `L`."""
         return round((self.end_mm - self.start_mm) / self.cell_mm)
 
     @property
     def where_edges_mm(self) -> NDArray[np.float64]:
-        """Edges of the where classes, shape (L + 1,)."""
+        """Edges of the position classes in mm, shape (L + 1,)."""
         return self.start_mm + self.cell_mm * np.arange(self.where_classes + 1, dtype=np.float64)
 
     @property
     def nominal_mm(self) -> NDArray[np.float64]:
-        """Positions of one rod's taps in the data collection, shape (taps,)."""
+        """Positions in mm of the taps of one object in the data collection, shape (taps,)."""
         taps = round((self.end_mm - self.start_mm) / self.spacing_mm)
         return self.spread(self.start_mm + self.spacing_mm * (np.arange(taps) + 0.5))
 
     @property
     def preprocessing(self) -> Preprocessing:
-        """How the stream becomes taps: high-pass, then one tap per period of the clock."""
+        """Preprocessing of the stream: high-pass filter, then one tap per clock period."""
         return Preprocessing(
             samples=round(self.rate_hz * self.tap_period_s),
             rate_hz=self.rate_hz,
@@ -172,13 +172,13 @@ class RigSettings:
 
     @property
     def settling_taps(self) -> int:
-        """Taps after which the high-pass has forgotten the former place (four time constants)."""
+        """Number of taps after which the high-pass filter has settled (four time constants)."""
         if self.highpass_hz == 0:
             return 0
         return int(np.ceil(_SETTLED / (2 * np.pi * self.highpass_hz * self.tap_period_s)))
 
     def spread(self, position_mm: ArrayLike) -> NDArray[np.float64]:
-        """Positions drawn towards the centre of their where class by `position_spread_mm`; same shape."""
+        """Positions contracted towards the centre of their class to `position_spread_mm`; same shape."""
         position = np.asarray(position_mm, dtype=np.float64)
         if self.position_spread_mm == self.cell_mm:
             return position
@@ -186,12 +186,12 @@ class RigSettings:
         return centre + (position - centre) * (self.position_spread_mm / self.cell_mm)
 
     def where_index(self, position_mm: ArrayLike) -> NDArray[np.intp]:
-        """The where class of each position, those outside the range in its end classes; same shape."""
+        """Position index of each position in mm, clipped to the range; same shape."""
         cells = (np.asarray(position_mm, dtype=np.float64) - self.start_mm) / self.cell_mm
         return np.clip(np.floor(cells + _ROUNDING), 0, self.where_classes - 1).astype(np.intp)
 
     def describe(self) -> str:
-        """These settings in words: what differs from the preset `paper`."""
+        """Differences from the preset `paper`, as a phrase."""
         default = RigSettings()
         changes = [
             f"{field.name}={getattr(self, field.name)}"
@@ -203,7 +203,7 @@ class RigSettings:
 
 def _check_whole(name: str, value: float) -> None:
     if round(value) < 1 or abs(value - round(value)) > _ROUNDING * value:
-        raise InputError(f"A rig needs a whole number for {name}, at least 1, got {value:g}.")
+        raise InputError(f"The number of {name} must be an integer of at least 1, got {value:g}.")
 
 
 _ANY_SIGN = ("start_mm", "end_mm", "depth_centre_mm")

@@ -1,4 +1,4 @@
-"""From the indentation of a taxel to the counts of an 8-bit capacitive converter; state carries on between calls."""
+"""Signal chain from taxel indentation to counts of an 8-bit capacitive converter; stateful across calls."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,11 +11,11 @@ FULL_SCALE = 255
 
 
 class FirstOrderNoise:
-    """Gaussian noise `y[t] = decay y[t-1] + step e[t]`: white, AR(1) or random walk, drawn piece by piece.
+    """Gaussian noise `y[t] = decay y[t-1] + step e[t]`: white, AR(1) or random walk, drawn in pieces.
 
     Args:
-        generator: Of this noise alone, so that any cut into pieces draws the same numbers.
-        width: Columns, independent of each other.
+        generator: Random generator for this noise only, so that the numbers do not depend on the pieces.
+        width: Number of independent columns.
         decay: 0 for white noise, 1 for a random walk.
         step: Standard deviation of a step.
         start: Standard deviation before the first sample.
@@ -29,7 +29,7 @@ class FirstOrderNoise:
         self._state = decay * start * generator.standard_normal((1, width))
 
     def draw(self, n: int) -> NDArray[np.float64]:
-        """The next `n` samples, shape (n, width)."""
+        """Next `n` samples, shape (n, width)."""
         if self._step == 0:
             return np.zeros((n, self._width))
         steps = self._step * self._generator.standard_normal((n, self._width))
@@ -40,11 +40,11 @@ class FirstOrderNoise:
 
 
 class SensorNoise:
-    """White, autocorrelated, common and drifting noise of all taxels together, in counts.
+    """Sum of white, autocorrelated, common and drifting noise of all taxels, in counts.
 
     Args:
-        settings: The rig.
-        seeds: Entropy of this noise.
+        settings: Settings of the rig.
+        seeds: Seeds of this noise.
     """
 
     def __init__(self, settings: RigSettings, seeds: np.random.SeedSequence) -> None:
@@ -60,7 +60,7 @@ class SensorNoise:
         )
 
     def draw(self, n: int) -> NDArray[np.float64]:
-        """The next `n` samples, shape (n, K)."""
+        """Next `n` samples, shape (n, K)."""
         return sum((part.draw(n) for part in self._parts), start=np.zeros((n, self._K)))
 
 
@@ -68,9 +68,9 @@ class SignalChain:
     """Foam lag, compressive gain, noise, converter and sample-and-hold of all taxels.
 
     Args:
-        settings: The rig.
+        settings: Settings of the rig.
         nuisances: Gains and idle readings of the session.
-        seeds: Entropy of this stream's noise.
+        seeds: Seeds of the noise of this stream.
     """
 
     def __init__(self, settings: RigSettings, nuisances: Nuisances, seeds: np.random.SeedSequence) -> None:
@@ -84,13 +84,13 @@ class SignalChain:
         self._frames = 0
 
     def read(self, indentation_mm: NDArray[np.float64]) -> NDArray[np.float64]:
-        """The counts of the next frames; whole numbers in [0, 255] that rise under load.
+        """Counts of the next frames, integers in [0, 255] that rise under load, shape (n, K).
 
         Args:
-            indentation_mm: What each taxel sees, shape (n, K).
+            indentation_mm: Indentation of each taxel, shape (n, K).
         """
         if len(indentation_mm) == 0:
-            return np.empty_like(indentation_mm)  # lfilter would return no usable state
+            return np.empty_like(indentation_mm)  # lfilter would not return a usable state
         lagged, self._lag = lfilter([1 - self._decay], [1.0, -self._decay], indentation_mm, axis=0, zi=self._lag)
         return self._hold(converted(self._settings, self._nuisances, lagged, self._noise.draw(len(lagged))))
 
@@ -106,12 +106,12 @@ class SignalChain:
 def converted(
     settings: RigSettings, nuisances: Nuisances, lagged_mm: NDArray[np.float64], noise: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """Compressive gain, noise and converter: whole numbers in [0, 255] that rise under load.
+    """Counts after compressive gain, noise and converter: integers in [0, 255] that rise under load.
 
     Args:
-        settings: The rig.
+        settings: Settings of the rig.
         nuisances: Gains and idle readings of the session.
-        lagged_mm: What each taxel sees after the foam's lag, shape (..., K).
+        lagged_mm: Indentation of each taxel after the foam's lag, shape (..., K).
         noise: Counts to add before the converter; same shape.
     """
     signal = nuisances.gain_counts_per_mm * lagged_mm / (1 + lagged_mm / settings.compression_mm)

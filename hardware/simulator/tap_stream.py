@@ -1,4 +1,4 @@
-"""One uninterrupted stream of simulated taps; the data collection and the live rig are both made of it."""
+"""Uninterrupted stream of simulated taps, for the data collection and the live rig."""
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -12,16 +12,16 @@ from .signal_chain import SignalChain
 
 
 class TapStream:
-    """A finger that taps at one place after another while lag, noise and high-pass filter run on.
+    """A finger that taps at successive positions while lag, noise and high-pass filter continue.
 
-    Taps made together and taps made one by one are the same.
+    Taps do not depend on whether they are made together or one by one.
 
     Args:
-        settings: The rig.
-        seed: The data set.
-        session: The session, from which gains and mounting follow.
-        purpose: Data collection or live use, so that the two draw different noise.
-        number: Which stream of this session and purpose.
+        settings: Settings of the rig.
+        seed: Seed of the data set.
+        session: Session that sets gains and mounting.
+        purpose: Data collection or live use; the two have independent noise.
+        number: Number of the stream in this session and purpose.
     """
 
     def __init__(self, settings: RigSettings, seed: int, session: int, purpose: Purpose, number: int) -> None:
@@ -33,20 +33,20 @@ class TapStream:
         self._cutter = TapCutter(settings.preprocessing)
 
     def tap(self, position_mm: ArrayLike, what: int) -> NDArray[np.float64]:
-        """Prepared taps at these positions in turn.
+        """Preprocessed taps at these positions in turn.
 
         Args:
             position_mm: Commanded positions, shape (n,).
-            what: Index of the rod.
+            what: Index of the object.
 
         Returns:
-            Counts after the high-pass, shape (n, J, K).
+            Counts after the high-pass filter, shape (n, J, K).
         """
         counts = self._chain.read(self._indentation(np.asarray(position_mm, dtype=np.float64), what))
         return np.array([tap.samples for tap in self._cutter.push(counts)])
 
     def _indentation(self, position_mm: NDArray[np.float64], what: int) -> NDArray[np.float64]:
-        """What the taxels see during these taps, with the robot's own imprecision; shape (n J, K)."""
+        """Indentation of the taxels during these taps in mm, with the robot's inaccuracy; shape (n J, K)."""
         settings = self._settings
         wobble = self._hand.standard_normal((len(position_mm), 3))
         position = position_mm + self._nuisances.mounting_x_mm[what] + settings.tap_position_mm * wobble[:, 0]

@@ -1,7 +1,7 @@
-"""What a tactile sensor reads without contact, and whether it is untouched.
+"""Baseline of a tactile sensor, and whether the sensor is untouched.
 
-A board calibrates whatever presses on it, and may do so again by itself. Both show as readings at rest far from where
-they belong.
+A board calibrates even under load, and may recalibrate by itself. Both show as readings at rest far from their expected
+values.
 """
 
 import math
@@ -15,26 +15,26 @@ from ..errors import BaselineRefused
 from .skin import SkinFrame
 
 REST_NOISE_LIMITS = 2.0
-"""How far a taxel at rest may be from the baseline, in noise limits."""
+"""Largest distance of a taxel at rest from the baseline, in noise limits."""
 FOLLOWED_NOISE_LIMITS_PER_S = 0.125
-"""How fast the baseline may drift, in noise limits per second: half a count for the fingertip."""
+"""Largest drift rate of the baseline, in noise limits per second: half a count for the fingertip."""
 
 
 @dataclass(frozen=True)
 class SkinLimits:
-    """What readings of a sensor may be.
+    """Limits of the readings of a sensor.
 
     Attributes:
-        name: Port of the sensor, with which messages start.
-        taxels: `K`.
+        name: Port of the sensor, for messages.
+        taxels: Number of taxels, `K`.
         rate_hz: Readings per second.
         idle_low: Lowest mean of a taxel without contact, as sent.
         idle_high: Highest mean of a taxel without contact, as sent.
-        highest: Mean above which a taxel at rest may be pinned at the end of its range, as sent.
-        noise_limit: Largest standard deviation of a taxel without contact; infinity if nothing is known of it, and
-            then neither is rest checked nor drift followed.
+        highest: Mean above which a taxel at rest may be saturated, as sent.
+        noise_limit: Largest standard deviation of a taxel without contact; infinity if unknown, and then neither rest
+            is checked nor drift tracked.
         overload: Value, with the sign that rises under load, at or beyond which a taxel is overloaded.
-        stuck_readings: Identical readings in a row that only a sensor that hangs sends; 0 if any may be.
+        stuck_readings: Number of consecutive identical readings that show a stuck sensor; 0 for no check.
         own_clock: Whether the sensor sends its own time.
     """
 
@@ -51,13 +51,13 @@ class SkinLimits:
 
 
 class Baseline:
-    """The values of an untouched sensor, which may drift.
+    """Values of an untouched sensor, which may drift.
 
     Args:
-        limits: What readings may be.
+        limits: Limits of the readings.
 
     Attributes:
-        values: With the sign that rises under load, shape (K,), not a number before the first `settle`.
+        values: Values without contact, rising under load, shape (K,); NaN before the first `settle`.
     """
 
     def __init__(self, limits: SkinLimits) -> None:
@@ -68,14 +68,14 @@ class Baseline:
 
     @property
     def is_known(self) -> bool:
-        """Whether it was measured."""
+        """Whether it has been measured."""
         return not np.isnan(self.values).any()
 
     def settle(self, frames: Sequence[SkinFrame]) -> None:
-        """Takes the mean of readings.
+        """Sets the baseline to the mean of readings.
 
         Raises:
-            BaselineRefused: They are not those of an untouched sensor, or invalid; the old values stay.
+            BaselineRefused: They are not those of an untouched sensor, or invalid; the old values are kept.
         """
         good = self._valid(frames)
         raw = np.array([frame.raw for frame in good])
@@ -84,7 +84,7 @@ class Baseline:
         self.values = np.mean([frame.values for frame in good], axis=0)
 
     def follow(self, frame: SkinFrame) -> None:
-        """Lets the baseline drift with a valid reading, at a bounded rate, unless a taxel is touched."""
+        """Tracks drift with a valid reading, at a bounded rate, unless a taxel is touched."""
         if math.isinf(self._step):
             return
         away = frame.values - self.values
@@ -92,10 +92,10 @@ class Baseline:
             self.values = self.values + np.clip(away, -self._step, self._step)
 
     def check(self, frames: Sequence[SkinFrame]) -> None:
-        """Whether readings just before a press are those of a finger that touches nothing.
+        """Checks that readings just before a press are those of an untouched finger.
 
         Raises:
-            BaselineRefused: They are not, or the board has calibrated by itself under load.
+            BaselineRefused: They are not, or the board has recalibrated under load.
         """
         if not frames or not self.is_known or math.isinf(self._rest_limit):
             return
@@ -105,19 +105,19 @@ class Baseline:
         if (wrong := np.abs(away) > self._rest_limit).any():
             raise BaselineRefused(
                 f"{self._limits.name}: {taxel_names(wrong)} up to {np.abs(away).max():.1f} away from the baseline at "
-                f"rest, more than {self._rest_limit:g}; something touches the finger, or the board calibrated by "
-                f"itself: free the finger and start again."
+                f"rest, limit {self._rest_limit:g}; something touches the finger, or the board recalibrated by "
+                f"itself: free the finger and restart."
             )
 
     def _valid(self, frames: Sequence[SkinFrame]) -> list[SkinFrame]:
-        """Those with valid taxels only, if they are not few."""
+        """The readings with all taxels valid, if there are enough."""
         good = [frame for frame in frames if frame.valid.all()]
         if len(good) < len(frames) / 2:
             wrong = ~np.all([frame.valid for frame in frames], axis=0)
             raise BaselineRefused(
                 f"{self._limits.name}: {taxel_names(wrong)} invalid in {len(frames) - len(good)} of {len(frames)} "
                 f"readings without contact, as after a calibration under load or with a broken chip; free the finger "
-                f"and start again."
+                f"and restart."
             )
         return good
 
@@ -128,7 +128,7 @@ class Baseline:
             k = int(np.argmax(np.maximum(low - mean, mean - high)))
             raise BaselineRefused(
                 f"{self._limits.name}: {taxel_names(wrong)} not at rest without contact: taxel {k} reads "
-                f"{mean[k]:.1f}, where {low:g} to {high:g} is expected; free the finger and start again."
+                f"{mean[k]:.1f}, expected {low:g} to {high:g}; free the finger and restart."
             )
 
     def _check_end(self, mean: NDArray[np.float64]) -> None:
@@ -136,7 +136,7 @@ class Baseline:
             raise BaselineRefused(
                 f"{self._limits.name}: {taxel_names(wrong)} not at rest without contact: taxel {int(np.argmax(mean))} "
                 f"reads {mean.max():.1f}, the end of its range, as after a calibration under load; free the finger and "
-                f"start again."
+                f"restart."
             )
 
     def _check_noise(self, deviation: NDArray[np.float64]) -> None:
@@ -145,11 +145,11 @@ class Baseline:
             k = int(np.argmax(deviation))
             raise BaselineRefused(
                 f"{self._limits.name}: {taxel_names(wrong)} not at rest without contact: taxel {k} varies by "
-                f"{deviation[k]:.1f}, where at most {limit:g} is expected; free the finger and start again."
+                f"{deviation[k]:.1f}, expected at most {limit:g}; free the finger and restart."
             )
 
 
 def taxel_names(marked: NDArray[np.bool_]) -> str:
-    """The marked taxels, shape (K,), as the start of a sentence or phrase: `taxel 3`, `taxels 3, 5`."""
+    """Names of the marked taxels, shape (K,), such as `taxel 3` or `taxels 3, 5`."""
     numbers = np.flatnonzero(marked)
     return f"taxel{'s' * (len(numbers) > 1)} {', '.join(map(str, numbers))}"

@@ -1,7 +1,7 @@
-"""An SLCAN adapter on a port: opens the bus, sends frames, hands out those that come.
+"""SLCAN adapter on a port: opens the bus, sends and receives frames.
 
-Adapters differ in whether they answer. Stock CANable firmware never does, others answer each command with a carriage
-return or a bell; the answer to `V` tells them apart.
+Some adapters do not answer commands (stock CANable firmware), others answer each with a carriage return or a bell; the
+answer to `V` distinguishes them.
 """
 
 from collections.abc import Callable
@@ -30,9 +30,9 @@ from .slcan import (
 )
 
 ANSWER_S = 0.5
-"""Time in seconds for an answer, which takes milliseconds."""
+"""Timeout in seconds for an answer, which takes milliseconds."""
 QUIET_S = 0.2
-"""Time in seconds in which what came before the adapter was closed is read and thrown away."""
+"""Time in seconds for which stale input is discarded after closing the adapter."""
 BUS_KBIT = 1000
 _LEAVE_S = 0.02
 _NOISE_BYTES = 32
@@ -42,16 +42,16 @@ class CanAdapter:
     """A CAN bus behind an SLCAN adapter.
 
     Args:
-        port: Where it is.
-        acks: Whether it answers commands; `"auto"` finds out.
-        loop: Reads the port.
-        journal: Hears of commands.
-        on_frame: Called with each frame that comes and the time.
+        port: Port of the adapter.
+        acks: Whether it answers commands; `"auto"` detects it.
+        loop: Loop that reads the port.
+        journal: Journal for commands.
+        on_frame: Called with each frame received and its time.
 
     Attributes:
-        port: Where it is.
-        refused: Commands refused since `open`.
-        frames: Frames that came since `open`.
+        port: Port of the adapter.
+        refused: Number of commands refused since `open`.
+        frames: Number of frames received since `open`.
     """
 
     def __init__(
@@ -76,12 +76,12 @@ class CanAdapter:
 
     @property
     def dropped(self) -> int:
-        """Units of bytes that were no unit of the protocol."""
+        """Number of malformed and overlong lines."""
         return self._decoder.lines.dropped.line_count
 
     @property
     def is_noise(self) -> bool:
-        """Whether bytes come, but nothing that an SLCAN adapter sends."""
+        """Whether bytes arrive, but nothing that an SLCAN adapter sends."""
         return not self.frames and self._decoder.lines.dropped.byte_count + self._decoder.lines.pending >= _NOISE_BYTES
 
     def open(self) -> None:
@@ -89,8 +89,8 @@ class CanAdapter:
 
         Raises:
             PortError: The port cannot be opened.
-            WrongDevice: The adapter refused a command, or is none.
-            NoAnswer: It should answer and did not.
+            WrongDevice: The adapter refused a command, or the device is not an adapter.
+            NoAnswer: An expected answer did not arrive.
         """
         open_patiently(self.port, self._loop, self._journal)
         self._loop.attach(self.port, self.receive)
@@ -108,17 +108,17 @@ class CanAdapter:
         """Sends a frame.
 
         Args:
-            frame: It.
-            name: What it does, for messages.
+            frame: The frame.
+            name: Name of the command, for messages.
 
         Raises:
             WrongDevice: The adapter refused it.
-            NoAnswer: It should answer and did not.
+            NoAnswer: An expected answer did not arrive.
         """
         self._command(transmit(frame), name)
 
     def close(self, *last: SlcanFrame) -> None:
-        """Sends last frames, closes bus and port, and raises no `RigError`."""
+        """Sends last frames and closes bus and port; never raises a `RigError`."""
         try:
             with suppress(RigError), self._loop.unguarded():
                 if self.port.is_open:
@@ -131,7 +131,7 @@ class CanAdapter:
             self.port.close()
 
     def receive(self, data: bytes, time_s: float) -> None:
-        """Takes bytes of the port."""
+        """Takes bytes from the port."""
         for unit in self._decoder.push(data):
             match unit:
                 case SlcanFrame() | RemoteFrame():
@@ -151,7 +151,7 @@ class CanAdapter:
         self._version = None
 
     def _find_out(self) -> None:
-        """Finds out whether the adapter answers, by asking for its version."""
+        """Detects whether the adapter answers, by requesting its version."""
         self._answer = None
         self._write(VERSION)
         with suppress(NoAnswer):
@@ -174,14 +174,14 @@ class CanAdapter:
             if self._mode == "strict":
                 raise self.noise() if self.is_noise else error from None
             self._answers = False
-            self._journal.event(self._loop.now, "adapter", f"{error} No more answers are expected.")
+            self._journal.event(self._loop.now, "adapter", f"{error} Continuing without answers.")
         if isinstance(self._answer, Bell):
             self._refuse(name, optional)
 
     def _silence(self, name: str) -> str:
         return (
-            f"{self.port.address}: the adapter did not answer the command {name!r} within {ANSWER_S:g} s; either "
-            f'sensor.baud is wrong, or it never answers and needs sensor.acks = "none".'
+            f"{self.port.address}: the adapter did not answer the command {name!r} within {ANSWER_S:g} s; check "
+            f'sensor.baud, or set sensor.acks = "none" if it never answers.'
         )
 
     def _refuse(self, name: str, optional: bool) -> None:
@@ -191,10 +191,10 @@ class CanAdapter:
         self._journal.event(self._loop.now, "refused", sentence)
 
     def noise(self) -> WrongDevice:
-        """What to raise where only noise comes."""
+        """Error for a port that only sends noise."""
         return WrongDevice(
-            f"{self.port.address}: {self._decoder.lines.dropped.byte_count} bytes came and none of them is SLCAN; this "
-            f"is another device, or sensor.baud is wrong."
+            f"{self.port.address}: {self._decoder.lines.dropped.byte_count} bytes received, none of them SLCAN; "
+            f"this is another device, or sensor.baud is wrong."
         )
 
     def _write(self, data: bytes) -> None:

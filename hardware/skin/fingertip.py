@@ -1,7 +1,7 @@
-"""The iCub's fingertip behind an SLCAN adapter, as a `Skin`.
+"""iCub fingertip behind an SLCAN adapter, as a `Skin`.
 
-The start follows the stock driver (`CanBusSkin.cpp`): set up the board, wait, enable the triangle, upon which the board
-calibrates, wait, start. The board answers none of that, so readings that come are the only proof.
+The start sequence follows the stock driver (`CanBusSkin.cpp`): configure the board, wait, enable the triangle (the
+board then calibrates), wait, start. The board acknowledges none of these, so only arriving readings confirm success.
 """
 
 import numpy as np
@@ -36,13 +36,13 @@ from .skin import SkinCounts, SkinFrame, ignore_frame
 from .slcan import RemoteFrame, SlcanFrame
 
 SETTLE_S = 0.5
-"""Time in seconds that the stock driver waits after it has set up the board; enough for a calibration too."""
+"""Waiting time in seconds after configuring the board, as in the stock driver; suffices for a calibration too."""
 VERSION_S = 0.3
 FIRST_READING_S = 1.5
 PAIRING_PERIODS = 0.75
-"""Halves of two ticks that are joined where the others are lost leave one reading less, so the loss is found."""
+"""If halves of two ticks are joined because the others were lost, one reading is missing, so the loss is found."""
 _LAST = 255
-_BLIND_END = 0.5  # a taxel at rest whose mean is this close to the end of the range may be pinned there
+_BLIND_END = 0.5  # a taxel at rest with a mean this close to the end of the range may be saturated
 _TAXELS = np.arange(12)
 
 
@@ -50,16 +50,16 @@ class Fingertip:
     """A triangle of 12 taxels.
 
     Args:
-        settings: Which, and where.
-        loop: Reads the port.
-        journal: Hears of every reading, command and trouble.
-        port: In place of that of the settings.
+        settings: Settings of the sensor.
+        loop: Loop that reads the port.
+        journal: Journal for readings, commands and faults.
+        port: Port to use instead of that of the settings.
 
     Attributes:
-        port: Where it is.
-        on_frame: Called with every reading once the stream was started.
-        monitor: Whether the readings can be trusted.
-        version: What the board says of itself, None where it says nothing.
+        port: Port of the adapter.
+        on_frame: Called with every reading once the stream is started.
+        monitor: Checks of the readings.
+        version: Version of the board, None if it does not answer.
     """
 
     def __init__(self, settings: IcubSettings, loop: Loop, journal: Journal, port: Port | None = None) -> None:
@@ -84,12 +84,12 @@ class Fingertip:
 
     @property
     def rate_hz(self) -> float:
-        """Readings per second that it is set to."""
+        """Configured readings per second."""
         return self._settings.rate_hz
 
     @property
     def counts(self) -> SkinCounts:
-        """What went wrong so far."""
+        """Counts of faults so far."""
         counts = self.monitor.counts
         counts.unpaired = self._pairing.lost_heads + self._pairing.lost_tails
         counts.dropped = self._adapter.dropped
@@ -97,10 +97,10 @@ class Fingertip:
         return counts
 
     def start(self) -> None:
-        """Opens the port, sets up board and triangle, starts the readings and measures the baseline.
+        """Opens the port, configures board and triangle, starts the readings and measures the baseline.
 
         Raises:
-            RigError: The device is missing, another one, or touched; the port is closed again.
+            RigError: The device is missing, unexpected or touched; the port is closed again.
         """
         try:
             self._adapter.open()
@@ -151,13 +151,17 @@ class Fingertip:
         if self._adapter.is_noise:
             return self._adapter.noise()
         if self._pairing.waiting:
-            return SensorFault(f"{name}: only halves of readings come from {sensor}; the link loses the other ones.")
+            return SensorFault(
+                f"{name}: only half readings arrive from {sensor}; the other halves are lost on the link."
+            )
         if self._others:
             others = ", ".join(f"board {board}, triangle {triangle}" for board, triangle in sorted(self._others))
-            return WrongDevice(f"{name}: no reading came from {sensor}, but from {others}.")
+            return WrongDevice(
+                f"{name}: no readings from {sensor}, but from {others}; check sensor.board and sensor.triangle."
+            )
         return NoAnswer(
-            f"{name}: no reading came from {sensor} within {wait_s:.1f} s; check its power, the CAN bus and whether an "
-            f"SLCAN adapter is at this port."
+            f"{name}: no readings from {sensor} within {wait_s:.1f} s; check its power, the CAN bus and that an SLCAN "
+            f"adapter is at this port."
         )
 
     def _new_pairing(self) -> Pairing:
@@ -193,7 +197,7 @@ class Fingertip:
 
 
 def make_skin(settings: IcubSettings | LineSettings, loop: Loop, journal: Journal) -> Skin:
-    """The driver of a sensor."""
+    """Driver of a sensor."""
     if isinstance(settings, IcubSettings):
         return Fingertip(settings, loop, journal)
     return LineSensor(settings, loop, journal)
@@ -201,7 +205,7 @@ def make_skin(settings: IcubSettings | LineSettings, loop: Loop, journal: Journa
 
 def _described(version: BoardVersion | None) -> str:
     if version is None:
-        return "the board does not tell its version"
+        return "the board does not report its version"
     firmware = ".".join(map(str, version.firmware))
     return f"board {version.board} of type {version.board_type} has firmware {firmware}"
 

@@ -1,11 +1,11 @@
-"""The iCub's skin protocol: commands to CAN frames, CAN frames to half readings, halves to readings of 12 taxels.
+"""Protocol of the iCub's skin: commands to CAN frames, CAN frames to half readings, halves to readings of 12 taxels.
 
 An identifier holds class (3 bits), sender (4) and destination or message number (4) (`embot_prot_can.cpp`). No skin
-command is acknowledged, except that the version request is answered. The order of a start is board, then triangles,
-then start: the first clears what the second enables, and the second stops the stream (`theSkin.cpp`).
+command is acknowledged; only the version request is answered. The start sequence is board, triangles, start: the first
+clears what the second enables, and the second stops the stream (`theSkin.cpp`).
 
-Nothing numbers the ticks, and a board under load may send the tail first (mtb3 keeps its frames in a stack), so only
-the time tells which head and tail belong together.
+Ticks are not numbered, and a busy board may send the tail first (mtb3 keeps its frames in a stack), so heads and tails
+are matched by time only.
 """
 
 from dataclasses import dataclass
@@ -18,10 +18,10 @@ HEAD, TAIL = 0x40, 0xC0
 """First byte of a frame with taxels 0 to 6, and of one with 7 to 11 (`embot_prot_can_skin_periodic.cpp`)."""
 
 SET_BOARD, SET_TRIANGLES, SET_TRANSMISSION, GET_VERSION = 0x4D, 0x50, 0x07, 0x1C
-"""Commands (`iCubCanProto_analogSensorMessages.h`). 0x32 stores a new board address for good; it is not built here."""
+"""Commands (`iCubCanProto_analogSensorMessages.h`). 0x32 stores a new board address permanently; not supported here."""
 
 LONGEST_PERIOD_MS = 209
-"""What the 16-bit timer of the mtb3 board can count."""
+"""Longest period of the 16-bit timer of the mtb3 board."""
 
 
 class MessageClass(IntEnum):
@@ -43,9 +43,9 @@ class Address(NamedTuple):
     """Parts of an 11-bit identifier.
 
     Attributes:
-        message_class: What kind of message it is, 0 to 7.
-        sender: The board it comes from, 0 for the host.
-        low: The destination of a command, or the triangle of data.
+        message_class: Class of the message, 0 to 7.
+        sender: Board that sends it, 0 for the host.
+        low: Destination of a command, or triangle of data.
     """
 
     message_class: int
@@ -58,7 +58,7 @@ class Sensor(NamedTuple):
 
     Attributes:
         board: Address of the board, 14 on both hands (skinGui's hand_V2_1.ini).
-        triangle: 0 to 15; 0 to 4 are index, middle, ring, little finger and thumb.
+        triangle: 0 to 15; 0 to 4 are index, middle, ring and little finger, and thumb.
     """
 
     board: int
@@ -67,7 +67,7 @@ class Sensor(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class Head:
-    """Taxels 0 to 6 of a sensor, a byte each; touch lowers it."""
+    """Taxels 0 to 6 of a sensor, one byte each, falling under load."""
 
     sensor: Sensor
     taxels: bytes
@@ -75,13 +75,13 @@ class Head:
 
 @dataclass(frozen=True, slots=True)
 class Tail:
-    """Taxels 7 to 11 of a sensor, a byte each, and diagnostics, which firmware before 2014 does not send.
+    """Taxels 7 to 11 of a sensor, one byte each, and diagnostics, which firmware before 2014 does not send.
 
     Attributes:
-        sensor: Where it comes from.
+        sensor: The sensor.
         taxels: 5 bytes.
-        out_of_range: Bit t is set if taxel t, of all 12, passes its limit twice over; None if not sent.
-        error: What the board reports of the chip; None if not sent.
+        out_of_range: Bit t is set if taxel t, of all 12, exceeds twice its limit; None if not sent.
+        error: Error of the chip reported by the board; None if not sent.
     """
 
     sensor: Sensor
@@ -95,11 +95,11 @@ class BoardVersion:
     """A board's answer to the version request.
 
     Attributes:
-        board: Its address.
+        board: Address of the board.
         board_type: 5 is mtb3, 11 is mtb4 (`iCubCanProto_types.h`).
         firmware: Version, revision and build.
         protocol: Major and minor number.
-        compatible: Whether the board can speak the protocol asked for.
+        compatible: Whether the board supports the requested protocol.
     """
 
     board: int
@@ -114,11 +114,11 @@ class SkinReading:
     """All taxels of a sensor at one tick.
 
     Attributes:
-        sensor: Where it comes from.
+        sensor: The sensor.
         taxels: 12 bytes.
         out_of_range: Bit t is set if taxel t is out of range; None if not sent.
-        error: What the board reports of the chip; None if not sent.
-        time_s: Time in seconds at which the head came.
+        error: Error of the chip reported by the board; None if not sent.
+        time_s: Time in seconds at which the head arrived.
     """
 
     sensor: Sensor
@@ -129,23 +129,23 @@ class SkinReading:
 
 
 def identifier(address: Address) -> int:
-    """The 11-bit identifier of an address."""
+    """11-bit identifier of an address."""
     return address.message_class << 8 | address.sender << 4 | address.low
 
 
 def address(identifier: int) -> Address:
-    """The parts of an 11-bit identifier."""
+    """Parts of an 11-bit identifier."""
     return Address(identifier >> 8 & 7, identifier >> 4 & 15, identifier & 15)
 
 
 def board_command(board: int, skin_type: int = 1, period_ms: int = 20, no_load: int = 240) -> SlcanFrame:
-    """Sets up a board and disables all its triangles; a stream under way restarts at the new period.
+    """Command that configures a board and disables all its triangles; a running stream restarts at the new period.
 
     Args:
-        board: Its address.
-        skin_type: 1 is palm and fingertip, without compensation of drift (`iCubCanProto_types.h`).
+        board: Address of the board.
+        skin_type: 1 is palm and fingertip, without drift compensation (`iCubCanProto_types.h`).
         period_ms: Time in milliseconds between two readings; 20 is the paper's 50 Hz.
-        no_load: What an untouched taxel reads after calibration; 240 is the host's default (SkinConfigReader.h).
+        no_load: Reading of an untouched taxel after calibration; 240 is the host's default (SkinConfigReader.h).
 
     Raises:
         ValueError: An argument is out of range.
@@ -159,13 +159,13 @@ def board_command(board: int, skin_type: int = 1, period_ms: int = 20, no_load: 
 def triangles_command(
     board: int, first: int, last: int, *, enabled: bool = True, shift: int = 0, offset: int = 0x2200
 ) -> SlcanFrame:
-    """Enables or disables triangles; the board stops the stream and calibrates, whatever presses on it then.
+    """Command that enables or disables triangles; the board stops the stream and calibrates, even under load.
 
     Args:
-        board: Its address.
+        board: Address of the board.
         first: First triangle.
         last: Last triangle, not before the first.
-        enabled: Whether they are to be read.
+        enabled: Whether to read them.
         shift: Bits by which the board scales readings down; the host's default is 0 (SkinConfigReader.h).
         offset: Offset of the converter, 16 bits, sent low byte first; the host's default is 0x2200.
 
@@ -180,17 +180,17 @@ def triangles_command(
 
 
 def start_command(board: int) -> SlcanFrame:
-    """Starts the stream; an mtb3 may have started it by itself after its calibration."""
+    """Command that starts the stream; an mtb3 may have started it by itself after its calibration."""
     return _command(board, SET_TRANSMISSION, 0)
 
 
 def stop_command(board: int) -> SlcanFrame:
-    """Stops the stream."""
+    """Command that stops the stream."""
     return _command(board, SET_TRANSMISSION, 1)
 
 
 def version_command(board: int, major: int = 0, minor: int = 0) -> SlcanFrame:
-    """Asks for the firmware, naming the protocol wanted; some old firmware stays silent."""
+    """Command that requests the firmware version for a protocol; some old firmware does not answer."""
     _check("protocol major", major, 0, 255)
     _check("protocol minor", minor, 0, 255)
     return _command(board, GET_VERSION, major, minor)
@@ -203,11 +203,11 @@ def _command(board: int, *data: int) -> SlcanFrame:
 
 def _check(name: str, value: int, low: int, high: int) -> None:
     if not low <= value <= high:
-        raise ValueError(f"The {name} lies between {low} and {high}, not at {value}.")
+        raise ValueError(f"The {name} must be {low} to {high}, got {value}.")
 
 
 def decode(frame: SlcanFrame | RemoteFrame) -> Head | Tail | BoardVersion | None:
-    """What a frame says, or None if it is not of the skin."""
+    """Decoded frame, or None if it is not from a skin board."""
     if isinstance(frame, RemoteFrame) or frame.extended or not frame.data:
         return None
     message_class, sender, low = address(frame.identifier)
@@ -235,18 +235,18 @@ def _version(board: int, data: bytes) -> BoardVersion | None:
 
 
 class Pairing:
-    """Joins heads and tails of each sensor, in either order, if they come within a window of each other.
+    """Joins heads and tails of each sensor, in either order, if they arrive within a time window.
 
-    One half of each sensor waits at most, so at most 256. A half that the next one does not complete is lost. Where a
-    half is lost and the neighbours of the gap arrive within the window, halves of two ticks are joined: keep the
-    window below half a period and, if the link delivers in bursts, use the adapter's time stamps.
+    At most one half per sensor waits, so at most 256. A half that the next one does not complete is lost. If a half is
+    lost and the neighbours of the gap arrive within the window, halves of two ticks are joined: keep the window below
+    half a period and, if the link delivers in bursts, use the adapter's time stamps.
 
     Args:
-        window_s: Time in seconds between the halves of a reading, at most.
+        window_s: Longest time in seconds between the halves of a reading.
 
     Attributes:
-        lost_heads: Heads missed: tails that stayed alone.
-        lost_tails: Tails missed: heads that stayed alone.
+        lost_heads: Number of lost heads, that is, of unpaired tails.
+        lost_tails: Number of lost tails, that is, of unpaired heads.
     """
 
     def __init__(self, window_s: float) -> None:
@@ -257,11 +257,11 @@ class Pairing:
 
     @property
     def waiting(self) -> int:
-        """Halves that wait for the other one."""
+        """Number of halves waiting for the other one."""
         return len(self._waiting)
 
     def push(self, half: Head | Tail, time_s: float) -> SkinReading | None:
-        """The reading that this half completes, if it does."""
+        """Reading that this half completes, or None."""
         if half.sensor in self._waiting:
             other, other_s = self._waiting.pop(half.sensor)
             if type(other) is not type(half) and abs(time_s - other_s) <= self._window_s:
@@ -271,7 +271,7 @@ class Pairing:
         return None
 
     def clear(self) -> None:
-        """Counts all halves that wait as alone, as when the stream stops."""
+        """Counts all waiting halves as unpaired, as when the stream stops."""
         for half, _ in self._waiting.values():
             self._lose(half)
         self._waiting.clear()

@@ -1,4 +1,4 @@
-r"""Lines `t_ms,v0,...,v(K-1)` of a simple sensor, to readings; see docs/how-to/line-sensor.md.
+r"""Decoder for the lines `t_ms,v0,...,v(K-1)` of a simple sensor; see docs/how-to/line-sensor.md.
 
 A line ends with `\n` or `\r\n`. It is a comment if it starts with `#`, a reading if it is a time and exactly K finite
 numbers, and else is dropped. What stands before the first line end may be half a reading and is not believed.

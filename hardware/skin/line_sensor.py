@@ -1,7 +1,7 @@
-"""A sensor that sends a line of text per reading, such as an array behind an Arduino, as a `Skin`.
+"""Sensor that sends a line of text per reading, such as an array on an Arduino, as a `Skin`.
 
-Each line carries the sensor's own time, so readings that are lost are known exactly. The sensor takes no commands;
-opening the port resets most boards.
+Each line carries the sensor's own time, so lost readings are known exactly. The sensor takes no commands; opening the
+port resets most boards.
 """
 
 import numpy as np
@@ -18,11 +18,11 @@ from .monitor import SkinMonitor
 from .skin import SkinCounts, SkinFrame, ignore_frame
 
 BOOT_S = 5.0
-"""Time in seconds until the first reading: an Arduino that opening the port resets takes about two."""
+"""Timeout in seconds for the first reading; an Arduino reset by opening the port takes about two."""
 QUIET_S = 0.2
-"""Time in seconds in which what the sensor sent before it was reset is thrown away."""
+"""Time in seconds for which input from before the reset is discarded."""
 JUMP_S = 1.0
-"""How far the sensor's time may stray from the host's between two readings; more is a line damaged on its way."""
+"""Largest difference of sensor and host time between two readings; more means a damaged line."""
 _NOISE_BYTES = 32
 
 
@@ -30,16 +30,16 @@ class LineSensor:
     """A sensor of K taxels.
 
     Args:
-        settings: Which, and where.
-        loop: Reads the port.
-        journal: Hears of every reading and trouble.
-        port: In place of that of the settings.
+        settings: Settings of the sensor.
+        loop: Loop that reads the port.
+        journal: Journal for readings and faults.
+        port: Port to use instead of that of the settings.
 
     Attributes:
-        port: Where it is.
+        port: Port of the sensor.
         on_frame: Called with every reading.
-        monitor: Whether the readings can be trusted.
-        remarks: Comments that the sensor sent since `start`, at most ten.
+        monitor: Checks of the readings.
+        remarks: Comments sent by the sensor since `start`, at most ten.
     """
 
     def __init__(self, settings: LineSettings, loop: Loop, journal: Journal, port: Port | None = None) -> None:
@@ -58,17 +58,17 @@ class LineSensor:
 
     @property
     def taxels(self) -> int:
-        """`K` of the taps, which may be taken from a part of the line."""
+        """Number of taxels of the taps, which may be a subset of the line."""
         return len(self._order)
 
     @property
     def rate_hz(self) -> float:
-        """Readings per second that it should send."""
+        """Configured readings per second."""
         return self._settings.rate_hz
 
     @property
     def counts(self) -> SkinCounts:
-        """What went wrong so far."""
+        """Counts of faults so far."""
         counts = self.monitor.counts
         counts.dropped = self._decoder.lines.dropped.line_count
         return counts
@@ -77,7 +77,7 @@ class LineSensor:
         """Opens the port, waits for readings and measures the baseline.
 
         Raises:
-            RigError: The device is missing, another one, or touched; the port is closed again.
+            RigError: The device is missing, unexpected or touched; the port is closed again.
         """
         try:
             open_patiently(self.port, self._loop, self._journal)
@@ -101,7 +101,7 @@ class LineSensor:
         self.port.close()
 
     def receive(self, data: bytes, time_s: float) -> None:
-        """Takes bytes of the port."""
+        """Takes bytes from the port."""
         for unit in self._decoder.push(data):
             if isinstance(unit, LineReading):
                 self._take(unit, time_s)
@@ -116,13 +116,13 @@ class LineSensor:
     def _no_readings(self, wait_s: float) -> RigError:
         name, K, other = self.port.address, self._settings.taxels, self._decoder.other_size
         if other is not None:
-            return WrongDevice(f"{name}: lines of {other} values come, where sensor.taxels = {K} are expected.")
+            return WrongDevice(f"{name}: received lines of {other} values, expected sensor.taxels = {K}.")
         if self._decoder.lines.dropped.byte_count + self._decoder.lines.pending >= _NOISE_BYTES:
             return WrongDevice(
-                f"{name}: what comes are no lines of a time and {K} values; this is another device, or sensor.baud is "
-                f"wrong."
+                f"{name}: received no lines of a time and {K} values, but other data; this is another device, or "
+                f"sensor.baud is wrong."
             )
-        return NoAnswer(f"{name}: no line of a time and {K} values came within {wait_s:.1f} s.")
+        return NoAnswer(f"{name}: received no line of a time and {K} values within {wait_s:.1f} s.")
 
     def _remark(self, comment: Comment, time_s: float) -> None:
         if len(self.remarks) < 10:
@@ -138,7 +138,7 @@ class LineSensor:
         self.on_frame(frame)
 
     def _unwrapped(self, t_ms: int, time_s: float) -> float:
-        """The sensor's time, which goes on where the counter starts again."""
+        """Sensor time in seconds, continuous across counter overflows."""
         if self._device_ms is None:
             device_ms = float(t_ms)
         else:
@@ -153,7 +153,7 @@ class LineSensor:
 
 
 def _ignore(data: bytes, time_s: float) -> None:
-    """Takes bytes from before the start."""
+    """Discards bytes from before the start."""
 
 
 def _limits(settings: LineSettings, taxels: int, name: str) -> SkinLimits:

@@ -1,6 +1,6 @@
-"""Whether the readings of a tactile sensor can be trusted: what the drivers of all sensors share.
+"""Checks of the readings of a tactile sensor, shared by all drivers.
 
-Nothing is repaired here. What is lost, invalid or stuck is counted and told; no reading is repeated or made up.
+Nothing is repaired: lost, invalid or stuck readings are counted and reported, never repeated or made up.
 """
 
 import math
@@ -20,7 +20,7 @@ from .reading_loss import LossTracker
 from .skin import SkinCounts, SkinFrame
 
 STALE_PERIODS = 3.5
-"""Three readings are overdue, the last of them by half a period."""
+"""Periods without a reading after which a sensor is stale: three readings overdue, the last by half a period."""
 BLIND_READINGS = 3
 BASELINE_S = 1.0
 BASELINE_READINGS = 50
@@ -33,12 +33,12 @@ _CLOCK_SLACK = 0.25
 class Skin(Protocol):
     """A tactile sensor on a port that sends readings at a steady rate.
 
-    `start` comes first; from then on `on_frame` is called for every reading while the loop turns.
+    After `start`, `on_frame` is called for every reading while the loop runs.
 
     Attributes:
-        port: Where it is.
-        on_frame: Called with every reading; replaced by whoever wants them.
-        monitor: Whether its readings can be trusted.
+        port: Port of the sensor.
+        on_frame: Called with every reading; set it to receive them.
+        monitor: Checks of the readings.
     """
 
     port: Port
@@ -47,7 +47,7 @@ class Skin(Protocol):
 
     @property
     def counts(self) -> SkinCounts:
-        """What went wrong so far."""
+        """Counts of faults so far."""
         ...
 
     @property
@@ -57,14 +57,14 @@ class Skin(Protocol):
 
     @property
     def rate_hz(self) -> float:
-        """Readings per second that it is set to."""
+        """Configured readings per second."""
         ...
 
     def start(self) -> None:
-        """Opens the port, makes sure who answers, starts the readings and measures the baseline.
+        """Opens the port, checks the device, starts the readings and measures the baseline.
 
         Raises:
-            RigError: The device is missing, another one, or touched.
+            RigError: The device is missing, unexpected or touched.
         """
         ...
 
@@ -74,16 +74,16 @@ class Skin(Protocol):
 
 
 class SkinMonitor:
-    """Sees every reading of a sensor, counts what is wrong, and knows what it reads at rest.
+    """Checks every reading of a sensor, counts faults, and tracks the baseline.
 
     Args:
-        limits: What readings may be.
-        loop: Brings them.
-        journal: Hears of what is wrong.
+        limits: Limits of the readings.
+        loop: Loop that reads the port.
+        journal: Journal for faults.
 
     Attributes:
-        counts: What went wrong so far; the driver adds what it alone can see.
-        rest: What the sensor reads without contact.
+        counts: Counts of faults so far; the driver adds those that only it can see.
+        rest: Baseline of the sensor.
     """
 
     def __init__(self, limits: SkinLimits, loop: Loop, journal: Journal) -> None:
@@ -102,21 +102,21 @@ class SkinMonitor:
 
     @property
     def baseline(self) -> NDArray[np.float64]:
-        """`values` without contact, shape (K,), not a number before it was measured."""
+        """Values without contact, shape (K,); NaN before they are measured."""
         return self.rest.values.copy()
 
     def begin(self) -> None:
-        """Forgets readings from before a stream that starts or ends now."""
+        """Discards earlier readings, at the start or end of a stream."""
         self._losses = self._tracker(self._period_s)
         self._last, self._last_s = None, math.inf
         self._same = self._blind = 0
         self._is_stale = False
 
     def take(self, frame: SkinFrame, clock_s: float) -> None:
-        """Looks at the next reading.
+        """Checks the next reading.
 
         Args:
-            frame: It.
+            frame: The reading.
             clock_s: The sensor's own time in seconds if it has one, else that of the frame.
         """
         counts, limits = self.counts, self._limits
@@ -138,12 +138,12 @@ class SkinMonitor:
         self._is_stale = False
 
     def clock_jumped(self, time_s: float) -> None:
-        """Notes that the sensor's own time makes no sense between the last reading and the next, at `time_s`."""
+        """Notes a jump of the sensor's own time between the last reading and the next, at `time_s`."""
         self._losses.restart(time_s)
         self._count_lost(1, time_s)
 
     def comes(self, wait_s: float) -> bool:
-        """Whether a reading comes within some seconds, for which the loop is turned at most.
+        """Whether a reading arrives within `wait_s` seconds; runs the loop meanwhile.
 
         Raises:
             RigError: As `Loop.turn`.
@@ -154,32 +154,32 @@ class SkinMonitor:
         return self.counts.frames > before
 
     def overloaded(self, frame: SkinFrame) -> bool:
-        """Whether a taxel is at the end of its range under load, whatever the sensor says of its validity."""
+        """Whether a taxel is saturated under load, even if reported as invalid."""
         return bool(frame.values.max() >= self._limits.overload)
 
     def check(self, now_s: float) -> None:
-        """A guard for the loop.
+        """Guard for the loop.
 
         Raises:
-            StaleSensor: No reading came for three periods.
+            StaleSensor: No reading for three periods.
             SensorFault: All taxels are invalid, or the values are stuck.
         """
         name, stuck = self._limits.name, self._limits.stuck_readings
         if now_s - self._last_s > STALE_PERIODS * self._period_s:
             self._note_stale(now_s)
             raise StaleSensor(
-                f"{name}: no reading came for {1000 * (now_s - self._last_s):.0f} ms, where one is expected every "
+                f"{name}: no reading for {1000 * (now_s - self._last_s):.0f} ms, expected one every "
                 f"{1000 * self._period_s:g} ms."
             )
         if self._blind >= BLIND_READINGS:
             raise SensorFault(f"{name}: all taxels were invalid in the last {self._blind} readings.")
         if 0 < stuck <= self._same:
-            raise SensorFault(f"{name}: the last {self._same + 1} readings are identical; the sensor hangs.")
+            raise SensorFault(f"{name}: the last {self._same + 1} readings are identical; the sensor is stuck.")
 
     def verdict(self, frames: Sequence[SkinFrame]) -> str | None:
-        """Why readings that followed each other cannot be believed, one phrase, or None.
+        """Why consecutive readings are implausible, as a phrase, or None.
 
-        Where the last of them are late, the loop is turned until it is clear whether any was lost.
+        If the last of them are late, runs the loop until it is clear whether any was lost.
 
         Raises:
             RigError: As `Loop.turn`.
@@ -201,7 +201,7 @@ class SkinMonitor:
         return None
 
     def check_rest(self, frames: Sequence[SkinFrame]) -> None:
-        """Whether readings just before a press are those of an untouched sensor.
+        """Checks that readings just before a press are those of an untouched sensor.
 
         Raises:
             BaselineRefused: They are not.
@@ -209,11 +209,11 @@ class SkinMonitor:
         self.rest.check(frames)
 
     def measure_baseline(self) -> None:
-        """Takes the mean of about one second of readings without contact as `baseline`.
+        """Sets the baseline to the mean of about one second of readings without contact.
 
         Raises:
-            BaselineRefused: They are not those of an untouched sensor; the old baseline stays.
-            SensorFault: Readings are missing, stuck, or come at another rate than they should.
+            BaselineRefused: They are not those of an untouched sensor; the old baseline is kept.
+            SensorFault: Readings are missing, stuck, or arrive at the wrong rate.
             RigError: As `Loop.turn`.
         """
         frames = self._collect(max(BASELINE_READINGS, math.ceil(BASELINE_S * self._limits.rate_hz)))
@@ -234,7 +234,7 @@ class SkinMonitor:
         if not self._is_stale:
             self._is_stale = True
             self.counts.stale += 1
-            self._journal.event(now_s, "stale", "no reading came for three periods")
+            self._journal.event(now_s, "stale", "no reading for three periods")
 
     def _decide(self) -> None:
         until = self._loop.now + 2 * self._losses.patience_s
@@ -242,7 +242,7 @@ class SkinMonitor:
             self._loop.turn(until)
 
     def _collect(self, n: int) -> list[SkinFrame]:
-        """The next readings, at the rate that they should have."""
+        """Next `n` readings, checked for their rate."""
         self._collected = collected = []
         start_s = self._loop.now
         until = start_s + 2.5 * n * self._period_s
@@ -253,19 +253,19 @@ class SkinMonitor:
             self._collected = None
         if len(collected) < 3:
             raise StaleSensor(
-                f"{self._limits.name}: {len(collected)} readings came in {until - start_s:.1f} s instead of {n}."
+                f"{self._limits.name}: {len(collected)} readings in {until - start_s:.1f} s instead of {n}."
             )
         self._check_rate(np.array([clock_s for clock_s, _ in collected]))
         return [frame for _, frame in collected]
 
     def _check_rate(self, clock_s: NDArray[np.float64]) -> None:
-        """Whether readings come at the rate they should; a steady rate is taken over."""
+        """Checks the rate of the readings; adopts a steady rate."""
         number = np.arange(len(clock_s))
         slope_s, start_s = np.polyfit(number, clock_s - clock_s[0], 1)
         rate_hz = 1.0 / slope_s if slope_s > 0 else math.inf
         if abs(rate_hz / self._limits.rate_hz - 1.0) > RATE_TOLERANCE:
             raise SensorFault(
-                f"{self._limits.name}: {rate_hz:.1f} readings come per second instead of {self._limits.rate_hz:g}; the "
+                f"{self._limits.name}: {rate_hz:.1f} readings per second instead of {self._limits.rate_hz:g}; the "
                 f"sensor runs at another rate, or many readings are lost."
             )
         spread_s = np.std(clock_s - clock_s[0] - start_s - slope_s * number)

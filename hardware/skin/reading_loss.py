@@ -1,9 +1,8 @@
-"""Finds readings that were sent and never came, where nothing numbers them.
+"""Detection of lost readings that are not numbered.
 
 Readings leave at a steady period and may arrive late, but never early. With `n` readings sent before it, a reading that
-arrives at `t` has the residual `t - n * period`; its lower envelope is flat, whatever is late, and steps up by a
-period for each reading lost. So late readings are no loss once one of those that follow is on time again, and a loss is
-certain when none is.
+arrives at `t` has the residual `t - n * period`; the lower envelope of residuals is flat despite delays, and steps up
+by a period for each lost reading. So a delay is not a loss if a later reading is on time again; if none is, it is.
 """
 
 from collections import deque
@@ -11,16 +10,16 @@ from typing import NamedTuple
 
 _REMEMBERED = 1024
 _SAME_STEP = 0.25
-_DOUBT = 3  # readings after the first at the new envelope that may have come, late, before the gap
+_DOUBT = 3  # readings after the first at the new envelope that may have been sent before the gap and delayed
 
 
 class Loss(NamedTuple):
-    """Readings that did not come.
+    """A loss of readings.
 
     Attributes:
-        earliest_s: Time of the first reading that may have come after the gap.
-        latest_s: Time of the last reading that may have come before the gap.
-        readings: How many are missing.
+        earliest_s: Time of the first reading that may follow the gap.
+        latest_s: Time of the last reading that may precede the gap.
+        readings: Number of lost readings.
     """
 
     earliest_s: float
@@ -29,18 +28,18 @@ class Loss(NamedTuple):
 
 
 class LossTracker:
-    """Counts readings lost and remembers where.
+    """Counts lost readings and records when they were lost.
 
     Args:
         period_s: Time in seconds between two readings, in the clock of `push`.
-        patience: Periods after which readings that stay late mean a loss; 0 where the clock of `push` is the sensor's
-            own, in which nothing is late.
-        slack: Share of a period by which each may be longer than `period_s`.
+        patience: Periods after which persistent delay means a loss; 0 if the clock of `push` is the sensor's own, in
+            which nothing is late.
+        slack: Fraction by which a period may exceed `period_s`.
 
     Attributes:
-        period_s: As given.
-        patience_s: Time in seconds after which readings that stay late mean a loss.
-        lost: Readings lost so far.
+        period_s: Time in seconds between two readings.
+        patience_s: Time in seconds after which persistent delay means a loss.
+        lost: Number of readings lost so far.
     """
 
     def __init__(self, period_s: float, patience: float = 25.0, slack: float = 0.002) -> None:
@@ -65,11 +64,11 @@ class LossTracker:
         """Takes the next reading.
 
         Args:
-            clock_s: When it came in the clock in which readings are equally spaced.
-            time_s: What `between` calls it.
+            clock_s: Its time in the clock in which readings are equally spaced.
+            time_s: Its time for `between`.
 
         Returns:
-            By how much `lost` changed; it falls where readings thought lost turn out to have been late.
+            Change of `lost`; negative if readings counted as lost turn out to have been late.
         """
         before = self.lost
         queue = deque([(clock_s, time_s)])
@@ -79,18 +78,18 @@ class LossTracker:
         return self.lost - before
 
     def restart(self, time_s: float) -> None:
-        """Notes that the clock of the sensor jumped between the last reading and the one at `time_s`."""
+        """Notes a jump of the sensor's clock between the last reading and the one at `time_s`."""
         self._losses.append(Loss(time_s, self._last_s, 1))
         self.lost += 1
         self._anchor = self._step = None
         self._late.clear()
 
     def between(self, first_s: float, last_s: float) -> int:
-        """Readings lost between two that came, counted rather twice than not at all."""
+        """Number of readings lost between two received ones, an upper bound if uncertain."""
         return sum(loss.readings for loss in self._losses if first_s <= loss.latest_s and last_s >= loss.earliest_s)
 
     def _take(self, clock_s: float, time_s: float) -> bool:
-        """Whether the readings that are late now mean a loss."""
+        """Whether the readings that are now late mean a loss."""
         self._sent += 1
         residual_s = clock_s - self._sent * self.period_s
         if self._anchor is None:
@@ -115,7 +114,7 @@ class LossTracker:
         return clock_s - self._since_s >= self.patience_s
 
     def _take_back(self, residual_s: float) -> int:
-        """Takes back losses if a reading comes earlier than it could have after them; returns how many."""
+        """Revokes losses if a reading arrives earlier than possible after them; returns their number."""
         if self._step is None or (self._sent - self._step[0]) * self._slack_s > _SAME_STEP * self.period_s:
             return 0
         found = min(max(0, round((self._step[1] - residual_s) / self.period_s)), self.lost)
@@ -124,7 +123,7 @@ class LossTracker:
         return found
 
     def _confirm(self) -> list[tuple[float, float]]:
-        """Notes a loss before the late readings, and returns them to be looked at again."""
+        """Records a loss before the late readings, and returns these for another check."""
         late, self._late = self._late, []
         readings = max(1, round(self._lowest_s / self.period_s))
         lowest = next(i for i, (clock_s, _) in enumerate(late) if clock_s >= self._since_s)

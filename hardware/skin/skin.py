@@ -1,4 +1,4 @@
-"""One reading of all taxels, and what can be wrong with many."""
+"""Reading of all taxels, and counts of faults."""
 
 from dataclasses import dataclass
 
@@ -12,9 +12,9 @@ class SkinFrame:
 
     Attributes:
         time_s: Rig time in seconds at which its first byte was read.
-        raw: What the sensor sent, in the order configured, shape (K,).
-        values: The same with the sign that rises under load: `255 - raw` for the iCub's fingertip; shape (K,).
-        valid: Whether each taxel can be believed, shape (K,).
+        raw: Values as sent, in the configured order, shape (K,).
+        values: Values that rise under load, `255 - raw` for the iCub's fingertip, shape (K,).
+        valid: Whether each taxel is valid, shape (K,).
         device_ms: The sensor's own time in milliseconds, if it sends one.
     """
 
@@ -27,19 +27,19 @@ class SkinFrame:
 
 @dataclass
 class SkinCounts:
-    """What went wrong so far, in frames unless said.
+    """Counts of faults, in readings unless noted.
 
     Attributes:
         frames: Complete readings.
-        lost: Readings that must have been sent and did not come.
-        unpaired: Halves without the other one.
-        foreign: Units from other boards or sensors.
-        dropped: Units of bytes that were no unit of the protocol.
-        stale: Times that none came for three periods.
-        stuck: Readings bit-identical to the one before, beyond the number that a still sensor may repeat.
-        saturated: Readings with a taxel at the end of its range.
-        invalid: Readings with a taxel that the board reports as not to be believed.
-        refused: Commands that the adapter refused.
+        lost: Lost readings.
+        unpaired: Half readings without the other half.
+        foreign: Messages from other boards or sensors.
+        dropped: Malformed or overlong lines.
+        stale: Gaps of at least three periods.
+        stuck: Readings identical to the previous one, beyond the number that a quiet sensor may repeat.
+        saturated: Readings with a saturated taxel.
+        invalid: Readings with a taxel reported as invalid.
+        refused: Commands refused by the adapter.
     """
 
     frames: int = 0
@@ -55,4 +55,4 @@ class SkinCounts:
 
 
 def ignore_frame(frame: SkinFrame) -> None:
-    """What `on_frame` is as long as nobody wants the readings."""
+    """Default of `on_frame`: ignores the reading."""

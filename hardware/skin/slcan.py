@@ -1,4 +1,4 @@
-r"""SLCAN, the ASCII protocol of serial CAN adapters: bytes to units, and commands to bytes.
+r"""SLCAN, the ASCII protocol of serial CAN adapters: decoder and commands.
 
 Separator rule: a carriage return ends a unit; a bell is a unit of its own, the adapter's error answer, and whatever
 stands before it is dropped. So damage reaches no further than the next `\r` or `\a`. A line feed left over from a
@@ -18,16 +18,16 @@ from typing import Literal
 from ..link.lines import LineSplitter
 
 LONGEST_LINE = 96
-"""Bytes: a frame takes 30, the rest is room for the free text with which stock CANable firmware answers `V`."""
+"""Longest line in bytes: a frame takes 30; stock CANable firmware answers `V` with longer free text."""
 
 LAST_STAMP_MS = 60000
-"""Time stamps count milliseconds and start again at this number (canable2-fw, command Z)."""
+"""Time stamps count milliseconds and wrap around at this number (canable2-fw, command Z)."""
 
 OPEN = b"O\r"
 CLOSE = b"C\r"
-"""Comes first of all, whatever the answer: another program may have left the adapter open (Linux does the same)."""
+"""Sent first, whatever the answer, as another program may have left the adapter open (Linux does the same)."""
 END_LINE = b"\r"
-"""Ends whatever half a command the adapter may still hold."""
+"""Ends an incomplete command that the adapter may still hold."""
 VERSION = b"V\r"
 STAMPS_OFF = b"Z0\r"
 
@@ -114,7 +114,7 @@ class StatusFlags:
     """The answer to `F`.
 
     Attributes:
-        flags: What went wrong since the last time.
+        flags: Errors since the last request.
     """
 
     flags: Flags
@@ -122,7 +122,7 @@ class StatusFlags:
 
 @dataclass(frozen=True, slots=True)
 class Remark:
-    """Readable text that is no unit, such as the version of stock CANable firmware, which lacks the letter V.
+    """Readable text outside the protocol, such as the version of stock CANable firmware, which lacks the letter V.
 
     Attributes:
         text: The line.
@@ -138,20 +138,20 @@ _FRAME = re.compile(rb"(?:([tr])([0-7][0-9A-Fa-f]{2})|([TR])([01][0-9A-Fa-f]{7})
 _REPLY = re.compile(rb"([VN])([ -~]+)")
 _FLAGS = re.compile(rb"F([0-9A-Fa-f]{2})")
 _REMARK = re.compile(rb"(?![tTrRzZVNF])(?=.*[^0-9A-Fa-f])[ -~]+")
-"""Not the rest of a frame that lost its first letter, which is all hex digits."""
+"""Excludes the rest of a frame that lost its first letter, which is all hex digits."""
 
 
 class SlcanDecoder:
-    """Turns bytes of an adapter into units, and keeps the rest for the next push.
+    """Decodes bytes of an adapter into units, and keeps the rest for the next push.
 
-    No bytes raise an exception, and at most `LONGEST_LINE` of them are kept.
+    Accepts any bytes without raising, and keeps at most `LONGEST_LINE` of them.
 
     Args:
         stamps: Whether frames end in a time stamp. "either" accepts both and so cannot tell a stamp from two data
             bytes too many; a driver that has set `Z0` or `Z1` should say so here.
 
     Attributes:
-        lines: What waits for its end, and what was thrown away as no unit.
+        lines: Pending bytes, and counts of what was dropped.
     """
 
     def __init__(self, stamps: Stamps = "either") -> None:
@@ -201,21 +201,21 @@ class SlcanDecoder:
 
 
 def bit_rate(kbit: int) -> bytes:
-    """The command that sets the bit rate, which the adapter accepts while closed only.
+    """Command that sets the bit rate, which the adapter accepts only while closed.
 
     Args:
         kbit: Bit rate in kbit/s, one of `BIT_RATES_KBIT`; the iCub's bus has 1000 (CanBusSkin.cpp).
 
     Raises:
-        ValueError: The rate is none of these.
+        ValueError: The rate is not supported.
     """
     if kbit not in BIT_RATES_KBIT:
-        raise ValueError(f"An SLCAN bit rate is one of {sorted(BIT_RATES_KBIT)} kbit/s, not {kbit}.")
+        raise ValueError(f"The SLCAN bit rate must be one of {sorted(BIT_RATES_KBIT)} kbit/s, got {kbit}.")
     return b"S%d\r" % BIT_RATES_KBIT[kbit]
 
 
 def transmit(frame: SlcanFrame | RemoteFrame) -> bytes:
-    """The command that sends a frame; its time stamp, if any, is left out.
+    """Command that sends a frame, without its time stamp.
 
     Raises:
         ValueError: The identifier has too many bits or the data too many bytes.
@@ -226,7 +226,7 @@ def transmit(frame: SlcanFrame | RemoteFrame) -> bytes:
     if not 0 <= frame.identifier < (1 << (29 if frame.extended else 11)):
         raise ValueError(f"Identifier {frame.identifier:#x} does not fit a CAN frame with extended={frame.extended}.")
     if not 0 <= length <= 8:
-        raise ValueError(f"A CAN frame has 0 to 8 bytes, not {length}.")
+        raise ValueError(f"A CAN frame has 0 to 8 bytes, got {length}.")
     letter = "r" if remote else "t"
     letter = letter.upper() if frame.extended else letter
     data = "" if remote else frame.data.hex().upper()

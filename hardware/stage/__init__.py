@@ -1,4 +1,4 @@
-"""The positioning stage: G-code to a GRBL controller, its states, faults and limits.
+"""Positioning stage: driver and protocol of a GRBL controller, its states, faults and limits.
 
-Start with `stage`, then `grbl`, the protocol. When and where to move is decided elsewhere.
+Start with `stage`, then `grbl`, the protocol. Decisions when and where to move are made elsewhere.
 """

@@ -1,12 +1,12 @@
-"""GRBL 1.1 and grblHAL: lines of the controller to units, and commands to bytes.
+"""Protocol of GRBL 1.1 and grblHAL: decoder and commands.
 
-Separator rule: a carriage return or a line feed ends a line, and empty lines mean nothing; so damage costs the lines it
-touches and no other. A line is a unit only if all of it has the form of one: a status report torn by another message,
-or two answers that lost the line end between them, come out as `Unknown`. Lines with bytes that are not printable, and
-lines too long, are dropped and counted. A flipped bit that turns one digit into another cannot be seen.
+Separator rule: a carriage return or a line feed ends a line, and empty lines are ignored; so damage affects only the
+lines that it touches. A line is a unit only if all of it has the form of one: a status report interrupted by another
+message, or two answers that lost the line end between them, give `Unknown`. Lines with unprintable bytes, and overlong
+lines, are dropped and counted. A flipped bit that turns one digit into another cannot be detected.
 
-`Ok` and `Error` answer one command line each; everything else comes unasked or on top (GRBL's interface.md).
-Commands end in one line feed: after CRLF the empty second line would be answered too (protocol.c).
+`Ok` and `Error` answer one command line each; everything else is unsolicited or additional (GRBL's interface.md).
+Commands end in one line feed: with CRLF the empty second line would be answered too (protocol.c).
 """
 
 import math
@@ -17,20 +17,20 @@ from enum import StrEnum
 from ..link.lines import LineSplitter
 
 LONGEST_LINE = 256
-"""Bytes kept of a line; a status report with every field takes about half."""
+"""Longest line kept, in bytes; a status report with every field takes about half."""
 
 LONGEST_COMMAND = 79
-"""Bytes of a command that fit GRBL's line buffer (protocol.h)."""
+"""Longest command in bytes, by GRBL's line buffer (protocol.h)."""
 
 STATUS = b"?"
-"""A real-time byte: it needs no line end, is never answered by `ok`, and works in the middle of a line."""
+"""Real-time command: needs no line end, is never answered by `ok`, and works in the middle of a line."""
 RESET = b"\x18"
-"""Real-time; while moving it costs the position (ALARM:3). Everything up to the banner is to be ignored."""
+"""Real-time; in motion it loses the position (ALARM:3). Ignore everything up to the banner."""
 JOG_CANCEL = b"\x85"
 """Real-time; ignored unless jogging."""
 
 HOME = b"$H\n"
-"""Answered when homing is over, which may take minutes; no status meanwhile."""
+"""Answered after homing, which may take minutes; no status meanwhile."""
 SETTINGS = b"$$\n"
 """Refused (error 8) while moving."""
 BUILD_INFO = b"$I\n"
@@ -38,7 +38,7 @@ BUILD_INFO = b"$I\n"
 ERRORS = {
     1: "a word does not start with a letter",
     2: "a number is missing or malformed",
-    3: "the $ command is not known",
+    3: "unknown $ command",
     5: "homing is switched off ($22)",
     8: "the command needs the controller idle",
     9: "commands are locked out during alarm or jog",
@@ -49,7 +49,7 @@ ERRORS = {
     20: "the command is not supported",
     22: "the feed rate is missing",
 }
-"""Errors a stage meets, in words (error_codes_en_US.csv)."""
+"""Descriptions of the errors that a stage may give (error_codes_en_US.csv)."""
 
 ALARMS = {
     1: "a limit switch was hit",
@@ -64,10 +64,10 @@ ALARMS = {
     10: "homing failed on one of two motors of an axis",
     11: "homing is required (grblHAL)",
 }
-"""Alarms in words (alarm_codes_en_US.csv, grblHAL's alarms.h)."""
+"""Descriptions of the alarms (alarm_codes_en_US.csv, grblHAL's alarms.h)."""
 
 POSITION_LOST = frozenset({1, 3, 6, 7, 8, 9})
-"""Alarms after which the position is not to be trusted."""
+"""Alarms after which the position is unknown."""
 
 
 class State(StrEnum):
@@ -108,11 +108,11 @@ class Alarm:
 
 @dataclass(frozen=True, slots=True)
 class Banner:
-    """The welcome after power-up and after every reset; so that no reset is missed, only its start must be right.
+    """Welcome message after power-up and every reset; only its start is checked, so that no reset is missed.
 
     Attributes:
         firmware: `Grbl` or `GrblHAL`; grblHAL may call itself either.
-        version: Such as `1.1h`.
+        version: Version, such as `1.1h`.
     """
 
     firmware: str
@@ -132,8 +132,8 @@ class Feedback:
     """A message in brackets, such as `[MSG:Caution: Unlocked]`, `[GC:...]` or `[VER:...]`.
 
     Attributes:
-        kind: What stands before the first colon.
-        text: What stands behind it.
+        kind: Text before the first colon.
+        text: Text after it.
     """
 
     kind: str
@@ -153,11 +153,11 @@ class StatusReport:
     """A status report; lengths are in millimetres unless setting 13 is 1, then in inches.
 
     Attributes:
-        state: What the controller does.
-        substate: The number behind the state, if any.
+        state: State of the controller.
+        substate: Number after the state, if any.
         machine: Machine position (MPos), if reported.
-        work: Work position (WPos), if reported instead; it is the machine position less the offset.
-        offset: Work offset (WCO), which only some reports have.
+        work: Work position (WPos), if reported instead; the machine position minus the offset.
+        offset: Work offset (WCO), which only some reports contain.
         other: Remaining fields and their text, in the order of the report.
     """
 
@@ -175,7 +175,7 @@ class StatusReport:
 
 @dataclass(frozen=True, slots=True)
 class Unknown:
-    """A readable line of no known form."""
+    """A readable line of unknown form."""
 
     text: str
 
@@ -184,19 +184,19 @@ Unit = Ok | Error | Alarm | Banner | GrblSetting | Feedback | StartupLine | Stat
 
 _NUMBER = r"-?\d{1,6}\.\d{3,4}"
 _VECTOR = re.compile(rf"{_NUMBER},{_NUMBER},{_NUMBER}")
-"""Three axes always, with 3 decimals in millimetres or 4 in inches (report.c)."""
+"""Always three axes, with 3 decimals in millimetres or 4 in inches (report.c)."""
 _STATUS = re.compile(rf"<({'|'.join(State)})(?::(\d{{1,3}}))?\|([^<>]+)>")
 _FIELD = re.compile(r"([A-Za-z]+):([^|:]*(?::[^|:]*)*)")
 _PRINTABLE = re.compile(rb"[ -~]+")
 
 
 class GrblDecoder:
-    """Turns bytes of a controller into units, and keeps the rest for the next push.
+    """Decodes bytes of a controller into units, and keeps the rest for the next push.
 
-    No bytes raise an exception, and at most `LONGEST_LINE` of them are kept.
+    Accepts any bytes without raising, and keeps at most `LONGEST_LINE` of them.
 
     Attributes:
-        lines: What waits for its line end, and what was thrown away as noise.
+        lines: Pending bytes, and counts of what was dropped.
     """
 
     def __init__(self) -> None:
@@ -221,7 +221,7 @@ def _unit(text: str) -> Unit:
 
 
 def _status(match: re.Match[str]) -> StatusReport | None:
-    """A report with one position, and no field twice, as a torn one may have; fields come in any order."""
+    """Report with one position and no repeated field, which would show an interrupted one; fields in any order."""
     found = [_FIELD.fullmatch(text) for text in match[3].split("|")]
     fields = {field[1]: field[2] for field in found if field}
     vectors = {name: _vector(fields.pop(name)) for name in ("MPos", "WPos", "WCO") if name in fields}
@@ -260,27 +260,27 @@ def jog(
     z_mm: float | None = None,
     relative: bool = False,
 ) -> bytes:
-    """A move that leaves modal state alone and, beyond soft limits, is refused (error 15) without an alarm.
+    """Command of a jog, which keeps the modal state and, beyond soft limits, is refused (error 15) without an alarm.
 
-    Lengths have 4 decimals; a step of the generic controller is 0.004 mm.
+    Lengths have 4 decimals; a step of the default configuration is 0.004 mm.
 
     Args:
-        feed_mm_min: Speed in mm/min, which every jog must name.
-        x_mm: Target in machine coordinates in mm, or the way to go if relative.
+        feed_mm_min: Speed in mm/min.
+        x_mm: Target in machine coordinates in mm, or distance if relative.
         y_mm: The same for y.
         z_mm: The same for z.
-        relative: Whether targets are ways to go; such a command must never be sent twice blindly.
+        relative: Whether targets are distances; never resend such a command blindly.
 
     Raises:
-        ValueError: There is no axis, a number is not finite, the feed rounds to nothing, or the line is too long.
+        ValueError: No axis is given, a number is not finite, the feed rounds to 0, or the line is too long.
     """
     axes = {name: mm for name, mm in zip("XYZ", (x_mm, y_mm, z_mm), strict=True) if mm is not None}
     if not axes or not all(map(math.isfinite, axes.values())):
-        raise ValueError(f"A jog needs an axis and finite targets, not {axes}.")
+        raise ValueError(f"A jog needs at least one axis and finite targets, got {axes}.")
     if not (math.isfinite(feed_mm_min) and feed_mm_min >= 0.001):
-        raise ValueError(f"A jog needs a feed of at least 0.001 mm/min, not {feed_mm_min}.")
+        raise ValueError(f"A jog needs a feed of at least 0.001 mm/min, got {feed_mm_min}.")
     words = "".join(f"{name}{mm:z.4f}" for name, mm in axes.items())
     line = f"$J={'G91' if relative else 'G53G90'}G21{words}F{feed_mm_min:.3f}"
     if len(line) > LONGEST_COMMAND:
-        raise ValueError(f"A command has at most {LONGEST_COMMAND} characters, not {len(line)}: {line[:40]}...")
+        raise ValueError(f"A command has at most {LONGEST_COMMAND} characters, got {len(line)}: {line[:40]}...")
     return line.encode("ascii") + b"\n"

@@ -1,7 +1,7 @@
-"""Talks with a GRBL controller: one command at a time, status on request, and what comes unasked.
+"""Communication with a GRBL controller: one command at a time, status on request, unsolicited messages.
 
-Send-response, as GRBL's authors advise: the next line goes out when the one before was answered, so the controller's
-buffer of 128 bytes never overflows. An `ok` that nobody waits for is counted and thrown away.
+Send-response, as recommended by GRBL: each line is sent after the previous one was answered, so the controller's buffer
+of 128 bytes never overflows. An unexpected `ok` is counted and dropped.
 """
 
 from collections.abc import Callable
@@ -26,28 +26,28 @@ from .grbl import Error, State, StatusReport
 from .state import ControllerState
 
 POLL_S = 0.1
-"""Time in seconds between two status requests; GRBL answers at most 10 per second well (interface.md)."""
+"""Time in seconds between two status requests; GRBL recommends at most 10 per second (interface.md)."""
 SILENT_POLLS = 20
-"""Requests without an answer after which the link is dead; a controller that restarts may take 1.5 s to say so."""
+"""Unanswered requests after which the link is dead; a restarting controller may be silent for 1.5 s."""
 ANSWER_S = 0.5
-"""Time in seconds for the answer of a line, which takes milliseconds."""
+"""Timeout in seconds for the answer to a line, which takes milliseconds."""
 _KNOCK_S = 0.25
-_DEAF_S = 1.0  # a reset that comes while an alarm is printed is forgotten
+_DEAF_S = 1.0  # a reset is ignored while an alarm is printed
 
 
 class GrblLink:
     """The controller behind a port.
 
     Args:
-        port: Where it is.
-        loop: Reads the port.
-        journal: Hears of commands and of what is noteworthy.
+        port: Port of the controller.
+        loop: Loop that reads the port.
+        journal: Journal for commands and events.
         on_status: Called with every status report.
 
     Attributes:
-        port: Where it is.
-        loop: Reads the port.
-        said: What the controller said; its `trouble` is raised by every wait.
+        port: Port of the controller.
+        loop: Loop that reads the port.
+        said: State from the controller's messages; every wait raises its `trouble`.
     """
 
     def __init__(self, port: Port, loop: Loop, journal: Journal, on_status: Callable[[StatusReport], None]) -> None:
@@ -59,7 +59,7 @@ class GrblLink:
         self._polled_s = -POLL_S
 
     def open(self) -> None:
-        """Opens the port, which another program may still hold for a while, and forgets all about the controller.
+        """Opens the port, waiting for another program to release it, and resets the known state.
 
         Raises:
             PortError: It cannot be opened.
@@ -71,22 +71,22 @@ class GrblLink:
         self.loop.attach(self.port, self.said.receive)
 
     def close(self) -> None:
-        """Lets go of the port."""
+        """Closes the port."""
         self.loop.detach(self.port)
         self.port.close()
 
     def greet(self, boot_s: float, may_reset: bool = False) -> None:
-        """Waits until the controller answers `$I`, whatever came before, and while it boots if opening reset it.
+        """Waits until the controller answers `$I`, including its boot if opening the port reset it.
 
-        The first line sent must not be empty: after a program that died in the middle of a jog it would complete it.
+        The first line must not be empty: it would complete a jog that a killed program left incomplete.
 
         Args:
-            boot_s: Time in seconds that this may take.
-            may_reset: Whether to reset a controller that stays silent, as after an alarm, and wait as long again.
+            boot_s: Timeout in seconds.
+            may_reset: Whether to reset a silent controller, as after an alarm, and wait once more.
 
         Raises:
-            WrongDevice: What answers is no GRBL 1.1.
-            StageFault: It is busy.
+            WrongDevice: The device is not a GRBL 1.1 controller.
+            StageFault: The controller is busy.
             NoAnswer: Nothing answers.
         """
         until = self.loop.now + boot_s
@@ -98,16 +98,16 @@ class GrblLink:
             may_reset, until = False, self.loop.now + boot_s
             self.write(grbl.RESET)
         if self.said.version is None or not self.said.version.startswith("1.1"):
-            raise WrongDevice(f"{self.port.address}: GRBL 1.1 is needed, and this controller has {self.said.version}.")
+            raise WrongDevice(f"{self.port.address}: requires GRBL 1.1, the controller has {self.said.version}.")
 
     def _introduced(self) -> bool:
-        """Whether a sign of life was followed by a version."""
+        """Whether the controller has answered and sent its version."""
         before = self.said.reports + self.said.starts
         self.write(grbl.STATUS)
         if not self.wait(lambda: self.said.reports + self.said.starts > before, _KNOCK_S):
             return False
         self.said.version = None
-        with suppress(CommandRefused):  # it may end half a line that another program has left
+        with suppress(CommandRefused):  # it may complete a line that another program left incomplete
             if self.ask(grbl.BUILD_INFO) and self.said.version is not None:
                 return True
         self.wait(lambda: False, _KNOCK_S)
@@ -116,17 +116,16 @@ class GrblLink:
     def _stranger(self, boot_s: float) -> RigError:
         if self.said.status is not None and self.said.status.state not in (State.IDLE, State.ALARM):
             return StageFault(
-                f"{self.port.address}: the controller should stand still and is in state {self.said.status.state} for "
-                f"{boot_s:g} s; let it end or reset it."
+                f"{self.port.address}: the controller must be idle, but was in state {self.said.status.state} for "
+                f"{boot_s:g} s; wait until it ends or reset it."
             )
         if self.said.noise:
             said = f"sent {self.said.heard!r}" if self.said.heard is not None else "sent noise"
             return WrongDevice(
-                f"{self.port.address}: no GRBL controller answers; what is there {said}, so the port or its baud rate "
-                f"is another."
+                f"{self.port.address}: no GRBL controller answers; the device {said}; check the port and its baud rate."
             )
         return NoAnswer(
-            f"{self.port.address}: nothing answered for {boot_s:g} s; the controller is off, on another port, or "
+            f"{self.port.address}: no answer for {boot_s:g} s; the controller is off, on another port, or "
             f"locked by an alarm until its reset button is pressed."
         )
 
@@ -134,8 +133,8 @@ class GrblLink:
         """Sends bytes without waiting.
 
         Raises:
-            PortLost: The port vanished.
-            WriteTimeout: The controller may have got them or not; where it stands is then unknown until it reports.
+            PortLost: The port was lost.
+            WriteTimeout: The controller may have received them; its position is then unknown until it reports.
         """
         self._journal.command(self.loop.now, self.port.address, data)
         machine, self.said.machine = self.said.machine, None
@@ -147,10 +146,10 @@ class GrblLink:
         self.said.machine = machine
 
     def ask(self, line: bytes, timeout_s: float = ANSWER_S) -> bool:
-        """Sends a line; returns whether its `ok` came in time.
+        """Sends a line; returns whether its `ok` arrived in time.
 
-        If it did not, the controller may hold half a line, which the next command would become a part of; one that
-        can complete no other then goes first.
+        If not, the controller may hold an incomplete line, which the next command would extend; a line that cannot
+        extend another is then sent first.
 
         Raises:
             CommandRefused: The answer was an error.
@@ -174,16 +173,16 @@ class GrblLink:
             code = self.said.answer.code
             why = f", {grbl.ERRORS[code]}" if code in grbl.ERRORS else ""
             raise CommandRefused(
-                f"{self.port.address}: the controller refused {line.decode('ascii').strip()} with error:{code}{why}.",
+                f"{self.port.address}: the controller refused {line.decode('ascii').strip()}: error:{code}{why}.",
                 code,
             )
         return answered
 
     def poll(self) -> StatusReport:
-        """The next status report, asked for at most 10 times a second.
+        """Next status report, requested at most 10 times per second.
 
         Raises:
-            NoAnswer: None came.
+            NoAnswer: None arrived.
             RigError: The port or the controller failed.
         """
         for _ in range(SILENT_POLLS):
@@ -195,13 +194,13 @@ class GrblLink:
             if self.said.status is not None:
                 return self.said.status
             self.said.counts.silent_polls += 1
-        raise NoAnswer(f"{self.port.address}: the controller answered none of {SILENT_POLLS} status requests.")
+        raise NoAnswer(f"{self.port.address}: no answer from the controller to {SILENT_POLLS} status requests.")
 
     def restart(self, timeout_s: float) -> None:
-        """Resets the controller, which after an alarm may be the only thing it hears; it then accepts homing.
+        """Resets the controller, the only command that it may accept after an alarm; it then accepts homing.
 
         Raises:
-            NoAnswer: It does not start again in time.
+            NoAnswer: It does not restart in time.
             RigError: The port failed.
         """
         trouble, before, until = self.said.trouble, self.said.starts, self.loop.now + timeout_s
@@ -209,9 +208,7 @@ class GrblLink:
         try:
             while self.said.starts == before:
                 if self.loop.now >= until:
-                    raise NoAnswer(
-                        f"{self.port.address}: {timeout_s:g} s of resets did not start the controller again."
-                    )
+                    raise NoAnswer(f"{self.port.address}: the controller did not restart in {timeout_s:g} s of resets.")
                 self.write(grbl.RESET)
                 self.wait(lambda: self.said.starts > before, _DEAF_S)
             self.poll()
@@ -222,17 +219,17 @@ class GrblLink:
             self.said.booting = False
 
     def halt(self, why: str) -> None:
-        """Resets the controller to stop a motion that nothing else stops; from then on it needs homing."""
+        """Resets the controller to stop a motion; it then needs homing."""
         self.said.trouble = StageAlarm(f"{self.port.address}: {why}; home it again.")
         self.note("halt", str(self.said.trouble))
         with suppress(RigError):
             self.write(grbl.RESET)
 
     def wait(self, condition: Callable[[], bool], timeout_s: float) -> bool:
-        """Turns the loop until a condition holds; returns whether it did in time.
+        """Runs the loop until a condition holds; returns whether it did in time.
 
         Raises:
-            RigError: The port was lost, the controller is in trouble, or a guard objects.
+            RigError: The port was lost, the controller failed, or a guard objects.
         """
         until = self.loop.now + timeout_s
         self.check()
@@ -244,10 +241,10 @@ class GrblLink:
         return True
 
     def check(self) -> None:
-        """Raises what the controller said unasked.
+        """Raises unsolicited errors of the controller.
 
         Raises:
-            PortLost: The port vanished.
+            PortLost: The port was lost.
             StageFault: It restarted or stopped with an alarm.
         """
         if self.said.trouble is not None:
@@ -256,5 +253,5 @@ class GrblLink:
             raise PortLost(f"{self.port.address}: the port is closed.")
 
     def note(self, kind: str, text: str) -> None:
-        """Tells the journal."""
+        """Records an event in the journal."""
         self._journal.event(self.loop.now, kind, text)

@@ -1,7 +1,7 @@
-"""How long a move takes: a trapezoid of speed, within the rate and the acceleration of each axis.
+"""Duration of a move: a trapezoidal speed profile within the rate and acceleration of each axis.
 
-GRBL slows a straight move until no axis is beyond its own limits (planner.c). Moves behind one another need at most the
-sum of their times, as a controller may cruise from one to the next.
+GRBL slows a straight move until no axis exceeds its limits (planner.c). Successive moves take at most the sum of their
+durations, as a controller may pass from one to the next without stopping.
 """
 
 import math
@@ -10,11 +10,11 @@ from typing import NamedTuple
 
 
 class AxisLimits(NamedTuple):
-    """What the controller allows an axis.
+    """Limits of an axis in the controller.
 
     Attributes:
-        rate_mm_s: Fastest speed.
-        acceleration_mm_s2: Steepest change of it.
+        rate_mm_s: Maximum speed.
+        acceleration_mm_s2: Maximum acceleration.
     """
 
     rate_mm_s: float
@@ -22,11 +22,11 @@ class AxisLimits(NamedTuple):
 
 
 def trapezoid_time(distance_mm: float, speed_mm_s: float, acceleration_mm_s2: float) -> float:
-    """Time in seconds from rest to rest; short moves never reach their speed.
+    """Duration in seconds from rest to rest; short moves do not reach their speed.
 
     Args:
-        distance_mm: How far, at least 0.
-        speed_mm_s: Speed to cruise at, above 0.
+        distance_mm: Distance, at least 0.
+        speed_mm_s: Cruising speed, above 0.
         acceleration_mm_s2: Acceleration and deceleration, above 0.
     """
     ramps_mm = speed_mm_s**2 / acceleration_mm_s2
@@ -36,11 +36,11 @@ def trapezoid_time(distance_mm: float, speed_mm_s: float, acceleration_mm_s2: fl
 
 
 def move_time(way_mm: Sequence[float], speed_mm_s: float, axes: Sequence[AxisLimits]) -> float:
-    """Time in seconds of a straight move from rest to rest.
+    """Duration in seconds of a straight move from rest to rest.
 
     Args:
         way_mm: Displacement along each axis.
-        speed_mm_s: Speed along the way, which the limits of the axes may lower.
+        speed_mm_s: Speed along the path, which the limits of the axes may lower.
         axes: Limits of each axis.
     """
     distance = math.hypot(*way_mm)

@@ -1,13 +1,12 @@
-"""The xy stage behind a GRBL controller: homed on request, moved by jogs in millimetres of the rig frame.
+"""xy stage with a GRBL controller: homed on request, moved by jogs in millimetres of the rig frame.
 
-Moves are jogs (`$J=`): one that would leave the travel is refused without an alarm, and one can be cancelled. An `ok`
-only says that a move is queued, and a report of Idle may be older than the start of the motion. So a motion has ended
-when two reports running say Idle at the target, neither of them before the way can have been made. What was sent is
-never sent again.
+Moves are jogs (`$J=`): one that would leave the travel is refused without an alarm, and jogs can be cancelled. An `ok`
+only confirms that a move is queued, and a report of Idle may precede the start of the motion. So a motion has ended
+when two successive reports are Idle at the target, neither before the move can have been completed. Nothing is resent.
 
-Where the stage stands is known from homing until the controller restarts, stops with an alarm or is unplugged. The
-position of a controller that is found Idle is believed if opening its port did not restart it: with homing on it starts
-in Alarm, and leaves that by homing, or by an operator's `$X`, who then answers for the position.
+The position is known from homing until the controller restarts, stops with an alarm or is unplugged. The position of a
+controller found Idle is trusted if opening its port did not restart it: with homing enabled it starts in Alarm, which
+only homing or an operator's `$X` ends; the operator is then responsible for the position.
 """
 
 from collections.abc import Sequence
@@ -30,18 +29,18 @@ _SLOWER = 1.5
 _MARGIN_S = 1.0
 _SETTINGS_S = 2.0
 _ATTEMPTS = 3
-_OFFSET_POLLS = 30  # so many reports may lack the work offset (config.h)
+_OFFSET_POLLS = 30  # reports that may lack the work offset (config.h)
 
 
 class StageReport(NamedTuple):
-    """What was found at connection.
+    """State of the controller at connection.
 
     Attributes:
         firmware: Name and version.
-        state: What the controller did.
-        homed: Whether it knows where it is.
-        values: All settings, value by number.
-        notes: What is allowed but may disappoint, one sentence each.
+        state: State of the controller.
+        homed: Whether its position is known.
+        values: Settings by number.
+        notes: Warnings, one sentence each.
     """
 
     firmware: str
@@ -52,17 +51,17 @@ class StageReport(NamedTuple):
 
 
 class Stage:
-    """Moves the rig; `connect` comes first.
+    """Driver of the stage; call `connect` first.
 
     Args:
         settings: Port, axes and limits.
-        loop: Waits for the controller.
-        journal: Hears of commands, reports and events.
-        port: Used instead of a new one.
+        loop: Loop that reads the port.
+        journal: Journal for commands, reports and events.
+        port: Port to use instead of that of the settings.
 
     Attributes:
-        port: Where the controller is.
-        report: What `connect` found, None before.
+        port: Port of the controller.
+        report: State at connection, None before.
     """
 
     def __init__(self, settings: StageSettings, loop: Loop, journal: Journal, port: Port | None = None) -> None:
@@ -78,17 +77,17 @@ class Stage:
 
     @property
     def counts(self) -> StageCounts:
-        """What went wrong so far."""
+        """Counts of faults so far."""
         return self._said.counts
 
     @property
     def homed(self) -> bool:
-        """Whether the controller knows where it is."""
+        """Whether the position is known."""
         return self._homed and self._said.trouble is None and self.port.is_open
 
     @property
     def position_mm(self) -> tuple[float, float] | None:
-        """Place in the rig frame by the last report, x and y; None if it is not known."""
+        """Position (x, y) in mm of the rig frame from the last report; None if unknown."""
         machine = self._said.machine
         if machine is None or self._setup is None or not self.homed:
             return None
@@ -96,14 +95,14 @@ class Stage:
         return settings.x.rig_mm(machine[setup.x.number]), settings.y.rig_mm(machine[setup.y.number])
 
     def connect(self, will_home: bool = False) -> None:
-        """Opens the port, makes sure who answers and that it is set up for the rig; nothing moves.
+        """Opens the port and checks the controller and its settings; nothing moves.
 
         Args:
-            will_home: Whether `home` comes next, so that a controller which hears nothing else may be reset.
+            will_home: Whether `home` follows, so that a controller that accepts only a reset may be reset.
 
         Raises:
             PortError: The port cannot be opened.
-            WrongDevice: Something else answers, or a setting does not fit; the sentence says what to send.
+            WrongDevice: Another device answers, or a setting does not suit; the message says what to send.
             RigError: The controller does not answer, or is busy.
         """
         self._homed = False
@@ -124,13 +123,13 @@ class Stage:
         self._link.note("connected", f"{self.port.address}: {firmware} is {status.state}, homed: {self._homed}.")
 
     def home(self) -> None:
-        """Moves to the limit switches, so that the controller knows where it is; only when somebody asks for it.
+        """Homes the stage: moves to the limit switches, which makes the position known. Never done unless requested.
 
-        After an alarm the controller is reset first, as it may hear nothing else.
+        After an alarm the controller is reset first, as it may accept nothing else.
 
         Raises:
-            StageAlarm: A switch was not found or not left.
-            RigError: The controller failed, or did not end in time; it was reset to stop it.
+            StageAlarm: A switch was not found or not released.
+            RigError: The controller failed, or homing timed out and the controller was reset.
         """
         setup = self._connected()
         self._homed = False
@@ -149,54 +148,54 @@ class Stage:
         if status.state is not State.IDLE or not (answered or at_home):
             self._link.halt("homing did not end and the controller was reset")
             raise NoAnswer(
-                f"{self.port.address}: homing should end within {self._settings.homing_s:g} s, and the controller is "
-                f"in state {status.state}; it was reset, home it again."
+                f"{self.port.address}: homing did not end within {self._settings.homing_s:g} s (state {status.state}); "
+                f"the controller was reset, home it again."
             )
         if not answered:
-            self._link.note("lost ok", f"{self.port.address}: homing ended and nobody said so.")
+            self._link.note("lost ok", f"{self.port.address}: homing ended without an ok.")
         self._homed = True
         self._locate()
 
     def move(self, x_mm: float | None = None, y_mm: float | None = None, speed_mm_s: float | None = None) -> None:
-        """Moves to a place in the rig frame and returns when it stands there.
+        """Moves to a position in the rig frame and returns on arrival.
 
         Args:
-            x_mm: Where to along x; None leaves it.
-            y_mm: Where to along y; None leaves it.
-            speed_mm_s: Speed; default that of the slowest axis that moves.
+            x_mm: Target along x; None to keep x.
+            y_mm: Target along y; None to keep y.
+            speed_mm_s: Speed; default: that of the slowest moving axis.
 
         Raises:
-            OutOfLimits: The place or the speed is beyond the limits; nothing was sent.
-            PositionUnknown: It must be homed first; nothing was sent.
-            RigError: The controller failed, or the stage does not stand where it should.
+            OutOfLimits: The target or the speed is outside the limits; nothing was sent.
+            PositionUnknown: The stage must be homed first; nothing was sent.
+            RigError: The controller failed, or the stage is not at the target.
         """
         axes = ((x_mm, self._settings.x), (y_mm, self._settings.y))
         speeds = [axis.speed_mm_s for target, axis in axes if target is not None]
         if not speeds:
-            raise ValueError("A move needs x_mm or y_mm.")
+            raise ValueError("Pass x_mm or y_mm.")
         self._follow([Leg(x_mm, y_mm, min(speeds) if speed_mm_s is None else speed_mm_s)])
 
     def path(self, points: Sequence[tuple[float, float, float]]) -> None:
-        """Moves through places without waiting between them, and returns when it stands at the last.
+        """Moves through points without waiting between them, and returns on arrival at the last.
 
         Args:
-            points: x and y in mm of the rig frame, and the speed of the way to there in mm/s.
+            points: x and y in mm of the rig frame, and speed of the move to there in mm/s.
 
         Raises:
             RigError: As `move`; the limits of all points are checked before anything is sent.
         """
         if not points:
-            raise ValueError("A path needs a point.")
+            raise ValueError("A path needs at least one point.")
         self._follow([Leg(*point) for point in points])
 
     def stop(self) -> None:
-        """Cancels all jogs and returns when the stage stands still.
+        """Cancels all jogs and returns when the stage is at rest.
 
-        A cancel that comes before a line in transit has become a jog is not heard, so it is said until the controller
-        is Idle twice running.
+        A cancel that arrives before a line in transit becomes a jog is ignored, so it is repeated until the controller
+        is Idle twice in succession.
 
         Raises:
-            RigError: The controller failed or does not stop.
+            RigError: The controller failed or did not stop.
         """
         setup = self._connected()
         braking_s = max(axis.limits.rate_mm_s / axis.limits.acceleration_mm_s2 for axis in (setup.x, setup.y))
@@ -207,22 +206,22 @@ class Stage:
             status = self._link.poll()
             idle = idle + 1 if status.state is State.IDLE else 0
             if not idle and self._loop.now >= until:
-                raise StageFault(f"{self.port.address}: the stage should stop, and is in state {status.state}.")
+                raise StageFault(f"{self.port.address}: the stage did not stop (state {status.state}).")
             if not idle:
                 self._link.write(grbl.JOG_CANCEL)
 
     def check(self, now_s: float) -> None:  # noqa: ARG002 - the signature of a guard
-        """A guard for the loop.
+        """Guard for the loop.
 
         Raises:
-            PortLost: The port vanished.
+            PortLost: The port was lost.
             StageAlarm: The controller stopped with an alarm.
             StageFault: It restarted.
         """
         self._link.check()
 
     def close(self) -> None:
-        """Lets go of the port; what moves ends by itself."""
+        """Closes the port; a move in progress ends by itself."""
         self._link.close()
 
     def _read_values(self) -> dict[int, float]:
@@ -232,22 +231,18 @@ class Stage:
             if self._link.ask(grbl.SETTINGS, _SETTINGS_S) and needed <= self._said.values.keys():
                 return self._said.values
         missing = ", ".join(f"${number}" for number in sorted(needed - self._said.values.keys()))
-        raise WrongDevice(
-            f"{self.port.address}: the answer to $$ should end in ok and have all settings, not lack {missing}."
-        )
+        raise WrongDevice(f"{self.port.address}: the answer to $$ is incomplete; missing: {missing or 'ok'}.")
 
     def _locate(self) -> StatusReport:
-        """A report after which the machine position is known."""
+        """Report after which the machine position is known."""
         for _ in range(_OFFSET_POLLS):
             status = self._link.poll()
             if self._said.machine is not None:
                 return status
-        raise NoAnswer(
-            f"{self.port.address}: the controller reports work positions ($10) and never their offset (WCO)."
-        )
+        raise NoAnswer(f"{self.port.address}: the controller reports work positions ($10) but not their offset (WCO).")
 
     def _inside_travel(self) -> bool:
-        """Whether homing can have led to this position."""
+        """Whether the position is within the travel, as after homing."""
         setup, machine = self._connected(), self._said.machine
         axes = (setup.x, setup.y)
         return machine is not None and all(
@@ -264,11 +259,11 @@ class Stage:
         if self._homed and self._said.machine is None:
             self._link.poll()
         if (position := self.position_mm) is None:
-            raise PositionUnknown(f"{self.port.address}: the stage does not know where it is; home it first.")
+            raise PositionUnknown(f"{self.port.address}: position unknown; home the stage first.")
         return position
 
     def _follow(self, legs: Sequence[Leg]) -> None:
-        """Sends jogs one behind another and waits for the end of the last."""
+        """Sends jogs in succession and waits for the end of the last."""
         setup = self._connected()
         for leg in legs:
             check_limits(leg, self._settings, setup)
@@ -280,7 +275,7 @@ class Stage:
             latest_s += _SLOWER * longest_s + _MARGIN_S
             if not self._link.ask(jog_line(leg, self._settings, setup)):
                 self._finish(leg, earliest_s, latest_s)
-                self._link.note("lost ok", f"{self.port.address}: a jog was made, and its ok never came.")
+                self._link.note("lost ok", f"{self.port.address}: a jog ended without an ok.")
             at = leg.end(at)
         self._finish(legs[-1], earliest_s, latest_s)
 
@@ -288,7 +283,7 @@ class Stage:
         """Waits for the end of a motion.
 
         Raises:
-            StageFault: It stands elsewhere, or moves, at the latest time.
+            StageFault: The stage is elsewhere or still moving at the latest time.
         """
         sides, idle = list(leg.sides(self._settings, self._connected())), 0
         while idle < 2:
@@ -299,13 +294,12 @@ class Stage:
             idle = idle + 1 if ended else 0
             if not idle and self._loop.now >= latest_s:
                 raise StageFault(
-                    f"{self.port.address}: the stage should stand at {leg}, and is {self._place()} in state "
-                    f"{status.state}."
+                    f"{self.port.address}: the stage should be at {leg}, but is {self._place()} (state {status.state})."
                 )
 
     def _place(self) -> str:
         if (position := self.position_mm) is None:
-            return "at an unknown place"
+            return "at an unknown position"
         return f"at x = {position[0]:z.3f}, y = {position[1]:z.3f} mm"
 
     def _near(self, axis: AxisSetup, target_mm: float) -> bool:
@@ -313,7 +307,7 @@ class Stage:
         return machine is not None and abs(machine[axis.number] - target_mm) <= self._tolerance(axis)
 
     def _tolerance(self, axis: AxisSetup) -> float:
-        """Half a motor step and what printing rounds away."""
+        """Half a motor step plus rounding of the report, in mm."""
         return 0.5 / axis.steps_per_mm + _PRINTED_MM
 
     def _take_status(self, status: StatusReport) -> None:

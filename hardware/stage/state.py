@@ -1,4 +1,4 @@
-"""What a GRBL controller has said: answers, reports, settings, and what stopped it."""
+"""State of a GRBL controller from its messages: answers, reports, settings and errors."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -23,23 +23,23 @@ from .grbl import (
 _HEARD = 40
 
 Note = Callable[[str, str], None]
-"""Takes a kind of event and the sentence for a person."""
+"""Takes the kind of an event and its description."""
 
 
 @dataclass
 class StageCounts:
-    """What went wrong so far.
+    """Counts of faults so far.
 
     Attributes:
-        resets: Times that the controller restarted by itself.
+        resets: Restarts of the controller by itself.
         alarms: Alarms.
         refused: Commands answered with an error.
-        unanswered: Commands whose answer never came.
-        extra_answers: Answers that no command waited for.
+        unanswered: Commands without an answer.
+        extra_answers: Unexpected answers.
         silent_polls: Status requests without a report.
         false_idle: Reports of Idle before the motion had ended.
-        unknown: Readable lines of no known form, such as a torn status report.
-        dropped: Lines that were noise or too long.
+        unknown: Readable lines of unknown form, such as an interrupted status report.
+        dropped: Noisy or overlong lines.
     """
 
     resets: int = 0
@@ -54,27 +54,27 @@ class StageCounts:
 
 
 class ControllerState:
-    """Takes the bytes of a controller and keeps what they say.
+    """Decodes the bytes of a controller and keeps its state.
 
     Args:
-        address: The port, for messages.
-        note: Hears of what is noteworthy.
+        address: Port, for messages.
+        note: Called with noteworthy events.
         on_status: Called with every status report.
 
     Attributes:
-        counts: What went wrong so far.
-        trouble: What stopped the controller, until it is taken away.
-        booting: Whether a restart and alarms are expected and no trouble.
-        banner: Welcome of the last restart, None if there was none.
-        starts: Welcomes so far.
+        counts: Counts of faults so far.
+        trouble: Error that stopped the controller, until it is cleared.
+        booting: Whether restarts and alarms are expected.
+        banner: Welcome message of the last restart, None if there was none.
+        starts: Number of welcome messages so far.
         version: Answer to `$I`, such as `1.1h`.
-        values: Answer to `$$`, value by number.
-        status: The last report, None before the first.
-        reports: Status reports so far.
-        machine: Machine position in mm of the last report, None where it is not known.
-        asking: Whether an answer is waited for; all others are counted and thrown away.
-        answer: The answer waited for, once it came.
-        heard: The last readable line that no GRBL controller sends.
+        values: Answer to `$$`, values by number.
+        status: Last status report, None before the first.
+        reports: Number of status reports so far.
+        machine: Machine position in mm from the last report, None if unknown.
+        asking: Whether an answer is expected; any other is counted and dropped.
+        answer: The expected answer, once received.
+        heard: Last readable line that no GRBL controller sends.
     """
 
     def __init__(self, address: str, note: Note, on_status: Callable[[StatusReport], None]) -> None:
@@ -85,7 +85,7 @@ class ControllerState:
         self.forget()
 
     def forget(self) -> None:
-        """Begins anew, as when the port is opened; only the counts go on."""
+        """Resets the state, as when the port is opened; keeps the counts."""
         self.trouble: StageFault | None = None
         self.booting = True
         self.banner: Banner | None = None
@@ -102,12 +102,12 @@ class ControllerState:
 
     @property
     def noise(self) -> bool:
-        """Whether bytes came that no GRBL controller sends."""
+        """Whether bytes were received that no GRBL controller sends."""
         dropped = self._decoder.lines.dropped
         return self.heard is not None or bool(dropped.line_count or self._decoder.lines.pending)
 
     def receive(self, data: bytes, _: float) -> None:
-        """Takes bytes."""
+        """Takes bytes from the port."""
         noise = self._decoder.lines.dropped.line_count
         for unit in self._decoder.push(data):
             self._take(unit)
@@ -132,14 +132,14 @@ class ControllerState:
                 self.heard = text[:_HEARD]
                 self._note("unknown", f"{self._address}: the controller sent {self.heard!r}.")
             case Feedback(kind, text):
-                self._note("message", f"{self._address}: the controller says {kind}: {text}.")
+                self._note("message", f"{self._address}: message of the controller: {kind}: {text}.")
 
     def _take_answer(self, answer: Ok | Error) -> None:
         if self.asking and self.answer is None:
             self.answer = answer
             return
         self.counts.extra_answers += 1
-        self._note("extra answer", f"{self._address}: {answer} came, and no command waited for it.")
+        self._note("extra answer", f"{self._address}: unexpected answer {answer}.")
 
     def _take_status(self, status: StatusReport) -> None:
         self._offset = status.offset or self._offset
@@ -163,8 +163,8 @@ class ControllerState:
             return
         self.counts.resets += 1
         self.trouble = StageFault(
-            f"{self._address}: the controller restarted by itself ({name}), so nobody knows where the stage is; "
-            f"look for its supply, then home it."
+            f"{self._address}: the controller restarted by itself ({name}), so the position is unknown; check its "
+            f"power supply, then home it."
         )
         self._note("reset", str(self.trouble))
 
@@ -176,6 +176,6 @@ class ControllerState:
         why = f", {grbl.ALARMS[code]}" if code in grbl.ALARMS else ""
         lost = ", and lost its position" if code in grbl.POSITION_LOST else ""
         self.trouble = StageAlarm(
-            f"{self._address}: the controller stopped with {name}{why}{lost}; free its way, then home it.", code
+            f"{self._address}: the controller stopped with {name}{why}{lost}; clear its path, then home it.", code
         )
         self._note("alarm", str(self.trouble))

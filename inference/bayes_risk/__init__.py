@@ -1,4 +1,4 @@
-"""The least cost that any policy can reach, by dynamic programming on small problems.
+"""Minimum cost of any policy, by dynamic programming on small problems.
 
-Start with `problem` and `risk`; `bounds` brackets it where the problem is too large to solve.
+Start with `problem` and `risk`; `bounds` gives lower bounds for problems that are too large to solve.
 """

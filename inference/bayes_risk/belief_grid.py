@@ -1,7 +1,7 @@
-"""Probabilities of M objects between the points of a grid, for values that are known at the points only.
+"""Interpolation over probabilities of M objects from values at the points of a grid.
 
-Weights of the points around are those of the small simplex that the probabilities lie in, so the interpolation is
-continuous, exact for linear functions and not above a concave one.
+The weights are the barycentric coordinates in the cell around the probabilities, so the interpolation is continuous,
+exact for linear functions and not above a concave function.
 """
 
 from typing import NamedTuple
@@ -16,9 +16,9 @@ class Simplex(NamedTuple):
     """A grid of G points on the simplex of M probabilities, cut into small simplices (Freudenthal's triangulation).
 
     Attributes:
-        parts: Into how many parts an edge is cut.
+        parts: Number of parts of an edge.
         point: Probabilities, shape (G, M).
-        number: Of the point with given partial sums from the end, shape (parts + 1,) times M - 1.
+        number: Index of the point with given partial sums from the end, shape (parts + 1,) times M - 1.
     """
 
     parts: int
@@ -27,13 +27,13 @@ class Simplex(NamedTuple):
 
 
 def simplex(M: int, parts: int) -> Simplex:
-    """The grid of all probabilities that are multiples of 1 / parts.
+    """Grid of all probabilities that are multiples of 1 / parts.
 
     Raises:
-        InputError: There is no part, or a single object, of which nothing is to be believed.
+        InputError: `parts` is below 1, or M below 2.
     """
     if parts < 1 or M < 2:
-        raise InputError(f"A grid needs at least one part and two objects, got {parts} and {M}.")
+        raise InputError(f"A grid needs at least 1 part and 2 objects, got {parts} and {M}.")
     sums = np.stack(np.meshgrid(*[np.arange(parts + 1)] * (M - 1), indexing="ij"), axis=-1).reshape(-1, M - 1)
     sums = sums[(np.diff(sums, axis=1) <= 0).all(axis=1)]
     number = np.full((parts + 1,) * (M - 1), -1)
@@ -43,7 +43,7 @@ def simplex(M: int, parts: int) -> Simplex:
 
 
 def corners(grid: Simplex, p: Floats) -> tuple[Integers, Floats]:
-    """Points of the grid around probabilities (..., M), and the weights that mix them, both of shape (..., M)."""
+    """Grid points around probabilities (..., M) and their interpolation weights, both of shape (..., M)."""
     M = p.shape[-1]
     sums = grid.parts * np.cumsum(p[..., ::-1], axis=-1)[..., ::-1][..., 1:]
     sums = np.minimum.accumulate(np.clip(sums, 0, grid.parts), axis=-1)

@@ -1,11 +1,11 @@
-"""Lower bounds on what any strategy costs, where beliefs are too many for the exact rule.
+"""Lower bounds on the cost of any strategy, for problems too large for the exact rule.
 
-Each tells the strategy more than it may know. QMDP: object and place, after the next tap. The known place: where the
-sensor stands, from some tap on. The fast informed bound knows the class before and not after a tap; as objects stay and
-moves are certain, that is the same as knowing it now, so it cannot be better than QMDP here, and is not.
+Each reveals more to the strategy than it may know. QMDP: object and position, after the next tap. Known position: the
+position of the sensor, from some tap on. The fast informed bound knows the class before but not after a tap; as objects
+stay and moves are certain, that equals knowing it now, so here it is not better than QMDP.
 
-With the place known the belief is one in M objects and the least cost a concave function of it. Between the points of a
-grid on that simplex a concave function lies above its linear interpolation, so the recursion on the grid stays below.
+With the position known, the belief is over M objects and the minimum cost is a concave function of it. Between the
+points of a grid, a concave function lies above its linear interpolation, so the recursion on the grid stays below.
 
 References: Littman, Cassandra and Kaelbling (1995) for QMDP; Hauskrecht, "Value-function approximations for partially
 observable Markov decision processes" (2000), for the fast informed bound.
@@ -25,18 +25,18 @@ _CONVERGED = 1e-14
 
 
 class KnownPlace(NamedTuple):
-    """Least further cost if the place is known, after so many taps; a `Leaf`.
+    """Minimum further cost if the position is known, after a number of taps; a `Leaf`.
 
     Attributes:
-        grid: Beliefs in objects.
-        value: Not above that cost, at each place and point, shape (L, G).
+        grid: Grid of beliefs over objects.
+        value: Lower bound on that cost at each position and grid point, shape (L, G).
     """
 
     grid: Simplex
     value: Floats
 
     def __call__(self, beliefs: Floats) -> Floats:
-        """Bound on the further cost of beliefs (..., L, M), shape (...)."""
+        """Lower bound on the further cost of beliefs (..., L, M), shape (...)."""
         total = beliefs.sum(axis=-1)
         point, weight = corners(self.grid, beliefs / np.where(total > 0, total, 1.0)[..., np.newaxis])
         value = self.value[np.arange(len(self.value))[:, np.newaxis], point]
@@ -44,18 +44,18 @@ class KnownPlace(NamedTuple):
 
 
 def known_place(problem: RiskProblem, taps: int, parts: int) -> KnownPlace:
-    """Least further cost after `taps` taps, if from now on the place is known before one decides or moves.
+    """Minimum further cost after `taps` taps, if the position is known from now on before each decision or move.
 
     Args:
-        problem: With symbols and costs.
-        taps: Made so far.
-        parts: Of the grid; the more the closer.
+        problem: The problem.
+        taps: Number of taps so far.
+        parts: Parts of the grid; more give a tighter bound.
 
     Raises:
         InputError: More taps than the problem allows, or a grid without parts.
     """
     if not 1 <= taps <= problem.most_taps:
-        raise InputError(f"The problem has 1 to {problem.most_taps} taps, got {taps}.")
+        raise InputError(f"taps must be 1 to {problem.most_taps}, got {taps}.")
     L, M = problem.prior.shape
     grid = simplex(M, parts)
     joint = grid.point[:, np.newaxis] * np.swapaxes(problem.channel, 1, 2)[:, np.newaxis]
@@ -72,7 +72,7 @@ def known_place(problem: RiskProblem, taps: int, parts: int) -> KnownPlace:
 
 
 def known_place_bound(problem: RiskProblem, depth: int, parts: int = 40) -> float:
-    """Lower bound on the cost of any strategy: the place becomes known after `depth` taps; deeper is higher as a rule.
+    """Lower bound on the cost of any strategy: the position becomes known after `depth` taps; more are usually tighter.
 
     Raises:
         InputError: As `known_place`.
@@ -83,20 +83,20 @@ def known_place_bound(problem: RiskProblem, depth: int, parts: int = 40) -> floa
 
 
 def qmdp(problem: RiskProblem) -> Floats:
-    """Costs of every decision and every move in each class if the class becomes known after it, shape (A + D, L, M).
+    """Cost of each decision and move in each class if the class becomes known after it, shape (A + D, L, M).
 
-    The mean of a row under a belief is what that action costs at least, the least of them a bound; see `alpha_bound`.
+    The mean of a row under a belief is a lower bound on the cost of that action; see `alpha_bound` for their minimum.
     """
     return _iterated(problem, _known_after)
 
 
 def fast_informed(problem: RiskProblem) -> Floats:
-    """The fast informed bound, shape (A + D, L, M): what is best after a tap must be best for all classes before it."""
+    """Fast informed bound, shape (A + D, L, M): the best action after a tap must suit all classes before it."""
     return _iterated(problem, _best_per_symbol)
 
 
 def alpha_bound(alphas: Floats, beliefs: Floats) -> Floats:
-    """Bound on the further cost of beliefs (..., L, M), shape (...); a `Leaf`."""
+    """Lower bound on the further cost of beliefs (..., L, M), shape (...); a `Leaf`."""
     return np.einsum("...lm,alm->...a", beliefs, alphas).min(axis=-1)
 
 
@@ -106,7 +106,7 @@ def alpha_cost_bound(problem: RiskProblem, alphas: Floats, depth: int = 1) -> fl
 
 
 def _known_after(_: RiskProblem, moves: Floats, alphas: Floats) -> Floats:
-    """Further cost of each move in each class, from that of all actions, if the class is seen then."""
+    """Further cost of each move in each class, from that of all actions, if the class is then revealed."""
     return np.einsum("dij,jm->dim", moves, alphas.min(axis=0))
 
 
@@ -117,7 +117,7 @@ def _best_per_symbol(problem: RiskProblem, moves: Floats, alphas: Floats) -> Flo
 
 
 def _iterated(problem: RiskProblem, further: Callable[[RiskProblem, Floats, Floats], Floats]) -> Floats:
-    """Costs from none on, until they stay; each round is a bound and none is below the one before."""
+    """Costs iterated from 0 to convergence; each round is a bound, and rounds do not decrease."""
     L, M = problem.prior.shape
     classes, deltas = np.arange(L), problem.deltas
     reached = np.clip(classes + deltas[:, np.newaxis], 0, L - 1)

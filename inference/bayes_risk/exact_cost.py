@@ -1,7 +1,7 @@
-"""What any strategy with any stopping rule costs on a small problem: exact, over all sequences of symbols.
+"""Exact cost of a strategy with a stopping rule on a small problem, over all sequences of symbols.
 
-Strategies see beliefs only, so what led to a belief does not matter: equal beliefs after as many taps are merged and
-their probabilities added.
+Strategies depend on beliefs only, so equal beliefs after the same number of taps are merged and their probabilities
+added.
 """
 
 from typing import NamedTuple, Protocol
@@ -18,10 +18,10 @@ from .problem import Floats, Integers, RiskProblem, after_taps, merged
 
 
 class Acts(NamedTuple):
-    """What is done after a tap in n cases.
+    """Actions after a tap in n cases.
 
     Attributes:
-        moves: Where classes to move by if one goes on, shape (n,).
+        moves: Moves in positions if tapping goes on, shape (n,).
         answer: `GO_ON`, `DECIDE` or `GIVE_UP`, shape (n,).
     """
 
@@ -30,22 +30,22 @@ class Acts(NamedTuple):
 
 
 class Course(Protocol):
-    """Moves and stops together; unlike a `MovePolicy` it may count taps."""
+    """Control of moves and stopping; unlike a `MovePolicy` it may depend on the number of taps."""
 
     def __call__(self, number: int, beliefs: Floats, chance: Floats) -> Acts:
-        """What to do after tap `number`, counted from 1, with beliefs (n, L, M) and a random number (n,) for each."""
+        """Actions after tap `number`, counted from 1, for beliefs (n, L, M), with a random number (n,) for each."""
         ...
 
 
 class Cost(NamedTuple):
-    """Expected cost of a strategy and what it is made of.
+    """Expected cost of a strategy and its components.
 
     Attributes:
-        total: All of it, in the unit of the loss.
-        loss: Of the decisions, of giving up included.
+        total: Total cost, in the unit of the loss.
+        loss: Expected loss of the decisions, including giving up.
         taps: Mean number of taps.
-        steps: Mean number of where classes really moved.
-        gave_up: Probability to give up.
+        steps: Mean number of positions actually moved.
+        gave_up: Probability of giving up.
     """
 
     total: float
@@ -56,7 +56,7 @@ class Cost(NamedTuple):
 
 
 def course(policy: MovePolicy, rule: StopRule, watch: Watch | None = None) -> Course:
-    """A policy that stops by a rule; `watch` computes the gain that `lookahead` asks for."""
+    """Course of a policy with a stopping rule; `watch` computes the gain that `lookahead` needs."""
 
     def act(number: int, beliefs: Floats, chance: Floats) -> Acts:
         moves = np.asarray(policy(beliefs, chance), dtype=np.int64)
@@ -69,21 +69,21 @@ def course(policy: MovePolicy, rule: StopRule, watch: Watch | None = None) -> Co
 
 
 def expected_cost(problem: RiskProblem, act: Course, chances: int = 1) -> Cost:
-    """What a strategy costs, exactly.
+    """Exact expected cost of a strategy.
 
-    Who decides, decides for the object of least expected loss. At the last tap all who have not given up decide.
+    Decisions are for the object of minimum expected loss. At the last tap, all that have not given up decide.
 
     Args:
-        problem: With symbols and costs.
-        act: What is done after each tap.
-        chances: Into how many equal parts the random number is cut; the result is exact for strategies that do the same
-            throughout each part.
+        problem: The problem.
+        act: Actions after each tap.
+        chances: Number of equal parts of the random number; the result is exact for strategies that are constant on
+            each part.
 
     Raises:
-        InputError: There is no chance, or a strategy gives up where that has no loss.
+        InputError: `chances` is below 1, or the strategy gives up but the problem has no loss for that.
     """
     if chances < 1:
-        raise InputError(f"A random number has at least one part, got {chances}.")
+        raise InputError(f"chances must be at least 1, got {chances}.")
     belief, weight = _reached(problem, problem.prior[np.newaxis], np.ones(1))
     middles = (np.arange(chances) + 0.5) / chances
     loss = steps = gave_up = 0.0
@@ -117,18 +117,18 @@ def _reached(problem: RiskProblem, belief: Floats, weight: Floats) -> tuple[Floa
 
 
 def _loss_of(problem: RiskProblem, belief: Floats, weight: Floats, answer: NDArray[np.int8]) -> float:
-    """Expected loss of those that stop."""
+    """Expected loss of the cases that stop."""
     M = problem.channel.shape[1]
     given_up = answer == GIVE_UP
     if given_up.any() and len(problem.loss) == M:
-        raise InputError("A strategy gives up, and the problem has no loss for that.")
+        raise InputError("The strategy gives up, but the loss has no row for giving up.")
     decided = answer == DECIDE
     loss = float(weight[decided] @ decision_loss(belief[decided], problem.loss[:M]))
     return loss + (float(weight[given_up] @ decision_loss(belief[given_up], problem.loss[M:])) if given_up.any() else 0)
 
 
 def sampled_costs(problem: RiskProblem, act: Course, trials: int, generator: np.random.Generator) -> Floats:
-    """Cost of single trials of a strategy, drawn, shape (trials,); what `expected_cost` is the mean of."""
+    """Cost of random trials of a strategy, shape (trials,); its mean estimates `expected_cost`."""
     (L, M, S), rows = problem.channel.shape, np.arange(trials)
     cell = generator.choice(L * M, size=trials, p=problem.prior.ravel())
     where, what = np.divmod(cell, M)

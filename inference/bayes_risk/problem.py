@@ -1,8 +1,9 @@
-"""Sequential decisions small enough to be written down: taps that are symbols, costs, and beliefs that can be counted.
+"""Small sequential decision problems: taps as symbols, costs, and enumerable beliefs.
 
-The world is the one in which the filter is right: object and place from the prior, symbols from a channel given the
-class, moves that end at the ends of the range (border `clamp`). Costs add up: each tap, each where class really moved,
-and the loss of the decision. The first tap is always made; after each one decides or moves and taps again.
+The model is the one that the filter assumes: object and position from the prior, symbols from a channel given the
+class, moves that stop at the ends of the range (border `clamp`). The cost is the sum over taps, positions actually
+moved, and the loss of the decision. The first tap is always made; each is followed by a decision or by a move and
+another tap.
 """
 
 from typing import NamedTuple
@@ -17,20 +18,19 @@ from ..moves.expected_gain import checked_loss, decision_loss
 type Floats = NDArray[np.float64]
 type Integers = NDArray[np.int64]
 
-_SUM = 1e-9  # by which sums of given probabilities may miss one
-_GRID = 2.0**43  # beliefs that differ by less than about 1e-13 are the same but for rounding
+_SUM = 1e-9  # tolerance of sums of given probabilities
+_GRID = 2.0**43  # beliefs that differ by less than about 1e-13 count as equal
 
 
 class RiskProblem(NamedTuple):
-    """What is to be decided, and what it costs; see `bayes_risk.problem`.
+    """A sequential decision problem; see `bayes_risk.problem`.
 
     Attributes:
         channel: P(symbol | class), shape (L, M, S).
-        loss: What each decision costs with each object, shape (A, M): the M objects first; a further row is that of
-            giving up.
-        tap_cost: Of a tap, in the unit of the loss.
-        class_cost: Of a where class really moved.
-        most_taps: After so many taps one decides.
+        loss: Loss of each decision for each object, shape (A, M): the M objects first; a further row is for giving up.
+        tap_cost: Cost of a tap, in the unit of the loss.
+        class_cost: Cost of each position actually moved.
+        most_taps: Maximum number of taps, after which a decision is made.
         prior: Belief before the first tap, shape (L, M).
     """
 
@@ -63,26 +63,26 @@ def risk_problem(
     most_taps: int,
     prior: ArrayLike | None = None,
 ) -> RiskProblem:
-    """A problem from its parts; without a prior all classes are as likely.
+    """Problem from its parts; the default prior is uniform.
 
     Raises:
-        InputError: Shapes or sums contradict each other, a cost is negative, or no tap is allowed.
+        InputError: Shapes or sums do not match, a cost is negative, or no tap is allowed.
     """
     channel = np.asarray(channel, dtype=np.float64)
     if channel.ndim != 3 or not _sums_to_one(channel, (-1,)):
         raise InputError(
-            f"A channel has axes (where, what, symbol) and sums to one over the last, got {channel.shape}."
+            f"channel must have axes (where, what, symbol) and sum to 1 over the last, got shape {channel.shape}."
         )
     L, M, _ = channel.shape
     loss = checked_loss(loss, M)
     if len(loss) not in (M, M + 1):
-        raise InputError(f"A loss has a row for each of {M} objects and one more for giving up, got {len(loss)} rows.")
+        raise InputError(f"loss must have {M} rows, or {M + 1} with giving up, got {len(loss)}.")
     prior = np.full((L, M), 1.0 / (L * M)) if prior is None else np.asarray(prior, dtype=np.float64)
     if prior.shape != (L, M) or not _sums_to_one(prior, (0, 1)):
-        raise InputError(f"A prior over {L} x {M} classes (where, what) sums to one, got shape {prior.shape}.")
+        raise InputError(f"prior must have shape ({L}, {M}) and sum to 1, got shape {prior.shape}.")
     if not (0 <= tap_cost < np.inf and 0 <= class_cost < np.inf) or most_taps < 1:
         raise InputError(
-            f"Costs are numbers from 0 on and at least one tap is made, got {tap_cost}, {class_cost} and {most_taps}."
+            f"Costs must be at least 0 and most_taps at least 1, got {tap_cost}, {class_cost} and {most_taps}."
         )
     return RiskProblem(channel, loss, float(tap_cost), float(class_cost), int(most_taps), prior)
 
@@ -92,12 +92,12 @@ def _sums_to_one(p: Floats, axes: tuple[int, ...]) -> bool:
 
 
 def stop_loss(problem: RiskProblem, beliefs: Floats) -> Floats:
-    """Expected loss of deciding now, or giving up where that is allowed, of beliefs (..., L, M); shape (...)."""
+    """Expected loss of stopping now (deciding, or giving up if allowed) at beliefs (..., L, M); shape (...)."""
     return decision_loss(beliefs, problem.loss)
 
 
 def joint_after_taps(channel: Floats, beliefs: Floats) -> Floats:
-    """P(symbol, class) of beliefs (n, L, M), shape (n, S, L, M); each symbol's sum is its probability."""
+    """P(symbol, class) of beliefs (n, L, M), shape (n, S, L, M); the sum over classes is P(symbol)."""
     return beliefs[:, np.newaxis] * np.moveaxis(channel, -1, 0)
 
 
@@ -112,9 +112,9 @@ def after_taps(channel: Floats, beliefs: Floats) -> tuple[Floats, Floats]:
 
 
 def merged(beliefs: Floats) -> tuple[Floats, Integers]:
-    """The different ones among beliefs (n, L, M), shape (k, L, M), and which of them each is, shape (n,).
+    """Distinct beliefs of (n, L, M), shape (k, L, M), and the index of each in them, shape (n,).
 
-    Beliefs on two sides of a rounding step stay two, which costs room and nothing else.
+    Nearly equal beliefs on two sides of a rounding step stay distinct, which only costs memory.
     """
     whole = np.round(beliefs.reshape(len(beliefs), -1) * _GRID).astype(np.int64)
     factors = np.random.default_rng(0).integers(1 << 62, size=whole.shape[1]) * 2 + 1

@@ -1,8 +1,8 @@
-"""The exact rule: when to stop and where to move so that taps, ways and errors together cost the least.
+"""Exact rule: when to stop and where to move, at minimum expected cost of taps, moves and errors.
 
-Dynamic programming over all beliefs that a small problem can reach, level by level: beliefs after each number of taps,
-equal ones merged, then values from the last level back. With another value at the last level than that of deciding
-there, such as a bound, the same recursion gives a bound; see `bayes_risk.bounds`.
+Dynamic programming over all reachable beliefs of a small problem, level by level: beliefs after each number of taps,
+equal ones merged, then values from the last level back. With a bound as the value at the last level, instead of that of
+deciding there, the same recursion gives a bound; see `bayes_risk.bounds`.
 """
 
 from collections.abc import Callable
@@ -21,20 +21,20 @@ from .exact_cost import Acts
 from .problem import Floats, Integers, RiskProblem, after_taps, joint_after_taps, merged, stop_loss
 
 type Leaf = Callable[[Floats], Floats]
-"""What beliefs (..., L, M) cost further, shape (...); of s times a belief s times as much."""
+"""Further cost of beliefs (..., L, M), shape (...); linear in the scale of a belief."""
 
 _CHUNK = 1 << 20  # probabilities of classes and symbols at a time
-_FOUND = 1e-9  # distance of a belief from the one it is taken for
+_FOUND = 1e-9  # largest distance of a belief from the stored one
 
 
 class Level(NamedTuple):
-    """Beliefs after so many taps, n of them; k beliefs after a move.
+    """Beliefs after a number of taps, n of them; k beliefs after a move.
 
     Attributes:
-        belief: Shape (n, L, M).
-        moved: Which belief each move leads to, shape (n, D).
-        probability: Of each symbol then, shape (k, S).
-        child: Which belief of the next level follows, shape (k, S); meaningless where the symbol is impossible.
+        belief: Beliefs, shape (n, L, M).
+        moved: Index of the belief after each move, shape (n, D).
+        probability: Probability of each symbol then, shape (k, S).
+        child: Index of the belief that follows in the next level, shape (k, S); undefined for impossible symbols.
     """
 
     belief: Floats
@@ -44,12 +44,12 @@ class Level(NamedTuple):
 
 
 class BestAct(NamedTuple):
-    """What is best for n beliefs.
+    """Best actions for n beliefs.
 
     Attributes:
-        value: Expected further cost, the loss of the decision included, shape (n,).
+        value: Expected further cost, including the loss of the decision, shape (n,).
         stop: Whether to stop, shape (n,).
-        move: Best move if not, shape (n,).
+        move: Best move otherwise, shape (n,).
     """
 
     value: Floats
@@ -58,13 +58,13 @@ class BestAct(NamedTuple):
 
 
 class ExactRule:
-    """The rule of least expected cost; itself a `Course` that `expected_cost` can play.
+    """Rule of minimum expected cost; a `Course` for `expected_cost`.
 
     Attributes:
-        problem: What it is best for.
-        value: Its expected cost, from before the first tap.
-        belief: Reachable beliefs after each number of taps but the last, shapes (n, L, M).
-        choice: What is best for them.
+        problem: The problem.
+        value: Expected cost, from before the first tap.
+        belief: Reachable beliefs after each number of taps except the last, shapes (n, L, M).
+        choice: Best actions for them.
     """
 
     def __init__(self, problem: RiskProblem, value: float, belief: list[Floats], choice: list[BestAct]) -> None:
@@ -75,10 +75,10 @@ class ExactRule:
         return [KDTree(belief.reshape(len(belief), -1)) for belief in self.belief]
 
     def __call__(self, number: int, beliefs: Floats, chance: Floats) -> Acts:  # noqa: ARG002
-        """What to do after tap `number`, counted from 1.
+        """Actions after tap `number`, counted from 1.
 
         Raises:
-            InputError: A belief cannot be reached with so many taps.
+            InputError: A belief cannot be reached after `number` taps.
         """
         n = len(beliefs)
         answer = np.where(stop_with_object(self.problem, beliefs), DECIDE, GIVE_UP).astype(np.int8)
@@ -86,7 +86,7 @@ class ExactRule:
             return Acts(np.zeros(n, np.int64), answer)
         distance, index = self._trees[number - 1].query(beliefs.reshape(n, -1))
         if (distance > _FOUND).any():
-            raise InputError(f"A belief cannot be reached with {number} taps.")
+            raise InputError(f"A belief cannot be reached after {number} taps.")
         choice = self.choice[number - 1]
         return Acts(choice.move[index], np.where(choice.stop[index], answer, GO_ON).astype(np.int8))
 
@@ -98,22 +98,22 @@ def stop_with_object(problem: RiskProblem, beliefs: Floats) -> NDArray[np.bool_]
 
 
 def exact_rule(problem: RiskProblem) -> ExactRule:
-    """The rule of least expected cost.
+    """Rule of minimum expected cost.
 
-    Time and memory grow as (moves times symbols) to the number of taps, less what merges: for 3 places, 4 symbols and
-    6 taps it takes seconds.
+    Time and memory grow as (moves times symbols) to the power of the number of taps, reduced by merging: 3 positions,
+    4 symbols and 6 taps take seconds.
     """
     return solved(problem, problem.most_taps, lambda beliefs: stop_loss(problem, beliefs))
 
 
 def solved(problem: RiskProblem, depth: int, leaf: Leaf) -> ExactRule:
-    """The best rule if after `depth` taps the further cost is `leaf`.
+    """Best rule if the further cost after `depth` taps is `leaf`.
 
     Raises:
         InputError: The depth is below one.
     """
     if depth < 1:
-        raise InputError(f"At least one tap is looked ahead, got {depth}.")
+        raise InputError(f"depth must be at least 1, got {depth}.")
     probability, after = after_taps(problem.channel, problem.prior[np.newaxis])
     if depth == 1:
         first = leaf(joint_after_taps(problem.channel, problem.prior[np.newaxis]))
@@ -136,7 +136,7 @@ def solved(problem: RiskProblem, depth: int, leaf: Leaf) -> ExactRule:
 
 
 def _after_moves(problem: RiskProblem, level: Level) -> Floats:
-    """The k beliefs that `level.moved` counts, shape (k, L, M)."""
+    """The k beliefs that `level.moved` indexes, shape (k, L, M)."""
     flat = level.moved.ravel()
     first = np.zeros(len(level.probability), np.int64)
     first[flat[::-1]] = np.arange(len(flat))[::-1]
@@ -154,7 +154,7 @@ def _following(problem: RiskProblem, level: Level) -> Floats:
 
 
 def _level(problem: RiskProblem, belief: Floats) -> Level:
-    """A level whose children are not known yet."""
+    """Level without its children."""
     n, D = len(belief), len(problem.deltas)
     moved = shifted(belief, problem.deltas, "clamp").reshape(n * D, *belief.shape[1:])
     distinct, index = merged(moved)
@@ -168,7 +168,7 @@ def _mean(level: Level, value: Floats) -> Floats:
 
 
 def _leaves(problem: RiskProblem, level: Level, leaf: Leaf) -> Floats:
-    """The same at the end, where nothing is remembered of what follows."""
+    """The same at the last level, without stored children."""
     moved = _after_moves(problem, level)
     step = max(1, _CHUNK // problem.channel.size)
     parts = [
@@ -178,7 +178,7 @@ def _leaves(problem: RiskProblem, level: Level, leaf: Leaf) -> Floats:
 
 
 def _choice(problem: RiskProblem, level: Level, further: Floats) -> BestAct:
-    """What is best, from the expected further cost of the next taps."""
+    """Best actions, from the expected further cost of the next taps."""
     way = problem.class_cost * expected_steps(level.belief, problem.deltas)
     going = problem.tap_cost + way + further[level.moved]
     best = going.argmin(axis=1)

@@ -1,7 +1,7 @@
-"""Beliefs and likelihoods in the form the compiled kernel takes, and the kernel as an engine.
+"""Conversion of beliefs and likelihoods for the compiled kernel, and the kernel as an engine.
 
-Arrays have one number per place and hypothesis, (L, S M), see `models.measurement.states`; without states these are
-the L x M classes.
+Arrays have one number per position and hypothesis, (L, S M), see `models.measurement.states`; without states these
+are the L x M classes.
 """
 
 from dataclasses import dataclass
@@ -21,13 +21,13 @@ _UNIT = kernel.UNIT * np.log(2.0)
 
 
 def classes(trained: NDArray[np.bool_]) -> Classes:
-    """The kernel's classes from the trained ones, shape (L, M)."""
+    """Classes for the kernel from the mask of trained ones, shape (L, M)."""
     nearest = nearest_trained(trained).T
     return Classes(not trained.all(), np.ascontiguousarray(trained.T), np.ascontiguousarray(nearest, np.int64))
 
 
 def likelihoods(log_likelihood: ArrayLike) -> Likelihoods:
-    """The kernel's table from log-likelihoods of shape (N, L, S M)."""
+    """Table for the kernel from log-likelihoods of shape (N, L, S M)."""
     z, k = _scaled(np.asarray(log_likelihood, dtype=np.float64))
     wide = k.any(axis=(1, 2))
     least = np.where(z > 0, z, np.inf).min(axis=(1, 2), initial=1.0)
@@ -35,29 +35,29 @@ def likelihoods(log_likelihood: ArrayLike) -> Likelihoods:
 
 
 def scaled_belief(log_belief: ArrayLike) -> ScaledBelief:
-    """The kernel's belief from a log belief of shape (L, S M)."""
+    """Belief for the kernel from a log belief of shape (L, S M)."""
     z, k = _scaled(np.asarray(log_belief, dtype=np.float64)[np.newaxis])
     return ScaledBelief(z[0], k[0], float(np.where(z > 0, z, np.inf).min(initial=1.0)))
 
 
 def border_number(border: Border) -> int:
-    """The kernel's number of a border."""
+    """Number of a border in the kernel."""
     return BORDERS.index(border)
 
 
 def refuse_border(border: int, hypotheses: int, M: int) -> None:
-    """Refuses the border `prior` where a state is carried: vacated places get 1/(L M), whatever is known of the state.
+    """Refuses the border `prior` for models with states, as it gives vacated positions 1/(L M) regardless of the state.
 
     Args:
-        border: Its number.
-        hypotheses: S M.
-        M: Objects.
+        border: Number of the border.
+        hypotheses: Number of hypotheses, S M.
+        M: Number of objects.
 
     Raises:
-        InputError: The border is `prior`, and there are more hypotheses than objects.
+        InputError: The border is `prior` and there are more hypotheses than objects.
     """
     if border == kernel.PRIOR and hypotheses > M:
-        raise InputError("--border prior does not go with a model that carries a state; uniform does.")
+        raise InputError("border 'prior' does not support models that carry a state; use 'uniform'.")
 
 
 def _scaled(log_values: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
@@ -75,14 +75,14 @@ def _scaled(log_values: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArr
 
 @dataclass(frozen=True)
 class FilterEngine:
-    """The kernel of the Monte Carlo as an engine.
+    """Kernel of the Monte Carlo trials as an engine.
 
     Attributes:
         model: The fitted measurement model.
-        border: Reading of Eq. 9 at the ends of the range.
+        border: Interpretation of Eq. 9 at the ends of the range.
 
     Raises:
-        InputError: The border is `prior`, and the model carries a state.
+        InputError: The border is `prior` and the model carries a state.
     """
 
     model: TapModel
@@ -98,7 +98,7 @@ class FilterEngine:
         return classes(self.model.trained)
 
     def update(self, log_belief: NDArray[np.float64], tap: ArrayLike) -> tuple[NDArray[np.float64], float]:
-        """Eq. 1 as a product of counts with log tables, then Eq. 3 and 4 compiled.
+        """Eq. 1 as a product of counts with log tables, then compiled Eq. 3 and 4.
 
         Raises:
             ZeroEvidenceError: The tap is impossible under every class.
@@ -108,9 +108,9 @@ class FilterEngine:
         belief.multiply(row.z)
         belief.k += row.k
         if not belief.settle():
-            raise ZeroEvidenceError("The tap is impossible under every class that is still believed in.")
+            raise ZeroEvidenceError("The tap is impossible under every class with nonzero belief.")
         posterior = belief.log()
-        # Bayes' rule read backwards at the most probable class.
+        # Bayes' rule solved for the evidence at the most probable class.
         best = np.unravel_index(posterior.argmax(), posterior.shape)
         return posterior, float(log_belief[best] + log_likelihood[best] - posterior[best])
 
@@ -137,7 +137,7 @@ class _Working:
         return kernel.multiply(self.z, self.on, row, self.where, self.hypothesis)
 
     def settle(self) -> bool:
-        """Whether a class is left."""
+        """Whether any class has nonzero belief."""
         return kernel.settle(self.z, self.k, self.on) > 0
 
     def shift(self, delta: int, border: int, classes: Classes) -> None:
@@ -149,7 +149,7 @@ class _Working:
             kernel.shift(*belief, delta, border, len(classes.trained), total, *room)
 
     def log(self) -> NDArray[np.float64]:
-        """The normalised log belief, shape (L, S M)."""
+        """Normalised log belief, shape (L, S M)."""
         total = self.multiply(np.ones_like(self.z))
         with np.errstate(divide="ignore"):
             return np.ascontiguousarray((np.log(self.z) - self.k * _UNIT - np.log(total)).T)

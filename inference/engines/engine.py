@@ -1,8 +1,8 @@
-"""One interface to every way of computing the posterior, and the plain NumPy one behind it.
+"""Interface of all engines, which compute the posterior, and the engine in plain NumPy.
 
-An engine turns taps into log beliefs; what to decide and where to move is not its business. All engines carry the
-normalised log belief of shape (L, H) without any floor, so sequences may be of any length. H are the hypotheses,
-objects or objects in states (see `models.measurement.states`).
+An engine turns taps into log beliefs; it makes no decisions and no moves. All engines use the normalised log belief of
+shape (L, H) without a floor, so sequences may have any length. H is the number of hypotheses: objects, or objects in
+states (see `models.measurement.states`).
 """
 
 from dataclasses import dataclass
@@ -25,42 +25,42 @@ class Engine(Protocol):
 
     @property
     def name(self) -> str:
-        """How the engine is called on the command line."""
+        """Name of the engine."""
         ...
 
     @property
     def model(self) -> TapModel:
-        """The measurement model behind it, which holds the belief before the first tap, `log_prior`."""
+        """Fitted measurement model, with the belief before the first tap, `log_prior`."""
         ...
 
     def update(self, log_belief: NDArray[np.float64], tap: ArrayLike) -> tuple[NDArray[np.float64], float]:
-        """Log belief after one more tap, and the log evidence of that tap given those before; Eq. 3 and 4.
+        """Log belief after a tap, shape (L, H), and the log evidence of the tap given the earlier ones; Eq. 3 and 4.
 
         Args:
-            log_belief: Shape (L, H).
-            tap: Prepared samples, shape (J, K).
+            log_belief: Log belief before the tap, shape (L, H).
+            tap: Preprocessed samples, shape (J, K).
 
         Raises:
-            InputError: The tap has not the size of the training taps, or a sample is NaN.
+            InputError: The tap differs in shape from the training taps, or a sample is NaN.
             ZeroEvidenceError: The tap is impossible under every class.
         """
         ...
 
     def shift(self, log_belief: NDArray[np.float64], delta: int) -> NDArray[np.float64]:
-        """Log belief after a move by `delta` where classes, in each state apart; Eq. 9."""
+        """Log belief after a move by `delta` positions, shape (L, H), separately for each state; Eq. 9."""
         ...
 
 
 @dataclass(frozen=True)
 class NumpyEngine:
-    """The reference equations, one after the other.
+    """The reference equations, one by one.
 
     Attributes:
         model: The fitted measurement model.
         border: Reading of Eq. 9 at the ends of the range.
 
     Raises:
-        InputError: The border is `prior`, and the model carries a state.
+        InputError: The border is `prior` and the model carries a state.
     """
 
     model: TapModel
@@ -70,14 +70,14 @@ class NumpyEngine:
     def __post_init__(self) -> None:
         """Checks the border."""
         if self.border == "prior" and self._states > 1:
-            raise InputError("--border prior does not go with a model that carries a state; uniform does.")
+            raise InputError("border 'prior' does not support models that carry a state; use 'uniform'.")
 
     @cached_property
     def log_prob(self) -> NDArray[np.float64]:
-        """Eq. 2 from the counts of a histogram without states; -inf throughout for untrained classes."""
+        """Eq. 2 from the counts of a histogram without states, shape (L, M, K, B); -inf for untrained classes."""
         model = self.model
         if not isinstance(model, HistogramModel):
-            raise TypeError(f"A model of type {type(model).__name__} has no counts.")
+            raise TypeError(f"A {type(model).__name__} has no counts.")
         return reference.log_histograms(model.counts, model.pseudocount)
 
     def update(self, log_belief: NDArray[np.float64], tap: ArrayLike) -> tuple[NDArray[np.float64], float]:
@@ -87,7 +87,7 @@ class NumpyEngine:
         return reference.update_log(log_belief, self._log_likelihood(tap))
 
     def shift(self, log_belief: NDArray[np.float64], delta: int) -> NDArray[np.float64]:
-        """Eq. 9, and no move changes what is believed of the states."""
+        """Eq. 9; moves do not change the belief over states."""
         if self._states == 1:
             return reference.shift_log(log_belief, delta, self.border, self.model.trained)
         parts = np.split(log_belief, self._states, axis=1)
@@ -107,7 +107,7 @@ class NumpyEngine:
         return np.where(np.isneginf(model.log_prior), -np.inf, log_likelihood)
 
     def _shift_state(self, part: NDArray[np.float64], delta: int) -> NDArray[np.float64]:
-        """The log belief in one state, shape (L, M), moved within the state."""
+        """Log belief in one state, shape (L, M), after a move."""
         mass = np.logaddexp.reduce(part.ravel())
         if np.isneginf(mass):
             return part
@@ -115,19 +115,19 @@ class NumpyEngine:
 
 
 def make_engine(name: str, model: TapModel, border: Border = "uniform") -> Engine:
-    """The engine of this name.
+    """Engine by name.
 
     Args:
         name: `"numpy"` (the reference equations), `"numpyro"` (the enumerated NumPyro model) or `"filter"` (the
-            compiled update of the Monte Carlo).
+            compiled update of the Monte Carlo trials).
         model: The fitted measurement model.
-        border: Reading of Eq. 9.
+        border: Interpretation of Eq. 9 at the ends of the range.
 
     Raises:
-        InputError: There is no such engine or border, or the border is no kernel and the engine needs one.
+        InputError: The engine or border is unknown, or the engine does not support the border.
     """
     if border not in reference.BORDERS:
-        raise InputError(f"The border must be one of {', '.join(reference.BORDERS)}, got {border!r}.")
+        raise InputError(f"border must be one of {', '.join(reference.BORDERS)}, got {border!r}.")
     if name == "numpy":
         return NumpyEngine(model, border)
     if name == "numpyro":
@@ -138,4 +138,4 @@ def make_engine(name: str, model: TapModel, border: Border = "uniform") -> Engin
         from .compiled import FilterEngine  # noqa: PLC0415
 
         return FilterEngine(model, border)
-    raise InputError(f"The engine must be numpy, numpyro or filter, got {name!r}.")
+    raise InputError(f"engine must be numpy, numpyro or filter, got {name!r}.")

@@ -1,9 +1,9 @@
-"""Exact posteriors by enumerating the NumPyro models of `models.touch` over all places, objects and states.
+"""Exact posteriors by enumeration of the NumPyro models in `models.touch` over all positions, objects and states.
 
-Two independent routes. `NumpyroEngine` evaluates the log joint of the one-tap model at every place and hypothesis,
-compiled once, and recurses in the log domain, so any number of taps will do. `enumerate_sequence` hands the model of a
-whole sequence to funsor, which sums over all paths of classes; it contracts in the linear domain and underflows on
-long sequences, so it serves as a check for up to 20 taps.
+Two independent routes. `NumpyroEngine` evaluates the log joint of the one-tap model at every position and hypothesis,
+compiled once, and recurses in the log domain, for any number of taps. `enumerate_sequence` passes the model of a whole
+sequence to funsor, which sums over all paths of classes; it contracts in the linear domain and underflows on long
+sequences, so it serves as a check for up to 20 taps.
 """
 
 from collections.abc import Callable, Sequence
@@ -45,11 +45,11 @@ _AT_ONCE = 1 << 23  # numbers that one step of an enumeration holds
 
 
 class SequenceUnderflowError(ArithmeticError):
-    """The whole-sequence enumeration left the range of float64; fewer taps may fit."""
+    """The enumeration of a whole sequence left the range of float64; use fewer taps."""
 
 
 class SequencePosterior(NamedTuple):
-    """What the enumerated sequence model says; index t counts taps from 0.
+    """Posteriors of the enumerated sequence model; index t counts taps from 0.
 
     Attributes:
         log_evidence: log P(z_0 .. z_t) for every t, shape (T,).
@@ -63,7 +63,7 @@ class SequencePosterior(NamedTuple):
 
 
 def touch_tables(model: TapModel) -> TouchTables:
-    """The fitted model as float64 JAX arrays; to be called where x64 is enabled."""
+    """The fitted model as float64 JAX arrays; requires x64 to be enabled."""
     form = model.form
     return TouchTables(
         type(form)(*(jnp.asarray(part) for part in form)),  # pyright: ignore[reportArgumentType]
@@ -77,7 +77,7 @@ def observed(model: TapModel, taps: ArrayLike) -> NDArray[np.generic]:
     """Taps (..., J, K) as `models.touch.observe_tap` takes them: bins for table forms, samples for others.
 
     Raises:
-        InputError: The taps have not the size of the training taps, or a sample is NaN.
+        InputError: The taps differ in shape from the training taps, or a sample is NaN.
     """
     bins = model.bins(taps)
     return bins if isinstance(model.form, TableForm) else np.asarray(taps, dtype=np.float64)
@@ -85,7 +85,7 @@ def observed(model: TapModel, taps: ArrayLike) -> NDArray[np.generic]:
 
 @jax.jit
 def log_joint(tables: TouchTables, log_prior: jax.Array, tap: jax.Array) -> jax.Array:
-    """Log p(where, hypothesis, tap) of the one-tap model everywhere, shape (L, H)."""
+    """Log p(where, hypothesis, tap) of the one-tap model, shape (L, H)."""
     L, H = log_prior.shape
     M = tables.log_trained.shape[1]
     in_states = log_prior.reshape(L, H // M, M)
@@ -112,7 +112,7 @@ def log_likelihoods(tables: TouchTables, taps: jax.Array) -> jax.Array:
 
 
 def _everywhere(at: Callable[[jax.Array], jax.Array], tables: TouchTables, tap: jax.Array) -> jax.Array:
-    """`at` of every place and hypothesis c = l H + h, as many at once as fit into memory; shape (L, H)."""
+    """`at` for every position and hypothesis c = l H + h, in batches that fit into memory; shape (L, H)."""
     L, H = tables.form.shape
     form = tables.form
     copies = form.log_prob.shape[-1] if isinstance(form, TableForm) else len(form.log_weight)
@@ -155,14 +155,14 @@ def _predict_around(
 
 @dataclass(frozen=True)
 class NumpyroEngine:
-    """The one-tap NumPyro model, enumerated everywhere and recursed in the log domain, in float64.
+    """The one-tap NumPyro model, enumerated over all classes, with recursion in the log domain, in float64.
 
     Attributes:
         model: The fitted measurement model.
-        border: Reading of Eq. 9; must be a Markov kernel.
+        border: Interpretation of Eq. 9 at the ends of the range; must be a Markov kernel.
 
     Raises:
-        InputError: The border is `prior`, which is no kernel.
+        InputError: The border is `prior`, which is not a kernel.
     """
 
     model: TapModel
@@ -189,7 +189,7 @@ class NumpyroEngine:
         with jax.enable_x64(True):
             posterior, log_evidence = _update(self.tables, jnp.asarray(log_belief), jnp.asarray(seen))
             if not np.isfinite(log_evidence):
-                raise ZeroEvidenceError("The tap is impossible under every class that is still believed in.")
+                raise ZeroEvidenceError("The tap is impossible under every class with nonzero belief.")
             return np.asarray(posterior), float(log_evidence)
 
     def shift(self, log_belief: NDArray[np.float64], delta: int) -> NDArray[np.float64]:
@@ -206,34 +206,34 @@ class NumpyroEngine:
 
 
 def check_kernel_border(border: str) -> None:
-    """Refuses readings of Eq. 9 that are no Markov kernel.
+    """Refuses borders that are not Markov kernels.
 
     Raises:
-        InputError: The border is no kernel.
+        InputError: The border is not a kernel.
     """
     if border not in KERNEL_BORDERS:
         raise InputError(
-            f"The border {border!r} renormalises the belief and is no Markov kernel, so the NumPyro models cannot "
-            f"carry it; they take {', '.join(KERNEL_BORDERS)}."
+            f"The NumPyro models do not support border {border!r}, which renormalises the belief and is not a Markov "
+            f"kernel; use {', '.join(KERNEL_BORDERS)}."
         )
 
 
 def enumerate_sequence(
     model: TapModel, taps: ArrayLike, deltas: Sequence[int], border: Border = "uniform"
 ) -> SequencePosterior:
-    """The posterior of a whole sequence by funsor's sum over all paths of classes and all states.
+    """Posterior of a whole sequence by funsor's sum over all paths of classes and all states.
 
     The filtered posteriors are the gradients of the log evidence of each prefix, the smoothed ones those of the
     whole.
 
     Args:
         model: The fitted measurement model.
-        taps: Prepared samples, shape (T, J, K), T at most 20.
-        deltas: The move before each tap but the first, T - 1 whole numbers.
-        border: Reading of Eq. 9; must be a Markov kernel.
+        taps: Preprocessed samples, shape (T, J, K), T at most 20.
+        deltas: Move before each tap except the first, T - 1 integers.
+        border: Interpretation of Eq. 9 at the ends of the range; must be a Markov kernel.
 
     Raises:
-        InputError: The border is no kernel, or numbers of taps and moves do not fit.
+        InputError: The border is not a kernel, or the numbers of taps and moves do not match.
         ZeroEvidenceError: A tap is impossible under every class.
         SequenceUnderflowError: The result is not finite.
     """
@@ -242,8 +242,8 @@ def enumerate_sequence(
     T, (L, M), H = len(taps), model.grid.shape, model.log_prior.shape[1]
     if not 1 <= T <= MAX_SEQUENCE or len(deltas) != T - 1:
         raise InputError(
-            f"Whole sequences of 1 to {MAX_SEQUENCE} taps with one move between two taps can be enumerated, "
-            f"got {T} taps and {len(deltas)} moves."
+            f"A sequence must have 1 to {MAX_SEQUENCE} taps with one move between two taps, got {T} taps and "
+            f"{len(deltas)} moves."
         )
     log_likelihood = model.log_likelihood(taps)
     likeliest = log_likelihood.max(axis=(1, 2))
@@ -255,7 +255,9 @@ def enumerate_sequence(
         prior = split_prior(jnp.asarray(model.log_prior).reshape(L, H // M, M))
         full = model.trained.all()
         arguments = (
-            _floored(tables.log_trained if full else jnp.zeros((L, M))),  # else kernels see to it, and twice underflows
+            _floored(
+                tables.log_trained if full else jnp.zeros((L, M))
+            ),  # else handled by the kernels; doing both underflows
             jnp.asarray(model.exponent),
             type(prior)(*(_floored(part) for part in prior)),
             _sequence_taps(model, tables, taps, log_likelihood),
@@ -264,12 +266,12 @@ def enumerate_sequence(
         )
         log_evidence, posterior = _sequence(arguments, jnp.tril(jnp.ones((T, T), dtype=bool)))
         log_evidence, posterior = np.asarray(log_evidence), np.moveaxis(np.asarray(posterior), 2, 3)
-    # Paths that are impossible weigh at most this much; what they stand beside must be far heavier.
+    # Largest weight of impossible paths; possible ones must weigh far more.
     ignored = _IMPOSSIBLE + likeliest.cumsum() + np.log(T * L * H)
     finite = np.isfinite(log_evidence).all() and np.isfinite(posterior).all()
     if not finite or (log_evidence < ignored - np.log(_PRECISION)).any():
         raise SequenceUnderflowError(
-            f"Enumerating {T} taps at once left the range of float64: funsor contracts in the linear domain."
+            f"Enumerating {T} taps at once underflowed, as funsor contracts in the linear domain; use fewer taps."
         )
     posterior = posterior.reshape(T, T, L, H)
     return SequencePosterior(log_evidence, posterior[np.arange(T), np.arange(T)], posterior[-1])
@@ -280,8 +282,8 @@ def _sequence_taps(
 ) -> CountedTaps | WeighedTaps:
     """Taps (T, J, K) as the sequence model observes them, with a stand-in for log 0.
 
-    Counts serve where they can: on full grids, for samples that are independent, without states, and where
-    `log_likelihood` (T, L, H) spreads so little over the classes that the stand-in is far below all of it.
+    Counts are used on full grids, for independent samples, without states, and if `log_likelihood` (T, L, H) varies
+    so little over the classes that the stand-in is far below all of it.
     """
     form, seen = tables.form, observed(model, taps)
     (L, H), M = form.shape, model.grid.M
@@ -296,7 +298,7 @@ def _sequence_taps(
     least = (_IMPOSSIBLE + likeliest)[:, None, None] / model.exponent
     weights = jnp.maximum(log_likelihoods(tables, jnp.asarray(seen)), jnp.asarray(least))
     weights = weights.reshape(len(taps), L, H // M, M)
-    if not full:  # paths through holes must not weigh more than others, whatever stands in their tables
+    if not full:  # paths through holes must not outweigh others, whatever their tables hold
         most = jnp.asarray(likeliest)[:, None, None, None] / model.exponent
         weights = jnp.where(jnp.asarray(model.trained)[:, None], weights, most)
     return WeighedTaps(jnp.moveaxis(weights, 2, 1))
@@ -338,6 +340,6 @@ def _floored(log_probability: jax.Array) -> jax.Array:
 
 
 def _spread(log_likelihood: NDArray[np.float64]) -> float:
-    """By how much one tap tells possible classes apart, at most; log-likelihoods have the shape (T, L, H)."""
+    """Largest difference of log-likelihoods (T, L, H) between possible classes in one tap."""
     possible = np.where(np.isneginf(log_likelihood), np.nan, log_likelihood)
     return float((np.nanmax(possible, axis=(1, 2)) - np.nanmin(possible, axis=(1, 2))).max())

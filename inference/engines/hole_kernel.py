@@ -1,4 +1,4 @@
-"""Moves as Markov kernels on grids with holes: classes that were never trained, which no move may enter.
+"""Moves as Markov kernels on grids with holes, that is, untrained classes, which no move may enter.
 
 On a full grid the transition of the position does not depend on the object, see `touch.move_kernel`; here it does.
 """
@@ -14,9 +14,9 @@ class HoleKernel(NamedTuple):
 
     Attributes:
         where: p(where' | where, what) of classes that keep their object, shape (L, M, L); rows sum to one. Untrained
-            classes, which hold no belief, are left for the trained ones of their object.
-        redrawn: Classes that are left for any vacated class of any object instead, shape (L, M).
-        vacated: p(where', what') of these, shape (L, M); zero throughout where there are none.
+            classes, which hold no belief, move to the trained ones of their object.
+        redrawn: Mask of classes whose belief moves to the vacated classes of all objects instead, shape (L, M).
+        vacated: p(where', what') of these, shape (L, M); all zero if there are none.
     """
 
     where: NDArray[np.float64]
@@ -28,7 +28,7 @@ class HoleKernel(NamedTuple):
         return np.where(self.redrawn[..., np.newaxis], self.vacated.sum(axis=0), np.eye(len(self.vacated[0])))
 
     def where_kernel(self) -> NDArray[np.float64]:
-        """p(where' | where, what, what'), shape (L, M, M, L); where what' cannot be, that of the same object."""
+        """p(where' | where, what, what'), shape (L, M, M, L); for impossible what', that of the same object."""
         room = self.vacated.sum(axis=0)
         kernel = np.repeat(self.where[:, :, np.newaxis], len(room), axis=2)
         for m in np.flatnonzero(room):
@@ -37,12 +37,12 @@ class HoleKernel(NamedTuple):
 
 
 def hole_kernel(trained: NDArray[np.bool_], delta: int, border: str) -> HoleKernel:
-    """The kernel of a move by `delta` classes.
+    """Kernel of a move by `delta` positions.
 
     Args:
-        trained: Which classes belief may be in, shape (L, M).
-        delta: Where classes moved.
-        border: A border that is a kernel, as in `inference.reference.shift`.
+        trained: Mask of the trained classes, shape (L, M).
+        delta: Move in positions.
+        border: Border that is a kernel, as in `inference.reference.shift`.
     """
     L, M = trained.shape
     where = np.repeat(np.where(trained.any(axis=0), trained, True).T[np.newaxis].astype(np.float64), L, axis=0)

@@ -1,4 +1,4 @@
-"""How long an engine takes for a tap, apart from the first time, in which it may have to be compiled."""
+"""Latency of an engine per tap, excluding compilation at the first tap."""
 
 import time
 from typing import NamedTuple
@@ -15,9 +15,9 @@ class Latency(NamedTuple):
     """Host time of the belief updates in milliseconds.
 
     Attributes:
-        median_ms: Half of them took less.
-        high_ms: 99 % of them took less.
-        taps: How many there were.
+        median_ms: Median.
+        high_ms: 99th percentile.
+        taps: Number of taps.
     """
 
     median_ms: float
@@ -26,10 +26,10 @@ class Latency(NamedTuple):
 
 
 class TimedEngine:
-    """An engine that keeps how long each tap took: its update, and the shift after it.
+    """An engine that records the time of each tap: its update and the shift after it.
 
     Args:
-        engine: The one that computes.
+        engine: Engine to be timed.
     """
 
     def __init__(self, engine: Engine) -> None:
@@ -38,12 +38,12 @@ class TimedEngine:
 
     @property
     def name(self) -> str:
-        """That of the engine."""
+        """Name of the timed engine."""
         return self._engine.name
 
     @property
     def model(self) -> TapModel:
-        """That of the engine."""
+        """Model of the timed engine."""
         return self._engine.model
 
     def update(self, log_belief: NDArray[np.float64], tap: ArrayLike) -> tuple[NDArray[np.float64], float]:
@@ -62,16 +62,16 @@ class TimedEngine:
         return answer
 
     def latency(self) -> Latency:
-        """Of all taps so far; there must be one."""
+        """Latency over all taps so far, at least one."""
         median, high = 1e3 * np.quantile(self._seconds, [0.5, 0.99])
         return Latency(float(median), float(high), len(self._seconds))
 
 
 def warm_up(engine: Engine) -> float:
-    """Makes the engine compile what it compiles, with a tap that its model holds for likely.
+    """Compiles the engine, with a tap that is likely under its model.
 
     Returns:
-        How many seconds of host time it took.
+        Host time in seconds.
     """
     began = time.perf_counter()
     log_belief = engine.model.log_prior
@@ -82,7 +82,7 @@ def warm_up(engine: Engine) -> float:
 
 
 def _likely_tap(model: TapModel) -> NDArray[np.float64]:
-    """Under the most probable class: its mean, or the most frequent value of each taxel all the time; shape (J, K)."""
+    """Likely tap of the most probable class: its mean, or the mode of each taxel throughout; shape (J, K)."""
     l, h = np.unravel_index(model.log_prior.argmax(), model.log_prior.shape)
     form = model.form
     if not isinstance(form, TableForm):

@@ -1,4 +1,4 @@
-"""Two engines at once, each carrying its own belief, that must agree after every tap."""
+"""Two engines in parallel, each with its own belief, which must agree after every tap."""
 
 from typing import TYPE_CHECKING
 
@@ -15,17 +15,17 @@ TOLERANCE = 1e-9
 
 
 class EnginesDisagree(Exception):
-    """Two engines came to different posteriors; the message says after which tap, for which class, and both values."""
+    """Two engines gave different posteriors; the message names tap, class and both values."""
 
 
 class ShadowEngine:
-    """An engine that answers what the first one says, while the second follows and is compared.
+    """An engine that returns the results of a first engine and compares them with a second one.
 
-    The second goes on from its own beliefs, so that small differences add up as they would without the first.
+    The second continues from its own beliefs, so that small differences accumulate as they would without the first.
 
     Args:
-        first: Whose beliefs count.
-        second: Of the same model.
+        first: Engine whose results are returned.
+        second: Engine to compare, of the same model.
     """
 
     def __init__(self, first: "Engine", second: "Engine") -> None:
@@ -42,25 +42,25 @@ class ShadowEngine:
 
     @property
     def model(self) -> "TapModel":
-        """That of the first."""
+        """Model of the first engine."""
         return self._first.model
 
     def update(self, log_belief: NDArray[np.float64], tap: ArrayLike) -> tuple[NDArray[np.float64], float]:
         """Eq. 3 and 4 twice.
 
         Raises:
-            EnginesDisagree: A posterior differs by more than 1e-9, or one engine holds the tap for impossible.
-            ZeroEvidenceError: Both do.
+            EnginesDisagree: A posterior differs by more than 1e-9, or the tap is impossible for one engine only.
+            ZeroEvidenceError: The tap is impossible for both.
         """
         followed = self._follow(log_belief)
         self._taps += 1
         first = self._posterior(self._first, log_belief, tap)
         second = self._posterior(self._second, followed, tap)
         if first is None and second is None:
-            raise ZeroEvidenceError("The tap is impossible under every class that is still believed in.")
+            raise ZeroEvidenceError("The tap is impossible under every class with nonzero belief.")
         if first is None or second is None:
             holds, other = (self._first, self._second) if first is None else (self._second, self._first)
-            raise EnginesDisagree(f"Engine {holds.name} holds tap {self._taps} for impossible, {other.name} does not.")
+            raise EnginesDisagree(f"Tap {self._taps} is impossible for engine {holds.name}, but not for {other.name}.")
         return self._agreed(first[0], second[0], "after"), first[1]
 
     def shift(self, log_belief: NDArray[np.float64], delta: int) -> NDArray[np.float64]:
@@ -76,14 +76,14 @@ class ShadowEngine:
     def _posterior(
         engine: "Engine", log_belief: NDArray[np.float64], tap: ArrayLike
     ) -> tuple[NDArray[np.float64], float] | None:
-        """The update of one engine, `None` after a tap that is impossible under every class."""
+        """Update of one engine, `None` after a tap that is impossible under every class."""
         try:
             return engine.update(log_belief, tap)
         except ZeroEvidenceError:
             return None
 
     def _follow(self, log_belief: NDArray[np.float64]) -> NDArray[np.float64]:
-        """The second engine's version of a belief; a belief that did not come from here starts an episode."""
+        """Belief of the second engine for one of the first; an unknown belief starts a new episode."""
         if log_belief is self._answered and self._followed is not None:
             return self._followed
         self._taps = 0

@@ -1,5 +1,5 @@
-"""Where to tap next.
+"""Control strategies: where to tap next.
 
-Start with `control`, the paper's fixation and its rivals; `strategies` names them all. `expected_gain` and
-`information` compute what a tap is worth. When to stop stands in `stopping`.
+Start with `control`: the paper's fixation strategy and alternatives; `strategies` names them all. `expected_gain` and
+`information` compute the value of a tap. Rules for stopping are in `stopping`.
 """

@@ -1,9 +1,8 @@
-"""Where to move next, given the belief: functions behind one type, of one belief or of a batch of them.
+"""Control strategies as functions from beliefs to moves, for one belief or a batch.
 
-Strategies see beliefs and, for those that draw, a random number for each; they remember nothing. What they answer is
-commanded, and the end of the range may cut it short. "Small repositioning movements" around where the sensor is
-believed to be are those of Martinez-Hernandez et al. (2017); `random_place` is the baseline that active strategies are
-to be held against.
+Strategies take beliefs and, if random, a uniform number for each; they have no memory. They return commanded moves,
+which the end of the range may cut short. "Small repositioning movements" around the estimated position are those of
+Martinez-Hernandez et al. (2017); `random_place` is the baseline for active strategies.
 """
 
 from typing import Protocol
@@ -17,21 +16,21 @@ type Floats = NDArray[np.float64]
 type Integers = NDArray[np.int64]
 
 ALIKE = 1e-12
-"""Values of moves that differ by less are equal but for rounding."""
+"""Tolerance within which values of moves count as equal."""
 
 
 class MovePolicy(Protocol):
     """A control strategy."""
 
     def __call__(self, beliefs: Floats, chance: Floats) -> Integers:
-        """The moves for joint beliefs after a tap.
+        """Moves for joint beliefs after a tap.
 
         Args:
-            beliefs: Shape (..., L, M), each of sum one.
-            chance: A random number in [0, 1) for each, shape (...).
+            beliefs: Normalised beliefs, shape (..., L, M).
+            chance: A uniform random number in [0, 1) for each, shape (...).
 
         Returns:
-            Where classes to move by, shape (...); 0 stays.
+            Moves in positions, shape (...); 0 to stay.
         """
         ...
 
@@ -42,14 +41,14 @@ def passive(beliefs: Floats, chance: Floats) -> Integers:  # noqa: ARG001 - ever
 
 
 def fixation(fixation_index: int, theta_x: float = 0.0) -> MovePolicy:
-    """Moves so that the believed position comes to the fixation point; Eq. 8 and 10.
+    """Strategy that moves the estimated position to the fixation point; Eq. 8 and 10.
 
     Args:
-        fixation_index: The where class to be at, counted from 0.
-        theta_x: Threshold on the where belief for a move: 0 always moves, 1 never does.
+        fixation_index: Index of the fixation point.
+        theta_x: Belief in a position needed for a move: 0 always moves, 1 never moves.
 
     Raises:
-        InputError: When called with a belief that has no such class.
+        InputError: On a call, if the belief has no such position.
     """
 
     def move(beliefs: Floats, chance: Floats) -> Integers:  # noqa: ARG001
@@ -62,7 +61,7 @@ def fixation(fixation_index: int, theta_x: float = 0.0) -> MovePolicy:
 
 
 def random_place() -> MovePolicy:
-    """Moves so that the believed position comes to a place that is drawn anew each time, all as likely."""
+    """Strategy that moves the estimated position to a uniformly random one each time."""
 
     def move(beliefs: Floats, chance: Floats) -> Integers:
         where = where_beliefs(beliefs)
@@ -72,12 +71,12 @@ def random_place() -> MovePolicy:
 
 
 def random_step(reach: int) -> MovePolicy:
-    """Repositions by a step of 1 to `reach` classes to either side of the believed position, all as likely.
+    """Strategy that makes a uniformly random step of 1 to `reach` positions to either side.
 
-    A step to a place beyond the range goes to the other side, or to the end where that lies beyond too.
+    A step beyond the range goes to the other side, or to the end if that is also beyond.
 
     Raises:
-        InputError: The reach is below one class.
+        InputError: The reach is below 1.
     """
     check_reach(reach)
 
@@ -93,29 +92,29 @@ def random_step(reach: int) -> MovePolicy:
 
 
 def bounded(policy: MovePolicy, reach: int) -> MovePolicy:
-    """As another strategy, but no move is longer than `reach` classes.
+    """Another strategy with moves limited to `reach` positions.
 
     Raises:
-        InputError: The reach is below one class.
+        InputError: The reach is below 1.
     """
     check_reach(reach)
     return lambda beliefs, chance: np.clip(policy(beliefs, chance), -reach, reach)
 
 
 def where_beliefs(beliefs: Floats) -> Floats:
-    """The where marginals, shape (..., L), of beliefs (..., L, M); Eq. 5."""
+    """Position marginals, shape (..., L), of beliefs (..., L, M); Eq. 5."""
     return np.asarray(beliefs, dtype=np.float64).sum(axis=-1)
 
 
 def best_move(values: Floats, deltas: Integers) -> Integers:
-    """The move of the largest value; of equal ones none at all, then the shortest, then the one to the lowest class.
+    """Move of the largest value; among equal ones 0, then the shortest, then the one to the lowest position.
 
     Args:
-        values: What each move is worth, shape (..., D); differences below 1e-12 are rounding.
-        deltas: The moves, in the order of the classes they lead to, shape (..., D).
+        values: Value of each move, shape (..., D); differences below 1e-12 are ignored.
+        deltas: Moves in positions, in the order of their targets, shape (..., D).
 
     Returns:
-        Shape (...).
+        Moves, shape (...).
     """
     best = values >= values.max(axis=-1, keepdims=True) - ALIKE
     choice = np.where(best, np.abs(deltas), np.iinfo(np.int64).max).argmin(axis=-1)
@@ -123,17 +122,17 @@ def best_move(values: Floats, deltas: Integers) -> Integers:
 
 
 def _drawn(chance: Floats, count: int) -> Integers:
-    """Whole numbers from 0 to `count` - 1."""
+    """Random integers from 0 to `count` - 1."""
     return np.floor(np.asarray(chance) * count).astype(np.int64)
 
 
 def default_fixation(L: int) -> int:
-    """The middle class of the range, the lower one of two: 7 of the paper's 16, its "position class at 8 mm"."""
+    """Index of the middle position, the lower of two: 7 of the paper's 16, its "position class at 8 mm"."""
     return (L - 1) // 2
 
 
 def check_fixation(fixation_index: int | None, L: int) -> int:
-    """The fixation index, the default where it is `None`.
+    """Fixation index, by default the middle.
 
     Raises:
         InputError: It lies outside the grid.
@@ -141,16 +140,16 @@ def check_fixation(fixation_index: int | None, L: int) -> int:
     if fixation_index is None:
         return default_fixation(L)
     if not 0 <= fixation_index < L:
-        raise InputError(f"The fixation point must be a class index from 0 to {L - 1}, got {fixation_index}.")
+        raise InputError(f"The fixation point must be an index from 0 to {L - 1}, got {fixation_index}.")
     return fixation_index
 
 
 def check_reach(reach: int) -> int:
-    """The longest move, if it is one.
+    """Checks the longest move and returns it.
 
     Raises:
-        InputError: It is below one class.
+        InputError: It is below 1.
     """
     if reach < 1:
-        raise InputError(f"The reach of a move must be at least one class, got {reach}.")
+        raise InputError(f"The reach of a move must be at least 1 position, got {reach}.")
     return reach

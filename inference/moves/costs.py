@@ -1,6 +1,6 @@
-"""What a tap costs together with the move before it, so that information can be had per millimetre or per second.
+"""Cost of a tap and the move before it, for information per millimetre or per second.
 
-A tap alone is not free: without its own cost, staying would always be worth infinitely more than going.
+A tap itself has a cost: otherwise the value of staying would be infinite.
 """
 
 import re
@@ -13,24 +13,24 @@ from ...models.errors import InputError
 from ...models.grid import ClassGrid
 
 TAP_MM = 5.0
-"""Way of the fingertip in a tap: 2.5 mm down and up, as in `docs/examples/rig.toml`."""
+"""Distance travelled by the fingertip in a tap: 2.5 mm down and up, as in `docs/examples/rig.toml`."""
 TAP_S = 1.0
-"""Time of a tap: that of the paper."""
+"""Duration of a tap, as in the paper."""
 SPEED_MM_S, ACCELERATION_MM_S2 = 20.0, 500.0
-"""Of the stage in `docs/examples/rig.toml` and of the emulated controller."""
+"""Speed and acceleration of the stage in `docs/examples/rig.toml` and of the emulated controller."""
 
 
 def way_costs(grid: ClassGrid, tap_mm: float = TAP_MM) -> NDArray[np.float64]:
-    """Way in millimetres of a move from each where class to each and the tap after it, shape (L, L).
+    """Distance in mm of a move between each two positions and the tap after it, shape (L, L).
 
     Args:
-        grid: The classes.
-        tap_mm: Way of the tap.
+        grid: Class grid.
+        tap_mm: Distance travelled in a tap.
 
     Raises:
-        InputError: The places are not millimetres, or the way of a tap is not above 0.
+        InputError: The positions are not in mm, or `tap_mm` is not above 0.
     """
-    _check_positive("way of a tap", tap_mm)
+    _check_positive("distance of a tap", tap_mm)
     return distances_mm(grid) + tap_mm
 
 
@@ -40,18 +40,18 @@ def time_costs(
     speed_mm_s: float = SPEED_MM_S,
     acceleration_mm_s2: float = ACCELERATION_MM_S2,
 ) -> NDArray[np.float64]:
-    """Time in seconds of a move from each where class to each and the tap after it, shape (L, L).
+    """Duration in seconds of a move between each two positions and the tap after it, shape (L, L).
 
     Args:
-        grid: The classes.
-        tap_s: Time of the tap.
+        grid: Class grid.
+        tap_s: Duration of a tap.
         speed_mm_s: Speed of moves.
         acceleration_mm_s2: Acceleration and deceleration of moves.
 
     Raises:
-        InputError: The places are not millimetres, or one of the others is not above 0.
+        InputError: The positions are not in mm, or another argument is not above 0.
     """
-    named = {"time of a tap": tap_s, "speed of moves": speed_mm_s, "acceleration of moves": acceleration_mm_s2}
+    named = {"duration of a tap": tap_s, "speed of moves": speed_mm_s, "acceleration of moves": acceleration_mm_s2}
     for name, value in named.items():
         _check_positive(name, value)
     return tap_s + np.array(
@@ -60,14 +60,14 @@ def time_costs(
 
 
 def distances_mm(grid: ClassGrid) -> NDArray[np.float64]:
-    """Distance in millimetres between each two where classes, shape (L, L).
+    """Distance in mm between each two positions, shape (L, L).
 
     Raises:
-        InputError: The places are not millimetres.
+        InputError: The positions are not in mm.
     """
     unit = re.split(r"[,(;]", grid.where_unit, maxsplit=1)[0].strip()
     if unit != "mm":
-        raise InputError(f"The cost of a move needs places in mm, those of these classes are in {grid.where_unit!r}.")
+        raise InputError(f"The cost of a move needs positions in mm, but these are in {grid.where_unit!r}.")
     return np.abs(grid.where_value[:, np.newaxis] - grid.where_value)
 
 

@@ -1,10 +1,9 @@
-"""By how much one more tap is expected to lower the cost of a wrong decision: moves and stops by Bayes risk.
+"""Expected reduction of the decision's cost by one more tap, for moves and stopping by Bayes risk.
 
-The analogue of `information` in the cost of errors instead of nats. The decision now costs the least, over decisions a,
-of sum over m of loss[a, m] b_m; after the tap it costs the same of the posterior, in the mean over the taps of a pool
-with the probabilities that the measurement model gives them. That looks one tap ahead: the difference is zero wherever
-no single tap can change the decision, although two could, and there it tells neither where to move nor that stopping is
-right.
+The analogue of `information` with the cost of errors instead of nats. The cost of deciding now is the minimum over
+decisions a of the sum over m of loss[a, m] b_m; after the tap it is the same for the posterior, averaged over the taps
+of a pool with their probabilities under the measurement model. This looks one tap ahead: if no single tap can change
+the decision, the difference is zero although two taps could change it, and then it is no guide to moves or stopping.
 """
 
 from collections.abc import Mapping
@@ -20,46 +19,44 @@ from ..trials.lockstep import log_sum
 from .control import MovePolicy, best_move
 from .holes import Mask
 
-_CHUNK = 1 << 17  # joint probabilities of taps and objects at a time, 1 MiB, which stays in cache
-_ALIKE = 1e-12  # gains that differ by less, in losses, are equal but for rounding
+_CHUNK = 1 << 17  # joint probabilities of taps and objects per chunk, 1 MiB, to fit into cache
+_ALIKE = 1e-12  # gains within this, in units of the loss, count as equal
 
 
 def decision_loss(beliefs: ArrayLike, loss: ArrayLike) -> NDArray[np.float64]:
     """Expected loss of the best decision, shape (...).
 
     Args:
-        beliefs: Shape (..., L, M); of sum s, the loss is s times that of the normalised ones.
-        loss: What each decision costs with each object, shape (A, M).
+        beliefs: Beliefs, shape (..., L, M); the loss scales with their sum.
+        loss: Loss of each decision for each object, shape (A, M).
     """
     what = np.asarray(beliefs, dtype=np.float64).sum(axis=-2)
     return (what @ np.asarray(loss, dtype=np.float64).T).min(axis=-1)
 
 
 def checked_loss(loss: ArrayLike, M: int) -> NDArray[np.float64]:
-    """The loss matrix, shape (A, M).
+    """Checked loss matrix, shape (A, M).
 
     Raises:
         InputError: It has another shape, or a loss is negative, infinite or NaN.
     """
     loss = np.asarray(loss, dtype=np.float64)
     if loss.ndim != 2 or loss.shape[1] != M or not len(loss):
-        raise InputError(
-            f"A loss needs a row for each decision and a column for each of {M} objects, got {loss.shape}."
-        )
+        raise InputError(f"loss must have a row per decision and {M} columns, one per object, got shape {loss.shape}.")
     if not (np.isfinite(loss) & (loss >= 0)).all():
-        raise InputError("A loss is negative or not finite.")
+        raise InputError("loss must be finite and not negative.")
     return loss
 
 
 def expected_steps(beliefs: ArrayLike, deltas: ArrayLike) -> NDArray[np.float64]:
-    """Where classes that a sensor really moves, in expectation, as it stops at the ends of its range.
+    """Expected number of positions actually moved, as the sensor stops at the ends of its range.
 
     Args:
-        beliefs: Before the move, shape (..., L, M).
+        beliefs: Beliefs before the move, shape (..., L, M).
         deltas: Commanded moves, shape (D,) or (..., D).
 
     Returns:
-        Shape (..., D).
+        Expected steps, shape (..., D).
     """
     where = np.asarray(beliefs, dtype=np.float64).sum(axis=-1)
     L = where.shape[-1]
@@ -69,12 +66,11 @@ def expected_steps(beliefs: ArrayLike, deltas: ArrayLike) -> NDArray[np.float64]
 
 
 def representative_outcomes(log_likelihood: ArrayLike, trained: Mask | None = None) -> TapOutcomes:
-    """Taps of a pool that has as many of each class, as outcomes that stand for all taps there could be.
+    """Taps of a pool with equally many of each class, weighted to represent all possible taps.
 
-    A tap that many classes give is more often in the pool, so each is weighed by one over how probable it was to get
-    there, as in importance sampling. Without that a tap typical of its class counts twice, for being probable and for
-    being there often, and what the next tap will tell comes out wrong, mostly too small. Right if the likelihood is
-    that of a tap, so without the paper's root.
+    Each tap is weighted by the inverse of its probability of being in the pool, as in importance sampling. Otherwise a
+    tap typical of its class counts twice, as probable and as frequent, which biases the expected gain, usually
+    downwards. Correct if the likelihood is that of a tap, that is, without the paper's root.
 
     Args:
         log_likelihood: As in `tap_outcomes`, shape (N, L, M).
@@ -93,31 +89,31 @@ def representative_outcomes(log_likelihood: ArrayLike, trained: Mask | None = No
 def expected_gain(
     outcomes: TapOutcomes, beliefs: ArrayLike, deltas: ArrayLike, loss: ArrayLike, border: Border = "uniform"
 ) -> NDArray[np.float64]:
-    """By how much the expected loss of the decision falls with a tap after each of several moves.
+    """Expected reduction of the decision's loss by a tap after each of several moves.
 
-    Counted from the belief before the move. Borders other than `clamp`, `uniform_what` and `circular` forget about
-    objects when they shift a belief, and that counts against the move; under these three the gain is never negative,
-    as long as all classes are possible. Where belief is in classes under which no tap is possible, it is left out and
-    the rest normalised. What is no more than rounding is returned as zero.
+    Relative to the belief before the move. Borders other than `clamp`, `uniform_what` and `circular` lose information
+    about objects when they shift a belief, which counts against the move; with these three the gain is not negative if
+    all classes are possible. Belief in classes under which no tap is possible is dropped and the rest normalised.
+    Rounding errors are returned as zero.
 
     Args:
-        outcomes: The taps that may come.
-        beliefs: Before the move, shape (..., L, M).
-        deltas: Where classes moved, shape (D,) or (..., D).
-        loss: What each decision costs with each object, shape (A, M).
+        outcomes: Possible taps.
+        beliefs: Beliefs before the move, shape (..., L, M).
+        deltas: Moves in positions, shape (D,) or (..., D).
+        loss: Loss of each decision for each object, shape (A, M).
         border: As in `reference.shift`.
 
     Returns:
-        Shape (..., D), in the unit of the loss.
+        Gain in the unit of the loss, shape (..., D).
 
     Raises:
-        InputError: The beliefs are of other classes than the taps, or the loss or the border makes no sense.
+        InputError: The beliefs do not match the classes of the taps, or the loss or the border is invalid.
     """
     L, M, N = outcomes.given.shape
     loss = checked_loss(loss, M)
     beliefs = np.asarray(beliefs, dtype=np.float64)
     if beliefs.shape[-2:] != (L, M):
-        raise InputError(f"The taps tell {L} x {M} classes apart, the beliefs have shape {beliefs.shape}.")
+        raise InputError(f"The taps have {L} x {M} classes, but the beliefs have shape {beliefs.shape}.")
     moved = shifted(beliefs, deltas, border, outcomes.trained)
     rows = believable(moved.reshape(-1, L, M), outcomes.possible)
     step = max(1, _CHUNK // (N * M))
@@ -145,18 +141,18 @@ def gain_watch(
     negligible: float = 0.0,
     border: Border = "uniform",
 ) -> Watch:
-    """Records the expected gain of the move that follows, less the cost of that move, as "gain" for `lookahead`.
+    """Watch that records the expected gain of the next move, minus its cost, as "gain" for `lookahead`.
 
     Args:
-        outcomes: The taps that may come.
+        outcomes: Possible taps.
         loss: As in `expected_gain`.
-        step_cost: Cost of a where class really moved, in the unit of the loss.
-        negligible: Where a decision is expected to cost no more than this, that stands for the gain, which cannot be
-            larger; choose it below every cost of a tap that will be asked about.
+        step_cost: Cost of each position actually moved, in the unit of the loss.
+        negligible: Expected loss of a decision up to which this loss is used as the gain, of which it is an upper
+            bound; choose it below every cost of a tap in use.
         border: As in `reference.shift`.
 
     Raises:
-        InputError: The loss or the cost makes no sense.
+        InputError: The loss or the cost is invalid.
     """
     loss = checked_loss(loss, outcomes.given.shape[1])
     _check_cost(step_cost)
@@ -175,18 +171,18 @@ def gain_watch(
 def risk_mover(
     outcomes: TapOutcomes, loss: ArrayLike, *, step_cost: float = 0.0, border: Border = "uniform"
 ) -> MovePolicy:
-    """Moves to where the expected gain less the cost of the way is largest; of equal ones the shortest move.
+    """Strategy that maximises the expected gain minus the cost of the move; prefers the shortest move.
 
-    Candidates are the moves that bring the most probable place to each where class.
+    Candidates are the moves from the most probable position to each position.
 
     Args:
-        outcomes: The taps that may come.
+        outcomes: Possible taps.
         loss: As in `expected_gain`.
-        step_cost: Cost of a where class really moved, in the unit of the loss.
+        step_cost: Cost of each position actually moved, in the unit of the loss.
         border: As in `reference.shift`.
 
     Raises:
-        InputError: The loss or the cost makes no sense.
+        InputError: The loss or the cost is invalid.
     """
     loss = checked_loss(loss, outcomes.given.shape[1])
     _check_cost(step_cost)
@@ -202,4 +198,4 @@ def risk_mover(
 
 def _check_cost(step_cost: float) -> None:
     if not 0 <= step_cost < np.inf:
-        raise InputError(f"The cost of a move must be a number from 0 on, got {step_cost}.")
+        raise InputError(f"The cost of a move must be at least 0, got {step_cost}.")

@@ -1,4 +1,4 @@
-"""Moves of many beliefs at once on grids with holes: classes that were never trained, which belief must not enter.
+"""Batched moves of beliefs on grids with holes, that is, untrained classes, which belief must not enter.
 
 The rule is that of `reference.shift`; here it is written for arrays.
 """
@@ -14,14 +14,14 @@ type Mask = NDArray[np.bool_]
 
 
 def holes(trained: Mask | None) -> Mask | None:
-    """The trained classes (L, M) where some are not, `None` for a full grid."""
+    """Mask of trained classes (L, M), or `None` if all are trained."""
     return None if trained is None or trained.all() else trained
 
 
 def nearest_trained(trained: Mask) -> Integers:
-    """The nearest trained position of the same object, the lower of two equally near; shape (L, M).
+    """Nearest trained position of the same object, the lower of two equally near; shape (L, M).
 
-    Objects without a trained class have 0.
+    0 for objects without a trained class.
     """
     L = len(trained)
     distance = np.abs(np.arange(L)[:, np.newaxis] - np.arange(L)).astype(np.float64)
@@ -29,7 +29,7 @@ def nearest_trained(trained: Mask) -> Integers:
 
 
 def landing(trained: Mask, delta: int, border: Border) -> Integers:
-    """Where belief in each class comes to lie, shape (L, M); -1 where it is lost, and in untrained classes."""
+    """New position of the belief in each class, shape (L, M); -1 if it is lost, and for untrained classes."""
     L = len(trained)
     target = np.arange(L) + delta
     place = target % L if border == "circular" else target.clip(0, L - 1)
@@ -45,14 +45,14 @@ def landing(trained: Mask, delta: int, border: Border) -> Integers:
 
 
 def moved(beliefs: Floats, delta: int, border: Border, trained: Mask, add: np.ufunc) -> Floats:
-    """Beliefs (n, L, M) after one move, Eq. 9; those of border `prior` have to be normalised.
+    """Beliefs (n, L, M) after one move, Eq. 9; with border `prior` they are not normalised.
 
     Args:
         beliefs: Probabilities or their logarithms, 0 or -inf in untrained classes.
-        delta: Where classes moved.
+        delta: Move in positions.
         border: As in `reference.shift`.
-        trained: Which classes belief may be in, shape (L, M).
-        add: `np.add` of probabilities, `np.logaddexp` of logarithms.
+        trained: Mask of the trained classes, shape (L, M).
+        add: `np.add` for probabilities, `np.logaddexp` for logarithms.
     """
     L, M = trained.shape
     logs = add is np.logaddexp

@@ -1,7 +1,7 @@
-"""Moves to where the next taps are expected to tell most, by exact enumeration over classes and training taps.
+"""Strategy of maximum expected information, by exact enumeration over classes and training taps.
 
-The taps that may come are those of the training data, with the probabilities that the fitted model gives them, see
-`information`; test taps are never looked at.
+The possible taps are those of the training data, with their probabilities under the fitted model, see `information`;
+test taps are never used.
 """
 
 from collections.abc import Sequence
@@ -27,30 +27,30 @@ from .control import MovePolicy, best_move, where_beliefs
 type Floats = NDArray[np.float64]
 type Integers = NDArray[np.int64]
 
-_AT_ONCE = 256  # beliefs
+_AT_ONCE = 256  # beliefs per batch
 
 
 def training_outcomes(model: TapModel, taps: TapSet) -> TapOutcomes:
-    """The training taps as outcomes of the next tap; of a model with states as they are before the first tap.
+    """Training taps as possible outcomes of the next tap; for a model with states, as before the first tap.
 
     Args:
         model: The fitted model.
-        taps: Taps of which those that trained the model are taken and no others.
+        taps: Taps, of which only those that trained the model are used.
 
     Raises:
-        InputError: None of them trained the model, or they were prepared otherwise.
+        InputError: None of them trained the model, or their preprocessing differs.
     """
     model.check_taps(taps.preprocessing)
     trained = np.isin(tap_digests(taps.taps), model.training)
     if not trained.any():
         raise InputError(
-            f"Where to move is judged by training taps, and none of these {len(taps)} taps trained the model."
+            f"The strategy needs the training taps of the model, but none of these {len(taps)} taps trained it."
         )
     return tap_outcomes(state_mean(model, model.log_likelihood(taps.select(trained).taps)), model.trained)
 
 
 def state_mean(model: TapModel, log_likelihood: Floats) -> Floats:
-    """Log-likelihoods (N, L, M): those of hypotheses (N, L, S M) in the mean over the states before the first tap."""
+    """Log-likelihoods (N, L, M): the mean of those of hypotheses (N, L, S M) over the prior of the states."""
     N, L, H = log_likelihood.shape
     M = model.grid.M
     if M == H:
@@ -65,21 +65,21 @@ def informative(
     candidates: Sequence[int] | None = None,
     per: ArrayLike | None = None,
 ) -> MovePolicy:
-    """Aims for the place where the next tap is expected to tell most.
+    """Strategy that moves to the position of maximum expected information from the next tap.
 
-    The information is counted from the belief after the move's shift. Of places that are equally good it takes the one
-    where it is, then the nearest, then the first.
+    The information is relative to the belief after the shift by the move. Among equally good positions it takes the
+    current one, then the nearest, then the first.
 
     Args:
-        outcomes: The taps that may come, see `training_outcomes`.
-        about: Both classes, or one of them.
-        border: Reading of Eq. 9.
-        candidates: Where classes that may be aimed for; default all.
-        per: Cost of a move from each where class to each with the tap after it, shape (L, L), see `moves.costs`; what
-            counts then is the information over its cost.
+        outcomes: Possible taps, see `training_outcomes`.
+        about: Whether the information is about the object, the position or both.
+        border: Interpretation of Eq. 9 at the ends of the range.
+        candidates: Positions to consider; default: all.
+        per: Cost of a move between each two positions with the tap after it, shape (L, L), see `moves.costs`; if given,
+            the information per cost is maximised.
 
     Raises:
-        InputError: An argument makes no sense.
+        InputError: An argument is invalid.
     """
     L = len(outcomes.given)
     targets = _checked_targets(about, border, candidates, L)
@@ -95,7 +95,7 @@ def informative(
 
 
 def _in_parts(policy: MovePolicy) -> MovePolicy:
-    """The same strategy, asked for so many beliefs at a time that memory is bounded."""
+    """The same strategy, in batches to limit memory."""
 
     def move(beliefs: Floats, chance: Floats) -> Integers:
         beliefs, chance = np.asarray(beliefs, dtype=np.float64), np.asarray(chance, dtype=np.float64)
@@ -108,20 +108,20 @@ def _in_parts(policy: MovePolicy) -> MovePolicy:
 
 
 def _checked_targets(about: About, border: Border, candidates: Sequence[int] | None, L: int) -> NDArray[np.int64]:
-    """The where classes to aim for.
+    """Indices of the positions to consider.
 
     Raises:
-        InputError: They are none of L, or what is asked about them makes no sense.
+        InputError: They are not among the L positions, or another argument is invalid.
     """
     if about not in ABOUT:
-        raise InputError(f"Information is about {', '.join(ABOUT)}, got {about!r}.")
+        raise InputError(f"about must be one of {', '.join(ABOUT)}, got {about!r}.")
     if border not in BORDERS:
-        raise InputError(f"The border must be one of {', '.join(BORDERS)}, got {border!r}.")
+        raise InputError(f"border must be one of {', '.join(BORDERS)}, got {border!r}.")
     if candidates is None:
         return np.arange(L)
     targets = np.unique(np.asarray(candidates, dtype=np.int64))
     if not len(targets) or targets[0] < 0 or targets[-1] >= L:
-        raise InputError(f"Candidates must be some of the where classes 0 to {L - 1}, got {list(candidates)}.")
+        raise InputError(f"candidates must be positions from 0 to {L - 1}, got {list(candidates)}.")
     return targets
 
 
@@ -130,5 +130,5 @@ def _checked_costs(per: ArrayLike | None, L: int) -> Floats | None:
         return None
     costs = np.asarray(per, dtype=np.float64)
     if costs.shape != (L, L) or not ((costs > 0) & (costs < np.inf)).all():
-        raise InputError(f"Costs of moves must be {L} x {L} numbers above 0, got shape {costs.shape}.")
+        raise InputError(f"Costs of moves must be above 0, shape ({L}, {L}), got shape {costs.shape}.")
     return costs

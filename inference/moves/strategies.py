@@ -1,7 +1,7 @@
-"""Control strategies by name, for command lines and sweeps.
+"""Control strategies by name, for commands and sweeps.
 
-What a strategy needs beside the belief is handed in ready: outcomes of training taps, or a table learned from them. No
-tap that is tested can get in here.
+What a strategy needs besides the belief is passed in: outcomes of training taps, or a table learned from them. Test
+taps are never used.
 """
 
 import re
@@ -26,21 +26,21 @@ FORMS = (
     *(f"info-{about}{per}" for about in ("what", "where", "joint") for per in ("", "-per-mm", "-per-s")),
     "table",
 )
-"""All names; capitals stand for numbers."""
+"""Forms of all names; capitals stand for numbers."""
 _INFORMATION = re.compile(r"info-(what|where|joint)(?:-per-(mm|s))?")
 _WITH_NUMBER = ("fixation", "step")
 _REACH = 1
-_LARGEST = 1000  # number in a name
+_LARGEST = 1000  # largest number in a name
 
 
 class Strategy(NamedTuple):
-    """A name taken apart.
+    """Parsed name of a strategy.
 
     Attributes:
         kind: `"passive"`, `"fixation"`, `"random"`, `"step"`, `"info"` or `"table"`.
-        number: theta_X of `fixation`, the reach of `step`.
-        about: What information is about.
-        per: `"mm"` or `"s"` where it is had per millimetre or second.
+        number: theta_X of `fixation`, reach of `step`.
+        about: Subject of the information.
+        per: `"mm"` or `"s"` for information per millimetre or second.
     """
 
     kind: str
@@ -50,25 +50,25 @@ class Strategy(NamedTuple):
 
     @property
     def theta_x(self) -> float | None:
-        """Threshold for a move to the fixation point, with which compiled trials play it; `None` for the others."""
+        """Threshold for a move to the fixation point, if compiled trials can play the strategy, else `None`."""
         return {"passive": 1.0, "fixation": self.number}.get(self.kind)
 
     @property
     def aims(self) -> bool:
-        """Whether the fixation point counts."""
+        """Whether it uses the fixation point."""
         return self.kind == "fixation"
 
     @property
     def needs_outcomes(self) -> bool:
-        """Whether it needs outcomes of training taps."""
+        """Whether it needs training taps."""
         return self.kind == "info"
 
 
 def parse_strategy(name: str) -> Strategy:
-    """The strategy of a name.
+    """Parses the name of a strategy.
 
     Raises:
-        InputError: There is none, or its number is out of range.
+        InputError: The strategy is unknown, or its number out of range.
     """
     if found := _INFORMATION.fullmatch(name):
         about: About = found[1]  # pyright: ignore[reportAssignmentType] - the expression allows nothing else
@@ -77,7 +77,7 @@ def parse_strategy(name: str) -> Strategy:
     if colon and kind in _WITH_NUMBER:
         return Strategy(kind, _number(name, kind, number))
     if name not in FORMS:
-        raise InputError(f"There is no control strategy {name!r}; there are {', '.join(FORMS)}.")
+        raise InputError(f"Unknown control strategy {name!r}; choose from {', '.join(FORMS)}.")
     return Strategy(name, _REACH if name == "step" else 0.0)
 
 
@@ -90,25 +90,25 @@ def make_policy(
     outcomes: TapOutcomes | None = None,
     table: TargetTable | None = None,
 ) -> MovePolicy:
-    """The strategy of a name, ready to be asked.
+    """Control strategy by name.
 
     Args:
         name: One of `FORMS`.
-        grid: The classes.
-        border: Reading of Eq. 9, for strategies that look ahead.
-        fixation_index: The where class that `fixation` aims for; `None` for the middle.
+        grid: Class grid.
+        border: Interpretation of Eq. 9 at the ends of the range, for strategies that look ahead.
+        fixation_index: Fixation point of `fixation`; default: the middle.
         outcomes: Training taps as outcomes, see `moves.information.training_outcomes`, for `info-...`.
         table: Learned targets, see `moves.table`, for `table`.
 
     Raises:
-        InputError: There is no such strategy, what it needs is not there, or that is of other classes.
+        InputError: The strategy is unknown, or what it needs is missing or has other classes.
     """
     strategy = parse_strategy(name)
     if strategy.kind == "fixation":
         return fixation(check_fixation(fixation_index, grid.L), strategy.number)
     if strategy.kind == "table":
         if table is None:
-            raise InputError("The strategy table needs a table of targets.")
+            raise InputError("Strategy 'table' needs a table of targets.")
         return lookup(table.checked(grid))
     if strategy.needs_outcomes:
         return _looking_ahead(strategy, name, grid, border, outcomes)
@@ -119,9 +119,9 @@ def _looking_ahead(
     strategy: Strategy, name: str, grid: ClassGrid, border: Border, outcomes: TapOutcomes | None
 ) -> MovePolicy:
     if outcomes is None:
-        raise InputError(f"The strategy {name} needs training taps.")
+        raise InputError(f"Strategy {name!r} needs training taps.")
     if outcomes.possible.shape != grid.shape:
-        raise InputError(f"The training taps are of {outcomes.possible.shape} classes, the model of {grid.shape}.")
+        raise InputError(f"The training taps have {outcomes.possible.shape} classes, the model {grid.shape}.")
     costs = {"mm": way_costs, "s": time_costs}
     return informative(outcomes, strategy.about, border, per=costs[strategy.per](grid) if strategy.per else None)
 
@@ -133,7 +133,7 @@ def _number(name: str, kind: str, text: str) -> float:
     except ValueError:
         number = -1.0
     if kind == "fixation" and not 0 <= number <= 1:
-        raise InputError(f"The theta_X of a strategy must lie between 0 and 1, got {name!r}.")
+        raise InputError(f"theta_X of a strategy must be between 0 and 1, got {name!r}.")
     if kind != "fixation" and not 1 <= number <= _LARGEST:
-        raise InputError(f"The number of a strategy must be a whole number from 1 to {_LARGEST}, got {name!r}.")
+        raise InputError(f"The number of a strategy must be an integer from 1 to {_LARGEST}, got {name!r}.")
     return number

@@ -1,7 +1,7 @@
-"""Moves from a table learned beforehand: the best place to go to for each place where the sensor believes to be.
+"""Moves from a table learned in advance: the best target for each estimated position.
 
-The belief says more than its most probable place, so this is a coarse strategy, but one that needs neither enumeration
-nor training taps on line. `table_learning` makes such tables.
+The strategy is coarse, as it uses only the most probable position, but needs neither enumeration nor training taps
+online. `table_learning` creates such tables.
 """
 
 from pathlib import Path
@@ -22,16 +22,16 @@ type Loss = Literal["error", "log"]
 
 
 class TargetTable(NamedTuple):
-    """What was learned of L where classes.
+    """Learned targets for L positions.
 
     Attributes:
-        target: The best where class to go to from each estimate, shape (L,).
+        target: Best target from each estimated position, shape (L,).
         loss: Mean loss of the decision after a move from each estimate to each target, shape (L, L).
-        error: Its standard error over trials, NaN of fewer than two, shape (L, L).
-        trials: How many trials that is, shape (L, L).
-        where_value: The places, shape (L,).
-        kind: Which loss.
-        taps: Taps after the move.
+        error: Standard error of the loss, NaN for fewer than two trials, shape (L, L).
+        trials: Number of trials, shape (L, L).
+        where_value: Positions, shape (L,).
+        kind: Kind of the loss.
+        taps: Number of taps after the move.
     """
 
     target: Integers
@@ -43,27 +43,27 @@ class TargetTable(NamedTuple):
     taps: int
 
     def checked(self, grid: ClassGrid) -> Self:
-        """The table itself.
+        """The table, if it matches the grid.
 
         Raises:
-            InputError: It was learned for other places than those of the grid.
+            InputError: It was learned for other positions.
         """
         if self.where_value.shape != grid.where_value.shape or not np.allclose(self.where_value, grid.where_value):
             raise InputError(
-                f"The table of targets is for {len(self.where_value)} places from {self.where_value[0]:g} to "
-                f"{self.where_value[-1]:g}, the model has {grid.L} from {grid.where_value[0]:g} to "
+                f"The table of targets has {len(self.where_value)} positions from {self.where_value[0]:g} to "
+                f"{self.where_value[-1]:g}, the model {grid.L} from {grid.where_value[0]:g} to "
                 f"{grid.where_value[-1]:g}."
             )
         return self
 
 
 def lookup(table: TargetTable) -> MovePolicy:
-    """Moves so that the believed position comes to the target that the table has for it."""
+    """Strategy that moves the estimated position to its target in the table."""
 
     def move(beliefs: Floats, chance: Floats) -> Integers:  # noqa: ARG001
         where = where_beliefs(beliefs)
         if where.shape[-1] != len(table.target):
-            raise InputError(f"The table of targets has {len(table.target)} places, the belief {where.shape[-1]}.")
+            raise InputError(f"The table of targets has {len(table.target)} positions, the belief {where.shape[-1]}.")
         here = where.argmax(axis=-1)
         return (table.target[here] - here).astype(np.int64)
 
@@ -71,7 +71,7 @@ def lookup(table: TargetTable) -> MovePolicy:
 
 
 def save_table(table: TargetTable, path: str | Path, force: bool = False) -> None:
-    """Writes a table as JSON, complete or not at all.
+    """Writes a table as JSON, atomically.
 
     Raises:
         InputError: The file cannot be written, or exists and `force` is not set.
@@ -84,7 +84,7 @@ def save_table(table: TargetTable, path: str | Path, force: bool = False) -> Non
 
 
 class _TargetsFile(msgspec.Struct, forbid_unknown_fields=True):
-    """What such a file holds."""
+    """Content of a file."""
 
     solidtouch: Literal["table of targets"]
     target: list[Annotated[int, msgspec.Meta(ge=0, lt=1 << 31)]]
@@ -97,21 +97,21 @@ class _TargetsFile(msgspec.Struct, forbid_unknown_fields=True):
 
 
 def load_table(path: str | Path) -> TargetTable:
-    """The table in a file.
+    """Table read from a file.
 
     Raises:
-        InputError: The file cannot be read or is no table of targets.
+        InputError: The file cannot be read or is not a table of targets.
     """
     try:
         file = msgspec.json.decode(Path(path).read_bytes(), type=_TargetsFile)
     except OSError as error:
-        raise InputError(f"{path} cannot be read: {error.strerror}.") from error
+        raise InputError(f"{path}: cannot read: {error.strerror}.") from error
     except msgspec.DecodeError as error:
-        raise InputError(f"{path} is no table of targets: {error}.") from error
+        raise InputError(f"{path}: not a table of targets: {error}.") from error
     L = len(file.target)
     square = all([len(row) for row in part] == [L] * L for part in (file.loss, file.error, file.trials))
     if not L or not square or len(file.where_value) != L or not set(file.target) <= set(range(L)):
-        raise InputError(f"{path} is no table of targets: its parts do not fit {L} places.")
+        raise InputError(f"{path}: not a table of targets: its parts do not match {L} positions.")
     return TargetTable(
         target=np.array(file.target, np.int64),
         loss=np.array(file.loss, np.float64),

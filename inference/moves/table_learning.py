@@ -1,7 +1,7 @@
-"""Learning where to go from each estimate of the place, from training taps alone.
+"""Learning the best target for each estimated position, from training taps only.
 
-Part of the training taps is left out of the model in turn. Trials are played on what was left out, and for each
-estimate of the place and each target it is counted how the decision fares after the move.
+Parts of the training taps are held out of the model in turn. Trials are played on the held-out taps, and for each
+estimated position and target the loss of the decision after the move is averaged.
 """
 
 from collections.abc import Callable, Iterator, Sequence
@@ -31,20 +31,20 @@ type Floats = NDArray[np.float64]
 type Integers = NDArray[np.int64]
 
 BEFORE = 3
-"""Taps before the move, of which each number of them from 1 on is learned from."""
+"""Maximum number of taps before the move; every number from 1 on is learned from."""
 TRIALS = 2000
 _LOSSES = ("error", "log")
-_LEAST = 1e-6  # belief in the right object, so that one surprise is no infinite loss
-_PRIOR = 4.0  # trials that the mean over all estimates counts as, where an estimate is rare
+_LEAST = 1e-6  # lowest belief in the true object, to keep the loss finite
+_PRIOR = 4.0  # weight, in trials, of the mean over all estimates
 
 
 def held_out_tables(taps: TapSet, grid: ClassGrid, fit: Callable[[TapSet, ClassGrid], TapModel]) -> list[TapTable]:
-    """Training taps under models that they did not train: sessions left out in turn, or each half of a single one.
+    """Training taps under models that they did not train: each session held out, or each half of a single session.
 
     Args:
         taps: Training taps.
-        grid: The classes.
-        fit: Fits a model to some of them.
+        grid: Class grid.
+        fit: Fits a model to some of the taps.
 
     Raises:
         InputError: As `held_out`.
@@ -62,28 +62,28 @@ def learn_table(
     trials: int = TRIALS,
     seed: int = 0,
 ) -> TargetTable:
-    """The best target for each estimate of the place.
+    """Table of the best target for each estimated position.
 
-    Each trial starts anywhere and taps there up to `BEFORE` times; after each of these taps every target is tried.
-    A target's mean loss is drawn towards that over all estimates, which decides where an estimate hardly ever occurs.
-    A tap that is impossible under every class still believed in leaves the belief as it was.
+    Each trial starts at a random position and taps there up to `BEFORE` times; after each tap every target is tried.
+    The mean loss of a target is shrunk towards that over all estimates, which decides for rare estimates. A tap that is
+    impossible under every class with nonzero belief leaves the belief unchanged.
 
     Args:
         tables: Taps under models that they did not train, see `held_out_tables`.
-        grid: The classes.
-        border: Reading of Eq. 9.
-        loss: `"error"` counts wrong objects, `"log"` takes -log of the belief in the right one, in nats.
-        taps: Taps after the move.
-        trials: Trials of each table; their targets share all random numbers.
-        seed: Of starts and draws.
+        grid: Class grid.
+        border: Interpretation of Eq. 9 at the ends of the range.
+        loss: `"error"` counts wrong objects, `"log"` takes -log of the belief in the true object, in nats.
+        taps: Number of taps after the move.
+        trials: Number of trials per table; their targets share all random numbers.
+        seed: Random seed.
 
     Raises:
         InputError: An argument is out of range.
     """
     if loss not in _LOSSES:
-        raise InputError(f"The loss must be one of {', '.join(_LOSSES)}, got {loss!r}.")
+        raise InputError(f"loss must be one of {', '.join(_LOSSES)}, got {loss!r}.")
     if taps < 1 or not len(tables):
-        raise InputError(f"A table is learned from taps after the move, got {taps} of them and {len(tables)} sets.")
+        raise InputError(f"Learning needs at least 1 tap after the move and 1 table, got {taps} and {len(tables)}.")
     L = grid.L
     total = np.zeros((3, L, L))
     for number, table in enumerate(tables):
@@ -113,7 +113,7 @@ def learn_table(
 def _tried(
     table: TapTable, border: Border, loss: Loss, taps: int, trials: int, seed: int
 ) -> Iterator[tuple[Integers, int, Floats]]:
-    """Every target after 1 to `BEFORE` taps at one place: estimates (n,), the target and losses (n,)."""
+    """Every target after 1 to `BEFORE` taps at one position: estimates (n,), target and losses (n,)."""
     L, M = table.pool.nearest.shape
     plan = plan_trials(table.pool, trials, seed)
     words = draws.words(seed, plan.stream, kernel.TAPS, 0, BEFORE + taps)

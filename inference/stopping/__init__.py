@@ -1,4 +1,4 @@
-"""When to decide.
+"""Stopping rules: when to decide.
 
-Start with `stopping`, what all rules see and the paper's threshold; `rules` holds others.
+Start with `stopping`: the interface, the paper's threshold and other rules; `rules` names them all.
 """

@@ -1,4 +1,4 @@
-"""Where stopping rules end trials that were recorded to their deadline."""
+"""Stopping rules applied to trials that were recorded up to their deadline."""
 
 from typing import NamedTuple
 
@@ -10,11 +10,11 @@ from .stopping import GO_ON, Moment, StopRule
 
 
 class Stops(NamedTuple):
-    """Where n trials stopped.
+    """Stopping of n trials.
 
     Attributes:
-        taps: Reaction time, shape (n,).
-        answer: `DECIDE`, `GIVE_UP`, or `GO_ON` where the record ended before, shape (n,).
+        taps: Reaction time in taps, shape (n,).
+        answer: `DECIDE`, `GIVE_UP`, or `GO_ON` if the record ended before, shape (n,).
     """
 
     taps: NDArray[np.int64]
@@ -22,9 +22,9 @@ class Stops(NamedTuple):
 
 
 def stops(rule: StopRule, record: Record) -> Stops:
-    """Where a rule stops recorded trials; those that it never stops end with the record.
+    """Stopping of recorded trials by a rule; trials that it never stops end with the record.
 
-    No rule is asked about a tap that left no class.
+    Rules are not evaluated at taps that left no possible class.
     """
     T = record.where.shape[1]
     gain = record.watched.get("gain", np.full(record.where.shape, np.nan))

@@ -1,6 +1,6 @@
-"""Stopping rules by name, for command lines.
+"""Stopping rules by name, for commands.
 
-A rule that looks ahead needs to be told what the next tap is expected to save; `gain_of` says it from training taps.
+A rule that looks ahead needs the expected gain of the next tap; `gain_of` computes it from training taps.
 """
 
 import re
@@ -40,18 +40,18 @@ FORMS = (
     "msprt:COST",
     "lookahead:COST",
 )
-"""All names; capitals stand for numbers."""
+"""Forms of all names; capitals stand for numbers."""
 _KINDS = {form.partition(":")[0]: form.count(",") + 1 for form in FORMS}
 _SHARES, _INSIDE = ("what", "where", "both"), ("error", "each-error")
 _PATIENCE = re.compile(r"(\d+)(?::(.+))?")
 
 
 class Stopping(NamedTuple):
-    """A name taken apart.
+    """Parsed name of a stopping rule.
 
     Attributes:
-        kind: What stands before the colon.
-        numbers: What stands behind it.
+        kind: Text before the colon.
+        numbers: Numbers after it.
     """
 
     kind: str
@@ -59,63 +59,63 @@ class Stopping(NamedTuple):
 
     @property
     def needs_outcomes(self) -> bool:
-        """Whether it needs outcomes of training taps."""
+        """Whether it needs training taps."""
         return self.kind == "lookahead"
 
     @property
     def threshold(self) -> float:
-        """The belief in an object that it asks for as the paper does; 1 if it asks for something else."""
+        """Belief in an object that it requires, as in the paper; 1 for other rules."""
         return self.numbers[0] if self.kind in ("what", "both") else 1.0
 
 
 def parse_stopping(name: str) -> Stopping:
-    """The stopping rule of a name.
+    """Parses the name of a stopping rule.
 
     Raises:
-        InputError: There is none, or a number is out of range.
+        InputError: The rule is unknown, or a number out of range.
     """
     kind, _, text = name.partition(":")
     parts = text.split(",")
     if kind not in _KINDS or len(parts) != _KINDS[kind]:
-        raise InputError(f"There is no stopping rule {name!r}; there are {', '.join(FORMS)}.")
+        raise InputError(f"Unknown stopping rule {name!r}; choose from {', '.join(FORMS)}.")
     numbers = tuple(_number(part) for part in parts)
     if kind in _SHARES and not all(0 <= number <= 1 for number in numbers):
-        raise InputError(f"A belief to stop at must lie between 0 and 1, got {name!r}.")
+        raise InputError(f"The belief of a stopping rule must be between 0 and 1, got {name!r}.")
     if kind in _INSIDE and not 0 < numbers[0] < 1:
-        raise InputError(f"A share of wrong decisions must lie between 0 and 1, got {name!r}.")
+        raise InputError(f"The error of a stopping rule must be between 0 and 1, got {name!r}.")
     if kind == "taps" and not (numbers[0] >= 1 and numbers[0].is_integer()):
-        raise InputError(f"The number of taps must be a whole one from 1 on, got {name!r}.")
+        raise InputError(f"The number of taps must be an integer of at least 1, got {name!r}.")
     if kind in ("msprt", "lookahead") and not 0 < numbers[0] < np.inf:
-        raise InputError(f"What a tap costs must be a number above 0, got {name!r}.")
+        raise InputError(f"The cost of a tap must be above 0, got {name!r}.")
     return Stopping(kind, numbers)
 
 
 def parse_patience(text: str) -> tuple[int, float]:
-    """Taps after which one gives up unless the belief in an object exceeds a share, 1 where `TAPS:BELIEF` has none.
+    """Number of taps after which to give up, and the belief above which to decide instead; 1 if `TAPS:BELIEF` has none.
 
     Raises:
-        InputError: The words make no sense.
+        InputError: The text cannot be parsed.
     """
     found = _PATIENCE.fullmatch(text)
     taps, belief = (int(found[1]), 1.0 if found[2] is None else _number(found[2])) if found else (0, 1.0)
     if taps < 1 or not 0 <= belief <= 1:
-        raise InputError(f"Giving up is after so many taps, such as 10, or 10:0.5 for belief up to 0.5, got {text!r}.")
+        raise InputError(f"Giving up needs a number of taps such as 10, or 10:0.5 for belief up to 0.5, got {text!r}.")
     return taps, belief
 
 
 def make_rule(
     stopping: Stopping, model: TapModel, where: int | None = None, patience: tuple[int, float] | None = None
 ) -> StopRule:
-    """The stopping rule, ready to be asked.
+    """Stopping rule by its parsed name.
 
     Args:
         stopping: See `parse_stopping`.
-        model: What perceives.
-        where: Where class by whose taps `msprt` judges how far apart objects are; `None` for where they are farthest.
-        patience: See `parse_patience`; `None` never gives up.
+        model: Fitted model.
+        where: Position for the divergences of `msprt`; `None` for the one with the largest.
+        patience: See `parse_patience`; `None` to never give up.
 
     Raises:
-        InputError: As `divergences`, or objects cannot be told apart.
+        InputError: As `divergences`, or objects cannot be distinguished.
     """
     M = model.grid.M
     rules = {
@@ -133,27 +133,27 @@ def make_rule(
 
 
 def error_loss(grid: ClassGrid) -> NDArray[np.float64]:
-    """Error of each decision (row) for each object (column), shape (M, M), in the unit of what errors."""
+    """Error of each decision (row) for each object (column), shape (M, M), in the unit of object errors."""
     return np.array([grid.what_error(np.full(grid.M, m), np.arange(grid.M)) for m in range(grid.M)])
 
 
 def gain_of(outcomes: TapOutcomes, grid: ClassGrid, border: Border) -> Watch:
-    """By how much the next tap is expected to lower the error of the decision, for `lookahead`."""
+    """Watch of the expected reduction of the decision's error by the next tap, for `lookahead`."""
     return gain_watch(outcomes, error_loss(grid), border=border)
 
 
 def _apart(model: TapModel, where: int | None) -> NDArray[np.float64]:
-    """How far apart objects are, at a place or where the two that are most alike are farthest apart."""
+    """Divergences of objects at a position, by default where the closest two are farthest apart; shape (M,)."""
     if where is not None:
         return divergences(model, where)
     trained = np.flatnonzero(model.trained.all(axis=1))
     if not len(trained):
-        raise InputError("The rule msprt needs a place where every object was trained.")
+        raise InputError("Stopping rule 'msprt' needs a position where every object was trained.")
     return max((divergences(model, int(l)) for l in trained), key=lambda values: float(values.min()))
 
 
 def _number(text: str) -> float:
-    """A number, NaN where it is none, which is out of every range."""
+    """The number in a text, or NaN, which is out of every range."""
     try:
         return float(text)
     except ValueError:

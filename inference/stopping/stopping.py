@@ -1,11 +1,9 @@
-"""When to stop, given the belief: functions behind one type, of one moment or of whole records at once.
+"""Stopping rules as functions of the belief, for one moment or whole records.
 
-`episode` asks a rule after each tap of a rig, `stopping.recorded` reads where it ends trials that were played
-beforehand.
+`episode` evaluates a rule after each tap of a rig, `stopping.recorded` applies it to recorded trials.
 
-A rule says after each tap whether to go on, to decide for the most probable object, or to give up: "null decisions on
-ambiguous data" (Lepora et al., ICRA 2012) are answers of their own. None looks at what will be drawn later, so every
-guarantee that holds for stopping times holds for them.
+After each tap a rule returns whether to go on, to decide for the most probable object, or to give up ("null decisions
+on ambiguous data", Lepora et al., ICRA 2012). Rules use past taps only, so all guarantees for stopping times apply.
 
 References: Baum and Veeravalli, "A sequential procedure for multihypothesis testing" (1994), for `msprt`; Ville's
 inequality for `each_error`.
@@ -24,18 +22,18 @@ from ...models.measurement.model import TapModel
 GO_ON, DECIDE, GIVE_UP = 0, 1, 2
 
 type Watch = Callable[[NDArray[np.float64], NDArray[np.int64]], Mapping[str, NDArray[np.float64]]]
-"""Looks at beliefs (n, L, M) after a tap and the moves (n,) that will follow; gives numbers (n,) by name."""
+"""Takes beliefs (n, L, M) after a tap and the moves (n,) that will follow; returns numbers (n,) by name."""
 
 
 class Moment(NamedTuple):
-    """What a rule sees after a tap; any leading axes.
+    """Input of a rule after a tap; any leading axes.
 
     Attributes:
         what: P(w_m), shape (..., M).
-        where_belief: Belief in the most probable place, shape (...).
-        number: Taps so far, counted from 1, shape (...).
-        gain: By how much less a decision is expected to cost after one more tap, in the cost of errors, shape (...);
-            NaN where nobody has computed it, see `lookahead`.
+        where_belief: Belief in the most probable position, shape (...).
+        number: Number of taps so far, shape (...).
+        gain: Expected reduction of the decision's cost by one more tap, in the cost of errors, shape (...); NaN if not
+            computed, see `lookahead`.
     """
 
     what: NDArray[np.float64]
@@ -53,58 +51,58 @@ class StopRule(Protocol):
 
 
 def what_above(threshold: float) -> StopRule:
-    """The belief in an object exceeds theta_W; Eq. 7. A threshold of 1 or more never does.
+    """Decides if the belief in an object exceeds theta_W; Eq. 7. With 1 or more, never.
 
     Raises:
-        InputError: The threshold is no number.
+        InputError: The threshold is NaN.
     """
     check_threshold(threshold)
     return lambda moment: _decide_where((moment.what.max(axis=-1) > threshold) & (threshold < 1))
 
 
 def where_above(threshold: float) -> StopRule:
-    """The belief in a place exceeds a threshold; Eq. 8 as a stopping rule.
+    """Decides if the belief in a position exceeds a threshold; Eq. 8 as a stopping rule.
 
     Raises:
-        InputError: The threshold is no number.
+        InputError: The threshold is NaN.
     """
     check_threshold(threshold)
     return lambda moment: _decide_where((moment.where_belief > threshold) & (threshold < 1))
 
 
 def both_above(what_threshold: float, where_threshold: float) -> StopRule:
-    """Both do at once."""
+    """Decides if the beliefs in an object and in a position both exceed their thresholds."""
     first, second = what_above(what_threshold), where_above(where_threshold)
     return lambda moment: np.minimum(first(moment), second(moment))
 
 
 def after(taps: int) -> StopRule:
-    """A fixed number of taps.
+    """Decides after a fixed number of taps.
 
     Raises:
-        InputError: It is no whole number from one on.
+        InputError: It is not an integer of at least 1.
     """
     if not (taps >= 1 and float(taps).is_integer()):
-        raise InputError(f"At least one tap is needed to decide, and a whole number of them, got {taps}.")
+        raise InputError(f"The number of taps must be an integer of at least 1, got {taps}.")
     return lambda moment: _decide_where(moment.number >= taps)
 
 
 def msprt(divergence: ArrayLike, cost: float) -> StopRule:
-    """The multihypothesis sequential test with its asymptotic thresholds: p_m > 1 / (1 + cost / divergence_m).
+    """Multihypothesis sequential test with its asymptotic thresholds: p_m > 1 / (1 + cost / divergence_m).
 
-    Optimal as the cost goes to 0, for independent taps at one place. `cost` is that of a tap in units of the cost of an
-    error.
+    Optimal as the cost goes to 0, for independent taps at one position.
 
     Args:
-        divergence: Of each object from the nearest other one per tap, in nats, shape (M,), see `divergences`.
-        cost: Above 0.
+        divergence: Divergence of each object from the nearest other one, in nats per tap, shape (M,); see
+            `divergences`.
+        cost: Cost of a tap in units of the cost of an error, above 0.
 
     Raises:
         InputError: The cost or a divergence is not above 0, or infinite.
     """
     divergence = np.asarray(divergence, dtype=np.float64)
     if not 0 < cost < np.inf or not ((divergence > 0) & (divergence < np.inf)).all():
-        raise InputError(f"msprt needs finite costs and divergences above 0, got {cost} and {divergence.tolist()}.")
+        raise InputError(f"msprt needs a finite cost and divergences above 0, got {cost} and {divergence.tolist()}.")
     thresholds = 1.0 / (1.0 + cost / divergence)
 
     def rule(moment: Moment) -> NDArray[np.int8]:
@@ -114,25 +112,28 @@ def msprt(divergence: ArrayLike, cost: float) -> StopRule:
 
 
 def divergences(model: TapModel, where: int) -> NDArray[np.float64]:
-    """How fast taps at a place tell each object from the one it is most like, in nats per tap, shape (M,).
+    """Divergence of each object from the most similar one at a position, in nats per tap, shape (M,).
 
-    That is the mean of the log-likelihood ratio of Eq. 1, with its root, over the taps that the histograms themselves
-    give: exponent times samples times the sum over taxels of the relative entropies.
+    The mean of the log-likelihood ratio of Eq. 1, with its root, over taps drawn from the histograms: exponent times
+    samples times the sum over taxels of the relative entropies.
 
     Args:
         model: Fitted histograms without states.
-        where: Where class.
+        where: Index of the position.
 
     Raises:
-        InputError: The model is no such one, there is no such class or no rival, or an object was not trained there.
+        InputError: The model is of another kind, the position does not exist, there is only one object, or an object
+            was not trained there.
     """
     form, (L, M) = model.form, model.grid.shape
     if not isinstance(form, TableForm) or form.shape != (L, M):
-        raise InputError(f"Divergences are computed from histograms without states, and this is a {model.name} model.")
+        raise InputError(f"Divergences need a histogram model without states, not a {model.name} model.")
     if not 0 <= where < L or M < 2:
-        raise InputError(f"Divergences need two objects and a class from 0 to {L - 1}, got {M} and class {where}.")
+        raise InputError(
+            f"Divergences need two objects and a position from 0 to {L - 1}, got {M} and position {where}."
+        )
     if not model.trained[where].all():
-        raise InputError(f"Not every object was trained in class {where}.")
+        raise InputError(f"Not every object was trained at position {where}.")
     log_p = form.log_prob[where].reshape(M, -1)
     p = np.exp(log_p)
     finite = np.where(p > 0, log_p, 0.0)
@@ -144,54 +145,54 @@ def divergences(model: TapModel, where: int) -> NDArray[np.float64]:
 
 
 def mean_error(error: float) -> StopRule:
-    """At most this share of decisions is wrong where the model is right: theta_W = 1 - error.
+    """Limits the fraction of wrong decisions if the model is correct: theta_W = 1 - error.
 
     Raises:
-        InputError: The error is no share.
+        InputError: The error is not between 0 and 1.
     """
     return what_above(1.0 - _share(error))
 
 
 def each_error(error: float, M: int) -> StopRule:
-    """At most this share is wrong of each object, where the model is right and objects are equally probable.
+    """Limits the fraction of wrong decisions for each object if the model is correct and objects are equally probable.
 
     By Ville's inequality P_w(wrong) <= (M - 1) (1 - theta) / theta, so theta_W = (M - 1) / (M - 1 + error).
 
     Raises:
-        InputError: The error is no share, or there is no object.
+        InputError: The error is not between 0 and 1, or M is below 1.
     """
     if M < 1:
-        raise InputError(f"There must be an object to be wrong about, got {M}.")
+        raise InputError(f"The number of objects must be at least 1, got {M}.")
     return what_above((M - 1) / (M - 1 + _share(error)))
 
 
 def lookahead(cost: float) -> StopRule:
-    """One more tap is expected to save no more than it costs; `cost` in the unit of losses, see `expected_gain`.
+    """Decides if the expected gain of one more tap does not exceed its cost, in units of the loss; see `expected_gain`.
 
     Raises:
-        InputError: The cost is not above 0, or when called where nobody has computed the gain.
+        InputError: The cost is not above 0, or, on a call, the gain was not computed.
     """
     if not 0 < cost < np.inf:
-        raise InputError(f"A tap must cost something, got {cost}.")
+        raise InputError(f"The cost of a tap must be above 0, got {cost}.")
 
     def rule(moment: Moment) -> NDArray[np.int8]:
         if np.isnan(moment.gain).any():
-            raise InputError("Looking ahead needs the gain of the next tap, and nobody has watched it.")
+            raise InputError("lookahead needs the expected gain of the next tap; pass a gain_watch as watch.")
         return _decide_where(moment.gain <= cost)
 
     return rule
 
 
 def or_give_up(rule: StopRule, taps: int, belief: float = 0.0) -> StopRule:
-    """As a rule says, but after so many taps an object is decided only if the belief in it exceeds `belief`.
+    """A rule that, after a number of taps, gives up unless the belief in an object exceeds `belief`.
 
-    With `belief` 0 everything is decided then; with 1 nothing is.
+    With `belief` 0 it always decides then; with 1 it always gives up.
 
     Raises:
-        InputError: The number of taps is below one, or the belief is none.
+        InputError: The number of taps is below 1, or the belief is not between 0 and 1.
     """
     if not (taps >= 1 and 0 <= belief <= 1):
-        raise InputError(f"To give up takes a tap or more and a belief from 0 to 1, got {taps} and {belief}.")
+        raise InputError(f"Giving up needs at least 1 tap and a belief from 0 to 1, got {taps} and {belief}.")
 
     def either(moment: Moment) -> NDArray[np.int8]:
         late = np.where(moment.what.max(axis=-1) > belief, DECIDE, GIVE_UP)
@@ -206,16 +207,16 @@ def _decide_where(stop: NDArray[np.bool_]) -> NDArray[np.int8]:
 
 
 def check_threshold(threshold: float) -> None:
-    """Refuses a threshold on a belief that is no number.
+    """Refuses a threshold that is NaN.
 
     Raises:
         InputError: It is NaN.
     """
     if np.isnan(threshold):
-        raise InputError("A threshold on a belief must be a number, got NaN.")
+        raise InputError("The threshold on a belief is NaN.")
 
 
 def _share(error: float) -> float:
     if not 0 < error < 1:
-        raise InputError(f"An error must be a share between 0 and 1, got {error}.")
+        raise InputError(f"The error must be between 0 and 1, got {error}.")
     return error

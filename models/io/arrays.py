@@ -1,4 +1,4 @@
-"""Named arrays, as `.npz` and `.mat` files hold them, to a `Recording`.
+"""Named arrays, as in `.npz` and `.mat` files, to a `Recording`.
 
 =====================  =====================  ==================================================================
 name                   shape                  meaning
@@ -9,7 +9,7 @@ name                   shape                  meaning
 ``what_names``         (M,)                   names of the objects
 ``where``              (N,)                   index into ``where_values``; without that table the position itself
 ``where_values``       (L,)                   nominal positions
-``where_edges``        (L + 1,)               edges of the where classes, where they are intervals
+``where_edges``        (L + 1,)               edges of the position classes, if they are intervals
 ``where_unit``         text                   unit of the positions
 ``what_values``        (M,)                   size of each object; its unit in ``what_unit``
 ``session``            (N,)                   number of the recording session
@@ -37,7 +37,7 @@ ROW_VECTORS = ("what", "where", "session", "trial")
 TABLE_VECTORS = ("what_names", "what_values", "where_values", "where_edges")
 TEXTS = ("where_unit", "what_unit", "units", "meta")
 KNOWN = {"taps", "stream", "taxel_position", *ROW_VECTORS, *TABLE_VECTORS, *TEXTS}
-_TAKEN = {  # names with a meaning of their own in a TapSet
+_TAKEN = {  # names reserved in a TapSet
     *("tap", "sample", "taxel", "axis", "time", "what_class", "where_class", "where_edge"),
     *("what_name", "what_value", "where_value"),
 }
@@ -46,16 +46,16 @@ Arrays = Mapping[str, NDArray[Any]]
 
 
 def recording_from_arrays(arrays: Arrays) -> Recording:
-    """The recording in the arrays that the head of this file lists.
+    """Recording from the arrays listed at the head of this file.
 
     Raises:
-        InputError: An array is missing, has another shape than listed, holds what it must not, or labels point
-            outside their table; the sentence names the array and the place.
+        InputError: An array is missing or has the wrong shape or content, or labels point outside their table; the
+            message names the array and the place.
     """
     name, axes = ("stream", "(S, K)") if "stream" in arrays and "taps" not in arrays else ("taps", "(N, J, K)")
     samples = as_samples(name, _required(arrays, name))
     if samples.ndim != len(axes.split(",")) or 0 in samples.shape:
-        raise InputError(f"the array {name} must have the shape {axes} without empty axes, got {samples.shape}.")
+        raise InputError(f"array {name} must have shape {axes} without empty axes, got {samples.shape}.")
     meta = _meta(arrays)
     extra, left_out = _extra(arrays, samples)
     what, names = _whole(arrays, "what", len(samples)), _names(arrays)
@@ -76,7 +76,7 @@ def recording_from_arrays(arrays: Arrays) -> Recording:
 def _required(arrays: Arrays, name: str) -> NDArray[Any]:
     if name not in arrays:
         there = ", ".join(sorted(arrays)) or "none"
-        raise InputError(f"the array {name} is missing; the file holds: {there}.")
+        raise InputError(f"missing array {name}; the file holds: {there}.")
     return arrays[name]
 
 
@@ -84,19 +84,19 @@ def _vector(arrays: Arrays, name: str, length: int | None = None) -> NDArray[np.
     """A finite numeric vector as float64."""
     values = _required(arrays, name)
     if values.ndim != 1 or (length is not None and len(values) != length):
-        expected = "one axis" if length is None else f"the shape ({length},)"
-        raise InputError(f"the array {name} must have {expected}, got shape {values.shape}.")
+        expected = "one axis" if length is None else f"shape ({length},)"
+        raise InputError(f"array {name} must have {expected}, got shape {values.shape}.")
     return as_samples(name, values).astype(np.float64)
 
 
 def _whole(arrays: Arrays, name: str, length: int, default: int | None = None) -> NDArray[np.int64]:
-    """A vector of whole numbers; MATLAB stores them as doubles."""
+    """A vector of integers; MATLAB stores them as doubles."""
     if default is not None and name not in arrays:
         return np.full(length, default, dtype=np.int64)
     values = _vector(arrays, name, length)
     bad = np.flatnonzero(values != np.round(values))
     if len(bad):
-        raise InputError(f"{name}[{bad[0]}] is {values[bad[0]]:g}, which is not a whole number.")
+        raise InputError(f"{name}[{bad[0]}] is {values[bad[0]]:g}, not an integer.")
     return values.astype(np.int64)
 
 
@@ -110,9 +110,9 @@ def _check_range(name: str, index: NDArray[np.int64], size: int, table: str) -> 
 def _names(arrays: Arrays) -> tuple[str, ...]:
     names = _required(arrays, "what_names")
     if names.dtype.kind not in "US" or names.ndim != 1:
-        raise InputError(f"the array what_names must be a list of text, got {names.dtype} of shape {names.shape}.")
+        raise InputError(f"array what_names must be a list of text, got {names.dtype} of shape {names.shape}.")
     if not len(names):
-        raise InputError("the array what_names is empty.")
+        raise InputError("array what_names is empty.")
     return tuple(_decoded(name) for name in names)
 
 
@@ -125,12 +125,12 @@ def _text(arrays: Arrays, name: str) -> str:
         return ""
     value = arrays[name]
     if value.dtype.kind not in "US" or value.size > 1:
-        raise InputError(f"the array {name} must be one text, got {value.dtype} of shape {value.shape}.")
+        raise InputError(f"array {name} must be one text, got {value.dtype} of shape {value.shape}.")
     return _decoded(value.reshape(-1)[0]) if value.size else ""
 
 
 def _positions(arrays: Arrays, n: int) -> NDArray[np.float64]:
-    """Position of each row: looked up in `where_values`, or as given without that table."""
+    """Position of each row, from `where_values` if present."""
     if "where_values" not in arrays:
         return _vector(arrays, "where", n) if "where" in arrays else np.zeros(n)
     table = _vector(arrays, "where_values")
@@ -145,7 +145,7 @@ def _tables(arrays: Arrays) -> dict[str, Any]:
         values = np.sort(_vector(arrays, "where_values"))
         twice = np.flatnonzero(np.diff(values) == 0)
         if len(twice):
-            raise InputError(f"the array where_values holds {values[twice[0]]:g} twice.")
+            raise InputError(f"array where_values contains {values[twice[0]]:g} twice.")
         tables["where_value"] = values
         if "where_edges" in arrays:
             tables["where_edges"] = _vector(arrays, "where_edges", len(values) + 1)
@@ -164,9 +164,9 @@ def _meta(arrays: Arrays) -> dict[str, Any]:
     try:
         meta = json.loads(text) if text else {}
     except json.JSONDecodeError as error:
-        raise InputError(f"the array meta is not JSON: {error}.") from error
+        raise InputError(f"array meta is not JSON: {error}.") from error
     if not isinstance(meta, dict):
-        raise InputError(f"the array meta must be a JSON object, got {text[:40]!r}.")
+        raise InputError(f"array meta must be a JSON object, got {text[:40]!r}.")
     return meta
 
 
@@ -175,7 +175,7 @@ def _rate(meta: Mapping[str, Any]) -> float | None:
     if rate is None:
         return None
     if isinstance(rate, bool) or not isinstance(rate, int | float) or not 0 < rate < np.inf:
-        raise InputError(f"rate_hz in the array meta must be a positive number, got {rate!r}.")
+        raise InputError(f"array meta: rate_hz must be a positive number, got {rate!r}.")
     return float(rate)
 
 
@@ -189,14 +189,14 @@ def _attributes(meta: Mapping[str, Any]) -> dict[str, str]:
 
 
 def _extra(arrays: Arrays, samples: NDArray[Any]) -> tuple[dict[str, NDArray[Any]], tuple[str, ...]]:
-    """Further arrays with one row per tap, and the names of those that have another shape or hold no numbers."""
+    """Further arrays with one row per tap, and the names of those with another shape or non-numeric content."""
     n, k = len(samples), samples.shape[-1]
     extra, left_out = {}, []
     for name in sorted(set(arrays) - KNOWN):
         values = arrays[name]
         fits = values.shape in ((n,), (n, k)) and values.dtype.kind in "fiubU"
         if fits and name in _TAKEN:
-            raise InputError(f"the array {name} must be renamed, its name has another meaning in a tap set.")
+            raise InputError(f"array {name} must be renamed: the name is reserved in a tap set.")
         if fits:
             extra[name] = values
         else:

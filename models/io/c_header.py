@@ -1,6 +1,6 @@
-"""Fitted tables as a C header, for robots whose programs are compiled; docs/how-to/exported-models.md explains it.
+"""Fitted tables as a C header, for compiled robot programs; see docs/how-to/exported-models.md.
 
-It is C99 and C++11, includes nothing but `math.h`, and stands for itself: sizes are macros, tables static constants.
+It is C99 and C++11, includes only `math.h`, and is self-contained: sizes are macros, tables static constants.
 """
 
 from collections.abc import Iterator
@@ -19,17 +19,17 @@ from .export import FORMAT, Decisions, log_tables
 def save_c_header(
     model: TapModel, path: str | Path, decisions: Decisions, single: bool = False, force: bool = False
 ) -> None:
-    """Writes a model as a C header, complete or not at all.
+    """Writes a model as a C header, atomically.
 
     Args:
-        model: What is exported.
+        model: Model to export.
         path: The file.
-        decisions: What goes with it.
+        decisions: Parameters for decisions and moves.
         single: Whether numbers are in single precision.
-        force: Whether an existing file may be replaced.
+        force: Whether to overwrite an existing file.
 
     Raises:
-        InputError: The model cannot be exported, or the file not written.
+        InputError: The model cannot be exported, or the file cannot be written.
     """
     text = c_header(model, decisions, single)
     with complete_file(path, force) as temporary:
@@ -37,13 +37,13 @@ def save_c_header(
 
 
 def c_header(model: TapModel, decisions: Decisions, single: bool = False) -> str:
-    """The header as text.
+    """Text of the header.
 
     Args:
-        model: What is exported.
-        decisions: What goes with it.
-        single: Whether numbers are in single precision. Edges are then rounded upwards, so that a sample in single
-            precision falls into the bin that it falls into in double precision.
+        model: Model to export.
+        decisions: Parameters for decisions and moves.
+        single: Whether numbers are in single precision. Edges are then rounded up, so that a sample falls into the same
+            bin as in double precision.
 
     Raises:
         InputError: The model has no tables, or its bins are too narrow for single precision.
@@ -72,7 +72,7 @@ def c_header(model: TapModel, decisions: Decisions, single: bool = False) -> str
 
 
 def _head(model: TapModel, single: bool) -> list[str]:
-    """What it is, as a comment."""
+    """Description of the model, as a comment."""
     grid = model.grid
     said = [
         f"A {model.name} model of touch, exported by solidtouch; fitted by version {model.version or 'unknown'}.",
@@ -134,7 +134,7 @@ def _braces(values: NDArray[np.floating]) -> str:
 
 
 def _number(value: np.floating) -> str:
-    """The shortest constant that stands for the number."""
+    """Shortest constant that represents the number."""
     if np.isneginf(value):
         return "-INFINITY"
     return f"{value!s}f" if value.dtype == np.float32 else str(value)
@@ -149,18 +149,18 @@ def _single_edges(edges: NDArray[np.float64]) -> NDArray[np.float32]:
     rounded = edges.astype(np.float32)
     up = np.where(rounded < edges, np.nextafter(rounded, np.float32(np.inf)), rounded)
     if not (np.diff(up) > 0).all() or not np.isfinite(up).all():
-        raise InputError("--single does not go with this model: its bins are too narrow for single precision.")
+        raise InputError("Single precision (--single) is too coarse for the bins of this model; use double precision.")
     return up
 
 
 def _string(text: str) -> str:
-    """A string literal; what is not plain ASCII goes as octal bytes of UTF-8, which every compiler takes alike."""
+    """String literal, with anything but plain ASCII as octal bytes of UTF-8 for portability."""
     plain = {*range(32, 127)} - set(b'\\"?')
     return '"' + "".join(chr(byte) if byte in plain else f"\\{byte:03o}" for byte in text.encode()) + '"'
 
 
 def _comment(text: str) -> str:
-    """Text that ends no comment, opens none and warns no compiler."""
+    """Text that neither ends nor opens a comment, nor causes compiler warnings."""
     printable = "".join(letter if letter.isprintable() else " " for letter in text)
     for pair in ("*/", "/*", "??"):
         while pair in printable:

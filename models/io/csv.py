@@ -16,26 +16,26 @@ _TAKEN = ("taps", "sample", "axis", "time", "what_name", "what_class", "where_va
 
 
 def read_csv(path: Path) -> Recording:
-    """The recording in one file.
+    """Recording from one file.
 
     Raises:
-        InputError: As `read_rows`, or the rows of a tap do not fit together.
+        InputError: As `read_rows`, or the rows of a tap are inconsistent.
     """
     with naming(path):
         return _recording([path], [read_rows(path)])
 
 
 def read_csv_folder(folder: Path) -> Recording:
-    """The recording in all `.csv` files of a folder, in the order of their names, numbers counted as numbers.
+    """Recording from all `.csv` files of a folder, in natural order of their names.
 
     Each file is one session, numbered from 0, unless all have a column `session`.
 
     Raises:
-        InputError: As `read_csv`; there is no such file, or they have different columns.
+        InputError: As `read_csv`; or there is no such file, or they have different columns.
     """
     paths = sorted((p for p in folder.iterdir() if p.suffix.lower() == ".csv"), key=_natural)
     if not paths:
-        raise InputError(f"{folder} is a directory without .csv files.")
+        raise InputError(f"{folder}: no .csv files in this folder.")
     parts = []
     for path in paths:
         with naming(path):
@@ -51,10 +51,10 @@ def _natural(path: Path) -> list[tuple[int, str]]:
 
 def _check_same_columns(first: CsvRows, other: CsvRows, first_path: Path) -> None:
     if first.taxel_names != other.taxel_names:
-        raise InputError(f"line 1 has other taxel columns, or in another order, than {first_path}.")
+        raise InputError(f"line 1: taxel columns differ from those of {first_path}.")
     differing = sorted(set(first.columns) ^ set(other.columns))
     if differing:
-        raise InputError(f"the column {differing[0]} stands either here or in {first_path}, not in both.")
+        raise InputError(f"line 1: column {differing[0]} is either here or in {first_path}, but not in both.")
 
 
 def _recording(paths: Sequence[Path], parts: Sequence[CsvRows]) -> Recording:
@@ -76,7 +76,7 @@ def _recording(paths: Sequence[Path], parts: Sequence[CsvRows]) -> Recording:
 
 
 class _Places:
-    """Where a row stands, for messages."""
+    """File and line of a row, for messages."""
 
     def __init__(self, paths: Sequence[Path], file: NDArray[np.int64], lines: NDArray[np.int64]) -> None:
         self._paths, self._file, self._lines = paths, file, lines
@@ -98,7 +98,7 @@ def _starts(*keys: NDArray[Any]) -> NDArray[np.intp]:
 def _check_taps(
     columns: dict[str, NDArray[Any]], starts: NDArray[np.intp], file: NDArray[np.int64], places: _Places
 ) -> None:
-    """Whether each tap is in consecutive rows, as long as the others, with one label throughout."""
+    """Checks that taps are in consecutive rows, of equal length, with constant labels."""
     tap, session = columns["tap"], columns["session"]
     seen: dict[tuple[int, int, int], int] = {}
     samples = np.diff(starts, append=len(tap))
@@ -106,13 +106,13 @@ def _check_taps(
         key = int(file[start]), int(session[start]), int(tap[start])
         if key in seen:
             raise InputError(
-                f"{places[start]}: tap {key[2]} of session {key[1]} begins again after another tap; "
-                "the rows of a tap must follow each other and its number must be its own."
+                f"{places[start]}: tap {key[2]} of session {key[1]} starts again after another tap; "
+                "rows of a tap must be consecutive, and tap numbers unique."
             )
         seen[key] = length
         if length != samples[0]:
             raise InputError(
-                f"{places[start]}: tap {key[2]} has {length} rows, the first tap has {samples[0]}; all must be as long."
+                f"{places[start]}: tap {key[2]} has {length} rows, the first tap {samples[0]}; they must be equal."
             )
     first = np.repeat(starts, samples)
     for name in set(columns) - {"time_s"}:
@@ -125,7 +125,7 @@ def _check_taps(
 
 
 def _labels(columns: dict[str, NDArray[Any]], places: _Places) -> Labels:
-    """Labels of every row; objects are numbered as they appear, or by size where they have one."""
+    """Labels of every row; objects are numbered by size if they have one, else in order of appearance."""
     names, first, what = np.unique(columns["what"], return_index=True, return_inverse=True)
     values = columns.get("what_value")
     order = np.argsort(first if values is None else values[first], kind="stable")
@@ -138,7 +138,7 @@ def _labels(columns: dict[str, NDArray[Any]], places: _Places) -> Labels:
     extra = {name: column for name, column in columns.items() if name not in ("what", *NUMBERS)}
     for name in extra:
         if name in _TAKEN:
-            raise InputError(f"the column {name} must be renamed, its name has another meaning in a tap set.")
+            raise InputError(f"column {name} must be renamed: the name is reserved in a tap set.")
     return Labels(
         what=np.argsort(order)[what],
         where=columns.get("where", np.zeros(len(what))),

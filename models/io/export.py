@@ -1,8 +1,7 @@
-"""Fitted tables as JSON, for robots and programs without this software.
+"""Fitted tables as JSON, for robots and other programs.
 
-The keys are those of the header of a conformance case, see docs/reference/conformance/README.md, so a
-program that reads a case reads a model; docs/how-to/exported-models.md describes the other keys. `io.export_reader`
-reads it back.
+The keys are those of the header of a conformance case, see docs/reference/conformance/README.md, so a program that reads a case
+reads a model; docs/how-to/exported-models.md describes the other keys. `io.export_reader` reads it back.
 """
 
 import json
@@ -26,13 +25,13 @@ _SMALLEST_LOG = np.log(sys.float_info.min)
 
 
 class Decisions(NamedTuple):
-    """What the program decides and moves by, beside its belief.
+    """Parameters for decisions and moves.
 
     Attributes:
-        border: Reading of Eq. 9 at the ends of the range.
+        border: Interpretation of Eq. 9 at the ends of the range.
         threshold: Belief in an object needed to decide, theta_W.
         theta_x: Belief in a position needed for a move; 1 never moves.
-        fixation: Where class to move to.
+        fixation: Index of the fixation point.
     """
 
     border: str
@@ -42,16 +41,16 @@ class Decisions(NamedTuple):
 
 
 def log_tables(model: TapModel) -> NDArray[np.float64]:
-    """Natural logs of what Eq. 1 multiplies, -inf for untrained classes, shape (L, M, K, B).
+    """Natural logs of the factors of Eq. 1, -inf for untrained classes, shape (L, M, K, B).
 
     Raises:
         InputError: The model has no such tables.
     """
     if model.states.gain.tolist() != [1.0] or model.states.offset.tolist() != [0.0]:
-        raise InputError(f"A {model.name} model cannot be exported: it carries a state from tap to tap beside classes.")
+        raise InputError(f"Cannot export a {model.name} model: it carries a state from tap to tap.")
     form = model.plain_form
     if not isinstance(form, TableForm):
-        raise InputError(f"A {model.name} model cannot be exported: it has no tables of single samples.")
+        raise InputError(f"Cannot export a {model.name} model: it has no tables of single samples.")
     return np.where(model.trained[:, :, np.newaxis, np.newaxis], form.log_prob, -np.inf)
 
 
@@ -61,12 +60,12 @@ def prior(model: TapModel) -> NDArray[np.float64]:
 
 
 def exported(model: TapModel, decisions: Decisions, case: str) -> dict[str, Any]:
-    """The object in the file.
+    """Content of the file as a JSON object.
 
     Args:
-        model: What is exported.
-        decisions: What goes with it.
-        case: What programs are to call it in their answers.
+        model: Model to export.
+        decisions: Parameters for decisions and moves.
+        case: Name of the case in the answers of programs.
 
     Raises:
         InputError: The model has no tables, or the probabilities in them are too small for double precision.
@@ -103,17 +102,17 @@ def exported(model: TapModel, decisions: Decisions, case: str) -> dict[str, Any]
 def save_exported(
     model: TapModel, path: str | Path, decisions: Decisions, case: str = "model", force: bool = False
 ) -> None:
-    """Writes a model as one line of JSON, complete or not at all; numbers as in `io.export`, read back bit for bit.
+    """Writes a model as one line of JSON, atomically; numbers are read back exactly.
 
     Args:
-        model: What is exported.
+        model: Model to export.
         path: The file.
-        decisions: What goes with it.
-        case: What programs are to call it in their answers.
-        force: Whether an existing file may be replaced.
+        decisions: Parameters for decisions and moves.
+        case: Name of the case in the answers of programs.
+        force: Whether to overwrite an existing file.
 
     Raises:
-        InputError: The model cannot be exported, or the file not written.
+        InputError: The model cannot be exported, or the file cannot be written.
     """
     text = json.dumps(exported(model, decisions, case), allow_nan=False, ensure_ascii=False)
     with complete_file(path, force) as temporary:
@@ -121,20 +120,20 @@ def save_exported(
 
 
 def _tables(model: TapModel) -> dict[str, Any]:
-    """Counts where these say all; elsewhere probabilities, in which an untrained class is zero throughout."""
+    """Counts if they suffice, else probabilities, with zeros for untrained classes."""
     if isinstance(model, HistogramModel) and model.trained.all():
         return {"counts": model.counts.tolist(), "pseudocount": model.pseudocount}
     log_prob = log_tables(model)
     if (log_prob[np.isfinite(log_prob)] < _SMALLEST_LOG).any():
         raise InputError(
-            f"This {model.name} model cannot be exported as JSON: some bins are so improbable (1e{_decade(log_prob)}) "
-            f"that double precision takes them for impossible; --format c-header holds their logarithms."
+            f"Cannot export this {model.name} model as JSON: some bins are so improbable (1e{_decade(log_prob)}) "
+            f"that they underflow double precision; use the C header (--format c-header), which has logarithms."
         )
     return {"probabilities": _probabilities(model, log_prob).tolist()}
 
 
 def _probabilities(model: TapModel, log_prob: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Those that the model itself holds where it does, so that their logs are the same when read back."""
+    """Probabilities, those of the model itself if it has them, so that their logs are read back exactly."""
     if isinstance(model, HistogramModel | TableModel):
         return np.where(np.isfinite(log_prob), model.probabilities, 0.0)
     return np.exp(log_prob)

@@ -1,4 +1,4 @@
-"""Exported models read back, see `io.export`: counts become the histogram that they were, all else given tables."""
+"""Reader for exported models, see `io.export`: counts give a histogram model, probabilities a table model."""
 
 import sys
 from pathlib import Path
@@ -22,27 +22,27 @@ _SIZES = ("L", "M", "K", "J", "B")
 
 
 def load_exported(path: str | Path) -> TapModel:
-    """The model in an exported file; what it decides and moves by is left to the caller.
+    """Model from an exported file, without its parameters for decisions and moves.
 
     Raises:
-        InputError: The file is missing, damaged, or no exported model; the message names file and key.
+        InputError: The file is missing, damaged or not an exported model; the message names file and key.
     """
     values = read_object(path, "exported model")
     if values.get("format") != FORMAT or "kind" not in values:
-        raise InputError(f"{path} is no exported model: its key format is not {FORMAT}, or its key kind is missing.")
+        raise InputError(f"{path}: not an exported model: key format is not {FORMAT}, or key kind is missing.")
     try:
         return _model(values)
     except KeyError as error:
-        raise InputError(f"{path} is no whole exported model: the key {error.args[0]} is missing.") from error
+        raise InputError(f"{path}: not an exported model: missing key {error.args[0]}.") from error
     except InputError as error:
-        raise InputError(f"{path} is damaged: {error}") from error
+        raise InputError(f"{path}: damaged: {error}") from error
 
 
 def _model(values: dict[str, Any]) -> TapModel:
     L, M, K, J, B = (_size(values, key) for key in _SIZES)
     grid = _named("grid", ClassGrid.from_dict, values["grid"])
     if (grid.L, grid.M) != (L, M):
-        raise InputError(f"grid has {grid.L} x {grid.M} classes, L and M are {L} and {M}.")
+        raise InputError(f"grid has {grid.L} x {grid.M} classes, but L and M are {L} and {M}.")
     common: dict[str, Any] = {
         "grid": grid,
         "edges": _edges(values, K, B),
@@ -53,12 +53,12 @@ def _model(values: dict[str, Any]) -> TapModel:
         "saturation": _saturation(values["saturation"]),
     }
     if common["preprocessing"].samples != J:
-        raise InputError(f"preprocessing has {common['preprocessing'].samples} samples, J is {J}.")
+        raise InputError(f"preprocessing has {common['preprocessing'].samples} samples, but J is {J}.")
     if not isinstance(values["power"], str) and not _is_number(values["power"]):
         raise InputError(f"power must be J, JK, none or a positive number, got {values['power']!r}.")
     _named("power", likelihood_exponent, values["power"], J, K)
     if ("counts" in values) == ("probabilities" in values):
-        raise InputError("it needs one of the keys counts and probabilities, and not both.")
+        raise InputError("it must have either key counts or key probabilities.")
     make = _histogram if "counts" in values else _table
     model = make(values, (L, M, K, B), common)
     _check_names(values, model)
@@ -68,15 +68,15 @@ def _model(values: dict[str, Any]) -> TapModel:
 def _histogram(values: dict[str, Any], shape: tuple[int, ...], common: dict[str, Any]) -> HistogramModel:
     counts, pseudocount = _array(values, "counts", shape), values["pseudocount"]
     if (counts < 0).any() or counts.dtype.kind != "i":
-        raise InputError("counts holds something else than whole numbers from 0.")
+        raise InputError("counts must be integers of at least 0.")
     if not _is_number(pseudocount) or pseudocount < 0:
-        raise InputError(f"pseudocount must be a number from 0, got {pseudocount!r}.")
+        raise InputError(f"pseudocount must be at least 0, got {pseudocount!r}.")
     samples = counts.sum(axis=-1)
     if pseudocount == 0 and (samples == 0).any():
-        raise InputError("counts has an empty histogram, which needs a pseudocount.")
+        raise InputError("counts has an empty histogram; this needs a pseudocount.")
     trained = samples.any(axis=-1)
     if not trained.any():
-        raise InputError("counts has no class with a count.")
+        raise InputError("counts are all 0.")
     return HistogramModel(
         counts=counts.astype(np.int64),
         pseudocount=float(pseudocount),
@@ -89,19 +89,19 @@ def _table(values: dict[str, Any], shape: tuple[int, ...], common: dict[str, Any
     probabilities = _array(values, "probabilities", shape).astype(np.float64)
     possible = probabilities.any(axis=(2, 3))
     if not possible.any():
-        raise InputError("probabilities has no class that is possible.")
+        raise InputError("probabilities has no possible class.")
     left_out = untouched(common["grid"], possible)
     return _named("probabilities", lambda: TableModel(probabilities=probabilities, left_out=left_out, **common))
 
 
 def _check_names(values: dict[str, Any], model: TapModel) -> None:
-    """What stands there twice must agree: programs read the one, this software the other."""
+    """Checks that redundant keys agree, as other programs read them instead of the grid."""
     if values["where_unit"] != model.grid.where_unit or values["what_name"] != list(model.grid.what_name):
-        raise InputError("where_unit or what_name is not that of its grid.")
+        raise InputError("where_unit or what_name differs from that of its grid.")
     if not _close(values, "where_value", model.grid.where_value):
-        raise InputError("where_value is not that of its grid.")
+        raise InputError("where_value differs from that of its grid.")
     if not _close(values, "prior", prior(model)):
-        raise InputError("prior is not uniform over the classes that are possible, and no other can be read.")
+        raise InputError("prior is not uniform over the possible classes; other priors are not supported.")
 
 
 def _close(values: dict[str, Any], key: str, expected: NDArray[np.float64]) -> bool:
@@ -123,22 +123,22 @@ def _array(values: dict[str, Any], key: str, shape: tuple[int, ...]) -> NDArray[
     except ValueError:
         raise InputError(f"{key} holds lists of different lengths.") from None
     if array.dtype.kind not in "if" or not np.isfinite(array).all():
-        raise InputError(f"{key} holds something else than finite numbers.")
+        raise InputError(f"{key} must hold finite numbers.")
     if array.shape != shape:
-        raise InputError(f"{key} has shape {array.shape}, it should have {shape}.")
+        raise InputError(f"{key} must have shape {shape}, got {array.shape}.")
     return array
 
 
 def _size(values: dict[str, Any], key: str) -> int:
     size = values[key]
     if not isinstance(size, int) or isinstance(size, bool) or size < 1:
-        raise InputError(f"{key} must be a whole number from 1, got {size!r}.")
+        raise InputError(f"{key} must be an integer of at least 1, got {size!r}.")
     return size
 
 
 def _text(values: dict[str, Any], key: str) -> str:
     if not isinstance(values[key], str):
-        raise InputError(f"{key} must be a text, got {values[key]!r}.")
+        raise InputError(f"{key} must be text, got {values[key]!r}.")
     return values[key]
 
 
@@ -155,11 +155,11 @@ def _preprocessing(fields: Any) -> Preprocessing:
     try:
         return Preprocessing(**fields)
     except TypeError as error:
-        raise InputError("it is not such a record.") from error
+        raise InputError("not a preprocessing record.") from error
 
 
 def _named(key: str, make: Any, *arguments: Any) -> Any:
-    """What a function makes of a value; its complaint begins with the key."""
+    """Result of a function of a value; puts the key in front of its error messages."""
     try:
         return make(*arguments)
     except (InputError, TypeError, ValueError, OverflowError) as error:

@@ -1,4 +1,4 @@
-"""Tap sets of several files as sessions that are told apart."""
+"""Joins tap sets of several files as separate sessions."""
 
 from collections.abc import Sequence
 
@@ -13,14 +13,14 @@ _TABLES = ("where_value", "where_edges", "what_value", "taxel_position", "time")
 
 
 def joined(taps: Sequence[TapSet], names: Sequence[str]) -> TapSet:
-    """One tap set of several, whose sessions are numbered anew in their order; a single one as it is.
+    """One tap set from several, with sessions renumbered in their order; a single one unchanged.
 
     Args:
         taps: Tap sets in the order of their files.
-        names: What the files are called.
+        names: Names of the files, for messages.
 
     Raises:
-        InputError: They do not fit together, or two hold the same taps, which would be known when they are tested.
+        InputError: They are incompatible, or two contain the same taps, which would then be in training and test data.
     """
     if len(taps) == 1:
         return taps[0]
@@ -31,7 +31,7 @@ def joined(taps: Sequence[TapSet], names: Sequence[str]) -> TapSet:
 
 
 def _with_all_places(taps: Sequence[TapSet]) -> Sequence[TapSet]:
-    """The tap sets, with the positions of all where their tables differ, and then without edges between them."""
+    """The tap sets; if their tables of positions differ, with the union of the positions and without edges."""
     tables = [part.dataset["where_value"] for part in taps]
     if all(table.equals(tables[0]) for table in tables):
         return taps
@@ -46,12 +46,12 @@ def _check_apart(taps: Sequence[TapSet], names: Sequence[str]) -> None:
         digests = tap_digests(part.taps).tolist()
         shared = [known[digest] for digest in digests if digest in known]
         if shared:
-            raise InputError(f"{len(shared)} taps of {name} stand in {shared[0]} too.")
+            raise InputError(f"{name}: {len(shared)} taps are also in {shared[0]}.")
         known |= dict.fromkeys(digests, name)
 
 
 def check_alike(taps: Sequence[TapSet], names: Sequence[str]) -> None:
-    """Refuses tap sets that are no sessions of one recording.
+    """Refuses tap sets that cannot be sessions of one recording.
 
     Raises:
         InputError: They differ in objects, taxels, unit of position or preprocessing; the message names both files.
@@ -59,11 +59,11 @@ def check_alike(taps: Sequence[TapSet], names: Sequence[str]) -> None:
     for other, name in zip(taps[1:], names[1:], strict=True):
         check_compatible(taps[0], other, names[0], name)
         if other.what_name != taps[0].what_name:
-            raise InputError(f"{name} has other objects than {names[0]}.")
+            raise InputError(f"{name}: objects differ from those of {names[0]}.")
 
 
 def numbered(taps: Sequence[TapSet], names: Sequence[str]) -> tuple[list[TapSet], tuple[str, ...]]:
-    """The tap sets with session numbers that are theirs alone, and what these are called."""
+    """The tap sets with unique session numbers, and the names of the sessions."""
     parts, called = [], []
     for part, name in zip(_with_one_table(taps), names, strict=True):
         sessions, index = np.unique(part.session, return_inverse=True)
@@ -73,7 +73,7 @@ def numbered(taps: Sequence[TapSet], names: Sequence[str]) -> tuple[list[TapSet]
 
 
 def _with_one_table(taps: Sequence[TapSet]) -> list[TapSet]:
-    """The tap sets with the tables of the first, which give the classes, and without arrays that not all have."""
+    """The tap sets with the tables of the first, which define the classes, and only the arrays that all have."""
     first = taps[0].dataset
     tables = {name: first[name].variable for name in _TABLES if name in first.variables}
     shared = set.intersection(*(set(part.dataset.data_vars) for part in taps))

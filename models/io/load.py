@@ -1,4 +1,4 @@
-"""Files of any accepted kind to a `TapSet`: `.nc`, `.mcap`, `.npz`, `.csv`, `.mat` and folders of `.csv` files."""
+"""Loads a `TapSet` from any supported file: `.nc`, `.mcap`, `.npz`, `.csv`, `.mat` and folders of `.csv` files."""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -18,15 +18,15 @@ _READERS: dict[str, Callable[[Path], Recording]] = {
 
 
 def load_taps(path: str | Path) -> TapSet:
-    """The tap set in a file or a folder of CSV files.
+    """Tap set from a file or a folder of CSV files.
 
     Args:
-        path: `.nc` as this software writes it; `.mcap` as the rig is recorded; `.npz` or `.mat` with the arrays of
+        path: `.nc` as written by this software; `.mcap` as recorded from the rig; `.npz` or `.mat` with the arrays of
             `io.arrays`; `.csv` with the columns of `csv_rows`; or a folder of such `.csv` files.
 
     Raises:
-        InputError: The file is missing, damaged, of another kind, or its content contradicts itself; the sentence
-            names file, array and place.
+        InputError: The file is missing, damaged, of another kind or inconsistent; the message names file, array and
+            place.
     """
     path = Path(path)
     if path.suffix.lower() == ".nc":
@@ -41,34 +41,31 @@ def load_taps(path: str | Path) -> TapSet:
 
 
 def read_recording(path: str | Path) -> Recording:
-    """The taps or streams in a file or folder, not yet a tap set.
+    """Taps or streams from a file or folder, before they become a tap set.
 
     Raises:
-        InputError: As `load_taps`; also for `.nc`, which holds nothing but taps, and for `.mcap`, which holds when
-            each tap began.
+        InputError: As `load_taps`; also for `.nc` and `.mcap`, whose taps are already cut.
     """
     path = Path(path)
     if path.suffix.lower() == ".nc" and path.is_file():
-        raise InputError(f"{path} is a .nc file, which holds taps that are cut already.")
+        raise InputError(f"{path}: a .nc file holds taps that are already cut, not streams.")
     if path.suffix.lower() == ".mcap" and path.is_file():
-        raise InputError(f"{path} is a recording of the rig, whose taps are cut as they were pressed.")
+        raise InputError(f"{path}: a recording of the rig holds taps cut at each press, not streams.")
     if not path.exists():
-        raise InputError(f"{path} does not exist.")
+        raise InputError(f"{path}: no such file.")
     kind = path.suffix.lower()
     if path.is_dir():
         if kind in (".nc", ".mcap", ".npz", ".mat", ".csv"):
-            raise InputError(f"{path} is a directory, a {kind} file is needed.")
+            raise InputError(f"{path}: is a folder, expected a {kind} file.")
         return read_csv_folder(path)
     if kind == ".csv":
         return read_csv(path)
     if kind not in _READERS:
-        raise InputError(
-            f"{path} is of an unknown kind; .nc, .mcap, .npz, .csv, .mat and folders of .csv files are read."
-        )
+        raise InputError(f"{path}: unknown format; supported: .nc, .mcap, .npz, .csv, .mat and folders of .csv files.")
     with naming(path):
         if path.stat().st_size == 0:
             raise InputError("the file is empty.")
         try:
             return _READERS[kind](path)
         except OSError as error:
-            raise InputError(f"the file cannot be read: {error.strerror or error}.") from error
+            raise InputError(f"cannot read: {error.strerror or error}.") from error

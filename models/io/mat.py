@@ -1,7 +1,7 @@
 """MATLAB `.mat` files, v5 to v7 and v7.3, to named arrays in the layout of `io.arrays`.
 
-MATLAB knows no vectors, no arrays with a trailing axis of length one and no text but character matrices and cells;
-v7.3 files are HDF5 with the axes in reverse order. All of that is undone here: vectors get one axis, `taps` three.
+MATLAB has no vectors, no trailing axes of length one and no text except character matrices and cells; v7.3 files are
+HDF5 with axes in reverse order. This module undoes all that: vectors get one axis, `taps` three.
 """
 
 from pathlib import Path
@@ -17,11 +17,10 @@ type Content = NDArray[Any] | str
 
 
 def read_mat(path: Path) -> dict[str, NDArray[Any]]:
-    """The arrays of a MATLAB file.
+    """Arrays of a MATLAB file.
 
     Raises:
-        InputError: The file is no MATLAB file of version 5 to 7.3, is damaged, or an array has a kind that cannot
-            be read.
+        InputError: The file is not a MATLAB file of version 5 to 7.3, is damaged, or an array has an unsupported type.
     """
     import h5py  # noqa: PLC0415
 
@@ -29,7 +28,7 @@ def read_mat(path: Path) -> dict[str, NDArray[Any]]:
     arrays = {}
     for name, value in content.items():
         if isinstance(value, str) and name in KNOWN:
-            raise InputError(f"the array {name} is a {value}; plain arrays and cellstr(...) or char(...) are read.")
+            raise InputError(f"array {name} is a {value}; use plain arrays, cellstr(...) or char(...).")
         arrays[name] = np.array(value, dtype=object) if isinstance(value, str) else value
     return _arranged(arrays)
 
@@ -55,15 +54,15 @@ def _read_v5(path: Path) -> dict[str, Content]:
     try:
         version = matfile_version(str(path))[0]
         content = loadmat(path) if version == 1 else None
-    except Exception as error:  # SciPy lets many kinds out of a damaged file
-        raise InputError("this is no MATLAB file of version 5 to 7.3, or it is damaged or truncated.") from error
+    except Exception as error:  # SciPy raises many kinds for a damaged file
+        raise InputError("not a MATLAB file of version 5 to 7.3, or damaged or truncated.") from error
     if content is None:
-        raise InputError("this is no MATLAB file of version 5 to 7.3.")
+        raise InputError("not a MATLAB file of version 5 to 7.3.")
     return {name: _plain(value) for name, value in content.items() if not name.startswith("__")}
 
 
 def _plain(value: Any) -> Content:
-    """What SciPy made of a variable as an array, or for what cannot be read the name of its kind."""
+    """Array of a variable as read by SciPy, or the name of its type if unsupported."""
     if type(value) is not np.ndarray or value.dtype.names is not None:
         return "struct, sparse matrix, function, string or object"
     if value.dtype.kind == "U":
@@ -72,7 +71,7 @@ def _plain(value: Any) -> Content:
         return value
     cells = [np.asarray(cell) for cell in value.reshape(-1, order="F")]
     if not all(cell.dtype.kind == "U" and cell.size <= 1 for cell in cells):
-        return "cell with something else than one text in each place"
+        return "cell array with other content than one text per cell"
     return np.array(["".join(cell.reshape(-1).tolist()) for cell in cells], dtype=np.str_)
 
 
@@ -83,11 +82,11 @@ def _read_v73(path: Path) -> dict[str, Content]:
         with h5py.File(path, "r") as file:
             return {name: _read_node(file, file[name]) for name in map(str, file) if not name.startswith("#")}
     except (OSError, KeyError, RuntimeError, ValueError, TypeError) as error:
-        raise InputError(f"this MATLAB 7.3 file is damaged ({error}).") from error
+        raise InputError(f"damaged MATLAB 7.3 file ({error}).") from error
 
 
 def _read_node(file: Any, node: Any) -> Content:
-    """The array, or for what cannot be read the name of its kind."""
+    """The array, or the name of its type if unsupported."""
     import h5py  # noqa: PLC0415
 
     kind = _class_of(node)
@@ -100,7 +99,7 @@ def _read_node(file: Any, node: Any) -> Content:
     if kind == "cell":
         cells = [file[reference] for reference in node[()].T.reshape(-1)]
         if not all(_class_of(cell) == "char" for cell in cells):
-            return "cell with something else than one text in each place"
+            return "cell array with other content than one text per cell"
         return np.array(["".join(_texts(cell)) for cell in cells], dtype=np.str_)
     return np.array(_texts(node), dtype=np.str_) if kind == "char" else node[()].T
 
@@ -111,7 +110,7 @@ def _class_of(node: Any) -> str:
 
 
 def _texts(node: Any) -> list[str]:
-    """The rows of a character matrix, stored as UTF-16 codes of shape (columns, rows), without their padding."""
+    """Rows of a character matrix, stored as UTF-16 codes of shape (columns, rows), without padding."""
     if node.attrs.get("MATLAB_empty", 0):
         return []
     return [row.astype("<u2").tobytes().decode("utf-16-le", "replace").rstrip() for row in node[()].T]

@@ -4,15 +4,15 @@
 group                  content
 =====================  =====================================================================================
 root                   attributes: ``kind``, ``format``, settings, class grid, how the fit converged
-``constant_data``      bin edges, training data as far as the model needs it, states, digests of the taps
-``parameters``         those with which the model decides (not for the histogram, whose counts are data)
-``posterior``          draws of the parameters, dims (chain, draw, ...), if asked for; see `measurement.draws`
-``sample_stats``       numbers that tell how the fit converged
+``constant_data``      bin edges, training data needed by the model, states, digests of the taps
+``parameters``         parameters for decisions (not for the histogram, whose counts are data)
+``posterior``          draws of the parameters, dims (chain, draw, ...), if requested; see `measurement.draws`
+``sample_stats``       convergence statistics of the fit
 ``log_likelihood``     ``bins``: of each training tap under its own class at power 1, dims (chain, draw, tap)
 =====================  =====================================================================================
 
-Files of format 1, from versions with no model but the histogram, are read as well, and files without a saturation,
-whose beliefs have no limit.
+Files of format 1, from versions with the histogram model only, can also be read, and files without a saturation, which
+then is unlimited.
 """
 
 import json
@@ -45,11 +45,11 @@ _ROUNDING = 1e-9
 
 
 class Draws(NamedTuple):
-    """What a file holds beside the model, for ArviZ.
+    """Posterior draws stored with a model, for ArviZ.
 
     Attributes:
-        parameters: By name, shapes (chain, draw, ...).
-        log_likelihood: Of each training tap under its class at power 1, shape (chain, draw, N).
+        parameters: Draws by name, shapes (chain, draw, ...).
+        log_likelihood: Log-likelihood of each training tap under its class at power 1, shape (chain, draw, N).
     """
 
     parameters: dict[str, NDArray[np.float32]]
@@ -63,17 +63,17 @@ def save_model(
     draws: Draws | None = None,
     convergence: Convergence | None = None,
 ) -> None:
-    """Writes a model as netCDF, complete or not at all.
+    """Writes a model as netCDF, atomically.
 
     Args:
-        model: What to write.
+        model: The model.
         path: The file.
-        force: Whether an existing file may be replaced.
-        draws: From the posterior, to go with it.
-        convergence: How the fit ended, likewise.
+        force: Whether to overwrite an existing file.
+        draws: Posterior draws to store with it.
+        convergence: Convergence statistics to store with it.
 
     Raises:
-        InputError: The file cannot be written, or exists and `force` is not set, or files hold no such model.
+        InputError: The file cannot be written, or exists and `force` is not set, or the model cannot be stored.
     """
     groups = model.groups()
     if draws is not None:
@@ -90,10 +90,10 @@ def save_model(
 
 
 def load_model(path: str | Path) -> TapModel:
-    """The fitted model in a file; one whose name ends in `.json` is an exported one.
+    """Fitted model from a file; names ending in `.json` are exported models.
 
     Raises:
-        InputError: The file is missing, damaged, or no fitted model.
+        InputError: The file is missing, damaged or not a fitted model.
     """
     if Path(path).suffix.lower() == ".json":
         return load_exported(path)
@@ -101,21 +101,21 @@ def load_model(path: str | Path) -> TapModel:
     try:
         model = _model(attributes, data, parameters)
     except KeyError as error:
-        raise InputError(f"{path} is damaged: {error} is missing.") from error
+        raise InputError(f"{path}: damaged: missing {error}.") from error
     except (TypeError, ValueError) as error:
-        raise InputError(f"{path} is damaged: {error}") from error
+        raise InputError(f"{path}: damaged: {error}") from error
     return model
 
 
 def _read(path: Path) -> tuple[dict[str, Any], xr.Dataset, xr.Dataset]:
     """Attributes, constant data and parameters; draws are left on disk."""
     if path.is_dir():
-        raise InputError(f"{path} is a directory, a file is needed.")
+        raise InputError(f"{path}: is a folder, expected a file.")
     if not path.exists():
-        raise InputError(f"{path} does not exist.")
+        raise InputError(f"{path}: no such file.")
     try:
         with h5py.File(path, "r") as file:
-            file.visititems(lambda *_: None)  # where this fails, xarray would leave a half-open file behind
+            file.visititems(lambda *_: None)  # if this fails, xarray would leave the file open
             groups = set(file)
         root = xr.load_dataset(path, engine="h5netcdf", decode_times=False)
         data, parameters = (
@@ -125,13 +125,13 @@ def _read(path: Path) -> tuple[dict[str, Any], xr.Dataset, xr.Dataset]:
             for group in ("constant_data", "parameters")
         )
     except Exception as error:  # on damaged bytes these libraries raise almost any exception
-        raise InputError(f"{path} cannot be read as netCDF; it may be truncated or of another kind.") from error
+        raise InputError(f"{path}: not a netCDF file, or truncated.") from error
     attributes = dict(root.attrs)
     version = attributes.get("format")
     if attributes.get("kind") == "histogram" and version == _FIRST_FORMAT:
         return attributes, root, parameters
     if attributes.get("kind") not in {"histogram", *DIMS} or version != FORMAT:
-        raise InputError(f"{path} is netCDF but no fitted model of format {FORMAT} or {_FIRST_FORMAT}.")
+        raise InputError(f"{path}: not a fitted model of format {FORMAT} or {_FIRST_FORMAT}.")
     return attributes, data, parameters
 
 
@@ -156,7 +156,7 @@ def _model(attributes: dict[str, Any], data: xr.Dataset, parameters: xr.Dataset)
     else:
         model = _parametric(attributes["kind"], data, parameters, common)
     if not (np.diff(model.edges) > 0).all():
-        raise ValueError("its edges do not increase.")
+        raise ValueError("edges do not increase.")
     return model
 
 
@@ -164,14 +164,14 @@ def _check_counts(model: HistogramModel) -> None:
     shape = model.counts.shape
     fits = len(shape) == 4 and model.edges.shape in ((shape[3] + 1,), (shape[2], shape[3] + 1))
     if not fits or shape[:2] != model.grid.shape:
-        raise ValueError(f"its counts have shape {shape}, its edges {model.edges.shape}.")
+        raise ValueError(f"counts have shape {shape}, edges {model.edges.shape}.")
     if (model.counts < 0).any():
-        raise ValueError("its counts are below 0.")
+        raise ValueError("counts are negative.")
 
 
 def _parametric(kind: str, data: xr.Dataset, parameters: xr.Dataset, common: dict[str, Any]) -> ParametricModel:
     if kind not in DIMS:
-        raise ValueError(f"there is no model {kind!r}.")
+        raise ValueError(f"unknown model {kind!r}.")
     grid: ClassGrid = common["grid"]
     values = {name: parameters[name].transpose(*dims).values for name, dims in DIMS[kind].items()}
     model = ParametricModel(
@@ -184,7 +184,7 @@ def _parametric(kind: str, data: xr.Dataset, parameters: xr.Dataset, common: dic
     )
     _check_parameters(model)
     if model.covered.shape != grid.shape or model.edges.shape[:-1] not in ((), (model.K,)):
-        raise ValueError(f"its covered classes have shape {model.covered.shape}, its edges {model.edges.shape}.")
+        raise ValueError(f"covered classes have shape {model.covered.shape}, edges {model.edges.shape}.")
     return model
 
 
@@ -201,15 +201,15 @@ def _check_parameters(model: ParametricModel) -> None:
     positive = {"unit": model.scaling.unit} | {n: v for n, v in model.parameters.items() if n in _POSITIVE}
     for name, values in positive.items():
         if not (values > 0).all():
-            raise ValueError(f"its {name} is not above 0 everywhere.")
+            raise ValueError(f"{name} is not above 0 everywhere.")
     for name in _COVARIANCES & set(model.parameters):
         if (np.linalg.eigvalsh(model.parameters[name]) <= 0).any():
-            raise ValueError(f"its {name} is no covariance.")
+            raise ValueError(f"{name} is not a covariance.")
 
 
 def _check_array(name: str, values: NDArray[np.float64], shape: tuple[int, ...]) -> None:
     if values.shape != shape or not np.isfinite(values).all():
-        raise ValueError(f"its {name} has shape {values.shape} or is not finite; it should have shape {shape}.")
+        raise ValueError(f"{name} is not finite or has shape {values.shape} instead of {shape}.")
 
 
 def _states(data: xr.Dataset) -> States:
@@ -217,16 +217,16 @@ def _states(data: xr.Dataset) -> States:
         return ONE_STATE
     states = States(data["state_gain"].values, data["state_offset"].values, data["state_log_prior"].values)
     if not states.gain.shape == states.offset.shape == states.log_prior.shape or states.gain.ndim != 1:
-        raise ValueError("its states have no gain, offset and probability each.")
+        raise ValueError("states must have a gain, an offset and a probability each.")
     if not all(np.isfinite(values).all() and len(values) for values in states) or (states.gain <= 0).any():
-        raise ValueError("its states are not finite or have a gain that is not above 0.")
+        raise ValueError("states must be finite, with gains above 0.")
     if abs(np.logaddexp.reduce(states.log_prior)) > _ROUNDING:
-        raise ValueError("its states have probabilities that do not sum to 1.")
+        raise ValueError("probabilities of the states do not sum to 1.")
     return states
 
 
 def _novelty(data: xr.Dataset) -> NoveltyScores | None:
-    """The scores in a model's file; files of older versions have none, or none with a reference of their own."""
+    """Novelty scores of a model file; files of older versions have none, or none with their own reference."""
     if "novelty_reference" not in data:
         return None
     names = ("novelty_reference", "novelty_edges", "novelty_misfit", "novelty_cell")
@@ -235,7 +235,7 @@ def _novelty(data: xr.Dataset) -> NoveltyScores | None:
     cells = data.sizes["where"] * data.sizes["what"]
     finite = np.isfinite(scores.misfit).all() and (scores.misfit >= 0).all() and np.isfinite(scores.edges).all()
     if not finite or ((scores.cell < 0) | (scores.cell >= cells)).any():
-        raise ValueError("its novelty scores are not finite or belong to no class.")
+        raise ValueError("novelty scores are not finite or do not match the classes.")
     if (scores.reference < 0).any() or not (np.diff(scores.edges) > 0).all():
-        raise ValueError("its novelty scores have a reference below 0 or edges that do not increase.")
+        raise ValueError("novelty scores have a negative reference or edges that do not increase.")
     return scores

@@ -1,4 +1,4 @@
-"""What a file holds before it becomes a `TapSet`: samples, and labels for each of their rows.
+"""Content of a file before it becomes a `TapSet`: samples, with labels for each row.
 
 Every reader (`io.npz`, `io.mat`, `io.csv`) returns a `Recording`. Its rows are taps where the file holds
 cut taps, and frames where it holds continuous streams; the labels have the same meaning in both.
@@ -20,7 +20,7 @@ from ..taps import TapSet
 
 @dataclass(frozen=True, eq=False)
 class Labels:
-    """Labels of `n` rows and the tables they point into; the names are those of `TapSet.from_arrays`.
+    """Labels of `n` rows and the tables they refer to; names as in `TapSet.from_arrays`.
 
     Attributes:
         what: Object of each row as an index into `what_name`, shape (n,).
@@ -29,7 +29,7 @@ class Labels:
         trial: Number of each row as recorded, shape (n,), or `None` for the order of the rows.
         what_name: Names of the objects.
         extra: Further arrays of shape (n,) or (n, K).
-        tables: Whatever else `TapSet.from_arrays` takes that has no row axis: `where_value`, `where_edges`,
+        tables: Other arguments of `TapSet.from_arrays`, without a row axis: `where_value`, `where_edges`,
             `where_unit`, `what_value`, `what_unit`, `taxel_position`, `units`, `sensor`, `source`, `licence`.
     """
 
@@ -42,7 +42,7 @@ class Labels:
     tables: Mapping[str, Any] = field(default_factory=dict)
 
     def take(self, rows: ArrayLike) -> Self:
-        """The labels of these rows, tables unchanged."""
+        """Labels of these rows, with the same tables."""
         rows = np.asarray(rows, dtype=np.intp)
         return replace(
             self,
@@ -54,7 +54,7 @@ class Labels:
         )
 
     def tapset(self, taps: NDArray[np.floating], preprocessing: Preprocessing) -> TapSet:
-        """The labelled taps, `taps` of shape (n, J, K)."""
+        """Tap set of labelled taps, `taps` of shape (n, J, K)."""
         return TapSet.from_arrays(
             taps,
             self.what,
@@ -75,9 +75,9 @@ class Recording:
     Attributes:
         samples: Cut taps, shape (N, J, K), or frames of continuous streams, shape (S, K).
         labels: Labels of the `N` taps or `S` frames.
-        rate_hz: Sampling rate in hertz, `None` where the file does not tell.
+        rate_hz: Sampling rate in hertz, `None` if not given.
         file: For streams, the number of the file that each frame comes from, shape (S,).
-        left_out: Arrays that could not be kept, each with its shape, for the message to the user.
+        left_out: Arrays that could not be kept, with their shapes, for messages.
     """
 
     samples: NDArray[np.floating]
@@ -88,24 +88,24 @@ class Recording:
 
     @property
     def is_stream(self) -> bool:
-        """Whether the rows are frames that still have to be cut into taps."""
+        """Whether the rows are frames still to be cut into taps."""
         return self.samples.ndim == 2
 
     def tapset(self) -> TapSet:
-        """The cut taps as they are.
+        """Tap set of the cut taps.
 
         Raises:
             InputError: The rows are frames of streams, or as `TapSet`.
         """
         if self.is_stream:
-            raise InputError("this holds continuous streams; solidtouch convert --segment cuts them into taps.")
+            raise InputError("contains continuous streams; cut them into taps with solidtouch convert --segment.")
         record = Preprocessing(samples=self.samples.shape[1], rate_hz=self.rate_hz)
         return self.labels.tapset(self.samples, record)
 
 
 @contextmanager
 def naming(path: str | Path) -> Iterator[None]:
-    """Puts the file's name in front of the `InputError` sentences raised inside the block."""
+    """Puts the path in front of the message of any `InputError` raised inside the block."""
     try:
         yield
     except InputError as error:
@@ -113,13 +113,13 @@ def naming(path: str | Path) -> Iterator[None]:
 
 
 def as_samples(name: str, values: NDArray[Any]) -> NDArray[np.floating]:
-    """The samples as float32 or float64, as stored; whole numbers become float64.
+    """Samples as float32 or float64, as stored; integers become float64.
 
     Raises:
-        InputError: They are no real numbers, or one of them is NaN or infinite.
+        InputError: They are not real numbers, or one is NaN or infinite.
     """
     if values.dtype.kind not in "fiub":
-        raise InputError(f"the array {name} must hold real numbers, got {values.dtype}.")
+        raise InputError(f"array {name} must hold real numbers, got {values.dtype}.")
     if values.dtype not in (np.float32, np.float64):
         values = values.astype(np.float32 if values.dtype == np.float16 else np.float64)
     bad = np.argwhere(~np.isfinite(values))

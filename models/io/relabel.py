@@ -1,4 +1,4 @@
-"""Attributes of a tap set, corrected by the person who knows better than the file."""
+"""Corrected attributes of a tap set."""
 
 from dataclasses import replace
 
@@ -19,26 +19,26 @@ def relabel(
     what_unit: str | None = None,
     rate_hz: float | None = None,
 ) -> TapSet:
-    """The same taps with these attributes; `None` keeps what is there.
+    """The same taps with new attributes; `None` keeps the old one.
 
     Args:
         taps: The taps.
-        sensor: What recorded them.
-        source: Where they come from.
-        licence: Under which terms.
+        sensor: Name of the sensor.
+        source: Origin of the data.
+        licence: Licence of the data.
         units: Unit of the samples.
         where_unit: Unit of the positions.
         what_unit: Unit of the object sizes.
         rate_hz: Sampling rate in hertz.
 
     Raises:
-        InputError: A unit is given for object sizes that are not there, or the rate is not positive.
+        InputError: A unit is given for objects without sizes, or the rate is not positive.
     """
     dataset = taps.dataset.copy()
     attributes = {"sensor": sensor, "source": source, "licence": licence}
     dataset.attrs.update({name: text for name, text in attributes.items() if text is not None})
     if what_unit is not None and "what_value" not in dataset.coords:
-        raise InputError("--what-unit was given, but the objects have no sizes.")
+        raise InputError("what_unit (--what-unit) was given, but the objects have no sizes.")
     for unit, names in (
         (units, ("taps",)),
         (where_unit, ("where", "where_value", "where_edges")),

@@ -1,4 +1,4 @@
-"""Recordings of the rig to a `TapSet`, by the same `TapCutter` that cuts them at the rig."""
+"""Recordings of the rig to a `TapSet`, cut by the same `TapCutter` as at the rig."""
 
 from collections.abc import Iterator
 from datetime import UTC, datetime
@@ -18,11 +18,11 @@ from .rig_recording import About, Event, Frame, Press, Tap, TapLabel
 
 
 class RecordedTap(NamedTuple):
-    """An accepted tap that has a label.
+    """An accepted, labelled tap.
 
     Attributes:
-        label: What it is called.
-        samples: Its samples, shape (J, K).
+        label: Label of the tap.
+        samples: Samples, shape (J, K).
     """
 
     label: TapLabel
@@ -30,13 +30,13 @@ class RecordedTap(NamedTuple):
 
 
 class RigTaps(NamedTuple):
-    """The taps of a file, and what could not be had.
+    """Taps of a file, and what was lost.
 
     Attributes:
-        about: What was recorded.
-        taps: The accepted taps.
-        lost: What was lost as a phrase, empty where nothing was.
-        began_ns: When the recording began, in nanoseconds since 1970.
+        about: Header of the recording.
+        taps: Accepted taps.
+        lost: What was lost, as a phrase; empty if nothing.
+        began_ns: Start of the recording, in nanoseconds since 1970.
     """
 
     about: About
@@ -46,13 +46,13 @@ class RigTaps(NamedTuple):
 
 
 class _Replay:
-    """Cuts the frames of a recording as the rig did, or not at all.
+    """Cuts the frames of a recording exactly as the rig did, or drops them.
 
-    Behind damage the cutter starts anew; the state of a high-pass is gone then, and with it the taps up to the next
+    After damage the cutter restarts; the state of a high-pass filter is then lost, and with it the taps up to the next
     stream.
 
     Args:
-        preprocessing: How taps are prepared.
+        preprocessing: Preprocessing of the taps.
     """
 
     def __init__(self, preprocessing: Preprocessing) -> None:
@@ -61,7 +61,7 @@ class _Replay:
         self._restart()
 
     def take(self, entry: Entry) -> RecordedTap | None:
-        """The tap that a message accepts."""
+        """Tap accepted by a message, or None."""
         match entry.content:
             case _ if not entry.intact:
                 self._spoiled = self._preprocessing.highpass_hz > 0
@@ -95,7 +95,7 @@ class _Replay:
         try:
             for cut in self._cutter.push(frames):
                 self._samples = cut.samples
-        except ValueError:  # damage changed the length of a frame, and the checksum will tell
+        except ValueError:  # damage changed the length of a frame; the checksum will show it
             self._restart()
 
 
@@ -107,17 +107,17 @@ def _labelled(label: dict[str, Any], samples: NDArray[np.float64]) -> RecordedTa
 
 
 def read_rig(path: str | Path) -> RigTaps:
-    """The accepted taps of a recording that have a label, in order; a tap in progress at the end is left out.
+    """Accepted, labelled taps of a recording, in order, without a tap in progress at the end.
 
     Raises:
-        InputError: The file cannot be read, or says not what was recorded.
+        InputError: The file cannot be read, or its header is missing.
     """
     reader = RecordingReader(path)
     with naming(path):
         entries = iter(reader)
         first = next(entries, None)
         if first is None or not isinstance(first.content, About):
-            raise InputError("the file does not begin with what was recorded, so it is no recording of the rig.")
+            raise InputError("not a recording of the rig: the header is missing.")
         taps = list(_taps(entries, Preprocessing.from_json(first.content.preprocessing)))
     return RigTaps(first.content, taps, reader.lost(), first.log_time_ns)
 
@@ -130,16 +130,16 @@ def _taps(entries: Iterator[Entry], preprocessing: Preprocessing) -> Iterator[Re
 
 
 def taps_from_recording(path: str | Path) -> TapSet:
-    """The labelled taps of a recording.
+    """Tap set of the labelled taps of a recording.
 
     Raises:
-        InputError: The file cannot be read, is no recording of the rig, or holds no accepted tap with a label.
+        InputError: The file cannot be read, is not a recording of the rig, or has no accepted, labelled tap.
     """
     return tapset(read_rig(path), path)
 
 
 def tapset(recorded: RigTaps, path: str | Path) -> TapSet:
-    """The labelled taps of a recording that was read.
+    """Tap set of the labelled taps of a recording, once read.
 
     Raises:
         InputError: There are none, or a label points outside its table.
@@ -147,7 +147,7 @@ def tapset(recorded: RigTaps, path: str | Path) -> TapSet:
     with naming(path):
         if not recorded.taps:
             lost = f"; {recorded.lost}" if recorded.lost else ""
-            raise InputError(f"the recording holds no accepted tap with a label{lost}.")
+            raise InputError(f"the recording has no accepted, labelled tap{lost}.")
         return _labelled_set(recorded)
 
 
@@ -156,11 +156,11 @@ def _labelled_set(recorded: RigTaps) -> TapSet:
     edges = np.asarray(about.where_edges_mm, dtype=np.float64)
     sizes = {tap.samples.shape[1] for tap in taps}
     if len(sizes) > 1:
-        raise InputError(f"taps of {max(sizes)} and of {min(sizes)} taxels are mixed.")
+        raise InputError(f"taps have different numbers of taxels, {min(sizes)} to {max(sizes)}.")
     (K,) = sizes
     positions = about.taxel_position_mm
     if len(positions) % K:
-        raise InputError(f"the file gives {len(positions)} coordinates of taxels for frames of {K} taxels.")
+        raise InputError(f"{len(positions)} taxel coordinates do not match frames of {K} taxels.")
     labels = [tap.label for tap in taps]
     return TapSet.from_arrays(
         np.stack([tap.samples for tap in taps]),

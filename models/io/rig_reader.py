@@ -1,7 +1,7 @@
-"""Reading a recording of the rig, whole or damaged.
+"""Reader for recordings of the rig, complete or damaged.
 
-A process that was killed leaves a file without summary, and a lost supply one with anything at its end. Whatever came
-before the damage is read, and a checksum in every `Tap` tells whether what came before it is what was written.
+A killed process leaves a file without a summary, and a power failure one with arbitrary bytes at its end. Everything
+before the damage is read; a checksum in every `Tap` verifies the messages before it.
 """
 
 import zlib
@@ -25,11 +25,11 @@ class Entry(NamedTuple):
     """One message of a recording.
 
     Attributes:
-        topic: Its topic.
+        topic: Topic.
         log_time_ns: Nanoseconds since 1970.
-        data: Its bytes.
-        content: The same decoded, None where they cannot be.
-        intact: Whether it can be decoded and, for a `Tap`, its checksum is that of what was read before it.
+        data: Raw bytes.
+        content: Decoded message, None if it cannot be decoded.
+        intact: Whether it can be decoded and, for a `Tap`, its checksum matches the messages before it.
     """
 
     topic: str
@@ -40,7 +40,7 @@ class Entry(NamedTuple):
 
 
 class RecordingReader:
-    """Reads the messages of a file in order, up to its end or to where it is damaged beyond reading.
+    """Reads the messages of a file in order, up to its end or unreadable damage.
 
     Args:
         path: The file.
@@ -48,11 +48,11 @@ class RecordingReader:
     Attributes:
         path: The file.
         finished: Once read: whether the file was closed properly.
-        lost_bytes: Once read: bytes at the end that are no whole record.
-        damaged: Once read: messages that cannot be decoded, and taps whose checksum is wrong.
+        lost_bytes: Once read: number of bytes at the end after the last complete record.
+        damaged: Once read: number of undecodable messages and of taps with a wrong checksum.
 
     Raises:
-        InputError: The file cannot be read or is no MCAP file.
+        InputError: The file cannot be read or is not an MCAP file.
     """
 
     def __init__(self, path: str | Path) -> None:
@@ -64,12 +64,12 @@ class RecordingReader:
             with self.path.open("rb") as file:
                 begin = file.read(len(MCAP0_MAGIC))
         except OSError as error:
-            raise InputError(f"{path} cannot be read: {error.strerror or error}.") from error
+            raise InputError(f"{path}: cannot read: {error.strerror or error}.") from error
         if not MCAP0_MAGIC.startswith(begin):
-            raise InputError(f"{path} is no MCAP file.")
+            raise InputError(f"{path}: not an MCAP file.")
 
     def __iter__(self) -> Iterator[Entry]:
-        """The messages with a known topic."""
+        """Messages with a known topic."""
         self.damaged = crc = 0
         topics: dict[int, str] = {}
         for record in self._records():
@@ -84,7 +84,7 @@ class RecordingReader:
                 yield entry
 
     def lost(self) -> str:
-        """What was lost as a phrase, empty where nothing was; once read."""
+        """What was lost, as a phrase, empty if nothing; once read."""
         parts = []
         if self.lost_bytes:
             parts.append(f"the last {self.lost_bytes} bytes are damaged")

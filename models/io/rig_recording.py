@@ -1,6 +1,6 @@
-"""How a recording of the rig is laid out: an MCAP file, which robot log viewers open.
+"""Layout of a recording of the rig: an MCAP file, readable by robot log viewers.
 
-Every message is JSON with a schema; the file has no chunks and no compression, so that each message is on its own.
+Every message is JSON with a schema; the file has no chunks and no compression, so messages are independent.
 
 ==============  =========  ============================================================================
 topic           content    when
@@ -9,9 +9,9 @@ topic           content    when
 ``/frame``      `Frame`    every reading of the sensor
 ``/status``     `Status`   every status report of the stage
 ``/command``    `Command`  everything sent to a device
-``/event``      `Event`    anything else; kind ``stream`` says that the readings start anew
+``/event``      `Event`    anything else; kind ``stream`` marks a restart of the readings
 ``/press``      `Press`    the next frame is the first after the press
-``/tap``        `Tap`      the tap pressed last is complete; carries a checksum of what came since the one before
+``/tap``        `Tap`      the last tap is complete; has a checksum of the messages since the previous one
 ==============  =========  ============================================================================
 
 The log time is the wall clock when the file was opened plus the rig time since.
@@ -24,17 +24,17 @@ from msgspec import UNSET, Struct, UnsetType
 
 
 class About(Struct, frozen=True, kw_only=True):
-    """What was recorded, and how.
+    """Header of a recording.
 
     Attributes:
-        name: What the rig is called.
-        sensor: What recorded the taps.
-        settings: The settings of the rig, defaults included.
-        text: The file that they come from.
-        preprocessing: Record of how taps are prepared, as JSON.
-        where_edges_mm: Edges of the where classes, shape (L + 1,).
+        name: Name of the rig.
+        sensor: Name of the sensor.
+        settings: Settings of the rig, including defaults.
+        text: Text of the rig's file.
+        preprocessing: Preprocessing of the taps, as JSON.
+        where_edges_mm: Edges of the position classes, shape (L + 1,).
         taxel_position_mm: Positions of the taxels one after the other, K times 2 or 3 numbers, or none.
-        plan: The plan of the collection, if there is one.
+        plan: Plan of the collection, if any.
         session: Number of the recording session.
         objects: Names of the objects.
         sizes_mm: Size of each object, or none.
@@ -66,7 +66,7 @@ class Frame(Struct, frozen=True):
 
 
 class Status(Struct, frozen=True):
-    """A status report of the stage, with its position in the rig frame where that is known."""
+    """A status report of the stage, with its position in the rig frame if known."""
 
     time_s: float
     state: str
@@ -84,7 +84,7 @@ class Command(Struct, frozen=True):
 
 
 class Event(Struct, frozen=True):
-    """Anything else worth knowing."""
+    """Any other event."""
 
     time_s: float
     kind: str
@@ -93,20 +93,20 @@ class Event(Struct, frozen=True):
 
 
 class Press(Struct, frozen=True):
-    """A tap starts; the label is that of a `TapLabel`, or has fewer keys where the tap is not to be kept."""
+    """Start of a tap; the label has the keys of a `TapLabel`, or fewer if the tap is not to be kept."""
 
     time_s: float
     label: dict[str, Any]
 
 
 class Tap(Struct, frozen=True):
-    """The tap pressed last is complete.
+    """Completion of the last tap.
 
     Attributes:
         time_s: Rig time in seconds.
-        accepted: Whether its readings can be believed.
-        reason: Why not, else empty.
-        crc: CRC-32 of the data of all messages since the `Tap` before, this one left out.
+        accepted: Whether its readings are plausible.
+        reason: Why it was rejected; empty if accepted.
+        crc: CRC-32 of the data of all messages since the previous `Tap`, excluding this one.
     """
 
     time_s: float
@@ -116,7 +116,7 @@ class Tap(Struct, frozen=True):
 
 
 class TapLabel(Struct, frozen=True):
-    """What a tap that is kept is called.
+    """Label of a tap to be kept.
 
     Attributes:
         trial: Number of the tap in its session.
@@ -143,6 +143,6 @@ TOPICS: dict[str, type[Struct]] = {
 
 
 def json_schema(kind: type[Struct]) -> bytes:
-    """The JSON schema of a message, an object at its top as viewers need it."""
+    """JSON schema of a message, with an object at the top level as viewers require."""
     _, components = msgspec.json.schema_components([kind])
     return msgspec.json.encode(components[kind.__name__])

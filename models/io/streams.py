@@ -1,4 +1,4 @@
-"""Continuous streams to taps, with the same `TapCutter` that works beside the rig."""
+"""Cuts continuous streams into taps, with the same `TapCutter` as at the rig."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
@@ -15,13 +15,13 @@ from .recording import Recording
 
 @dataclass(frozen=True, eq=False)
 class Segmented:
-    """Taps cut from streams, and what was lost on the way.
+    """Taps cut from streams, and what was lost.
 
     Attributes:
-        taps: The taps; `trial` counts them through their session.
+        taps: The taps; `trial` counts them within their session.
         streams: Number of streams.
-        incomplete: Number of taps cut short by the end or the beginning of their stream.
-        silent: The streams in which no whole tap was found, each with session, object and length.
+        incomplete: Number of taps cut short by the start or end of their stream.
+        silent: Streams without a complete tap, each with session, object and length.
     """
 
     taps: TapSet
@@ -33,18 +33,18 @@ class Segmented:
 def segment(recording: Recording, preprocessing: Preprocessing) -> Segmented:
     """Cuts every stream of a recording; a stream is a maximal run of one object in one session of one file.
 
-    A tap gets the labels of the frame that triggered it: its position, which may change along the stream, is the
-    one at the first contact.
+    A tap has the labels of the frame that triggered it: its position, which may change along the stream, is that at the
+    first contact.
 
     Args:
         recording: Frames with labels, shape (S, K).
-        preprocessing: What to do; its trigger must be `"clock"` or `"contact"`. Its rate is used as it is.
+        preprocessing: Preprocessing; its trigger must be `"clock"` or `"contact"`. Its rate is used unchanged.
 
     Raises:
         InputError: The recording holds cut taps, the record has no trigger, or no tap was found.
     """
     if recording.file is None:
-        raise InputError("the file holds taps that are cut already, --segment is for continuous streams.")
+        raise InputError("the taps are already cut; segmenting (--segment) is for continuous streams.")
     labels = recording.labels
     windows: list[NDArray[np.float64]] = []
     rows: list[int] = []
@@ -60,7 +60,7 @@ def segment(recording: Recording, preprocessing: Preprocessing) -> Segmented:
             name = labels.what_name[labels.what[first]]
             silent.append(f"session {labels.session[first]}, {name}, {last - first} frames")
     if not windows:
-        raise InputError(f"no tap was found in {streams} streams; {_why(recording, preprocessing, incomplete)}.")
+        raise InputError(f"no tap found in {streams} streams: {_why(recording, preprocessing, incomplete)}.")
     taken = labels.take(rows)
     taken = replace(taken, trial=_count(taken.session))
     samples = np.stack(windows).astype(recording.samples.dtype)
@@ -93,7 +93,7 @@ def _count(session: NDArray[np.int64]) -> NDArray[np.int64]:
 
 def _why(recording: Recording, preprocessing: Preprocessing, incomplete: int) -> str:
     if incomplete:
-        return f"{incomplete} began but were cut short by the end or the beginning of their stream"
+        return f"{incomplete} were cut short by the start or end of their stream"
     if preprocessing.trigger == "contact":
         low, high = recording.samples.min(), recording.samples.max()
         return f"the level is {preprocessing.trigger_level:g} and the values as stored span {low:g} to {high:g}"

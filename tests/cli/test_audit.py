@@ -255,7 +255,7 @@ def test_little_data_give_a_page_all_the_same(name, tmp_path):
 
 BAD = {
     "no file": (0, (), "Missing argument"),
-    "missing": (3, ("none.nc",), "none.nc does not exist"),
+    "missing": (3, ("none.nc",), "none.nc: no such file"),
     "threshold": (3, ("--theta", "1"), "--theta must lie between 0 and 1, got 1.0"),
     "NaN": (3, ("--theta", "nan"), "--theta must lie between 0 and 1, got nan"),
     "move threshold": (3, ("--theta-x", "2"), "--theta-x must lie between 0 and 1"),

@@ -57,7 +57,7 @@ def stop_at(attempt, act):
 
 
 def stale():
-    raise StaleSensor("/dev/finger: no reading came for 150 ms.")
+    raise StaleSensor("/dev/finger: no reading for 150 ms.")
 
 
 def test_a_plan_becomes_a_tap_set(bench, words, command, tmp_path):
@@ -75,7 +75,7 @@ def test_a_plan_becomes_a_tap_set(bench, words, command, tmp_path):
 
 
 STOPS = {
-    "a device": (stale, 3, "no reading came for 150 ms"),
+    "a device": (stale, 3, "no reading for 150 ms"),
     "ctrl-c": (lambda: signal.raise_signal(signal.SIGINT), 130, "interrupted"),
     "sigterm": (lambda: signal.raise_signal(signal.SIGTERM), 143, "interrupted"),
 }
@@ -124,7 +124,7 @@ def test_what_was_lost_is_told_on_resuming(bench, words, command, tmp_path):
     ("old", "new", "message"),
     [
         ("spacing_mm = 1.0", "spacing_mm = 3.0", "a whole number of spacings"),
-        ("start_mm = 1.0", "start_mm = 0.0", "positions: 0.5 mm lies outside the where classes"),
+        ("start_mm = 1.0", "start_mm = 0.0", "positions: 0.5 mm is outside the range of the rig"),
         ("session = 4", "sesion = 4", "unknown key `sesion`"),
     ],
 )

@@ -214,18 +214,18 @@ def test_crosscheck_leaves_numpyro_out_where_the_border_is_no_kernel(command, ta
     done = command("crosscheck", taps_file, "--episodes", 1, "--length", 4, "--border", "prior", "--bins", 6)
 
     assert done.code == 0
-    assert "no Markov kernel" in done.out
+    assert "not a Markov kernel" in done.out
     assert "numpy, numpyro" not in done.out
 
 
 @pytest.mark.parametrize(
     ("words", "said"),
     [
-        (["fit", "MISSING", "--out", "MODEL"], "missing.nc does not exist"),
-        (["fit", "FOLDER", "--out", "MODEL"], "without .csv"),
-        (["fit", "TAPS", "--out", "TAPS"], "exists already; --force"),
+        (["fit", "MISSING", "--out", "MODEL"], "missing.nc: no such file"),
+        (["fit", "FOLDER", "--out", "MODEL"], "no .csv files"),
+        (["fit", "TAPS", "--out", "TAPS"], "already exists; set force (--force)"),
         (["fit", "TAPS", "--out", "OUT"], "must end in .nc"),
-        (["fit", "TAPS", "--out", "NOWHERE"], "there is no folder"),
+        (["fit", "TAPS", "--out", "NOWHERE"], "no folder"),
         (["fit", "TAPS", "--out", "MODEL", "--power", "K"], "power must be J, JK, none or a positive number, got 'K'"),
         (["fit", "TAPS", "--out", "MODEL", "--power", "K"], "got 'K'; learned finds one"),
         (["fit", "TAPS", "--out", "MODEL", "--power", "learned:0"], "a number of taps, got 'learned:0'"),
@@ -235,35 +235,35 @@ def test_crosscheck_leaves_numpyro_out_where_the_border_is_no_kernel(command, ta
         (["fit", "TAPS", "--out", "MODEL", "--model", "gauss"], "no model 'gauss'; there are histogram, gaussian"),
         (["fit", "TAPS", "--out", "MODEL", "--gain-sd", "0.1"], "go with session models only, and not with histogram"),
         (["crosscheck", "TAPS", "--model", "profile:session"], "There is no model 'profile:session'"),
-        (["crosscheck", "TAPS", "--model", "session", "--border", "prior"], "--border prior does not go with a model"),
+        (["crosscheck", "TAPS", "--model", "session", "--border", "prior"], "border 'prior' does not support models"),
         (["reproduce", "--data", "TAPS", "--out", "OUT", "--model", "student:x"], "There is no model 'student:x'"),
         (
             ["reproduce", "--data", "TAPS", "--out", "OUT", "--model", "session", "--border", "prior"],
-            "--border prior does not go with a model that carries a state",
+            "border 'prior' does not support models that carry a state",
         ),
         (["reproduce", "--data", "TAPS", "--out", "OUT", "--power", "learned"], "needs two training sessions or more"),
         (["fit", "TAPS", "--out", "MODEL", "--saturation", "0"], "saturation must be a positive number of taps"),
         (["reproduce", "--data", "TAPS", "--out", "OUT", "--saturation", "-1"], "saturation must be a positive"),
-        (["fit", "TAPS", "--out", "MODEL", "--where-cell", "3kg"], "--where-cell '3kg' cannot be converted"),
+        (["fit", "TAPS", "--out", "MODEL", "--where-cell", "3kg"], "(--where-cell) '3kg' cannot be converted"),
         (["fit", "TAPS", "--out", "MODEL", "--split", "thirds"], "thirds"),
         (["fit", "TAPS", "--out", "MODEL", "--train", "0", "--test", "7"], "session 7|7"),
         (["fit", "TAPS", "--out", "MODEL", "--split", "leave-one-session-out"], "makes 2 models"),
-        (["fit", "TAPS", "TAPS", "TAPS", "--out", "MODEL"], "One data file or two"),
+        (["fit", "TAPS", "TAPS", "TAPS", "--out", "MODEL"], "Give one data file, or two"),
         (["fit", "TAPS", "--out", "MODEL", "--where-cell", "1e-9"], "too narrow"),
         (["fit", "TAPS", "--out", "/dev/null", "--force"], "must end in .nc"),
         (["crosscheck", "FOREIGN"], "foreign.npz"),
-        (["reproduce", "--data", "MISSING", "--out", "OUT"], "missing.nc does not exist"),
+        (["reproduce", "--data", "MISSING", "--out", "OUT"], "missing.nc: no such file"),
         (["reproduce", "TAPS"], "named with --data"),
-        (["reproduce", "--data", "TAPS", "--out", "TAPS"], "is a file, a folder is needed"),
-        (["reproduce", "--data", "TAPS", "--out", "FULL"], "exists already; --force"),
-        (["reproduce", "--data", "TAPS", "--out", "OUT", "--fixation", "3"], "must be a class index from 0"),
+        (["reproduce", "--data", "TAPS", "--out", "TAPS"], "is a file, expected a folder"),
+        (["reproduce", "--data", "TAPS", "--out", "FULL"], "already exists; set force (--force)"),
+        (["reproduce", "--data", "TAPS", "--out", "OUT", "--fixation", "3"], "must be an index from 0"),
         (["reproduce", "--data", "TAPS", "--out", "OUT", "--thresholds", "a"], "--thresholds needs numbers"),
         (["reproduce", "--data", "TAPS", "--out", "OUT", "--thresholds", "1.5"], "--thresholds needs different"),
         (["reproduce", "--data", "TAPS", "--out", "OUT", "--theta-x", "2"], "--theta-x must lie between 0 and 1"),
         (["reproduce", "--data", "TAPS", "--out", "OUT", "--border", "clamp", "--power", "-1"], "power"),
         (["reproduce", "--split", "parity", "--out", "OUT"], "--split goes with recorded taps only"),
         (["reproduce", "--data", "TAPS", "--data-sets", "3", "--out", "OUT"], "--data-sets goes with simulated taps"),
-        (["reproduce", "--preset", "papre", "--out", "OUT"], "no preset 'papre'"),
+        (["reproduce", "--preset", "papre", "--out", "OUT"], "Unknown preset 'papre'"),
     ],
     ids=lambda value: " ".join(value) if isinstance(value, list) else "",
 )  # fmt: skip

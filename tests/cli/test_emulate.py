@@ -58,7 +58,7 @@ def test_a_second_one_leaves_the_first_alone(tmp_path, command):
         second = command("emulate", "--out", tmp_path)
 
         assert second.code == 2
-        assert "control: another emulator serves there" in second.err
+        assert "control: another emulator is running there" in second.err
 
         rig = load_rig(tmp_path / "rig.toml")
         with SocketConnection(rig.emulator.control) as connection:
@@ -103,8 +103,8 @@ def test_the_faults_are_listed_without_a_folder(command):
 @pytest.mark.parametrize(
     ("options", "sentence"),
     [
-        (["--preset", "none"], "There is no preset 'none'"),
-        (["--fault", "jump"], "There is no fault 'jump'"),
+        (["--preset", "none"], "Unknown preset 'none'"),
+        (["--fault", "jump"], "Unknown fault 'jump'"),
         (["--fault", "late:delay_s"], "--fault late:delay_s: 'delay_s' is no key=value"),
         (["--fault", "late:times=many"], "Fault late|--fault late"),
         (["--sensor", "eye"], "Invalid value for '--sensor'"),
@@ -123,7 +123,7 @@ def test_a_path_too_long_for_a_socket_is_refused_before_anything_is_made(command
     done = command("emulate", "--out", folder)
 
     assert done.code == 2
-    assert "the path of a socket may have 107 bytes" in done.err
+    assert "a socket path may have at most 107 bytes" in done.err
     assert not folder.exists()
 
 

@@ -96,9 +96,9 @@ def test_a_limit_on_the_evidence_is_said(make_taps, tmp_path, command):
         (("--format", "c-header", "--out", "model.c"), "--out must end in .h or .hpp with --format c-header"),
         (("--format", "json", "--threshold", "1.5"), "--threshold must lie between 0 and 1, got 1.5"),
         (("--format", "json", "--theta-x", "-1"), "--theta-x must lie between 0 and 1, got -1"),
-        (("--format", "json", "--fixation", "16"), "The fixation point must be a class index from 0 to 15, got 16"),
-        (("--format", "json", "--out", "no/model.json"), "no/model.json cannot be written: there is no folder no"),
-        (("--format", "json", "--setting", "no.json"), "no.json does not exist"),
+        (("--format", "json", "--fixation", "16"), "The fixation point must be an index from 0 to 15, got 16"),
+        (("--format", "json", "--out", "no/model.json"), "no/model.json: cannot write: no folder no"),
+        (("--format", "json", "--setting", "no.json"), "no.json: no such file"),
     ],
     ids=lambda value: " ".join(value) if isinstance(value, tuple) else "",
 )
@@ -127,7 +127,7 @@ def test_a_file_is_replaced_by_force_only(make_taps, tmp_path, command):
     single = model.with_suffix(".h").read_text(encoding="utf-8")
 
     assert done.code == 2
-    assert "model.h exists already; --force overwrites it" in done.err
+    assert "model.h: already exists; set force (--force) to overwrite it" in done.err
     assert command(*words, "--force").code == 0
     assert "SOLIDTOUCH_REAL float\n" in single
     assert "SOLIDTOUCH_REAL double\n" in model.with_suffix(".h").read_text(encoding="utf-8")

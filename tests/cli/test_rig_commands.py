@@ -117,9 +117,9 @@ def test_from_a_new_bench_to_a_decision(tmp_path, monkeypatch, command):
     with serving(tmp_path, homed=False) as bench:
         found = names(tmp_path)
         before_homing = command("rig", "check", "rig.toml", "--seconds", 1)
-        assert (before_homing.code, "need --home" in " ".join(before_homing.out.split())) == (1, True)
+        assert (before_homing.code, "home the stage first (--home)" in " ".join(before_homing.out.split())) == (1, True)
         refused = command("collect", "rig.toml", "plan.toml", "--out", "a.mcap")
-        assert (refused.code, "home it with --home" in refused.err) == (3, True)
+        assert (refused.code, "home it (--home)" in refused.err) == (3, True)
         checked = command("rig", "check", "rig.toml", "--home")
         assert (checked.code, "Nothing is wrong." in checked.out) == (0, True)
         assert names(tmp_path) == found
@@ -178,7 +178,7 @@ def test_an_emulator_that_is_not_there_is_one_sentence(name, tmp_path, model, co
     done = command(*words(name, model))
 
     assert done.code == 3
-    assert "control: no emulator answers; start it with `solidtouch emulate`." in done.err
+    assert "control: no emulator answers; start one with `solidtouch emulate`." in done.err
     assert done.err.count("\n") == 1
     assert names(tmp_path) == before
 
@@ -197,7 +197,7 @@ def test_a_disk_without_room_is_found_before_the_first_move(case, name, bench, m
         done = command(*words(name, model))
 
     assert done.code == 2
-    assert "cannot be written any more" in done.err or "left on its disk" in done.err
+    assert "writing failed" in done.err or "are free on the disk" in done.err
     assert names(bench.folder) == before
     assert not bench.places
     assert bench.emulation.state()["place_mm"] == place
@@ -208,7 +208,7 @@ def test_a_file_that_cannot_be_made_is_found_before_the_first_move(name, bench, 
     done = command(*(str(word).replace("a.mcap", "plan.toml/a.mcap") for word in words(name, model)))
 
     assert (done.code, done.err.count("\n")) == (2, 1)
-    assert "there is no folder plan.toml" in done.err
+    assert "cannot write: no folder plan.toml" in done.err
     assert not bench.places
 
 
@@ -217,7 +217,7 @@ def test_a_disk_that_gets_full_stops_a_collection_that_can_go_on(bench, command)
         done = command(*words("collect", None))
 
     assert done.code == 2
-    assert "a.mcap cannot be written any more" in done.err
+    assert "a.mcap: writing failed" in done.err
     assert is_off(bench)
     kept = len(read_rig("a.mcap").taps)
     assert 0 < kept < TAPS
@@ -263,7 +263,7 @@ def test_what_is_perceived_is_recorded(bench, model, command):
 
     read = len(bench.places)
     again = command(*base)
-    assert (again.code, "p.mcap exists already; --force overwrites it." in again.err) == (2, True)
+    assert (again.code, "p.mcap: already exists; set force (--force) to overwrite it." in again.err) == (2, True)
     assert len(bench.places) == read
     assert command(*base, "--deadline", 1, "--force").code == 0
     assert len(read_rig("p.mcap").taps) == 1

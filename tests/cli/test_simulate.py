@@ -31,7 +31,7 @@ def test_every_session_becomes_one_file(tmp_path, capsys):
 def test_existing_files_are_kept_unless_forced(tmp_path):
     """One file in the way stops the command before it writes any."""
     (tmp_path / "session-1.nc").write_text("mine")
-    with pytest.raises(InputError, match=r"session-1\.nc exists already; --force"):
+    with pytest.raises(InputError, match=r"session-1\.nc: already exists; set force \(--force\)"):
         simulate(tmp_path, sessions=2)
 
     assert [tmp_path / "session-1.nc"] == list(tmp_path.iterdir())
@@ -98,7 +98,7 @@ def test_seeds_that_no_data_set_has_are_refused(command, tmp_path):
 
 
 REFUSED = {
-    "unknown preset": ({"preset": "papr"}, "the presets are paper, ideal, broken, hold2, nodrift, model"),
+    "unknown preset": ({"preset": "papr"}, "choose from paper, ideal, broken, hold2, nodrift, model"),
     "no session": ({"sessions": 0}, "--sessions must be at least 1, got 0"),
     "model without a file": ({"preset": "model"}, "name its file with --model"),
     "file without preset model": ({"samples": 3}, "go with --preset model only"),

@@ -48,7 +48,7 @@ def test_a_folder_is_not_replaced_without_force(call, tmp_path):
         (("--presets", "none"), "--presets none needs a file"),
         (("--presets", "none", "--no-regret"), "or --regret"),
         (("--presets", "paper,paper"), "names one twice"),
-        (("--presets", "papr"), "There is no preset 'papr'"),
+        (("--presets", "papr"), "Unknown preset 'papr'"),
         (("nothing.nc", "--presets", "none"), "nothing.nc"),
     ],
 )

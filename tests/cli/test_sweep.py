@@ -57,4 +57,4 @@ def test_a_study_that_is_not_there_is_one_sentence(command, tmp_path):
     done = command("sweep", tmp_path / "none.toml")
 
     assert done.code == 2
-    assert "none.toml cannot be read" in done.err
+    assert "none.toml: cannot read" in done.err

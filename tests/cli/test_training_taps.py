@@ -8,9 +8,9 @@ import xarray as xr
 from solidtouch.models.measurement.histogram import fit
 from solidtouch.models.taps import concatenate
 
-LEFT_OUT = "all 84 taps of session 0 trained the model and are left out; --training-taps plays them all the same."
-PLAYED = "all 84 taps of session 0 trained the model and are played all the same"
-NONE_LEFT = "No tap is left to test: all 84 taps of session 0 trained the model."
+LEFT_OUT = "all 84 taps of session 0 trained the model and are left out; --training-taps keeps them."
+PLAYED = "all 84 taps of session 0 trained the model and are kept"
+NONE_LEFT = "No tap left to test: all 84 taps of session 0 trained the model."
 
 
 @pytest.fixture
@@ -159,5 +159,5 @@ def test_an_audit_refuses_to_measure_on_training_taps(command, folder):
     done = command(*words, "--out", folder / "audit")
 
     assert done.code == 2
-    assert done.err.startswith("solidtouch: No tap is left to test: all 84 taps of session-0.nc trained the model.")
+    assert done.err.startswith("solidtouch: No tap left to test: all 84 taps of session-0.nc trained the model.")
     assert not (folder / "audit").exists()

@@ -110,7 +110,7 @@ def test_any_fitted_model_is_played(command, make_taps, tmp_path, name):
     assert done.code == 0
     np.testing.assert_allclose(xr.load_dataset(tmp_path / "out.nc")["taps"], expected.taps.mean(axis=0))
     assert prior.code == (2 if name.startswith("session") else 0)
-    assert ("--border prior does not go with a model that carries a state" in prior.err) == name.startswith("session")
+    assert ("border 'prior' does not support models that carry a state" in prior.err) == name.startswith("session")
 
 
 def test_intervals_are_over_taps_and_not_over_trials(files, command, tmp_path):
@@ -189,12 +189,12 @@ def test_a_single_trial_has_a_wide_interval(files, command):
     [
         (("--passive", "--fixation", 3), "--passive never moves"),
         (("--theta-x", 1.5), "--theta-x must lie between 0 and 1, got 1.5"),
-        (("--start", 16), "--start must be a class index from 0 to 15, got 16"),
-        (("--fixation", 99), "fixation point must be a class index from 0 to 15, got 99"),
+        (("--start", 16), "--start must be an index from 0 to 15, got 16"),
+        (("--fixation", 99), "fixation point must be an index from 0 to 15, got 99"),
         (("--thresholds", "high"), "--thresholds needs numbers such as 0.5,0.9,0.99, got 'high'"),
         (("--thresholds", "1.5"), "--thresholds needs different numbers from 0 to 1, got '1.5'"),
         (("--thresholds", "0.9,0.9"), "--thresholds needs different numbers from 0 to 1, got '0.9,0.9'"),
-        (("--test", "7"), "--test names session 7"),
+        (("--test", "7"), "--test: no session 7"),
         (("--out", "here.txt"), "here.txt"),
     ],
 )

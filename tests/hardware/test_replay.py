@@ -102,7 +102,7 @@ def test_moves_beyond_the_range_are_counted(recording, grid):
 @pytest.mark.parametrize(("start", "what"), [(5, 0), (-1, 0), (0, 2)])
 def test_a_start_off_the_grid_is_refused(recording, grid, start, what):
     """The message names the class and the size of the grid."""
-    with pytest.raises(InputError, match=rf"Class \({start}, {what}\) lies outside the grid of 5 x 2"):
+    with pytest.raises(InputError, match=rf"Class \({start}, {what}\) is outside the grid of 5 x 2"):
         replay(recording, grid, start, what=what)
 
 

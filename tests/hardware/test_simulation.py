@@ -204,7 +204,12 @@ def test_position_spread_draws_taps_to_the_centre_of_their_class(small, spread, 
 
 @pytest.mark.parametrize(
     ("position", "what", "message"),
-    [(5.9, 0, "outside the range"), (10.1, 0, "outside the range"), (np.nan, 0, "outside"), (8.0, 2, "no rod 2")],
+    [
+        (5.9, 0, "outside the range"),
+        (10.1, 0, "outside the range"),
+        (np.nan, 0, "outside"),
+        (8.0, 2, "Unknown object 2"),
+    ],
 )
 def test_places_off_the_rig_are_refused(small, position, what, message):
     """A rig says where it ends and how many rods it has."""
@@ -216,14 +221,14 @@ BAD_SETTINGS = {
     "negative size": ({"white_counts": -1.0}, "white_counts must not be negative"),
     "not a number": ({"lag_s": np.nan}, "lag_s must not be negative"),
     "zero rate": ({"rate_hz": 0.0}, "rate_hz must be positive"),
-    "broken cells": ({"cell_mm": 3.0, "position_spread_mm": 1.0}, "whole number for the range in cells"),
-    "broken taps": ({"spacing_mm": 0.3}, "whole number for the range in taps"),
-    "empty range": ({"end_mm": 0.0}, "whole number for the range in cells"),
-    "half samples": ({"rate_hz": 50.5}, "whole number for the samples of a tap"),
+    "broken cells": ({"cell_mm": 3.0, "position_spread_mm": 1.0}, "number of positions .* must be an integer"),
+    "broken taps": ({"spacing_mm": 0.3}, "number of taps .* must be an integer"),
+    "empty range": ({"end_mm": 0.0}, "number of positions .* must be an integer"),
+    "half samples": ({"rate_hz": 50.5}, "number of samples per tap .* must be an integer"),
     "spread too wide": ({"position_spread_mm": 1.1}, "exceeds cell_mm"),
     "noise that grows": ({"noise_correlation": 1.0}, "noise_correlation must be below 1"),
     "no rod": ({"rods": ()}, "at least one taxel and one rod"),
-    "flat rod": ({"rods": (Rod("wire", 0.0),)}, "positive diameters"),
+    "flat rod": ({"rods": (Rod("wire", 0.0),)}, "diameters must be positive"),
 }
 
 
@@ -237,7 +242,7 @@ def test_impossible_settings_are_refused(changes, message):
 def test_presets_are_found_by_name():
     """An unknown name is answered with the known ones."""
     assert preset("hold2").hold_samples == 2
-    with pytest.raises(InputError, match="'papr'; the presets are paper, ideal, broken, hold2, nodrift, model"):
+    with pytest.raises(InputError, match="'papr'; choose from paper, ideal, broken, hold2, nodrift, model"):
         preset("papr", ["model"])
 
 

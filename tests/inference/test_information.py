@@ -197,7 +197,10 @@ def test_chunks_change_nothing(pool, rng, monkeypatch, about, chunk):
             lambda outcomes: information(outcomes, np.ones((M, L))),
             r"4 x 3 classes apart, the beliefs have shape \(3, 4",
         ),
-        (lambda outcomes: information(outcomes, np.ones((L, M)), "which"), "about joint, where, what, got 'which'"),
+        (
+            lambda outcomes: information(outcomes, np.ones((L, M)), "which"),
+            "about must be one of joint, where, what, got 'which'",
+        ),
         (lambda _: shifted(np.ones((L, M)), [1], "wall"), "border must be one of uniform, .*, got 'wall'"),
         (lambda _: tap_outcomes(np.zeros((0, L, M))), r"a tap or more, .* got shape \(0, 4, 3\)"),
         (lambda _: tap_outcomes(np.zeros((L, M))), r"axes \(tap, where, what\), got shape \(4, 3\)"),

@@ -377,7 +377,7 @@ def test_a_tap_that_no_state_can_give_leaves_no_class(case, device):
     assert case.play(case.table._replace(log_likelihood=impossible), device=device).no_class_left.all()
 
 
-REFUSED = "--border prior does not go with a model that carries a state"
+REFUSED = "border 'prior' does not support models that carry a state"
 
 
 def test_the_border_that_knows_no_states_is_refused(case):

@@ -80,13 +80,13 @@ def test_labels_leave_out_remarks_behind_the_unit():
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        ({"where": ()}, "at least one where and one what class, got 0 and 2"),
+        ({"where": ()}, "at least one position and one object, got 0 and 2"),
         ({"members": ()}, "got 3 and 0"),
         ({"where": (0, 2, 2)}, "must increase"),
-        ({"edges": (0, 1, 2)}, "3 where classes need 4 increasing edges"),
+        ({"edges": (0, 1, 2)}, "3 position classes need 4 increasing edges"),
         ({"edges": (0, 1, 1, 2)}, "need 4 increasing edges"),
-        ({"members": (("a",), ("a",))}, "stands in two what classes"),
-        ({"value": (1, 2, 3)}, r"2 what classes need 2 values, got shape \(3,\)"),
+        ({"members": (("a",), ("a",))}, "is in two classes"),
+        ({"value": (1, 2, 3)}, r"2 object classes need 2 values, got shape \(3,\)"),
     ],
 )
 def test_grids_that_contradict_themselves_are_refused(arguments, message):
@@ -96,7 +96,7 @@ def test_grids_that_contradict_themselves_are_refused(arguments, message):
 
 def test_other_dictionaries_are_no_grid():
     for fields in ({}, {**grid().to_dict(), "what_members": 3}, {**grid().to_dict(), "where_value": ["x"]}):
-        with pytest.raises(InputError, match="not a class grid"):
+        with pytest.raises(InputError, match="Not a class grid"):
             ClassGrid.from_dict(fields)
 
 
@@ -107,15 +107,15 @@ def test_classes_can_be_left_out():
     assert (some.where_value.tolist(), some.where_edges.tolist()) == ([1.0, 4.0], [0.5, 2.0, 6.0])
     assert some.what_members == (("b", "c"),)
     assert grid().select([0, 2], [0]).where_value.tolist() == [0.0, 4.0]
-    with pytest.raises(InputError, match="between others cannot be left out"):
+    with pytest.raises(InputError, match="Cannot leave out positions between others"):
         grid(edges=[-1, 0.5, 2, 6]).select([0, 2], [0])
 
 
 def test_grids_of_other_classes_differ():
     for other, phrase in (
         (grid((0, 1)), "3 x 2 classes here and 2 x 2 there"),
-        (grid((0, 1, 5)), "the where values differ"),
-        (grid(unit="cm"), "the where values differ"),
+        (grid((0, 1, 5)), "the positions differ"),
+        (grid(unit="cm"), "the positions differ"),
         (grid(members=(("a",), ("b",))), "the objects differ"),
     ):
         assert grid().differences(other) == [phrase]

@@ -42,7 +42,7 @@ def test_halves_and_parity_partition_the_taps_of_each_class(rows, method):
     taps = numbered(what, session, trial, where)
     key = where * 10 + what
     if len(np.unique(key)) == len(rows):
-        with pytest.raises(InputError, match="no tap left to test"):
+        with pytest.raises(InputError, match="No tap left to test"):
             sides(taps, method)
         return
     train, test = sides(taps, method)
@@ -72,7 +72,7 @@ def test_leaving_each_session_out_tests_every_tap_once(rows):
     what, where, session, trial = (np.array(column) for column in zip(*rows, strict=True))
     taps = numbered(what, session, trial, where)
     if len(np.unique(session)) == 1:
-        with pytest.raises(InputError, match="no tap left to train with"):
+        with pytest.raises(InputError, match="No tap left to train with"):
             split(taps, taps.grid(), "leave-one-session-out")
         return
     folds = split(taps, taps.grid(), "leave-one-session-out").folds
@@ -127,13 +127,13 @@ def test_one_session_is_split_by_parity_with_a_warning():
     ("arguments", "message"),
     [
         (("thirds",), "--split must be one of sessions, leave-one-session-out, halves, parity, got 'thirds'"),
-        ((None, [3], None), "--train names session 3; there are sessions 2, 4, 7"),
-        ((None, None, [0]), "--test names session 0"),
+        ((None, [3], None), "--train: no session 3; the data have sessions 2, 4, 7"),
+        ((None, None, [0]), "--test: no session 0"),
         ((None, [2, 4], [4]), "Session 4 cannot both train and test"),
-        ((None, None, [2, 4, 7]), "no tap left to train with: the data have sessions 2, 4, 7"),
-        ((None, [2, 4, 7], None), "no tap left to test"),
+        ((None, None, [2, 4, 7]), "No tap left to train with: the data have sessions 2, 4, 7"),
+        ((None, [2, 4, 7], None), "No tap left to test"),
         (("parity", [2], None), "--train and --test name sessions and do not go with --split parity"),
-        (("halves",), "no tap left to test: no class has more than one tap"),
+        (("halves",), "No tap left to test: no class has more than one tap"),
     ],
 )
 def test_splits_that_cannot_be_made_are_refused(arguments, message):
@@ -145,7 +145,7 @@ def test_splits_that_cannot_be_made_are_refused(arguments, message):
 def test_one_session_has_none_to_spare():
     taps = numbered([0, 0])
     for method in ("sessions", "leave-one-session-out"):
-        with pytest.raises(InputError, match=r"no tap left to train with: the data have session 0"):
+        with pytest.raises(InputError, match=r"No tap left to train with: the data have session 0"):
             split(taps, taps.grid(), method)
 
 
@@ -183,12 +183,12 @@ def test_files_and_options_that_do_not_go_together_are_refused(make_taps, tmp_pa
     make_taps(repeats=1).save(b)
     make_taps(repeats=1, where=np.full(24, 99.0), where_value=[99.0]).save(far)
     for data, options, message in (
-        ([], {}, "One data file or two, TRAIN and TEST, are needed, got 0"),
+        ([], {}, "Give one data file, or two \\(TRAIN and TEST\\), got 0"),
         ([a, b, a], {}, "got 3"),
         ([a, b], {"method": "halves"}, "--split divides one file"),
         ([a, b], {"train": "0"}, "--train divides one file"),
         ([a, b], {"test": "0"}, "--test divides one file"),
-        ([a, far], {}, r"no tap left to test: none of .*far\.nc falls into a class of .*a\.nc"),
+        ([a, far], {}, r"No tap left to test: none of .*far\.nc falls into a class of .*a\.nc"),
         ([a], {"test": "one"}, "--test needs session numbers such as 0,1, got 'one'"),
         ([a], {"train": ""}, "--train needs session numbers"),
     ):

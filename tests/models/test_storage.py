@@ -57,7 +57,7 @@ def test_an_interrupted_file_leaves_the_old_one(tmp_path, error):
 def test_a_full_disk_is_an_input_error(tmp_path):
     """What the operating system says is in the message, and no half file is left."""
     with (
-        pytest.raises(InputError, match=r"model\.nc cannot be written: No space left on device"),
+        pytest.raises(InputError, match=r"model\.nc: cannot write: No space left on device"),
         complete_file(tmp_path / "model.nc"),
     ):
         raise OSError(28, "No space left on device")
@@ -67,26 +67,29 @@ def test_a_full_disk_is_an_input_error(tmp_path):
 def test_existing_files_are_kept_without_force(tmp_path):
     """The message names the option that overwrites."""
     (tmp_path / "a").write_text("old")
-    with pytest.raises(InputError, match="a exists already; --force overwrites it"), complete_file(tmp_path / "a"):
+    with (
+        pytest.raises(InputError, match=r"a: already exists; set force \(--force\) to overwrite it"),
+        complete_file(tmp_path / "a"),
+    ):
         pytest.fail("the block is entered")
     assert check_writable(tmp_path / "a", force=True) == tmp_path / "a"
 
 
 def test_places_that_cannot_be_written_are_refused(tmp_path, monkeypatch):
     """Directories, missing folders and folders without permission, each by name."""
-    with pytest.raises(InputError, match="is a directory, a file name is needed"):
+    with pytest.raises(InputError, match="is a folder, expected a file name"):
         check_writable(tmp_path)
-    with pytest.raises(InputError, match=r"there is no folder .*nowhere"):
+    with pytest.raises(InputError, match=r"no folder .*nowhere"):
         check_writable(tmp_path / "nowhere" / "a")
     monkeypatch.setattr("os.access", lambda *_: False)
-    with pytest.raises(InputError, match=r"the folder .* is not writable"):
+    with pytest.raises(InputError, match=r"folder .* is not writable"):
         check_writable(tmp_path / "a")
 
 
 def test_a_temporary_name_that_cannot_be_made_is_refused(tmp_path):
     """For example where the name is too long."""
     with (
-        pytest.raises(InputError, match="cannot be written: File name too long"),
+        pytest.raises(InputError, match="cannot write: File name too long"),
         complete_file(tmp_path / ("a" * 254)),
     ):
         pytest.fail("the block is entered")
@@ -130,29 +133,29 @@ def test_an_empty_folder_is_taken(tmp_path):
 def test_folders_that_hold_something_are_refused(tmp_path):
     """So are files."""
     (tmp_path / "a").touch()
-    with pytest.raises(InputError, match="exists already; --force overwrites the files in it"):
+    with pytest.raises(InputError, match=r"already exists; set force \(--force\) to overwrite the files in it"):
         check_folder(tmp_path)
-    with pytest.raises(InputError, match="a is a file, a folder is needed"):
+    with pytest.raises(InputError, match="a: is a file, expected a folder"):
         check_folder(tmp_path / "a", force=True)
 
 
 def test_folders_that_cannot_be_made_are_refused(tmp_path):
     """A file stands where the folder above should be."""
     (tmp_path / "a").touch()
-    with pytest.raises(InputError, match="cannot be made"), complete_folder(tmp_path / "a" / "b"):
+    with pytest.raises(InputError, match="cannot create the folder"), complete_folder(tmp_path / "a" / "b"):
         pytest.fail("the block is entered")
 
 
 def test_devices_and_pipes_are_never_replaced(tmp_path):
     """Even with force."""
     os.mkfifo(tmp_path / "pipe.nc")
-    with pytest.raises(InputError, match=r"pipe\.nc is no regular file and is not replaced"):
+    with pytest.raises(InputError, match=r"pipe\.nc: not a regular file, so not overwritten"):
         check_writable(tmp_path / "pipe.nc", force=True)
 
 
 def test_a_disk_that_fills_while_a_folder_is_written_is_an_input_error(tmp_path):
     """The folder is named and nothing of it stays."""
-    with pytest.raises(InputError, match="run cannot be written: No space left on device"):
+    with pytest.raises(InputError, match="run: cannot write: No space left on device"):
         write_half(complete_folder(tmp_path / "run"), OSError(errno.ENOSPC, "No space left on device"))
 
     assert names(tmp_path) == []

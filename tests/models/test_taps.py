@@ -28,33 +28,33 @@ def put(name, place, value):
 
 BAD = {
     **{
-        f"{name} missing": (drop(name), f"The array {name} is missing")
+        f"{name} missing": (drop(name), f"Missing array {name}")
         for name in ("taps", "what", "where", "session", "trial", "what_name", "where_value")
     },
-    "axes": (lambda d: d.transpose("taxel", ..., "sample"), r"taps must have the dims \('tap', 'sample', 'taxel'\)"),
+    "axes": (lambda d: d.transpose("taxel", ..., "sample"), r"taps must have dims \('tap', 'sample', 'taxel'\)"),
     "label axes": (
         lambda d: d.drop_vars("what").assign_coords(what=("sample", np.zeros(6, int))),
-        r"what must have the dims \('tap',\), got \('sample',\)",
+        r"what must have dims \('tap',\), got \('sample',\)",
     ),
     "table without axis": (
         lambda d: d.drop_vars("what_name").assign_coords(what_name="a"),
-        "what_name must have the dims",
+        "what_name must have dims",
     ),
     "no tap": (lambda d: d.isel(tap=slice(0)), "taps must not be empty"),
     "nan": (put("taps", (3, 2, 1), np.nan), r"taps\[3, 2, 1\] is nan"),
     "where nan": (put("where", 3, np.nan), r"where\[3\] is nan"),
     "what above": (put("what", 3, 4), r"what\[3\] is 4, outside its table of 4 entries"),
     "what below": (put("what", 3, -1), r"what\[3\] is -1"),
-    "what real": (lambda d: d.assign_coords(what=d["what"] * 1.0), "what must hold whole numbers"),
-    "session text": (lambda d: d.assign_coords(session=d["session"].astype(str)), "session must hold whole numbers"),
-    "names twice": (put("what_name", 1, "rod 2 mm"), "what_name holds a name twice"),
+    "what real": (lambda d: d.assign_coords(what=d["what"] * 1.0), "what must hold integers"),
+    "session text": (lambda d: d.assign_coords(session=d["session"].astype(str)), "session must hold integers"),
+    "names twice": (put("what_name", 1, "rod 2 mm"), "what_name has a repeated name"),
     "places fall": (put("where_value", 1, -1.0), "where_value must increase"),
     "edges": (lambda d: d.assign_coords(where_edges=("where_edge", np.arange(3.0))), "where_edges must have 4 values"),
     "extra nan": (lambda d: d.assign(depth=("tap", np.full(168, np.inf))), r"depth\[0\] is inf"),
-    "record": (lambda d: d.assign_attrs(preprocessing="{}"), "not a preprocessing record"),
+    "record": (lambda d: d.assign_attrs(preprocessing="{}"), "Not a preprocessing record"),
     "record length": (
         lambda d: d.assign_attrs(preprocessing=Preprocessing(samples=5).to_json()),
-        "speaks of 5 samples, taps has 6",
+        "has 5 samples, but taps have 6",
     ),
 }
 
@@ -69,8 +69,8 @@ def test_a_dataset_that_contradicts_itself_is_refused(case, make_taps):
 @pytest.mark.parametrize(
     ("more", "message"),
     [
-        ({"session": np.zeros(5, int)}, "do not fit together"),
-        ({"extra": {"depth": np.zeros((168, 3))}}, "do not fit together"),
+        ({"session": np.zeros(5, int)}, "do not match"),
+        ({"extra": {"depth": np.zeros((168, 3))}}, "do not match"),
         ({"extra": {"cube": np.zeros((168, 5, 2))}}, "cube must have"),
         ({"where": np.zeros((168, 1))}, r"where must have 1 axes, got shape \(168, 1\)"),
         ({"taxel_position": np.zeros(5)}, "taxel_position must have 2 axes"),
@@ -110,7 +110,7 @@ def test_an_existing_file_is_overwritten_only_by_force(make_taps, tmp_path):
     path = tmp_path / "a.nc"
     make_taps(repeats=1).save(path)
     before = path.read_bytes()
-    with pytest.raises(InputError, match="exists already; --force overwrites it"):
+    with pytest.raises(InputError, match=r"already exists; set force \(--force\) to overwrite it"):
         make_taps().save(path)
     assert path.read_bytes() == before
 
@@ -120,7 +120,7 @@ def test_an_existing_file_is_overwritten_only_by_force(make_taps, tmp_path):
     assert [p.name for p in tmp_path.iterdir()] == ["a.nc"]
 
 
-@pytest.mark.parametrize(("name", "message"), [("no/a.nc", "there is no folder"), (".", "is a directory")])
+@pytest.mark.parametrize(("name", "message"), [("no/a.nc", "no folder"), (".", "is a folder, expected a file")])
 def test_a_place_that_cannot_be_written_is_refused(name, message, make_taps, tmp_path):
     with pytest.raises(InputError, match=message):
         make_taps().save(tmp_path / name)
@@ -129,9 +129,9 @@ def test_a_place_that_cannot_be_written_is_refused(name, message, make_taps, tmp
 def test_other_netcdf_is_no_tap_set(tmp_path):
     xr.Dataset({"x": ("y", [1.0])}).to_netcdf(tmp_path / "a.nc", engine="h5netcdf")
 
-    with pytest.raises(InputError, match="netCDF but no tap set"):
+    with pytest.raises(InputError, match="not a tap set"):
         TapSet.load(tmp_path / "a.nc")
-    with pytest.raises(InputError, match="does not exist"):
+    with pytest.raises(InputError, match="no such file"):
         load_dataset(tmp_path / "b.nc")
 
 
@@ -166,8 +166,8 @@ def test_parts_join_to_the_whole(make_taps):
     ("other", "message"),
     [
         ({"K": 7}, "TRAIN has 5 taxels and TEST has 7"),
-        ({"where_unit": "cm"}, "TRAIN gives positions in 'mm', TEST in 'cm'"),
-        ({"preprocessing": Preprocessing(samples=6)}, r"prepared differently: rate_hz is 50\.0 here and None there"),
+        ({"where_unit": "cm"}, "TRAIN has positions in 'mm', TEST in 'cm'"),
+        ({"preprocessing": Preprocessing(samples=6)}, r"differ in preprocessing: rate_hz is 50\.0 here and None there"),
     ],
 )
 def test_tap_sets_that_no_model_can_share_are_refused(other, message, make_taps):
@@ -176,7 +176,7 @@ def test_tap_sets_that_no_model_can_share_are_refused(other, message, make_taps)
 
 
 def test_parts_with_other_objects_are_refused(make_taps):
-    with pytest.raises(InputError, match="Part 2 has other objects"):
+    with pytest.raises(InputError, match="Part 2 has different objects"):
         concatenate([make_taps(), make_taps(M=3)])
 
 
@@ -196,10 +196,10 @@ def test_cells_group_positions_and_sizes(make_taps):
 @pytest.mark.parametrize(
     ("where", "what", "message"),
     [
-        ("3 N", None, "--where-cell '3 N' cannot be converted to 'mm'"),
-        ("-3mm", None, "--where-cell needs a positive length"),
-        ("0.5mm", None, "leaves a cell without any position"),
-        (None, "wide", "--what-cell needs a positive length"),
+        ("3 N", None, r"\(--where-cell\) '3 N' cannot be converted to 'mm'"),
+        ("-3mm", None, r"\(--where-cell\) needs a positive length"),
+        ("0.5mm", None, "leaves a cell without a position"),
+        (None, "wide", r"\(--what-cell\) needs a positive length"),
     ],
 )
 def test_widths_that_mean_nothing_are_refused(where, what, message, make_taps):
@@ -255,9 +255,9 @@ def test_finer_cells_need_taps_in_touched_classes_only(line):
 @pytest.mark.parametrize(
     ("width", "message"),
     [
-        ("0.3mm", "--where-cell 0.3mm does not divide the range of 4 mm into equal cells"),
-        ("0.01mm", "--where-cell 0.01mm leaves 320 of 400 cells without any tap: the taps lie at 80 places"),
-        ("1e-9mm", "--where-cell 1e-9mm is too narrow for a range of 4 mm"),
+        ("0.3mm", r"\(--where-cell\) 0.3mm does not divide the range of 4 mm into equal cells"),
+        ("0.01mm", r"\(--where-cell\) 0.01mm leaves 320 of 400 cells without a tap: the taps have 80 positions"),
+        ("1e-9mm", r"\(--where-cell\) 1e-9mm is too narrow for a range of 4 mm"),
         ("0.5kg", "cannot be converted to 'mm'"),
     ],
 )
@@ -268,14 +268,14 @@ def test_finer_cells_that_cannot_be_are_refused(line, width, message):
 
 def test_taps_at_the_centres_of_their_classes_have_no_finer_places(line):
     dataset = line.dataset.assign_coords(where=("tap", np.floor(line.where) + 0.5, {"units": "mm"}))
-    with pytest.raises(InputError, match="leaves 4 of 8 cells without any tap: the taps lie at 4 places"):
+    with pytest.raises(InputError, match="leaves 4 of 8 cells without a tap: the taps have 4 positions"):
         TapSet(dataset).grid("0.5mm")
 
 
 def test_objects_without_size_are_not_grouped():
     taps = TapSet.from_arrays(np.zeros((2, 1, 1)), [0, 1], ["cup", "ball"], preprocessing=Preprocessing(samples=1))
 
-    with pytest.raises(InputError, match="objects with a size"):
+    with pytest.raises(InputError, match="objects with sizes"):
         taps.grid(what_cell="3mm")
 
 
@@ -292,7 +292,7 @@ def test_new_attributes_leave_the_old_tap_set_alone(make_taps):
 
 
 def test_a_unit_needs_sizes_and_a_rate_is_positive(make_taps):
-    with pytest.raises(InputError, match="--what-unit was given, but the objects have no sizes"):
+    with pytest.raises(InputError, match=r"\(--what-unit\) was given, but the objects have no sizes"):
         relabel(make_taps(), what_unit="mm")
-    with pytest.raises(InputError, match="rate must be positive"):
+    with pytest.raises(InputError, match="rate_hz must be positive"):
         relabel(make_taps(), rate_hz=-1.0)

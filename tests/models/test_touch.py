@@ -36,7 +36,7 @@ def test_kernels_move_certain_beliefs_as_the_reference_does(border, delta):
 @pytest.mark.parametrize("border", ["prior", "wall"])
 def test_borders_that_are_no_kernel_are_refused(border):
     """`prior` renormalises the belief."""
-    with pytest.raises(ValueError, match=f"border '{border}' is no Markov kernel"):
+    with pytest.raises(ValueError, match=f"border '{border}' is not a Markov kernel"):
         move_kernel(3, 1, border)
 
 

@@ -27,7 +27,7 @@ def test_a_session_that_trained_is_left_out_and_the_other_stays(make_taps):
 
     np.testing.assert_array_equal(rest.taps, taps.select(taps.session == 1).taps)
     assert sentence.startswith(
-        "all 84 taps of session 0 trained the model and are left out; --training-taps plays them"
+        "all 84 taps of session 0 trained the model and are left out; --training-taps keeps them"
     )
 
 
@@ -61,11 +61,11 @@ def test_nothing_is_said_where_no_tap_trained(make_taps):
 def test_taps_that_all_trained_are_refused_or_kept_with_a_sentence(make_taps):
     """The sentence names the option."""
     taps = make_taps(sessions=2)
-    with pytest.raises(InputError, match=r"^No tap is left to test: all 84 .*session 1 trained.* with --training-taps"):
+    with pytest.raises(InputError, match=r"^No tap left to test: all 84 .*session 1 trained.* with --training-taps"):
         without_training(taps, digests(taps))
     rest, sentence = without_training(taps, digests(taps), keep=True)
     assert rest is taps
-    assert sentence.endswith("are played all the same, so expect larger errors on new taps.")
+    assert sentence.endswith("are kept, so expect larger errors on new taps.")
 
 
 @pytest.mark.parametrize("values", [2, 3, 12])
@@ -97,7 +97,7 @@ def test_each_fold_is_judged_by_its_own_training_taps(make_taps):
     three = concatenate([taps, again])
     fold = untrained(split(three, three.grid(), train_sessions=[0, 1], test_sessions=[2]), keep=True)
 
-    assert "all 84 taps of session 2 trained the model and are played" in fold.warning
+    assert "all 84 taps of session 2 trained the model and are kept" in fold.warning
     with pytest.raises(InputError, match="all 84 taps of session 1 trained"):
         untrained(split(three, three.grid(), "leave-one-session-out"))
     left = Fold(taps, concatenate([again, make_taps(seed=5, sessions=1)]), "both")

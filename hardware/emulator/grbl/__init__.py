@@ -1,5 +1,5 @@
-"""A GRBL controller in software: its parser, planner, settings and reports.
+"""Emulated GRBL controller: parser, planner, settings and reports.
 
-Start with `controller`, then `firmware` and `processor`. It shares no code with the driver in `hardware.stage`, so that
-one tests the other.
+Start with `controller`, then `firmware` and `processor`. It shares no code with the driver in `hardware.stage`, so
+that each tests the other.
 """

@@ -1,4 +1,4 @@
-"""What an emulated GRBL firmware does with a line (system.c, gcode.c, jog.c)."""
+"""Execution of a line by an emulated GRBL firmware (system.c, gcode.c, jog.c)."""
 
 import re
 
@@ -14,10 +14,10 @@ _WRITE = re.compile(r"\$(\d+)=([+-]?(?:\d+\.?\d*|\.\d+))?")
 
 
 class Commands:
-    """Carries out lines.
+    """Executes lines.
 
     Args:
-        processor: For whom.
+        processor: State of the controller.
     """
 
     def __init__(self, processor: Processor) -> None:
@@ -25,17 +25,17 @@ class Commands:
         self.forget()
 
     def forget(self) -> None:
-        """What every start clears."""
+        """Clears what every start clears."""
         self._modal = Modal()
         self.see_place()
 
     def see_place(self) -> None:
-        """Takes the place where the machine will come to rest for the last target."""
+        """Sets the last target to where the machine will come to rest."""
         cpu = self._cpu
         self._target_mm = cpu.machine.believed_mm(max(cpu.now_s, cpu.planner.end_s()))
 
     def execute(self, line: str) -> Command:
-        """Carries out a line in capitals without spaces and comments."""
+        """Executes a line, in capitals and without spaces and comments."""
         if len(line) > LINE_BYTES:
             return _OVERFLOW
         if line.startswith("$"):
@@ -85,7 +85,7 @@ class Commands:
         return 0
 
     def _write(self, number: int, value: float) -> Command:
-        """Writes a setting: interrupts are off, and what arrives meanwhile or right behind the line is lost."""
+        """Writes a setting; interrupts are off, so bytes that arrive meanwhile or right after the line are lost."""
         cpu = self._cpu
         cpu.input.discard()
         cpu.deaf_until = cpu.now_s + cpu.settings.write_s
@@ -95,7 +95,7 @@ class Commands:
         return code
 
     def _home(self) -> Command:
-        """Goes to the switches without a word; a status asked for meanwhile comes at the end."""
+        """Homes silently; a status requested meanwhile is sent at the end."""
         cpu = self._cpu
         if not cpu.memory[22]:
             return _NO_HOMING
@@ -134,7 +134,7 @@ class Commands:
         return 0
 
     def _aim(self, block: Block) -> Vector:
-        """Machine coordinates of a block's target."""
+        """Target of a block, in machine coordinates."""
         target = list(self._target_mm)
         for axis, value in block.axes.items():
             zero = 0.0 if block.machine else self._cpu.settings.work_offset_mm[axis]
@@ -142,7 +142,7 @@ class Commands:
         return target[0], target[1], target[2]
 
     def _move(self, target_mm: Vector, speed_mm_s: float, *, jog: bool) -> None:
-        """Appends a line; a jog starts at once, any other in the next turn of the main loop."""
+        """Appends a line; a jog starts at once, any other with the next turn of the main loop."""
         cpu, start_s = self._cpu, self._cpu.now_s
         if cpu.planner.waiting(cpu.now_s) == 0:
             cpu.jogging = jog
@@ -153,7 +153,7 @@ class Commands:
         cpu.planner.add(cpu.planner.axes.steps(target_mm), speed_mm_s, start_s)
 
     def _break_soft_limit(self) -> Program:
-        """Lets what moves come to rest, and then locks; it does not come back."""
+        """Brings the machine to rest and locks; does not return."""
         self._cpu.planner.cancel(self._cpu.now_s)
         yield from self._cpu.until_done()
         yield from self._cpu.critical_alarm(_SOFT_LIMIT)

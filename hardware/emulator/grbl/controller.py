@@ -1,7 +1,7 @@
-"""An emulated stage with a GRBL 1.1 or grblHAL controller, as its port sees it.
+"""Emulated stage with a GRBL 1.1 or grblHAL controller, seen from its port.
 
-Bytes that act at once are picked out of the stream as they arrive, even in the middle of a line; all others wait in the
-receive buffer for the firmware's main program.
+Real-time commands are taken from the stream as they arrive, even within a line; all other bytes wait in the receive
+buffer for the firmware's main program.
 """
 
 from ..faults import Switches
@@ -16,11 +16,11 @@ _RESET, _STATUS, _HOLD, _RESUME, _JOG_CANCEL = 0x18, ord("?"), ord("!"), ord("~"
 
 
 class Controller:
-    """Bytes in, bytes out, and the place of a machine, all in rig time.
+    """Controller and machine, in rig time.
 
     Args:
         switches: Faults.
-        settings: How it is set up.
+        settings: Settings of the controller.
     """
 
     def __init__(self, switches: Switches, settings: ControllerSettings = _AS_BUILT) -> None:
@@ -35,17 +35,17 @@ class Controller:
         }
 
     def opened(self, time_s: float) -> None:
-        """A program opened the port, which on some boards resets the controller."""
+        """Handles a program opening the port, which resets the controller on some boards."""
         self._firmware.advance(time_s)
         if self._switches.strikes("reset_on_open", time_s) is not None:
             self._firmware.lose_power()
 
     def closed(self, time_s: float) -> None:
-        """The program closed the port; whatever moves goes on."""
+        """Handles the port closing; motion continues."""
         self._firmware.advance(time_s)
 
     def receive(self, data: bytes, time_s: float) -> None:
-        """Bytes came. Those beyond ASCII that mean nothing are thrown away, feed overrides and the door among them."""
+        """Takes bytes. Unsupported real-time commands are discarded, including feed overrides and the safety door."""
         self._firmware.advance(time_s)
         for byte in data:
             if byte in b"\r\n?" and self._firmware.runs and self._switches.strikes("brown_out", time_s) is not None:
@@ -59,14 +59,14 @@ class Controller:
         self._firmware.wake()
 
     def next_event_s(self) -> float:
-        """When it does something next by itself."""
+        """Time of the next event."""
         return self._firmware.next_event_s()
 
     def step(self, time_s: float) -> bytes:
-        """Does all that is due; returns what it sends then."""
+        """Handles all events due by this time; returns the bytes to send."""
         self._firmware.advance(time_s)
         return self._firmware.take_output()
 
     def position_mm(self, time_s: float) -> Vector:
-        """Where the machine truly stands, in machine coordinates, at a time that is not past."""
+        """True position in machine coordinates, at a time that is not past."""
         return self._firmware.position_mm(time_s)

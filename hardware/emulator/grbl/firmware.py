@@ -1,7 +1,7 @@
-"""GRBL's firmware as it runs: one main program, which takes line after line and waits where the real one waits.
+"""GRBL's firmware: a main program that takes line after line and blocks where the real one blocks.
 
-The program is a generator that yields the time at which it goes on. A reset or an alarm throws it away and starts
-another, so every state in which the real firmware hangs is a line of code that yields.
+The program is a generator that yields the time at which it resumes. A reset or an alarm discards it and starts
+another, so every state in which the real firmware waits is a line that yields.
 """
 
 import math
@@ -17,11 +17,11 @@ _HARD_LIMIT, _RESET_IN_MOTION, _RESET_IN_HOMING = 1, 3, 6
 
 
 class Firmware:
-    """The main program, and what happens beside it: bytes that act at once, switches, loss of power.
+    """The main program and the events beside it: real-time commands, limit switches, loss of power.
 
     Args:
         switches: Faults.
-        settings: How the controller is set up.
+        settings: Settings of the controller.
     """
 
     def __init__(self, switches: Switches, settings: ControllerSettings) -> None:
@@ -37,15 +37,15 @@ class Firmware:
         return self._cpu.resets
 
     def position_mm(self, time_s: float) -> Vector:
-        """Where the machine truly stands."""
+        """True position in machine coordinates."""
         return self._cpu.machine.position_mm(time_s)
 
     def next_event_s(self) -> float:
-        """When something happens next without a byte."""
+        """Time of the next event that needs no byte."""
         return max(self._cpu.now_s, min(self._wake_s, self._status_due_s(), self._limit_due_s()))
 
     def advance(self, time_s: float) -> None:
-        """Does all that is due, in order."""
+        """Handles all events due by this time, in order."""
         while (due_s := self.next_event_s()) <= time_s and due_s < math.inf:
             self._cpu.now_s = due_s
             if self._limit_due_s() <= due_s:
@@ -58,17 +58,17 @@ class Firmware:
         self._cpu.now_s = max(self._cpu.now_s, time_s)
 
     def wake(self) -> None:
-        """Lets the main program look at what has changed."""
+        """Resumes the main program to check what has changed."""
         self._wake_s = min(self._wake_s, self._cpu.now_s)
 
     def take_output(self) -> bytes:
-        """What it has said since the last time."""
+        """Output since the last call."""
         return self._cpu.take_output()
 
     # Bytes and power
 
     def put(self, byte: int) -> None:
-        """A byte for the main program."""
+        """Takes a byte for the main program."""
         self._cpu.input.put(byte)
 
     @property
@@ -77,11 +77,11 @@ class Firmware:
         return self._cpu.now_s < self._cpu.deaf_until
 
     def ask_status(self) -> None:
-        """`?`: reports soon; asked again before that, it still reports once."""
+        """`?`: reports soon; repeated requests before then give one report."""
         self._cpu.asked_s = self._cpu.now_s if self._cpu.asked_s is None else self._cpu.asked_s
 
     def reset(self) -> None:
-        """0x18: stops dead and starts anew; in motion that costs the position."""
+        """0x18: stops at once and restarts; in motion this loses the position."""
         cpu = self._cpu
         if cpu.resets:
             alarm = _RESET_IN_HOMING if cpu.homing else _RESET_IN_MOTION if cpu.moves else None
@@ -90,7 +90,7 @@ class Firmware:
             self._run(self._restart(alarm))
 
     def hold(self) -> None:
-        """`!`: brakes and keeps the rest of the way; a jog is cancelled instead."""
+        """`!`: brakes and keeps the remaining path; a jog is cancelled instead."""
         if self._cpu.jogs:
             self.cancel_jog()
         elif self._obeys():
@@ -98,20 +98,20 @@ class Firmware:
             self._cpu.held, self._cpu.suspended_until = True, math.inf
 
     def resume(self) -> None:
-        """`~`: goes on, once a hold is complete."""
+        """`~`: resumes after a hold is complete."""
         if self._cpu.held and not self._cpu.moves:
             self._cpu.planner.resume(self._cpu.now_s)
             self._cpu.held, self._cpu.suspended_until = False, -math.inf
 
     def cancel_jog(self) -> None:
-        """0x85: brakes and forgets the rest of the way, if it jogs; lines wait until it is at rest."""
+        """0x85: during a jog, brakes and drops the remaining path; lines wait until it is at rest."""
         if self._cpu.jogs and self._obeys():
             self._cpu.planner.cancel(self._cpu.now_s)
             self._cpu.suspended_until = self._cpu.planner.end_s()
             self._commands.see_place()
 
     def lose_power(self) -> None:
-        """Restarts, and believes to be at zero."""
+        """Restarts with its position set to zero."""
         self._cpu.machine.lose_power(self._cpu.now_s)
         self._cpu.listens = self._cpu.resets = False
         self._run(self._boot())
@@ -126,7 +126,7 @@ class Firmware:
         self._wake_s = self._cpu.now_s
 
     def _serve(self) -> Program:
-        """Takes line after line and answers each."""
+        """Executes line after line and answers each."""
         while True:
             yield from self._while_suspended()
             line = self._cpu.input.line()
@@ -154,7 +154,7 @@ class Firmware:
                 cpu.say("ok")
 
     def _restart(self, alarm: int | None) -> Program:
-        """A soft reset; a line that was being carried out is answered late (gcode.c)."""
+        """A soft reset; a line in execution is answered late (gcode.c)."""
         if alarm is not None:
             self._cpu.locked = True
             self._cpu.say(f"ALARM:{alarm}")
@@ -185,7 +185,7 @@ class Firmware:
         return math.inf if cpu.asked_s is None or not cpu.listens else cpu.asked_s + cpu.settings.status_s
 
     def _limit_due_s(self) -> float:
-        """The middle of the current move, while nobody has asked yet whether a switch is hit in it."""
+        """Middle of the current move, until checked for a limit-switch fault."""
         cpu = self._cpu
         if not (cpu.switches.is_on("limit_alarm") and cpu.memory[21]) or cpu.homing:
             return math.inf
@@ -193,7 +193,7 @@ class Firmware:
         return math.inf if move is None or move is self._limit_asked else (move.start_s + move.end_s) / 2
 
     def _meet_limit(self) -> None:
-        """A switch in the middle of a move, if that fault is on."""
+        """Hits a limit switch in the middle of a move if that fault is on."""
         cpu = self._cpu
         move = self._limit_asked = cpu.planner.current(cpu.now_s)
         if move is not None and cpu.switches.strikes("limit_alarm", cpu.now_s) is not None:

@@ -1,7 +1,7 @@
-"""What an emulated controller understands of G-code: lines, dwell, units, distance modes, and jogs.
+"""G-code of the emulated controller: lines, dwell, units, distance modes and jogs.
 
-The order of checks and the numbers of errors are those of GRBL's gcode.c. Arcs, probing, offsets, spindles and the
-program flow are not there: their words are refused as unsupported (error 20).
+Order of checks and error numbers are those of GRBL's gcode.c. Arcs, probing, offsets, spindles and program flow are
+not supported: their words give error 20.
 """
 
 import math
@@ -11,17 +11,17 @@ from typing import NamedTuple
 _INCH_MM = 25.4
 _WORD = re.compile(r"([A-Z])([+-]?(?:\d+\.?\d*|\.\d+))")
 _GROUP = {4: 0, 53: 0, 0: 1, 1: 1, 17: 2, 90: 3, 91: 3, 94: 5, 20: 6, 21: 6, 40: 7, 49: 8, 54: 12, 61: 13}
-"""Modal group of each G word; one line names at most one of a group."""
+"""Modal group of each G word; a line holds at most one word of a group."""
 _M_GROUP = {3: -7, 4: -7, 5: -7, 7: -8, 8: -8, 9: -8}
 _VALUES, _NEVER_NEGATIVE = frozenset("FIJKLNPRSTXYZ"), frozenset("FNPST")
 _JOG_GROUPS = {0, 3, 6}
 
 
 class LineRefused(Exception):
-    """A line is not carried out.
+    """A line is refused.
 
     Attributes:
-        code: Number of the error.
+        code: Error number.
     """
 
     def __init__(self, code: int) -> None:
@@ -30,13 +30,13 @@ class LineRefused(Exception):
 
 
 class Modal(NamedTuple):
-    """What stays in force from line to line.
+    """Modal state, which carries over from line to line.
 
     Attributes:
-        motion: 0 or 1, as the G word.
-        absolute: Whether targets are places, not ways.
+        motion: 0 or 1, as in the G word.
+        absolute: Whether targets are positions rather than distances.
         inches: Whether lengths are inches.
-        feed_mm_min: Speed of G1; 0 where none was named.
+        feed_mm_min: Speed of G1; 0 if not set.
     """
 
     motion: int = 0
@@ -49,12 +49,12 @@ class Block(NamedTuple):
     """One line of G-code, lengths in mm.
 
     Attributes:
-        modal: What is in force after it.
+        modal: Modal state after it.
         axes: Value of each axis named, 0 to 2.
-        absolute: Whether they are places, not ways.
+        absolute: Whether they are positions rather than distances.
         machine: Whether they are machine coordinates (G53).
-        feed_mm_min: Speed; infinity for as fast as the axes can.
-        dwell_s: Time to wait for once all motion is over, None for no dwell.
+        feed_mm_min: Speed; infinity for the fastest the axes allow.
+        dwell_s: Waiting time after all motion, None for no dwell.
     """
 
     modal: Modal
@@ -66,15 +66,15 @@ class Block(NamedTuple):
 
 
 def parse(text: str, modal: Modal, *, jog: bool) -> Block:
-    """The block in a line without spaces and comments, in capitals.
+    """Parses a line in capitals, without spaces and comments.
 
     Args:
-        text: The line; for a jog what stands behind `$J=`.
-        modal: What is in force before it. A jog leaves it alone.
+        text: The line; for a jog, the part after `$J=`.
+        modal: Modal state before it; a jog leaves it unchanged.
         jog: Whether it is a jog.
 
     Raises:
-        LineRefused: It is wrong.
+        LineRefused: The line is invalid.
     """
     codes, groups, values = _words(text)
     inches = 20 in codes or (modal.inches and 21 not in codes)

@@ -1,18 +1,18 @@
-"""The machine under an emulated controller: where it truly stands beside where the controller believes it to be."""
+"""The machine under an emulated controller: its true position and the one the controller assumes."""
 
 from .motion import Planner, Vector
 from .settings import ControllerSettings, Memory
 
 
 class Machine:
-    """Three axes that do what a planner says, and are where it says until power or steps are lost.
+    """Three axes that follow a planner until power or steps are lost.
 
     Args:
         memory: The numbered settings.
-        settings: How the controller is set up.
+        settings: Settings of the controller.
 
     Attributes:
-        planner: Lines to go, in the controller's own coordinates.
+        planner: Pending lines, in the controller's own coordinates.
     """
 
     def __init__(self, memory: Memory, settings: ControllerSettings) -> None:
@@ -25,34 +25,34 @@ class Machine:
         self._astray_mm: Vector = (0.0, 0.0, 0.0) if settings.homed else start_mm
 
     def believed_mm(self, time_s: float) -> Vector:
-        """Where the controller believes it to be."""
+        """Position that the controller assumes, in machine coordinates."""
         return self.planner.axes.mm(self.planner.at(time_s))
 
     def position_mm(self, time_s: float) -> Vector:
-        """Where it truly stands."""
+        """True position in machine coordinates."""
         (x, y, z), (a, b, c) = self.planner.axes.mm(self.planner.at(time_s)), self._astray_mm
         return x + a, y + b, z + c
 
     def stop_dead(self, time_s: float) -> None:
-        """Steps stop at once; the machine stops a little later, so that the position is lost."""
+        """Stops the steps at once; the machine stops a little later, so the position is lost."""
         x, y, z = (speed * self._settings.overrun_s for speed in self.planner.velocity_mm_s(time_s))
         self._astray_mm = _sum(self._astray_mm, (x, y, z))
         self.planner.stop(time_s)
 
     def lose_power(self, time_s: float) -> None:
-        """Stops dead, and the controller believes to be at zero."""
+        """Stops at once; the controller then assumes position zero."""
         self.stop_dead(time_s)
         self._astray_mm = self.position_mm(time_s)
         self.planner.set((0, 0, 0))
 
     def start_homing(self, time_s: float) -> None:
-        """Sets out for the switches, the straight way."""
+        """Starts moving straight to the limit switches."""
         self.planner.set(self.planner.axes.steps(self.position_mm(time_s)))
         self._astray_mm = (0.0, 0.0, 0.0)
         self.planner.add_timed(self._memory.home, self._settings.homing_s, time_s)
 
     def end_homing(self) -> None:
-        """Stands where homing ends, and the controller knows."""
+        """Puts the machine where homing ends, with the position known."""
         self.planner.set(self._memory.home)
 
 

@@ -1,7 +1,7 @@
-"""How an emulated stage moves: straight lines, each with a trapezoid of speed, in whole steps of the motors.
+"""Motion of an emulated stage: straight lines with trapezoidal speed profiles, in whole motor steps.
 
-Lines run back to back, and the machine comes to rest between them. Real controllers pass through the joint of two
-lines that point the same way; a tap, which reverses, is not affected.
+Lines run back to back, and the machine comes to rest between them. Real controllers pass through the junction of two
+lines in the same direction; a tap, which reverses, is not affected.
 """
 
 import math
@@ -13,11 +13,11 @@ Vector = tuple[float, float, float]
 Steps = tuple[int, int, int]
 
 BLOCKS = 15
-"""Lines that a controller keeps, the current one included (planner.h)."""
+"""Lines that a controller queues, including the current one (planner.h)."""
 
 
 class MotionLimits(NamedTuple):
-    """What the axes can do.
+    """Limits of the axes.
 
     Attributes:
         steps_per_mm: Steps of the motor per millimetre.
@@ -30,23 +30,23 @@ class MotionLimits(NamedTuple):
     acceleration_mm_s2: Vector
 
     def steps(self, place_mm: Vector) -> Steps:
-        """The nearest steps to a place."""
+        """Steps nearest to a position."""
         x, y, z = (round(mm * steps) for mm, steps in zip(place_mm, self.steps_per_mm, strict=True))
         return x, y, z
 
     def mm(self, place: Vector) -> Vector:
-        """A place in steps, in millimetres."""
+        """Position in mm of a position in steps."""
         (x, y, z), (per_x, per_y, per_z) = place, self.steps_per_mm
         return x / per_x, y / per_y, z / per_z
 
 
 class Trapezoid(NamedTuple):
-    """Way over time from rest to rest.
+    """Distance over time from rest to rest.
 
     Attributes:
-        length_mm: The whole way.
+        length_mm: Total distance.
         peak_mm_s: Highest speed reached.
-        acceleration_mm_s2: Of speeding up and of braking.
+        acceleration_mm_s2: Acceleration, the same for speeding up and for braking.
         duration_s: Time from rest to rest.
     """
 
@@ -56,7 +56,7 @@ class Trapezoid(NamedTuple):
     duration_s: float
 
     def travelled_mm(self, time_s: float) -> float:
-        """Way done at a time since the start."""
+        """Distance travelled at a time since the start, in mm."""
         left_s, ramp_s = self.duration_s - time_s, self.peak_mm_s / self.acceleration_mm_s2
         if time_s <= 0.0 or left_s <= 0.0:
             return 0.0 if time_s <= 0.0 else self.length_mm
@@ -67,19 +67,19 @@ class Trapezoid(NamedTuple):
         return self.peak_mm_s * (time_s - ramp_s / 2)
 
     def speed_mm_s(self, time_s: float) -> float:
-        """Speed at a time since the start."""
+        """Speed at a time since the start, in mm/s."""
         ramp_s = min(time_s, self.duration_s - time_s)
         return max(0.0, min(self.peak_mm_s, self.acceleration_mm_s2 * ramp_s))
 
     def braked(self, time_s: float) -> "Trapezoid":
-        """The same way up to a time, and the shortest from there to rest: again a trapezoid."""
+        """The same profile up to a time, then the shortest to rest: again a trapezoid."""
         braking_mm = self.speed_mm_s(time_s) ** 2 / (2 * self.acceleration_mm_s2)
         length_mm = min(self.length_mm, self.travelled_mm(time_s) + braking_mm)
         return trapezoid(length_mm, self.peak_mm_s, self.acceleration_mm_s2)
 
 
 def trapezoid(length_mm: float, speed_mm_s: float, acceleration_mm_s2: float) -> Trapezoid:
-    """The fastest way from rest to rest; a triangle if it is too short to reach the speed."""
+    """Fastest profile from rest to rest; a triangle if too short to reach the speed."""
     peak_mm_s = min(speed_mm_s, math.sqrt(length_mm * acceleration_mm_s2))
     duration_s = length_mm / peak_mm_s + peak_mm_s / acceleration_mm_s2 if peak_mm_s > 0.0 else 0.0
     return Trapezoid(length_mm, peak_mm_s, acceleration_mm_s2, duration_s)
@@ -89,12 +89,12 @@ class Move(NamedTuple):
     """One line.
 
     Attributes:
-        start: Where it starts, in steps.
-        end: Where it ends, in steps; between two steps after braking.
-        start_s: When it starts.
-        end_s: When it ends.
-        profile: Way over time.
-        speed_mm_s: Speed asked for.
+        start: Start, in steps.
+        end: End, in steps; may lie between two steps after braking.
+        start_s: Start time.
+        end_s: End time.
+        profile: Distance over time.
+        speed_mm_s: Requested speed.
     """
 
     start: Steps
@@ -105,7 +105,7 @@ class Move(NamedTuple):
     speed_mm_s: float
 
     def at(self, time_s: float) -> Steps:
-        """Steps at a time."""
+        """Position in steps at a time."""
         (a, b, c), (x, y, z) = self.start, self.end
         share = self.profile.travelled_mm(time_s - self.start_s) / self.profile.length_mm
         return round(a + (x - a) * share), round(b + (y - b) * share), round(c + (z - c) * share)
@@ -119,11 +119,11 @@ class Move(NamedTuple):
 
 
 class Planner:
-    """Lines to go, in order.
+    """Queue of lines.
 
     Args:
-        axes: What the axes can do; whoever changes it does so at rest.
-        place: Where the machine is at first, in steps.
+        axes: Limits of the axes; to be changed at rest only.
+        place: Start position, in steps.
     """
 
     def __init__(self, axes: MotionLimits, place: Steps) -> None:
@@ -133,19 +133,19 @@ class Planner:
         self._held: deque[tuple[Vector, float]] = deque()
 
     def at(self, time_s: float) -> Steps:
-        """Where the machine is, for times that are not past."""
+        """Position in steps, at a time that is not past."""
         for move in self._moves:
             if time_s < move.end_s:
                 return move.at(time_s)
         return _nearest(self._moves[-1].end) if self._moves else self._place
 
     def speed_mm_s(self, time_s: float) -> float:
-        """How fast it moves."""
+        """Speed in mm/s."""
         move = self.current(time_s)
         return move.profile.speed_mm_s(time_s - move.start_s) if move else 0.0
 
     def velocity_mm_s(self, time_s: float) -> Vector:
-        """How fast each axis moves, with its sign."""
+        """Signed speed of each axis in mm/s."""
         move = self.current(time_s)
         if move is None or move.start_s > time_s:
             return 0.0, 0.0, 0.0
@@ -154,32 +154,32 @@ class Planner:
         return (x - a) * share_per_s, (y - b) * share_per_s, (z - c) * share_per_s
 
     def current(self, time_s: float) -> Move | None:
-        """The line that it is on, or waits to start; None at rest. Lines before it are forgotten."""
+        """Current or next line, None at rest; drops the lines before it."""
         while self._moves and self._moves[0].end_s <= time_s:
             self._place = _nearest(self._moves.popleft().end)
         return self._moves[0] if self._moves else None
 
     def waiting(self, time_s: float) -> int:
-        """Lines not done yet."""
+        """Number of unfinished lines."""
         self.current(time_s)
         return len(self._moves) + len(self._held)
 
     @property
     def held(self) -> bool:
-        """Whether lines wait for `resume`."""
+        """Whether lines are held until `resume`."""
         return bool(self._held)
 
     def end_s(self) -> float:
-        """When the last line ends that nothing holds; minus infinity if there is none."""
+        """End time of the last line that is not held; minus infinity if there is none."""
         return self._moves[-1].end_s if self._moves else -math.inf
 
     def add(self, end: Vector, speed_mm_s: float, time_s: float) -> None:
-        """Appends a line, which starts at a time or when those before it are done; none if there is no way to go.
+        """Appends a line that starts at a time or after those before it; does nothing if already there.
 
         Args:
-            end: Where to, in steps.
-            speed_mm_s: At most this fast, and no axis faster than it can.
-            time_s: Not before.
+            end: Target, in steps.
+            speed_mm_s: Highest speed; reduced to the limits of the axes.
+            time_s: Earliest start.
         """
         if self._held:
             self._held.append((end, speed_mm_s))
@@ -195,7 +195,7 @@ class Planner:
         self._append(start, end, max(time_s, self.end_s()), profile, speed_mm_s)
 
     def add_timed(self, end: Steps, duration_s: float, time_s: float) -> None:
-        """Appends a line that takes a given time, whatever the axes can do."""
+        """Appends a line of a given duration, regardless of the limits of the axes."""
         start = self.at(max(time_s, self.end_s()))
         length_mm = math.dist(self.axes.mm(start), self.axes.mm(end))
         if length_mm > 0.0:
@@ -206,36 +206,36 @@ class Planner:
         self._moves.append(Move(start, end, start_s, start_s + profile.duration_s, profile, speed_mm_s))
 
     def hold(self, time_s: float) -> None:
-        """Brakes, and keeps what is left for `resume`."""
+        """Brakes, and keeps the remaining lines for `resume`."""
         self.current(time_s)
         self._held.extend((move.end, move.speed_mm_s) for move in self._moves)
         started = [move.braked(time_s) for move in self._moves if move.start_s <= time_s]
         self._moves = deque(move for move in started if move.end_s > time_s)
 
     def resume(self, time_s: float) -> None:
-        """Goes on with what `hold` kept."""
+        """Resumes the lines that `hold` kept."""
         held, self._held = self._held, deque()
         for end, speed_mm_s in held:
             self.add(end, speed_mm_s, time_s)
 
     def cancel(self, time_s: float) -> None:
-        """Brakes, and forgets what is left."""
+        """Brakes, and drops the remaining lines."""
         self.hold(time_s)
         self._held.clear()
 
     def stop(self, time_s: float) -> None:
-        """Stands still at once, and forgets what is left."""
+        """Stops at once, and drops the remaining lines."""
         self.set(self.at(time_s))
 
     def set(self, place: Steps) -> None:
-        """Calls where the machine is a place, and forgets what is left."""
+        """Sets the current position, and drops the remaining lines."""
         self._place = place
         self._moves.clear()
         self._held.clear()
 
 
 def _least(limits: Vector, shares: list[float]) -> float:
-    """The highest value along a line at which no axis exceeds its limit."""
+    """Highest value along a line at which no axis exceeds its limit."""
     return min(limit / share for limit, share in zip(limits, shares, strict=True) if share > 0.0)
 
 

@@ -1,4 +1,4 @@
-"""The state that all parts of an emulated GRBL firmware share, and what it says about it."""
+"""State shared by all parts of an emulated GRBL firmware, and its status reports."""
 
 import math
 from collections.abc import Generator
@@ -11,9 +11,9 @@ from .receive_buffer import ReceiveBuffer
 from .settings import ControllerSettings, Memory
 
 Program = Generator[float]
-"""Yields the rig time at which it goes on, infinity to wait for a byte; any byte wakes it too."""
+"""Yields the rig time at which it resumes, infinity to wait for a byte; any byte resumes it too."""
 Command = Generator[float, None, int]
-"""The same; it returns 0 for `ok` or the number of an error."""
+"""The same; returns 0 for `ok` or an error number."""
 
 
 class Processor:
@@ -21,26 +21,26 @@ class Processor:
 
     Args:
         switches: Faults.
-        settings: How it is set up.
+        settings: Settings of the controller.
 
     Attributes:
         now_s: Rig time.
         switches: Faults.
-        settings: How it is set up.
+        settings: Settings of the controller.
         memory: The numbered settings.
-        machine: What it moves.
-        planner: The machine's lines to go.
-        input: What it has received.
+        machine: The machine.
+        planner: Pending lines of the machine.
+        input: Receive buffer.
         locked: Whether it is in Alarm.
         pressed: Letters of the limit switches that are pressed.
-        homing: Whether it homes.
-        jogging: Whether the lines to go are jogs.
-        held: Whether a hold keeps lines.
+        homing: Whether it is homing.
+        jogging: Whether the pending lines are jogs.
+        held: Whether a feed hold is active.
         listens: Whether it answers `?`.
         resets: Whether it obeys a reset.
-        deaf_until: Until when interrupts are off.
-        suspended_until: Until when the main program takes no line.
-        asked_s: When a status was asked for that is not answered yet.
+        deaf_until: Time until which interrupts are off.
+        suspended_until: Time until which the main program takes no line.
+        asked_s: Time of a status request that is not answered yet.
     """
 
     def __init__(self, switches: Switches, settings: ControllerSettings) -> None:
@@ -57,7 +57,7 @@ class Processor:
         self.forget()
 
     def forget(self) -> None:
-        """What every start clears."""
+        """Clears what every start clears."""
         self.input.clear()
         self._counters = grbl_report.Counters()
         self.asked_s: float | None = None
@@ -67,22 +67,22 @@ class Processor:
 
     @property
     def moves(self) -> bool:
-        """Whether there are lines that are not held, even if the first has not started yet."""
+        """Whether lines are pending and not held, even if the first has not started yet."""
         return self.planner.current(self.now_s) is not None
 
     @property
     def jogs(self) -> bool:
-        """Whether these are jogs."""
+        """Whether the machine is jogging."""
         return self.jogging and self.moves
 
     def pause(self, seconds: float) -> Program:
-        """Lets time go on."""
+        """Waits for a time in seconds."""
         end_s = self.now_s + seconds
         while self.now_s < end_s:
             yield end_s
 
     def until_done(self) -> Program:
-        """Waits until there is no line to go."""
+        """Waits until no line is pending."""
         while self.planner.waiting(self.now_s):
             yield math.inf if self.held else self.planner.end_s()
 
@@ -93,7 +93,7 @@ class Processor:
             yield math.inf if move is None or self.held else move.end_s
 
     def critical_alarm(self, number: int) -> Program:
-        """Tells, and then nothing helps but a reset; one that comes while it tells is not seen."""
+        """Reports an alarm that only a reset clears; a reset during the report is ignored."""
         self.locked, self.listens, self.resets = True, False, False
         self.say(f"ALARM:{number}")
         yield from self.pause(self.settings.alarm_s)
@@ -107,7 +107,7 @@ class Processor:
         self._output += f"{text}\r\n".encode("ascii")
 
     def take_output(self) -> bytes:
-        """What it has said since the last time."""
+        """Output since the last call."""
         data = bytes(self._output)
         self._output.clear()
         return data

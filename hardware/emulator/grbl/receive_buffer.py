@@ -1,16 +1,16 @@
-"""How an emulated GRBL controller takes in bytes: a small buffer, and lines without spaces and comments."""
+"""Receive buffer of an emulated GRBL controller; yields lines without spaces and comments."""
 
 _SKIPPED = frozenset(b"/") | frozenset(range(33))
-"""Spaces, control characters and the block delete sign mean nothing."""
+"""Ignored: spaces, control characters and the block delete sign."""
 LINE_BYTES = 79
-"""Characters of the longest line that is understood (protocol.h)."""
+"""Longest line accepted, in characters (protocol.h)."""
 
 
 class ReceiveBuffer:
-    """Bytes that came and are not read yet, and the line being read.
+    """Bytes not read yet, and the line being read.
 
     Args:
-        size: Bytes it holds; those beyond are lost without a word.
+        size: Capacity in bytes; excess bytes are lost silently.
     """
 
     def __init__(self, size: int) -> None:
@@ -20,7 +20,7 @@ class ReceiveBuffer:
 
     @property
     def room(self) -> int:
-        """Bytes that it can still take."""
+        """Free space in bytes."""
         return self._size - len(self._bytes)
 
     def put(self, byte: int) -> None:
@@ -29,16 +29,16 @@ class ReceiveBuffer:
             self._bytes.append(byte)
 
     def discard(self) -> None:
-        """Loses what was not read yet."""
+        """Discards unread bytes."""
         self._bytes.clear()
 
     def clear(self) -> None:
-        """Loses everything, the line being read too."""
+        """Discards everything, including the line being read."""
         self._bytes.clear()
         self._start_line()
 
     def line(self) -> str | None:
-        """The next line in capitals, longer than `LINE_BYTES` if it was too long; None if there is no whole one yet."""
+        """Next line in capitals, longer than `LINE_BYTES` if it was too long; None if none is complete yet."""
         for count, byte in enumerate(self._bytes, 1):
             if byte in b"\r\n":
                 del self._bytes[:count]

@@ -1,4 +1,4 @@
-"""What an emulated GRBL controller prints (report.c), without the line ends."""
+"""Output of an emulated GRBL controller (report.c), without line ends."""
 
 from .gcode import Modal
 from .motion import BLOCKS, Vector
@@ -15,23 +15,23 @@ HELP = "[HLP:$$ $# $G $I $N $x=val $Nx=line $J=line $SLP $C $X $H ~ ! ? ctrl-x]"
 
 
 def banner(firmware: str, version: str) -> str:
-    """What it says after every start, between two line ends."""
+    """Banner printed after every start."""
     return f"\r\n{firmware} {version} {_HELP.get(firmware, _HELP['Grbl'])}"
 
 
 def build_info(version: str, receive_bytes: int) -> list[str]:
-    """What `$I` prints."""
+    """Output of `$I`."""
     return [f"[VER:{version}.20190830:]", f"[OPT:V,{BLOCKS},{receive_bytes}]"]
 
 
 def parser_state(modal: Modal) -> str:
-    """What `$G` prints."""
+    """Output of `$G`."""
     units, distance = 20 if modal.inches else 21, 90 if modal.absolute else 91
     return f"[GC:G{modal.motion} G54 G17 G{units} G{distance} G94 M5 M9 T0 F{modal.feed_mm_min:.0f} S0]"
 
 
 def offsets(work_mm: Vector, *, inches: bool) -> list[str]:
-    """What `$#` prints; there is no offset but that of G54."""
+    """Output of `$#`; the only offset is that of G54."""
     zero = vector((0.0, 0.0, 0.0), inches=inches)
     places = dict.fromkeys(("G54", "G55", "G56", "G57", "G58", "G59", "G28", "G30", "G92"), zero)
     places["G54"] = vector(work_mm, inches=inches)
@@ -44,13 +44,13 @@ def vector(place_mm: Vector, *, inches: bool) -> str:
 
 
 class Counters:
-    """Which status reports carry the fields that come only now and then."""
+    """Counters for the occasional fields of status reports."""
 
     def __init__(self) -> None:
         self._offset = self._override = 0
 
     def due(self, state: str) -> tuple[bool, bool]:
-        """Whether the next report has WCO, and whether it has Ov: every 30th and 20th while busy, else every 10th."""
+        """Whether the next report has WCO, and whether it has Ov: every 30th and 20th when busy, else every 10th."""
         offset_due = self._offset == 0
         self._offset = (30 if state in _BUSY else 10) - 1 if offset_due else self._offset - 1
         if offset_due and self._override == 0:
@@ -75,9 +75,9 @@ def status(
     """A status report.
 
     Args:
-        state: Its first field.
-        machine_mm: Machine coordinates.
-        offset_mm: Machine coordinates of the work zero.
+        state: First field.
+        machine_mm: Position in machine coordinates.
+        offset_mm: Work zero in machine coordinates.
         speed_mm_s: Speed.
         room: Free lines of the planner and free bytes of the receive buffer.
         pressed: Letters of the limit switches that are pressed.

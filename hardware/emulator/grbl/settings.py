@@ -1,4 +1,4 @@
-"""What an emulated GRBL controller is set to: the numbered settings it keeps, and how it behaves beyond them."""
+"""Settings of an emulated GRBL controller: the numbered ones it stores, and its timing."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -15,7 +15,7 @@ DEFAULTS: Mapping[int, float] = {
     120: 500.0, 121: 500.0, 122: 500.0,
     130: 200.0, 131: 200.0, 132: 200.0,
 }  # fmt: skip
-"""Value of each `$n` (settings.md). Unlike GRBL's own, those of a stage with limit switches and homing."""
+"""Value of each `$n` (settings.md); unlike GRBL's defaults, for a stage with limit switches and homing."""
 
 _FLAGS = {4, 5, 6, 13, 20, 21, 22, 32}
 _WHOLE = _FLAGS | {0, 1, 2, 3, 10, 23, 26, 30, 31}
@@ -28,20 +28,20 @@ class ControllerSettings:
     Attributes:
         values: `$n` that differ from `DEFAULTS`.
         firmware: `"Grbl"` or `"GrblHAL"`.
-        version: Its version.
-        homed: Whether it has been homed before anyone opens the port; if not it is as after power-up.
-        start_mm: Where the machine truly stands at first; default where homing ends, or, if not homed, mid-travel.
-        work_offset_mm: Machine coordinates of the work zero (G54).
-        receive_bytes: Bytes of the receive buffer; grblHAL has 1024.
-        homing_s: Time that homing takes.
+        version: Version of the firmware.
+        homed: Whether it is homed before the port is opened; if not, it is as after power-up.
+        start_mm: True start position; by default where homing ends, or mid-travel if not homed.
+        work_offset_mm: Work zero (G54) in machine coordinates.
+        receive_bytes: Size of the receive buffer; 1024 in grblHAL.
+        homing_s: Duration of homing.
         line_s: Time from the end of a line to its answer.
         status_s: Time from `?` to its answer.
-        start_s: Time from the `ok` of a G0 or G1 to its start, in which status says Idle at the old place.
-        write_s: Time that writing a setting takes; what arrives meanwhile is lost.
-        alarm_s: Time that printing an alarm takes, in which nothing else happens.
+        start_s: Time from the `ok` of a G0 or G1 to its start, in which status reports Idle at the old position.
+        write_s: Time to write a setting; bytes that arrive meanwhile are lost.
+        alarm_s: Time to print an alarm, in which nothing else happens.
         reset_s: Time from a soft reset to the banner.
-        boot_s: Time from power-up to the banner, boot loader included.
-        overrun_s: What the machine runs on after steps stop at speed, as the time that way takes at this speed.
+        boot_s: Time from power-up to the banner, including the boot loader.
+        overrun_s: Overrun after the steps stop at speed, as its travel time at that speed.
     """
 
     values: Mapping[int, float] = field(default_factory=dict)
@@ -63,7 +63,7 @@ class ControllerSettings:
 
 
 class Memory:
-    """The numbered settings, which outlive a loss of power.
+    """Numbered settings, which survive a loss of power.
 
     Args:
         changes: Values that differ from `DEFAULTS`.
@@ -76,14 +76,14 @@ class Memory:
         return self._values[number]
 
     def lines(self) -> list[str]:
-        """What `$$` prints."""
+        """Output of `$$`."""
         return [
             f"${number}={value:.0f}" if number in _WHOLE else f"${number}={value:.3f}"
             for number, value in self._values.items()
         ]
 
     def write(self, number: int, value: float) -> int:
-        """Keeps a value; returns 0, or the number of the error if it is refused (settings.c)."""
+        """Stores a value; returns 0, or the error number if refused (settings.c)."""
         soft_limits_without_homing = number == 20 and value > 0 and not self._values[22]
         refusals = {4: value < 0, 3: number not in self._values, 6: number == 0 and value < 3}
         refusals[10] = soft_limits_without_homing
@@ -95,12 +95,12 @@ class Memory:
         return 0
 
     def axis(self, first: int) -> Vector:
-        """The values of the three axes that start at a number."""
+        """Values of the three axes, from a setting number on."""
         return self._values[first], self._values[first + 1], self._values[first + 2]
 
     @property
     def axes(self) -> MotionLimits:
-        """What the axes can do; a rate of 0 in the memory is a very slow axis here."""
+        """Limits of the axes; a stored rate of 0 gives a very slow axis."""
         x, y, z = (max(rate, 1e-3) / 60 for rate in self.axis(110))
         a, b, c = (max(value, 1e-3) for value in self.axis(120))
         p, q, r = (max(value, 1e-3) for value in self.axis(100))
@@ -108,12 +108,12 @@ class Memory:
 
     @property
     def home(self) -> Steps:
-        """Where homing ends: off the switches, at the negative end for axes in the mask `$23` (limits.c)."""
+        """Position where homing ends: off the switches, at the negative end for axes in the mask `$23` (limits.c)."""
         off_mm, mask = self._values[27], int(self._values[23])
         x, y, z = (off_mm - travel if mask >> axis & 1 else -off_mm for axis, travel in enumerate(self.axis(130)))
         return self.axes.steps((x, y, z))
 
     def leaves_travel(self, place_mm: Vector) -> bool:
-        """Whether a place lies outside of `-travel` to 0 on an axis while soft limits are on."""
+        """Whether soft limits are on and a position lies outside `-travel` to 0 on an axis."""
         outside = (not -travel <= mm <= 0.0 for mm, travel in zip(place_mm, self.axis(130), strict=True))
         return bool(self._values[20]) and any(outside)

@@ -113,14 +113,14 @@ def test_taps_that_train_neither_tune_nor_measure(make_taps):
     parts = parts_of([a, concatenate([b, a.select(np.arange(3))]), some])
     assert (len(parts.tune[0]), len(parts.measure)) == (84, 86)
     assert parts.warnings == (
-        "3 of 87 taps of file-1.nc trained the model and are left out; --training-taps plays them all the same.",
-        "5 of 91 taps of file-2.nc trained the model and are left out; --training-taps plays them all the same.",
+        "3 of 87 taps of file-1.nc trained the model and are left out; --training-taps keeps them.",
+        "5 of 91 taps of file-2.nc trained the model and are left out; --training-taps keeps them.",
         "2 of the 86 measuring taps stand among the tuning taps too.",
     )
     kept = parts_of([a, b, some], training_taps=True)
     assert len(kept.measure) == 91
-    assert kept.warnings[0].startswith("5 of 91 taps of file-2.nc trained the model and are played all the same")
-    with pytest.raises(InputError, match=r"^No tap is left to test: all 84 taps of file-1\.nc trained the model"):
+    assert kept.warnings[0].startswith("5 of 91 taps of file-2.nc trained the model and are kept")
+    with pytest.raises(InputError, match=r"^No tap left to test: all 84 taps of file-1\.nc trained the model"):
         parts_of([a, a, c])
 
 
@@ -149,11 +149,11 @@ def test_files_that_do_not_fit_together_are_refused(make_taps):
     with pytest.raises(InputError, match="An audit needs a file of taps or several"):
         audit_parts([], [], first.grid())
     renamed = second.dataset.assign_coords(what_name=("what_class", ["a", "b", "c", "d"]))
-    with pytest.raises(InputError, match=r"file-1\.nc has other objects than file-0\.nc"):
+    with pytest.raises(InputError, match=r"file-1\.nc: objects differ from those of file-0\.nc"):
         parts_of([first, type(first)(renamed)])
     with pytest.raises(InputError, match=r"file-0\.nc has 5 taxels and file-1\.nc has 3"):
         parts_of([first, make_taps(sessions=1, K=3)])
-    with pytest.raises(InputError, match="prepared differently"):
+    with pytest.raises(InputError, match="differ in preprocessing"):
         parts_of([first, make_taps(sessions=1, preprocessing=Preprocessing(samples=6, rate_hz=25.0))])
 
 

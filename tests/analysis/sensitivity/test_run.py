@@ -400,7 +400,7 @@ def test_faultless_decisions_are_named(tmp_path, make_taps):
 
 
 def test_a_preset_that_is_not_there_is_refused():
-    with pytest.raises(InputError, match="There is no preset 'nowhere'"):
+    with pytest.raises(InputError, match="Unknown preset 'nowhere'"):
         simulated_source("nowhere", 3, 0)
 
 

@@ -286,7 +286,7 @@ def test_data_that_allow_no_comparison_are_refused(make_taps, tmp_path):
         recorded_bench(tmp_path / "hole.nc")
     with pytest.raises(InputError, match="two data sets or more, got 1"):
         simulated_bench("paper", 1, 0)
-    with pytest.raises(InputError, match=r"There is no preset 'nowhere'; the presets are .*model"):
+    with pytest.raises(InputError, match=r"Unknown preset 'nowhere'; choose from .*model"):
         simulated_bench("nowhere", 3, 0)
 
 

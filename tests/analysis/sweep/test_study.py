@@ -22,7 +22,7 @@ preset = "paper"
 """
 
 IN_GRID = {
-    "an unknown key": ("pseudocuont = [1]", "grid: there is an unknown key `pseudocuont`"),
+    "an unknown key": ("pseudocuont = [1]", "grid: unknown key `pseudocuont`"),
     "a scalar for an axis": ("bins = 100", "grid.bins: expected `array`, got `int`"),
     "an empty axis": ("seed = []", "grid.seed: expected `array` of length >= 1"),
     "no bins": ("bins = [0]", "grid.bins"),
@@ -39,10 +39,10 @@ IN_GRID = {
     "theta_X beyond 1": ("policy = [1.5]", "grid.policy"),
     "fixation is active": ('policy = ["fixation"]', "grid.policy: 'fixation' is written \"active\" here"),
     "theta_X is a number": ('policy = ["fixation:0.5"]', "with its theta_X as a number"),
-    "a reach of 0": ('policy = ["step:0"]', "grid.policy: The number of a strategy must be a whole"),
+    "a reach of 0": ('policy = ["step:0"]', "grid.policy: The number of a strategy must be an integer"),
     "a strategy that was left out": ('policy = ["two-taps"]', "grid.policy: it must be passive, active or a"),
-    "the same with a number": ('policy = ["two-taps:8"]', "grid.policy: There is no control strategy"),
-    "an unknown strategy": ('policy = ["info:3"]', "grid.policy: There is no control strategy"),
+    "the same with a number": ('policy = ["two-taps:8"]', "grid.policy: Unknown control strategy"),
+    "an unknown strategy": ('policy = ["info:3"]', "grid.policy: Unknown control strategy"),
     "a power below 0": ("power = [-1]", "grid.power: The power must be J, JK, none or a positive"),
     "an infinite pseudocount": ("pseudocount = [inf]", "grid.pseudocount: the numbers must be finite"),
     "NaN as a pseudocount": ("pseudocount = [nan]", "grid.pseudocount"),
@@ -50,7 +50,7 @@ IN_GRID = {
 }
 WRONG = {name: (f"{LEAST}[grid]\n{text}", sentence) for name, (text, sentence) in IN_GRID.items()}
 WRONG |= {
-    "no TOML": ("name = ", "this is no TOML"),
+    "no TOML": ("name = ", "not TOML"),
     "no name": (LEAST.replace('"least"', '""'), "name: expected `str` of length >= 1"),
     "a threshold beyond 1": (LEAST.replace("0.9", "1.9"), "thresholds"),
     "a single resample": (LEAST.replace("trials", "resamples = 1\ntrials"), "resamples: it takes 2 or more"),
@@ -78,7 +78,7 @@ def test_a_sentence_names_the_file(tmp_path):
 
     with pytest.raises(InputError, match=r"bad\.toml: .*name"):
         load_study(tmp_path / "bad.toml")
-    with pytest.raises(InputError, match=r"none\.toml cannot be read"):
+    with pytest.raises(InputError, match=r"none\.toml: cannot read"):
         load_study(tmp_path / "none.toml")
 
 
@@ -176,7 +176,7 @@ def test_the_key_of_files_follows_their_content(make_study, make_taps):
 def test_a_file_that_cannot_be_split_is_named(make_study):
     path = make_study(data="train = [7]")
 
-    with pytest.raises(InputError, match="data rods: --train names session 7"):
+    with pytest.raises(InputError, match="data rods: --train: no session 7"):
         Sources(load_study(path), path.parent)
 
 

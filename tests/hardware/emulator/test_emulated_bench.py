@@ -75,7 +75,7 @@ def test_over_a_socket_it_is_the_same_rig(tmp_path):
 
 def test_after_power_up_it_needs_homing(tmp_path):
     with emulated_bench(tmp_path) as bench:
-        with pytest.raises(PositionUnknown, match="the stage does not know where it is"):
+        with pytest.raises(PositionUnknown, match="position unknown; clear the path of the stage"):
             taps(bench, [])
 
         assert taps(bench, [0], home=True)[0].shape == (50, 12)

@@ -128,7 +128,7 @@ def test_each_press_goes_a_little_elsewhere():
 @pytest.mark.parametrize("what", [-1, 5])
 def test_unknown_rods_are_refused(what):
     """There are only the rods of the settings."""
-    with pytest.raises(InputError, match=f"There is no rod {what}; the finger has 5"):
+    with pytest.raises(InputError, match=f"Unknown object {what}; choose 0 to 4"):
         held(PAPER, 0.0, 0.0, what)
 
 

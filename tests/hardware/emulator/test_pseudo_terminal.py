@@ -174,12 +174,12 @@ def test_a_link_that_someone_else_has_replaced_is_left_alone(terminal):
 def test_a_file_of_that_name_is_not_replaced(tmp_path):
     (tmp_path / "port").write_text("mine")
 
-    with pytest.raises(InputError, match="port exists and is no link to a terminal"):
+    with pytest.raises(InputError, match="port: exists and is not a link to a terminal"):
         PseudoTerminal(tmp_path / "port")
 
     assert (tmp_path / "port").read_text() == "mine"
 
 
 def test_a_folder_that_is_missing_is_named(tmp_path):
-    with pytest.raises(InputError, match=r"missing/port cannot be made: No such file"):
+    with pytest.raises(InputError, match=r"missing/port: cannot create the port: No such file"):
         PseudoTerminal(tmp_path / "missing" / "port")

@@ -56,11 +56,11 @@ def test_other_sizes_fit_too(tmp_path):
 @pytest.mark.parametrize(
     ("changes", "sentence"),
     [
-        ({"rate_hz": 60.0}, "The board of the iCub's skin sends every 1 to 209 ms, not at 60 Hz"),
-        ({"rate_hz": 2.0}, "not at 2 Hz"),
-        ({"rate_hz": 1000 / 210, "tap_period_s": 1.05}, "not at 4.7619 Hz"),
+        ({"rate_hz": 60.0}, "The iCub skin board sends every 1 to 209 ms; 60 Hz is out of range"),
+        ({"rate_hz": 2.0}, "; 2 Hz is out of range"),
+        ({"rate_hz": 1000 / 210, "tap_period_s": 1.05}, "; 4.7619 Hz is out of range"),
         ({"taxels": PAPER.taxels * 2}, "The iCub's fingertip has 12 taxels, not 24"),
-        ({"end_mm": 180.0}, "A range of 180 mm is too long"),
+        ({"end_mm": 180.0}, "The range of 180 mm exceeds the travel"),
     ],
 )
 def test_what_the_bench_cannot_do_is_said(tmp_path, changes, sentence):
@@ -88,10 +88,10 @@ def test_its_own_file_is_replaced_and_a_file_of_others_is_not(tmp_path):
     assert "objects: b." in path.read_text()
 
     path.write_text('name = "mine"\n')
-    with pytest.raises(InputError, match=r"rig.toml was not written by the emulator, so it is not replaced"):
+    with pytest.raises(InputError, match=r"rig.toml: not written by the emulator, so not overwritten"):
         write_rig(path, rig, ["a"])
 
 
 def test_a_folder_that_is_missing_is_named(tmp_path):
-    with pytest.raises(InputError, match=r"rig.toml cannot be written: No such file"):
+    with pytest.raises(InputError, match=r"rig.toml: cannot write: No such file"):
         write_rig(tmp_path / "none" / "rig.toml", emulated_rig(tmp_path, PAPER, "icub"), [])

@@ -98,9 +98,9 @@ def test_a_second_connection_takes_orders_while_the_first_has_the_clock(small_be
 
 
 def test_what_the_bench_refuses_is_said_on_the_other_side(connection):
-    with pytest.raises(InputError, match="There is no object 9"):
+    with pytest.raises(InputError, match="Unknown object 9"):
         connection.control({"object": 9})
-    with pytest.raises(InputError, match="/dev/null: the emulator has no such port"):
+    with pytest.raises(InputError, match="/dev/null: unknown port of the emulator"):
         connection.advance(1.0, {"/dev/null": 0})
 
     assert connection.advance(1.0, {}).now_s == 1.0
@@ -116,14 +116,14 @@ def test_an_answer_that_nobody_waited_for_is_passed_over(running, connection):
 @pytest.mark.parametrize(
     ("line", "sentence"),
     [
-        (b"", "The emulator takes JSON objects"),
-        (b"[1]", "The emulator takes JSON objects"),
-        (b"\xff\x00", "The emulator takes JSON objects"),
-        (b'{"number": 3}', "The emulator takes questions with"),
-        (b'{"number": 3, "advance": "x", "sent": {}}', "The emulator takes questions with"),
-        (b'{"number": 3, "advance": 1, "sent": {"a": "b"}}', "The emulator takes JSON objects"),
-        (b'{"number": 3, "advance": 1e999, "sent": {}}', "The emulator takes|Rig time cannot"),
-        (b'{"number": 3, "order": 5}', "The emulator takes questions with"),
+        (b"", "Invalid request"),
+        (b"[1]", "Invalid request"),
+        (b"\xff\x00", "Invalid request"),
+        (b'{"number": 3}', "A request needs advance and sent, or order"),
+        (b'{"number": 3, "advance": "x", "sent": {}}', "A request needs advance and sent, or order"),
+        (b'{"number": 3, "advance": 1, "sent": {"a": "b"}}', "Invalid request"),
+        (b'{"number": 3, "advance": 1e999, "sent": {}}', "Invalid request|Cannot advance rig time"),
+        (b'{"number": 3, "order": 5}', "A request needs advance and sent, or order"),
     ],
 )
 def test_a_question_that_makes_no_sense_is_answered_and_the_next_one_too(path, running, line, sentence):
@@ -153,19 +153,19 @@ def test_an_emulator_that_ends_is_said_in_a_sentence(small_bench, running, conne
 
 
 def test_no_emulator_is_said_in_a_sentence(tmp_path):
-    with pytest.raises(PortError, match="none: no emulator answers; start it with `solidtouch emulate`"):
+    with pytest.raises(PortError, match="none: no emulator answers; start one with `solidtouch emulate`"):
         SocketConnection(tmp_path / "none")
 
 
 def test_a_path_too_long_for_a_socket_is_refused(small_bench, tmp_path):
     path = tmp_path / ("x" * 120)
     for start in (SocketConnection, lambda path: Service(small_bench.emulation, path)):
-        with pytest.raises(InputError, match="the path of a socket may have 107 bytes, this one has"):
+        with pytest.raises(InputError, match="a socket path may have at most 107 bytes, this one has"):
             start(path)
 
 
 def test_two_emulators_do_not_serve_at_one_place(small_bench, path, running):
-    with pytest.raises(InputError, match="control: another emulator serves there"):
+    with pytest.raises(InputError, match="control: another emulator is running there"):
         Service(small_bench.emulation, path)
 
 
@@ -179,7 +179,7 @@ def test_a_socket_left_behind_is_replaced(small_bench, path):
 
 def test_a_file_of_that_name_is_not_replaced(small_bench, path):
     path.write_text("mine")
-    with pytest.raises(InputError, match="control: the socket cannot be made"):
+    with pytest.raises(InputError, match="control: cannot create the socket"):
         Service(small_bench.emulation, path)
 
     assert path.read_text() == "mine"

@@ -32,7 +32,7 @@ class Source:
 
     def read(self):
         if self.lost:
-            raise PortLost("source: the port was lost while reading; it was unplugged.")
+            raise PortLost("source: lost the port while reading; it was unplugged.")
         data, self.data = self.data, b""
         return data
 
@@ -100,14 +100,14 @@ def test_a_port_detached_by_a_receiver_is_not_read_in_the_same_turn(clock, loop,
 
 def test_a_lost_port_ends_the_turn(loop, sources):
     sources[0][1].lost = True
-    with pytest.raises(PortLost, match="source: the port was lost"):
+    with pytest.raises(PortLost, match="source: lost the port"):
         loop.turn(1.0)
 
 
 def test_a_lost_port_is_told_once_and_the_others_go_on(clock, loop, sources):
     (a, b), got = sources
     b.lost = True
-    with pytest.raises(PortLost, match="source: the port was lost"):
+    with pytest.raises(PortLost, match="source: lost the port"):
         loop.turn(1.0)
     clock.script = [(2.0, a, b"x")]
     loop.turn(3.0)

@@ -107,7 +107,7 @@ def test_a_port_that_vanishes_is_lost_on_reading(port, peer):
     peer.unplug()
 
     assert port.waiting() == 1
-    with pytest.raises(PortLost, match=r"/dev/pts/.*: the port was lost while reading; it was unplugged"):
+    with pytest.raises(PortLost, match=r"/dev/pts/.*: lost the port while reading; it was unplugged"):
         port.read()
     assert not port.is_open
 
@@ -115,7 +115,7 @@ def test_a_port_that_vanishes_is_lost_on_reading(port, peer):
 def test_a_port_that_vanishes_is_lost_on_writing(port, peer):
     peer.unplug()
 
-    with pytest.raises(PortLost, match="lost while writing"):
+    with pytest.raises(PortLost, match="lost the port while writing"):
         port.write(b"a")
     assert port.sent == 0
 
@@ -139,7 +139,7 @@ def test_a_device_that_takes_nothing_ends_the_write(peer, monkeypatch):
     port = Port(peer.name)
     port.open()
 
-    with pytest.raises(WriteTimeout, match=r"took no bytes for 0.05 s; what was sent may have arrived"):
+    with pytest.raises(WriteTimeout, match=r"took no bytes for 0.05 s; part of them may have arrived"):
         port.write(bytes(1_000_000))
 
     assert port.is_open
@@ -147,25 +147,25 @@ def test_a_device_that_takes_nothing_ends_the_write(peer, monkeypatch):
 
 
 def test_a_second_program_finds_the_port_busy(port, peer):
-    with pytest.raises(PortBusy, match="another program has this port open"):
+    with pytest.raises(PortBusy, match="another program has the port open"):
         Port(peer.name).open()
 
 
 def test_a_port_locked_by_another_program_is_busy(peer):
     with Path(peer.name).open("rb", buffering=0) as other:
         fcntl.flock(other, fcntl.LOCK_EX)
-        with pytest.raises(PortBusy, match="another program has this port open"):
+        with pytest.raises(PortBusy, match="another program has the port open"):
             Port(peer.name).open()
 
 
 @pytest.mark.parametrize(
     ("address", "sentence"),
     [
-        ("/dev/no-such-port", "/dev/no-such-port: the port cannot be opened: there is no such port."),
-        ("/dev/null", "/dev/null: the port cannot be opened: "),
-        ("nonsense://x", "nonsense://x: the port cannot be opened: "),
-        ("socket://127.0.0.1:1", "socket://127.0.0.1:1: the port cannot be opened: "),
-        ("", ": the port cannot be opened: "),
+        ("/dev/no-such-port", "/dev/no-such-port: cannot open the port: no such port."),
+        ("/dev/null", "/dev/null: cannot open the port: "),
+        ("nonsense://x", "nonsense://x: cannot open the port: "),
+        ("socket://127.0.0.1:1", "socket://127.0.0.1:1: cannot open the port: "),
+        ("", ": cannot open the port: "),
     ],
 )
 def test_what_cannot_be_opened_is_named_in_one_sentence(address, sentence):
@@ -180,7 +180,7 @@ def test_what_cannot_be_opened_is_named_in_one_sentence(address, sentence):
 
 
 def test_an_impossible_baud_rate_is_an_error_of_the_port(peer):
-    with pytest.raises(PortError, match="the port cannot be opened"):
+    with pytest.raises(PortError, match="cannot open the port"):
         Port(peer.name, baud=-1).open()
 
 

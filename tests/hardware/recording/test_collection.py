@@ -72,7 +72,7 @@ def test_a_collection_that_stops_anywhere_ends_with_the_same_taps(fake_rig, tmp_
 
         def fail(n, attempts=attempts):
             if n == attempts:
-                raise StaleSensor("no reading came")
+                raise StaleSensor("no reading for")
 
         rig = fake_rig.FakeRig(recorder, fail=fail, rejected=lambda n: n % 4 == 1).connect()
         left = [tap for tap in plan.taps() if tap.trial not in trials]
@@ -104,10 +104,10 @@ def test_a_full_disk_stops_the_collection_after_the_tap(fake_rig, tmp_path):
         flush()
 
     recorder._file = Full(recorder._file, full)
-    with pytest.raises(InputError, match="cannot be written any more: No space left on device"):
+    with pytest.raises(InputError, match="writing failed: No space left on device"):
         collect(rig, plan.taps(), plan.objects, plan.settle_taps, fake_rig.FakeOperator(), recorder)
 
-    with pytest.raises(InputError, match="cannot be written any more"):
+    with pytest.raises(InputError, match="writing failed"):
         recorder.finish()
 
     assert len(rig.taps) == 4

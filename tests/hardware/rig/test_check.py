@@ -79,21 +79,21 @@ def test_a_bench_in_order_has_nothing_wrong(make_bench, kind, seconds):
 def test_a_stage_that_is_lost_is_told_and_homing_finds_it(make_bench):
     with make_bench(homed=False) as bench:
         (sentence,) = check_rig(bench.build(), 2.0).wrong
-        assert sentence.endswith("the stage does not know where it is; collect and perceive need --home.")
+        assert sentence.endswith("position unknown; home the stage first (--home).")
         assert not any(data.startswith(b"$H") for data in bench.diary.sent(bench.stage_port))
 
         report = check_rig(bench.build(), 2.0, home=True)
         assert report.wrong == []
-        assert dict(report.lines)["  place"].startswith("x = ")
+        assert dict(report.lines)["  position"].startswith("x = ")
 
 
 WRONG = {
-    "lost_frames": ({"rate": 0.02}, "readings were lost; such taps are made again"),
+    "lost_frames": ({"rate": 0.02}, "readings were lost; taps with losses are repeated"),
     "drift": ({"counts_per_s": 0.8}, "taxel 0 drifts by -"),
     "foreign": ({}, r"\d+ foreign since the port was opened"),
-    "stuck": ({}, "readings are identical; the sensor hangs"),
-    "silent_sensor": ({}, "no reading came from board 14"),
-    "unplug": ({"port": "sensor", "rate": 0.01}, "finger: the port was lost while reading"),
+    "stuck": ({}, "readings are identical; the sensor is stuck"),
+    "silent_sensor": ({}, "no readings from board 14"),
+    "unplug": ({"port": "sensor", "rate": 0.01}, "finger: lost the port while reading"),
 }
 
 
@@ -116,18 +116,18 @@ def test_taxels_that_never_change_are_named(make_bench):
         report = check_rig(bench.build(), 2.0)
 
     assert report.wrong == []
-    assert dict(report.lines)["  at rest"] == "taxels 0, 1 never changed; a touch shows whether it is alive"
+    assert dict(report.lines)["  at rest"] == "taxels 0, 1 constant; touch to test"
 
 
 def test_without_a_stage_the_sensor_is_still_looked_at(rig_bench):
     stage = msgspec.structs.replace(rig_bench.settings.stage, port="/dev/there-is-none")
     report = check_rig(rig_bench.build(settings=msgspec.structs.replace(rig_bench.settings, stage=stage)), 2.0)
 
-    assert [wrong for wrong in report.wrong if "there is no such port" in wrong] == report.wrong
+    assert [wrong for wrong in report.wrong if ": no such port" in wrong] == report.wrong
     assert report.sensor.readings > 90
 
 
 def test_too_few_readings_are_told(rig_bench):
     (sentence,) = check_rig(rig_bench.build(), 0.1).wrong
 
-    assert sentence.endswith("readings in 0.1 s are too few to judge; listen longer.")
+    assert sentence.endswith("readings in 0.1 s are too few to assess; read for longer.")

@@ -102,7 +102,7 @@ def test_what_fails_is_told_and_closing_follows():
 
 def test_a_finger_that_stays_on_is_told_after_whatever_failed():
     rig = Refusing(closing=StageFault("It does not stop."))
-    sentence = r"^division by zero\. The finger may still press, .* hand\. It does not stop\.$"
+    sentence = r"^division by zero\. The finger may still be pressing; .* hand\. It does not stop\.$"
     with pytest.raises(NotAtRest, match=sentence), connected(rig):
         raise ZeroDivisionError("division by zero")
 
@@ -125,7 +125,7 @@ def test_a_rig_that_fails_only_in_closing_is_told_as_it_is():
 
 def test_an_emulator_that_is_not_there_is_named(rig_bench):
     with (
-        pytest.raises(PortError, match=r"control: no emulator answers; start it with `solidtouch emulate`"),
+        pytest.raises(PortError, match=r"control: no emulator answers; start one with `solidtouch emulate`"),
         open_rig(rig_bench.settings, NoJournal()),
     ):
         pass

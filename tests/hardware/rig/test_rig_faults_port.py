@@ -91,7 +91,7 @@ def test_fault_04_wrong_baud_rate(rig_bench, port):
 def test_fault_06_unplugged_sensor(rig_bench):
     with rig_bench.rig() as rig:
         rig_bench.once_deep(lambda: rig_bench.on("unplug", times=1, port="sensor"))
-        with pytest.raises(PortLost, match="finger: the port was lost while reading; it was unplugged"):
+        with pytest.raises(PortLost, match="finger: lost the port while reading; it was unplugged"):
             rig.tap()
         assert rig_bench.is_clear
         assert rig.stage.position_mm is not None
@@ -101,7 +101,7 @@ def test_fault_06_unplugged_stage(rig_bench):
     """What was sent ends by itself; plugged in again, the stage is where it says, and nothing moves unasked."""
     with rig_bench.rig() as rig:
         rig_bench.once_deep(lambda: rig_bench.on("unplug", times=1, port="stage"))
-        with pytest.raises(NotAtRest, match=r"stage: the port was lost .* take it off by hand"):
+        with pytest.raises(NotAtRest, match=r"stage: lost the port .* lift it by hand"):
             rig.tap()
         assert rig.stage.position_mm is None
     rig_bench.clock.wait([], rig_bench.clock.now() + 2.0)
@@ -133,7 +133,7 @@ def test_fault_07_another_device_at_the_port(rig_bench):
     rig_bench.on("left_open")
     for settings, found in (
         (with_port(rig_bench.settings, "stage", sensor), "no GRBL controller answers"),
-        (with_port(rig_bench.settings, "stage", f"{stage}-gone"), "there is no such port"),
+        (with_port(rig_bench.settings, "stage", f"{stage}-gone"), ": no such port"),
     ):
         with (
             pytest.raises(WrongDevice if settings.stage.port == sensor else PortError, match=found),
@@ -158,7 +158,7 @@ def test_fault_08_stale_input(rig_bench, port):
 def test_fault_11_two_programs(rig_bench, port):
     other = Port(address(rig_bench, port))
     other.open()
-    with pytest.raises(PortBusy, match=f"{other.address}: another program has this port open"), rig_bench.rig():
+    with pytest.raises(PortBusy, match=f"{other.address}: another program has the port open"), rig_bench.rig():
         pass
     other.close()
     assert rig_bench.open_ports == []

@@ -86,28 +86,37 @@ def test_a_direction_of_minus_one_turns_the_axis_round():
 
 
 WRONG = {
-    "no toml": (RIG + "=", "this is no TOML"),
-    "unknown key": (edited("clear_mm", "clearmm"), r"tap: there is an unknown key `clearmm`"),
-    "missing key": (edited("depth_mm = 2.0, ", ""), r"tap: there is no key `depth_mm`"),
-    "missing table": (RIG.split("[stage]", maxsplit=1)[0], r"there is no key `stage`"),
+    "no toml": (RIG + "=", "not TOML"),
+    "unknown key": (edited("clear_mm", "clearmm"), r"tap: unknown key `clearmm`"),
+    "missing key": (edited("depth_mm = 2.0, ", ""), r"tap: missing key `depth_mm`"),
+    "missing table": (RIG.split("[stage]", maxsplit=1)[0], r"missing key `stage`"),
     "wrong type": (edited("depth_mm = 2.0", 'depth_mm = "2"'), r"tap.depth_mm: expected `float`, got `str`"),
     "out of range": (edited("samples = 30", "samples = 0"), r"tap.samples: expected `int` >= 1"),
     "unknown sensor": (edited('"icub"', '"eye"'), r"sensor.kind: invalid value 'eye'"),
-    "limits": (edited("high_mm = 7.0", "high_mm = -2.0"), r"stage.x: low_mm=-1 must lie below high_mm=-2"),
+    "limits": (edited("high_mm = 7.0", "high_mm = -2.0"), r"stage.x: low_mm=-1 must be below high_mm=-2"),
     "same letter": (edited('"Y"', '"X"'), r"stage.y.letter: both axes are called X"),
-    "range outside": (edited("end_mm = 6.0", "end_mm = 9.0"), r"range.end_mm: 9 mm lies outside the limits of stage.x"),
-    "too deep": (edited("depth_mm = 2.0", "depth_mm = 3.5"), r"tap.depth_mm: 3.5 mm lies outside the limits"),
-    "not deeper": (edited("depth_mm = 2.0", "depth_mm = 0.0"), r"tap.depth_mm: the deepest point must lie above"),
-    "cells": (edited("cell_mm = 1.5", "cell_mm = 4.0"), r"range: the range must be a whole number of cells"),
-    "turned range": (edited("start_mm = 0.0, end_mm = 6.0", "start_mm = 6.0, end_mm = 0.0"), r"range: the range must"),
-    "lead": (edited("lead_samples = 7", "lead_samples = 30"), r"tap.lead_samples: a tap needs samples after"),
+    "range outside": (edited("end_mm = 6.0", "end_mm = 9.0"), r"range.end_mm: 9 mm is outside the limits of stage.x"),
+    "too deep": (edited("depth_mm = 2.0", "depth_mm = 3.5"), r"tap.depth_mm: 3.5 mm is outside the limits"),
+    "not deeper": (edited("depth_mm = 2.0", "depth_mm = 0.0"), r"tap.depth_mm: must be above clear_mm"),
+    "cells": (edited("cell_mm = 1.5", "cell_mm = 4.0"), r"range: must be a whole number of cells"),
+    "turned range": (edited("start_mm = 0.0, end_mm = 6.0", "start_mm = 6.0, end_mm = 0.0"), r"range: must"),
+    "lead": (edited("lead_samples = 7", "lead_samples = 30"), r"tap.lead_samples: must be below samples"),
     "period": (edited("samples = 30", "samples = 80"), r"tap.period_s: 80 samples take 1.6 s"),
-    "order twice": (edited('"/dev/finger"', '"p", order = [1, 1]'), r"sensor.order: it must name some of the 12"),
+    "order twice": (
+        edited('"/dev/finger"', '"p", order = [1, 1]'),
+        r"sensor.order: must list distinct taxels out of 0 to 11",
+    ),
     "order empty": (edited('"/dev/finger"', '"p", order = []'), r"sensor.order: a tap needs at least one taxel"),
-    "positions": (edited('"/dev/finger"', '"p", positions_mm = [[1, 2]]'), r"sensor.positions_mm: two or three"),
-    "nan": (edited("depth_mm = 2.0", "depth_mm = nan"), r"tap.depth_mm: the number must be finite"),
-    "infinite limit": (edited("high_mm = 7.0", "high_mm = inf"), r"stage.x.high_mm: the number must be finite"),
-    "high-pass": (edited("samples = 30", "samples = 30, highpass_hz = 30.0"), r"tap: A high-pass at 30.0 Hz needs"),
+    "positions": (
+        edited('"/dev/finger"', '"p", positions_mm = [[1, 2]]'),
+        r"sensor.positions_mm: must give two or three",
+    ),
+    "nan": (edited("depth_mm = 2.0", "depth_mm = nan"), r"tap.depth_mm: must be finite"),
+    "infinite limit": (edited("high_mm = 7.0", "high_mm = inf"), r"stage.x.high_mm: must be finite"),
+    "high-pass": (
+        edited("samples = 30", "samples = 30, highpass_hz = 30.0"),
+        r"tap: A high-pass filter at 30.0 Hz needs",
+    ),
 }
 
 
@@ -134,5 +143,5 @@ def test_a_file_that_cannot_be_read_is_named(tmp_path, content):
     if content is not None:
         path.write_bytes(content)
 
-    with pytest.raises(InputError, match=re.escape(f"{path} cannot be read")):
+    with pytest.raises(InputError, match=re.escape(f"{path}: cannot read")):
         load_rig(path)

@@ -43,7 +43,7 @@ def test_a_steady_rise_to_the_turning_point_is_plausible(sign, step):
 def test_a_taxel_that_rests_elsewhere_afterwards_is_named(tap, shift):
     tap[12:, 3] += shift
 
-    assert "taxel 3 came to rest" in implausible(tap, LEAD, LIMIT)
+    assert "taxel 3 returned to" in implausible(tap, LEAD, LIMIT)
 
 
 def test_without_a_limit_everything_is_plausible(tap):

@@ -149,19 +149,19 @@ def test_histograms_draw_as_they_always_did(fitted):
 
 def test_models_without_times_draw_any_number_of_samples(fitted):
     assert draw_session(fitted("gaussian"), 2, 0, samples=11).taps.shape == (10, 11, 5)
-    with pytest.raises(InputError, match="A profile model says something of 6 samples at their times; taps of 11"):
+    with pytest.raises(InputError, match="The profile model describes taps of 6 samples; cannot draw taps of 11"):
         draw_session(fitted("profile"), 2, 0, samples=11)
 
 
 @pytest.mark.parametrize("name", ["histogram", "profile"])
 def test_no_taps_are_refused(fitted, name):
-    with pytest.raises(InputError, match="At least one tap per class is needed, got 0"):
+    with pytest.raises(InputError, match="taps_per_class must be at least 1, got 0"):
         draw_session(fitted(name), 0, 0)
 
 
 BAD_TABLES = {
-    "another grid": (np.ones((L, M + 1, K, B)), EDGES, "grid of 5 x 2 classes needs a table for each"),
-    "too few axes": (np.ones((L, M, B)), EDGES, "needs a table for each"),
+    "another grid": (np.ones((L, M + 1, K, B)), EDGES, "grid has 5 x 2 classes, but the tables have shape"),
+    "too few axes": (np.ones((L, M, B)), EDGES, "but the tables have shape"),
     "too few edges": (np.ones((L, M, K, B)), EDGES[1:], "need 8 edges"),
     "edges of other taxels": (np.ones((L, M, K, B)), np.tile(EDGES, (2, 1)), "need 8 edges"),
     "falling edges": (np.ones((L, M, K, B)), EDGES[::-1], "must increase"),
@@ -180,11 +180,13 @@ def test_tables_that_do_not_fit_are_refused(probabilities, edges, message):
 
 def test_a_start_off_the_grid_is_refused(grid, tables):
     """The message names the class."""
-    with pytest.raises(InputError, match=r"Class \(5, 0\) lies outside"):
+    with pytest.raises(InputError, match=r"Class \(5, 0\) is outside"):
         ModelRig(grid, tables, EDGES, RECORD, 5, 0, np.random.default_rng(0))
 
 
-@pytest.mark.parametrize(("n", "trained", "message"), [(0, True, "At least one tap"), (1, False, "no trained class")])
+@pytest.mark.parametrize(
+    ("n", "trained", "message"), [(0, True, "taps_per_class must be at least 1"), (1, False, "no trained class")]
+)
 def test_nothing_to_draw_is_refused(grid, tables, n, trained, message):
     """At least one tap of one class must come out."""
     with pytest.raises(InputError, match=message):

@@ -112,7 +112,7 @@ def test_halves_only_are_no_reading(make):
     heads = [(b"", HEAD, 0.02) for _ in range(90)]
     skin = make(*OPENING, VERSION, *SET_UP, *heads, *LAST)
 
-    with pytest.raises(Exception, match="skin: only halves of readings come from board 14, triangle 2"):
+    with pytest.raises(Exception, match="skin: only half readings arrive from board 14, triangle 2"):
         skin.start()
 
 

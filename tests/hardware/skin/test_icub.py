@@ -98,12 +98,12 @@ def test_other_frames_are_foreign(frame):
 @pytest.mark.parametrize(
     ("build", "message"),
     [
-        (lambda: skin.start_command(15), "board lies between 1 and 14, not at 15"),
-        (lambda: skin.board_command(1, period_ms=210), "period in ms lies between 1 and 209"),
+        (lambda: skin.start_command(15), "board must be 1 to 14, got 15"),
+        (lambda: skin.board_command(1, period_ms=210), "period in ms must be 1 to 209"),
         (lambda: skin.board_command(1, skin_type=256), "skin type"),
         (lambda: skin.board_command(1, no_load=-1), "no-load value"),
         (lambda: skin.triangles_command(1, 16, 16), "first triangle"),
-        (lambda: skin.triangles_command(1, 3, 2), "last triangle lies between 3 and 15"),
+        (lambda: skin.triangles_command(1, 3, 2), "last triangle must be 3 to 15"),
         (lambda: skin.triangles_command(1, 0, 0, shift=256), "shift"),
         (lambda: skin.triangles_command(1, 0, 0, offset=1 << 16), "offset"),
         (lambda: skin.version_command(1, major=256), "protocol major"),

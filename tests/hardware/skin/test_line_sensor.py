@@ -158,7 +158,7 @@ def test_silence_is_stale(make, loop):
     sensor.start()
     device.line = lambda _: b""
 
-    with loop.guarded(sensor.monitor.check), pytest.raises(StaleSensor, match="skin: no reading came for"):
+    with loop.guarded(sensor.monitor.check), pytest.raises(StaleSensor, match="skin: no reading for"):
         loop.sleep(1.0)
 
 
@@ -176,12 +176,12 @@ def test_a_sensor_that_stands_still_is_stuck_only_if_it_may_not(make, loop):
 @pytest.mark.parametrize(
     ("line", "error", "message"),
     [
-        (lambda _: b"", NoAnswer, "skin: no line of a time and 3 values came within 5.1 s"),
-        (lambda n: b"%d,1,2,3,4\n" % n, WrongDevice, "skin: lines of 4 values come, where sensor.taxels = 3"),
-        (lambda _: b"\x00\xff\xfe\x10garbage", WrongDevice, "skin: what comes are no lines .* sensor.baud is wrong"),
-        (lambda _: b"<Idle|MPos:0,0,0>\r\n", WrongDevice, "skin: what comes are no lines"),
+        (lambda _: b"", NoAnswer, "skin: received no line of a time and 3 values within 5.1 s"),
+        (lambda n: b"%d,1,2,3,4\n" % n, WrongDevice, "skin: received lines of 4 values, expected sensor.taxels = 3"),
+        (lambda _: b"\x00\xff\xfe\x10garbage", WrongDevice, "skin: received no lines .* sensor.baud is wrong"),
+        (lambda _: b"<Idle|MPos:0,0,0>\r\n", WrongDevice, "skin: received no lines"),
         (lambda n: b"%d,50,100,%d\n" % (20 * n, n % 3), BaselineRefused, "skin: taxels 0, 2 not at rest"),
-        (lambda n: b"%d,100,100,%d\n" % (36 * n, 99 + n % 3), SensorFault, "skin: 27.8 readings come per second"),
+        (lambda n: b"%d,100,100,%d\n" % (36 * n, 99 + n % 3), SensorFault, "skin: 27.8 readings per second"),
     ],
 )
 def test_it_refuses_to_start_and_lets_go_of_the_port(make, loop, line, error, message):

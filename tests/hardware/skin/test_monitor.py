@@ -140,7 +140,7 @@ def test_silence_is_stale_once(monitor, rng):
     monitor.check(5.0)
     frames = shown(monitor, noisy(10, rng))
     for _ in range(2):
-        with pytest.raises(StaleSensor, match="skin: no reading came for 80 ms, where one is expected every 20 ms"):
+        with pytest.raises(StaleSensor, match="skin: no reading for 80 ms, expected one every 20 ms"):
             monitor.check(frames[-1].time_s + 0.08)
 
     assert monitor.counts.stale == 1
@@ -211,7 +211,7 @@ def test_another_rate_than_that_set_is_refused(monitor, loop, rng, rate_hz, mess
 def test_no_readings_give_no_baseline(monitor, loop):
     Feed(loop, monitor, [])
 
-    with pytest.raises(StaleSensor, match=r"0 readings came in 2\.5 s instead of 50"):
+    with pytest.raises(StaleSensor, match=r"0 readings in 2\.5 s instead of 50"):
         monitor.measure_baseline()
 
 

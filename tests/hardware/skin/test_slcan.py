@@ -160,7 +160,7 @@ def test_the_bit_rate_of_the_icub_is_s8():
 
 @pytest.mark.parametrize("kbit", [750, 800, 0])
 def test_ambiguous_bit_rates_are_refused(kbit):
-    with pytest.raises(ValueError, match=rf"not {kbit}"):
+    with pytest.raises(ValueError, match=rf"got {kbit}"):
         slcan.bit_rate(kbit)
 
 

@@ -30,7 +30,7 @@ def test_a_controller_that_opening_reset_does_not_know_where_it_is(plugged):
 
     assert not stage.homed
     assert stage.position_mm is None
-    with pytest.raises(PositionUnknown, match="home it first"):
+    with pytest.raises(PositionUnknown, match="position unknown; home the stage first"):
         stage.move(x_mm=1.0)
 
 
@@ -82,11 +82,11 @@ def test_work_positions_are_understood_once_their_offset_came(plugged):
     ("changed", "sentence"),
     [
         ({"_13": 1}, r"inches \(\$13=1\); send \$13=0"),
-        ({"_22": 0}, r"homing is switched off \(\$22=0\).*send \$22=1"),
+        ({"_22": 0}, r"homing is off \(\$22=0\).*send \$22=1"),
         ({"_20": 0}, r"\(\$20=0\); send \$20=1"),
-        ({"_110": 600}, r"X makes at most 10 mm/s \(\$110=600 mm/min\).*send \$110=1200"),
+        ({"_110": 600}, r"speed_mm_s=20 exceeds the maximum of X, 10 mm/s \(\$110=600 mm/min\).*send \$110=1200"),
         ({"_131": 40}, r"limits of stage.y are -43 to -38 mm.*travel of Y, -40 to 0 mm \(\$131=40\)"),
-        ({"_101": 0}, r"steps of Y must be above 0, not \$101=0"),
+        ({"_101": 0}, r"steps of Y must be above 0, got \$101=0"),
     ],
 )
 def test_a_controller_set_up_otherwise_is_refused(plugged, changed, sentence):
@@ -99,7 +99,7 @@ def test_a_controller_set_up_otherwise_is_refused(plugged, changed, sentence):
 
 @pytest.mark.parametrize(
     ("changed", "note"),
-    [({"_1": 25}, r"let go 25 ms"), ({"_21": 0}, r"\$21=1"), ({"_23": 2}, r"homing ends at y = 159 mm")],
+    [({"_1": 25}, r"released 25 ms"), ({"_21": 0}, r"\$21=1"), ({"_23": 2}, r"homing ends at y = 159 mm")],
 )
 def test_what_may_disappoint_is_noted(plugged, changed, note):
     stage = plugged(status(), VERSION, dollar(**changed), status())
@@ -119,7 +119,7 @@ def test_homing_bits_of_grblhal_are_understood(plugged):
 @pytest.mark.parametrize(
     ("sent", "sentence"),
     [
-        (b"12,34,56\r\n", "sent '12,34,56', so the port or its baud rate"),
+        (b"12,34,56\r\n", "device sent '12,34,56'; check the port and its baud rate"),
         (b"\x80\xfe\x00\r", "sent noise"),
         (b"\xf0" * 500, "sent noise"),
     ],
@@ -132,13 +132,13 @@ def test_another_device_is_refused(plugged, sent, sentence):
 
 def test_another_version_is_refused(plugged):
     stage = plugged(status(), (b"$I\n", b"[VER:0.9j.20160303:]\r\nok\r\n"))
-    with pytest.raises(WrongDevice, match=r"GRBL 1.1 is needed, and this controller has 0.9j"):
+    with pytest.raises(WrongDevice, match=r"requires GRBL 1.1, the controller has 0.9j"):
         stage.connect()
 
 
 def test_silence_ends_at_the_deadline(plugged, clock):
     stage = plugged(*[(b"?", b"")] * 8)
-    with pytest.raises(NoAnswer, match="scripted: nothing answered for 2 s"):
+    with pytest.raises(NoAnswer, match="scripted: no answer for 2 s"):
         stage.connect()
 
     assert pytest.approx(clock.now()) == 2.0
@@ -159,7 +159,7 @@ def test_a_busy_port_is_tried_for_a_while(plugged, clock, monkeypatch):
 
     def busy():
         if clock.now() < 9.0:
-            raise PortBusy("scripted: another program has this port open.")
+            raise PortBusy("scripted: another program has the port open.")
         opened()
 
     monkeypatch.setattr(stage.port, "open", busy)
@@ -172,7 +172,7 @@ def test_a_port_that_stays_busy_is_given_up(plugged, clock, monkeypatch):
     stage = plugged()
 
     def busy():
-        raise PortBusy("scripted: another program has this port open.")
+        raise PortBusy("scripted: another program has the port open.")
 
     monkeypatch.setattr(stage.port, "open", busy)
     with pytest.raises(PortBusy, match="another program"):
@@ -184,7 +184,7 @@ def test_a_missing_port_is_no_reason_to_wait(plugged, clock, monkeypatch):
     stage = plugged()
 
     def missing():
-        raise PortError("scripted: there is no such port.")
+        raise PortError("scripted: no such port.")
 
     monkeypatch.setattr(stage.port, "open", missing)
     with pytest.raises(PortError, match="no such port"):

@@ -180,10 +180,10 @@ def test_lines_of_any_length_cost_no_memory():
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        ({"feed_mm_min": 100}, "needs an axis"),
+        ({"feed_mm_min": 100}, "needs at least one axis"),
         ({"feed_mm_min": 100, "x_mm": float("nan")}, "finite targets"),
-        ({"feed_mm_min": 0, "x_mm": 1}, "at least 0.001 mm/min, not 0"),
-        ({"feed_mm_min": float("inf"), "x_mm": 1}, "not inf"),
+        ({"feed_mm_min": 0, "x_mm": 1}, "at least 0.001 mm/min, got 0"),
+        ({"feed_mm_min": float("inf"), "x_mm": 1}, "got inf"),
         ({"feed_mm_min": 100, "x_mm": 1e80}, "at most 79 characters"),
     ],
 )

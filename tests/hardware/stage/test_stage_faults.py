@@ -240,7 +240,7 @@ def test_damaged_commands_never_leave_the_stage_elsewhere_unsaid(bench, rng, dam
 def test_garbage_is_no_answer(bench):
     rig = bench()
     rig.port.wire = lambda data: bytes(byte | 0x80 for byte in data)
-    with pytest.raises(NoAnswer, match="none of 20 status requests"):
+    with pytest.raises(NoAnswer, match="no answer from the controller to 20 status requests"):
         rig.stage.move(x_mm=5.0)
 
     assert rig.stage.counts.dropped > 0
@@ -282,7 +282,7 @@ def test_a_reset_at_opening_asks_for_homing(bench):
     rig.stage.connect()
 
     assert rig.stage.report.state == "Alarm"
-    with pytest.raises(PositionUnknown, match="home it first"):
+    with pytest.raises(PositionUnknown, match="position unknown; home the stage first"):
         rig.stage.path(TAP)
     rig.stage.home()
     rig.stage.move(x_mm=3.0, y_mm=0.0)
@@ -390,7 +390,7 @@ def test_silent_status_is_given_up(bench, loop):
     rig = bench()
     rig.switches.on("silent_status")
     before = loop.now
-    with pytest.raises(NoAnswer, match="none of 20 status requests"):
+    with pytest.raises(NoAnswer, match="no answer from the controller to 20 status requests"):
         rig.stage.path(TAP)
     assert loop.now - before < 2.5
 
@@ -479,7 +479,7 @@ def test_a_move_that_an_operator_holds_is_told(bench, loop):
             rig.controller.receive(b"!", now_s)
 
     held = []
-    with loop.guarded(hold), pytest.raises(StageFault, match="should stand at x = 16 mm"):
+    with loop.guarded(hold), pytest.raises(StageFault, match="should be at x = 16 mm"):
         rig.stage.move(x_mm=16.0)
 
     rig.stage.stop()

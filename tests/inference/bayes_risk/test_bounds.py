@@ -117,9 +117,9 @@ def test_interpolation_lies_below_a_concave_function(rng):
 
 
 def test_what_makes_no_sense_is_refused(rng):
-    with pytest.raises(InputError, match="has 1 to 4 taps, got 5"):
+    with pytest.raises(InputError, match="must be 1 to 4, got 5"):
         known_place(problem_of(rng), 5, 9)
-    with pytest.raises(InputError, match="at least one part and two objects, got 0 and 2"):
+    with pytest.raises(InputError, match="at least 1 part and 2 objects, got 0 and 2"):
         known_place(problem_of(rng), 1, 0)
-    with pytest.raises(InputError, match="at least one part and two objects, got 5 and 1"):
+    with pytest.raises(InputError, match="at least 1 part and 2 objects, got 5 and 1"):
         simplex(1, 5)

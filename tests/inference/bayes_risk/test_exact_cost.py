@@ -100,12 +100,12 @@ def test_giving_up_needs_a_loss(rng):
     def give_up(number, beliefs, chance):
         return Acts(np.zeros(len(beliefs), np.int64), np.full(len(beliefs), stopping.GIVE_UP))
 
-    with pytest.raises(InputError, match="gives up, and the problem has no loss"):
+    with pytest.raises(InputError, match="gives up, but the loss has no row"):
         expected_cost(problem_of(rng), give_up)
     cost = expected_cost(problem_of(rng, loss=[[0.0, 3.0], [2.0, 0.0], [0.25, 0.75]]), give_up)
     assert cost == pytest.approx(Cost(0.05 + 0.5, 0.5, 1, 0, 1))
 
 
 def test_a_random_number_has_a_part(rng):
-    with pytest.raises(InputError, match="at least one part, got 0"):
+    with pytest.raises(InputError, match="chances must be at least 1, got 0"):
         expected_cost(problem_of(rng), course(passive, stopping.after(1)), 0)

@@ -227,22 +227,22 @@ def test_beliefs_that_share_a_hash_stay_apart(rng, monkeypatch):
 
 
 def test_the_rule_knows_no_belief_that_cannot_be_reached(rng):
-    with pytest.raises(InputError, match="cannot be reached with 1 taps"):
+    with pytest.raises(InputError, match="cannot be reached after 1 taps"):
         exact_rule(problem_of(rng))(1, np.full((1, L, M), 1 / 6), np.zeros(1))
-    with pytest.raises(InputError, match="At least one tap is looked ahead, got 0"):
+    with pytest.raises(InputError, match="depth must be at least 1, got 0"):
         solved(problem_of(rng), 0, lambda beliefs: beliefs.sum(axis=(-1, -2)))
 
 
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        ({"channel": np.ones((L, M, S))}, "sums to one over the last"),
+        ({"channel": np.ones((L, M, S))}, "sum to 1 over the last"),
         ({"channel": np.ones((L, S)) / S}, "axes .where, what, symbol."),
-        ({"loss": np.ones((M + 2, M))}, "one more for giving up, got 4 rows"),
-        ({"prior": np.ones((L, M))}, "A prior over 3 x 2 classes"),
-        ({"tap_cost": -1}, "Costs are numbers from 0 on"),
-        ({"class_cost": np.inf}, "Costs are numbers from 0 on"),
-        ({"most_taps": 0}, "at least one tap is made"),
+        ({"loss": np.ones((M + 2, M))}, "with giving up, got 4"),
+        ({"prior": np.ones((L, M))}, r"prior must have shape \(3, 2\)"),
+        ({"tap_cost": -1}, "Costs must be at least 0"),
+        ({"class_cost": np.inf}, "Costs must be at least 0"),
+        ({"most_taps": 0}, "most_taps at least 1"),
     ],
 )
 def test_what_makes_no_sense_is_refused(change, message):

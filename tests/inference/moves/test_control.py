@@ -121,7 +121,7 @@ def test_bounded_moves_go_the_same_way_and_no_further():
 
 @pytest.mark.parametrize("make", [random_step, lambda reach: bounded(passive, reach)])
 def test_a_reach_of_no_class_is_refused(make):
-    with pytest.raises(InputError, match="at least one class, got 0"):
+    with pytest.raises(InputError, match="at least 1 position, got 0"):
         make(0)
 
 
@@ -140,10 +140,10 @@ def test_fixation_points_inside_the_range_are_taken():
 @pytest.mark.parametrize("index", [-1, 3])
 def test_fixation_points_outside_the_range_are_refused(index):
     """The message names the range."""
-    with pytest.raises(InputError, match=f"class index from 0 to 2, got {index}"):
+    with pytest.raises(InputError, match=f"index from 0 to 2, got {index}"):
         check_fixation(index, 3)
 
 
 def test_a_fixation_point_outside_the_range_is_refused_at_the_first_move():
-    with pytest.raises(InputError, match="must be a class index from 0 to 2, got 3"):
+    with pytest.raises(InputError, match="must be an index from 0 to 2, got 3"):
         fixation(3)(np.full((3, 2), 1 / 6), SOME)

@@ -31,15 +31,15 @@ def test_no_move_is_free():
 
 
 def test_places_must_be_millimetres():
-    with pytest.raises(InputError, match="needs places in mm, those of these classes are in 'deg'"):
+    with pytest.raises(InputError, match="needs positions in mm, but these are in 'deg'"):
         way_costs(replace(GRID, where_unit="deg"))
 
 
 @pytest.mark.parametrize(
     ("make", "message"),
     [
-        (lambda: way_costs(GRID, 0), "way of a tap must be above 0, got 0"),
-        (lambda: time_costs(GRID, -1.0), "time of a tap must be above 0, got -1"),
+        (lambda: way_costs(GRID, 0), "distance of a tap must be above 0, got 0"),
+        (lambda: time_costs(GRID, -1.0), "duration of a tap must be above 0, got -1"),
         (lambda: time_costs(GRID, 1.0, 0.0), "speed of moves must be above 0"),
         (lambda: time_costs(GRID, 1.0, 1.0, np.inf), "acceleration of moves must be above 0, got inf"),
     ],

@@ -205,16 +205,16 @@ def test_where_nothing_is_gained_the_mover_stays(rng, border):
 @pytest.mark.parametrize(
     ("call", "message"),
     [
-        (lambda _: checked_loss(np.zeros((2, 4)), M), r"column for each of 3 objects, got \(2, 4\)"),
-        (lambda _: checked_loss(np.zeros((0, M)), M), "row for each decision"),
-        (lambda _: checked_loss(-np.ones((M, M)), M), "negative or not finite"),
-        (lambda _: checked_loss(np.full((M, M), np.nan), M), "negative or not finite"),
-        (lambda o: expected_gain(o, np.ones((M, L)), [0], np.eye(M)), r"4 x 3 classes apart, .* shape \(3, 4\)"),
+        (lambda _: checked_loss(np.zeros((2, 4)), M), r"3 columns, one per object, got shape \(2, 4\)"),
+        (lambda _: checked_loss(np.zeros((0, M)), M), "a row per decision"),
+        (lambda _: checked_loss(-np.ones((M, M)), M), "finite and not negative"),
+        (lambda _: checked_loss(np.full((M, M), np.nan), M), "finite and not negative"),
+        (lambda o: expected_gain(o, np.ones((M, L)), [0], np.eye(M)), r"taps have 4 x 3 classes, .* shape \(3, 4\)"),
         (lambda o: expected_gain(o, np.ones((L, M)), [0], np.eye(M), "wall"), "border must be one of"),
         (lambda _: representative_outcomes(np.zeros((L, M))), r"axes .tap, where, what., got shape \(4, 3\)"),
         (lambda _: representative_outcomes(np.full((2, L, M), np.nan)), r"NaN or \+inf"),
-        (lambda o: risk_mover(o, np.eye(M), step_cost=-1), "cost of a move must be a number from 0 on, got -1"),
-        (lambda o: gain_watch(o, np.eye(M), step_cost=np.nan), "cost of a move must be a number from 0 on"),
+        (lambda o: risk_mover(o, np.eye(M), step_cost=-1), "cost of a move must be at least 0, got -1"),
+        (lambda o: gain_watch(o, np.eye(M), step_cost=np.nan), "cost of a move must be at least 0"),
     ],
 )
 def test_what_makes_no_sense_is_refused(pool, call, message):

@@ -174,7 +174,7 @@ def test_taps_that_did_not_train_are_refused(sessions):
     train, test = sessions
     model = fit(train, train.grid(), bins=9)
 
-    with pytest.raises(InputError, match=f"none of these {len(test)} taps trained the model"):
+    with pytest.raises(InputError, match=f"none of these {len(test)} taps trained it"):
         training_outcomes(model, test)
     with pytest.raises(InputError, match="none of these"):
         training_outcomes(replace(model, training=np.empty(0, np.uint64)), train)
@@ -199,12 +199,12 @@ def test_models_with_states_predict_in_the_mean_over_them(sessions):
 @pytest.mark.parametrize(
     ("make", "message"),
     [
-        (lambda o: informative(o, "which"), "about joint, where, what, got 'which'"),
+        (lambda o: informative(o, "which"), "about must be one of joint, where, what, got 'which'"),
         (lambda o: informative(o, border="wall"), "border must be one of uniform, .*, got 'wall'"),
-        (lambda o: informative(o, candidates=[]), r"some of the where classes 0 to 4, got \[\]"),
-        (lambda o: informative(o, candidates=[0, 5]), r"classes 0 to 4, got \[0, 5\]"),
-        (lambda o: informative(o, per=np.ones((L, M))), r"5 x 5 numbers above 0, got shape \(5, 3\)"),
-        (lambda o: informative(o, per=np.zeros((L, L))), "numbers above 0"),
+        (lambda o: informative(o, candidates=[]), r"positions from 0 to 4, got \[\]"),
+        (lambda o: informative(o, candidates=[0, 5]), r"positions from 0 to 4, got \[0, 5\]"),
+        (lambda o: informative(o, per=np.ones((L, M))), r"must be above 0, .* got shape \(5, 3\)"),
+        (lambda o: informative(o, per=np.zeros((L, L))), "must be above 0"),
     ],
 )
 def test_what_makes_no_sense_is_refused(pool, make, message):

@@ -83,20 +83,20 @@ def test_compiled_trials_know_the_paper_and_nothing_else():
 @pytest.mark.parametrize(
     ("name", "message"),
     [
-        ("lazy", "no control strategy 'lazy'; there are passive, fixation, .*table"),
-        ("info-which", "no control strategy 'info-which'"),
-        ("info-what-per-kg", "no control strategy"),
-        ("random:2", "no control strategy 'random:2'"),
-        ("fixation:THETA_X", "theta_X of a strategy must lie between 0 and 1, got 'fixation:THETA_X'"),
+        ("lazy", "Unknown control strategy 'lazy'; choose from passive, fixation, .*table"),
+        ("info-which", "Unknown control strategy 'info-which'"),
+        ("info-what-per-kg", "Unknown control strategy"),
+        ("random:2", "Unknown control strategy 'random:2'"),
+        ("fixation:THETA_X", "theta_X of a strategy must be between 0 and 1, got 'fixation:THETA_X'"),
         ("fixation:1.5", "between 0 and 1, got 'fixation:1.5'"),
         ("fixation:nan", "between 0 and 1"),
-        ("step:0", "whole number from 1 to 1000, got 'step:0'"),
-        ("step:1.5", "whole number from 1 to 1000, got 'step:1.5'"),
-        ("step:", "whole number from 1 to 1000"),
-        ("step:100000", "whole number from 1 to 1000"),
-        ("two-taps", "no control strategy 'two-taps'; there are passive, fixation, .*table"),
-        ("two-taps:8", "no control strategy 'two-taps:8'; there are passive, fixation, .*table"),
-        (f"step:{10**24}", "whole number from 1 to 1000"),
+        ("step:0", "integer from 1 to 1000, got 'step:0'"),
+        ("step:1.5", "integer from 1 to 1000, got 'step:1.5'"),
+        ("step:", "integer from 1 to 1000"),
+        ("step:100000", "integer from 1 to 1000"),
+        ("two-taps", "Unknown control strategy 'two-taps'; choose from passive, fixation, .*table"),
+        ("two-taps:8", "Unknown control strategy 'two-taps:8'; choose from passive, fixation, .*table"),
+        (f"step:{10**24}", "integer from 1 to 1000"),
     ],
 )
 def test_unknown_names_are_refused(name, message):
@@ -110,12 +110,12 @@ OTHER = ClassGrid(2.0 * np.arange(L), "mm", None, GRID.what_members)
 @pytest.mark.parametrize(
     ("name", "change", "message"),
     [
-        ("info-what", {"outcomes": None}, "info-what needs training taps"),
-        ("info-joint-per-mm", {"outcomes": None}, "info-joint-per-mm needs training taps"),
+        ("info-what", {"outcomes": None}, "'info-what' needs training taps"),
+        ("info-joint-per-mm", {"outcomes": None}, "'info-joint-per-mm' needs training taps"),
         ("table", {"table": None}, "needs a table of targets"),
-        ("info-what", {"outcomes": tap_outcomes(np.zeros((N, L, 2)))}, r"of \(6, 2\) classes, the model of \(6, 3\)"),
-        ("table", {"table": TABLE._replace(where_value=OTHER.where_value)}, "6 places from 0 to 10, the model has 6"),
-        ("fixation", {"fixation_index": 6}, "class index from 0 to 5, got 6"),
+        ("info-what", {"outcomes": tap_outcomes(np.zeros((N, L, 2)))}, r"have \(6, 2\) classes, the model \(6, 3\)"),
+        ("table", {"table": TABLE._replace(where_value=OTHER.where_value)}, "6 positions from 0 to 10, the model 6"),
+        ("fixation", {"fixation_index": 6}, "index from 0 to 5, got 6"),
     ],
 )
 def test_what_a_strategy_needs_must_be_there(name, change, message):

@@ -126,7 +126,7 @@ def test_doubt_holds_back_decisions_and_not_giving_up(model, recorded):
 def test_a_rule_that_looks_ahead_needs_somebody_who_does(model, recorded):
     taps, plan, *_ = recorded
     rig = ReplayRig(taps, model.grid, int(plan.where[0]), int(plan.what[0]), uniforms(np.random.default_rng(0)))
-    with pytest.raises(InputError, match="nobody has watched"):
+    with pytest.raises(InputError, match="needs the expected gain of the next tap"):
         perceive(rig, make_engine("filter", model), stopping.lookahead(0.1), passive)
 
 
@@ -156,7 +156,7 @@ def test_loss_is_the_error_of_the_classes(model):
      "others:1"],
 )  # fmt: skip
 def test_names_that_make_no_sense_are_refused_by_what_they_are(name):
-    with pytest.raises(InputError, match=f"got '{name}'|no stopping rule '{name}'"):
+    with pytest.raises(InputError, match=f"got '{name}'|Unknown stopping rule '{name}'"):
         parse_stopping(name)
 
 

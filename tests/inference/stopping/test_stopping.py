@@ -168,19 +168,19 @@ def test_bins_that_only_a_rival_leaves_empty_diverge_without_end(make_model):
     model = replace(model, counts=counts)
 
     assert divergences(model, 0).tolist() == [np.inf, pytest.approx(np.log(2))]
-    with pytest.raises(InputError, match="finite costs and divergences above 0"):
+    with pytest.raises(InputError, match="a finite cost and divergences above 0"):
         msprt(divergences(model, 0), 0.1)
 
 
 def test_divergences_of_what_has_none_are_refused(make_model):
     states = States(np.array([0.8, 1.3]), np.array([0.1, -0.2]), np.log([0.4, 0.6]))
-    with pytest.raises(InputError, match="from histograms without states, and this is a session model"):
+    with pytest.raises(InputError, match="a histogram model without states, not a session model"):
         divergences(replace(make_model(), states=states), 0)
-    with pytest.raises(InputError, match="a class from 0 to 2, got 4 and class 3"):
+    with pytest.raises(InputError, match="a position from 0 to 2, got 4 and position 3"):
         divergences(make_model(), 3)
-    with pytest.raises(InputError, match="two objects and a class from 0 to 2, got 1 and class 0"):
+    with pytest.raises(InputError, match="two objects and a position from 0 to 2, got 1 and position 0"):
         divergences(make_model(3, 1), 0)
-    with pytest.raises(InputError, match="Not every object was trained in class 1"):
+    with pytest.raises(InputError, match="Not every object was trained at position 1"):
         divergences(make_model(untrained=[(1, 2)]), 1)
 
 
@@ -266,21 +266,21 @@ def test_msprt_with_the_divergences_of_a_place_decides(played):
 @pytest.mark.parametrize(
     ("call", "message"),
     [
-        (lambda: after(0), "At least one tap is needed to decide, .* got 0"),
-        (lambda: after(1.5), "a whole number of them, got 1.5"),
+        (lambda: after(0), "must be an integer of at least 1, got 0"),
+        (lambda: after(1.5), "must be an integer of at least 1, got 1.5"),
         (lambda: after(float("nan")), "got nan"),
-        (lambda: or_give_up(after(1), 0), "To give up takes a tap or more .* got 0"),
+        (lambda: or_give_up(after(1), 0), "Giving up needs at least 1 tap .* got 0"),
         (lambda: or_give_up(after(1), 2, float("nan")), "a belief from 0 to 1, got 2 and nan"),
-        (lambda: what_above(float("nan")), "must be a number, got NaN"),
-        (lambda: where_above(float("nan")), "must be a number, got NaN"),
-        (lambda: lookahead(float("inf")), "A tap must cost something"),
-        (lambda: each_error(0.1, 0), "must be an object to be wrong about, got 0"),
+        (lambda: what_above(float("nan")), "threshold on a belief is NaN"),
+        (lambda: where_above(float("nan")), "threshold on a belief is NaN"),
+        (lambda: lookahead(float("inf")), "The cost of a tap must be above 0"),
+        (lambda: each_error(0.1, 0), "number of objects must be at least 1, got 0"),
         (lambda: msprt([1.0, 0.0], 0.1), "divergences above 0"),
-        (lambda: msprt([1.0, 1.0], 0.0), "finite costs"),
-        (lambda: mean_error(0.0), "share between 0 and 1, got 0.0"),
-        (lambda: each_error(1.0, 3), "share between 0 and 1, got 1.0"),
-        (lambda: lookahead(0.0), "A tap must cost something, got 0.0"),
-        (lambda: stops(lookahead(0.1), record_of(WHAT, WHERE, LENGTH)), "nobody has watched it"),
+        (lambda: msprt([1.0, 1.0], 0.0), "a finite cost"),
+        (lambda: mean_error(0.0), "error must be between 0 and 1, got 0.0"),
+        (lambda: each_error(1.0, 3), "error must be between 0 and 1, got 1.0"),
+        (lambda: lookahead(0.0), "The cost of a tap must be above 0, got 0.0"),
+        (lambda: stops(lookahead(0.1), record_of(WHAT, WHERE, LENGTH)), "needs the expected gain of the next tap"),
     ],
 )
 def test_what_makes_no_sense_is_refused(call, message):

@@ -269,5 +269,5 @@ def test_what_makes_no_sense_is_refused(tables, plan, change, message):
 
 
 def test_the_border_prior_and_states_do_not_go_together(tables, plan):
-    with pytest.raises(InputError, match="prior does not go with a model that carries a state"):
+    with pytest.raises(InputError, match="does not support models that carry a state"):
         play(tables["states"], plan, passive, border="prior")

@@ -462,7 +462,7 @@ def test_streams_out_of_range_are_refused(table):
         ({"thresholds": ()}, "one threshold or more"),
         ({"thresholds": (0.5, np.nan)}, "none that is NaN"),
         ({"device": "tpu"}, "device must be cpu, gpu or xla-cpu, got 'tpu'"),
-        ({"workers": 0}, "at least one worker, got 0"),
+        ({"workers": 0}, "workers must be at least 1, got 0"),
     ],
 )
 def test_arguments_out_of_range_are_refused(table, plan, more, message):

@@ -147,7 +147,7 @@ def test_bins_too_narrow_for_single_precision_are_refused(make_model):
     model = replace(make_model(), edges=1e4 + 1e-5 * np.arange(8.0))
 
     assert "e" in c_header(model, DECISIONS)
-    with pytest.raises(InputError, match="--single does not go with this model: its bins are too narrow"):
+    with pytest.raises(InputError, match="\\(--single\\) is too coarse for the bins of this model"):
         c_header(model, DECISIONS, single=True)
 
 

@@ -74,35 +74,35 @@ def test_other_columns_are_kept_as_numbers_or_text(tmp_path):
 
 BAD = {
     "empty": ("", "the file is empty"),
-    "blank first": ("\n" + HEADER, "begins with an empty line"),
-    "header only": (HEADER, "a header but no rows"),
-    "no object": ("tap,taxel_1\n0,1\n", r"line 1 has no column what; separated by commas it reads: tap, taxel_1\."),
+    "blank first": ("\n" + HEADER, "starts with an empty line"),
+    "header only": (HEADER, "a header but no data rows"),
+    "no object": ("tap,taxel_1\n0,1\n", r"line 1: missing column what; columns, split at commas: tap, taxel_1\."),
     "semicolons": (
         "tap;what;taxel\n0;a;1\n",
-        "line 1 has no column what; separated by commas it reads: tap;what;taxel",
+        "line 1: missing column what; columns, split at commas: tap;what;taxel",
     ),
-    "no taxel": ("tap,what,force\n0,a,1\n", "no column whose name begins with taxel"),
-    "column twice": ("tap,what,taxel,taxel\n0,a,1,2\n", "line 1 names the column 'taxel' twice"),
-    "not a number": (HEADER + "0,a,1,1,2\n0,a,1,x7,2\n", r"line 3, column taxel_1 holds 'x7', which is not a number"),
+    "no taxel": ("tap,what,force\n0,a,1\n", "no column name starts with taxel"),
+    "column twice": ("tap,what,taxel,taxel\n0,a,1,2\n", "line 1: column 'taxel' is repeated"),
+    "not a number": (HEADER + "0,a,1,1,2\n0,a,1,x7,2\n", r"line 3, column taxel_1: 'x7' is not a number"),
     "after blank lines": (
         HEADER + "0,a,1,1,2\n\n\n0,a,1,,2\n",
-        r"line 5, column taxel_1 holds '', which is not a numb",
+        r"line 5, column taxel_1: '' is not a numb",
     ),
-    "after quoted line end": ('tap,what,taxel\n0,"a\nb",1\n1,c,x\n', r"line 4, column taxel holds 'x'"),
-    "decimal comma": (HEADER + '0,a,1,"1,5",2\n', r"line 2, column taxel_1 holds '1,5'"),
-    "nan": (HEADER + "0,a,1,1,nan\n", r"line 2, column taxel_2 holds nan; NaN and infinite"),
-    "infinite": (HEADER + "0,a,1,1,2\n0,a,1,-inf,2\n", r"line 3, column taxel_1 holds -inf"),
-    "truth values": ("tap,what,taxel\n0,a,True\n1,a,False\n", r"line 2, column taxel holds 'True', which is not a"),
-    "zero bytes": (HEADER + "0,a,1,1,2\n0,a,1,1,2\0\0\n", r"line 3, column taxel_2 holds '2\\x00\\x00', which is not"),
-    "blanks only": (HEADER + "0,a,1,1,2\n   \n", "line 3 has 1 cells, the header has 5"),
-    "text cell missing": ("tap,what,taxel,who\n0,a,1,ann\n1,a,1\n", "line 3 has 3 cells, the header has 4"),
-    "after a quote": ('tap,what,taxel\n0,"a"b,1\n', "this is no CSV file: ',' expected after '\"'"),
-    "cell missing": (HEADER + "0,a,1,1\n", "line 2 has 4 cells, the header has 5"),
-    "cell too many": (HEADER + "0,a,1,1,2,\n", "line 2 has 6 cells, the header has 5"),
-    "object empty": (HEADER + "0,a,1,1,2\n1, ,1,1,2\n", "line 3, column what is empty"),
-    "tap broken": (HEADER + "0,a,1,1,2\n0.5,a,1,1,2\n", "line 3, column tap holds 0.5, which is no whole number"),
-    "lengths": (HEADER + "0,a,1,1,2\n0,a,1,1,2\n7,a,1,1,2\n", "line 4: tap 7 has 1 rows, the first tap has 2"),
-    "again": (HEADER + "3,a,1,1,2\n4,a,1,1,2\n3,a,1,1,2\n", "line 4: tap 3 of session 0 begins again"),
+    "after quoted line end": ('tap,what,taxel\n0,"a\nb",1\n1,c,x\n', r"line 4, column taxel: 'x'"),
+    "decimal comma": (HEADER + '0,a,1,"1,5",2\n', r"line 2, column taxel_1: '1,5'"),
+    "nan": (HEADER + "0,a,1,1,nan\n", r"line 2, column taxel_2: nan; NaN and infinite"),
+    "infinite": (HEADER + "0,a,1,1,2\n0,a,1,-inf,2\n", r"line 3, column taxel_1: -inf"),
+    "truth values": ("tap,what,taxel\n0,a,True\n1,a,False\n", r"line 2, column taxel: 'True' is not a"),
+    "zero bytes": (HEADER + "0,a,1,1,2\n0,a,1,1,2\0\0\n", r"line 3, column taxel_2: '2\\x00\\x00' is not"),
+    "blanks only": (HEADER + "0,a,1,1,2\n   \n", "line 3: 1 cells, but the header has 5"),
+    "text cell missing": ("tap,what,taxel,who\n0,a,1,ann\n1,a,1\n", "line 3: 3 cells, but the header has 4"),
+    "after a quote": ('tap,what,taxel\n0,"a"b,1\n', "not a CSV file: ',' expected after '\"'"),
+    "cell missing": (HEADER + "0,a,1,1\n", "line 2: 4 cells, but the header has 5"),
+    "cell too many": (HEADER + "0,a,1,1,2,\n", "line 2: 6 cells, but the header has 5"),
+    "object empty": (HEADER + "0,a,1,1,2\n1, ,1,1,2\n", "line 3, column what: empty"),
+    "tap broken": (HEADER + "0,a,1,1,2\n0.5,a,1,1,2\n", "line 3, column tap: 0.5 is not an integer"),
+    "lengths": (HEADER + "0,a,1,1,2\n0,a,1,1,2\n7,a,1,1,2\n", "line 4: tap 7 has 1 rows, the first tap 2"),
+    "again": (HEADER + "3,a,1,1,2\n4,a,1,1,2\n3,a,1,1,2\n", "line 4: tap 3 of session 0 starts again"),
     "object changes": (HEADER + "3,a,1,1,2\n3,b,1,1,2\n", "line 3: column what changes within tap 3 from a to b"),
     "place changes": (
         HEADER + "3,a,1,1,2\n3,a,2,1,2\n",
@@ -116,9 +116,9 @@ BAD = {
         "tap,time_s,what,taxel\n0,0,a,1\n0,0.1,a,1\n1,0,a,1\n1,0,a,1\n",
         "line 5: time_s does not increase",
     ),
-    "name taken": ("tap,what,taxel,sample\n0,a,1,2\n", "the column sample must be renamed"),
-    "quote open": ('tap,what,taxel\n0,"a,1\n', "this is no CSV file: unexpected end of data"),
-    "stream": ("what,taxel\na,1\na,2\n", "holds continuous streams; solidtouch convert --segment"),
+    "name taken": ("tap,what,taxel,sample\n0,a,1,2\n", "column sample must be renamed"),
+    "quote open": ('tap,what,taxel\n0,"a,1\n', "not a CSV file: unexpected end of data"),
+    "stream": ("what,taxel\na,1\na,2\n", "contains continuous streams; .* solidtouch convert --segment"),
 }
 
 
@@ -136,7 +136,7 @@ def test_bad_rows_are_named_with_line_and_column(case, tmp_path):
 def test_text_in_another_encoding_is_refused(tmp_path):
     (tmp_path / "a.csv").write_bytes("tap,what,taxel\n0,Würfel,1\n".encode("latin-1"))
 
-    with pytest.raises(InputError, match="no UTF-8 text"):
+    with pytest.raises(InputError, match="not UTF-8 text"):
         load_taps(tmp_path / "a.csv")
 
 
@@ -164,10 +164,10 @@ def test_a_column_session_goes_before_the_number_of_the_file(tmp_path):
     [
         (
             "tap,what,taxel_2,taxel_1\n0,a,1,2\n",
-            r"b\.csv: line 1 has other taxel columns, or in another order, than .*a\.csv",
+            r"b\.csv: line 1: taxel columns differ from those of .*a\.csv",
         ),
-        ("tap,what,taxel_1\n0,a,1\n", r"b\.csv: line 1 has other taxel columns"),
-        ("tap,what,where,taxel_1,taxel_2\n0,a,0,1,2\n", r"b\.csv: the column where stands either here or in"),
+        ("tap,what,taxel_1\n0,a,1\n", r"b\.csv: line 1: taxel columns differ"),
+        ("tap,what,where,taxel_1,taxel_2\n0,a,0,1,2\n", r"b\.csv: line 1: column where is either here or in"),
         ("tap,what,taxel_1,taxel_2\n0,a,1,x\n", r"b\.csv: line 2, column taxel_2"),
         ("tap,what,taxel_1,taxel_2\n0,a,1,2\n0,a,1,2\n", r"b\.csv, line 2: tap 0 has 2 rows"),
     ],

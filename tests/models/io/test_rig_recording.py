@@ -220,9 +220,9 @@ def test_a_new_stream_begins_with_a_new_cutter(fake_rig, tmp_path):
 @pytest.mark.parametrize(
     ("content", "message"),
     [
-        (b"", "does not begin with what was recorded"),
-        (b"\x89MCA", "does not begin with what was recorded"),
-        (b"time_s,what", r"bad\.mcap is no MCAP file"),
+        (b"", "not a recording of the rig"),
+        (b"\x89MCA", "not a recording of the rig"),
+        (b"time_s,what", r"bad\.mcap: not an MCAP file"),
     ],
 )
 def test_a_file_that_is_no_recording_is_refused(tmp_path, content, message):
@@ -243,7 +243,7 @@ def test_an_mcap_file_of_another_program_is_refused(tmp_path):
         writer.add_message(channel, 5, b"{}", 5)
         writer.finish()
 
-    with pytest.raises(InputError, match=r"other\.mcap: the file does not begin with what was recorded"):
+    with pytest.raises(InputError, match=r"other\.mcap: not a recording of the rig: the header is missing"):
         load_taps(path)
 
 
@@ -272,14 +272,14 @@ def test_a_recording_without_labelled_taps_says_so(fake_rig, tmp_path):
     with path.open("ab") as file:
         file.write(b"12345")
 
-    with pytest.raises(InputError, match="holds no accepted tap with a label; the last 5 bytes are damaged"):
+    with pytest.raises(InputError, match="has no accepted, labelled tap; the last 5 bytes are damaged"):
         load_taps(path)
 
 
 def test_files_that_cannot_be_read_are_named(tmp_path, made):
-    with pytest.raises(InputError, match=r"gone\.mcap cannot be read: No such file"):
+    with pytest.raises(InputError, match=r"gone\.mcap: cannot read: No such file"):
         load_taps(tmp_path / "gone.mcap")
-    with pytest.raises(InputError, match=r"cannot be read: Is a directory"):
+    with pytest.raises(InputError, match=r"cannot read: Is a directory"):
         RecordingReader(tmp_path)
-    with pytest.raises(InputError, match="is a recording of the rig, whose taps are cut as they were pressed"):
+    with pytest.raises(InputError, match="a recording of the rig holds taps cut at each press"):
         read_recording(made[0])

@@ -377,7 +377,7 @@ def test_taps_prepared_otherwise_are_refused(make_taps, taps, grid):
 @pytest.mark.parametrize(
     ("more", "message"),
     [
-        ({"bins": 0}, "at least one bin, got bins=0"),
+        ({"bins": 0}, "bins must be a whole number from 1 to 65536, got 0"),
         ({"pseudocount": -0.1}, "pseudocount must be finite and not negative, got -0.1"),
         ({"pseudocount": np.nan}, "pseudocount must be finite and not negative, got nan"),
         ({"pseudocount": np.inf}, "pseudocount must be finite and not negative, got inf"),

@@ -288,7 +288,7 @@ def test_test_taps_of_untrained_classes_are_left_out():
     assert result.test_taps == (M - 1) * N
     with pytest.raises(InputError, match="No test tap belongs to a class with a training tap"):
         leakage(train.select(train.what == 1), test.select(test.what == 2), train.grid())
-    with pytest.raises(InputError, match="prepared differently"):
+    with pytest.raises(InputError, match="differ in preprocessing"):
         leakage(train, with_samples(test, test.taps[:, :3]), train.grid())
 
 
