@@ -22,8 +22,6 @@ if TYPE_CHECKING:
     from ..analysis.trials.spread import TapSpread
     from ..inference.trials.tally import Tally
 
-_WIDEST = 500  # characters
-
 
 @spelled_out
 def trials(
@@ -139,12 +137,11 @@ class _Shown:
     def __exit__(self, *error: object) -> None:
         from rich.console import Console
 
-        from ..analysis.page.terminal import show, widest_table
+        from ..analysis.page.terminal import show
 
         self._live.stop()
         if self.tally is not None:
-            page = self._page(self.tally)
-            show(page, Console(width=max(Console().width, widest_table(page, Console(width=_WIDEST)))))
+            show(self._page(self.tally), Console())
 
     def spread(self, play: "Callable[..., TapSpread]", total: int) -> "TapSpread":
         """Plays trials on resampled taps, with a bar, and shows intervals from now on."""

@@ -35,7 +35,6 @@ if TYPE_CHECKING:
     from ..models.taps import TapSet
 
 _TWO = 2  # files that `fit` takes
-_WIDTH = 100  # characters of a table
 
 _Theta = Annotated[float, Option("--theta", help="Threshold at which positions are compared.")]
 
@@ -220,6 +219,6 @@ def _offline(
     bar = progress("Playing trials", tuning_trials(parts, trials))
     options: dict[str, Any] = {"thresholds": thresholds, "passive": passive, "trials": trials, "seed": seed}
     found = run(parts, setting, price, **options, progress=bar)
-    show(tuning_page(found), Console(width=max(Console().width, _WIDTH)))
+    show(tuning_page(found), Console())
     print(parts.sentence, *found.sentences, sep="\n")
     return found.setting

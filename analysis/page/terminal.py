@@ -10,11 +10,16 @@ from rich.text import Text
 
 from .page import Block, Brief, Cautions, Listing, Note, Page, Section, Table, blocks_of, spans
 
+_WIDEST = 500  # characters
+
 
 def show(page: Page, console: Console) -> None:
-    """Prints what is brief."""
+    """Prints what is brief; a table that is too wide for the console even so keeps its numbers whole."""
     for one in gist(page):
-        console.print(one, highlight=False)
+        if isinstance(one, RichTable):
+            needed = console.measure(one, options=console.options.update(width=_WIDEST)).minimum
+            one.width = needed if needed > console.width else None
+        console.print(one, highlight=False, crop=False)
 
 
 def gist(page: Page) -> Iterator[RenderableType]:
@@ -24,12 +29,6 @@ def gist(page: Page) -> Iterator[RenderableType]:
         if shown and section.title:
             yield Text(section.title, style="bold")
         yield from shown
-
-
-def widest_table(page: Page, console: Console) -> int:
-    """Characters that the widest table of what is brief takes, 0 without one."""
-    tables = [one for one in gist(page) if isinstance(one, RichTable)]
-    return max((console.measure(table).maximum for table in tables), default=0)
 
 
 def rich_table(table: Table, columns: Sequence[int] = ()) -> RichTable:
@@ -49,7 +48,11 @@ def rich_table(table: Table, columns: Sequence[int] = ()) -> RichTable:
     columns = columns or range(max(map(len, (table.head, *table.rows))))
     for column in columns:
         heading = _text(table.head[column].replace(" (", "\n(")) if table.head else ""
-        shown.add_column(heading, justify="left" if column == 0 or column in table.words else "right", overflow="fold")
+        words = column == 0 or column in table.words
+        whole = max((len(_text(row[column])) for row in table.rows if column < len(row)), default=0)
+        shown.add_column(
+            heading, justify="left" if words else "right", overflow="fold", min_width=None if words else whole
+        )
     for row in table.rows:
         shown.add_row(*(_text(row[column]) for column in columns if column < len(row)))
     return shown

@@ -47,3 +47,12 @@ def test_what_is_brief_is_printed_under_the_titles_of_its_sections():
 def test_a_list_of_names_and_values_has_no_head():
     lines = printed(Page("T", [Brief(Table((), [("seed", "1"), ("taps", "20")]))], []))
     assert [" ".join(line.split()) for line in lines] == ["seed 1", "taps 20"]
+
+
+def test_numbers_stay_whole_where_the_console_is_narrow():
+    """Words are broken into lines instead."""
+    rows = [["a name of many words", "0.1234 [0.1000, 0.1500]", "0.5678 [0.5000, 0.6500]"]]
+    for width in (70, 30):
+        lines = printed(Page("T", [Brief(Table(["name", "error", "taps"], rows))], []), width)
+        assert any("0.1234 [0.1000, 0.1500]  0.5678 [0.5000, 0.6500]" in line for line in lines)
+        assert any(line.startswith("a name") for line in lines)
