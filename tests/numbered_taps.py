@@ -1,5 +1,6 @@
 """A model whose likelihoods a test writes down, and its taps."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -8,6 +9,8 @@ from numpy.typing import ArrayLike, NDArray
 from solidtouch.models.grid import ClassGrid
 from solidtouch.models.preprocessing import Preprocessing
 from solidtouch.models.taps import TapSet
+
+type Classes = Sequence[int] | NDArray[np.int64]
 
 
 @dataclass(frozen=True)
@@ -35,14 +38,14 @@ class NumberedTaps:
     def check_taps(self, preprocessing: Preprocessing) -> None:
         assert preprocessing == self.preprocessing
 
-    def taps_of(self, where: ArrayLike, what: ArrayLike) -> TapSet:
+    def taps_of(self, where: Classes, what: Classes) -> TapSet:
         """The first taps, of these classes."""
         return TapSet.from_arrays(
             np.arange(len(where), dtype=float)[:, np.newaxis, np.newaxis],
-            what,
+            np.asarray(what),
             self.grid.what_name,
             preprocessing=self.preprocessing,
-            where=self.grid.where_value[where],
+            where=self.grid.where_value[np.asarray(where)],
             where_value=self.grid.where_value,
             where_unit="mm",
         )
