@@ -1,7 +1,8 @@
 """Fitted tables as JSON, for robots and other programs.
 
-The keys are those of the header of a conformance case, see docs/reference/conformance/README.md, so a program that reads a case
-reads a model; docs/how-to/exported-models.md describes the other keys. `io.export_reader` reads it back.
+The keys are those of the header of a conformance case, see docs/reference/conformance/README.md, so a
+program that reads a case reads a model; docs/how-to/exported-models.md describes the other keys. `io.export_reader`
+reads it back.
 """
 
 import json
