@@ -205,8 +205,9 @@ def spelled_out(command: Callable[..., None]) -> Callable[..., None]:
             try:
                 values[name] = default.changed(**{field: values.pop(field) for field in options})
             except SettingError as error:
-                option = options[error.name].__metadata__[0].param_decls[0]
-                raise InputError(f"{option} {error.problem}") from None
+                option = options[error.name].__metadata__[0]
+                named = option.param_decls or (option.default,)  # where Typer looks for the name in an annotation
+                raise InputError(f"{named[0]} {error.problem}") from None
         command(**values)
 
     parameters.sort(key=lambda parameter: parameter.default is not parameter.empty)

@@ -259,7 +259,7 @@ def test_crosscheck_leaves_numpyro_out_where_the_border_is_no_kernel(command, ta
         (["reproduce", "--data", "TAPS", "--out", "OUT", "--fixation", "3"], "must be an index from 0"),
         (["reproduce", "--data", "TAPS", "--out", "OUT", "--thresholds", "a"], "--thresholds needs numbers"),
         (["reproduce", "--data", "TAPS", "--out", "OUT", "--thresholds", "1.5"], "--thresholds needs different"),
-        (["reproduce", "--data", "TAPS", "--out", "OUT", "--theta-x", "2"], "--theta-x must lie between 0 and 1"),
+        (["reproduce", "--data", "TAPS", "--out", "OUT", "--theta-x", "2"], "--theta-x must be a number from 0 to 1"),
         (["reproduce", "--data", "TAPS", "--out", "OUT", "--border", "clamp", "--power", "-1"], "power"),
         (["reproduce", "--split", "parity", "--out", "OUT"], "--split goes with recorded taps only"),
         (["reproduce", "--data", "TAPS", "--data-sets", "3", "--out", "OUT"], "--data-sets goes with simulated taps"),

@@ -82,7 +82,7 @@ BAD = {
     "no such model": (("--models", "histogram,banana"), "There is no model 'banana'; there are histogram, gaussian"),
     "twice": (("--models", "profile,profile"), "--models needs different names"),
     "few draws": (("--draws", "20"), "--draws must be 0, or 100 or more"),
-    "threshold": (("--theta-x", "2"), "--theta-x must lie between 0 and 1"),
+    "threshold": (("--theta-x", "2"), "--theta-x must be a number from 0 to 1"),
     "many folds": (("--split", "leave-one-session-out"), "--split"),
 }
 

@@ -188,7 +188,7 @@ def test_a_single_trial_has_a_wide_interval(files, command):
     ("words", "message"),
     [
         (("--passive", "--fixation", 3), "--passive never moves"),
-        (("--theta-x", 1.5), "--theta-x must lie between 0 and 1, got 1.5"),
+        (("--theta-x", 1.5), "--theta-x must be a number from 0 to 1, got 1.5"),
         (("--start", 16), "--start must be an index from 0 to 15, got 16"),
         (("--fixation", 99), "fixation point must be an index from 0 to 15, got 99"),
         (("--thresholds", "high"), "--thresholds needs numbers such as 0.5,0.9,0.99, got 'high'"),

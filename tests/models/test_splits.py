@@ -8,6 +8,7 @@ from solidtouch.models.errors import InputError
 from solidtouch.models.experiment import load_experiment, parse_sessions
 from solidtouch.models.io.load import load_taps
 from solidtouch.models.preprocessing import Preprocessing
+from solidtouch.models.settings import Division
 from solidtouch.models.splits import split, two_files
 from solidtouch.models.taps import TapSet
 
@@ -162,7 +163,7 @@ def test_cells_decide_what_a_class_is(make_taps):
 def test_two_files_train_and_test(make_taps, tmp_path):
     make_taps(repeats=1).save(tmp_path / "a.nc")
     make_taps(repeats=2, seed=1).save(tmp_path / "b.nc")
-    parts, grid = load_experiment([tmp_path / "a.nc", tmp_path / "b.nc"], where_cell="3mm")
+    parts, grid = load_experiment([tmp_path / "a.nc", tmp_path / "b.nc"], Division(where_cell="3mm"))
 
     assert (len(parts.folds[0].train), len(parts.folds[0].test)) == (24, 48)
     assert parts.method == "files"
@@ -171,7 +172,7 @@ def test_two_files_train_and_test(make_taps, tmp_path):
 
 def test_one_file_is_split_as_the_options_say(make_taps, tmp_path):
     make_taps(sessions=3, repeats=1).save(tmp_path / "a.nc")
-    parts, grid = load_experiment([tmp_path / "a.nc"], train="0,2", test="1")
+    parts, grid = load_experiment([tmp_path / "a.nc"], Division(train="0,2", test="1"))
 
     assert parts.description == "Sessions 0, 2 train, session 1 tests."
     assert grid.shape == (3, 4)
@@ -185,7 +186,7 @@ def test_files_and_options_that_do_not_go_together_are_refused(make_taps, tmp_pa
     for data, options, message in (
         ([], {}, "Give one data file, or two \\(TRAIN and TEST\\), got 0"),
         ([a, b, a], {}, "got 3"),
-        ([a, b], {"method": "halves"}, "--split divides one file"),
+        ([a, b], {"split": "halves"}, "--split divides one file"),
         ([a, b], {"train": "0"}, "--train divides one file"),
         ([a, b], {"test": "0"}, "--test divides one file"),
         ([a, far], {}, r"No tap left to test: none of .*far\.nc falls into a class of .*a\.nc"),
@@ -193,7 +194,7 @@ def test_files_and_options_that_do_not_go_together_are_refused(make_taps, tmp_pa
         ([a], {"train": ""}, "--train needs session numbers"),
     ):
         with pytest.raises(InputError, match=message):
-            load_experiment(data, **options)
+            load_experiment(data, Division(**options))
 
 
 def test_files_of_another_sensor_are_refused(make_taps):

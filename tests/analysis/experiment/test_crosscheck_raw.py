@@ -11,7 +11,7 @@ from solidtouch.models.experiment import load_experiment
 from solidtouch.models.grid import ClassGrid
 from solidtouch.models.measurement import histogram, model
 from solidtouch.models.measurement.histogram import HistogramModel, trim
-from solidtouch.models.settings import FitSettings
+from solidtouch.models.settings import Division, FitSettings
 from solidtouch.models.taps import TapSet
 
 FIT, RECURSION, TRIALS = "fit, raw taps", "numpy, raw taps", "numpy, raw taps trials"
@@ -298,7 +298,7 @@ def test_an_error_in_the_recursion_of_the_route_is_found(taps, monkeypatch, step
 )
 def test_recorded_taps(shared_data, name, more):
     """One object, one position, empty classes, one sample: whatever recordings have."""
-    parts, grid = load_experiment([shared_data / f"{name}.npz"], **more)
+    parts, grid = load_experiment([shared_data / f"{name}.npz"], Division(**more))
     fold = parts.folds[0]
     grid: ClassGrid = trim(grid, [fold.train])[0]
     fitted = ExperimentSettings().fitted(fold.train, grid)
