@@ -10,12 +10,12 @@ import typer
 from typer import Option
 
 from ..models.errors import InputError
+from ..models.measurement.registry import PAPER
 from ..models.settings import Division, FitSettings, PlaySettings
 from .shared.interrupt import loading
 from .shared.options import (
     DIVIDED,
     FITTING,
-    MODELS,
     Fields,
     Force,
     Model,
@@ -126,7 +126,7 @@ def reproduce(
         print(f"Note: {sentence}")
     if read is not None and read.note:
         print(f"Setting: {read.note}")
-    if settings.model != MODELS[0]:
+    if settings.model != PAPER:
         print(f"Model {settings.model}")
     _print_results(summary)
     print(f"The report is {folder / 'report.html'}")
