@@ -16,9 +16,9 @@ from ...models.errors import InputError
 from ..information import TapOutcomes, believable, moves_to_all, shifted, tap_outcomes
 from ..reference import Border
 from ..stopping.stopping import Watch
-from ..trials.lockstep import log_sum
 from .control import MovePolicy, best_move
 from .holes import Mask
+from .shifts import log_sum
 
 _CHUNK = 1 << 17  # joint probabilities of taps and objects at a time, 1 MiB, which stays in cache
 _ALIKE = 1e-12  # gains that differ by less, in losses, are equal but for rounding
