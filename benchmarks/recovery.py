@@ -23,14 +23,14 @@ from solidtouch.hardware.simulator.session import simulate_session
 from solidtouch.hardware.simulator.settings import PAPER_RODS
 from solidtouch.models import seeds
 from solidtouch.models.grid import ClassGrid
-from solidtouch.models.measurement.catalogue import Fitted, fit_model
-from solidtouch.models.measurement.draws import form_of
-from solidtouch.models.measurement.fits.curves import CurvePosterior
+from solidtouch.models.measurement.catalogue import fit_model
 from solidtouch.models.measurement.likelihood.forms import GaussianForm, TableForm
 from solidtouch.models.measurement.likelihood.shapes import Parameters
-from solidtouch.models.measurement.parametric import ParametricModel
+from solidtouch.models.measurement.model import Fitted
 from solidtouch.models.measurement.predictive import integrated
+from solidtouch.models.measurement.smooth import CurvePosterior
 from solidtouch.models.measurement.states import States
+from solidtouch.models.measurement.story import ParametricModel
 from solidtouch.models.settings import FitSettings
 from solidtouch.models.taps import TapSet, concatenate
 from studies import check_block, publish, share_interval, table, thinned, until_interrupted, write_block, write_json
@@ -202,7 +202,7 @@ def _draw(
             noise = generator.standard_t(np.broadcast_to(parameters["freedom"], shape))
         scaled = parameters["level"][where, what] + scale[where, what] * noise
         return scaled * model.scaling.unit + model.scaling.centre
-    form = form_of(model, parameters)
+    form = model.form_of(parameters)
     if isinstance(source.fitted.posterior, CurvePosterior) and isinstance(form, GaussianForm):
         basis = source.fitted.posterior.basis.at(place)
         mean = np.einsum("nd,njkd->njk", basis, parameters["weight"][what])
@@ -246,7 +246,7 @@ def coverage(
 def quantities(fitted: Fitted, parameters: Parameters) -> dict[str, NDArray[np.float64]]:
     """Parameters in units of the samples, by kind, so that fits in different units compare."""
     model = fitted.model
-    form = form_of(model, parameters)
+    form = model.form_of(parameters)
     if isinstance(form, GaussianForm):
         return _gaussian_quantities(form)
     if isinstance(model, ParametricModel):

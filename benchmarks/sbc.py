@@ -18,15 +18,15 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import binom, chisquare
 from solidtouch.models.grid import ClassGrid
-from solidtouch.models.measurement.fits.cells import fit_gaussian, fit_profile, fit_profile_ar, fit_profile_mvn
-from solidtouch.models.measurement.fits.kronecker import fit_matrix_normal, weak_prior
+from solidtouch.models.measurement import gaussian, matrix_normal, profile, profile_ar, profile_mvn
+from solidtouch.models.measurement.fits.posterior import Posterior
 from solidtouch.models.measurement.fits.priors import CellPrior, Taps
+from solidtouch.models.measurement.histogram import HistogramPosterior
 from solidtouch.models.measurement.histogram import fit as fit_histogram
 from solidtouch.models.measurement.likelihood.bins import find_bins
 from solidtouch.models.measurement.likelihood.forms import GaussianForm
 from solidtouch.models.measurement.likelihood.shapes import Measure, Parameters
-from solidtouch.models.measurement.parametric import FORMS
-from solidtouch.models.measurement.posterior import HistogramPosterior, Posterior
+from solidtouch.models.measurement.registry import measurement_model
 from solidtouch.models.measurement.scaling import Scaling
 from solidtouch.models.preprocessing import Preprocessing
 from solidtouch.models.seeds import Purpose, derived_seed, generator
@@ -85,13 +85,11 @@ def own_classes(sizes: Sizes) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
 
 def studies(sizes: Sizes) -> list[Study]:
     """All fits under test."""
-    from solidtouch.models.measurement import stories  # noqa: PLC0415 - JAX and NumPyro take seconds to import
-
     L, M, J, K = sizes[:4]
     where, what = own_classes(sizes)
     prior = CellPrior(0.3, 0.5, 2.0 + np.arange(K), 1.0 + np.arange(K))
-    around_0 = prior._replace(level=0.0)  # which `fit_profile_mvn` takes for granted
-    wide = weak_prior(J, K)._replace(strength=0.5)
+    around_0 = prior._replace(level=0.0)  # which `profile_mvn.fit` takes for granted
+    wide = matrix_normal.weak_prior(J, K)._replace(strength=0.5)
     pairs = K * (K - 1) // 2
     typical = np.linspace(-0.4, 0.6, pairs)
 
@@ -106,13 +104,13 @@ def studies(sizes: Sizes) -> list[Study]:
 
     return [
         _histogram_study(sizes),
-        cells("gaussian", stories.gaussian, fit_gaussian, 1),
-        cells("profile", stories.profile, fit_profile, 1),
-        cells("profile-ar", stories.profile_ar, fit_profile_ar, J, "exact but for a grid of slopes"),
+        cells("gaussian", gaussian.story, gaussian.fit, 1),
+        cells("profile", profile.story, profile.fit, 1),
+        cells("profile-ar", profile_ar.story, profile_ar.fit, J, "exact but for a grid of slopes"),
         cells(
             "profile-mvn",
-            stories.profile_mvn,
-            fit_profile_mvn,
+            profile_mvn.story,
+            profile_mvn.fit,
             K,
             "slopes and cells factorised, typical slopes estimated",
             (around_0, typical, 4.0),
@@ -120,8 +118,8 @@ def studies(sizes: Sizes) -> list[Study]:
         Study(
             "matrix-normal",
             "both covariances factorised",
-            partial(_from_story, stories.matrix_normal, taps, (len(where), J, K), 1, (wide,)),
-            lambda samples: fit_matrix_normal(taps(samples), wide),
+            partial(_from_story, matrix_normal.story, taps, (len(where), J, K), 1, (wide,)),
+            lambda samples: matrix_normal.fit(taps(samples), wide),
             partial(_quantities, "matrix-normal", (where, what)),
         ),
     ]
@@ -259,7 +257,8 @@ def _log_density(
     else:
         K = samples.shape[2]
         frame = Measure(Scaling(np.zeros(K), np.ones(K)), np.zeros(2), np.zeros((0, 0, 0)))
-        form = FORMS[name](parameters, frame)
+        story: Any = measurement_model(name)
+        form = story.form(parameters, frame)
         if not isinstance(form, GaussianForm):
             raise TypeError(f"{name} has no Gaussian form.")
         innovation, scale = form.innovations(samples, *own), form.scale[0][own]

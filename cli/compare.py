@@ -93,9 +93,9 @@ def _names(models: str) -> tuple[str, ...]:
     Raises:
         InputError: There is no such model, or a name stands there twice.
     """
-    from ..models.measurement.catalogue import CATALOGUE, split_name
+    from ..models.measurement.registry import NAMES, split_name
 
-    names = tuple(CATALOGUE) if models == "all" else tuple(name.strip() for name in models.split(","))
+    names = NAMES if models == "all" else tuple(name.strip() for name in models.split(","))
     for name in names:
         split_name(name)
     if len(set(names)) < len(names):

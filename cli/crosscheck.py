@@ -6,9 +6,10 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 from typer import Option
 
+from ..models.measurement.registry import NAMES, PAPER
 from ..models.settings import Division, FitSettings, PlaySettings
 from .shared.interrupt import loading
-from .shared.options import DIVIDED, FITTING, MODELS, Data, Fields, ModelOrAll, Seed, spelled_out
+from .shared.options import DIVIDED, FITTING, Data, Fields, ModelOrAll, Seed, spelled_out
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -76,14 +77,14 @@ def _check_one(check: "Callable[[str], CrossCheck]", name: str, console: "Consol
     from ..analysis.page.terminal import show
 
     result = check(name)
-    if name != MODELS[0]:
+    if name != PAPER:
         console.print(f"Model {name}", highlight=False)
     show(crosscheck_page(result), console)
     return result.passed
 
 
 def _check_all(check: "Callable[[str], CrossCheck]", console: "Console") -> bool:
-    """The same for every model of the catalogue; those that the taps cannot carry are named.
+    """The same for every model; those that the taps cannot carry are named.
 
     Raises:
         InputError: No model could be checked.
@@ -95,7 +96,7 @@ def _check_all(check: "Callable[[str], CrossCheck]", console: "Console") -> bool
 
     results: dict[str, bool] = {}
     refused: dict[str, str] = {}
-    for name in MODELS:
+    for name in NAMES:
         try:
             result = check(name)
         except (InputError, ZeroEvidenceError) as error:
@@ -110,5 +111,5 @@ def _check_all(check: "Callable[[str], CrossCheck]", console: "Console") -> bool
         raise InputError("No model could be checked, for the reasons above.")
     differ = [name for name, passed in results.items() if not passed]
     verdict = f"the routes of {', '.join(differ)} DISAGREE" if differ else "all routes agree"
-    console.print(f"{len(results)} of {len(MODELS)} models checked: {verdict}.", highlight=False)
+    console.print(f"{len(results)} of {len(NAMES)} models checked: {verdict}.", highlight=False)
     return not differ

@@ -11,7 +11,7 @@ from .shared.options import DIVIDED, FITTING, Data, Fields, Force, Model, Seed, 
 
 if TYPE_CHECKING:
     from ..models.io.model_file import Draws
-    from ..models.measurement.catalogue import Fitted
+    from ..models.measurement.model import Fitted
     from ..models.taps import TapSet
 
 _Method = Annotated[Literal["closed", "nuts"], Option("--fit", help="The model's own fast fit, or NUTS on its story.")]
@@ -60,8 +60,8 @@ def fit(
         from ..inference.tuning.tempering import fit_tempered
         from ..models.experiment import load_experiment
         from ..models.io.model_file import save_model
-        from ..models.measurement.catalogue import split_name
         from ..models.measurement.histogram import trim
+        from ..models.measurement.registry import split_name
         from ..models.power import learned_taps
 
     _, in_states = split_name(model)

@@ -10,12 +10,12 @@ import typer
 from typer import Option
 
 from ..models.errors import InputError
+from ..models.measurement.registry import PAPER
 from ..models.settings import Division, FitSettings, PlaySettings
 from .shared.interrupt import loading
 from .shared.options import (
     DIVIDED,
     FITTING,
-    MODELS,
     Fields,
     Force,
     Model,
@@ -125,7 +125,7 @@ def reproduce(
         page, summary = run(request, folder, force, progress)
     if read is not None and read.note:
         print(f"Setting: {read.note}")
-    if settings.model != MODELS[0]:
+    if settings.model != PAPER:
         print(f"Model {settings.model}")
     show(page, Console())
     print(f"The report is {folder / 'report.html'}")

@@ -12,7 +12,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..models.errors import InputError
-from .moves.holes import Mask, holes, moved
+from .moves.holes import Mask
+from .moves.shifts import shift_all
 from .reference import BORDERS, Border
 
 type About = Literal["joint", "where", "what"]
@@ -94,41 +95,9 @@ def shifted(
     beliefs, deltas = np.asarray(beliefs, dtype=np.float64), np.asarray(deltas, dtype=np.intp)
     L, M = beliefs.shape[-2:]
     shape = (*beliefs.shape[:-2], deltas.shape[-1])
-    each = np.broadcast_to(deltas, shape).reshape(-1, shape[-1])[..., np.newaxis]
-    rows, trained = beliefs.reshape(-1, L, M), holes(trained)
-    after = _moved(rows, each, border) if trained is None else _moved_around(rows, each, border, trained)
+    each = np.broadcast_to(deltas, shape).reshape(-1, shape[-1])
+    after = shift_all(beliefs.reshape(-1, L, M), each, border, trained)
     return (after / after.sum(axis=(-2, -1), keepdims=True)).reshape(*shape, L, M)
-
-
-def _moved(beliefs: NDArray[np.float64], deltas: NDArray[np.intp], border: Border) -> NDArray[np.float64]:
-    """Eq. 9 without the normalisation for beliefs (S, L, M) and moves (S, D, 1)."""
-    _, L, M = beliefs.shape
-    source, target = np.arange(L) - deltas, np.arange(L) + deltas
-    rows = np.arange(len(beliefs))[:, np.newaxis, np.newaxis]
-    if border == "circular":
-        return beliefs[rows, source % L]
-    kept = ((source >= 0) & (source < L))[..., np.newaxis]
-    staying = np.where(kept, beliefs[rows, source.clip(0, L - 1)], 0.0)
-    lost = ((target < 0) | (target >= L)).astype(np.float64) @ beliefs
-    if border == "clamp":
-        end = (np.arange(L) == np.where(deltas > 0, L - 1, 0)).astype(np.float64)
-        return staying + end[..., np.newaxis] * lost[:, :, np.newaxis]
-    vacated = np.minimum(np.abs(deltas), L).clip(1)
-    if border == "uniform":
-        lost = np.broadcast_to(lost.sum(axis=-1, keepdims=True) / M, lost.shape)
-    free = np.full_like(lost, 1 / (L * M)) if border == "prior" else lost / vacated
-    return np.where(kept, staying, free[:, :, np.newaxis])
-
-
-def _moved_around(
-    beliefs: NDArray[np.float64], deltas: NDArray[np.intp], border: Border, trained: Mask
-) -> NDArray[np.float64]:
-    """The same on a grid with holes."""
-    after = np.empty((*deltas.shape[:2], *trained.shape))
-    for delta in np.unique(deltas):
-        row, move = np.nonzero(deltas[..., 0] == delta)
-        after[row, move] = moved(beliefs[row], int(delta), border, trained, np.add)
-    return after
 
 
 def information(outcomes: TapOutcomes, beliefs: ArrayLike, about: About = "joint") -> NDArray[np.float64]:

@@ -138,6 +138,14 @@ class ClassGrid:
             what_unit=self.what_unit,
         )
 
+    def untouched(self, touched: NDArray[np.bool_]) -> tuple[str, ...]:
+        """Names of the classes (L, M) that are not touched: whole objects, whole positions, then single cells."""
+        objects, positions = ~touched.any(axis=0), ~touched.any(axis=1)
+        names = [self.what_name[m] for m in np.flatnonzero(objects)]
+        names += [self.where_label(l) for l in np.flatnonzero(positions).tolist()]
+        cells = np.argwhere(~touched & ~objects & ~positions[:, np.newaxis]).tolist()
+        return (*names, *(f"{self.what_name[m]} at {self.where_label(l)}" for l, m in cells))
+
     def differences(self, other: Self) -> list[str]:
         """Differences of `other` as phrases; empty if both grids have the same classes."""
         phrases = []

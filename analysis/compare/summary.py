@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from ...models.measurement.catalogue import CATALOGUE, split_name
+from ...models.measurement.registry import row
 from ..experiment.settings import SHOWN_THETA
 from ..page.figure_style import short_unit
 from ..page.words import versions
@@ -97,13 +97,12 @@ def _no_class_left(comparison: Comparison) -> list[str]:
 
 
 def _model(comparison: Comparison, name: str, power: str | float) -> dict[str, Any]:
-    kind, in_states = split_name(name)
-    row = CATALOGUE["session"] if in_states else CATALOGUE[kind]
+    relaxes, how = row(name)
     fitted = comparison.fits[name]
     return {
         "name": name,
-        "relaxes": row.relaxes,
-        "how": row.how,
+        "relaxes": relaxes,
+        "how": how,
         "fit": fitted.convergence.sentence,
         "converged": fitted.convergence.converged,
         "seconds": comparison.seconds[name],

@@ -17,9 +17,9 @@ from numpy.typing import NDArray
 from ...inference.trials.resampling import Spread
 from ...models.errors import InputError
 from ...models.grid import ClassGrid
-from ...models.measurement.catalogue import Fitted
 from ...models.measurement.draws import drawn
-from ...models.measurement.posterior import HistogramPosterior
+from ...models.measurement.histogram import HistogramPosterior
+from ...models.measurement.model import Fitted
 from ...models.measurement.predictive import integrated, plug_in
 from ...models.seeds import Purpose, generator
 from ...models.taps import TapSet, concatenate
@@ -108,7 +108,7 @@ def leave_one_tap_out(
             values = k = np.full(log_mass.shape[1], np.nan)
             good_k = GOOD_K
     result = xr.Dataset({"psis": ("tap", values), "pareto_k": ("tap", k), "good_k": good_k})
-    if fitted.model.name == "histogram" and isinstance(fitted.posterior, HistogramPosterior):
+    if isinstance(fitted.posterior, HistogramPosterior) and len(fitted.model.states.gain) == 1:
         left = fitted.posterior.leave_out(taps.taps, fitted.model.edges, own[0] * grid.M + own[1])
         result["exact"], result["exact_plug_in"] = ("tap", left.integrated), ("tap", left.plug_in)
     return result

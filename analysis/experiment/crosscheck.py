@@ -25,6 +25,7 @@ from ...inference.trials.run import THRESHOLDS
 from ...models import seeds
 from ...models.measurement.histogram import HistogramModel
 from ...models.measurement.model import TapModel
+from ...models.measurement.registry import PAPER
 from ...models.measurement.states import fold
 from ...models.power import learned_taps
 from ...models.taps import TapSet
@@ -353,7 +354,7 @@ def _raw_filter(
     model: TapModel, train: TapSet, settings: ExperimentSettings, border: Border, notes: list[str]
 ) -> RawFilter | None:
     """The paper's filter from the training taps and the options that the user gave; None for other models."""
-    if model.name != "histogram":
+    if model.name != PAPER:
         return None
     power = settings.fit.power
     if learned_taps(power) is not None:

@@ -7,8 +7,8 @@ from ...inference.trials.run import THRESHOLDS
 from ...inference.tuning.tempering import fit_tempered
 from ...models.errors import InputError
 from ...models.grid import ClassGrid
-from ...models.measurement.catalogue import split_name
 from ...models.measurement.model import TapModel
+from ...models.measurement.registry import split_name
 from ...models.settings import Checked, FitSettings, PlaySettings
 from ...models.taps import TapSet
 

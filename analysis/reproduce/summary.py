@@ -9,7 +9,7 @@ import numpy as np
 import xarray as xr
 
 from ...models.grid import ClassGrid
-from ...models.measurement.catalogue import CATALOGUE, split_name
+from ...models.measurement.registry import PAPER, row, split_name
 from ...models.power import learned_taps
 from ...models.splits import Fold
 from ...models.taps import TapSet, concatenate
@@ -161,8 +161,8 @@ def _model(settings: ExperimentSettings) -> str:
     """The measurement model, in words."""
     kind, in_states = split_name(settings.model)
     words = f"A histogram model of {settings.fit.bins} bins"
-    if kind != "histogram":
-        words = f"The model {kind} ({CATALOGUE[kind].how}; likelihoods over {settings.fit.bins} bins)"
+    if kind != PAPER:
+        words = f"The model {kind} ({row(kind).how}; likelihoods over {settings.fit.bins} bins)"
     return words + " under a gain and offset that all taps of an episode share" * in_states
 
 

@@ -9,9 +9,10 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ...inference.moves.shifts import log_sum
 from ...inference.trials import kernel
 from ...inference.trials import random as draws
-from ...inference.trials.lockstep import drawn_taps, log_sum, shift_beliefs
+from ...inference.trials.lockstep import drawn_taps, shift_beliefs
 from ...inference.trials.plan import checked_plan
 from ...inference.trials.records import Rule, TapTable, TrialPlan, Trials
 from ...inference.trials.run import empty_trials, make_rule

@@ -15,13 +15,11 @@ from numpy.typing import NDArray
 
 from ...models import seeds
 from ...models.grid import ClassGrid
-from ...models.measurement.catalogue import Fitted
-from ...models.measurement.draws import form_of
 from ...models.measurement.histogram import HistogramModel
 from ...models.measurement.likelihood.bins import find_bins
 from ...models.measurement.likelihood.forms import TableForm, in_states
 from ...models.measurement.likelihood.shapes import Parameters
-from ...models.measurement.model import TapModel
+from ...models.measurement.model import Fitted, TapModel
 from ...models.taps import TapSet
 from .evidence import halves, rivals
 
@@ -344,7 +342,7 @@ def replicate(parameters: Parameters, model: TapModel, labels: TapLabels, genera
         labels: Of the taps.
         generator: Of all random numbers.
     """
-    form = in_states(form_of(model, parameters), model.states, model.edges)
+    form = in_states(model.form_of(parameters), model.states, model.edges)
     state = _states_of_sessions(model.states.log_prior, labels.taps.session, generator)
     where, hypothesis = labels.where, state * model.grid.M + labels.what
     J = labels.taps.taps.shape[1]

@@ -15,7 +15,7 @@ from ...inference.moves.strategies import FORMS, parse_strategy
 from ...inference.reference import Border
 from ...models.errors import InputError
 from ...models.io.recording import naming
-from ...models.measurement.catalogue import split_name
+from ...models.measurement.registry import split_name
 from ...models.power import learned_taps, likelihood_exponent
 
 Natural = Annotated[int, Meta(ge=0)]

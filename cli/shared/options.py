@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 import typer
 
 from ...models.errors import InputError
+from ...models.measurement.registry import NAMES
 from ...models.settings import Checked, FitSettings, SettingError
 
 if TYPE_CHECKING:
@@ -44,19 +45,7 @@ TrainSessions = Annotated[
 ]
 TestSessions = Annotated[str | None, typer.Option("--test", metavar="LIST", help="Sessions to test, such as 2.")]
 Force = Annotated[bool, typer.Option("--force", help="Overwrite existing files.")]
-MODELS = (
-    "histogram",
-    "gaussian",
-    "student",
-    "profile",
-    "profile-ar",
-    "profile-mvn",
-    "matrix-normal",
-    "smooth",
-    "session",
-)
-"""Names of `models.measurement.catalogue`, which takes long to import."""
-_MODEL_HELP = f"Measurement model: {', '.join(MODELS)}, or session: before any other, such as session:profile"
+_MODEL_HELP = f"Measurement model: {', '.join(NAMES)}, or session: before any other, such as session:profile"
 Model = Annotated[str, typer.Option("--model", metavar="NAME", help=f"{_MODEL_HELP}.")]
 ModelOrAll = Annotated[str, typer.Option("--model", metavar="NAME", help=f"{_MODEL_HELP}; all for each in turn.")]
 AllowUnconverged = Annotated[bool, typer.Option("--allow-unconverged", help="Use a model whose fit did not converge.")]

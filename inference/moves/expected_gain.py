@@ -15,9 +15,9 @@ from ...models.errors import InputError
 from ..information import TapOutcomes, believable, moves_to_all, shifted, tap_outcomes
 from ..reference import Border
 from ..stopping.stopping import Watch
-from ..trials.lockstep import log_sum
 from .control import MovePolicy, best_move
 from .holes import Mask
+from .shifts import log_sum
 
 _CHUNK = 1 << 17  # joint probabilities of taps and objects per chunk, 1 MiB, to fit into cache
 _ALIKE = 1e-12  # gains within this, in units of the loss, count as equal

@@ -21,8 +21,8 @@ from ..information import (
     tap_outcomes,
 )
 from ..reference import BORDERS, Border
-from ..trials.lockstep import log_sum
 from .control import MovePolicy, best_move, where_beliefs
+from .shifts import log_sum
 
 type Floats = NDArray[np.float64]
 type Integers = NDArray[np.int64]

@@ -16,9 +16,9 @@ from ...models.errors import InputError
 from ...models.measurement.states import log_fold
 from ..engines.compiled import border_number, refuse_border
 from ..episode import DEADLINE
-from ..moves import holes as hole_moves
 from ..moves.control import MovePolicy
-from ..moves.holes import Mask, holes
+from ..moves.holes import Mask
+from ..moves.shifts import log_sum, shift_all
 from ..reference import Border
 from ..saturation import share, temper
 from ..stopping.stopping import Watch
@@ -210,50 +210,8 @@ def shifted(log_belief: Floats, delta: Integers, border: Border, M: int, trained
 
 def shift_beliefs(log_belief: Floats, delta: Integers, border: Border, trained: Mask | None = None) -> Floats:
     """`reference.shift_log` of n beliefs (n, L, M), each by its own move (n,); all but `prior` keep the sum."""
-    trained = holes(trained)
-    if trained is not None:
-        return _shift_around(log_belief, delta, border, trained)
-    n, L, M = log_belief.shape
-    classes = np.arange(L)
-    source = classes - delta[:, np.newaxis]
-    if border == "circular":
-        return np.take_along_axis(log_belief, (source % L)[:, :, np.newaxis], axis=1)
-    vacated = (source < 0) | (source >= L)
-    target = classes + delta[:, np.newaxis]
-    leaves = ((target < 0) | (target >= L))[:, :, np.newaxis]
-    kept = np.take_along_axis(log_belief, np.clip(source, 0, L - 1)[:, :, np.newaxis], axis=1)
-    after = np.where(vacated[:, :, np.newaxis], -np.inf, kept)
-    lost = log_sum(np.where(leaves, log_belief, -np.inf), (1,))
-    if border == "clamp":
-        rows, end = np.arange(n), np.where(delta > 0, L - 1, 0)
-        after[rows, end] = np.logaddexp(after[rows, end], lost[:, 0])
-        return after
-    room = np.maximum(vacated.sum(axis=1), 1)[:, np.newaxis, np.newaxis]
-    if border == "uniform":
-        filling = np.broadcast_to(log_sum(lost, (1, 2)) - np.log(room * M), lost.shape)
-    elif border == "uniform_what":
-        filling = lost - np.log(room)
-    else:
-        filling = np.full((n, 1, M), -np.log(L * M))
-    after = np.where(vacated[:, :, np.newaxis], filling, after)
+    after = shift_all(log_belief, delta[:, np.newaxis], border, trained, logs=True)[:, 0]
     return after - log_sum(after, (1, 2)) if border == "prior" else after
-
-
-def _shift_around(log_belief: Floats, delta: Integers, border: Border, trained: Mask) -> Floats:
-    """The same on a grid with holes."""
-    after = np.empty(log_belief.shape)
-    for move in np.unique(delta):
-        rows = delta == move
-        after[rows] = hole_moves.moved(log_belief[rows], int(move), border, trained, np.logaddexp)
-    return after - log_sum(after, (1, 2)) if border == "prior" else after
-
-
-def log_sum(log_values: Floats, axes: tuple[int, ...]) -> Floats:
-    """Log of the sum over some axes, which are kept; -inf of nothing."""
-    top = log_values.max(axis=axes, keepdims=True)
-    top = np.where(np.isneginf(top), 0.0, top)
-    with np.errstate(divide="ignore"):
-        return np.log(np.exp(log_values - top).sum(axis=axes, keepdims=True)) + top
 
 
 def _moved(state: _Running, delta: Integers, held: Integers, table: TapTable, border: Border) -> _Running:

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from ..errors import InputError
 from ..grid import ClassGrid
 from ..json_object import read_object
-from ..measurement.histogram import HistogramModel, untouched
+from ..measurement.histogram import HistogramModel
 from ..measurement.model import TapModel
 from ..measurement.table import TableModel
 from ..power import check_saturation, likelihood_exponent
@@ -80,7 +80,7 @@ def _histogram(values: dict[str, Any], shape: tuple[int, ...], common: dict[str,
     return HistogramModel(
         counts=counts.astype(np.int64),
         pseudocount=float(pseudocount),
-        left_out=untouched(common["grid"], trained),
+        left_out=common["grid"].untouched(trained),
         **common,
     )
 
@@ -90,7 +90,7 @@ def _table(values: dict[str, Any], shape: tuple[int, ...], common: dict[str, Any
     possible = probabilities.any(axis=(2, 3))
     if not possible.any():
         raise InputError("probabilities has no possible class.")
-    left_out = untouched(common["grid"], possible)
+    left_out = common["grid"].untouched(possible)
     return _named("probabilities", lambda: TableModel(probabilities=probabilities, left_out=left_out, **common))
 
 

@@ -27,11 +27,9 @@ from numpy.typing import NDArray
 from ..errors import InputError
 from ..grid import ClassGrid
 from ..measurement.fits.convergence import Convergence
-from ..measurement.histogram import HistogramModel
 from ..measurement.model import FORMAT, TapModel
 from ..measurement.novelty import NoveltyScores
-from ..measurement.parametric import DIMS, ParametricModel
-from ..measurement.scaling import Scaling
+from ..measurement.registry import KINDS, PAPER, measurement_model
 from ..measurement.states import ONE_STATE, States
 from ..power import parse_power
 from ..preprocessing import Preprocessing
@@ -39,8 +37,6 @@ from ..storage import write_groups
 from .export_reader import load_exported
 
 _FIRST_FORMAT = 1
-_POSITIVE = ("variance", "scale", "freedom")
-_COVARIANCES = {"time_covariance", "taxel_covariance"}
 _ROUNDING = 1e-9
 
 
@@ -128,9 +124,9 @@ def _read(path: Path) -> tuple[dict[str, Any], xr.Dataset, xr.Dataset]:
         raise InputError(f"{path}: not a netCDF file, or truncated.") from error
     attributes = dict(root.attrs)
     version = attributes.get("format")
-    if attributes.get("kind") == "histogram" and version == _FIRST_FORMAT:
+    if attributes.get("kind") == PAPER and version == _FIRST_FORMAT:
         return attributes, root, parameters
-    if attributes.get("kind") not in {"histogram", *DIMS} or version != FORMAT:
+    if attributes.get("kind") not in KINDS or version != FORMAT:
         raise InputError(f"{path}: not a fitted model of format {FORMAT} or {_FIRST_FORMAT}.")
     return attributes, data, parameters
 
@@ -150,66 +146,10 @@ def _model(attributes: dict[str, Any], data: xr.Dataset, parameters: xr.Dataset)
         "training": data["training"].values if "training" in data else np.empty(0, np.uint64),
         "states": _states(data),
     }
-    if attributes["kind"] == "histogram":
-        model = HistogramModel(counts=data["counts"].values, pseudocount=float(attributes["pseudocount"]), **common)
-        _check_counts(model)
-    else:
-        model = _parametric(attributes["kind"], data, parameters, common)
+    model = measurement_model(attributes["kind"]).read(attributes, data, parameters, common)
     if not (np.diff(model.edges) > 0).all():
         raise ValueError("edges do not increase.")
     return model
-
-
-def _check_counts(model: HistogramModel) -> None:
-    shape = model.counts.shape
-    fits = len(shape) == 4 and model.edges.shape in ((shape[3] + 1,), (shape[2], shape[3] + 1))
-    if not fits or shape[:2] != model.grid.shape:
-        raise ValueError(f"counts have shape {shape}, edges {model.edges.shape}.")
-    if (model.counts < 0).any():
-        raise ValueError("counts are negative.")
-
-
-def _parametric(kind: str, data: xr.Dataset, parameters: xr.Dataset, common: dict[str, Any]) -> ParametricModel:
-    if kind not in DIMS:
-        raise ValueError(f"unknown model {kind!r}.")
-    grid: ClassGrid = common["grid"]
-    values = {name: parameters[name].transpose(*dims).values for name, dims in DIMS[kind].items()}
-    model = ParametricModel(
-        story=kind,
-        scaling=Scaling(data["centre"].values, data["unit"].values),
-        basis=data["basis"].values if "basis" in data else np.zeros((0, 0, 0)),
-        parameters=values,
-        covered=data["covered"].values.astype(bool),
-        **common,
-    )
-    _check_parameters(model)
-    if model.covered.shape != grid.shape or model.edges.shape[:-1] not in ((), (model.K,)):
-        raise ValueError(f"covered classes have shape {model.covered.shape}, edges {model.edges.shape}.")
-    return model
-
-
-def _check_parameters(model: ParametricModel) -> None:
-    grid, J, K = model.grid, model.preprocessing.samples, model.K
-    _check_array("centre", model.scaling.centre, (K,))
-    _check_array("unit", model.scaling.unit, (K,))
-    sizes = {"where": grid.L, "what": grid.M, "taxel": K, "from_taxel": K, "other_taxel": K, "sample": J}
-    sizes |= {"other_sample": J, "once": 1, "basis": model.basis.shape[2]}
-    for name, dims in DIMS[model.story].items():
-        _check_array(name, model.parameters[name], tuple(sizes[dim] for dim in dims))
-    if model.story == "smooth":
-        _check_array("basis", model.basis, (len(model.basis), grid.L, model.basis.shape[2]))
-    positive = {"unit": model.scaling.unit} | {n: v for n, v in model.parameters.items() if n in _POSITIVE}
-    for name, values in positive.items():
-        if not (values > 0).all():
-            raise ValueError(f"{name} is not above 0 everywhere.")
-    for name in _COVARIANCES & set(model.parameters):
-        if (np.linalg.eigvalsh(model.parameters[name]) <= 0).any():
-            raise ValueError(f"{name} is not a covariance.")
-
-
-def _check_array(name: str, values: NDArray[np.float64], shape: tuple[int, ...]) -> None:
-    if values.shape != shape or not np.isfinite(values).all():
-        raise ValueError(f"{name} is not finite or has shape {values.shape} instead of {shape}.")
 
 
 def _states(data: xr.Dataset) -> States:

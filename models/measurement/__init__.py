@@ -1,5 +1,6 @@
 """Measurement models: the probability of a tap's samples under each class.
 
-Start with `model`, what all can do, then `histogram`, the paper's; `catalogue` fits any of them by name. `fits` says
-how parameters are found, `likelihood` what they mean for the bins of a tap. No belief is updated here.
+A model is one file, which `registry` knows by name and `catalogue` fits: start with `histogram`, the paper's, then
+`story`, what the others consist of, and `profile`. `fits` holds what several need to find parameters, `likelihood` what
+these mean for the bins of a tap. No belief is updated here.
 """

@@ -15,13 +15,10 @@ from ..io.model_file import Draws
 from ..seeds import Purpose, generator
 from ..taps import TapSet
 from ..threads import cores, in_order, one_blas_thread
-from .catalogue import Fitted
-from .histogram import HistogramModel
-from .likelihood.forms import Form, TableForm
 from .likelihood.shapes import Parameters
-from .model import TapModel
-from .parametric import FORMS, ParametricModel
-from .true_class import OwnTaps
+from .likelihood.true_class import OwnTaps
+from .model import Fitted, TapModel
+from .story import ParametricModel
 
 CHAINS = 4
 
@@ -87,20 +84,11 @@ def drawn(fitted: Fitted, taps: TapSet, draws: int, seed: int) -> Iterator[tuple
 
     def draw(number: int) -> tuple[Parameters, NDArray[np.float64]]:
         parameters = posterior.draw(generator(seed, Purpose.PARAMETERS, number))
-        return parameters, own.log_probability(form_of(model, parameters))
+        return parameters, own.log_probability(model.form_of(parameters))
 
     with one_blas_thread():
         yield from in_order((partial(draw, number) for number in range(draws)), _threads(model))
 
 
 def _threads(model: TapModel) -> int:
-    return 1 if model.kind == "student" else cores(None)  # JAX has threads of its own
-
-
-def form_of(model: TapModel, parameters: Parameters) -> Form:
-    """The form of a model with other parameters, in the state of gain 1 and offset 0."""
-    if isinstance(model, ParametricModel):
-        return FORMS[model.story](parameters, model.frame)
-    if isinstance(model, HistogramModel):
-        return TableForm(parameters["log_prob"])
-    raise TypeError(f"A model of type {type(model).__name__} has no draws.")
+    return 1 if isinstance(model, ParametricModel) and model.story.own_threads else cores(None)

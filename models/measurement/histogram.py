@@ -8,25 +8,30 @@ taps is one matrix product of their bin counts with the log tables.
 Reference: Lepora, Martinez-Hernandez and Prescott, "A SOLID case for active Bayesian perception in robot touch" (2013).
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from importlib.metadata import version
-from typing import Any, Literal
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 import xarray as xr
 from numpy.typing import ArrayLike, NDArray
+from scipy.special import gammaln
 
 from ..digest import tap_digests
 from ..errors import InputError
 from ..grid import ClassGrid
 from ..power import likelihood_exponent
 from ..preprocessing import Preprocessing
+from ..settings import FitSettings
 from ..taps import TapSet
-from .likelihood.bins import bin_edges, count_taps
+from .fits.convergence import EXACT, Convergence
+from .likelihood.bins import bin_edges, count_taps, find_bins
 from .likelihood.forms import TableForm
-from .model import TapModel
+from .likelihood.shapes import Parameters
+from .likelihood.true_class import Own
+from .model import Fitted, Row, TapModel
 from .novelty import NoveltyScores, novelty_scores
 from .states import ONE_STATE, States
 
@@ -45,8 +50,8 @@ def histogram_model(
         shape: (L, M, K, B).
         pseudocount: Dirichlet concentration of every bin.
     """
-    import numpyro  # noqa: PLC0415
-    import numpyro.distributions as dist  # noqa: PLC0415
+    import numpyro
+    import numpyro.distributions as dist
 
     L, M, K, B = shape
     bins, where, what = np.asarray(bins), np.asarray(where), np.asarray(what)
@@ -114,6 +119,36 @@ class HistogramModel(TapModel):
         """The log tables."""
         return TableForm(self.log_prob)
 
+    def form_of(self, parameters: Parameters) -> TableForm:
+        """Other log tables."""
+        return TableForm(parameters["log_prob"])
+
+    def integrated(
+        self,
+        posterior: "HistogramPosterior",
+        taps: NDArray[np.floating],
+        own: Own,
+        generator: np.random.Generator,  # noqa: ARG002 - as all models
+        gain: float,
+        offset: float,
+    ) -> NDArray[np.float64]:
+        """Dirichlet-multinomial; in a state the concentration of the bins is moved between them as probability is."""
+        alpha = posterior.concentration
+        if (gain, offset) != (1.0, 0.0):
+            total = alpha.sum(axis=-1, keepdims=True)
+            alpha = total * np.exp(TableForm(np.log(alpha / total)).in_state(gain, offset, self.edges).log_prob)
+        (N, J, K), B = taps.shape, alpha.shape[-1]
+        bins = find_bins(taps, self.edges)
+        cells = (np.arange(N)[:, None, None] * K + np.arange(K)) * B + bins
+        cell, times = np.unique(cells, return_counts=True)
+        tap, rest = np.divmod(cell, K * B)
+        rows = alpha.reshape(*alpha.shape[:2], K * B)[own[0][tap], own[1][tap], rest]
+        total = alpha.sum(axis=-1)[own]
+        base = (gammaln(total) - gammaln(total + J)).sum(axis=-1)
+        with np.errstate(divide="ignore"):
+            gained = np.where(rows > 0, gammaln(rows + times) - gammaln(np.maximum(rows, 1e-300)), -np.inf)
+        return base + np.bincount(tap, gained, minlength=N)
+
     @property
     def K(self) -> int:  # noqa: N802
         """Number of taxels."""
@@ -121,8 +156,13 @@ class HistogramModel(TapModel):
 
     @property
     def kind(self) -> str:
-        """What the catalogue calls it."""
+        """What the registry calls it."""
         return "histogram"
+
+    @property
+    def name(self) -> str:
+        """What the registry calls it: in states `session` alone."""
+        return self.kind if len(self.states.gain) == 1 else "session"
 
     @property
     def dims(self) -> dict[str, tuple[str, ...]]:
@@ -192,7 +232,7 @@ def fit(
         raise InputError("No training tap belongs to a class of the grid.")
     samples = taps.taps if inside.all() else taps.taps[inside]
     edges = bin_edges(samples, bins, value_range) if edges is None else edges
-    counts = _class_counts(samples, edges, where[inside], what[inside], (*grid.shape, K, edges.shape[-1] - 1))
+    counts = _class_counts(samples, edges, (where * grid.M + what)[inside], (*grid.shape, K, edges.shape[-1] - 1))
     return HistogramModel(
         grid=grid,
         edges=edges,
@@ -200,7 +240,7 @@ def fit(
         pseudocount=float(pseudocount),
         power=power,
         preprocessing=taps.preprocessing,
-        left_out=untouched(grid, counts.sum(axis=(2, 3)) > 0),
+        left_out=grid.untouched(counts.sum(axis=(2, 3)) > 0),
         trained_on=trained_on,
         version=version("solidtouch"),
         training=tap_digests(samples),
@@ -237,25 +277,121 @@ def trim(grid: ClassGrid, taps: Sequence[TapSet]) -> tuple[ClassGrid, tuple[str,
 
 
 def _class_counts(
-    samples: NDArray[np.floating],
-    edges: NDArray[np.float64],
-    where: NDArray[np.intp],
-    what: NDArray[np.intp],
-    shape: tuple[int, int, int, int],
+    samples: NDArray[np.floating], edges: NDArray[np.float64], own: NDArray[np.intp], shape: tuple[int, int, int, int]
 ) -> NDArray[np.int64]:
-    from .likelihood.counting import add  # noqa: PLC0415
+    from .likelihood.counting import add
 
     L, M, K, B = shape
-    counts, group = np.zeros((L * M, K * B), dtype=np.int64), where * M + what
+    counts = np.zeros((L * M, K * B), dtype=np.int64)
     for which, part in count_taps(samples, edges):
-        add(*part, group[which], counts)
+        add(*part, own[which], counts)
     return counts.reshape(shape)
 
 
-def untouched(grid: ClassGrid, touched: NDArray[np.bool_]) -> tuple[str, ...]:
-    """Names of the classes without a tap: whole objects, whole positions, then single cells."""
-    objects, positions = ~touched.any(axis=0), ~touched.any(axis=1)
-    names = [grid.what_name[m] for m in np.flatnonzero(objects)]
-    names += [grid.where_label(l) for l in np.flatnonzero(positions).tolist()]
-    cells = np.argwhere(~touched & ~objects & ~positions[:, np.newaxis]).tolist()
-    return (*names, *(f"{grid.what_name[m]} at {grid.where_label(l)}" for l, m in cells))
+class HistogramPosterior(NamedTuple):
+    """Dirichlet posterior of the histograms; exact.
+
+    Attributes:
+        concentration: Of every bin, shape (L, M, K, B).
+    """
+
+    concentration: NDArray[np.float64]
+
+    @classmethod
+    def of(cls, model: HistogramModel) -> "HistogramPosterior":
+        """That of a fitted histogram model; without a pseudocount it is improper.
+
+        Raises:
+            InputError: There is no pseudocount.
+        """
+        if model.pseudocount == 0:
+            raise InputError("Without a pseudocount the histogram model has no posterior: its prior is improper.")
+        return cls(model.counts.astype(np.float64) + model.pseudocount)
+
+    def point(self) -> Parameters:
+        """Eq. 2."""
+        total = self.concentration.sum(axis=-1, keepdims=True)
+        return {"log_prob": np.log(self.concentration / total)}
+
+    def draw(self, generator: np.random.Generator) -> Parameters:
+        """Log probabilities of the bins; many lie far below the range of plain numbers."""
+        alpha = self.concentration
+        log_gamma = np.log(generator.standard_gamma(alpha + 1)) - generator.standard_exponential(alpha.shape) / alpha
+        return {"log_prob": log_gamma - np.logaddexp.reduce(log_gamma, axis=-1, keepdims=True)}
+
+    def convergence(self) -> Convergence:
+        """Exact."""
+        return EXACT
+
+    def leave_out(self, taps: NDArray[np.floating], edges: NDArray[np.float64], own: NDArray[np.intp]) -> "LeftOut":
+        """Log probability of each training tap given all others of its class; counts of the tap are subtracted.
+
+        Args:
+            taps: The training taps, shape (N, J, K).
+            edges: Of the bins.
+            own: Class l M + m of each, shape (N,).
+        """
+        K, B = self.concentration.shape[2:]
+        rows = self.concentration.reshape(-1, K, B)
+        bins = find_bins(taps, edges)
+        integrated, plug_in = np.empty(len(taps)), np.empty(len(taps))
+        taxel = np.repeat(np.arange(K)[None], taps.shape[1], axis=0)
+        for n, c in enumerate(own):
+            counts = np.zeros((K, B))
+            np.add.at(counts, (taxel, bins[n]), 1.0)
+            rest = np.maximum(rows[c] - counts, np.finfo(float).tiny)
+            total, hit = rest.sum(axis=1), counts > 0
+            integrated[n] = (gammaln(total) - gammaln(total + taps.shape[1])).sum() + (
+                gammaln(rest[hit] + counts[hit]) - gammaln(rest[hit])
+            ).sum()
+            plug_in[n] = (counts * np.log(rest / total[:, None])).sum()
+        return LeftOut(integrated, plug_in)
+
+
+class LeftOut(NamedTuple):
+    """Log probability of each tap given all others, shape (N,) both.
+
+    Attributes:
+        integrated: Over the posterior.
+        plug_in: At its mean.
+    """
+
+    integrated: NDArray[np.float64]
+    plug_in: NDArray[np.float64]
+
+
+class _Histogram(NamedTuple):
+    """The paper's model as the registry knows it."""
+
+    row: Row = Row("nothing", "one histogram per class and taxel, as in the paper")
+
+    def fit(self, taps: TapSet, grid: ClassGrid, settings: FitSettings, trained_on: str = "") -> Fitted:
+        """`fit` with the posterior; without a pseudocount there is none, as its prior is improper."""
+        model = fit(
+            taps,
+            grid,
+            bins=settings.bins,
+            pseudocount=settings.pseudocount,
+            power=settings.power,
+            saturation=settings.limit,
+            value_range=settings.value_range,
+            edges=settings.edges,
+            trained_on=trained_on,
+        )
+        return Fitted(model, HistogramPosterior.of(model) if settings.pseudocount > 0 else None, EXACT)
+
+    def read(
+        self, attributes: Mapping[str, Any], data: xr.Dataset, _: xr.Dataset, common: dict[str, Any]
+    ) -> HistogramModel:
+        """The model in the groups of a file, see `MeasurementModel.read`."""
+        model = HistogramModel(counts=data["counts"].values, pseudocount=float(attributes["pseudocount"]), **common)
+        shape = model.counts.shape
+        fits = len(shape) == 4 and model.edges.shape in ((shape[3] + 1,), (shape[2], shape[3] + 1))
+        if not fits or shape[:2] != model.grid.shape:
+            raise ValueError(f"its counts have shape {shape}, its edges {model.edges.shape}.")
+        if (model.counts < 0).any():
+            raise ValueError("its counts are below 0.")
+        return model
+
+
+MODEL = _Histogram()

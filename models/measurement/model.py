@@ -1,4 +1,4 @@
-"""What every fitted measurement model can do, whatever it assumes.
+"""What every measurement model can do, whatever it assumes, and what it can do once fitted.
 
 A model gives the likelihood of a tap under each class through its form (see `forms`). Everything behind it, engines,
 trials, sweeps and comparisons, knows models by this file only.
@@ -6,9 +6,10 @@ trials, sweeps and comparisons, knows models by this file only.
 
 import json
 from abc import ABC, abstractmethod
+from collections.abc import Mapping
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
 
 import numpy as np
 import xarray as xr
@@ -25,8 +26,13 @@ from .states import States
 if TYPE_CHECKING:
     from ..grid import ClassGrid
     from ..preprocessing import Preprocessing
+    from ..settings import FitSettings
     from ..taps import TapSet
+    from .fits.convergence import Convergence
+    from .fits.posterior import Posterior
     from .likelihood.forms import Form, PreparedGaussian, PreparedTable
+    from .likelihood.shapes import Parameters
+    from .likelihood.true_class import Own
     from .novelty import NoveltyScores
 
 FORMAT = 2
@@ -78,7 +84,7 @@ class TapModel(ABC):
     @property
     @abstractmethod
     def kind(self) -> str:
-        """What the catalogue calls it, apart from its states."""
+        """What the registry calls it, apart from its states."""
 
     @property
     @abstractmethod
@@ -87,10 +93,8 @@ class TapModel(ABC):
 
     @property
     def name(self) -> str:
-        """What the catalogue calls it: `session` for the histogram in states, `session:` and the kind for others."""
-        if len(self.states.gain) == 1:
-            return self.kind
-        return "session" if self.kind == "histogram" else f"session:{self.kind}"
+        """What the registry calls it: in states `session:` and the kind."""
+        return self.kind if len(self.states.gain) == 1 else f"session:{self.kind}"
 
     @cached_property
     @abstractmethod
@@ -101,6 +105,38 @@ class TapModel(ABC):
     @abstractmethod
     def plain_form(self) -> "Form":
         """The probability of a tap's bins under each class in the state of gain 1 and offset 0, at power 1."""
+
+    def form_of(self, parameters: "Parameters") -> "Form":  # noqa: ARG002
+        """What other values of its parameters mean, as `plain_form`.
+
+        Raises:
+            TypeError: It has no parameters.
+        """
+        raise TypeError(f"A model of type {type(self).__name__} has no draws.")
+
+    def integrated(
+        self,
+        posterior: Any,  # noqa: ARG002
+        taps: NDArray[np.floating],  # noqa: ARG002
+        own: "Own",  # noqa: ARG002
+        generator: np.random.Generator,  # noqa: ARG002
+        gain: float,  # noqa: ARG002
+        offset: float,  # noqa: ARG002
+    ) -> NDArray[np.float64]:
+        """Log probability in one state of the bins of taps (N, J, K), each given the training taps, shape (N,).
+
+        Args:
+            posterior: Of its parameters.
+            taps: Taps that did not train it.
+            own: Their classes.
+            generator: Of draws from the posterior.
+            gain: Of the state.
+            offset: Of the state.
+
+        Raises:
+            TypeError: It has no posterior.
+        """
+        raise TypeError(f"{type(self).__name__} has no predictive distribution.")
 
     @cached_property
     def form(self) -> "Form":
@@ -267,3 +303,63 @@ class TapModel(ABC):
             InputError: The file cannot be written, or exists and `force` is not set.
         """
         write_groups(self.groups(), path, force)
+
+
+class Fitted(NamedTuple):
+    """A fit.
+
+    Attributes:
+        model: What decides.
+        posterior: Of its parameters; `None` where the prior is improper, a histogram without pseudocount.
+        convergence: How it was found.
+    """
+
+    model: TapModel
+    posterior: "Posterior | None"
+    convergence: "Convergence"
+
+
+class Row(NamedTuple):
+    """What a model assumes less than the paper.
+
+    Attributes:
+        relaxes: Which assumption of the paper it does without.
+        how: What it says instead.
+    """
+
+    relaxes: str
+    how: str
+
+
+class MeasurementModel(Protocol):
+    """A model before it is fitted, as the registry knows it."""
+
+    @property
+    def row(self) -> Row:
+        """What it assumes less than the paper."""
+        ...
+
+    def fit(self, taps: "TapSet", grid: "ClassGrid", settings: "FitSettings", trained_on: str = "") -> Fitted:
+        """The model of training taps; `trained_on` says in words which these are.
+
+        Raises:
+            InputError: The taps cannot carry it, or an argument is out of range.
+        """
+        ...
+
+    def read(
+        self, attributes: Mapping[str, Any], data: xr.Dataset, parameters: xr.Dataset, common: dict[str, Any], /
+    ) -> TapModel:
+        """The model in the groups of a file, see `TapModel.groups`.
+
+        Args:
+            attributes: Of the file.
+            data: Group `constant_data`.
+            parameters: Group `parameters`.
+            common: What all models have, as arguments.
+
+        Raises:
+            KeyError: Something is missing.
+            ValueError: Something is damaged.
+        """
+        ...

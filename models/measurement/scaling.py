@@ -5,7 +5,6 @@ from typing import NamedTuple, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from ..taps import TapSet
 from .fits.priors import Taps
 
 
@@ -80,8 +79,3 @@ def sum_by(group: NDArray[np.intp], values: NDArray[np.float64], groups: int) ->
     if len(order):
         total[present] = np.add.reduceat(values[order], first, axis=0)
     return total
-
-
-def training_taps(taps: TapSet, shape: tuple[int, int], where: NDArray[np.intp], what: NDArray[np.intp]) -> Taps:
-    """Taps of known class as the stories take them."""
-    return Taps(taps.taps.astype(np.float64), where, what, shape)

@@ -4,21 +4,50 @@ Nobody knows at test time what the gain of the sensor is that day. It is one of 
 where and what: the belief is carried over (where, what, state), and decisions take the sum over states (see `states`).
 """
 
+from dataclasses import replace
+from typing import Any
+
 import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import InputError
 from ..grid import ClassGrid
 from ..taps import TapSet
+from .model import Fitted, Row
 from .scaling import sum_by
 from .states import States
 
+ROW = Row("independence of taps", "any other under a gain and offset that all taps of an episode share")
 GAINS, OFFSETS = 7, 3
 """Points of the grid."""
 _REACH = 2.0  # standard deviations to which the grid reaches
 _GAIN_SD, _OFFSET_BINS = 0.05, 0.5  # where a single training session says nothing
 _LEAST_GAIN = 1e-3
 _FLAT = 0.1  # signal over noise below which taps say nothing of a gain
+
+
+def with_shared_gain(
+    fitted: Fitted, taps: TapSet, grid: ClassGrid, gain_sd: float | None, offset_sd: float | None
+) -> Fitted:
+    """A fit under gains and offsets that all taps of an episode share.
+
+    Args:
+        fitted: Any fit.
+        taps: Its training taps.
+        grid: The classes.
+        gain_sd: Standard deviation of the log gain between sessions; `None` to take it from the training taps.
+        offset_sd: Standard deviation of the offset between sessions, likewise.
+
+    Raises:
+        InputError: A standard deviation is negative or not finite.
+    """
+    model: Any = fitted.model  # every kind is a dataclass
+    found = session_spread(taps, grid, model.edges)
+    states = state_grid(found[0] if gain_sd is None else gain_sd, found[1] if offset_sd is None else offset_sd)
+    spread = f"States: {len(states.gain)}, gains {states.gain.min():.3g} to {states.gain.max():.3g}"
+    spread += f" and offsets {states.offset.min():.2g} to {states.offset.max():.2g}."
+    convergence = fitted.convergence._replace(sentence=f"{fitted.convergence.sentence} {spread}")
+    return fitted._replace(model=replace(model, states=states), convergence=convergence)
 
 
 def state_grid(gain_sd: float, offset_sd: float, gains: int = GAINS, offsets: int = OFFSETS) -> States:

@@ -18,7 +18,7 @@ EXEMPT = {
     "hardware/simulator/tap_stream.py",
     "hardware/emulator/finger.py",
     "hardware/emulator/skin_board.py",
-    "models/measurement/fits/student.py",  # the start of an optimisation, and a key drawn from a generator
+    "models/measurement/student.py",  # the start of an optimisation, and a key drawn from a generator
     "inference/bayes_risk/problem.py",  # hashing
     "inference/episode.py",  # the default for callers in Python
 }

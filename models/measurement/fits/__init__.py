@@ -1,5 +1,5 @@
-"""How the parameters of models other than the histogram are found from training taps.
+"""What models share to find their parameters from training taps.
 
-Start with `cells`, where every class stands for itself; `curves` ties positions together, `nuts` samples any story.
-The stories are in `measurement.stories`; what a fit is good for is not judged here.
+Start with `priors`, what a story takes; `cells` are levels and variances in closed form, `nuts` samples any story. What
+one model alone needs is in its file.
 """

@@ -1,7 +1,6 @@
 """Which training taps can carry which model."""
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ...errors import InputError
 from .priors import Taps
@@ -41,13 +40,13 @@ def check_taxels(name: str, taps: Taps) -> None:
     _check_repeats(name, taps)
 
 
-def check_places(name: str, taps: Taps, place: NDArray[np.float64]) -> None:
+def check_places(name: str, taps: Taps) -> None:
     """For models of curves over position.
 
     Raises:
         InputError: There are less than three positions, or on average less than two taps per class.
     """
-    places = len(np.unique(place))
+    places = len(np.unique(taps.place))
     if places < FEWEST_PLACES:
         raise InputError(
             f"{name} needs {FEWEST_PLACES} positions or more to draw curves through, and there "

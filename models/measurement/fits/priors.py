@@ -1,5 +1,6 @@
-"""Training taps and priors in the form that stories and fits take."""
+"""What stories take: taps, priors, and the parameters of a fitted model."""
 
+from collections.abc import Callable, Mapping
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -7,19 +8,23 @@ from numpy.typing import NDArray
 
 
 class Taps(NamedTuple):
-    """Training taps of known class.
+    """Taps of known class.
 
     Attributes:
         samples: Scaled, shape (N, J, K).
         where: Where class of each tap, shape (N,).
         what: What class of each tap, shape (N,).
         shape: (L, M).
+        place: Position of each tap, shape (N,).
+        least: Standard deviation below which none counts, broadcast over (K,).
     """
 
     samples: NDArray[np.float64]
     where: NDArray[np.intp]
     what: NDArray[np.intp]
     shape: tuple[int, int]
+    place: NDArray[np.float64] = np.zeros(0)
+    least: Any = 0.0
 
 
 class CellPrior(NamedTuple):
@@ -38,35 +43,20 @@ class CellPrior(NamedTuple):
     b: Any
 
 
-class KroneckerPrior(NamedTuple):
-    """Wishart priors of two precision matrices, and a normal one of the means.
+def no_arguments(*_: Any) -> tuple[Any, ...]:
+    """For stories that take nothing but taps."""
+    return ()
+
+
+class Given(NamedTuple):
+    """A story at the parameters of a fitted model.
 
     Attributes:
-        time_freedom: Degrees of freedom in time.
-        time_scale: Expected covariance in time times the freedom, shape (J, J).
-        taxel_freedom: Degrees of freedom across taxels.
-        taxel_scale: Expected covariance across taxels times the freedom, shape (K, K).
-        strength: How many taps the prior of the mean, at 0, is worth; 0 for a flat prior.
+        sites: Values of its sites by name.
+        arguments: What it takes beside taps, from the taps and the number of a place in the class.
+        places: How many places in a class are equally likely.
     """
 
-    time_freedom: float
-    time_scale: NDArray[np.float64]
-    taxel_freedom: float
-    taxel_scale: NDArray[np.float64]
-    strength: float
-
-
-class CurvePrior(NamedTuple):
-    """A Gaussian process over position on a basis of D functions.
-
-    Attributes:
-        basis: Basis functions at the position of each tap, shape (N, D).
-        width: Prior standard deviation of the weights, shape (D, K).
-        a: Shape of the inverse gamma distribution of the variances, shape (K,).
-        b: Its rate, shape (K,).
-    """
-
-    basis: NDArray[np.float64]
-    width: NDArray[np.float64]
-    a: NDArray[np.float64]
-    b: NDArray[np.float64]
+    sites: Mapping[str, NDArray[np.float64]]
+    arguments: Callable[[Taps, Any], tuple[Any, ...]] = no_arguments
+    places: int = 1

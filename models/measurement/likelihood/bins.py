@@ -64,7 +64,7 @@ def bin_edges(samples: NDArray[np.floating], bins: int, value_range: str) -> NDA
 
 def find_bins(samples: NDArray[np.floating], edges: NDArray[np.float64]) -> NDArray[np.intp]:
     """The bin of every sample (..., K): half-open, the last closed, outside clipped to the end bins; -1 for NaN."""
-    from .counting import find  # noqa: PLC0415
+    from .counting import find
 
     K = samples.shape[-1]
     rows = _plain(samples.reshape(-1, K))
@@ -88,7 +88,7 @@ def count_taps(samples: NDArray[np.floating], edges: NDArray[np.float64]) -> Ite
     Raises:
         InputError: A sample is NaN.
     """
-    from .counting import count, find  # noqa: PLC0415
+    from .counting import count, find
 
     N, J, K = samples.shape
     layout = _layout(edges, K)

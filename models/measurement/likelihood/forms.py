@@ -189,7 +189,7 @@ class GaussianForm(NamedTuple):
         self, taps: NDArray[np.floating], edges: NDArray[np.float64], where: NDArray[np.intp], what: NDArray[np.intp]
     ) -> NDArray[np.float64]:
         """Log probability of the bins of taps (N, J, K) under their own hypotheses, shape (N,)."""
-        from .innovations import own_log_masses  # noqa: PLC0415
+        from .innovations import own_log_masses
 
         ready = self.prepare(np.zeros(self.shape, dtype=bool))
         out = np.empty(len(taps))
@@ -246,7 +246,7 @@ class PreparedTable(NamedTuple):
         Taps are counted and multiplied in chunks, so that nothing but the result has to fit into memory, and with
         `out` on disk not even that.
         """
-        from .counting import multiply  # noqa: PLC0415
+        from .counting import multiply
 
         for which, counts in count_taps(taps, edges):
             part = np.empty((len(counts.first) - 1, self.table.shape[1]))
@@ -291,7 +291,7 @@ class PreparedGaussian(NamedTuple):
 
     def _looked_up(self, taps: NDArray[np.floating], edges: NDArray[np.float64]) -> NDArray[np.float64]:
         """As `_part` for independent samples: log masses of all bins are computed once for all taps."""
-        from .innovations import independent_log_masses  # noqa: PLC0415
+        from .innovations import independent_log_masses
 
         bins = _known_bins(taps, edges).transpose(1, 2, 0).astype(np.uint32, order="C")
         part = np.empty((self.mean.shape[1], len(taps)))
@@ -302,7 +302,7 @@ class PreparedGaussian(NamedTuple):
 
     def _part(self, taps: NDArray[np.floating], edges: NDArray[np.float64]) -> NDArray[np.float64]:
         """Log probability of the bins of taps (n, J, K), shape (n, C)."""
-        from .innovations import class_log_masses  # noqa: PLC0415
+        from .innovations import class_log_masses
 
         part = np.empty((len(taps), self.mean.shape[1]))
         class_log_masses(*bin_gaps(taps, edges), *self[:-1], part)

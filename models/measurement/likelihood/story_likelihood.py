@@ -1,4 +1,4 @@
-"""The likelihood of taps from the generative stories of `stories`, at the parameters of a fitted model.
+"""The likelihood of taps from the generative stories, at the parameters of a fitted model.
 
 The stories give densities of exact samples, fitted models the probabilities of their bins
 (docs/reference/models.md). Here a story is run by NumPyro at the fitted parameters, and its distribution of every
@@ -21,18 +21,14 @@ from numpyro.handlers import block, seed, substitute, trace
 from numpyro.infer.util import log_density
 from numpyro.primitives import Messenger
 
-from .. import stories
-from ..fits.priors import CellPrior, CurvePrior, KroneckerPrior, Taps
+from ..fits.priors import Given, Taps
 from ..histogram import HistogramModel
 from ..model import TapModel
-from ..parametric import ParametricModel
+from ..story import ParametricModel
 from .binned import bin_of
 
-TABLES = ("histogram", "gaussian", "student")
-"""Models under which all samples of a taxel have one distribution."""
 _OBSERVED = "sample"  # the site of the samples in every story
 _AT_ONCE = 1 << 22  # samples under classes that one step holds
-_CELLS = CellPrior(0.0, 1.0, 1.0, 1.0)  # any prior: parameters are given, and their own density is not counted
 
 
 class Binned(NamedTuple):
@@ -110,69 +106,41 @@ def _given_those_before(fn: Any, samples: jax.Array) -> Any:
     return dist.Normal(samples - deviation * white, deviation)
 
 
-class _Story(NamedTuple):
-    """A story with everything but the taps.
-
-    Attributes:
-        run: Called with taps (n, J, K) and the number of a place in the class; runs the story.
-        sites: Values of its sites.
-        places: How many places in a class are equally likely.
-    """
-
-    run: Callable[[Taps, Any], None]
-    sites: dict[str, NDArray[np.float64]]
-    places: int = 1
-
-
-def _story(model: ParametricModel, least: NDArray[np.float64]) -> _Story:
-    """The story of a model and its fitted parameters as the story calls them."""
-    sites, K = dict(model.parameters), model.K
-    match model.kind:
-        case "gaussian" | "profile" | "profile-ar":
-            run = {"gaussian": stories.gaussian, "profile": stories.profile, "profile-ar": stories.profile_ar}
-            return _Story(lambda taps, _: run[model.kind](taps, _CELLS), sites)
-        case "student":
-            return _Story(lambda taps, _: stories.student(taps, least), sites)
-        case "profile-mvn":
-            sites["slope"] = sites["slope"][..., *np.tril_indices(K, -1)]
-            return _Story(lambda taps, _: stories.profile_mvn(taps, _CELLS, 0.0, jnp.ones(())), sites)
-        case "matrix-normal":
-            J = sites["level"].shape[-2]
-            prior = KroneckerPrior(J + 1.0, np.eye(J), K + 1.0, np.eye(K), 1.0)
-            sites |= {name: np.linalg.inv(sites[f"{name}_covariance"]) for name in ("time", "taxel")}
-            return _Story(lambda taps, _: stories.matrix_normal(taps, prior), sites)
-        case _:
-            basis, one = jnp.asarray(model.basis), np.ones(K)
-            Q, _, D = basis.shape
-            sites["weight"] = np.moveaxis(sites["weight"], -1, 0)
-
-            def smooth(taps: Taps, q: Any) -> None:
-                at: Any = basis[q, taps.where]
-                stories.smooth(taps, CurvePrior(at, np.ones((D, K)), one, one))
-
-            return _Story(smooth, sites, Q)
-
-
 def log_likelihoods(model: TapModel, taps: NDArray[np.floating]) -> NDArray[np.float64]:
     """Log probability of the bins of taps under every class at power 1 by the model's story, shape (N, L, H).
 
     Classes without a training tap have one too, which means nothing.
 
     Args:
-        model: Of the catalogue.
+        model: A fitted model.
         taps: Prepared samples, shape (N, J, K).
     """
     with jax.enable_x64(True):
-        if isinstance(model, ParametricModel) and (model.kind not in TABLES or len(model.states.gain) == 1):
+        if isinstance(model, ParametricModel) and (not model.story.exchangeable or len(model.states.gain) == 1):
             return _by_samples(model, taps)
         return _by_bins(model, taps)
+
+
+def _given(model: ParametricModel) -> Given:
+    """The story of a model at its parameters."""
+    given = model.story.given(model.parameters, model.basis)
+    sites: Any = {name: jnp.asarray(values) for name, values in given.sites.items()}
+    return given._replace(sites=sites)
+
+
+def _told(model: ParametricModel, given: Given, samples: Any, own: Any, place: Any) -> Callable[[], Any]:
+    """The story of taps (n, J, K) of known class l M + m, shape (n,), at one place in the class."""
+    L, M = model.grid.shape
+    taps = Taps(samples, own // M, own % M, (L, M), least=_least(model))
+    sites: Any = given.sites
+    told = substitute(lambda: model.story.story(taps, *given.arguments(taps, place)), data=sites)
+    return seed(told, 0)  # some sites have no part in a sample
 
 
 def _by_samples(model: ParametricModel, taps: NDArray[np.floating]) -> NDArray[np.float64]:
     """As `log_likelihoods`; a state takes its offset and gain off the samples and edges."""
     centre, unit = (jnp.asarray(part) for part in model.scaling)
-    story, (L, M) = _story(model, _least(model)), model.grid.shape
-    sites = {name: jnp.asarray(values) for name, values in story.sites.items()}
+    given, (L, M) = _given(model), model.grid.shape
     least, held = jnp.asarray(_least(model)), _held(model, taps)
     N, J, K = taps.shape
     step = max(1, _AT_ONCE // (J * K))
@@ -180,16 +148,15 @@ def _by_samples(model: ParametricModel, taps: NDArray[np.floating]) -> NDArray[n
     @jax.jit
     def everywhere(scaled: Binned) -> jax.Array:
         def at(index: jax.Array) -> jax.Array:
-            n, q, c = jnp.unravel_index(index, (N, story.places, L * M))
+            n, q, c = jnp.unravel_index(index, (N, given.places, L * M))
             one = Binned(*(part[n][None] for part in scaled))
-            own: Any = Taps(one.samples, c[None] // M, c[None] % M, (L, M))  # pyright: ignore[reportArgumentType]
-            given = seed(substitute(lambda: story.run(own, q), data=sites), 0)  # some sites have no part in a sample
-            observed = block(_Censored(given, one, least), hide_fn=lambda site: site["name"] != _OBSERVED)
+            story = _told(model, given, one.samples, c[None], q)
+            observed = block(_Censored(story, one, least), hide_fn=lambda site: site["name"] != _OBSERVED)
             return jnp.asarray(log_density(observed, (), {}, {})[0])
 
-        log_prob = jax.lax.map(at, jnp.arange(N * story.places * L * M), batch_size=step)
-        each = log_prob.reshape(N, story.places, L, M)
-        return logsumexp(each, axis=1) - jnp.log(story.places)
+        log_prob = jax.lax.map(at, jnp.arange(N * given.places * L * M), batch_size=step)
+        each = log_prob.reshape(N, given.places, L, M)
+        return logsumexp(each, axis=1) - jnp.log(given.places)
 
     states = zip(model.states.gain, model.states.offset, strict=True)
     parts = [everywhere(_scaled(held, gain, offset, centre, unit)) for gain, offset in states]
@@ -270,13 +237,9 @@ def _bin_log_prob(model: TapModel) -> jax.Array:
     centres = jnp.asarray(0.5 * (edges[:, :-1] + edges[:, 1:])).T[None]  # one tap with a sample in each bin
     centre, unit = (jnp.asarray(part) for part in model.scaling)
     one = _scaled(_held(model, centres), 1.0, 0.0, centre, unit)
-    classes = np.arange(L * M)
     samples = jnp.broadcast_to(one.samples, (L * M, B, K))
-    taps: Any = Taps(samples, classes // M, classes % M, (L, M))  # pyright: ignore[reportArgumentType]
-    story = _story(model, _least(model))
-    sites = {name: jnp.asarray(values) for name, values in story.sites.items()}
-    given = seed(substitute(lambda: story.run(taps, 0), data=sites), 0)
-    site = trace(_Censored(given, one, jnp.asarray(_least(model)))).get_trace()[_OBSERVED]
+    story = _told(model, _given(model), samples, np.arange(L * M), 0)
+    site = trace(_Censored(story, one, jnp.asarray(_least(model)))).get_trace()[_OBSERVED]
     return jnp.moveaxis(site["fn"].log_prob(samples).reshape(L, M, B, K), 2, 3)
 
 

@@ -11,13 +11,14 @@ from solidtouch.inference.engines import enumeration
 from solidtouch.inference.engines.engine import make_engine
 from solidtouch.inference.reference import BORDERS
 from solidtouch.models.errors import InputError
-from solidtouch.models.measurement.catalogue import CATALOGUE, fit_model
+from solidtouch.models.measurement import registry
+from solidtouch.models.measurement.catalogue import fit_model
 from solidtouch.models.settings import FitSettings
 from solidtouch.models.touch import KERNEL_BORDERS
 
 L, M, J, K, B = 4, 3, 6, 5, 8
 UNTRAINED = (1, 2)
-NAMES = [*CATALOGUE, "session:profile"]
+NAMES = [*registry.NAMES, "session:profile"]
 IN_STATES = ["session", "session:profile"]
 BY_HAND = ["student", "smooth"]
 LENGTH, SEQUENCE = 5, 3
@@ -29,11 +30,14 @@ def by_hand(name, fitted):
     if name == "student":
         level, variance = gaussian.parameters["level"], gaussian.parameters["variance"]
         parameters = {"level": level, "scale": np.sqrt(variance), "freedom": np.linspace(2.5, 9.0, K)}
-        return replace(gaussian, story=name, parameters=parameters)
+        return replace(gaussian, story=registry.measurement_model(name), parameters=parameters)
     basis = np.stack([np.eye(L), 0.7 * np.eye(L) + 0.3 * np.roll(np.eye(L), 1, axis=1)])
     weight = np.moveaxis(profile.parameters["level"], 0, -1)
     return replace(
-        profile, story=name, basis=basis, parameters={"weight": weight, "variance": profile.parameters["variance"]}
+        profile,
+        story=registry.measurement_model(name),
+        basis=basis,
+        parameters={"weight": weight, "variance": profile.parameters["variance"]},
     )
 
 

@@ -10,7 +10,7 @@ from solidtouch.analysis.sweep.cells import AXES, CellGrid
 from solidtouch.analysis.sweep.data import Sources
 from solidtouch.analysis.sweep.study import load_study, parse_study
 from solidtouch.models.errors import InputError
-from solidtouch.models.measurement.catalogue import CATALOGUE
+from solidtouch.models.measurement.registry import NAMES
 
 LEAST = """
 name = "least"
@@ -82,7 +82,7 @@ def test_a_sentence_names_the_file(tmp_path):
         load_study(tmp_path / "none.toml")
 
 
-@pytest.mark.parametrize("name", [*CATALOGUE, *(f"session:{n}" for n in CATALOGUE if n != "session")])
+@pytest.mark.parametrize("name", [*NAMES, *(f"session:{n}" for n in NAMES if n != "session")])
 def test_every_model_of_the_catalogue_can_be_swept(name):
     assert parse_study(f'{LEAST}[grid]\nmodel = ["{name}"]\npower = ["learned", "learned:5", 0.1]').grid.model == (
         name,

@@ -11,10 +11,11 @@ from solidtouch.inference import reference
 from solidtouch.inference.engines.engine import make_engine
 from solidtouch.inference.episode import perceive
 from solidtouch.inference.moves.control import bounded, fixation, passive, random_place, random_step
+from solidtouch.inference.moves.shifts import log_sum
 from solidtouch.inference.reference import BORDERS
 from solidtouch.inference.stopping.recorded import stops
 from solidtouch.inference.stopping.stopping import DECIDE, GO_ON, what_above
-from solidtouch.inference.trials.lockstep import log_sum, play, shift_beliefs
+from solidtouch.inference.trials.lockstep import play, shift_beliefs
 from solidtouch.inference.trials.plan import tap_table, trial_chances, trial_uniforms
 from solidtouch.inference.trials.records import TapTable, TrialPlan
 from solidtouch.inference.trials.run import run_trials

@@ -17,6 +17,7 @@ from solidtouch.models.io.export_reader import load_exported
 from solidtouch.models.io.model_file import load_model
 from solidtouch.models.measurement.catalogue import fit_model
 from solidtouch.models.measurement.histogram import HistogramModel, fit
+from solidtouch.models.measurement.registry import measurement_model
 from solidtouch.models.measurement.table import TableModel
 from solidtouch.models.preprocessing import Preprocessing, TapCutter
 from solidtouch.models.settings import FitSettings
@@ -114,7 +115,9 @@ def test_empty_bins_stay_impossible(tmp_path, make_model):
 def as_student(model):
     """Student's t of four degrees of freedom in place of a fitted normal; its own fit takes long."""
     parameters = {"level": model.parameters["level"], "scale": np.sqrt(model.parameters["variance"])}
-    return replace(model, story="student", parameters={**parameters, "freedom": np.full(model.K, 4.0)})
+    return replace(
+        model, story=measurement_model("student"), parameters={**parameters, "freedom": np.full(model.K, 4.0)}
+    )
 
 
 @pytest.mark.parametrize(("kind", "bins"), [("student", 30), ("gaussian", 4)])

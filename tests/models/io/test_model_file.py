@@ -9,7 +9,8 @@ import pytest
 import xarray as xr
 from solidtouch.models.errors import InputError
 from solidtouch.models.io.model_file import Draws, load_model, save_model
-from solidtouch.models.measurement.catalogue import CATALOGUE, fit_model
+from solidtouch.models.measurement import registry
+from solidtouch.models.measurement.catalogue import fit_model
 from solidtouch.models.measurement.draws import posterior_draws
 from solidtouch.models.measurement.histogram import fit
 from solidtouch.models.measurement.novelty import NoveltyScores
@@ -17,7 +18,7 @@ from solidtouch.models.preprocessing import Preprocessing
 from solidtouch.models.settings import FitSettings
 
 L, M, J, K, B = 3, 4, 6, 5, 9
-NAMES = [*CATALOGUE, "session:profile"]
+NAMES = [*registry.NAMES, "session:profile"]
 
 
 @pytest.fixture(scope="module")

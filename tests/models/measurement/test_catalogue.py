@@ -1,4 +1,4 @@
-"""Laws that every model of the catalogue obeys, and what it refuses."""
+"""Laws that every model obeys, and what it refuses."""
 
 from functools import cache
 
@@ -6,19 +6,20 @@ import numpy as np
 import pytest
 from solidtouch.models.errors import InputError
 from solidtouch.models.grid import ClassGrid
-from solidtouch.models.measurement.catalogue import CATALOGUE, fit_model, split_name
+from solidtouch.models.measurement.catalogue import fit_model
 from solidtouch.models.measurement.fits.checks import check_places
 from solidtouch.models.measurement.fits.convergence import NotConvergedError
 from solidtouch.models.measurement.fits.priors import Taps
 from solidtouch.models.measurement.likelihood.bins import bin_edges
 from solidtouch.models.measurement.likelihood.forms import TableForm
+from solidtouch.models.measurement.registry import NAMES, split_name
 from solidtouch.models.measurement.shared_gain import session_spread, state_grid
 from solidtouch.models.preprocessing import Preprocessing
 from solidtouch.models.settings import FitSettings
 from solidtouch.models.taps import TapSet
 
 L, M, J, K, B = 4, 3, 6, 5, 20
-FAST = [name for name in CATALOGUE if name not in ("student", "session")]
+FAST = [name for name in NAMES if name not in ("student", "session")]
 WRAPPED = ["session", "session:gaussian", "session:profile-mvn"]
 SETTINGS = FitSettings(bins=B, power="none")
 
@@ -69,7 +70,7 @@ def plain(name):
 # Laws
 
 
-@pytest.mark.parametrize("name", [*CATALOGUE, *WRAPPED[1:]])
+@pytest.mark.parametrize("name", [*NAMES, *WRAPPED[1:]])
 def test_own_probabilities_are_those_among_all(name):
     """`own` is the column of the own hypothesis; likelihoods are probabilities, and training taps fit their classes."""
     taps, model = taps_of(), plain(name).model
@@ -245,23 +246,13 @@ def test_smooth_takes_the_mean_over_places_in_a_class():
 # Refusals
 
 
-def test_unknown_names_are_refused():
-    """The message lists those that there are."""
-    for name in ("histo", "session:", "session:session", "session:histo", ""):
-        with pytest.raises(InputError, match=f"There is no model '{name}'; there are histogram, gaussian"):
-            split_name(name)
-    assert split_name("session") == ("histogram", True)
-    assert split_name("session:profile") == ("profile", True)
-    assert split_name("student") == ("student", False)
-
-
 def test_places_are_counted():
     """Two are no curve; the sentence agrees in number."""
     with pytest.raises(InputError, match="smooth needs 3 positions or more to draw curves through, and there are 2"):
         fit_model("smooth", taps_of(L=2), taps_of(L=2).grid(), SETTINGS)
-    taps = Taps(np.zeros((3, 2, 2)), np.zeros(3, int), np.zeros(3, int), (1, 1))
+    taps = Taps(np.zeros((3, 2, 2)), np.zeros(3, int), np.zeros(3, int), (1, 1), place=np.zeros(3))
     with pytest.raises(InputError, match="and there is 1"):
-        check_places("smooth", taps, np.zeros(3))
+        check_places("smooth", taps)
 
 
 @pytest.mark.parametrize("name", ["profile", "profile-ar", "profile-mvn", "matrix-normal", "smooth"])
@@ -306,7 +297,7 @@ def test_taps_outside_the_grid_are_refused(name):
 
 def test_fits_that_did_not_converge_are_errors(monkeypatch):
     """Unless this is allowed; the model then says so."""
-    monkeypatch.setattr("solidtouch.models.measurement.fits.cells._ROUNDS", 1)
+    monkeypatch.setattr("solidtouch.models.measurement.profile_mvn._ROUNDS", 1)
     taps = taps_of()
     with pytest.raises(NotConvergedError, match=r"profile-mvn did not converge: Factorised .* 1 rounds"):
         fit_model("profile-mvn", taps, taps.grid(), SETTINGS)
@@ -331,11 +322,7 @@ def test_draws_are_parameters_of_the_same_model(name):
     for key, value in drawn.items():
         np.testing.assert_array_equal(again[key], value)
         assert not np.array_equal(value, point[key])
-    if name == "histogram":
-        return
-    from solidtouch.models.measurement.parametric import FORMS
-
-    own = FORMS[name](drawn, fitted.model.frame).own(taps.taps, fitted.model.edges, *taps.indices(fitted.model.grid))
+    own = fitted.model.form_of(drawn).own(taps.taps, fitted.model.edges, *taps.indices(fitted.model.grid))
     assert own.mean() > own_log_likelihood(fitted.model, taps).mean() - 1.5 * J * K
 
 

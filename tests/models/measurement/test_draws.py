@@ -3,16 +3,16 @@
 import numpy as np
 import pytest
 from solidtouch.models.errors import InputError
-from solidtouch.models.measurement.catalogue import CATALOGUE, fit_model
+from solidtouch.models.measurement import registry
+from solidtouch.models.measurement.catalogue import fit_model
 from solidtouch.models.measurement.draws import posterior_draws
 from solidtouch.models.measurement.likelihood.forms import TableForm, in_states
-from solidtouch.models.measurement.parametric import FORMS
 from solidtouch.models.measurement.states import log_fold
 from solidtouch.models.settings import FitSettings
 
 L, M, J, K, B = 3, 2, 4, 5, 7
 CHAINS, DRAWS = 2, 3
-NAMES = [*CATALOGUE, "session:profile-mvn"]
+NAMES = [*registry.NAMES, "session:profile-mvn"]
 
 
 @pytest.fixture(scope="module")
@@ -44,7 +44,7 @@ def test_every_tap_has_its_probability_under_the_drawn_parameters(fitted, taps, 
         form = (
             TableForm(parameters["log_prob"])
             if model.kind == "histogram"
-            else FORMS[model.kind](parameters, model.frame)
+            else model.story.form(parameters, model.frame)
         )
         joint = np.empty((len(taps), L, M * len(model.states.gain)))
         every = in_states(form, model.states, model.edges)

@@ -8,11 +8,11 @@ import pytest
 from scipy.special import gammaln
 from scipy.stats import multivariate_t
 from solidtouch.models.grid import ClassGrid
-from solidtouch.models.measurement import predictive
-from solidtouch.models.measurement.catalogue import CATALOGUE, fit_model
+from solidtouch.models.measurement.catalogue import fit_model
 from solidtouch.models.measurement.draws import drawn
-from solidtouch.models.measurement.posterior import HistogramPosterior
+from solidtouch.models.measurement.histogram import HistogramPosterior
 from solidtouch.models.measurement.predictive import integrated, plug_in
+from solidtouch.models.measurement.registry import NAMES
 from solidtouch.models.measurement.states import States
 from solidtouch.models.preprocessing import Preprocessing
 from solidtouch.models.settings import FitSettings
@@ -50,7 +50,7 @@ SETTINGS = FitSettings(bins=23, pseudocount=0.5)
 
 
 @pytest.mark.parametrize(
-    "name", [n if n != "student" else pytest.param(n, marks=pytest.mark.slow) for n in (*CATALOGUE, "session:profile")]
+    "name", [n if n != "student" else pytest.param(n, marks=pytest.mark.slow) for n in (*NAMES, "session:profile")]
 )
 def test_every_model_predicts_taps_left_out(name):
     """Both estimates are finite, below zero, and those of single taps do not depend on the others."""
@@ -69,7 +69,7 @@ def test_every_model_predicts_taps_left_out(name):
 @pytest.mark.parametrize("name", ["histogram", "gaussian", "profile", "profile-ar", "profile-mvn", "matrix-normal"])
 def test_integrated_is_the_mean_over_draws_where_taps_are_short(name, monkeypatch):
     """With few samples per tap the plain mean over many draws of everything comes to the same."""
-    monkeypatch.setattr(predictive, "DRAWS", 400)
+    monkeypatch.setattr("solidtouch.models.measurement.likelihood.forecasts.DRAWS", 400)
     generator = np.random.default_rng(3)
     small = make_small(generator)
     fitted = fit_model(

@@ -6,12 +6,12 @@ import pytest
 from numpyro.infer.util import log_density
 from scipy import stats
 from scipy.special import gammaln
-from solidtouch.models.measurement import stories
-from solidtouch.models.measurement.fits.cells import fit_gaussian, fit_profile, fit_profile_ar
-from solidtouch.models.measurement.fits.priors import CellPrior, CurvePrior, KroneckerPrior, Taps
-from solidtouch.models.measurement.histogram import fit, histogram_model
+from solidtouch.models.measurement import gaussian, matrix_normal, profile, profile_ar, profile_mvn, smooth, student
+from solidtouch.models.measurement.fits.priors import CellPrior, Taps
+from solidtouch.models.measurement.histogram import HistogramPosterior, fit, histogram_model
 from solidtouch.models.measurement.likelihood.bins import find_bins
-from solidtouch.models.measurement.posterior import HistogramPosterior
+from solidtouch.models.measurement.matrix_normal import KroneckerPrior
+from solidtouch.models.measurement.smooth import CurvePrior
 
 L, M, J, K, N = 2, 3, 4, 5, 17
 DRAWS = 6
@@ -43,7 +43,7 @@ def cells_log_density(cells, parameters):
 
 
 @pytest.mark.parametrize("strength", [0.0, 0.6])
-@pytest.mark.parametrize(("story", "fitted"), [(stories.gaussian, fit_gaussian), (stories.profile, fit_profile)])
+@pytest.mark.parametrize(("story", "fitted"), [(gaussian.story, gaussian.fit), (profile.story, profile.fit)])
 def test_cells_have_the_exact_posterior(rng, story, fitted, strength):
     """Joint density over posterior density is one number, whatever the parameters; with a flat level too."""
     taps, prior = random_taps(rng), cell_prior(strength, rng)
@@ -60,7 +60,7 @@ def test_cells_have_the_exact_posterior(rng, story, fitted, strength):
 def test_slopes_in_time_have_the_exact_posterior(rng, strength):
     """The cells given any slopes, and the slopes themselves up to the resolution of their grid."""
     taps, prior = random_taps(rng), cell_prior(strength, rng)
-    posterior = fit_profile_ar(taps, prior)
+    posterior = profile_ar.fit(taps, prior)
     constants = []
     for _ in range(DRAWS):
         index = rng.integers(20, 80, size=K)
@@ -69,7 +69,7 @@ def test_slopes_in_time_have_the_exact_posterior(rng, strength):
         drawn = cells.draw(rng)
         log_weight = np.log(posterior.weight[np.arange(K), index]).sum()
         log_posterior = cells_log_density(cells, drawn) + log_weight
-        constants.append(joint(stories.profile_ar, (taps, prior), {"rho": rho, **drawn}) - log_posterior)
+        constants.append(joint(profile_ar.story, (taps, prior), {"rho": rho, **drawn}) - log_posterior)
 
     np.testing.assert_allclose(constants, constants[0], atol=1e-8)
 
@@ -120,7 +120,7 @@ def test_taxels_are_forecast_from_those_before(rng):
         + stats.norm.logpdf(parameters["level"], 0.7, deviation).sum()
     )
 
-    assert joint(stories.profile_mvn, (taps, prior, typical, 9.0), parameters) == pytest.approx(expected, rel=1e-10)
+    assert joint(profile_mvn.story, (taps, prior, typical, 9.0), parameters) == pytest.approx(expected, rel=1e-10)
 
 
 @pytest.mark.parametrize("strength", [0.0, 0.4])
@@ -140,7 +140,7 @@ def test_matrix_normal_is_that_of_scipy(rng, strength):
         expected += stats.matrix_normal.logpdf(tap, level[l, m], rows, columns[l, m])
 
     parameters = {"time": time, "taxel": taxel, "level": level}
-    assert joint(stories.matrix_normal, (taps, prior), parameters) == pytest.approx(expected, rel=1e-9)
+    assert joint(matrix_normal.story, (taps, prior), parameters) == pytest.approx(expected, rel=1e-9)
 
 
 def _positive(rng, D):
@@ -166,7 +166,7 @@ def test_student_and_smooth_are_loops(rng):
         return stats.t.logpdf(taps.samples, p["freedom"], p["level"][own], p["scale"][own]).sum()
 
     prior_change = stats.norm.logpdf(moved["level"]).sum() - stats.norm.logpdf(tails["level"]).sum()
-    change = joint(stories.student, (taps,), moved) - joint(stories.student, (taps,), tails)
+    change = joint(student.story, (taps,), moved) - joint(student.story, (taps,), tails)
     assert change == pytest.approx(samples(moved) - samples(tails) + prior_change, rel=1e-9)
 
     prior = CurvePrior(rng.normal(size=(N, D)), rng.uniform(1, 2, (D, K)), np.full(K, 2.0), np.full(K, 1.5))
@@ -177,7 +177,7 @@ def test_student_and_smooth_are_loops(rng):
         + stats.norm.logpdf(curve["weight"], 0.0, prior.width[:, None, None]).sum()
         + stats.invgamma.logpdf(curve["variance"], 2.0, scale=1.5).sum()
     )
-    assert joint(stories.smooth, (taps, prior), curve) == pytest.approx(expected, rel=1e-9)
+    assert joint(smooth.story, (taps, prior), curve) == pytest.approx(expected, rel=1e-9)
 
 
 def test_first_samples_have_no_forecast(rng):
@@ -195,4 +195,4 @@ def test_first_samples_have_no_forecast(rng):
         + stats.norm.logpdf(p["level"], 0.7, np.sqrt(p["variance"] / 0.6)).sum()
     )
 
-    assert joint(stories.profile_ar, (taps, prior), p) == pytest.approx(expected, rel=1e-10)
+    assert joint(profile_ar.story, (taps, prior), p) == pytest.approx(expected, rel=1e-10)

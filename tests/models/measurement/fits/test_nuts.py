@@ -3,12 +3,11 @@
 import arviz as az
 import numpy as np
 import pytest
-from solidtouch.models.measurement import stories
+from solidtouch.models.measurement import matrix_normal, profile, profile_mvn, smooth
 from solidtouch.models.measurement.catalogue import fit_model
 from solidtouch.models.measurement.fits import nuts as fit_nuts
-from solidtouch.models.measurement.fits.cells import fit_profile, fit_profile_mvn
-from solidtouch.models.measurement.fits.kronecker import fit_matrix_normal
-from solidtouch.models.measurement.fits.nuts import SamplePosterior, sample_story
+from solidtouch.models.measurement.fits.chains import SamplePosterior
+from solidtouch.models.measurement.fits.nuts import sample_story
 from solidtouch.models.measurement.fits.priors import Taps
 from solidtouch.models.preprocessing import Preprocessing
 from solidtouch.models.settings import FitSettings
@@ -40,7 +39,7 @@ def test_profile_agrees_with_its_closed_form(rng):
     R-hat and effective sample size are the worst that ArviZ finds of all sites.
     """
     taps = tiny(rng)
-    exact = fit_profile(taps)
+    exact = profile.fit(taps)
     trained, over_grid = fit_nuts.trained_only(taps)
     kept = {}
 
@@ -48,7 +47,7 @@ def test_profile_agrees_with_its_closed_form(rng):
         kept.update(sites)
         return over_grid(sites)
 
-    posterior = sample_story(stories.profile, (trained, exact.prior), keep, seed=3)
+    posterior = sample_story(profile.story, (trained, exact.prior), keep, seed=3)
     used = np.array([[True, False], [True, True]])
     cells = exact.cells
     expected = {"level": cells.level, "variance": cells.b / (cells.a - 1)}
@@ -96,36 +95,36 @@ def test_draws_are_those_of_the_chains(rng):
 def test_sites_become_parameters(rng):
     """Pairs become matrices, precisions covariances with trace J in time, and the basis the last axis."""
     pairs = rng.normal(size=(2, 3, L, M, 6))
-    slope = fit_nuts.slope_sites({"slope": pairs, "level": np.zeros((2, 3, L, M, J, 4))})["slope"]
+    slope = profile_mvn.parameters_of({"slope": pairs, "level": np.zeros((2, 3, L, M, J, 4))})["slope"]
     assert slope.shape == (2, 3, L, M, 4, 4)
     np.testing.assert_array_equal(slope[1, 2, 0, 1][np.tril_indices(4, -1)], pairs[1, 2, 0, 1])
     assert not np.triu(slope).any()
 
     root, columns = rng.normal(size=(2, 3, J, J + 1)), rng.normal(size=(2, 3, L, M, K, K + 1))
     time, taxel = root @ root.swapaxes(-1, -2), columns @ columns.swapaxes(-1, -2)
-    found = fit_nuts.precision_sites({"time": time, "taxel": taxel, "level": np.zeros(1)})
+    found = matrix_normal.parameters_of({"time": time, "taxel": taxel, "level": np.zeros(1)})
     np.testing.assert_allclose(np.trace(found["time_covariance"], axis1=-2, axis2=-1), J)
     for c, d, l, m in [(0, 0, 0, 0), (1, 2, 1, 0)]:
         product = np.kron(found["time_covariance"][c, d], found["taxel_covariance"][c, d, l, m])
         np.testing.assert_allclose(product, np.linalg.inv(np.kron(time[c, d], taxel[c, d, l, m])), rtol=1e-8)
 
     weight = rng.normal(size=(2, 3, 6, M, J, K))
-    assert fit_nuts.curve_sites({"weight": weight})["weight"].shape == (2, 3, M, J, K, 6)
+    assert smooth.parameters_of({"weight": weight})["weight"].shape == (2, 3, M, J, K, 6)
 
 
 @pytest.mark.slow
 def test_factorised_posteriors_agree_with_nuts(rng):
     """Means lie within a fifth of the posterior's width; `matrix-normal` understates covariances of few taps."""
     taps = tiny(rng, n=12, J=2, K=2, correlation=0.6)
-    trained, over_grid = fit_nuts.trained_only(taps)
-    mvn, kronecker = fit_profile_mvn(taps), fit_matrix_normal(taps)
+    trained, over_grid = fit_nuts.trained_only(taps, {"time_covariance"})
+    mvn, kronecker = profile_mvn.fit(taps), matrix_normal.fit(taps)
     slopes = sample_story(
-        stories.profile_mvn,
+        profile_mvn.story,
         (trained, mvn.prior, mvn.typical[np.tril_indices(2, -1)], mvn.tightness),
-        lambda sites: over_grid(fit_nuts.slope_sites(sites)),
+        lambda sites: over_grid(profile_mvn.parameters_of(sites)),
     )
     precisions = sample_story(
-        stories.matrix_normal, (trained, kronecker.prior), lambda sites: over_grid(fit_nuts.precision_sites(sites))
+        matrix_normal.story, (trained, kronecker.prior), lambda sites: over_grid(matrix_normal.parameters_of(sites))
     )
     used = np.array([[True, False], [True, True]])
     for posterior, fast, names in (

@@ -12,8 +12,9 @@ from scipy.stats import norm
 from solidtouch.models.measurement.catalogue import fit_model
 from solidtouch.models.measurement.likelihood import shapes
 from solidtouch.models.measurement.likelihood.story_likelihood import InBin, in_state, log_likelihoods
-from solidtouch.models.measurement.parametric import ParametricModel
+from solidtouch.models.measurement.registry import measurement_model
 from solidtouch.models.measurement.shared_gain import state_grid
+from solidtouch.models.measurement.story import ParametricModel
 from solidtouch.models.settings import FitSettings
 
 L, M, J, K = 3, 2, 4, 3
@@ -33,10 +34,10 @@ def fitted(make_taps):
     gaussian, profile = models["gaussian"], models["profile"]
     variance = gaussian.parameters["variance"]
     parameters = {"level": gaussian.parameters["level"], "scale": variance**0.5, "freedom": np.array([2.5, 4.0, 30.0])}
-    models["student"] = replace(gaussian, story="student", parameters=parameters)
+    models["student"] = replace(gaussian, story=measurement_model("student"), parameters=parameters)
     basis = np.stack([np.eye(L), 0.8 * np.eye(L) + 0.2 * np.roll(np.eye(L), 1, axis=1)])
     weight = {"weight": np.moveaxis(profile.parameters["level"], 0, -1), "variance": profile.parameters["variance"]}
-    models["smooth"] = replace(profile, story="smooth", basis=basis, parameters=weight)
+    models["smooth"] = replace(profile, story=measurement_model("smooth"), basis=basis, parameters=weight)
     roots = rng.normal(size=(L, M, K, K)), rng.normal(size=(J, J))
     covariances = [root @ root.swapaxes(-1, -2) / len(root.T) + np.eye(len(root.T)) for root in roots]
     parameters = {
@@ -44,7 +45,7 @@ def fitted(make_taps):
         "taxel_covariance": covariances[0],
         "time_covariance": covariances[1],
     }
-    models["matrix-normal"] = replace(profile, story="matrix-normal", parameters=parameters)
+    models["matrix-normal"] = replace(profile, story=measurement_model("matrix-normal"), parameters=parameters)
     return models, np.concatenate([taps.taps[:6], taps.taps[:1] + 40.0])
 
 

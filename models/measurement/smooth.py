@@ -1,4 +1,4 @@
-"""Posterior of `smooth`: mean curves over position as Gaussian processes on a basis of sines.
+"""`smooth`: `profile` with mean curves over position as Gaussian processes on a basis of sines.
 
 The kernel is squared exponential; on an interval it is well approximated by sines whose weights are independent with
 variances from its spectral density (Solin and Sarkka, Statistics and Computing 30 (2020) 419). Weights and variances
@@ -6,16 +6,25 @@ have a factorised posterior found by coordinate ascent; the length scale is the 
 bound of the evidence, and the amplitude of each taxel maximises that bound.
 """
 
-from typing import NamedTuple, Self
+from typing import Any, NamedTuple, Self
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.special import gammaln
 
-from ..scaling import sum_by
-from .cells import estimated_prior
-from .convergence import Convergence, ascent
-from .priors import CellPrior, Taps
+from ..grid import ClassGrid
+from ..taps import TapSet
+from .fits.cells import CELL, estimated_prior
+from .fits.chains import Sites
+from .fits.checks import check_places
+from .fits.convergence import Convergence, ascent
+from .fits.priors import CellPrior, Given, Taps
+from .likelihood.forecasts import Unseen, student_mass
+from .likelihood.forms import GaussianForm
+from .likelihood.shapes import NO_TAXEL, Measure, Parameters, chain_form
+from .model import Row
+from .scaling import sum_by
+from .story import Story
 
 LENGTHS = tuple(np.geomspace(0.11, 1.6, 8))
 """Length scales to choose from, in units of half the range of positions."""
@@ -24,6 +33,43 @@ _BORDER = 1.5  # half width of the interval of the sines, in the same unit
 _ROUNDS, _STILL = 300, 1e-3  # rounds at most, and the relative change at which they end
 _FEW_ROUNDS = 12  # enough to choose a length scale by
 _TIMES = 10  # of a tap, enough to choose a length scale by
+_SUB_PLACES = 4  # in a class whose taps lie at different places, over which the likelihood is averaged
+
+
+class CurvePrior(NamedTuple):
+    """A Gaussian process over position on a basis of D functions.
+
+    Attributes:
+        basis: Basis functions at the position of each tap, shape (N, D).
+        width: Prior standard deviation of the weights, shape (D, K).
+        a: Shape of the inverse gamma distribution of the variances, shape (K,).
+        b: Its rate, shape (K,).
+    """
+
+    basis: NDArray[np.float64]
+    width: NDArray[np.float64]
+    a: NDArray[np.float64]
+    b: NDArray[np.float64]
+
+
+def story(taps: Taps, prior: CurvePrior) -> None:
+    """As `profile`, but the mean of an object at a time and taxel is a smooth curve over the position of the tap.
+
+    The curve is a Gaussian process with squared exponential kernel on a basis of sines, so the classes of an object
+    share their taps, and positions between them have a mean too.
+    """
+    from .fits.story_parts import dist, jnp, numpyro, plates
+
+    (L, M), (N, J, K) = taps.shape, taps.samples.shape
+    D = prior.basis.shape[1]
+    with plates(("D", D, -4), ("M", M, -3), ("J", J, -2), ("K", K, -1)):
+        weight: Any = numpyro.sample("weight", dist.Normal(0.0, prior.width[:, None, None]))
+    with plates(("L", L, -4), ("M", M, -3), ("J", J, -2), ("K", K, -1)):
+        variance: Any = numpyro.sample("variance", dist.InverseGamma(prior.a, prior.b))
+    curve = jnp.einsum("nd,dnjk->njk", prior.basis, weight[:, taps.what])
+    with plates(("tap", N, -3), ("time", J, -2), ("taxel", K, -1)):
+        deviation = jnp.sqrt(variance[taps.where, taps.what])
+        numpyro.sample("sample", dist.Normal(curve, deviation), obs=taps.samples)
 
 
 class Basis(NamedTuple):
@@ -116,15 +162,10 @@ class _Sums(NamedTuple):
         return self._replace(product=self.product[..., times, :], square=self.square[..., times, :])
 
 
-def fit_smooth(taps: Taps, place: NDArray[np.float64]) -> CurvePosterior:
-    """Factorised posterior of `stories.smooth`.
-
-    Args:
-        taps: Scaled training taps.
-        place: Position of each, shape (N,), three different ones or more.
-    """
-    basis = Basis.of(place)
-    sums = _sums(taps, basis.at(place))
+def fit(taps: Taps) -> CurvePosterior:
+    """Factorised posterior of `story` from taps at three different positions or more."""
+    basis = Basis.of(taps.place)
+    sums = _sums(taps, basis.at(taps.place))
     few = sums.at_times(slice(None, None, -(-taps.samples.shape[1] // _TIMES)))
     bounds = [_ascend(few, basis, length, _FEW_ROUNDS)[0] for length in LENGTHS]
     return _ascend(sums, basis, LENGTHS[int(np.argmax(bounds))], _ROUNDS)[1]
@@ -219,3 +260,85 @@ def _bound(
     log_root = np.log(np.abs(np.diagonal(root, axis1=-2, axis2=-1))).sum()
     curves = log_root - 0.5 * (second / variance.T).sum() - 0.5 * np.log(variance).sum() * weight[..., 0, 0].size
     return float(noise.sum() + curves)
+
+
+def arguments(taps: Taps, posterior: CurvePosterior) -> tuple[Any, ...]:
+    """The Gaussian process that the fit found, at the positions of the taps."""
+    return (CurvePrior(posterior.basis.at(taps.place), posterior.width, posterior.prior.a, posterior.prior.b),)
+
+
+def parameters_of(sites: Sites) -> Sites:
+    """The basis as the last axis of the weights."""
+    return {**sites, "weight": np.moveaxis(sites["weight"], 2, -1)}
+
+
+def given(parameters: Parameters, basis: NDArray[np.float64]) -> Given:
+    """The basis as the first axis of the weights; curves at each of the places in a class."""
+    import jax.numpy as jnp
+
+    K, D = parameters["weight"].shape[-2:]
+    at, one, width = jnp.asarray(basis), np.ones(K), np.ones((D, K))
+
+    def curves(taps: Taps, place: Any) -> tuple[Any, ...]:
+        functions: Any = at[place, taps.where]
+        return (CurvePrior(functions, width, one, one),)
+
+    return Given({**parameters, "weight": np.moveaxis(parameters["weight"], -1, 0)}, curves, len(basis))
+
+
+def form(parameters: Parameters, frame: Measure) -> GaussianForm:
+    """`story` on the bins, at each of Q places in a class, all as likely."""
+    J = parameters["weight"].shape[1]
+    mean = np.einsum("qld,mjkd->qlmjk", frame.basis, parameters["weight"], optimize=True)
+    return chain_form(mean, parameters["variance"], np.eye(J)[None], NO_TAXEL, frame)
+
+
+def integrated(
+    posterior: CurvePosterior, frame: Measure, unseen: Unseen, _: np.random.Generator
+) -> NDArray[np.float64]:
+    """Student's t with the uncertainty of the curve at each place added to the variance."""
+    parts = []
+    curves = form(posterior.point(), frame)
+    noise = posterior.b / posterior.a
+    for q, basis in enumerate(frame.basis):
+        spread = np.einsum("ld,mjkdx->lmjkx", basis, posterior.root, optimize=True)
+        scale = np.sqrt(noise + (spread**2).sum(axis=-1)) * frame.scaling.unit
+        at = curves._replace(scale=np.broadcast_to(scale, curves.mean.shape))
+        parts.append(curves.log_weight[q] + student_mass(at, q, 2 * posterior.a, unseen))
+    return np.logaddexp.reduce(parts, axis=0)
+
+
+def basis_in_classes(
+    posterior: CurvePosterior, taps: TapSet, grid: ClassGrid, where: NDArray[np.intp]
+) -> NDArray[np.float64]:
+    """Basis functions at one place in each class, or at several where its taps lie at several; shape (Q, L, D)."""
+    several = any(len(np.unique(taps.where[where == l])) > 1 for l in np.unique(where))
+    if grid.where_edges is None or not several:
+        return posterior.basis.at(grid.where_value[None])
+    share = (np.arange(_SUB_PLACES) + 0.5) / _SUB_PLACES
+    return posterior.basis.at(grid.where_edges[:-1] + share[:, None] * np.diff(grid.where_edges))
+
+
+def between(trained: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """Classes between trained ones of the same object, shape (L, M)."""
+    before = np.maximum.accumulate(trained, axis=0)
+    behind = np.maximum.accumulate(trained[::-1], axis=0)[::-1]
+    return before & behind
+
+
+MODEL = Story(
+    name="smooth",
+    row=Row("independence of neighbouring positions", "profile, its means smooth curves over position"),
+    story=story,
+    dims={"weight": ("what", "sample", "taxel", "basis"), "variance": CELL},
+    positive=("variance",),
+    check=check_places,
+    closed=fit,
+    form=form,
+    arguments=arguments,
+    parameters=parameters_of,
+    given=given,
+    integrated=integrated,
+    basis=basis_in_classes,
+    covered=between,
+)

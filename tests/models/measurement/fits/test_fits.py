@@ -2,20 +2,12 @@
 
 import numpy as np
 import pytest
-from solidtouch.models.measurement.fits import curves as fit_curves
-from solidtouch.models.measurement.fits.cells import (
-    cell_posterior,
-    estimated_prior,
-    fit_gaussian,
-    fit_profile,
-    fit_profile_ar,
-    fit_profile_mvn,
-)
-from solidtouch.models.measurement.fits.curves import LENGTHS, Basis, fit_smooth
-from solidtouch.models.measurement.fits.kronecker import fit_matrix_normal, weak_prior
+from solidtouch.models.measurement import gaussian, matrix_normal, profile, profile_ar, profile_mvn, smooth, student
+from solidtouch.models.measurement.fits.cells import cell_posterior, estimated_prior
 from solidtouch.models.measurement.fits.priors import CellPrior, Taps
-from solidtouch.models.measurement.fits.student import fit_student
+from solidtouch.models.measurement.matrix_normal import weak_prior
 from solidtouch.models.measurement.scaling import Moments, Scaling, sum_by
+from solidtouch.models.measurement.smooth import LENGTHS, Basis
 
 L, M, J, K = 2, 3, 6, 4
 
@@ -104,7 +96,7 @@ def test_two_taps_per_class_share_their_variances(rng):
     moments = Moments.of(taps)
     level = moments.mean[taps.where, taps.what]
     taps = taps._replace(samples=level + (taps.samples - level) * np.sqrt(true)[taps.where, taps.what])
-    point = fit_profile(taps).point()["variance"]
+    point = profile.fit(taps).point()["variance"]
     alone = Moments.of(taps).square
 
     assert np.square(np.log(point / true)).mean() < 0.1 * np.square(np.log(alone / true)).mean()
@@ -115,7 +107,7 @@ def test_identical_taps_have_a_small_finite_variance(rng):
     """Nothing is divided by zero, in every fit in closed form."""
     once = planted(rng, 1)
     taps = Taps(*(np.concatenate([part] * 3) for part in once[:3]), once.shape)
-    for fitted in (fit_profile, fit_profile_ar, fit_profile_mvn):
+    for fitted in (profile.fit, profile_ar.fit, profile_mvn.fit):
         variance = fitted(taps).point()["variance"]
         assert np.isfinite(variance).all()
         assert (variance > 0).all()
@@ -137,7 +129,7 @@ def test_a_cell_without_a_sample_keeps_the_prior():
 def test_narrow_slopes_are_not_tied_to_the_first_grid(rng, rho):
     """Of very many taps, whose posterior is much narrower than the grid it is first sought on: as by regression."""
     taps = planted(rng, 3000, rho=rho, J=40, K=1, L=1, M=1)
-    posterior = fit_profile_ar(taps)
+    posterior = profile_ar.fit(taps)
     residual = taps.samples - taps.samples.mean(axis=0)
     now, before = residual[:, 1:], residual[:, :-1]
     expected, error = (now * before).sum() / (before**2).sum(), 1 / np.sqrt((before**2).sum())
@@ -153,7 +145,7 @@ def test_narrow_slopes_are_not_tied_to_the_first_grid(rng, rho):
 def test_independent_samples_have_no_slope(rng):
     """Then variances and levels are those of `profile`."""
     taps = planted(rng, 40)
-    with_slope, without = fit_profile_ar(taps).point(), fit_profile(taps).point()
+    with_slope, without = profile_ar.fit(taps).point(), profile.fit(taps).point()
 
     np.testing.assert_allclose(with_slope["rho"], 0.0, atol=0.1)
     np.testing.assert_allclose(with_slope["variance"], without["variance"], rtol=0.05)
@@ -162,7 +154,7 @@ def test_independent_samples_have_no_slope(rng):
 def test_each_taxel_has_its_slope(rng):
     """Planted slopes come back."""
     rho = np.array([-0.5, 0.0, 0.4, 0.9])
-    np.testing.assert_allclose(fit_profile_ar(planted(rng, 60, rho=rho)).point()["rho"], rho, atol=0.06)
+    np.testing.assert_allclose(profile_ar.fit(planted(rng, 60, rho=rho)).point()["rho"], rho, atol=0.06)
 
 
 # Taxels
@@ -171,7 +163,7 @@ def test_each_taxel_has_its_slope(rng):
 def test_slopes_across_taxels_give_the_planted_covariance(rng):
     """Equicorrelation of 0.6, from 30 taps of 6 samples in each class."""
     taxel = equicorrelated(K, 0.6)
-    point = fit_profile_mvn(planted(rng, 30, taxel=taxel)).point()
+    point = profile_mvn.fit(planted(rng, 30, taxel=taxel)).point()
     back = np.linalg.inv(np.eye(K) - point["slope"])
     for l, m in np.ndindex(L, M):
         for j in range(J):
@@ -183,7 +175,7 @@ def test_slopes_across_taxels_give_the_planted_covariance(rng):
 def test_few_taps_take_their_slopes_from_other_classes(rng):
     """Two taps in each of many classes give slopes nearer to the truth than the class alone could."""
     taxel = equicorrelated(K, 0.6)
-    posterior = fit_profile_mvn(planted(rng, 2, taxel=taxel, L=5, M=4, J=3))
+    posterior = profile_mvn.fit(planted(rng, 2, taxel=taxel, L=5, M=4, J=3))
     root = np.linalg.cholesky(taxel)
     expected = np.eye(K) - np.linalg.inv(root / np.diag(root))
 
@@ -195,15 +187,15 @@ def test_few_taps_take_their_slopes_from_other_classes(rng):
 def test_small_sets_converge(rng, sizes):
     """One class, or one sample per tap: what the classes share still settles."""
     taps = planted(rng, 5, **sizes)
-    assert fit_profile_mvn(taps).convergence().converged
+    assert profile_mvn.fit(taps).convergence().converged
     if taps.samples.shape[1] > 1:
-        assert fit_matrix_normal(taps).convergence().converged
+        assert matrix_normal.fit(taps).convergence().converged
 
 
 def test_matrix_normal_finds_both_covariances(rng):
     """AR(1) in time times equicorrelation across taxels, up to the factor that can move between them."""
     time, taxel = autoregressive(J, 0.7), equicorrelated(K, 0.5)
-    point = fit_matrix_normal(planted(rng, 60, time=time, taxel=taxel)).point()
+    point = matrix_normal.fit(planted(rng, 60, time=time, taxel=taxel)).point()
 
     assert np.trace(point["time_covariance"]) == pytest.approx(J)
     np.testing.assert_allclose(point["time_covariance"], time, atol=0.1)
@@ -216,7 +208,7 @@ def test_matrix_normal_of_few_taps_shares_the_taxel_covariance(rng):
     taps = planted(rng, 2, time=autoregressive(3, 0.6), taxel=taxel, J=3, K=5, L=5, M=4)
 
     def distance(prior):
-        covariance = fit_matrix_normal(taps, prior).point()["taxel_covariance"]
+        covariance = matrix_normal.fit(taps, prior).point()["taxel_covariance"]
         deviation = np.sqrt(np.diagonal(covariance, axis1=-2, axis2=-1))
         return np.square(covariance / (deviation[..., :, None] * deviation[..., None, :]) - taxel).mean()
 
@@ -225,7 +217,7 @@ def test_matrix_normal_of_few_taps_shares_the_taxel_covariance(rng):
 
 def test_a_weak_prior_says_little(rng):
     """Of independent samples of variance 1 it leaves that, and it is forgotten after some taps."""
-    covariance = fit_matrix_normal(planted(rng, 50), weak_prior(J, K)).point()["taxel_covariance"]
+    covariance = matrix_normal.fit(planted(rng, 50), weak_prior(J, K)).point()["taxel_covariance"]
     prior = weak_prior(J, K)
 
     np.testing.assert_allclose(covariance, np.broadcast_to(np.eye(K), covariance.shape), atol=0.2)
@@ -248,8 +240,8 @@ def test_the_bound_of_curves_never_falls(rng):
     """Round after round of coordinate ascent, once the prior has settled and before."""
     taps = curved(rng)
     basis = Basis.of(taps.where.astype(float))
-    sums = fit_curves._sums(taps, basis.at(taps.where.astype(float)))
-    bounds = [fit_curves._ascend(sums, basis, LENGTHS[4], rounds)[0] for rounds in range(1, 16)]
+    sums = smooth._sums(taps, basis.at(taps.where.astype(float)))
+    bounds = [smooth._ascend(sums, basis, LENGTHS[4], rounds)[0] for rounds in range(1, 16)]
 
     assert np.all(np.diff(bounds) > -1e-6)
     assert bounds[-1] > bounds[0]
@@ -258,7 +250,7 @@ def test_the_bound_of_curves_never_falls(rng):
 def test_curves_reach_places_between(rng):
     """The mean at a place without a tap is nearer to the truth than that of either neighbour."""
     taps = curved(rng, skip=(3,))
-    posterior = fit_smooth(taps, taps.where.astype(float))
+    posterior = smooth.fit(taps._replace(place=taps.where.astype(float)))
     mean = np.einsum("d,mjkd->mjk", posterior.basis.at(np.array(3.0)), posterior.weight)[0]
     truth = 4 * np.sin(1.5 + np.arange(3)[:, None] + np.arange(2))
     error = np.abs(mean - truth).mean()
@@ -275,7 +267,7 @@ def test_length_scales_are_those_of_the_curves(rng):
     lengths = []
     for curve in (np.sin(place / 12)[:, None, None], rng.normal(size=(12, 3, 1))[place.astype(int)]):
         x = 5 * curve + 0.3 * rng.normal(size=(len(place), 3, 1))
-        lengths.append(fit_smooth(Taps(x, place.astype(int), what, (12, 1)), place).length)
+        lengths.append(smooth.fit(Taps(x, place.astype(int), what, (12, 1), place)).length)
 
     assert lengths[0] > 2 * lengths[1]
 
@@ -290,7 +282,7 @@ def test_student_finds_the_degrees_of_freedom(rng):
     level, scale = 2 * rng.normal(size=(L, M, 2)), np.exp(0.3 * rng.normal(size=(L, M, 2)))
     own = taps.where, taps.what
     white = np.stack([rng.standard_t(3, size=(len(taps.where), 10)), rng.normal(size=(len(taps.where), 10))], axis=-1)
-    posterior = fit_student(taps._replace(samples=level[own][:, None] + scale[own][:, None] * white))
+    posterior = student.fit(taps._replace(samples=level[own][:, None] + scale[own][:, None] * white))
     point = posterior.point()
 
     assert 2.2 < point["freedom"][0] < 4.2
@@ -304,11 +296,11 @@ def test_student_finds_the_degrees_of_freedom(rng):
 
 
 @pytest.mark.parametrize(
-    "fitted", [fit_gaussian, fit_profile, fit_profile_ar, fit_profile_mvn, fit_matrix_normal], ids=lambda f: f.__name__
+    "model", [gaussian, profile, profile_ar, profile_mvn, matrix_normal], ids=lambda m: m.MODEL.name
 )
-def test_draws_lie_around_the_point(rng, fitted):
+def test_draws_lie_around_the_point(rng, model):
     """Their mean is within six standard errors of it, or within 2 % where the point is a mode-like value."""
-    posterior = fitted(planted(rng, 12, taxel=equicorrelated(K, 0.4)))
+    posterior = model.fit(planted(rng, 12, taxel=equicorrelated(K, 0.4)))
     drawn, n = [posterior.draw(rng) for _ in range(400)], 400
     for name, value in posterior.point().items():
         values = np.array([draw[name] for draw in drawn])
@@ -322,7 +314,7 @@ def test_permuted_taps_change_nothing(rng):
     taps = planted(rng, 5)
     order = rng.permutation(len(taps.where))
     mixed = Taps(taps.samples[order], taps.where[order], taps.what[order], taps.shape)
-    for fitted in (fit_gaussian, fit_profile, fit_profile_ar, fit_profile_mvn, fit_matrix_normal):
+    for fitted in (gaussian.fit, profile.fit, profile_ar.fit, profile_mvn.fit, matrix_normal.fit):
         before, after = fitted(taps).point(), fitted(mixed).point()
         for name, value in before.items():
             np.testing.assert_allclose(after[name], value, rtol=2e-3, atol=1e-4)

@@ -1,4 +1,4 @@
-"""Posterior of `matrix-normal`, by coordinate ascent on a factorised posterior.
+"""`matrix-normal`: one covariance in time times one across taxels, by coordinate ascent on a factorised posterior.
 
 Given the covariance across taxels that in time has a Wishart posterior of its precision, and the other way round; each
 is updated with what is expected of the other until nothing changes ("flip-flop"; Dutilleul, Journal of Statistical
@@ -6,7 +6,7 @@ Computation and Simulation 64 (1999) 105, in its variational form, Bishop ch. 10
 the taxel precisions of all classes is the one under which these are most probable.
 """
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,13 +14,62 @@ from scipy.linalg import solve_triangular
 from scipy.optimize import minimize_scalar
 from scipy.special import multigammaln, psi  # pyright: ignore[reportAttributeAccessIssue] - missing in the stubs
 
-from ..scaling import Moments, sum_by
-from .convergence import Convergence, ascent
-from .priors import KroneckerPrior, Taps
+from .fits.cells import CELL
+from .fits.chains import Sites
+from .fits.checks import check_times
+from .fits.convergence import Convergence, ascent
+from .fits.priors import Given, Taps
+from .likelihood.forecasts import Unseen, over_draws
+from .likelihood.forms import GaussianForm
+from .likelihood.shapes import Measure, Parameters, chain_form
+from .model import Row
+from .scaling import Moments, sum_by
+from .story import Story
 
 _ROUNDS, _STILL = 200, 1e-5  # rounds at most, and the change at which they end
 _SETTLING = 10  # rounds after which the prior stays as it is
 _MOST_FREEDOM = 1e4  # of the distribution that the taxel precisions of all classes come from
+
+
+class KroneckerPrior(NamedTuple):
+    """Wishart priors of two precision matrices, and a normal one of the means.
+
+    Attributes:
+        time_freedom: Degrees of freedom in time.
+        time_scale: Expected covariance in time times the freedom, shape (J, J).
+        taxel_freedom: Degrees of freedom across taxels.
+        taxel_scale: Expected covariance across taxels times the freedom, shape (K, K).
+        strength: How many taps the prior of the mean, at 0, is worth; 0 for a flat prior.
+    """
+
+    time_freedom: float
+    time_scale: NDArray[np.float64]
+    taxel_freedom: float
+    taxel_scale: NDArray[np.float64]
+    strength: float
+
+
+def story(taps: Taps, prior: KroneckerPrior) -> None:
+    """Residuals are correlated in time, alike in all classes, and across taxels, as each class has it.
+
+    The covariance of two samples is the product of one in time (J, J) and one across taxels (K, K). One Wishart
+    distribution holds the taxel precisions of all classes.
+    """
+    from .fits.story_parts import dist, jnp, numpyro, plates
+
+    (L, M), (N, J, K) = taps.shape, taps.samples.shape
+    time: Any = numpyro.sample("time", dist.Wishart(prior.time_freedom, jnp.linalg.inv(prior.time_scale)))
+    with plates(("L", L, -2), ("M", M, -1)):
+        taxel_scale = jnp.linalg.inv(prior.taxel_scale)
+        taxel: Any = numpyro.sample("taxel", dist.Wishart(prior.taxel_freedom, taxel_scale))
+        rows = jnp.linalg.cholesky(jnp.linalg.inv(time))
+        columns = jnp.linalg.cholesky(jnp.linalg.inv(taxel))
+        flat = dist.ImproperUniform(dist.constraints.real_matrix, (), (J, K))
+        known = dist.MatrixNormal(jnp.zeros((J, K)), rows / (prior.strength or 1.0) ** 0.5, columns)
+        level: Any = numpyro.sample("level", known if prior.strength else flat)
+    own = taps.where, taps.what
+    with numpyro.plate("tap", N):
+        numpyro.sample("sample", dist.MatrixNormal(level[own], rows, columns[own]), obs=taps.samples)
 
 
 class KroneckerPosterior(NamedTuple):
@@ -75,8 +124,8 @@ def weak_prior(J: int, K: int) -> KroneckerPrior:
     return KroneckerPrior(J + 2.0, (J + 2.0) * np.eye(J), K + 2.0, (K + 2.0) * np.eye(K), 0.0)
 
 
-def fit_matrix_normal(taps: Taps, prior: KroneckerPrior | None = None) -> KroneckerPosterior:
-    """Factorised posterior of `stories.matrix_normal`; without a prior that of the taxels is estimated."""
+def fit(taps: Taps, prior: KroneckerPrior | None = None) -> KroneckerPosterior:
+    """Factorised posterior of `story`; without a prior that of the taxels is estimated."""
     moments, (L, M), (_, J, K) = Moments.of(taps), taps.shape, taps.samples.shape
     known, own = prior, taps.where * M + taps.what
     prior = known or weak_prior(J, K)
@@ -176,3 +225,77 @@ def _inverse_wishart(
     root = np.linalg.cholesky(np.linalg.inv(scale)) @ factor
     inverse = np.linalg.inv(root)
     return inverse.swapaxes(-1, -2) @ inverse
+
+
+def arguments(_: Taps, posterior: KroneckerPosterior) -> tuple[Any, ...]:
+    """The prior that the fit estimated."""
+    return (posterior.prior,)
+
+
+def parameters_of(sites: Sites) -> Sites:
+    """Covariances from precisions, the one in time scaled to trace J."""
+    time = np.linalg.inv(sites["time"])
+    unit = np.trace(time, axis1=-2, axis2=-1) / time.shape[-1]
+    taxel = np.linalg.inv(sites["taxel"])
+    return {
+        "level": sites["level"],
+        "time_covariance": time / unit[..., None, None],
+        "taxel_covariance": taxel * unit.reshape(*unit.shape, *([1] * (taxel.ndim - unit.ndim))),
+    }
+
+
+def given(parameters: Parameters, _: NDArray[np.float64]) -> Given:
+    """Precisions; any prior."""
+    J, K = parameters["level"].shape[-2:]
+    prior = KroneckerPrior(J + 1.0, np.eye(J), K + 1.0, np.eye(K), 1.0)
+    precisions = {name: np.linalg.inv(parameters[f"{name}_covariance"]) for name in ("time", "taxel")}
+    return Given({**parameters, **precisions}, lambda *_: (prior,))
+
+
+def form(parameters: Parameters, frame: Measure) -> GaussianForm:
+    """`story` on the bins: V and W from the Cholesky factors of both covariances."""
+    time, time_variance = _unit_triangular(parameters["time_covariance"])
+    taxel, taxel_variance = _unit_triangular(parameters["taxel_covariance"])
+    variance = time_variance[:, None] * taxel_variance[:, :, None, :]
+    return chain_form(parameters["level"][None], variance, time[None], taxel, frame)
+
+
+def _unit_triangular(covariance: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Unit lower triangular matrices that whiten covariances (..., D, D), and the variances then left (..., D)."""
+    root = np.linalg.cholesky(covariance)
+    diagonal = np.diagonal(root, axis1=-2, axis2=-1)
+    return np.tril(np.linalg.inv(root) * diagonal[..., :, None]), diagonal**2
+
+
+def integrated(
+    posterior: KroneckerPosterior, frame: Measure, unseen: Unseen, generator: np.random.Generator
+) -> NDArray[np.float64]:
+    """Forecasts wider by the uncertainty of the means, averaged over draws of both covariances."""
+    taps, edges, own = unseen
+    inflation = np.sqrt(1 + 1 / np.maximum(posterior.strength, 1.0))[..., None, None]
+
+    def one() -> NDArray[np.float64]:
+        drawn = form({**posterior.draw(generator), "level": posterior.level}, frame)
+        return drawn._replace(scale=drawn.scale * inflation).own(taps, edges, *own)
+
+    return over_draws(one)
+
+
+MODEL = Story(
+    name="matrix-normal",
+    row=Row("independence in time and of taxels", "one covariance in time times one across taxels"),
+    story=story,
+    dims={
+        "level": CELL,
+        "time_covariance": ("sample", "other_sample"),
+        "taxel_covariance": ("where", "what", "taxel", "other_taxel"),
+    },
+    check=check_times,
+    closed=fit,
+    form=form,
+    arguments=arguments,
+    parameters=parameters_of,
+    trained_only=True,
+    given=given,
+    integrated=integrated,
+)

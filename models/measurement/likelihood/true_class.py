@@ -3,10 +3,10 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from .likelihood.bins import find_bins
-from .likelihood.forms import Form, TableForm, bin_gaps
-from .likelihood.innovations import own_log_masses
-from .states import States
+from ..states import States
+from .bins import find_bins
+from .forms import Form, TableForm, bin_gaps
+from .innovations import own_log_masses
 
 type Own = tuple[NDArray[np.intp], NDArray[np.intp]]
 """Where and what class of each tap, both of shape (N,)."""

@@ -1,0 +1,81 @@
+"""`gaussian`: samples of a class and taxel are normal; exchangeable as in the paper, but without bins."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .fits.cells import CellPosterior, cell_posterior, estimated_prior, given_cells, prior_of_cells
+from .fits.checks import check_cells
+from .fits.priors import CellPrior, Taps
+from .likelihood.forecasts import Unseen
+from .likelihood.forms import TableForm, bin_gaps
+from .likelihood.masses import log_normal_mass, log_student_mass
+from .likelihood.shapes import Measure, Parameters, standardised
+from .model import Row
+from .scaling import Moments
+from .story import Story
+
+
+def story(taps: Taps, prior: CellPrior) -> None:
+    """Samples of a class and taxel are normal, whatever their time; exchangeable as in the paper, but without bins.
+
+    The variances of all classes of a taxel come from one inverse gamma distribution.
+    """
+    from .fits.story_parts import cells, dist, jnp, numpyro
+
+    (L, M), (N, J, K) = taps.shape, taps.samples.shape
+    with numpyro.plate("L", L, dim=-4), numpyro.plate("M", M, dim=-3), numpyro.plate("K", K, dim=-1):
+        level, variance = cells(prior)
+    own = taps.where, taps.what
+    with numpyro.plate("tap", N, dim=-3), numpyro.plate("J", J, dim=-2), numpyro.plate("taxel", K, dim=-1):
+        numpyro.sample("sample", dist.Normal(level[own], jnp.sqrt(variance[own])), obs=taps.samples)
+
+
+def fit(taps: Taps, prior: CellPrior | None = None) -> CellPosterior:
+    """Exact posterior of `story`; samples of all times count alike."""
+    moments = Moments.of(taps)
+    J = taps.samples.shape[1]
+    mean = moments.mean.mean(axis=2, keepdims=True)
+    square = (moments.square + moments.taps[..., None, None] * (moments.mean - mean) ** 2).sum(axis=2, keepdims=True)
+    count = J * moments.taps[..., None, None]
+    prior = prior or estimated_prior(count - 1, square)
+    return CellPosterior(cell_posterior(count, mean, square, prior), prior)
+
+
+def form(parameters: Parameters, frame: Measure) -> TableForm:
+    """`story` on the bins."""
+    lower, upper = standardised(parameters["level"], np.sqrt(parameters["variance"]), frame)
+    return TableForm(log_normal_mass(lower, upper))
+
+
+def integrated(posterior: CellPosterior, frame: Measure, unseen: Unseen, _: np.random.Generator) -> NDArray[np.float64]:
+    """Every sample forecast from the training taps and the samples before it in its tap."""
+    taps, edges, own = unseen
+    samples, below, above = bin_gaps(taps, edges)
+    centre, unit = frame.scaling
+    samples, below, above = (samples - centre) / unit, below / unit, above / unit
+    level, strength, a, b = (array[own][:, 0].astype(np.float64) for array in posterior.cells)
+    total = np.zeros(len(taps))
+    for j in range(taps.shape[1]):
+        scale = np.sqrt(b / a * (1 + 1 / strength))
+        gap = samples[:, j] - level
+        total += log_student_mass((below[:, j] + gap) / scale, (above[:, j] + gap) / scale, 2 * a).sum(axis=1)
+        b = b + 0.5 * strength / (strength + 1) * gap**2
+        level, strength, a = level + gap / (strength + 1), strength + 1, a + 0.5
+    return total
+
+
+MODEL = Story(
+    name="gaussian",
+    row=Row("bins", "a normal distribution per class and taxel"),
+    story=story,
+    dims={"level": ("where", "what", "once", "taxel"), "variance": ("where", "what", "once", "taxel")},
+    positive=("variance",),
+    exchangeable=True,
+    check=check_cells,
+    closed=fit,
+    form=form,
+    arguments=prior_of_cells,
+    trained_only=True,
+    given=given_cells,
+    integrated=integrated,
+)

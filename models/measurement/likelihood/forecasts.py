@@ -1,0 +1,62 @@
+"""Log probability of new taps with parameters integrated out, as far as several models share it."""
+
+from collections.abc import Callable
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..fits.cells import Cells
+from .forms import GaussianForm, bin_gaps
+from .masses import log_student_mass
+from .shapes import Measure, Parameters
+from .true_class import Own
+
+DRAWS = 16
+"""Draws of what cells share."""
+
+
+class Unseen(NamedTuple):
+    """Taps that did not train the model.
+
+    Attributes:
+        taps: Shape (N, J, K).
+        edges: Of the bins.
+        own: Their classes.
+    """
+
+    taps: NDArray[np.floating]
+    edges: NDArray[np.float64]
+    own: Own
+
+
+def cells_integrated(
+    form: Callable[[Parameters, Measure], GaussianForm],
+    parameters: Parameters,
+    cells: Cells,
+    frame: Measure,
+    unseen: Unseen,
+) -> NDArray[np.float64]:
+    """Log probability of the bins of taps with level and variance of every cell integrated out, shape (N,)."""
+    variance = cells.b / cells.a * (1 + 1 / np.maximum(cells.strength, 1.0))
+    return student_mass(form({**parameters, "variance": variance}, frame), 0, 2 * cells.a, unseen)
+
+
+def student_mass(form: GaussianForm, q: int, freedom: NDArray[np.float64], unseen: Unseen) -> NDArray[np.float64]:
+    """Log probability of the bins of taps with Student's t in place of each normal of Gaussian `q`, shape (N,)."""
+    taps, edges, own = unseen
+    samples, below, above = bin_gaps(taps, edges)
+    innovation = form.innovations(samples, *own, q)
+    scale = form.scale[q][own]
+    freedom = np.broadcast_to(freedom, form.scale.shape[1:])[own]
+    return log_student_mass((below + innovation) / scale, (above + innovation) / scale, freedom).sum(axis=(1, 2))
+
+
+def over_draws(one: Callable[[], NDArray[np.float64]]) -> NDArray[np.float64]:
+    """Log of the mean of probabilities, each with a draw of its own."""
+    return log_mean([one() for _ in range(DRAWS)])
+
+
+def log_mean(parts: list[NDArray[np.float64]]) -> NDArray[np.float64]:
+    """Log of the mean of probabilities."""
+    return np.logaddexp.reduce(parts, axis=0) - np.log(len(parts))

@@ -1,0 +1,64 @@
+"""`profile`: every class and taxel has a mean and a variance for each time of a tap."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .fits.cells import CELL, CellPosterior, cell_posterior, estimated_prior, given_cells, prior_of_cells
+from .fits.checks import check_times
+from .fits.priors import CellPrior, Taps
+from .likelihood.forecasts import Unseen, cells_integrated
+from .likelihood.forms import GaussianForm
+from .likelihood.shapes import NO_TAXEL, Measure, Parameters, chain_form
+from .model import Row
+from .scaling import Moments
+from .story import Story
+
+
+def story(taps: Taps, prior: CellPrior) -> None:
+    """Every class and taxel has a mean and a variance for each time of a tap; residuals are independent.
+
+    The variances of all classes and times of a taxel come from one inverse gamma distribution.
+    """
+    from .fits.story_parts import cells, dist, jnp, numpyro, plates
+
+    (L, M), (N, J, K) = taps.shape, taps.samples.shape
+    with plates(("L", L, -4), ("M", M, -3), ("J", J, -2), ("K", K, -1)):
+        level, variance = cells(prior)
+    own = taps.where, taps.what
+    with plates(("tap", N, -3), ("time", J, -2), ("taxel", K, -1)):
+        numpyro.sample("sample", dist.Normal(level[own], jnp.sqrt(variance[own])), obs=taps.samples)
+
+
+def fit(taps: Taps, prior: CellPrior | None = None) -> CellPosterior:
+    """Exact posterior of `story`."""
+    moments = Moments.of(taps)
+    count = moments.taps[..., None, None]
+    prior = prior or estimated_prior(count - 1, moments.square)
+    return CellPosterior(cell_posterior(count, moments.mean, moments.square, prior), prior)
+
+
+def form(parameters: Parameters, frame: Measure) -> GaussianForm:
+    """`story` on the bins."""
+    J = parameters["level"].shape[2]
+    return chain_form(parameters["level"][None], parameters["variance"], np.eye(J)[None], NO_TAXEL, frame)
+
+
+def integrated(posterior: CellPosterior, frame: Measure, unseen: Unseen, _: np.random.Generator) -> NDArray[np.float64]:
+    """Forecasts with levels and variances integrated out."""
+    return cells_integrated(form, posterior.point(), posterior.cells, frame, unseen)
+
+
+MODEL = Story(
+    name="profile",
+    row=Row("exchangeable samples", "a mean and a variance for each time of a tap"),
+    story=story,
+    dims={"level": CELL, "variance": CELL},
+    positive=("variance",),
+    check=check_times,
+    closed=fit,
+    form=form,
+    arguments=prior_of_cells,
+    trained_only=True,
+    given=given_cells,
+    integrated=integrated,
+)

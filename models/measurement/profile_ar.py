@@ -1,0 +1,203 @@
+"""`profile-ar`: `profile`, each sample forecast from the one before it.
+
+Given the slopes in time the cells have a posterior in closed form, so the slopes are summed over a fine grid.
+"""
+
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .fits.cells import CELL, Cells, cell_posterior, estimated_prior, given_cells, prior_of_cells
+from .fits.checks import check_times
+from .fits.convergence import EXACT_CELLS, Convergence
+from .fits.priors import CellPrior, Taps
+from .likelihood.forecasts import Unseen, cells_integrated, over_draws
+from .likelihood.forms import GaussianForm
+from .likelihood.shapes import NO_TAXEL, Measure, Parameters, chain_form
+from .model import Row
+from .scaling import Moments, sum_by
+from .story import Story
+
+_GRID, _REACH = 101, 8.0  # points, and standard deviations to either side of the mode
+
+
+def story(taps: Taps, prior: CellPrior) -> None:
+    """As `profile`, but each sample is forecast from the one before it, with one slope per taxel for all classes."""
+    from .fits.story_parts import cells, dist, jnp, numpyro, plates
+
+    (L, M), (N, J, K) = taps.shape, taps.samples.shape
+    with numpyro.plate("K", K, dim=-1):
+        rho: Any = numpyro.sample("rho", dist.Uniform(-1.0, 1.0))
+        with plates(("L", L, -4), ("M", M, -3), ("J", J, -2)):
+            level, variance = cells(prior)
+    own = taps.where, taps.what
+    before = jnp.pad(taps.samples, ((0, 0), (1, 0), (0, 0)))[:, :-1]
+    with plates(("tap", N, -3), ("time", J, -2), ("taxel", K, -1)):
+        forecast = level[own] + rho * before
+        numpyro.sample("sample", dist.Normal(forecast, jnp.sqrt(variance[own])), obs=taps.samples)
+
+
+class ArPosterior(NamedTuple):
+    """Slopes on a grid, cells given the slopes.
+
+    Attributes:
+        rho: Grid of slopes of each taxel, shape (K, G).
+        weight: Their probabilities, shape (K, G).
+        series: Sums from which the cells follow.
+        prior: Of the cells.
+    """
+
+    rho: NDArray[np.float64]
+    weight: NDArray[np.float64]
+    series: "Series"
+    prior: CellPrior
+
+    def point(self) -> dict[str, NDArray[np.float64]]:
+        """Expected parameters, those of the cells at the expected slopes."""
+        rho = (self.rho * self.weight).sum(axis=1)
+        return {"rho": rho, **self.cells(rho).point()}
+
+    def convergence(self) -> Convergence:
+        """Exact."""
+        return EXACT_CELLS
+
+    def draw(self, generator: np.random.Generator) -> dict[str, NDArray[np.float64]]:
+        """Parameters from the posterior, slopes spread evenly between grid points."""
+        cumulative = self.weight.cumsum(axis=1)
+        index = (cumulative < generator.random((len(self.rho), 1)) * cumulative[:, -1:]).sum(axis=1)
+        step = self.rho[:, 1] - self.rho[:, 0]
+        rho = self.rho[np.arange(len(index)), index] + step * (generator.random(len(index)) - 0.5)
+        rho = np.clip(rho, -1.0, 1.0)
+        return {"rho": rho, **self.cells(rho).draw(generator)}
+
+    def cells(self, rho: NDArray[np.float64]) -> Cells:
+        """The cells given the slopes, shape (K,)."""
+        return self.series.cells(rho, self.prior)
+
+
+class Series(NamedTuple):
+    """Sums over the taps of each class that any slope in time needs; shapes (L, M, J, K) but for the number of taps.
+
+    Attributes:
+        taps: How many, shape (L, M, 1, 1).
+        mean: Of the samples.
+        before: Mean of the samples before them, 0 for the first.
+        square: Squared deviations.
+        square_before: Those of the samples before.
+        product: Products of both deviations.
+    """
+
+    taps: NDArray[np.float64]
+    mean: NDArray[np.float64]
+    before: NDArray[np.float64]
+    square: NDArray[np.float64]
+    square_before: NDArray[np.float64]
+    product: NDArray[np.float64]
+
+    @classmethod
+    def of(cls, taps: Taps) -> "Series":
+        """Those of training taps."""
+        moments, (L, M) = Moments.of(taps), taps.shape
+        product = np.zeros_like(moments.residual)
+        product[:, 1:] = moments.residual[:, 1:] * moments.residual[:, :-1]
+        product = sum_by(taps.where * M + taps.what, product, L * M).reshape(moments.mean.shape)
+        return cls(
+            moments.taps[..., None, None],
+            moments.mean,
+            _delayed(moments.mean),
+            moments.square,
+            _delayed(moments.square),
+            product,
+        )
+
+    def innovations(self, rho: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Mean and squared deviations of samples minus slope times the one before; rho has shape (K,)."""
+        square = self.square - 2 * rho * self.product + rho**2 * self.square_before
+        return self.mean - rho * self.before, np.maximum(square, 0.0)
+
+    def cells(self, rho: NDArray[np.float64], prior: CellPrior) -> Cells:
+        """Posterior of the cells given the slopes."""
+        return cell_posterior(self.taps, *self.innovations(rho), prior)
+
+    def log_evidence(self, rho: NDArray[np.float64], prior: CellPrior) -> NDArray[np.float64]:
+        """Log probability of the samples of each taxel up to a constant, shape (K,)."""
+        cells = self.cells(rho, prior)
+        return -(cells.a * np.log(cells.b)).sum(axis=(0, 1, 2))
+
+
+def fit(taps: Taps, prior: CellPrior | None = None) -> ArPosterior:
+    """Exact posterior of `story`, given the prior of the variances."""
+    series, K = Series.of(taps), taps.samples.shape[2]
+    if prior is not None:
+        return _on_grid(series, prior, K)
+    rho = np.zeros(K)
+    for _ in range(2):  # the prior of the variances and the slopes hardly depend on each other
+        prior = estimated_prior(series.taps - 1, series.innovations(rho)[1])
+        rho = _on_grid(series, prior, K).point()["rho"]
+    return _on_grid(series, estimated_prior(series.taps - 1, series.innovations(rho)[1]), K)
+
+
+def _on_grid(series: Series, prior: CellPrior, K: int) -> ArPosterior:
+    """Slopes on a grid that reaches as far as they are probable."""
+    low, high = np.full((K, 1), -1.0), np.full((K, 1), 1.0)
+    rho, weight = low, high
+    for _ in range(4):
+        rho = low + (high - low) * np.linspace(0, 1, _GRID)
+        log_weight = np.stack([series.log_evidence(column, prior) for column in rho.T], axis=1)
+        weight = np.exp(log_weight - log_weight.max(axis=1, keepdims=True))
+        weight /= weight.sum(axis=1, keepdims=True)
+        centre = (rho * weight).sum(axis=1, keepdims=True)
+        deviation = np.sqrt((weight * (rho - centre) ** 2).sum(axis=1, keepdims=True))
+        reach = np.maximum(_REACH * deviation, rho[:, 1:2] - rho[:, :1])  # a narrow mode may lie between two points
+        low, high = np.maximum(centre - reach, -1.0), np.minimum(centre + reach, 1.0)
+    return ArPosterior(rho, weight, series, prior)
+
+
+def _delayed(values: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Values (..., J, K) one sample later, 0 at first."""
+    later = np.zeros_like(values)
+    later[..., 1:, :] = values[..., :-1, :]
+    return later
+
+
+def form(parameters: Parameters, frame: Measure) -> GaussianForm:
+    """`story` on the bins: V is 1 on the diagonal and -rho below it."""
+    level, rho = parameters["level"], parameters["rho"]
+    J, K = level.shape[2:]
+    time = np.tile(np.eye(J), (K, 1, 1))
+    time[:, np.arange(1, J), np.arange(J - 1)] = -rho[:, None]
+    mean = np.empty_like(level)
+    mean[..., 0, :] = level[..., 0, :]
+    for j in range(1, J):
+        mean[..., j, :] = level[..., j, :] + rho * mean[..., j - 1, :]
+    return chain_form(mean[None], parameters["variance"], time, NO_TAXEL, frame)
+
+
+def integrated(
+    posterior: ArPosterior, frame: Measure, unseen: Unseen, generator: np.random.Generator
+) -> NDArray[np.float64]:
+    """Forecasts with levels and variances integrated out, averaged over draws of the slopes."""
+
+    def one() -> NDArray[np.float64]:
+        rho = posterior.draw(generator)["rho"]
+        cells = posterior.cells(rho)
+        return cells_integrated(form, {"rho": rho, **cells.point()}, cells, frame, unseen)
+
+    return over_draws(one)
+
+
+MODEL = Story(
+    name="profile-ar",
+    row=Row("independence in time", "profile, each sample forecast from the one before"),
+    story=story,
+    dims={"rho": ("taxel",), "level": CELL, "variance": CELL},
+    positive=("variance",),
+    check=check_times,
+    closed=fit,
+    form=form,
+    arguments=prior_of_cells,
+    trained_only=True,
+    given=given_cells,
+    integrated=integrated,
+)

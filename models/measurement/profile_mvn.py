@@ -1,0 +1,244 @@
+"""`profile-mvn`: `profile`, each sample forecast from those of other taxels at its time.
+
+Slopes and cells have a factorised posterior by coordinate ascent (Bishop, "Pattern Recognition and Machine Learning",
+ch. 10).
+"""
+
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .fits.cells import ANY_CELLS, CELL, Cells, cell_posterior, estimated_prior
+from .fits.chains import Sites
+from .fits.checks import check_taxels
+from .fits.convergence import Convergence, ascent
+from .fits.priors import CellPrior, Given, Taps
+from .likelihood.forecasts import Unseen, cells_integrated, over_draws
+from .likelihood.forms import GaussianForm
+from .likelihood.shapes import Measure, Parameters, chain_form
+from .model import Row
+from .scaling import Moments
+from .story import Story
+
+_ROUNDS, _STILL = 2000, 1e-4  # rounds at most, and the change of a slope at which they end
+_SETTLING = 10  # rounds after which the prior of the variances stays as it is
+
+
+def story(taps: Taps, prior: CellPrior, typical: Any, tightness: Any) -> None:
+    """As `profile`, but each sample is forecast from those of the taxels before it at the same time.
+
+    The slopes are those of the modified Cholesky factor of the covariance across taxels, one factor per class; those of
+    all classes are normal around the typical ones, so that a class with few taps keeps to what the others do.
+    """
+    from .fits.story_parts import cells, dist, jnp, numpyro, plates
+
+    (L, M), (N, J, K) = taps.shape, taps.samples.shape
+    with plates(("L", L, -3), ("M", M, -2), ("pair", K * (K - 1) // 2, -1)):
+        slope: Any = numpyro.sample("slope", dist.Normal(typical, tightness**-0.5))
+    with plates(("L", L, -4), ("M", M, -3), ("J", J, -2), ("K", K, -1)):
+        level, variance = cells(prior)
+    own = taps.where, taps.what
+    slopes = jnp.zeros((L, M, K, K)).at[..., *np.tril_indices(K, -1)].set(slope)
+    forecast = level[own] + jnp.einsum("nki,nji->njk", slopes[own], taps.samples)
+    with plates(("tap", N, -3), ("time", J, -2), ("taxel", K, -1)):
+        numpyro.sample("sample", dist.Normal(forecast, jnp.sqrt(variance[own])), obs=taps.samples)
+
+
+class MvnPosterior(NamedTuple):
+    """Slopes and cells independent of each other.
+
+    Attributes:
+        slope: Expected slopes from earlier to later taxels, strictly lower triangular, shape (L, M, K, K).
+        root: Cholesky factors of the covariance of each row of slopes, shape (L, M, K, K, K).
+        mean: Of the samples, shape (L, M, J, K).
+        scatter: Products of deviations of taxels, shape (L, M, J, K, K).
+        taps: How many, shape (L, M, 1, 1).
+        prior: Of the cells.
+        typical: Expected slopes of all classes, shape (K, K).
+        tightness: One over the variance of slopes among classes.
+        rounds: How many rounds it took.
+        change: Largest change of an expected slope in the last one.
+    """
+
+    slope: NDArray[np.float64]
+    root: NDArray[np.float64]
+    mean: NDArray[np.float64]
+    scatter: NDArray[np.float64]
+    taps: NDArray[np.float64]
+    prior: CellPrior
+    typical: NDArray[np.float64]
+    tightness: float
+    rounds: int
+    change: float
+
+    def point(self) -> dict[str, NDArray[np.float64]]:
+        """Expected parameters, those of the cells with the scatter expected over the slopes."""
+        return {"slope": self.slope, **self.cells(self.slope, _uncertain(self.root, self.scatter)).point()}
+
+    def convergence(self) -> Convergence:
+        """Whether the last round changed anything."""
+        return ascent(self.rounds, self.change, _STILL)
+
+    def draw(self, generator: np.random.Generator) -> dict[str, NDArray[np.float64]]:
+        """Parameters from the posterior."""
+        noise = generator.standard_normal(self.slope.shape)
+        slope = self.slope + np.einsum("lmkxy,lmky->lmkx", self.root, noise)
+        return {"slope": slope, **self.cells(slope).draw(generator)}
+
+    def cells(self, slope: NDArray[np.float64], extra: NDArray[np.float64] | float = 0.0) -> Cells:
+        """The cells given slopes; `extra` is added to the squared deviations."""
+        factor = np.eye(slope.shape[-1]) - slope
+        mean = np.einsum("lmki,lmji->lmjk", factor, self.mean)
+        square = _squares(factor, self.scatter) + extra
+        return cell_posterior(self.taps, mean, square, self.prior)
+
+
+def fit(taps: Taps, prior: CellPrior | None = None) -> MvnPosterior:
+    """Factorised posterior of `story`.
+
+    Args:
+        taps: Scaled training taps.
+        prior: Of the cells, with levels expected at 0; default an estimated one.
+
+    Raises:
+        ValueError: The prior expects levels elsewhere.
+    """
+    if prior is not None and np.any(np.asarray(prior.level) != 0):
+        raise ValueError("The prior of profile-mvn must expect levels at 0.")
+    moments, (L, M), (_, J, K) = Moments.of(taps), taps.shape, taps.samples.shape
+    scatter = _scatter(moments.residual, taps.where * M + taps.what, L * M).reshape(L, M, J, K, K)
+    count = moments.taps[..., None, None]
+    # With the prior of a level at 0 the mean acts like a sample more, scaled by this.
+    strength = 0.0 if prior is None else prior.strength
+    weight = strength * count / np.maximum(strength + count, 1.0)
+    full = scatter + weight[..., None] * moments.mean[..., :, None] * moments.mean[..., None, :]
+    used = moments.taps > 0
+    slope, root = np.zeros((L, M, K, K)), np.zeros((L, M, K, K, K))
+    typical, tightness, square = np.zeros((K, K)), 4.0, moments.square
+    known, change, rounds = prior, np.inf, 0
+    prior = known or estimated_prior(count - 1, square)
+    while change > _STILL and rounds < _ROUNDS:
+        cells = cell_posterior(count, np.zeros_like(square), square, prior)
+        before = slope
+        slope, root = _slope_rows(full, cells.a / cells.b, typical, tightness, used)
+        typical, tightness = _shared(slope, root, used)
+        square = _squares(np.eye(K) - slope, full) + _uncertain(root, full)
+        if known is None and rounds < _SETTLING:
+            prior = estimated_prior(count - 1, square)
+        change, rounds = float(np.abs(slope - before).max()), rounds + 1
+    return MvnPosterior(slope, root, moments.mean, scatter, count, prior, typical, tightness, rounds, change)
+
+
+def _uncertain(root: NDArray[np.float64], scatter: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Squared deviations expected beside those at the expected slopes, shape (L, M, J, K)."""
+    covariance = root @ root.swapaxes(-1, -2)
+    return np.einsum("lmkxy,lmjxy->lmjk", covariance, scatter, optimize=True)
+
+
+def _scatter(residual: NDArray[np.float64], own: NDArray[np.intp], groups: int) -> NDArray[np.float64]:
+    """Products of the residuals (N, J, K) of taxels summed over the taps of each class, shape (groups, J, K, K)."""
+    _, J, K = residual.shape
+    scatter = np.zeros((groups, J, K, K))
+    for c in np.unique(own):
+        members = residual[own == c].swapaxes(0, 1)
+        scatter[c] = members.swapaxes(1, 2) @ members
+    return scatter
+
+
+def _slope_rows(
+    scatter: NDArray[np.float64],
+    precision: NDArray[np.float64],
+    typical: NDArray[np.float64],
+    tightness: float,
+    used: NDArray[np.bool_],
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Expected slopes (L, M, K, K) and the Cholesky factors of their covariances (L, M, K, K, K)."""
+    L, M, _, K = precision.shape
+    slope, root = np.zeros((L, M, K, K)), np.zeros((L, M, K, K, K))
+    for k in range(1, K):
+        weighted = np.einsum("lmj,lmjxy->lmxy", precision[..., k], scatter[..., : k + 1, : k + 1], optimize=True)
+        information = weighted[..., :k, :k] + tightness * np.eye(k)
+        target = weighted[..., :k, k] + tightness * typical[k, :k]
+        covariance = np.linalg.inv(information)
+        covariance = 0.5 * (covariance + covariance.swapaxes(-1, -2))
+        slope[..., k, :k] = (covariance @ target[..., None])[..., 0]
+        root[..., k, :k, :k] = np.linalg.cholesky(covariance)
+    slope[~used] = typical
+    return slope, root
+
+
+def _shared(
+    slope: NDArray[np.float64], root: NDArray[np.float64], used: NDArray[np.bool_]
+) -> tuple[NDArray[np.float64], float]:
+    """Mean of the slopes over classes (K, K), and one over their expected variance around it."""
+    K = slope.shape[-1]
+    typical = slope[used].mean(axis=0)
+    variance = (slope[used] - typical) ** 2 + (root[used] ** 2).sum(axis=-1)
+    pairs = used.sum() * K * (K - 1) / 2
+    return typical, float(min(pairs / max(variance.sum(), 1e-9), 1e6))
+
+
+def _squares(factor: NDArray[np.float64], scatter: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Squared deviations of the innovations, diagonal of W S W', shape (L, M, J, K)."""
+    half = np.einsum("lmki,lmjix->lmjkx", factor, scatter, optimize=True)
+    return np.maximum((half * factor[:, :, None]).sum(axis=-1), 0.0)
+
+
+def arguments(taps: Taps, posterior: MvnPosterior) -> tuple[Any, ...]:
+    """The prior that the fit estimated."""
+    pairs = np.tril_indices(taps.samples.shape[2], -1)
+    return posterior.prior, posterior.typical[pairs], posterior.tightness
+
+
+def parameters_of(sites: Sites) -> Sites:
+    """Pairs of taxels as strictly lower triangular matrices."""
+    K = sites["level"].shape[-1]
+    slope = np.zeros((*sites["slope"].shape[:-1], K, K))
+    slope[..., *np.tril_indices(K, -1)] = sites["slope"]
+    return {**sites, "slope": slope}
+
+
+def given(parameters: Parameters, _: NDArray[np.float64]) -> Given:
+    """Slopes of pairs; any prior."""
+    pairs = np.tril_indices(parameters["slope"].shape[-1], -1)
+    return Given({**parameters, "slope": parameters["slope"][..., *pairs]}, lambda *_: (ANY_CELLS, 0.0, np.ones(())))
+
+
+def form(parameters: Parameters, frame: Measure) -> GaussianForm:
+    """`story` on the bins: W is 1 minus the slopes."""
+    level, slope = parameters["level"], parameters["slope"]
+    J, K = level.shape[2:]
+    factor = np.eye(K) - slope
+    mean = np.linalg.solve(factor[:, :, None], level[..., None])[..., 0]
+    return chain_form(mean[None], parameters["variance"], np.eye(J)[None], factor, frame)
+
+
+def integrated(
+    posterior: MvnPosterior, frame: Measure, unseen: Unseen, generator: np.random.Generator
+) -> NDArray[np.float64]:
+    """Forecasts with levels and variances integrated out, averaged over draws of the slopes."""
+
+    def one() -> NDArray[np.float64]:
+        slope = posterior.draw(generator)["slope"]
+        cells = posterior.cells(slope)
+        return cells_integrated(form, {"slope": slope, **cells.point()}, cells, frame, unseen)
+
+    return over_draws(one)
+
+
+MODEL = Story(
+    name="profile-mvn",
+    row=Row("independence of taxels", "profile, each sample forecast from other taxels at its time"),
+    story=story,
+    dims={"slope": ("where", "what", "taxel", "from_taxel"), "level": CELL, "variance": CELL},
+    positive=("variance",),
+    check=check_taxels,
+    closed=fit,
+    form=form,
+    arguments=arguments,
+    parameters=parameters_of,
+    trained_only=True,
+    given=given,
+    integrated=integrated,
+)

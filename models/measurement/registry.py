@@ -1,0 +1,54 @@
+"""All measurement models by name.
+
+A model is one file of this folder, whose `MODEL` holds all that is known of it: its story, its fits, what its
+parameters mean for the bins of a tap, and what it refuses. A further model is a file more and its name here. Files are
+imported when their model is asked for.
+"""
+
+from importlib import import_module
+from typing import TYPE_CHECKING
+
+from ..errors import InputError
+
+if TYPE_CHECKING:
+    from .model import MeasurementModel, Row
+
+PAPER = "histogram"
+"""The paper's model."""
+KINDS = (PAPER, "gaussian", "student", "profile", "profile-ar", "profile-mvn", "matrix-normal", "smooth")
+"""Names of the models, each that of a file with a minus for an underscore; the paper's first."""
+SESSION = "session"
+NAMES = (*KINDS, SESSION)
+"""Names of the models and of `session`, which holds the paper's; `session:` and another name holds that."""
+
+
+def split_name(name: str) -> tuple[str, bool]:
+    """The kind of model in a name, and whether it is wrapped in states.
+
+    Raises:
+        InputError: There is no such model.
+    """
+    wrapper, colon, kind = name.partition(":")
+    in_states = wrapper == SESSION
+    if not in_states:
+        kind = name
+    elif not colon:
+        kind = PAPER
+    if kind not in KINDS:
+        raise InputError(f"There is no model {name!r}; there are {', '.join(NAMES)}, and session: before any other.")
+    return kind, in_states
+
+
+def measurement_model(kind: str) -> "MeasurementModel":
+    """The model of a name without `session`."""
+    return import_module(f".{kind.replace('-', '_')}", __package__).MODEL
+
+
+def row(name: str) -> "Row":
+    """What a model assumes less than the paper.
+
+    Raises:
+        InputError: There is no such model.
+    """
+    kind, in_states = split_name(name)
+    return import_module(".shared_gain", __package__).ROW if in_states else measurement_model(kind).row

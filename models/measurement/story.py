@@ -1,0 +1,316 @@
+"""Models other than the paper's: a generative story in NumPyro with what goes with it, and the story once fitted.
+
+A file of a model holds a `Story`. The story itself is one function of 10 to 25 lines that says how the samples of taps
+of known class come about, and nothing else. Plates carry the letters of the axes: `L` where classes, `M` what classes,
+`J` samples of a tap, `K` taxels. The samples of the taps are its site `sample`.
+
+Levels are intercepts of forecasts: a sample is `level` plus what the samples before it add to it. Samples are in units
+of `Scaling`, in which the typical deviation of a taxel within a class is 1. Hyperparameters are given: the same prior
+holds for all classes, and the fit in closed form estimates it from all of them, which is how classes with few taps
+share strength.
+
+References: Gelman et al., "Bayesian Data Analysis", 3rd ed., ch. 3 and 5 (conjugate and hierarchical normal models);
+Pourahmadi, Biometrika 86 (1999) 677 (covariance as forecasts); Dawid, Biometrika 68 (1981) 265 (matrix normal);
+Riutort-Mayol et al., Statistics and Computing 33 (2023) 17 (Gaussian processes on a basis).
+"""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from functools import cached_property
+from importlib.metadata import version
+from typing import Any
+
+import numpy as np
+import xarray as xr
+from numpy.typing import NDArray
+
+from ..digest import tap_digests
+from ..errors import InputError
+from ..grid import ClassGrid
+from ..power import likelihood_exponent
+from ..preprocessing import Preprocessing
+from ..settings import FitSettings
+from ..taps import TapSet
+from .fits.chains import SamplePosterior, Sites
+from .fits.posterior import Posterior
+from .fits.priors import Given, Taps, no_arguments
+from .likelihood.bins import bin_edges
+from .likelihood.forecasts import Unseen, log_mean
+from .likelihood.forms import Form
+from .likelihood.shapes import Measure, Parameters
+from .likelihood.true_class import Own
+from .model import Fitted, Row, TapModel
+from .novelty import NoveltyScores
+from .scaling import Scaling, least_deviation
+from .states import ONE_STATE, States
+
+_MANY_DRAWS = 100  # where nothing is integrated exactly
+_NO_BASIS = np.zeros((0, 0, 0))
+
+
+def _as_they_are(parameters: Parameters, _: NDArray[np.float64]) -> Given:
+    return Given(parameters)
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Story:
+    """A measurement model: its story, and what fits and engines ask of it.
+
+    Attributes:
+        name: Of the model.
+        row: What it assumes less than the paper.
+        story: In NumPyro, called with `Taps` and the arguments.
+        dims: Dims of its parameters by name.
+        positive: Names of the parameters that are above 0.
+        exchangeable: Whether all samples of a taxel have one distribution, so that its form is a `TableForm`.
+        check: Refuses taps that cannot carry it, given its name.
+        closed: The posterior by its fast fit.
+        form: From parameters to probabilities of bins.
+        arguments: What the story takes beside taps, from the training taps and the posterior of the fast fit.
+        parameters: From sites of the story, with chain and draw in front, to parameters; default those of that name.
+        trained_only: Whether chains must leave classes without a tap out, because their levels are flat.
+        given: The story at parameters and basis functions (Q, L, D).
+        integrated: Log probability of taps integrated over the posterior of the fast fit, shape (N,); default the mean
+            over draws.
+        basis: From that posterior, the training taps, the grid and their where classes to basis functions at Q places
+            in each where class, shape (Q, L, D); for stories of curves over position.
+        covered: From the trained classes to those that it can speak about, shape (L, M) both; default the trained ones.
+        own_threads: Whether its posterior draws with threads of its own.
+    """
+
+    name: str
+    row: Row
+    story: Callable[..., None]
+    dims: Mapping[str, tuple[str, ...]]
+    check: Callable[[str, Taps], None]
+    closed: Callable[[Taps], Any]
+    form: Callable[[Parameters, Measure], Form]
+    positive: tuple[str, ...] = ()
+    exchangeable: bool = False
+    arguments: Callable[[Taps, Any], tuple[Any, ...]] = no_arguments
+    parameters: Callable[[Sites], Sites] | None = None
+    trained_only: bool = False
+    given: Callable[[Parameters, NDArray[np.float64]], Given] = _as_they_are
+    integrated: Callable[[Any, Measure, Unseen, np.random.Generator], NDArray[np.float64]] | None = None
+    basis: Callable[[Any, TapSet, ClassGrid, NDArray[np.intp]], NDArray[np.float64]] | None = None
+    covered: Callable[[NDArray[np.bool_]], NDArray[np.bool_]] | None = None
+    own_threads: bool = False
+
+    def fit(self, taps: TapSet, grid: ClassGrid, settings: FitSettings, trained_on: str = "") -> Fitted:
+        """The model of training taps.
+
+        Raises:
+            InputError: The taps cannot carry it, or an argument is out of range.
+        """
+        where, what = taps.indices(grid)
+        inside = (where >= 0) & (what >= 0)
+        if not inside.any():
+            raise InputError("No training tap belongs to a class of the grid.")
+        used = taps if inside.all() else taps.select(inside)
+        where, what = where[inside], what[inside]
+        known = Taps(used.taps.astype(np.float64), where, what, grid.shape, used.where)
+        likelihood_exponent(settings.power, *known.samples.shape[1:])
+        if settings.bins < 1:
+            raise InputError(f"Probabilities of bins need at least one bin, got bins={settings.bins}.")
+        self.check(self.name, known)
+        edges = bin_edges(used.taps, settings.bins, settings.value_range) if settings.edges is None else settings.edges
+        scaling = Scaling.of(known, edges)
+        least = least_deviation(edges, len(scaling.unit)) / scaling.unit
+        posterior, basis = self._posterior(scaling.scaled(known)._replace(least=least), used, grid, settings)
+        covered = np.zeros(grid.shape, dtype=bool)
+        covered[where, what] = True
+        covered = covered if self.covered is None else self.covered(covered)
+        model = ParametricModel(
+            story=self,
+            grid=grid,
+            edges=edges,
+            scaling=scaling,
+            basis=basis,
+            parameters=posterior.point(),
+            covered=covered,
+            power=settings.power,
+            preprocessing=taps.preprocessing,
+            left_out=grid.untouched(covered),
+            trained_on=trained_on,
+            version=version("solidtouch"),
+            training=tap_digests(used.taps),
+            saturation=settings.limit,
+        )
+        return Fitted(model, posterior, posterior.convergence())
+
+    def _posterior(
+        self, scaled: Taps, used: TapSet, grid: ClassGrid, settings: FitSettings
+    ) -> tuple[Posterior, NDArray[np.float64]]:
+        """The posterior and the basis, which is that of the fast fit by chains too."""
+        posterior = self.closed(scaled)
+        basis = _NO_BASIS if self.basis is None else self.basis(posterior, used, grid, scaled.where)
+        if settings.method == "nuts":
+            posterior = self.sample(scaled, self.arguments(scaled, posterior), settings.seed)
+        return posterior, basis
+
+    def sample(self, taps: Taps, arguments: tuple[Any, ...], seed: int) -> SamplePosterior:
+        """The posterior by NUTS from scaled training taps, given what the story takes beside them."""
+        from .fits import nuts
+
+        shared = {name for name, dims in self.dims.items() if "where" not in dims}
+        trained, over_grid = nuts.trained_only(taps, shared) if self.trained_only else (taps, lambda sites: sites)
+        return nuts.sample_story(
+            self.story, (trained, *arguments), lambda sites: over_grid(self.parameters_of(sites)), seed
+        )
+
+    def parameters_of(self, sites: Sites) -> Sites:
+        """Parameters of all draws, from sites with chain and draw in front."""
+        return {name: sites[name] for name in self.dims} if self.parameters is None else self.parameters(sites)
+
+    def read(
+        self,
+        _: Mapping[str, Any],
+        data: xr.Dataset,
+        parameters: xr.Dataset,
+        common: dict[str, Any],
+    ) -> "ParametricModel":
+        """The model in the groups of a file, see `MeasurementModel.read`."""
+        model = ParametricModel(
+            story=self,
+            scaling=Scaling(data["centre"].values, data["unit"].values),
+            basis=data["basis"].values if "basis" in data else _NO_BASIS,
+            parameters={name: parameters[name].transpose(*dims).values for name, dims in self.dims.items()},
+            covered=data["covered"].values.astype(bool),
+            **common,
+        )
+        _check_parameters(model)
+        if model.covered.shape != model.grid.shape or model.edges.shape[:-1] not in ((), (model.K,)):
+            raise ValueError(f"its covered classes have shape {model.covered.shape}, its edges {model.edges.shape}.")
+        return model
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class ParametricModel(TapModel):
+    """A story at fitted parameters; see `TapModel` for what all have in common.
+
+    Attributes:
+        story: Its story, and what is known of it.
+        grid: The classes.
+        edges: Bin edges, shape (B + 1,) or (K, B + 1).
+        scaling: Units of the parameters.
+        basis: Basis functions at Q places in each where class, shape (Q, L, D), or (0, 0, 0).
+        parameters: With which it decides, as the story names them.
+        covered: Which classes it can speak about, shape (L, M).
+        power: Root of the likelihood in Eq. 1.
+        preprocessing: How the taps were prepared.
+        left_out: Names of the classes that it cannot speak about.
+        trained_on: Which taps trained it, in words.
+        version: Version of this software that fitted it.
+        novelty: None; p-values of new taps need the histogram model.
+        training: Digests of the training taps.
+        states: What all taps of an episode share, see `session`.
+        saturation: How many taps' evidence an episode carries at most.
+    """
+
+    story: Story
+    grid: ClassGrid
+    edges: NDArray[np.float64]
+    scaling: Scaling
+    basis: NDArray[np.float64]
+    parameters: Parameters
+    covered: NDArray[np.bool_]
+    power: str | float
+    preprocessing: Preprocessing
+    left_out: tuple[str, ...] = ()
+    trained_on: str = ""
+    version: str = ""
+    novelty: NoveltyScores | None = None
+    training: NDArray[np.uint64] = field(default_factory=lambda: np.empty(0, np.uint64))
+    states: States = ONE_STATE
+    saturation: float = np.inf
+
+    @property
+    def kind(self) -> str:
+        """Name of its story."""
+        return self.story.name
+
+    @property
+    def K(self) -> int:  # noqa: N802
+        """Number of taxels."""
+        return len(self.scaling.unit)
+
+    @cached_property
+    def trained(self) -> NDArray[np.bool_]:
+        """Which classes it can speak about, shape (L, M)."""
+        return self.covered
+
+    @property
+    def frame(self) -> Measure:
+        """What its form needs beside parameters."""
+        return Measure(self.scaling, self.edges, self.basis)
+
+    @property
+    def dims(self) -> dict[str, tuple[str, ...]]:
+        """Those of its story."""
+        return dict(self.story.dims)
+
+    def groups(self) -> dict[str, xr.Dataset]:
+        """With its parameters and what they are measured in."""
+        groups = super().groups()
+        own: dict[str, Any] = {
+            "centre": ("taxel", self.scaling.centre),
+            "unit": ("taxel", self.scaling.unit),
+            "covered": (("where", "what"), self.covered),
+        }
+        if self.basis.size:
+            own["basis"] = (("place", "where", "basis_function"), self.basis)
+        parameters = {name: (dims, self.parameters[name]) for name, dims in self.dims.items()}
+        return groups | {
+            "constant_data": groups["constant_data"].assign(own),
+            "parameters": xr.Dataset(parameters, self.grid.coords()),
+        }
+
+    @cached_property
+    def plain_form(self) -> Form:
+        """What the parameters mean for bins."""
+        return self.form_of(self.parameters)
+
+    def form_of(self, parameters: Parameters) -> Form:
+        """What other parameters would mean for bins."""
+        return self.story.form(parameters, self.frame)
+
+    def integrated(
+        self,
+        posterior: Any,
+        taps: NDArray[np.floating],
+        own: Own,
+        generator: np.random.Generator,
+        gain: float,
+        offset: float,
+    ) -> NDArray[np.float64]:
+        """By the story where it can, else averaged over draws."""
+        # Taps in the state of gain 1 and offset 0; bins go with them, so probabilities stay those of the same bins.
+        taps, edges = (taps - offset) / gain, (self.edges - offset) / gain
+        if self.story.integrated is not None and not isinstance(posterior, SamplePosterior):
+            return self.story.integrated(posterior, self.frame, Unseen(taps, edges, own), generator)
+        forms = (self.form_of(posterior.draw(generator)) for _ in range(_MANY_DRAWS))
+        return log_mean([form.own(taps, edges, *own) for form in forms])
+
+
+def _check_parameters(model: ParametricModel) -> None:
+    grid, J, K, story = model.grid, model.preprocessing.samples, model.K, model.story
+    _check_array("centre", model.scaling.centre, (K,))
+    _check_array("unit", model.scaling.unit, (K,))
+    sizes = {"where": grid.L, "what": grid.M, "taxel": K, "from_taxel": K, "other_taxel": K, "sample": J}
+    sizes |= {"other_sample": J, "once": 1, "basis": model.basis.shape[2]}
+    for name, dims in story.dims.items():
+        _check_array(name, model.parameters[name], tuple(sizes[dim] for dim in dims))
+    if story.basis is not None:
+        _check_array("basis", model.basis, (len(model.basis), grid.L, model.basis.shape[2]))
+    positive = {"unit": model.scaling.unit} | {name: model.parameters[name] for name in story.positive}
+    for name, values in positive.items():
+        if not (values > 0).all():
+            raise ValueError(f"its {name} is not above 0 everywhere.")
+    for name, dims in story.dims.items():
+        if dims[-1] == f"other_{dims[-2:][0]}" and (np.linalg.eigvalsh(model.parameters[name]) <= 0).any():
+            raise ValueError(f"its {name} is no covariance.")
+
+
+def _check_array(name: str, values: NDArray[np.float64], shape: tuple[int, ...]) -> None:
+    if values.shape != shape or not np.isfinite(values).all():
+        raise ValueError(f"its {name} has shape {values.shape} or is not finite; it should have shape {shape}.")

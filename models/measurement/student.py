@@ -1,0 +1,145 @@
+"""`student`: `gaussian` with heavier tails, fitted by stochastic variational inference."""
+
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .fits.checks import check_cells
+from .fits.convergence import Convergence
+from .fits.priors import Taps
+from .likelihood.forms import TableForm
+from .likelihood.masses import log_student_mass
+from .likelihood.shapes import Measure, Parameters, standardised
+from .model import Row
+from .scaling import Moments
+from .story import Story
+
+_STEPS, _RATE, _RUNS = 600, 0.03, 5  # steps of a run, its first rate, and runs at most
+_WINDOW = 50  # steps over which losses are averaged
+_STILL = 0.5  # nats per tap between two windows
+_SITES = ("freedom", "level", "scale")
+
+
+def story(taps: Taps) -> None:
+    """As `gaussian` with heavier tails: Student's t, its degrees of freedom shared by all classes of a taxel.
+
+    Locations are normal and scales log-normal around what is typical of the taxel; the classes share the width of both.
+    No scale counts for less than `taps.least`, as a taxel at rest would have an unbounded density.
+    """
+    from .fits.story_parts import dist, jnp, numpyro
+
+    (L, M), (N, J, K) = taps.shape, taps.samples.shape
+    with numpyro.plate("K", K, dim=-1):
+        freedom: Any = numpyro.sample("freedom", dist.Gamma(2.0, 0.1))
+        spread: Any = numpyro.sample("spread", dist.HalfCauchy(5.0))
+        typical: Any = numpyro.sample("typical", dist.Normal(0.0, 2.0))
+        variety: Any = numpyro.sample("variety", dist.HalfNormal(1.0))
+        with numpyro.plate("L", L, dim=-4), numpyro.plate("M", M, dim=-3):
+            level: Any = numpyro.sample("level", dist.Normal(0.0, spread))
+            scale: Any = numpyro.sample("scale", dist.LogNormal(typical, variety))
+    own = taps.where, taps.what
+    with numpyro.plate("tap", N, dim=-3), numpyro.plate("J", J, dim=-2), numpyro.plate("taxel", K, dim=-1):
+        numpyro.sample(
+            "sample", dist.StudentT(freedom, level[own], jnp.maximum(scale[own], taps.least)), obs=taps.samples
+        )
+
+
+class StudentPosterior(NamedTuple):
+    """Normal posterior of the unconstrained parameters, all independent.
+
+    Attributes:
+        expected: Medians by name.
+        guide: NumPyro's guide.
+        state: Its parameters.
+        rounds: Steps taken.
+        change: Change of the mean loss between the last two windows of steps, in nats per tap.
+        loss: Negative lower bound of the evidence after each step.
+    """
+
+    expected: dict[str, NDArray[np.float64]]
+    guide: Any
+    state: Any
+    rounds: int
+    change: float
+    loss: NDArray[np.float64]
+
+    def point(self) -> dict[str, NDArray[np.float64]]:
+        """Medians."""
+        return self.expected
+
+    def convergence(self) -> Convergence:
+        """Whether the loss stands still."""
+        sentence = (
+            f"Variational inference, {self.rounds} steps; the mean loss of the last {_WINDOW} differs by "
+            f"{self.change:.2g} nats per tap from that of the {_WINDOW} before (at most {_STILL:g})."
+        )
+        fine = bool(np.isfinite(self.loss[-1]) and self.change <= _STILL)
+        return Convergence(fine, sentence, {"loss": self.loss, "change": np.array(self.change)})
+
+    def draw(self, generator: np.random.Generator) -> dict[str, NDArray[np.float64]]:
+        """Parameters from the posterior."""
+        import jax
+
+        key = jax.random.key(int(generator.integers(2**31)))
+        drawn: Any = self.guide.sample_posterior(key, self.state)
+        return {name: np.asarray(drawn[name], dtype=np.float64) for name in _SITES}
+
+
+def fit(taps: Taps) -> StudentPosterior:
+    """Variational posterior of `story`."""
+    import jax
+    import jax.numpy as jnp
+    from numpyro.infer import SVI, Trace_ELBO
+    from numpyro.infer.autoguide import AutoNormal
+    from numpyro.infer.initialization import init_to_value
+    from numpyro.optim import Adam
+
+    guide = AutoNormal(story, init_loc_fn=init_to_value(values=jax.tree.map(jnp.asarray, _start(taps))))
+    # In every run the rate falls to a fiftieth.
+    svi = SVI(story, guide, Adam(lambda step: _RATE * 0.02 ** ((step % _STEPS) / _STEPS)), Trace_ELBO())
+    data: Any = taps._replace(samples=jnp.asarray(taps.samples, dtype=jnp.float32))
+    state, losses, change = None, [], np.inf
+    while change > _STILL and len(losses) < _RUNS:
+        result = svi.run(jax.random.key(0), _STEPS, data, progress_bar=False, init_state=state)
+        state = result.state
+        losses.append(np.asarray(result.losses, dtype=np.float64) / len(taps.where))
+        change = float(abs(losses[-1][-_WINDOW:].mean() - losses[-1][-2 * _WINDOW : -_WINDOW].mean()))
+    params = svi.get_params(state)
+    median: Any = guide.median(params)
+    expected = {name: np.asarray(median[name], dtype=np.float64) for name in _SITES}
+    return StudentPosterior(expected, guide, params, _STEPS * len(losses), change, np.concatenate(losses))
+
+
+def _start(taps: Taps) -> dict[str, NDArray[np.float64]]:
+    """Where the search begins: moments of each class and taxel."""
+    moments, J = Moments.of(taps), taps.samples.shape[1]
+    level = moments.mean.mean(axis=2, keepdims=True)
+    square = (moments.square + moments.taps[..., None, None] * (moments.mean - level) ** 2).sum(axis=2, keepdims=True)
+    used = np.maximum(J * moments.taps, 1)[..., None, None]
+    scale = np.where(moments.taps[..., None, None] > 0, np.sqrt(square / used) + 0.05, 1.0)
+    return {"level": level, "scale": 0.7 * scale, "freedom": np.full(level.shape[-1], 4.0)}
+
+
+def form(parameters: Parameters, frame: Measure) -> TableForm:
+    """`story` on the bins."""
+    lower, upper = standardised(parameters["level"], parameters["scale"], frame)
+    return TableForm(log_student_mass(lower, upper, parameters["freedom"][:, None]))
+
+
+MODEL = Story(
+    name="student",
+    row=Row("bins", "Student's t per class and taxel, for heavier tails"),
+    story=story,
+    dims={
+        "level": ("where", "what", "once", "taxel"),
+        "scale": ("where", "what", "once", "taxel"),
+        "freedom": ("taxel",),
+    },
+    positive=("scale", "freedom"),
+    exchangeable=True,
+    check=check_cells,
+    closed=fit,
+    form=form,
+    own_threads=True,
+)
