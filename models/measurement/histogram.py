@@ -388,9 +388,9 @@ class _Histogram(NamedTuple):
         shape = model.counts.shape
         fits = len(shape) == 4 and model.edges.shape in ((shape[3] + 1,), (shape[2], shape[3] + 1))
         if not fits or shape[:2] != model.grid.shape:
-            raise ValueError(f"its counts have shape {shape}, its edges {model.edges.shape}.")
+            raise ValueError(f"counts have shape {shape}, edges {model.edges.shape}.")
         if (model.counts < 0).any():
-            raise ValueError("its counts are below 0.")
+            raise ValueError("counts are negative.")
         return model
 
 

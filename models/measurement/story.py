@@ -180,7 +180,7 @@ class Story:
         )
         _check_parameters(model)
         if model.covered.shape != model.grid.shape or model.edges.shape[:-1] not in ((), (model.K,)):
-            raise ValueError(f"its covered classes have shape {model.covered.shape}, its edges {model.edges.shape}.")
+            raise ValueError(f"covered classes have shape {model.covered.shape}, edges {model.edges.shape}.")
         return model
 
 
@@ -305,12 +305,12 @@ def _check_parameters(model: ParametricModel) -> None:
     positive = {"unit": model.scaling.unit} | {name: model.parameters[name] for name in story.positive}
     for name, values in positive.items():
         if not (values > 0).all():
-            raise ValueError(f"its {name} is not above 0 everywhere.")
+            raise ValueError(f"{name} is not above 0 everywhere.")
     for name, dims in story.dims.items():
         if dims[-1] == f"other_{dims[-2:][0]}" and (np.linalg.eigvalsh(model.parameters[name]) <= 0).any():
-            raise ValueError(f"its {name} is no covariance.")
+            raise ValueError(f"{name} is not a covariance.")
 
 
 def _check_array(name: str, values: NDArray[np.float64], shape: tuple[int, ...]) -> None:
     if values.shape != shape or not np.isfinite(values).all():
-        raise ValueError(f"its {name} has shape {values.shape} or is not finite; it should have shape {shape}.")
+        raise ValueError(f"{name} is not finite or has shape {values.shape} instead of {shape}.")
