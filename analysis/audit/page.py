@@ -1,7 +1,6 @@
 """The folder of an audit: figures, `audit.json`, the page, and the chosen setting with its model."""
 
 from collections.abc import Iterator, Sequence
-from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -60,10 +59,9 @@ def chosen_setting(audit: Audit, summary: Row) -> Setting:
     chosen = chosen_remedy(audit, summary)
     note = f"{summary['title']}: {chosen.title}. {chosen.how}".strip()
     if audit.target is not None and audit.target.reachable:
-        return replace(
-            chosen.setting, threshold=audit.target.chosen.theta, note=f"{note} {audit.target.sentence}".strip()
-        )
-    return replace(chosen.setting, note=note)
+        note = f"{note} {audit.target.sentence}".strip()
+        return chosen.setting.changed(threshold=audit.target.chosen.theta, note=note)
+    return chosen.setting.changed(note=note)
 
 
 def audit_page(audit: Audit, summary: Row) -> Page:

@@ -1,7 +1,6 @@
 """The paper end to end: data sets through the experiment, then figures, tables and the report in one folder."""
 
 from collections.abc import Sequence
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -89,7 +88,7 @@ def _run(request: Request, clock: StageClock) -> Results:
     with clock.stage("Playing trials", planned(grid, settings, resamples) * len(folds)) as advance:
         # Data sets must not share random numbers, or their spread would miss the sampling of trials.
         studies = [
-            study(fold, grid, replace(settings, seed=data_set_seed(settings.seed, d)), advance, resamples)
+            study(fold, grid, settings.changed(seed=data_set_seed(settings.seed, d)), advance, resamples)
             for d, fold in enumerate(folds)
         ]
     first = studies[0]

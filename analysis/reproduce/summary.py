@@ -1,7 +1,6 @@
 """A run in words and numbers: `summary.json` and `results.nc`."""
 
 from collections.abc import Sequence
-from dataclasses import asdict
 from importlib.metadata import version
 from typing import Any
 
@@ -44,7 +43,7 @@ def summarise(request: Request, results: Results) -> dict[str, Any]:
         "model": settings.model,
         "seed": settings.seed,
         "data_sets": [part.name for part in results.studies],
-        "options": asdict(settings) | {"fixation": results.fixation, "data_sets": len(results.studies)},
+        "options": _options(settings) | {"fixation": results.fixation, "data_sets": len(results.studies)},
         "data": _sources(request),
         "split": {
             "method": request.split.method,
@@ -75,6 +74,21 @@ def summarise(request: Request, results: Results) -> dict[str, Any]:
         "warnings": _warnings(request, results),
         "skipped": _skipped(grid),
         "elapsed_s": results.elapsed_s,
+    }
+
+
+def _options(settings: ExperimentSettings) -> dict[str, Any]:
+    """What was asked for, by the names of the command line."""
+    fit = ("bins", "pseudocount", "power", "value_range", "saturation")
+    return {
+        "trials": settings.trials,
+        "thresholds": settings.thresholds,
+        **{name: getattr(settings.play, name) for name in ("theta_x", "fixation", "border", "deadline")},
+        **{name: getattr(settings.fit, name) for name in fit},
+        "seed": settings.seed,
+        "model": settings.model,
+        "unconverged": settings.fit.unconverged,
+        "shown_theta": settings.play.threshold,
     }
 
 

@@ -7,7 +7,6 @@ of many and so a little too good.
 """
 
 from collections.abc import Callable
-from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -166,8 +165,7 @@ def learned_setting(learner: Learner, setting: Setting) -> Setting:
         InputError: It has been told of less than two episodes.
     """
     arm = recommended(learner)
-    return replace(
-        setting,
+    return setting.changed(
         fixation=int(learner.fixation[arm]),
         threshold=float(learner.theta[arm]),
         passive=False,
