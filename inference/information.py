@@ -118,7 +118,7 @@ def information(outcomes: TapOutcomes, beliefs: ArrayLike, about: About = "joint
         InputError: The beliefs are of other classes than the taps, or `about` is unknown.
     """
     if about not in ABOUT:
-        raise InputError(f"Information is about {', '.join(ABOUT)}, got {about!r}.")
+        raise InputError(f"about must be one of {', '.join(ABOUT)}, got {about!r}.")
     beliefs = np.asarray(beliefs, dtype=np.float64)
     L, M, N = outcomes.given.shape
     if beliefs.shape[-2:] != (L, M):

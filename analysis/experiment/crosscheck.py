@@ -148,7 +148,7 @@ def crosscheck(
     generator = seeds.generator(seed, seeds.Purpose.EPISODES)
     names = ("numpy", "numpyro", "filter") if border in KERNEL_BORDERS else ("numpy", "filter")
     engines = [make_engine(name, model, border) for name in names]
-    notes = [] if len(names) == 3 else [f"Border {border} is no Markov kernel, so the NumPyro routes were left out."]
+    notes = [] if len(names) == 3 else [f"Border {border} is not a Markov kernel, so the NumPyro routes were left out."]
     comparison = _Comparison(model.grid.M)
     comparison.add_story(model, taps)
     raw = None if train is None else _raw_filter(model, train, settings or ExperimentSettings(), border, notes)

@@ -69,4 +69,4 @@ def check_settings(settings: ExperimentSettings, grid: ClassGrid) -> None:
         raise InputError(f"--thresholds must be numbers from 0 to 1, got {settings.thresholds}.")
     _, in_states = split_name(settings.model)
     if in_states and settings.play.border == "prior":
-        raise InputError("--border prior does not go with a model that carries a state; uniform does.")
+        raise InputError("border 'prior' does not support models that carry a state; use 'uniform'.")

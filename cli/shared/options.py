@@ -188,19 +188,24 @@ def spelled_out(command: Callable[..., None]) -> Callable[..., None]:
             for field, option in fields.options.items()
         ]
 
+    parameters.sort(key=lambda parameter: parameter.default is not parameter.empty)
+    signature = inspect.Signature(parameters)
+
     @wraps(command)
-    def spelled(**values: Any) -> None:
+    def spelled(*positional: Any, **named: Any) -> None:
+        bound = signature.bind(*positional, **named)
+        bound.apply_defaults()
+        values = dict(bound.arguments)
         for name, (default, options) in records.items():
             try:
                 values[name] = default.changed(**{field: values.pop(field) for field in options})
             except SettingError as error:
                 option = options[error.name].__metadata__[0]
-                named = option.param_decls or (option.default,)  # where Typer looks for the name in an annotation
-                raise InputError(f"{named[0]} {error.problem}") from None
+                names = option.param_decls or (option.default,)  # where Typer looks for the name in an annotation
+                raise InputError(f"{names[0]} {error.problem}") from None
         command(**values)
 
-    parameters.sort(key=lambda parameter: parameter.default is not parameter.empty)
-    spelled.__signature__ = inspect.Signature(parameters)  # type: ignore[attr-defined]
+    spelled.__signature__ = signature  # type: ignore[attr-defined]
     spelled.__annotations__ = {parameter.name: parameter.annotation for parameter in parameters}
     del spelled.__wrapped__
     return spelled

@@ -33,7 +33,7 @@ IN_GRID = {
         'model = ["profile", "session:profile"]\nborder = ["clamp", "prior"]',
         "grid.border: prior does not go with session:profile",
     ),
-    "a power learned from no tap": ('power = ["learned:0"]', "grid.power: A power to be learned is"),
+    "a power learned from no tap": ('power = ["learned:0"]', "grid.power: The power must be learned, or learned:"),
     "an unknown border": ('border = ["open"]', "grid.border"),
     "an unknown policy": ('policy = ["lazy"]', "grid.policy: it must be passive, active or a number"),
     "theta_X beyond 1": ("policy = [1.5]", "grid.policy"),
