@@ -190,7 +190,7 @@ def test_what_was_learned_is_kept_when_it_is_interrupted(make_taps, recorded, tm
     [
         (("--cost-error", -1), "cost of an error must be a number of taps, 0 to 1e+09"),
         (("--target-error", 2), "wanted error must lie between 0 and 1"),
-        (("--theta", 1.5), "threshold must be a number from 0 to 1"),
+        (("--theta", 1.5), "--theta must be a number from 0 to 1"),
         (("--rig", "simulated"), "--rig goes with --online only"),
         (("--state", "s.json"), "--state goes with --online only"),
         (("--online", 9, "--target-error", 0.1), "does not go with --online"),

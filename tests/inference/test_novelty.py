@@ -186,7 +186,7 @@ def test_damaged_scores_are_refused(calibrated, tmp_path, name, value):
     tree["constant_data"][name][0] = value
     tree.to_netcdf(tmp_path / "bad.nc", engine="h5netcdf")
 
-    with pytest.raises(InputError, match=r"bad\.nc is damaged: its novelty scores"):
+    with pytest.raises(InputError, match=r"bad\.nc: damaged: novelty scores"):
         load_model(tmp_path / "bad.nc")
 
 

@@ -241,7 +241,7 @@ def test_scores_after_contacts_are_of_beliefs_as_they_are_read(models, taps):
 
 @pytest.mark.parametrize("saturation", [0.0, -1.0, np.nan])
 def test_what_is_no_number_of_taps_is_refused(models, taps, plan, saturation):
-    message = "The saturation must be a positive number of taps"
+    message = "saturation must be a positive number of taps"
     with pytest.raises(InputError, match=message):
         replace(models["session"], saturation=saturation)
     with pytest.raises(InputError, match=message):

@@ -130,9 +130,9 @@ def wider(samples, bins, value_range):
     return np.linspace(low - 0.01 * (high - low), high, bins + 1)
 
 
-def of_mixed_axes(samples, edges, where, what, shape):
+def of_mixed_axes(samples, edges, own, shape):
     """Counts as if classes were stored objects first."""
-    right = RIGHT_COUNTS(samples, edges, where, what, shape)
+    right = RIGHT_COUNTS(samples, edges, own, shape)
     return right.swapaxes(0, 1).reshape(right.shape)
 
 
