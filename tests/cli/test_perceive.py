@@ -427,7 +427,7 @@ def test_evidence_saturates_live(command, fine, engine):
 def test_options_come_from_a_setting(command, fine, tmp_path):
     """Threshold, moves, deadline and border are as with options on the command line, which win over it."""
     file = tmp_path / "setting.json"
-    setting = Setting(
+    setting = Setting.of(
         power=0.03,
         saturation=3.0,
         where_cell="0.5mm",

@@ -109,7 +109,7 @@ def test_a_setting_is_reproduced(command, tmp_path, make_taps):
     taps = make_taps(L=4, repeats=9, where_edges=[-0.75, 0.75, 2.25, 3.75, 5.25])
     where = taps.where + 1.5 * (np.random.default_rng(0).random(len(taps)) - 0.5)
     type(taps)(taps.dataset.assign_coords(where=("tap", where, {"units": "mm"}))).save(tmp_path / "taps.nc")
-    setting = Setting(
+    setting = Setting.of(
         model="gaussian",
         power=0.2,
         saturation=1.5,
@@ -172,7 +172,7 @@ def test_a_broken_setting_is_named(command, tmp_path):
     done = command("reproduce", "--setting", tmp_path / "setting.json", "--out", tmp_path / "run")
 
     assert done.code == 2
-    assert "setting.json is no whole setting: the key model is missing" in done.err
+    assert "setting.json: missing key 'model'" in done.err
     assert not (tmp_path / "run").exists()
 
 

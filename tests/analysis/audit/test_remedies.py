@@ -50,7 +50,9 @@ def test_every_remedy_changes_one_thing(made):
     assert told == count_remedies()
     changes = {
         remedy.name: {
-            name for name, value in vars(remedy.setting).items() if name != "note" and value != getattr(SETTING, name)
+            name
+            for name, value in remedy.setting.values().items()
+            if name != "note" and value != SETTING.values()[name]
         }
         for remedy in remedies
     }
@@ -80,7 +82,7 @@ def test_the_finer_grid_has_twice_as_many_positions(made):
 
 def test_a_fixation_point_stays_where_it_is(sessions):
     """On the finer grid it has another index; in measurements it is the setting's, not the middle."""
-    at_end = replace(SETTING, fixation=3)
+    at_end = SETTING.changed(fixation=3)
     grid = sessions[0].grid()
     remedies, _ = make_remedies(sessions[0], [sessions[1]], grid, at_end, TAPS, 0, lambda _: None)
     assert [remedy.setting.play.fixation for remedy in remedies] == [3] * 6 + [6]
@@ -254,7 +256,7 @@ def test_what_is_lost_is_the_gain_of_the_best(measured):
 
 def test_a_passive_setting_is_measured_passive(made, sessions):
     base = made[0][0]
-    passive = base._replace(setting=replace(SETTING, passive=True))
+    passive = base._replace(setting=SETTING.changed(passive=True))
     assert measure([passive], sessions[2], TAPS, 100, 0, lambda _: None).policy == "passive"
 
 

@@ -129,7 +129,7 @@ def test_other_roots_have_the_strategies_that_are_trusted_most(study):
 
 def test_the_same_seed_gives_the_same_numbers_on_any_number_of_threads(bench):
     """And another seed gives others."""
-    few = SETTINGS.changed(strategies=("random", BASE, "info-what"), trials=50)
+    few = replace(SETTINGS, strategies=("random", BASE, "info-what"), trials=50)
     small = bench._replace(folds=2, powers=("J",))
     one, two, other = (
         summarise([strategy_study(small, one, no_progress)], few, DESCRIBED)["sources"]
@@ -219,7 +219,7 @@ def test_interrupted_data_sets_do_not_go_on(bench):
         return advance
 
     with pytest.raises(KeyboardInterrupt):
-        strategy_study(bench, SETTINGS.changed(workers=2), progress)
+        strategy_study(bench, replace(SETTINGS, workers=2), progress)
     assert len(played) <= 2
 
 
@@ -297,7 +297,7 @@ def test_recordings_are_compared_over_sessions_or_resampled_taps(make_taps, tmp_
     two, three = (recorded_bench(tmp_path / f"{sessions}.nc") for sessions in (2, 3))
     assert (two.folds, two.resamples, two.powers) == (1, RESAMPLES, ("J", "none"))
     assert (three.folds, three.resamples, three.powers) == (3, 0, ("J", "learned", "none"))
-    few = SETTINGS.changed(strategies=("random", BASE))
+    few = replace(SETTINGS, strategies=("random", BASE))
     summary = summarise([strategy_study(two, few, no_progress)], few, DESCRIBED)
     assert equal(summary, FIXED, "random")[0]["way_low"] > 0
 
