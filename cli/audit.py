@@ -1,9 +1,6 @@
 """`solidtouch audit`: is the naive-Bayes assumption wrong here, what does it cost, and what to do."""
 
-import shlex
-import sys
 from collections.abc import Sequence
-from datetime import datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -13,6 +10,7 @@ from ..models.errors import InputError
 from ..models.settings import FitSettings, PlaySettings
 from .shared.interrupt import loading
 from .shared.options import Exponent, Fields, Force, Seed, TrainingTaps, WhatCell, WhereCell, spelled_out
+from .shared.report import command_line, report_folder, show_report
 
 if TYPE_CHECKING:
     from ..analysis.audit.parts import AuditParts
@@ -70,22 +68,17 @@ def audit(
         if value is not None and not 0 < value < 1:
             raise InputError(f"{name} must lie between 0 and 1, got {value}.")
     with loading():
-        from rich.console import Console
-
         from ..analysis.audit.page import chosen_setting, write_audit
         from ..analysis.audit.parts import load_parts
         from ..analysis.audit.run import AuditSettings
         from ..analysis.audit.run import audit as run
         from ..analysis.audit.summary import summarise
-        from ..analysis.page.terminal import show
         from ..inference.moves.control import check_fixation
         from ..models.measurement.histogram import trim
         from ..models.setting_file import Setting
-        from ..models.storage import check_folder
     from .shared.progress import bars
 
-    folder = out or Path("runs") / f"{datetime.now().astimezone():%Y-%m-%d-%H%M%S}-audit"
-    check_folder(folder, force)
+    folder = report_folder(out, force, "audit")
     parts, grid = load_parts(files, where_cell, what_cell, training_taps)
     grid, dropped = trim(grid, [parts.train])
     check_fixation(play.fixation, grid.L)
@@ -101,8 +94,7 @@ def audit(
     with bars() as progress:
         found = run(parts, grid, settings, progress)
     summary = summarise(found, settings, _about(files, parts, dropped, found.unused))
-    show(write_audit(folder, found, summary, chosen_setting(found, summary), force), Console())
-    print(f"The report is {folder / 'report.html'}")
+    show_report(write_audit(folder, found, summary, chosen_setting(found, summary), force), folder)
 
 
 def _about(files: list[Path], parts: "AuditParts", dropped: Sequence[str], unused: int) -> dict[str, Any]:
@@ -115,7 +107,7 @@ def _about(files: list[Path], parts: "AuditParts", dropped: Sequence[str], unuse
         warnings.append(f"{unused} measuring taps of classes without a training tap were left out.")
     return {
         "title": f"Audit of the naive-Bayes assumption: {', '.join(path.name for path in files)}",
-        "command": shlex.join(["solidtouch", *sys.argv[1:]]),
+        "command": command_line(),
         "files": {
             "Training taps": len(parts.train),
             "tuning taps": sum(map(len, parts.tune)),

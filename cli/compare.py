@@ -1,9 +1,6 @@
 """`solidtouch compare`: measurement models side by side, by taps, classes and decisions."""
 
-import shlex
-import sys
 from collections.abc import Sequence
-from datetime import datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -13,6 +10,7 @@ from ..models.errors import InputError
 from ..models.settings import Division, FitSettings, PlaySettings
 from .shared.interrupt import loading
 from .shared.options import DIVIDED, FITTING, Data, Fields, Force, Seed, parse_thresholds, spelled_out
+from .shared.report import command_line, report_folder, show_report
 
 if TYPE_CHECKING:
     from ..models.grid import ClassGrid
@@ -44,23 +42,18 @@ def compare(
     if 0 < draws < _FEWEST_DRAWS:
         raise InputError(f"--draws must be 0, or {_FEWEST_DRAWS} or more to look at tails, got {draws}.")
     with loading():
-        from rich.console import Console
-
         from ..analysis.compare.page import write_comparison
         from ..analysis.compare.run import CompareSettings
         from ..analysis.compare.run import compare as run
         from ..analysis.compare.summary import summarise
-        from ..analysis.page.terminal import show
         from ..inference.moves.control import check_fixation
         from ..inference.trials.run import THRESHOLDS
         from ..models.experiment import load_experiment
         from ..models.measurement.histogram import trim
-        from ..models.storage import check_folder
     from .shared.progress import bars
 
     names = _names(models)
-    folder = out or Path("runs") / f"{datetime.now().astimezone():%Y-%m-%d-%H%M%S}-compare"
-    check_folder(folder, force)
+    folder = report_folder(out, force, "compare")
     parts, grid = load_experiment(data, division)
     if len(parts.folds) != 1:
         raise InputError(
@@ -83,8 +76,7 @@ def compare(
     with bars() as progress:
         comparison = run(fold.train, fold.test, grid, settings, progress)
     summary = summarise(comparison, settings, _described(data, parts, grid, dropped, comparison.test_taps))
-    show(write_comparison(folder, comparison, summary, force), Console())
-    print(f"The report is {folder / 'report.html'}")
+    show_report(write_comparison(folder, comparison, summary, force), folder)
 
 
 def _names(models: str) -> tuple[str, ...]:
@@ -121,7 +113,7 @@ def _described(
         warnings += fold_suspicions(fold, grid, one_file=len(data) == 1)
     return {
         "title": f"Measurement models compared: {', '.join(path.name for path in data)}",
-        "command": shlex.join(["solidtouch", *sys.argv[1:]]),
+        "command": command_line(),
         "what_was_run": [
             f"Every model was fitted to {len(fold.train)} training taps and judged on {test_taps} test taps. "
             + parts.description

@@ -1,8 +1,5 @@
 """`solidtouch reproduce`: the paper's experiment, from taps to the report."""
 
-import shlex
-import sys
-from datetime import datetime
 from pathlib import Path
 from typing import Annotated
 
@@ -26,6 +23,7 @@ from .shared.options import (
     parse_thresholds,
     spelled_out,
 )
+from .shared.report import command_line, report_folder, show_report
 
 _QUICK_DATA_SETS, _DATA_SETS = 4, 12
 _QUICK_TRIALS, _TRIALS = 250, 1000
@@ -76,17 +74,13 @@ def reproduce(
             raise InputError(f"{option} goes with {'simulated' if files else 'recorded'} taps only.")
     preset = preset or "paper"
     with loading():
-        from rich.console import Console
-
         from ..analysis.experiment.settings import ExperimentSettings
-        from ..analysis.page.terminal import show
         from ..analysis.reproduce.results import Request
         from ..analysis.reproduce.run import reproduce as run
         from ..analysis.reproduce.run import simulated_split
         from ..inference.trials.run import THRESHOLDS
         from ..models.experiment import load_experiment
         from ..models.setting_file import load_setting
-    from ..models.storage import check_folder
     from .shared.progress import bars
 
     read = None if setting is None else load_setting(setting)
@@ -104,8 +98,7 @@ def reproduce(
     )
     if thresholds is not None:
         settings = settings.changed(thresholds=parse_thresholds(thresholds))
-    folder = out or Path("runs") / datetime.now().astimezone().strftime("%Y-%m-%d-%H%M%S")
-    check_folder(folder, force)
+    folder = report_folder(out, force)
     with bars() as progress:
         if files:
             parts, grid = load_experiment(files, division)
@@ -118,7 +111,7 @@ def reproduce(
             settings,
             simulated=None if files else preset,
             files=tuple(Path(file).name for file in files),
-            command=shlex.join(["solidtouch", *sys.argv[1:]]),
+            command=command_line(),
             episodes=4 if quick else 10,
             sequence_taps=8 if quick else 20,
         )
@@ -127,7 +120,6 @@ def reproduce(
         print(f"Setting: {read.note}")
     if settings.model != PAPER:
         print(f"Model {settings.model}")
-    show(page, Console())
-    print(f"The report is {folder / 'report.html'}")
+    show_report(page, folder)
     if not summary["crosscheck"]["passed"]:
         raise typer.Exit(1)

@@ -1,8 +1,5 @@
 """`solidtouch sensitivity`: what each choice that the paper leaves open is worth."""
 
-import shlex
-import sys
-from datetime import datetime
 from pathlib import Path
 from typing import Annotated
 
@@ -11,6 +8,7 @@ from typer import Argument, Option
 from ..models.errors import InputError
 from .shared.interrupt import loading
 from .shared.options import Force, Seed, TrainingTaps, WhatCell, WhereCell, Workers
+from .shared.report import command_line, report_folder, show_report
 
 _FEWEST_TRIALS, _QUICK_DATA_SETS, _QUICK_TRIALS = 50, 4, 300
 
@@ -56,25 +54,19 @@ def sensitivity(
                 f"{option} {width} divides recorded taps, and no file is given; simulated ones keep theirs."
             )
     with loading():
-        from rich.console import Console
-
         from ..analysis.experiment.sources import recorded_source, simulated_source
-        from ..analysis.page.terminal import show
         from ..analysis.sensitivity.page import write_sensitivity
         from ..analysis.sensitivity.run import SensitivitySettings
         from ..analysis.sensitivity.run import sensitivity as run
         from ..analysis.sensitivity.summary import summarise
-        from ..models.storage import check_folder
     from .shared.progress import bars
 
-    folder = out or Path("runs") / f"{datetime.now().astimezone():%Y-%m-%d-%H%M%S}-sensitivity"
-    check_folder(folder, force)
+    folder = report_folder(out, force, "sensitivity")
     sources = [simulated_source(preset, data_sets, seed)] if data_sets else []
     sources += [recorded_source(path, where_cell, what_cell, training_taps) for path in files or ()]
     settings = SensitivitySettings(trials=trials, seed=seed, strongest=strongest, workers=workers)
     with bars() as progress:
         studies = [run(source, settings, progress) for source in sources]
     title = "What the open choices of the paper are worth"
-    summary = summarise(studies, settings, {"title": title, "command": shlex.join(["solidtouch", *sys.argv[1:]])})
-    show(write_sensitivity(folder, summary, force), Console())
-    print(f"The report is {folder / 'report.html'}")
+    summary = summarise(studies, settings, {"title": title, "command": command_line()})
+    show_report(write_sensitivity(folder, summary, force), folder)

@@ -1,8 +1,5 @@
 """`solidtouch strategies`: how to move and when to stop, compared on the same trials."""
 
-import shlex
-import sys
-from datetime import datetime
 from pathlib import Path
 from typing import Annotated
 
@@ -11,6 +8,7 @@ from typer import Argument, Option
 from ..models.errors import InputError
 from .shared.interrupt import loading
 from .shared.options import Force, Seed, TrainingTaps, WhatCell, WhereCell, Workers
+from .shared.report import command_line, report_folder, show_report
 
 _FEWEST_TRIALS, _QUICK_DATA_SETS, _QUICK_TRIALS = 50, 3, 50
 
@@ -72,20 +70,15 @@ def strategies(
     if len(set(names)) < len(names):
         raise InputError(f"--presets names one twice: {presets}.")
     with loading():
-        from rich.console import Console
-
-        from ..analysis.page.terminal import show
         from ..analysis.strategies.data import recorded_bench, simulated_bench
         from ..analysis.strategies.page import write_strategies
         from ..analysis.strategies.regret import QUICK_TRIALS, TRIALS, RegretSettings, regret_study
         from ..analysis.strategies.regret_summary import summarise_regret
         from ..analysis.strategies.run import StrategySettings, strategy_study
         from ..analysis.strategies.summary import summarise
-        from ..models.storage import check_folder
     from .shared.progress import bars
 
-    folder = out or Path("runs") / f"{datetime.now().astimezone():%Y-%m-%d-%H%M%S}-strategies"
-    check_folder(folder, force)
+    folder = report_folder(out, force, "strategies")
     benches = [simulated_bench(name, data_sets, seed) for name in names]
     benches += [recorded_bench(path, where_cell, what_cell, training_taps) for path in files or ()]
     settings = StrategySettings(trials=trials, seed=seed, workers=workers)
@@ -94,7 +87,6 @@ def strategies(
         regrets = RegretSettings(QUICK_TRIALS if quick else TRIALS, seed, workers)
         lost = summarise_regret(regret_study(regrets, progress), regrets) if regret else None
     title = "How to move and when to stop"
-    command = shlex.join(["solidtouch", *sys.argv[1:]])
+    command = command_line()
     summary = summarise(studies, settings, {"title": title, "command": command}, lost)
-    show(write_strategies(folder, summary, force), Console())
-    print(f"The report is {folder / 'report.html'}")
+    show_report(write_strategies(folder, summary, force), folder)

@@ -6,9 +6,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from ...models.setting_file import Setting
-from ...models.storage import complete_folder
 from ..page.figure_confusion import confusion
-from ..page.html import write_page
+from ..page.html import write_report
 from ..page.numbers import bounded, factor, interval, number, percent
 from ..page.page import Block, Brief, Cautions, Listing, Note, Page, Picture, Row, Section, Table, Verbatim
 from . import figures, figures_reliability
@@ -40,12 +39,12 @@ def write_audit(folder: Path, audit: Audit, summary: Row, setting: Setting, forc
     Raises:
         InputError: The folder cannot be written.
     """
-    page = audit_page(audit, summary)
-    with complete_folder(folder, force) as temporary:
-        write_page(temporary, page, summary, "audit.json")
-        setting.save(temporary / "setting.json")
-        chosen_remedy(audit, summary).model.save(temporary / "model.nc")
-    return page
+
+    def keep(to: Path) -> None:
+        setting.save(to / "setting.json")
+        chosen_remedy(audit, summary).model.save(to / "model.nc")
+
+    return write_report(folder, audit_page(audit, summary), summary, "audit.json", force, keep)
 
 
 def chosen_remedy(audit: Audit, summary: Row) -> Remedy:

@@ -7,8 +7,7 @@ from pathlib import Path
 import numpy as np
 import xarray as xr
 
-from ...models.storage import complete_folder
-from ..page.html import write_page
+from ..page.html import write_report
 from ..page.numbers import bounded, in_brackets, interval, number, percent
 from ..page.page import Block, Brief, Cautions, Listing, Note, Page, Picture, Row, Section, Table, Verbatim
 from . import figures, figures_taps
@@ -27,11 +26,12 @@ def write_comparison(folder: Path, comparison: Comparison, summary: Row, force: 
     Raises:
         InputError: The folder cannot be written.
     """
-    page = comparison_page(comparison, summary)
-    with complete_folder(folder, force) as temporary:
-        comparison_tree(comparison, summary).to_netcdf(temporary / "compare.nc", engine="h5netcdf")
-        write_page(temporary, page, summary, "summary.json")
-    return page
+    tree = comparison_tree(comparison, summary)
+
+    def keep(to: Path) -> None:
+        tree.to_netcdf(to / "compare.nc", engine="h5netcdf")
+
+    return write_report(folder, comparison_page(comparison, summary), summary, "summary.json", force, keep)
 
 
 def comparison_tree(comparison: Comparison, summary: Row) -> xr.DataTree:

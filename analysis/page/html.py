@@ -10,6 +10,7 @@ from typing import Any, NamedTuple
 from jinja2 import Environment, StrictUndefined
 from markupsafe import Markup
 
+from ...models.storage import complete_folder
 from .figure_style import PNG_DPI, save
 from .page import Page, Picture, spans
 
@@ -46,6 +47,33 @@ def write_page(
     text = json.dumps(summary, indent=1, allow_nan=False, ensure_ascii=False) + "\n"
     (folder / name).write_text(text, encoding="utf-8")
     (folder / "report.html").write_text(render_page(page, images), encoding="utf-8")
+
+
+def write_report(
+    folder: Path,
+    page: Page,
+    summary: Mapping[str, Any],
+    name: str,
+    force: bool,
+    also: Callable[[Path], object] = lambda _: None,
+) -> Page:
+    """Writes a whole folder with a page, or nothing, and returns the page.
+
+    Args:
+        folder: Where to.
+        page: The page.
+        summary: Content of the JSON file.
+        name: Name of the JSON file.
+        force: Whether files in an existing folder may be replaced.
+        also: Writes further files into the folder that it is given.
+
+    Raises:
+        InputError: The folder cannot be written.
+    """
+    with complete_folder(folder, force) as temporary:
+        also(temporary)
+        write_page(temporary, page, summary, name)
+    return page
 
 
 def draw_pictures(

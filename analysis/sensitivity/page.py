@@ -4,8 +4,7 @@ from collections.abc import Iterator
 from functools import partial
 from pathlib import Path
 
-from ...models.storage import complete_folder
-from ..page.html import write_page
+from ..page.html import write_report
 from ..page.numbers import in_brackets, interval, number, percent
 from ..page.page import Block, Brief, Listing, Note, Page, Picture, Row, Section, Table, Verbatim
 from . import figures
@@ -25,10 +24,7 @@ def write_sensitivity(folder: Path, summary: Row, force: bool = False) -> Page:
     Raises:
         InputError: The folder cannot be written.
     """
-    page = sensitivity_page(summary)
-    with complete_folder(folder, force) as temporary:
-        write_page(temporary, page, summary, "sensitivity.json")
-    return page
+    return write_report(folder, sensitivity_page(summary), summary, "sensitivity.json", force)
 
 
 def sensitivity_page(summary: Row) -> Page:

@@ -4,8 +4,7 @@ from collections.abc import Iterator
 from functools import partial
 from pathlib import Path
 
-from ...models.storage import complete_folder
-from ..page.html import write_page
+from ..page.html import write_report
 from ..page.numbers import factor, in_brackets, interval, number, percent
 from ..page.page import Block, Brief, Folded, Note, Page, Picture, Row, Section, Table, Verbatim
 from . import figures
@@ -31,10 +30,7 @@ def write_strategies(folder: Path, summary: Row, force: bool = False) -> Page:
     Raises:
         InputError: The folder cannot be written.
     """
-    page = strategies_page(summary)
-    with complete_folder(folder, force) as temporary:
-        write_page(temporary, page, summary, "strategies.json")
-    return page
+    return write_report(folder, strategies_page(summary), summary, "strategies.json", force)
 
 
 def strategies_page(summary: Row) -> Page:

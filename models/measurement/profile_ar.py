@@ -12,7 +12,7 @@ from .fits.cells import CELL, Cells, cell_posterior, estimated_prior, given_cell
 from .fits.checks import check_times
 from .fits.convergence import EXACT_CELLS, Convergence
 from .fits.priors import CellPrior, Taps
-from .likelihood.forecasts import Unseen, cells_integrated, over_draws
+from .likelihood.forecasts import Unseen, slopes_integrated
 from .likelihood.forms import GaussianForm
 from .likelihood.shapes import NO_TAXEL, Measure, Parameters, chain_form
 from .model import Row
@@ -178,13 +178,7 @@ def integrated(
     posterior: ArPosterior, frame: Measure, unseen: Unseen, generator: np.random.Generator
 ) -> NDArray[np.float64]:
     """Forecasts with levels and variances integrated out, averaged over draws of the slopes."""
-
-    def one() -> NDArray[np.float64]:
-        rho = posterior.draw(generator)["rho"]
-        cells = posterior.cells(rho)
-        return cells_integrated(form, {"rho": rho, **cells.point()}, cells, frame, unseen)
-
-    return over_draws(one)
+    return slopes_integrated(form, posterior, "rho", frame, unseen, generator)
 
 
 MODEL = Story(

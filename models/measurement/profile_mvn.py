@@ -14,7 +14,7 @@ from .fits.chains import Sites
 from .fits.checks import check_taxels
 from .fits.convergence import Convergence, ascent
 from .fits.priors import CellPrior, Given, Taps
-from .likelihood.forecasts import Unseen, cells_integrated, over_draws
+from .likelihood.forecasts import Unseen, slopes_integrated
 from .likelihood.forms import GaussianForm
 from .likelihood.shapes import Measure, Parameters, chain_form
 from .model import Row
@@ -218,13 +218,7 @@ def integrated(
     posterior: MvnPosterior, frame: Measure, unseen: Unseen, generator: np.random.Generator
 ) -> NDArray[np.float64]:
     """Forecasts with levels and variances integrated out, averaged over draws of the slopes."""
-
-    def one() -> NDArray[np.float64]:
-        slope = posterior.draw(generator)["slope"]
-        cells = posterior.cells(slope)
-        return cells_integrated(form, {"slope": slope, **cells.point()}, cells, frame, unseen)
-
-    return over_draws(one)
+    return slopes_integrated(form, posterior, "slope", frame, unseen, generator)
 
 
 MODEL = Story(

@@ -1,7 +1,7 @@
 """Log probability of new taps with parameters integrated out, as far as several models share it."""
 
 from collections.abc import Callable
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -40,6 +40,24 @@ def cells_integrated(
     """Log probability of the bins of taps with level and variance of every cell integrated out, shape (N,)."""
     variance = cells.b / cells.a * (1 + 1 / np.maximum(cells.strength, 1.0))
     return student_mass(form({**parameters, "variance": variance}, frame), 0, 2 * cells.a, unseen)
+
+
+def slopes_integrated(
+    form: Callable[[Parameters, Measure], GaussianForm],
+    posterior: Any,
+    slopes: str,
+    frame: Measure,
+    unseen: Unseen,
+    generator: np.random.Generator,
+) -> NDArray[np.float64]:
+    """The same, averaged over draws of the slopes, the parameter of that name, given which cells are conjugate."""
+
+    def one() -> NDArray[np.float64]:
+        slope = posterior.draw(generator)[slopes]
+        cells = posterior.cells(slope)
+        return cells_integrated(form, {slopes: slope, **cells.point()}, cells, frame, unseen)
+
+    return over_draws(one)
 
 
 def student_mass(form: GaussianForm, q: int, freedom: NDArray[np.float64], unseen: Unseen) -> NDArray[np.float64]:
