@@ -15,9 +15,10 @@ from solidtouch.analysis.experiment.sources import Source, recorded_source, simu
 from solidtouch.analysis.page.numbers import interval, percent
 from solidtouch.analysis.sensitivity.figures import forest, interactions
 from solidtouch.analysis.sensitivity.findings import VERDICTS, WORDS, worded
-from solidtouch.analysis.sensitivity.run import SensitivitySettings, sensitivity
+from solidtouch.analysis.sensitivity.run import SensitivitySettings, sensitivity_study
 from solidtouch.analysis.sensitivity.summary import summarise
 from solidtouch.cli.shared.progress import bars
+from solidtouch.models.settings import Division
 from studies import RECORDED, check_block, publish, table, write_block, write_json
 
 BLOCKS = ("open-choices-findings", "open-choices", "open-choices-pairs", "open-choices-rules")
@@ -132,7 +133,7 @@ def recordings(folder: Path | None) -> Iterator[Source]:
     """Those of the recorded sets that are there."""
     for name, cells in RECORDED.items():
         if folder is not None and (folder / name).is_file():
-            yield recorded_source(folder / name, *cells)
+            yield recorded_source(folder / name, Division(where_cell=cells[0], what_cell=cells[1]))
 
 
 def measured(options: argparse.Namespace) -> dict[str, Any]:
@@ -141,7 +142,7 @@ def measured(options: argparse.Namespace) -> dict[str, Any]:
     simulated = [simulated_source("paper", options.data_sets, options.seed)] if options.data_sets else []
     sources = [*simulated, *recordings(options.recorded)]
     with bars() as progress:
-        studies = [sensitivity(source, settings, progress) for source in sources]
+        studies = [sensitivity_study(source, settings, progress) for source in sources]
     return summarise(studies, settings, {"title": "Open choices", "command": "benchmarks/open_choices.py"})
 
 

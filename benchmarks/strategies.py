@@ -23,6 +23,7 @@ from solidtouch.analysis.strategies.regret_summary import summarise_regret
 from solidtouch.analysis.strategies.run import BASE, StrategySettings, strategy_study
 from solidtouch.analysis.strategies.summary import summarise
 from solidtouch.cli.shared.progress import bars
+from solidtouch.models.settings import Division
 from studies import check_block, publish, table, write_block, write_json
 
 RECORDED = {"barrett_ballcyl.npz": (None, None), "eflesh_grid.npz": ("3mm", "3mm")}
@@ -133,7 +134,7 @@ def benches(data_sets: int, seed: int, folder: Path | None) -> Iterator[Strategy
         yield simulated_bench(name, data_sets, seed)
     for name, cells in RECORDED.items():
         if folder is not None and (folder / name).is_file():
-            yield recorded_bench(folder / name, *cells)
+            yield recorded_bench(folder / name, Division(where_cell=cells[0], what_cell=cells[1]))
 
 
 def regrets(summary: Mapping[str, Any]) -> str:

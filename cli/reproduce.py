@@ -18,6 +18,7 @@ from .shared.options import (
     Model,
     Seed,
     SettingFile,
+    Thresholds,
     given,
     merged,
     parse_thresholds,
@@ -49,7 +50,7 @@ def reproduce(
     trials: Annotated[
         int | None, Option(min=1, help=f"Trials per position and per fixation point; default {_TRIALS}.")
     ] = None,
-    thresholds: Annotated[str | None, Option(help="Belief thresholds, such as 0.5,0.9,0.99.")] = None,
+    thresholds: Thresholds = None,
     play: Annotated[PlaySettings, Fields("theta_x", "fixation", "deadline", "border")] = PlaySettings(),
     model: Model = "histogram",
     division: Annotated[Division, Fields(*DIVIDED, "training_taps")] = Division(),
@@ -62,64 +63,45 @@ def reproduce(
     files = [*(data or []), *(test_data or [])]
     if test_data and not data:
         raise InputError(f"{test_data[0]} is not expected here; recorded taps are named with --data.")
-    simulated_only = {"--preset": preset, "--data-sets": data_sets}
-    recorded_only = {
-        "--split": division.split,
-        "--train": division.train,
-        "--test": division.test,
-        "--training-taps": division.training_taps or None,
-    }
-    for option, value in (simulated_only if files else recorded_only).items():
-        if value is not None:
-            raise InputError(f"{option} goes with {'simulated' if files else 'recorded'} taps only.")
-    preset = preset or "paper"
     with loading():
-        from ..analysis.experiment.settings import ExperimentSettings
-        from ..analysis.reproduce.results import Request
-        from ..analysis.reproduce.run import reproduce as run
-        from ..analysis.reproduce.run import simulated_split
+        from ..analysis.reproduce.report import reproduce as study
         from ..inference.trials.run import THRESHOLDS
-        from ..models.experiment import load_experiment
         from ..models.setting_file import load_setting
     from .shared.progress import bars
 
+    chosen = parse_thresholds(thresholds)
     read = None if setting is None else load_setting(setting)
     if read is not None:
         fit, play = merged(context, read, fit), merged(context, read, play)
         division = division.changed(**{key: getattr(read, key) for key in _FROM_SETTING if not given(context, key)})
         model = model if given(context, "model") else read.model
-    settings = ExperimentSettings(
-        model=model,
-        fit=fit.changed(seed=seed),
-        play=play,
-        trials=trials or (_QUICK_TRIALS if quick else _TRIALS),
-        thresholds=THRESHOLDS if read is None else tuple(sorted({*THRESHOLDS, read.play.threshold})),
-        seed=seed,
-    )
-    if thresholds is not None:
-        settings = settings.changed(thresholds=parse_thresholds(thresholds))
+        if chosen is None:
+            chosen = sorted({*THRESHOLDS, play.threshold})
+    if quick and not files:
+        data_sets = _QUICK_DATA_SETS if data_sets is None else data_sets
     folder = report_folder(out, force)
     with bars() as progress:
-        if files:
-            parts, grid = load_experiment(files, division)
-        else:
-            parts = simulated_split(preset, data_sets or (_QUICK_DATA_SETS if quick else _DATA_SETS), seed, progress)
-            grid = parts.folds[0].train.grid(division.where_cell, division.what_cell)
-        request = Request(
-            parts,
-            grid,
-            settings,
-            simulated=None if files else preset,
-            files=tuple(Path(file).name for file in files),
-            command=command_line(),
+        report = study(
+            *files,
+            preset=preset,
+            data_sets=data_sets,
+            trials=trials or (_QUICK_TRIALS if quick else _TRIALS),
+            thresholds=chosen,
+            play=play,
+            model=model,
+            division=division,
+            fit=fit,
             episodes=4 if quick else 10,
             sequence_taps=8 if quick else 20,
+            seed=seed,
+            progress=progress,
+            command=command_line(),
         )
-        page, summary = run(request, folder, force, progress)
+        report.save(folder, force, progress)
     if read is not None and read.note:
         print(f"Setting: {read.note}")
-    if settings.model != PAPER:
-        print(f"Model {settings.model}")
-    show_report(page, folder)
-    if not summary["crosscheck"]["passed"]:
+    if model != PAPER:
+        print(f"Model {model}")
+    show_report(report, folder)
+    if not report.passed:
         raise typer.Exit(1)

@@ -5,14 +5,15 @@ from typing import Annotated
 
 from typer import Argument, Option
 
-from ..models.errors import InputError
+from ..models.settings import Division
 from .shared.interrupt import loading
-from .shared.options import Force, Seed, TrainingTaps, WhatCell, WhereCell, Workers
+from .shared.options import CELLS, Fields, Force, Seed, Workers, spelled_out
 from .shared.report import command_line, report_folder, show_report
 
 _FEWEST_TRIALS, _QUICK_DATA_SETS, _QUICK_TRIALS = 50, 4, 300
 
 
+@spelled_out
 def sensitivity(
     files: Annotated[
         list[Path] | None,
@@ -27,9 +28,7 @@ def sensitivity(
         int, Option("--data-sets", min=0, max=10_000, help="Simulated data sets; 0 for recorded taps only.")
     ] = 40,
     preset: Annotated[str, Option(help="Settings of the simulated rig.")] = "paper",
-    where_cell: WhereCell = None,
-    what_cell: WhatCell = None,
-    training_taps: TrainingTaps = False,
+    division: Annotated[Division, Fields(*CELLS, "training_taps")] = Division(),
     trials: Annotated[int, Option(min=_FEWEST_TRIALS, max=10**6, help="Of each data set, policy and option.")] = 1000,
     strongest: Annotated[int, Option(min=0, max=18, help="Choices of which all pairs are tried.")] = 5,
     quick: Annotated[
@@ -46,27 +45,23 @@ def sensitivity(
     """Runs every option of what the paper leaves open: what changes its conclusion, its numbers, or nothing."""
     if quick:
         data_sets, trials = min(data_sets, _QUICK_DATA_SETS), min(trials, _QUICK_TRIALS)
-    if not data_sets and not files:
-        raise InputError("--data-sets 0 needs a file of recorded taps.")
-    for option, width in (("--where-cell", where_cell), ("--what-cell", what_cell)):
-        if width is not None and not files:
-            raise InputError(
-                f"{option} {width} divides recorded taps, and no file is given; simulated ones keep theirs."
-            )
     with loading():
-        from ..analysis.experiment.sources import recorded_source, simulated_source
-        from ..analysis.sensitivity.page import write_sensitivity
-        from ..analysis.sensitivity.run import SensitivitySettings
-        from ..analysis.sensitivity.run import sensitivity as run
-        from ..analysis.sensitivity.summary import summarise
+        from ..analysis.sensitivity.report import sensitivity as study
     from .shared.progress import bars
 
     folder = report_folder(out, force, "sensitivity")
-    sources = [simulated_source(preset, data_sets, seed)] if data_sets else []
-    sources += [recorded_source(path, where_cell, what_cell, training_taps) for path in files or ()]
-    settings = SensitivitySettings(trials=trials, seed=seed, strongest=strongest, workers=workers)
     with bars() as progress:
-        studies = [run(source, settings, progress) for source in sources]
-    title = "What the open choices of the paper are worth"
-    summary = summarise(studies, settings, {"title": title, "command": command_line()})
-    show_report(write_sensitivity(folder, summary, force), folder)
+        report = study(
+            *(files or ()),
+            data_sets=data_sets,
+            preset=preset,
+            division=division,
+            trials=trials,
+            strongest=strongest,
+            workers=workers,
+            seed=seed,
+            progress=progress,
+            command=command_line(),
+        )
+        report.save(folder, force, progress)
+    show_report(report, folder)

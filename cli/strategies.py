@@ -6,13 +6,15 @@ from typing import Annotated
 from typer import Argument, Option
 
 from ..models.errors import InputError
+from ..models.settings import Division
 from .shared.interrupt import loading
-from .shared.options import Force, Seed, TrainingTaps, WhatCell, WhereCell, Workers
+from .shared.options import CELLS, Fields, Force, Seed, Workers, spelled_out
 from .shared.report import command_line, report_folder, show_report
 
 _FEWEST_TRIALS, _QUICK_DATA_SETS, _QUICK_TRIALS = 50, 3, 50
 
 
+@spelled_out
 def strategies(
     files: Annotated[
         list[Path] | None,
@@ -34,9 +36,7 @@ def strategies(
     data_sets: Annotated[
         int, Option("--data-sets", min=2, max=10_000, help="Simulated data sets of each preset.")
     ] = 10,
-    where_cell: WhereCell = None,
-    what_cell: WhatCell = None,
-    training_taps: TrainingTaps = False,
+    division: Annotated[Division, Fields(*CELLS, "training_taps")] = Division(),
     trials: Annotated[int, Option(min=_FEWEST_TRIALS, max=10**6, help="Of each data set and strategy.")] = 100,
     quick: Annotated[
         bool,
@@ -62,31 +62,27 @@ def strategies(
     if quick:
         data_sets, trials = min(data_sets, _QUICK_DATA_SETS), min(trials, _QUICK_TRIALS)
     names = [] if presets == "none" else [name.strip() for name in presets.split(",")]
-    regret = bool(names) if regret is None else regret
-    if not names and not files and not regret:
-        raise InputError("--presets none needs a file of recorded taps, or --regret.")
     if "" in names:
         raise InputError(f"--presets needs names between its commas, got {presets!r}.")
-    if len(set(names)) < len(names):
-        raise InputError(f"--presets names one twice: {presets}.")
     with loading():
-        from ..analysis.strategies.data import recorded_bench, simulated_bench
-        from ..analysis.strategies.page import write_strategies
-        from ..analysis.strategies.regret import QUICK_TRIALS, TRIALS, RegretSettings, regret_study
-        from ..analysis.strategies.regret_summary import summarise_regret
-        from ..analysis.strategies.run import StrategySettings, strategy_study
-        from ..analysis.strategies.summary import summarise
+        from ..analysis.strategies.regret import QUICK_TRIALS, TRIALS
+        from ..analysis.strategies.report import strategies as study
     from .shared.progress import bars
 
+    regret = bool(names) if regret is None else regret
     folder = report_folder(out, force, "strategies")
-    benches = [simulated_bench(name, data_sets, seed) for name in names]
-    benches += [recorded_bench(path, where_cell, what_cell, training_taps) for path in files or ()]
-    settings = StrategySettings(trials=trials, seed=seed, workers=workers)
     with bars() as progress:
-        studies = [strategy_study(bench, settings, progress) for bench in benches]
-        regrets = RegretSettings(QUICK_TRIALS if quick else TRIALS, seed, workers)
-        lost = summarise_regret(regret_study(regrets, progress), regrets) if regret else None
-    title = "How to move and when to stop"
-    command = command_line()
-    summary = summarise(studies, settings, {"title": title, "command": command}, lost)
-    show_report(write_strategies(folder, summary, force), folder)
+        report = study(
+            *(files or ()),
+            presets=names,
+            data_sets=data_sets,
+            division=division,
+            trials=trials,
+            regret=(QUICK_TRIALS if quick else TRIALS) if regret else 0,
+            workers=workers,
+            seed=seed,
+            progress=progress,
+            command=command_line(),
+        )
+        report.save(folder, force, progress)
+    show_report(report, folder)

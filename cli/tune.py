@@ -106,6 +106,7 @@ def tune(
         from ..analysis.tuning.run import Price, check_objects, check_price
         from ..inference.moves.table import save_table
         from ..inference.moves.table_learning import learn_table
+        from ..inference.trials.run import checked_thresholds
         from ..inference.tuning.held_out import held_out
         from ..models.io.model_file import save_model
         from ..models.setting_file import Setting
@@ -117,7 +118,8 @@ def tune(
     _check_files({"--out": out, "--model-file": model_file, "--targets": targets}, state, force)
     price = Price(cost_error, wrong, target_error)
     setting = Setting(model=model, fit=fit, where_cell=division.where_cell, what_cell=division.what_cell, play=play)
-    chosen = None if thresholds is None else parse_thresholds(thresholds)
+    given_thresholds = parse_thresholds(thresholds)
+    chosen = None if given_thresholds is None else checked_thresholds(given_thresholds)
     taps, grid, told = _training(data, division)
     check_objects(grid)
     check_price(price, len(set(taps.session.tolist())))
@@ -184,7 +186,7 @@ def _training(data: "Sequence[Path]", division: Division) -> "tuple[TapSet, Clas
 
     if len(data) > _TWO:
         division.refuse_split("of several all but the last train")
-        divided, grid = load_parts(data, division.where_cell, division.what_cell, training_taps=True)
+        divided, grid = load_parts(data, division.changed(training_taps=True))
         taps = concatenate([divided.train, *divided.tune])
         told = f"{len(data) - 1} files train; {data[-1].name} is kept for tests."
     else:

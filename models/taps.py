@@ -220,6 +220,11 @@ class TapSet:
         """Preprocessing of the samples."""
         return Preprocessing.from_json(self.dataset.attrs["preprocessing"])
 
+    @property
+    def simulated(self) -> bool:
+        """Whether the taps come from a simulated rig."""
+        return str(self.dataset.attrs.get("source", "")).startswith("simulated")
+
     def __len__(self) -> int:
         return self.dataset.sizes["tap"]
 

@@ -67,6 +67,14 @@ def without_training(
     return taps.select(~known), f"{named} and are left out; --training-taps keeps them."
 
 
+def untrained_taps(taps: TapSet, training: NDArray[np.uint64], keep: bool = False) -> tuple[TapSet, str]:
+    """The same for a model that may not name the taps that trained it; the sentence says whether it is a warning."""
+    if not len(training):
+        return taps, "Note: the model does not name the taps that trained it, so none are left out."
+    rest, sentence = without_training(taps, training, keep)
+    return rest, f"{'Warning' if keep else 'Note'}: {sentence}" if sentence else ""
+
+
 def _counted(taps: TapSet, known: NDArray[np.bool_], names: Sequence[str] | None) -> str:
     """Numbers of taps by session, as a phrase."""
     sessions = np.unique(taps.session[known])

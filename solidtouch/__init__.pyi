@@ -1,3 +1,15 @@
+from .analysis.audit.report import AuditReport as AuditReport
+from .analysis.audit.report import audit as audit
+from .analysis.compare.report import ComparisonReport as ComparisonReport
+from .analysis.compare.report import compare as compare
+from .analysis.reproduce.report import ReproductionReport as ReproductionReport
+from .analysis.reproduce.report import reproduce as reproduce
+from .analysis.sensitivity.report import SensitivityReport as SensitivityReport
+from .analysis.sensitivity.report import sensitivity as sensitivity
+from .analysis.strategies.report import StrategiesReport as StrategiesReport
+from .analysis.strategies.report import strategies as strategies
+from .analysis.trials.report import TrialsReport as TrialsReport
+from .analysis.trials.report import trials as trials
 from .hardware.replay import ReplayRig as ReplayRig
 from .hardware.sensor import TouchSensor as TouchSensor
 from .hardware.simulator.presets import PRESETS as PRESETS
@@ -24,6 +36,9 @@ from .models.io.model_file import load_model as load_model
 from .models.measurement.fits.convergence import NotConvergedError as NotConvergedError
 from .models.measurement.model import TapModel as TapModel
 from .models.preprocessing import Preprocessing as Preprocessing
+from .models.settings import Division as Division
+from .models.settings import FitSettings as FitSettings
+from .models.settings import PlaySettings as PlaySettings
 from .models.taps import TapSet as TapSet
 
 __version__: str

@@ -1,18 +1,14 @@
-"""The folder of an audit: figures, `audit.json`, the page, and the chosen setting with its model."""
+"""An audit as a page: the verdict, where the model fails, what that costs and what to do."""
 
 from collections.abc import Iterator, Sequence
 from functools import partial
-from pathlib import Path
 from typing import TYPE_CHECKING
 
-from ...models.setting_file import Setting
 from ..page.figure_confusion import confusion
-from ..page.html import write_report
 from ..page.numbers import bounded, factor, interval, number, percent
 from ..page.page import Block, Brief, Cautions, Listing, Note, Page, Picture, Row, Section, Table, Verbatim
 from . import figures, figures_reliability
 from .checks import figure_checks
-from .remedies import BASELINE, Remedy
 from .run import Audit
 from .summary import unseen_parts
 
@@ -24,43 +20,6 @@ _TESTS = {
     "distance": "distance correlation",
     "table": "information in 4 x 4 tables (nat)",
 }
-
-
-def write_audit(folder: Path, audit: Audit, summary: Row, setting: Setting, force: bool = False) -> Page:
-    """Writes everything, whole or not at all, and returns the page.
-
-    Args:
-        folder: Where to.
-        audit: What came out.
-        summary: See `summary.summarise`.
-        setting: The chosen one, see `chosen_setting`.
-        force: Whether files in an existing folder may be replaced.
-
-    Raises:
-        InputError: The folder cannot be written.
-    """
-
-    def keep(to: Path) -> None:
-        setting.save(to / "setting.json")
-        chosen_remedy(audit, summary).model.save(to / "model.nc")
-
-    return write_report(folder, audit_page(audit, summary), summary, "audit.json", force, keep)
-
-
-def chosen_remedy(audit: Audit, summary: Row) -> Remedy:
-    """The recommended remedy, or the setting as it is."""
-    name = summary["remedy"]["chosen"] or BASELINE
-    return next(remedy for remedy in audit.remedies if remedy.name == name)
-
-
-def chosen_setting(audit: Audit, summary: Row) -> Setting:
-    """The setting of the chosen remedy, with the threshold for the wanted error where that can be reached."""
-    chosen = chosen_remedy(audit, summary)
-    note = f"{summary['title']}: {chosen.title}. {chosen.how}".strip()
-    if audit.target is not None and audit.target.reachable:
-        note = f"{note} {audit.target.sentence}".strip()
-        return chosen.setting.changed(threshold=audit.target.chosen.theta, note=note)
-    return chosen.setting.changed(note=note)
 
 
 def audit_page(audit: Audit, summary: Row) -> Page:

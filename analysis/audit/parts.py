@@ -11,7 +11,8 @@ from ...models.digest import tap_digests
 from ...models.errors import InputError
 from ...models.grid import ClassGrid
 from ...models.io.joining import check_alike, numbered
-from ...models.io.load import load_taps
+from ...models.io.load import TapSource, names_of, taps_of
+from ...models.settings import Division
 from ...models.splits import rank_in_class
 from ...models.taps import TapSet, concatenate
 from ...models.training import without_training
@@ -54,20 +55,23 @@ class AuditParts(NamedTuple):
         return concatenate([self.train, *self.tune, self.measure])
 
 
-def load_parts(
-    files: Sequence[str | Path],
-    where_cell: str | None = None,
-    what_cell: str | None = None,
-    training_taps: bool = False,
-) -> tuple[AuditParts, ClassGrid]:
-    """The parts of an audit and the classes, from its files; `training_taps` as `audit_parts`.
+def load_parts(data: Sequence[TapSource], division: Division | None = None) -> tuple[AuditParts, ClassGrid]:
+    """The parts of an audit and the classes.
+
+    Args:
+        data: Tap sets or their files, divided as in `audit_parts`.
+        division: The cells, and whether taps that train also tune and measure; it splits nothing.
 
     Raises:
         InputError: As `load_taps`, `TapSet.grid` and `audit_parts`.
     """
-    taps = [load_taps(path) for path in files]
-    grid = taps[0].grid(where_cell, what_cell)
-    return audit_parts(taps, [Path(path).name for path in files], grid, training_taps), grid
+    division = division or Division()
+    taps = [taps_of(source) for source in data]
+    if not taps:
+        raise InputError("Give the taps to train, tune and measure with: one tap set, two or more.")
+    grid = taps[0].grid(division.where_cell, division.what_cell)
+    names = [Path(name).name for name in names_of(data)]
+    return audit_parts(taps, names, grid, division.training_taps), grid
 
 
 def audit_parts(

@@ -148,7 +148,7 @@ class Audit(NamedTuple):
 
 
 @one_blas_thread()
-def audit(parts: AuditParts, grid: ClassGrid, settings: AuditSettings, progress: Progress) -> Audit:
+def audit_taps(parts: AuditParts, grid: ClassGrid, settings: AuditSettings, progress: Progress) -> Audit:
     """Audits.
 
     Args:

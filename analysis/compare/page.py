@@ -1,37 +1,15 @@
-"""The folder of a comparison: figures, `compare.nc`, `summary.json` and the page."""
+"""A comparison as a page, and its labelled numbers."""
 
 from collections.abc import Iterator
 from functools import partial
-from pathlib import Path
 
 import numpy as np
 import xarray as xr
 
-from ..page.html import write_report
 from ..page.numbers import bounded, in_brackets, interval, number, percent
 from ..page.page import Block, Brief, Cautions, Listing, Note, Page, Picture, Row, Section, Table, Verbatim
 from . import figures, figures_taps
 from .run import Comparison
-
-
-def write_comparison(folder: Path, comparison: Comparison, summary: Row, force: bool = False) -> Page:
-    """Writes everything, whole or not at all, and returns the page.
-
-    Args:
-        folder: Where to.
-        comparison: What came out.
-        summary: See `summary.summarise`.
-        force: Whether files in an existing folder may be replaced.
-
-    Raises:
-        InputError: The folder cannot be written.
-    """
-    tree = comparison_tree(comparison, summary)
-
-    def keep(to: Path) -> None:
-        tree.to_netcdf(to / "compare.nc", engine="h5netcdf")
-
-    return write_report(folder, comparison_page(comparison, summary), summary, "summary.json", force, keep)
 
 
 def comparison_tree(comparison: Comparison, summary: Row) -> xr.DataTree:

@@ -30,10 +30,13 @@ from .taps import (
     known_taps,
     leave_one_tap_out,
     mean_scores,
+    relative_elpd,
     score_fold,
     session_folds,
     stacked,
 )
+
+_FEWEST_DRAWS = 100
 
 
 @dataclass(frozen=True)
@@ -73,7 +76,9 @@ class Comparison(NamedTuple):
         left_out_taps: Over (model, tap), see `taps.leave_one_tap_out`; `None` where it was skipped.
         left_out_sessions: Means over (model) of `integrated` and `plug_in`, see `taps.mean_scores`; `None`
             without a second session.
-        stacking: ArviZ's comparison by sessions left out, a data frame; `None` with less than two models.
+        elpd: Log probabilities of the taps of sessions left out by model, see `taps.relative_elpd`; nothing without a
+            second session.
+        stacking: ArviZ's comparison of these, a data frame; `None` with less than two models.
         sessions: How sessions were left out, in a sentence.
         checks: See `stats.checks`; `None` where they were skipped.
         classes: See `classes`.
@@ -90,6 +95,7 @@ class Comparison(NamedTuple):
     seconds: dict[str, float]
     left_out_taps: xr.Dataset | None
     left_out_sessions: xr.Dataset | None
+    elpd: dict[str, Any]
     stacking: Any
     sessions: str
     checks: xr.Dataset | None
@@ -100,7 +106,9 @@ class Comparison(NamedTuple):
     elapsed_s: dict[str, float]
 
 
-def compare(train: TapSet, test: TapSet, grid: ClassGrid, settings: CompareSettings, progress: Progress) -> Comparison:
+def compare_models(
+    train: TapSet, test: TapSet, grid: ClassGrid, settings: CompareSettings, progress: Progress
+) -> Comparison:
     """Fits every model and compares those that the training taps can carry.
 
     Args:
@@ -120,7 +128,7 @@ def compare(train: TapSet, test: TapSet, grid: ClassGrid, settings: CompareSetti
     fits, learned, refused, seconds = _fit_all(settings.models, train, grid, fit, clock)
     shared = _shared(fits, test)
     left_out = _leave_out_taps(fits, train, settings, clock)
-    sessions, stacking, sentence = _leave_out_sessions(fits, train, test, grid, fit, settings, clock)
+    sessions, elpd, sentence = _leave_out_sessions(fits, train, test, grid, fit, settings, clock)
     checks = None
     if settings.draws:
         known = known_taps(train, grid, np.all([f.model.trained for f in fits.values()], axis=0))
@@ -147,7 +155,8 @@ def compare(train: TapSet, test: TapSet, grid: ClassGrid, settings: CompareSetti
         seconds=seconds,
         left_out_taps=left_out,
         left_out_sessions=sessions,
-        stacking=stacking,
+        elpd=elpd,
+        stacking=stacked(elpd) if len(elpd) > 1 else None,
         sessions=sentence,
         checks=checks,
         classes=classes,
@@ -160,6 +169,10 @@ def compare(train: TapSet, test: TapSet, grid: ClassGrid, settings: CompareSetti
 
 def _check(settings: CompareSettings) -> None:
     """Refuses what would fail only after the work."""
+    if len(set(settings.models)) < len(settings.models):
+        raise InputError(f"--models needs different names, got {','.join(settings.models)!r}.")
+    if 0 < settings.draws < _FEWEST_DRAWS:
+        raise InputError(f"--draws must be 0, or {_FEWEST_DRAWS} or more to look at tails, got {settings.draws}.")
     in_states = [name for name in settings.models if split_name(name)[1]]
     if settings.play.border == "prior" and in_states:
         raise InputError(
@@ -236,10 +249,10 @@ def _leave_out_sessions(
     fit: FitSettings,
     settings: CompareSettings,
     clock: StageClock,
-) -> tuple[xr.Dataset | None, Any, str]:
+) -> tuple[xr.Dataset | None, dict[str, Any], str]:
     folds, sentence = session_folds(train, test, one_recording=settings.one_recording)
     if not folds:
-        return None, None, sentence
+        return None, {}, sentence
     scores: dict[str, dict[str, list[TapScores]]] = {"integrated": {}, "plug_in": {}}
     failed: dict[str, str] = {}
     with clock.stage("Leaving out sessions", len(folds) * len(fits)) as advance:
@@ -258,8 +271,8 @@ def _leave_out_sessions(
     means = [mean_scores(named, next(iter(named)), kind, settings.seed) for kind, named in whole.items() if named]
     for name, reason in failed.items():
         sentence += f" {name} could not be fitted to the others each time: {reason}"
-    table = stacked(whole["integrated"], len(folds)) if len(whole["integrated"]) > 1 else None
-    return xr.merge(means, join="outer", combine_attrs="drop_conflicts") if means else None, table, sentence
+    merged = xr.merge(means, join="outer", combine_attrs="drop_conflicts") if means else None
+    return merged, relative_elpd(whole["integrated"], len(folds)) if whole["integrated"] else {}, sentence
 
 
 def _refit(

@@ -173,25 +173,23 @@ def join_scores(parts: Sequence[TapScores]) -> TapScores:
     return TapScores(np.concatenate([part.values for part in parts]), np.concatenate(clusters))
 
 
-def stacked(scores: Mapping[str, TapScores], folds: int) -> Any:
-    """ArviZ's comparison of models on the same taps: rank, differences with standard errors, stacking weights.
+def relative_elpd(scores: Mapping[str, TapScores], folds: int) -> dict[str, Any]:
+    """Log probabilities of the same taps under each model as ArviZ's `ELPDData`, for `az.compare`.
+
+    Each tap's are relative to the best model: a number common to all models changes no difference and no weight, and
+    without it exp() of all would be 0.
 
     Args:
-        scores: Of two models or more, the same taps in the same order.
+        scores: Of every model, the same taps in the same order.
         folds: How many there were.
-
-    Returns:
-        A data frame with a row per model, best first.
     """
-    import arviz as az  # noqa: PLC0415
     from arviz_stats.utils import ELPDDataLOOKFold  # noqa: PLC0415
 
     names = list(scores)
     values = np.array([scores[name].values for name in names])
-    # A number common to all models changes no difference and no weight, and without it exp() of all would be 0.
     relative = values - values.max(axis=0)
     n = values.shape[1]
-    data = {
+    return {
         name: ELPDDataLOOKFold(
             elpd=float(row.sum()),
             se=float(np.sqrt(n * row.var())),
@@ -206,9 +204,19 @@ def stacked(scores: Mapping[str, TapScores], folds: int) -> Any:
         )
         for name, row in zip(names, relative, strict=True)
     }
+
+
+def stacked(elpd: Mapping[str, Any]) -> Any:
+    """ArviZ's comparison of two models or more: a data frame of rank, differences with standard errors and weights.
+
+    Args:
+        elpd: See `relative_elpd`.
+    """
+    import arviz as az  # noqa: PLC0415
+
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
-        return az.compare(data, method="stacking", round_to="none")
+        return az.compare(elpd, method="stacking", round_to="none")
 
 
 def mean_scores(scores: Mapping[str, TapScores], reference: str, name: str, seed: int) -> xr.Dataset:

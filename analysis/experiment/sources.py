@@ -10,7 +10,7 @@ from ...hardware.simulator.presets import preset
 from ...hardware.simulator.session import simulate_session
 from ...models.experiment import load_experiment
 from ...models.grid import ClassGrid
-from ...models.io.load import load_taps
+from ...models.io.load import TapSource, names_of, taps_of
 from ...models.io.recording import naming
 from ...models.measurement.histogram import HistogramModel, fit, trim
 from ...models.seeds import data_set_seed
@@ -83,26 +83,20 @@ def simulated_source(name: str, data_sets: int, seed: int) -> Source:
     return Source(title, True, data_sets, load, grid, settings.preprocessing.samples, units)
 
 
-def recorded_source(
-    path: str | Path, where_cell: str | None = None, what_cell: str | None = None, training_taps: bool = False
-) -> Source:
+def recorded_source(data: TapSource, division: Division | None = None) -> Source:
     """A recording, whose sessions are left out in turn where there are three or more.
 
     Args:
-        path: As for `load_taps`.
-        where_cell: Width of the where cells with unit.
-        what_cell: Width of the what cells.
-        training_taps: Whether to keep test taps that stand among the training taps.
+        data: Taps or their file.
+        division: The cells, and whether test taps that are among the training taps are kept.
 
     Raises:
         InputError: It cannot be read or divided.
     """
-    sessions = len(set(load_taps(path).session.tolist()))
-    with naming(path):
-        method = "leave-one-session-out" if sessions >= _FEWEST_SESSIONS else None
-        parts, grid = load_experiment(
-            [path], Division(where_cell=where_cell, what_cell=what_cell, split=method, training_taps=training_taps)
-        )
+    (name,), taps = names_of([data]), taps_of(data)
+    with naming(name):
+        method = "leave-one-session-out" if len(set(taps.session.tolist())) >= _FEWEST_SESSIONS else None
+        parts, grid = load_experiment([taps], (division or Division()).changed(split=method))
         grid, _ = trim(grid, [fold.train for fold in parts.folds])
     folds = list(parts.folds)
     units = (
@@ -112,7 +106,7 @@ def recorded_source(
     )
     samples = folds[0].train.preprocessing.samples
     units = f"{units} {parts.warning}".strip()
-    return Source(Path(path).stem, False, len(folds), lambda number, _: folds[number], grid, samples, units)
+    return Source(Path(name).stem, False, len(folds), lambda number, _: folds[number], grid, samples, units)
 
 
 def right_model(seed: int, samples: int = 4, power: str = "none") -> HistogramModel:

@@ -6,7 +6,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ...models.grid import ClassGrid
-from ...models.taps import TapSet
+from ...models.splits import Fold
+from ...models.taps import TapSet, concatenate
 
 FEW = 5  # distinct taps per class, below which a histogram is mostly empty
 _NAMED = 6  # how many cells, classes or taxels a sentence names before it only counts
@@ -31,6 +32,13 @@ def suspicions(taps: TapSet, grid: ClassGrid, *, alone: bool = True) -> Iterator
     yield from _blocks(taps, where, what, grid)
     yield from _uneven(grid)
     yield from _taxels(taps)
+
+
+def fold_suspicions(fold: Fold, grid: ClassGrid, *, one_file: bool) -> list[str]:
+    """What may mislead in training and test taps, looked at together where they come from one file."""
+    files = [concatenate([fold.train, fold.test])] if one_file else [fold.train, fold.test]
+    sentences = [sentence for taps in files for sentence in suspicions(taps, grid, alone=one_file)]
+    return list(dict.fromkeys(sentences))
 
 
 def _uneven(grid: ClassGrid) -> Iterator[str]:

@@ -8,7 +8,9 @@ state.
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from contextvars import ContextVar
 from functools import wraps
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -22,7 +24,7 @@ if TYPE_CHECKING:
     import xarray as xr
     from matplotlib.axes import Axes
     from matplotlib.cm import ScalarMappable
-    from matplotlib.figure import Figure
+    from matplotlib.figure import Figure, SubFigure
 
 ONE_COLUMN = 3.4  # inches
 TWO_COLUMNS = 7.0
@@ -92,13 +94,26 @@ def styled[**P, R](draw: Callable[P, R]) -> Callable[P, R]:
     return drawn
 
 
+_TARGET: ContextVar[Figure | SubFigure | None] = ContextVar("target", default=None)
+
+
+@contextmanager
+def drawn_into(figure: Figure | SubFigure | None) -> Iterator[None]:
+    """Has the figure that is drawn meanwhile drawn into this one, whose size stays; `None` for one of its own."""
+    token = _TARGET.set(figure)
+    try:
+        yield
+    finally:
+        _TARGET.reset(token)
+
+
 def new_figure(
     width: float, height: float, rows: int = 1, columns: int = 1, **options: Any
 ) -> tuple[Figure, NDArray[Any]]:
-    """A figure of this size in inches and its axes, shape (rows, columns)."""
+    """A figure of this size in inches, or the one of `drawn_into`, and its axes, shape (rows, columns)."""
     from matplotlib.figure import Figure  # noqa: PLC0415
 
-    figure = Figure(figsize=(width, height), layout="constrained")
+    figure: Any = _TARGET.get() or Figure(figsize=(width, height), layout="constrained")
     return figure, figure.subplots(rows, columns, squeeze=False, **options)
 
 

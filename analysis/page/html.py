@@ -7,12 +7,11 @@ from importlib import resources
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from jinja2 import Environment, StrictUndefined
+from jinja2 import Environment, StrictUndefined, Template
 from markupsafe import Markup
 
-from ...models.storage import complete_folder
 from .figure_style import PNG_DPI, save
-from .page import Page, Picture, spans
+from .page import Page, Picture, brief, spans
 
 _IMAGE_BYTES = 4_000_000  # of all figures together; base64 adds a third
 _ELEMENTS = {"": Markup("{0}"), "strong": Markup("<strong>{0}</strong>"), "code": Markup("<code>{0}</code>")}
@@ -31,54 +30,22 @@ class Image(NamedTuple):
     width: int
 
 
-def write_page(
-    folder: Path, page: Page, summary: Mapping[str, Any], name: str, images: Mapping[str, Image] | None = None
-) -> None:
-    """Writes the figures, what they and the page show as JSON, and the page, into a folder that is complete later.
+def write_page(folder: Path, page: Page, summary: Mapping[str, Any], name: str, images: Mapping[str, Image]) -> None:
+    """Writes a page and the numbers behind it into a folder.
 
     Args:
         folder: Where to, see `storage.complete_folder`.
         page: The page, `report.html`.
         summary: Content of the JSON file.
         name: Of the JSON file.
-        images: From `draw_pictures` where they are drawn already.
+        images: The figures, from `draw_pictures`.
     """
-    images = draw_pictures(folder, page.pictures) if images is None else images
     text = json.dumps(summary, indent=1, allow_nan=False, ensure_ascii=False) + "\n"
     (folder / name).write_text(text, encoding="utf-8")
     (folder / "report.html").write_text(render_page(page, images), encoding="utf-8")
 
 
-def write_report(
-    folder: Path,
-    page: Page,
-    summary: Mapping[str, Any],
-    name: str,
-    force: bool,
-    also: Callable[[Path], object] = lambda _: None,
-) -> Page:
-    """Writes a whole folder with a page, or nothing, and returns the page.
-
-    Args:
-        folder: Where to.
-        page: The page.
-        summary: Content of the JSON file.
-        name: Name of the JSON file.
-        force: Whether files in an existing folder may be replaced.
-        also: Writes further files into the folder that it is given.
-
-    Raises:
-        InputError: The folder cannot be written.
-    """
-    with complete_folder(folder, force) as temporary:
-        also(temporary)
-        write_page(temporary, page, summary, name)
-    return page
-
-
-def draw_pictures(
-    folder: Path, pictures: Sequence[Picture], advance: Callable[[int], object] = lambda _: None
-) -> dict[str, Image]:
+def draw_pictures(folder: Path, pictures: Sequence[Picture], advance: Callable[[int], object]) -> dict[str, Image]:
     """Writes figures into a folder, and returns them for a page by name.
 
     Args:
@@ -102,10 +69,12 @@ def render_page(page: Page, images: Mapping[str, Image] | None = None) -> str:
         page: What it shows.
         images: Its figures by name; those without one are left out.
     """
-    environment = Environment(autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True)
-    environment.filters.update(kind=lambda block: type(block).__name__, marked=_marked)
-    template = environment.from_string(_file("page.html"))
-    return template.render(page=page, images=images or {}, style=_file("page.css"))
+    return _template().render(page=page, images=images or {}, style=_file("page.css"), whole=True)
+
+
+def render_brief(page: Page) -> str:
+    """The gist of the page, without figures and styles, as a part of another page."""
+    return _template().render(page=brief(page), images={}, whole=False)
 
 
 def embedded(png: Path, svg: Path, limit: int) -> Image:
@@ -114,6 +83,12 @@ def embedded(png: Path, svg: Path, limit: int) -> Image:
     kind = "svg+xml" if chosen == svg else "png"
     data = f"data:image/{kind};base64,{base64.b64encode(chosen.read_bytes()).decode('ascii')}"
     return Image(data, round(int.from_bytes(png.read_bytes()[16:20], "big") * 96 / PNG_DPI))
+
+
+def _template() -> Template:
+    environment = Environment(autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True)
+    environment.filters.update(kind=lambda block: type(block).__name__, marked=_marked)
+    return environment.from_string(_file("page.html"))
 
 
 def _marked(text: str) -> Markup:

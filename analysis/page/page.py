@@ -55,7 +55,7 @@ class Listing(NamedTuple):
 
 
 class Verbatim(NamedTuple):
-    """Text as it is, such as a command line."""
+    """Text as it is, such as a command line; an empty one is not shown."""
 
     text: str
 
@@ -118,6 +118,17 @@ def blocks_of(blocks: Iterable[Block]) -> Iterator[Block]:
         yield block
         if isinstance(block, Section):
             yield from blocks_of(block.blocks)
+
+
+def briefs(blocks: Iterable[Block]) -> Iterator[Brief]:
+    """Those that a terminal shows."""
+    return (block for block in blocks_of(blocks) if isinstance(block, Brief))
+
+
+def brief(page: Page) -> Page:
+    """What a terminal shows of a page, and the sections that hold some of it."""
+    sections = (section._replace(blocks=[*briefs(section.blocks)]) for section in page.sections)
+    return Page(page.title, [*briefs(page.intro)], [section for section in sections if section.blocks])
 
 
 def spans(text: str) -> Iterator[tuple[str, str]]:

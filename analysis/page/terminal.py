@@ -1,6 +1,6 @@
 """The gist of a page in a terminal: its blocks that are marked as brief, under the titles of their sections."""
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 
 from rich import box
 from rich.console import Console, RenderableType
@@ -8,7 +8,7 @@ from rich.padding import Padding
 from rich.table import Table as RichTable
 from rich.text import Text
 
-from .page import Block, Brief, Cautions, Listing, Note, Page, Section, Table, blocks_of, spans
+from .page import Brief, Cautions, Listing, Note, Page, Section, Table, briefs, spans
 
 _WIDEST = 500  # characters
 
@@ -25,7 +25,7 @@ def show(page: Page, console: Console) -> None:
 def gist(page: Page) -> Iterator[RenderableType]:
     """What is brief, for rich."""
     for section in (Section("", page.intro), *page.sections):
-        shown = [one for block in _brief(section.blocks) for one in _renderables(block)]
+        shown = [one for block in briefs(section.blocks) for one in _renderables(block)]
         if shown and section.title:
             yield Text(section.title, style="bold")
         yield from shown
@@ -56,10 +56,6 @@ def rich_table(table: Table, columns: Sequence[int] = ()) -> RichTable:
     for row in table.rows:
         shown.add_row(*(_text(row[column]) for column in columns if column < len(row)))
     return shown
-
-
-def _brief(blocks: Iterable[Block]) -> Iterator[Brief]:
-    return (block for block in blocks_of(blocks) if isinstance(block, Brief))
 
 
 def _renderables(brief: Brief) -> Iterator[RenderableType]:

@@ -41,8 +41,7 @@ def report_page(summary: Row, check: CrossCheck, drawn: Iterable[Picture]) -> Pa
 
 def _run(summary: Row) -> Iterator[Block]:
     yield from summary["what_was_run"]
-    if summary["command"]:
-        yield Verbatim(summary["command"])
+    yield Verbatim(summary["command"])
     if summary["simulated"]:
         yield Note(
             [

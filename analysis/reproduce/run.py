@@ -1,8 +1,6 @@
-"""The paper end to end: data sets through the experiment, then figures, tables and the report in one folder."""
+"""The paper end to end: data sets through the experiment."""
 
 from collections.abc import Sequence
-from pathlib import Path
-from typing import Any
 
 import xarray as xr
 
@@ -14,20 +12,15 @@ from ...inference.trials.resampling import RESAMPLES
 from ...models.measurement.histogram import trim
 from ...models.seeds import data_set_seed
 from ...models.splits import Fold, Split
-from ...models.storage import complete_folder
 from ..experiment.crosscheck import crosscheck
 from ..experiment.policies import combined
 from ..experiment.settings import check_settings
 from ..experiment.study import Study, planned, study
-from ..page.html import draw_pictures, write_page
-from ..page.page import Page
 from ..page.stages import Progress, StageClock, no_progress
 from ..stats import metrics
 from ..stats.acting import can_act
 from .examples import belief_cases, trajectories
-from .page import pictures, report_page
 from .results import Request, Results
-from .summary import results_tree, summarise
 
 
 def simulated_split(name: str, data_sets: int, seed: int, progress: Progress = no_progress) -> Split:
@@ -49,37 +42,17 @@ def simulated_split(name: str, data_sets: int, seed: int, progress: Progress = n
     return Split(tuple(folds), "sessions", "In every simulated data set session 0 trains and session 1 tests.")
 
 
-def reproduce(
-    request: Request, folder: Path, force: bool = False, progress: Progress = no_progress
-) -> tuple[Page, dict[str, Any]]:
-    """Runs the experiment and writes its folder, whole or not at all.
+def run_experiment(request: Request, progress: Progress) -> Results:
+    """Runs the experiment on every data set.
 
     Args:
         request: What to reproduce.
-        folder: Where the figures, `results.nc`, `summary.json` and `report.html` go.
-        force: Whether files in an existing folder may be replaced.
         progress: Told the name and size of every stage; gives the function that counts what is done.
 
-    Returns:
-        The page, and what `summary.json` holds.
-
     Raises:
-        InputError: The folder cannot be written, or the data or settings cannot be used.
+        InputError: The data or settings cannot be used.
     """
-    with complete_folder(folder, force) as temporary:
-        clock = StageClock(progress)
-        results = _run(request, clock)
-        drawn = [*pictures(request, results)]
-        with clock.stage("Drawing figures", len(drawn)) as advance:
-            images = draw_pictures(temporary, drawn, advance)
-        summary = summarise(request, results)
-        results_tree(request, results).to_netcdf(temporary / "results.nc", engine="h5netcdf")
-        page = report_page(summary, results.check, drawn)
-        write_page(temporary, page, summary, "summary.json", images)
-    return page, summary
-
-
-def _run(request: Request, clock: StageClock) -> Results:
+    clock = StageClock(progress)
     settings, folds = request.settings, request.split.folds
     grid, left_out = trim(request.grid, [fold.train for fold in folds])
     check_settings(settings, grid)

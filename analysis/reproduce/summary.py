@@ -10,11 +10,10 @@ import xarray as xr
 from ...models.grid import ClassGrid
 from ...models.measurement.registry import PAPER, row, split_name
 from ...models.power import learned_taps
-from ...models.splits import Fold
-from ...models.taps import TapSet, concatenate
+from ...models.taps import TapSet
 from ..experiment.crosscheck import CrossCheck
 from ..experiment.settings import ExperimentSettings
-from ..experiment.suspicions import FEW, suspicions
+from ..experiment.suspicions import FEW, fold_suspicions
 from ..page.figure_style import short_unit
 from ..page.words import versions
 from ..stats import metrics
@@ -229,13 +228,6 @@ def _repeated_taps(results: Results) -> list[str]:
 def _suspicions(request: Request, grid: ClassGrid) -> list[str]:
     """What `inspect` says about the files."""
     return fold_suspicions(request.split.folds[0], grid, one_file=len(request.files) == 1)
-
-
-def fold_suspicions(fold: Fold, grid: ClassGrid, *, one_file: bool) -> list[str]:
-    """What may mislead in training and test taps, looked at together where they come from one file."""
-    files = [concatenate([fold.train, fold.test])] if one_file else [fold.train, fold.test]
-    sentences = [sentence for taps in files for sentence in suspicions(taps, grid, alone=one_file)]
-    return list(dict.fromkeys(sentences))
 
 
 def _skipped(grid: ClassGrid) -> list[str]:

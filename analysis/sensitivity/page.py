@@ -1,30 +1,14 @@
-"""The folder of a sensitivity study: figures, `sensitivity.json` and the page."""
+"""A sensitivity study as a page."""
 
 from collections.abc import Iterator
 from functools import partial
-from pathlib import Path
 
-from ..page.html import write_report
 from ..page.numbers import in_brackets, interval, number, percent
 from ..page.page import Block, Brief, Listing, Note, Page, Picture, Row, Section, Table, Verbatim
 from . import figures
 from .findings import VERDICTS, options_of
 
 _ADVANTAGES = ("what_error", "where_error", "taps")
-
-
-def write_sensitivity(folder: Path, summary: Row, force: bool = False) -> Page:
-    """Writes everything, whole or not at all, and returns the page.
-
-    Args:
-        folder: Where to.
-        summary: See `summary.summarise`.
-        force: Whether files in an existing folder may be replaced.
-
-    Raises:
-        InputError: The folder cannot be written.
-    """
-    return write_report(folder, sensitivity_page(summary), summary, "sensitivity.json", force)
 
 
 def sensitivity_page(summary: Row) -> Page:

@@ -110,7 +110,7 @@ class _Played(NamedTuple):
     impossible: list[float]
 
 
-def sensitivity(source: Source, settings: SensitivitySettings, progress: Progress) -> Sensitivity:
+def sensitivity_study(source: Source, settings: SensitivitySettings, progress: Progress) -> Sensitivity:
     """Runs every option, then all pairs of the strongest.
 
     Args:

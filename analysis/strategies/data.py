@@ -3,7 +3,6 @@
 from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
-from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
@@ -19,11 +18,12 @@ from ...inference.trials.records import TapTable
 from ...inference.tuning.tempering import best_power, learn_power
 from ...models.errors import InputError
 from ...models.grid import ClassGrid
+from ...models.io.load import TapSource, names_of
 from ...models.measurement.histogram import fit
 from ...models.measurement.model import TapModel
 from ...models.power import TAPS
 from ...models.seeds import data_set_seed
-from ...models.settings import FitSettings
+from ...models.settings import Division, FitSettings
 from ...models.taps import TapSet
 from ..experiment.sources import recorded_source, right_model
 from ..stats.acting import can_act
@@ -128,23 +128,19 @@ def simulated_bench(name: str, data_sets: int, seed: int) -> StrategyData:
     return StrategyData(f"preset {name}", True, data_sets, load, grid, units, powers, border)
 
 
-def recorded_bench(
-    path: str | Path, where_cell: str | None = None, what_cell: str | None = None, training_taps: bool = False
-) -> StrategyData:
+def recorded_bench(data: TapSource, division: Division | None = None) -> StrategyData:
     """A recording, whose sessions are left out in turn where there are three or more.
 
     Args:
-        path: As for `load_taps`.
-        where_cell: Width of the where cells with unit.
-        what_cell: Width of the what cells.
-        training_taps: Whether to keep test taps that stand among the training taps.
+        data: Taps or their file.
+        division: The cells, and whether test taps that are among the training taps are kept.
 
     Raises:
         InputError: It cannot be read or divided, has a single place or object, or cells without a tap.
     """
-    source = recorded_source(path, where_cell, what_cell, training_taps)
+    (name,), source = names_of([data]), recorded_source(data, division)
     if not can_act(source.grid):
-        raise InputError(f"{path} has a single place or a single object, so there is no move to choose.")
+        raise InputError(f"{name} has a single place or a single object, so there is no move to choose.")
     sessions = []
     for number in range(source.folds):
         fold = source.load(number, 0.0)
@@ -153,7 +149,7 @@ def recorded_bench(
             missing = _empty_cells(taps, source.grid)
             if missing:
                 raise InputError(
-                    f"{path} has no {words} tap in {missing} of {source.grid.L * source.grid.M} cells of a fold; "
+                    f"{name} has no {words} tap in {missing} of {source.grid.L * source.grid.M} cells of a fold; "
                     "strategies are compared where a move can lead to any of them."
                 )
     powers = ("J", *("learned",) * (min(sessions) > 1), *("none",) * (source.samples > 1))

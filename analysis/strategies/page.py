@@ -1,10 +1,8 @@
-"""The folder of a comparison of strategies: figures, `strategies.json` and the page."""
+"""A comparison of strategies as a page."""
 
 from collections.abc import Iterator
 from functools import partial
-from pathlib import Path
 
-from ..page.html import write_report
 from ..page.numbers import factor, in_brackets, interval, number, percent
 from ..page.page import Block, Brief, Folded, Note, Page, Picture, Row, Section, Table, Verbatim
 from . import figures
@@ -17,20 +15,6 @@ _EQUAL = {
     FIXED: "After the same number of taps in every trial",
 }
 _COMPARED = ("what_error", "where_error", "way")
-
-
-def write_strategies(folder: Path, summary: Row, force: bool = False) -> Page:
-    """Writes everything, whole or not at all, and returns the page.
-
-    Args:
-        folder: Where to.
-        summary: See `summary.summarise`.
-        force: Whether files in an existing folder may be replaced.
-
-    Raises:
-        InputError: The folder cannot be written.
-    """
-    return write_report(folder, strategies_page(summary), summary, "strategies.json", force)
 
 
 def strategies_page(summary: Row) -> Page:

@@ -89,6 +89,7 @@ Border = Annotated[
     Literal["uniform", "uniform_what", "prior", "clamp", "circular"],
     typer.Option("--border", help="What a move does to belief that leaves the range."),
 ]
+Thresholds = Annotated[str | None, typer.Option(help="Belief thresholds, such as 0.5,0.9,0.99.")]
 Seed = Annotated[int, typer.Option("--seed", min=0, max=2**63 - 1, help="Of every random draw.")]
 TrainingTaps = Annotated[
     bool, typer.Option("--training-taps", help="Also play test taps that trained the model; default leaves them out.")
@@ -132,7 +133,8 @@ OPTIONS: dict[str, Any] = {
 
 
 FITTING = "bins", "pseudocount", "power", "value_range"
-DIVIDED = "where_cell", "what_cell", "split", "train", "test"
+CELLS = "where_cell", "what_cell"
+DIVIDED = *CELLS, "split", "train", "test"
 
 
 def given(context: typer.Context, option: str) -> bool:
@@ -211,16 +213,15 @@ def spelled_out(command: Callable[..., None]) -> Callable[..., None]:
     return spelled
 
 
-def parse_thresholds(text: str) -> tuple[float, ...]:
-    """Belief thresholds separated by commas, in increasing order.
+def parse_thresholds(text: str | None) -> list[float] | None:
+    """Belief thresholds separated by commas.
 
     Raises:
-        InputError: The text is something else, a number lies outside 0 to 1 or stands there twice.
+        InputError: The text is something else.
     """
+    if text is None:
+        return None
     try:
-        thresholds = sorted(float(part) for part in text.split(","))
+        return [float(part) for part in text.split(",")]
     except ValueError:
         raise InputError(f"--thresholds needs numbers such as 0.5,0.9,0.99, got {text!r}.") from None
-    if not all(0 <= theta <= 1 for theta in thresholds) or len(set(thresholds)) < len(thresholds):
-        raise InputError(f"--thresholds needs different numbers from 0 to 1, got {text!r}.")
-    return tuple(thresholds)

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from ...analysis.page.page import Page
+    from ...analysis.page.report import Report
 
 
 def report_folder(out: Path | None, force: bool, study: str = "") -> Path:
@@ -29,11 +29,11 @@ def command_line() -> str:
     return shlex.join(["solidtouch", *sys.argv[1:]])
 
 
-def show_report(page: "Page", folder: Path) -> None:
-    """Prints the gist of a page, and where the whole is."""
+def show_report(report: "Report", folder: Path) -> None:
+    """Prints the gist of a report, and where the whole is."""
     from rich.console import Console
 
     from ...analysis.page.terminal import show
 
-    show(page, Console())
+    show(report.page, Console())
     print(f"The report is {folder / 'report.html'}")

@@ -31,12 +31,9 @@ def untrained(model: "TapModel", taps: "TapSet", keep: bool) -> "TapSet":
     Raises:
         InputError: No tap is left.
     """
-    from ...models.training import without_training
+    from ...models.training import untrained_taps
 
-    if not len(model.training):
-        print("Note: the model does not name the taps that trained it, so none are left out.", file=sys.stderr)
-        return taps
-    rest, sentence = without_training(taps, model.training, keep)
+    rest, sentence = untrained_taps(taps, model.training, keep)
     if sentence:
-        print(f"{'Warning' if keep else 'Note'}: {sentence}", file=sys.stderr)
+        print(sentence, file=sys.stderr)
     return rest

@@ -7,7 +7,7 @@ Every random number comes from (seed, stream of the trial, tap), so the same see
 are cut into pieces and wherever these are played.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from copy import copy
 from functools import partial
 from typing import Protocol
@@ -30,6 +30,21 @@ from .records import Rule, TapTable, TrialPlan, Trials
 THRESHOLDS = (0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 0.95, 0.975, 0.99, 0.995)
 _AT_ONCE, _TAPS_AT_ONCE = 8192, 1 << 20  # trials and taps between two looks at what else there is to do
 _PIECES = 8  # of each thread at least, so that all end together
+
+
+def checked_thresholds(thresholds: Sequence[float] | None) -> tuple[float, ...]:
+    """Belief thresholds in increasing order; `THRESHOLDS` where none are given.
+
+    Raises:
+        InputError: One is given twice or lies outside 0 to 1.
+    """
+    if thresholds is None:
+        return THRESHOLDS
+    checked = tuple(sorted(map(float, thresholds)))
+    if not checked or not all(0 <= theta <= 1 for theta in checked) or len(set(checked)) < len(checked):
+        given = ",".join(f"{theta:g}" for theta in thresholds)
+        raise InputError(f"--thresholds needs different numbers from 0 to 1, got {given!r}.")
+    return checked
 
 
 class Player(Protocol):

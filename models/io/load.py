@@ -1,6 +1,6 @@
 """Loads a `TapSet` from any supported file: `.nc`, `.mcap`, `.npz`, `.csv`, `.mat` and folders of `.csv` files."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 from ..errors import InputError
@@ -10,6 +10,9 @@ from .csv import read_csv, read_csv_folder
 from .mat import read_mat
 from .npz import read_npz
 from .recording import Recording, naming
+
+type TapSource = TapSet | str | Path
+"""Taps, or the file or folder that holds them."""
 
 _READERS: dict[str, Callable[[Path], Recording]] = {
     ".npz": lambda path: recording_from_arrays(read_npz(path)),
@@ -38,6 +41,20 @@ def load_taps(path: str | Path) -> TapSet:
     recording = read_recording(path)
     with naming(path):
         return recording.tapset()
+
+
+def taps_of(source: TapSource) -> TapSet:
+    """The taps themselves, loaded where they are named by their file.
+
+    Raises:
+        InputError: As `load_taps`.
+    """
+    return source if isinstance(source, TapSet) else load_taps(source)
+
+
+def names_of(sources: Sequence[TapSource]) -> list[str]:
+    """What messages and pages call tap sets: their paths, or numbers from 1 where they have no file."""
+    return [f"taps {n}" if isinstance(source, TapSet) else str(source) for n, source in enumerate(sources, 1)]
 
 
 def read_recording(path: str | Path) -> Recording:

@@ -5,6 +5,7 @@ import pytest
 from solidtouch.analysis.audit.parts import audit_parts, load_parts
 from solidtouch.models.errors import InputError
 from solidtouch.models.preprocessing import Preprocessing
+from solidtouch.models.settings import Division
 from solidtouch.models.taps import concatenate
 
 L, M, REPEATS = 3, 4, 7
@@ -184,6 +185,6 @@ def test_files_are_loaded_with_the_classes_of_the_first(make_taps, tmp_path):
     for number, taps in enumerate(files(make_taps, 3)):
         paths.append(tmp_path / f"{number}.nc")
         taps.save(paths[-1])
-    parts, grid = load_parts(paths, where_cell="3mm")
+    parts, grid = load_parts(paths, Division(where_cell="3mm"))
     assert grid.shape == (2, M)
     assert parts.session_names == ("0.nc", "1.nc", "2.nc")

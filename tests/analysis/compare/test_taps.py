@@ -7,6 +7,7 @@ from solidtouch.analysis.compare.taps import (
     join_scores,
     leave_one_tap_out,
     mean_scores,
+    relative_elpd,
     score_fold,
     session_folds,
     stacked,
@@ -107,7 +108,7 @@ def test_the_model_that_made_the_taps_wins():
     for name in ("profile", "profile-ar"):
         parts = [score_fold(fit_model(name, fold.train, fold.train.grid(), SETTINGS), fold, 0) for fold in folds]
         scores[name] = join_scores([part["integrated"] for part in parts])
-    table = stacked(scores, len(folds))
+    table = stacked(relative_elpd(scores, len(folds)))
     assert table.loc["profile-ar", "rank"] == 0
     assert table.loc["profile-ar", "weight"] > 0.8
     means = mean_scores(scores, "profile", "integrated", seed=0)
@@ -120,7 +121,7 @@ def test_weights_do_not_depend_on_a_common_number():
     cluster = np.arange(40)
     a, b = generator.normal(size=(2, 40))
     weights = [
-        stacked({"a": TapScores(a + c, cluster), "b": TapScores(b + c, cluster)}, 2).loc["a", "weight"]
+        stacked(relative_elpd({"a": TapScores(a + c, cluster), "b": TapScores(b + c, cluster)}, 2)).loc["a", "weight"]
         for c in (0.0, -1000.0)
     ]
     assert weights[0] == pytest.approx(weights[1], abs=1e-6)

@@ -137,7 +137,8 @@ def test_what_is_empty_is_left_out():
 
 def test_a_page_is_written_with_its_figures_and_numbers(tmp_path):
     """It needs nothing from outside, and has no script."""
-    write_page(tmp_path, PAGE, {"a": 1.5, "b": "ü"}, "summary.json")
+    images = draw_pictures(tmp_path, PAGE.pictures, lambda _: None)
+    write_page(tmp_path, PAGE, {"a": 1.5, "b": "ü"}, "summary.json", images)
 
     assert {path.name for path in tmp_path.iterdir()} == {"fig1.png", "fig1.svg", "report.html", "summary.json"}
     assert json.loads((tmp_path / "summary.json").read_text(encoding="utf-8")) == {"a": 1.5, "b": "ü"}

@@ -18,8 +18,9 @@ from solidtouch.analysis.sensitivity import summary as sensitivity_summary
 from solidtouch.analysis.sensitivity.choices import CHOICES, Choice, Option, Reading
 from solidtouch.analysis.sensitivity.effects import SUMS
 from solidtouch.analysis.sensitivity.findings import VERDICTS, findings, lists_of, worded
-from solidtouch.analysis.sensitivity.page import sensitivity_page, write_sensitivity
-from solidtouch.analysis.sensitivity.run import SensitivitySettings, play_reading, sensitivity
+from solidtouch.analysis.sensitivity.page import sensitivity_page
+from solidtouch.analysis.sensitivity.report import SensitivityReport
+from solidtouch.analysis.sensitivity.run import SensitivitySettings, play_reading, sensitivity_study
 from solidtouch.analysis.sensitivity.summary import blind_error, summarise
 from solidtouch.analysis.stats.jackknife import Interval
 from solidtouch.analysis.stats.resampled_units import RESAMPLES
@@ -64,7 +65,7 @@ FEW = (
 
 @pytest.fixture(scope="module")
 def study(source):
-    return sensitivity(source, settings(*FEW, more=(SAME,)), no_progress)
+    return sensitivity_study(source, settings(*FEW, more=(SAME,)), no_progress)
 
 
 @pytest.fixture(scope="module")
@@ -168,7 +169,7 @@ def test_a_pair_is_both_options_at_once(source, study):
     rest = sum(found.change["active", "what_error"].value for found in alone)
     assert pair.beyond.value == pytest.approx(pair.together.value - rest)
     merged = Choice("both", "x.", "none", "d", (Option("both", {**pair.first[1].changes, **pair.second[1].changes}),))
-    again = sensitivity(source, settings(choices=(merged,)), no_progress)
+    again = sensitivity_study(source, settings(choices=(merged,)), no_progress)
     assert pair.together.value == again.effects[0].change["active", "what_error"].value
 
 
@@ -177,11 +178,11 @@ def test_the_same_seed_gives_the_same_numbers_on_any_number_of_threads(source):
     source = source._replace(folds=2)
     quick = settings("pseudocount", "drawing of test taps", strongest=2, trials=60)
     one, two = (
-        summarise([sensitivity(source, replace(quick, workers=workers), no_progress)], quick, DESCRIBED)
+        summarise([sensitivity_study(source, replace(quick, workers=workers), no_progress)], quick, DESCRIBED)
         for workers in (1, 2)
     )
     assert json.dumps(one) == json.dumps(two)
-    other = sensitivity(source, replace(quick, seed=3), no_progress)
+    other = sensitivity_study(source, replace(quick, seed=3), no_progress)
     assert summarise([other], quick, DESCRIBED)["sources"] != one["sources"]
 
 
@@ -215,7 +216,7 @@ def test_the_page_shows_every_option_and_its_verdict(summary, tmp_path):
     source = summary["sources"][0]
     skipped = [{"choice": "trials at the deadline", "option": "left out", "reason": "why not"}]
     summary = {**summary, "sources": [{**source, "skipped": skipped}]}
-    write_sensitivity(tmp_path / "out", summary)
+    SensitivityReport((), summary).save(tmp_path / "out")
     page = (tmp_path / "out" / "report.html").read_text()
     for choice, option in rows(summary):
         assert choice in page
@@ -302,7 +303,7 @@ def test_few_units_decide_nothing(source):
     """Four of them: no verdict, no "surely", and a sentence that says so, on the page and in the terminal too."""
     source = source._replace(folds=4)
     quick = settings("root of the likelihood", "fixation point", trials=60, strongest=2)
-    summary = summarise([sensitivity(source, quick, no_progress)], quick, DESCRIBED)
+    summary = summarise([sensitivity_study(source, quick, no_progress)], quick, DESCRIBED)
     assert {option["verdict"] for option in rows(summary).values()} == {"not decided"}
     assert not any(option["better"]["surely"] for option in rows(summary).values())
     assert not any(pair["sure"] for pair in summary["sources"][0]["pairs"])
@@ -362,7 +363,7 @@ def test_a_recording_of_one_split_has_resamples_of_taps_as_units(tmp_path, make_
     assert (three.folds, three.resamples) == (3, 0)
     assert "40 resamples of the test taps within class and session" in two.units
     assert "too few test taps, 7 or so of each class" in two.units
-    study = sensitivity(two, settings("pseudocount", "high-pass", trials=100), no_progress)
+    study = sensitivity_study(two, settings("pseudocount", "high-pass", trials=100), no_progress)
     assert np.isfinite(study.default["active", "taps"].low)
     assert [choice.name for choice in study.catalogue.choices] == ["pseudocount"]
 
@@ -370,7 +371,7 @@ def test_a_recording_of_one_split_has_resamples_of_taps_as_units(tmp_path, make_
 def test_intervals_of_one_recording_hold_its_taps_and_not_only_trials(tmp_path, make_taps):
     """With four test taps of a class many trials leave them wide: 0.04 mm would be that of 3200 trials."""
     make_taps(sessions=2, repeats=4).save(tmp_path / "two.nc")
-    study = sensitivity(recorded_source(tmp_path / "two.nc"), settings("deadline", trials=3200), no_progress)
+    study = sensitivity_study(recorded_source(tmp_path / "two.nc"), settings("deadline", trials=3200), no_progress)
     error = study.default["active", "where_error"]
     assert error.high - error.value > 0.12
 
@@ -381,18 +382,18 @@ def test_one_position_is_passive_only(tmp_path, make_taps):
     make_taps(L=1, sessions=3).save(tmp_path / "taps.nc")
     only = settings(trials=60, choices=CHOICES, strongest=2)
     source = recorded_source(tmp_path / "taps.nc")
-    summary = summarise([sensitivity(source, only, no_progress)], only, DESCRIBED)
+    summary = summarise([sensitivity_study(source, only, no_progress)], only, DESCRIBED)
     assert summary["sources"][0]["policies"] == ["passive"]
     assert summary["sources"][0]["advantage"] == {}
     assert all(choice["verdict"] != "conclusion" for choice in summary["sources"][0]["choices"])
-    write_sensitivity(tmp_path / "out", summary)
+    SensitivityReport((), summary).save(tmp_path / "out")
 
 
 def test_faultless_decisions_are_named(tmp_path, make_taps):
     """Where nothing is wrong under the defaults, intervals of no width are no evidence."""
     make_taps(sessions=3, M=2).save(tmp_path / "taps.nc")
     few = settings("pseudocount", trials=60, strongest=0)
-    summary = summarise([sensitivity(recorded_source(tmp_path / "taps.nc"), few, no_progress)], few, DESCRIBED)
+    summary = summarise([sensitivity_study(recorded_source(tmp_path / "taps.nc"), few, no_progress)], few, DESCRIBED)
     if summary["sources"][0]["default"][-1]["what_error"] == 0:
         assert any("say nothing of other data" in said for said in summary["sources"][0]["findings"])
     else:
@@ -409,6 +410,6 @@ def test_a_preset_that_is_not_there_is_refused():
 def test_recorded_sets_run_through(shared_data, name, tmp_path):
     """Every option that makes sense there ends in a verdict."""
     quick = SensitivitySettings(trials=100, strongest=2)
-    summary = summarise([sensitivity(recorded_source(shared_data / name), quick, no_progress)], quick, DESCRIBED)
+    summary = summarise([sensitivity_study(recorded_source(shared_data / name), quick, no_progress)], quick, DESCRIBED)
     assert all(option["verdict"] in VERDICTS for option in rows(summary).values())
-    write_sensitivity(tmp_path / "out", summary)
+    SensitivityReport((), summary).save(tmp_path / "out")

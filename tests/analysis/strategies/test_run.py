@@ -22,7 +22,8 @@ from solidtouch.analysis.strategies.data import (
 )
 from solidtouch.analysis.strategies.figures_trust import trust
 from solidtouch.analysis.strategies.findings import FIXED, LOOK, PAPER, TAPS, findings, source_findings
-from solidtouch.analysis.strategies.page import strategies_page, write_strategies
+from solidtouch.analysis.strategies.page import strategies_page
+from solidtouch.analysis.strategies.report import StrategiesReport
 from solidtouch.analysis.strategies.run import BASE, TRUSTED, StrategySettings, playable, strategy_study
 from solidtouch.analysis.strategies.summary import summarise
 from solidtouch.hardware.simulator.presets import preset
@@ -185,7 +186,7 @@ def test_the_page_shows_every_strategy_and_rule(summary):
 @pytest.mark.slow
 def test_the_folder_holds_page_numbers_and_figures(summary, tmp_path):
     """All of them or nothing."""
-    write_strategies(tmp_path / "out", summary)
+    StrategiesReport((), summary).save(tmp_path / "out")
     names = {path.name for path in (tmp_path / "out").iterdir()}
     drawn = ("curves-1", "equal-taps-1", "stopping-1", "trajectories-1", "trust")
     assert names == {*(f"{name}.{kind}" for name in drawn for kind in ("png", "svg")), "report.html", "strategies.json"}
@@ -329,4 +330,4 @@ def test_a_recorded_set_runs_through(shared_data, tmp_path):
     bench = recorded_bench(shared_data / "barrett_ballcyl.npz")
     summary = summarise([strategy_study(bench, settings, no_progress)], settings, DESCRIBED)
     assert "info-what-per-mm" not in summary["sources"][0]["strategies"]
-    write_strategies(tmp_path / "out", summary)
+    StrategiesReport((), summary).save(tmp_path / "out")

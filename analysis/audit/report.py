@@ -1,0 +1,150 @@
+"""The naive-Bayes assumption audited on taps of your own: what `solidtouch.audit` does and gives back."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, ClassVar
+
+from ...inference.moves.control import check_fixation
+from ...models.errors import InputError
+from ...models.io.load import TapSource, names_of
+from ...models.measurement.histogram import trim
+from ...models.measurement.model import TapModel
+from ...models.setting_file import Setting
+from ...models.settings import Division, FitSettings, PlaySettings
+from ..page.page import Page
+from ..page.report import StudyReport
+from ..page.stages import Progress, no_progress
+from .page import audit_page
+from .parts import AuditParts, load_parts
+from .remedies import BASELINE, Remedy
+from .run import Audit, AuditSettings, audit_taps
+from .summary import summarise
+
+FEWEST_PERMUTATIONS, FEWEST_TRIALS = 99, 100
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class AuditReport(StudyReport):
+    """Where the naive-Bayes assumption fails, what that costs in decisions, and which remedy pays.
+
+    Attributes:
+        found: All results.
+        summary: What the page says, as `audit.json` holds it.
+    """
+
+    SUMMARY: ClassVar[str] = "audit.json"
+
+    found: Audit
+    summary: dict[str, Any]
+
+    def _page(self) -> Page:
+        return audit_page(self.found, self.summary)
+
+    @property
+    def verdict(self) -> list[str]:
+        """What was found, in sentences."""
+        return self.summary["verdict"]["sentences"]
+
+    @property
+    def model(self) -> TapModel:
+        """The model of the recommended remedy, or the present one where no remedy pays."""
+        return self._remedy.model
+
+    @property
+    def setting(self) -> Setting:
+        """The setting to perceive with, with the threshold for the wanted error where that can be reached."""
+        target, remedy = self.found.target, self._remedy
+        note = f"{self.summary['title']}: {remedy.title}. {remedy.how}".strip()
+        if target is not None and target.reachable:
+            note = f"{note} {target.sentence}".strip()
+            return remedy.setting.changed(threshold=target.chosen.theta, note=note)
+        return remedy.setting.changed(note=note)
+
+    @property
+    def _remedy(self) -> Remedy:
+        name = self.summary["remedy"]["chosen"] or BASELINE
+        return next(remedy for remedy in self.found.remedies if remedy.name == name)
+
+    def _write_more(self, folder: Path) -> None:
+        self.setting.save(folder / "setting.json")
+        self.model.save(folder / "model.nc")
+
+
+def audit(
+    *data: TapSource,
+    target_error: float | None = None,
+    division: Division = Division(),
+    fit: FitSettings = FitSettings(),
+    play: PlaySettings = PlaySettings(),
+    pre: int | None = None,
+    covariates: Sequence[str] = (),
+    permutations: int = 999,
+    trials: int = 4000,
+    seed: int = 0,
+    progress: Progress = no_progress,
+    command: str = "",
+) -> AuditReport:
+    """Audits the naive-Bayes assumption of the paper's histogram on taps.
+
+    Args:
+        data: Tap sets or their files: the first trains, the last measures, those between tune. Of two the second is
+            halved to tune and to measure; one is divided by its sessions.
+        target_error: P(wrong) for which a threshold is tuned; that takes five sets to tune with.
+        division: Width of the cells, and whether taps that train may also tune and measure.
+        fit: The histogram in use.
+        play: How perception is done now.
+        pre: Samples at the beginning of each tap that precede contact; `None` for what the taps record.
+        covariates: Extra arrays of the taps that are suspected as causes.
+        permutations: Permutations of every test.
+        trials: Trials of each remedy and policy.
+        seed: Random seed.
+        progress: Told the name and size of every stage; gives the function that counts what is done.
+        command: The command line, for the page.
+
+    Raises:
+        InputError: The taps or a setting cannot be used.
+    """
+    for name, value in (("--theta", play.threshold), ("--target-error", target_error)):
+        if value is not None and not 0 < value < 1:
+            raise InputError(f"{name} must lie between 0 and 1, got {value}.")
+    for name, number, least in (
+        ("--permutations", permutations, FEWEST_PERMUTATIONS),
+        ("--trials", trials, FEWEST_TRIALS),
+    ):
+        if number < least:
+            raise InputError(f"{name} must be {least} or more, got {number}.")
+    parts, grid = load_parts(data, division)
+    grid, dropped = trim(grid, [parts.train])
+    check_fixation(play.fixation, grid.L)
+    settings = AuditSettings(
+        setting=Setting(fit=fit, where_cell=division.where_cell, what_cell=division.what_cell, play=play),
+        target_error=target_error,
+        pre=pre,
+        covariates=tuple(covariates),
+        permutations=permutations,
+        trials=trials,
+        seed=seed,
+    )
+    found = audit_taps(parts, grid, settings, progress)
+    about = _about(data, parts, dropped, found.unused)
+    return AuditReport(found, summarise(found, settings, {**about, "command": command}))
+
+
+def _about(data: Sequence[TapSource], parts: AuditParts, dropped: Sequence[str], unused: int) -> dict[str, Any]:
+    """The data in words."""
+    warnings = []
+    if dropped:
+        warnings.append(f"Left out for want of a training tap: {', '.join(f'“{name}”' for name in dropped)}.")
+    if unused:
+        warnings.append(f"{unused} measuring taps of classes without a training tap were left out.")
+    return {
+        "title": f"Audit of the naive-Bayes assumption: {', '.join(Path(name).name for name in names_of(data))}",
+        "files": {
+            "Training taps": len(parts.train),
+            "tuning taps": sum(map(len, parts.tune)),
+            "measuring taps": len(parts.measure),
+        },
+        "simulated": all(part.simulated for part in (parts.train, *parts.tune, parts.measure)),
+        "warnings": warnings,
+    }

@@ -1,0 +1,157 @@
+"""Measurement models compared on taps of your own: what `solidtouch.compare` does and gives back."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import xarray as xr
+
+from ...inference.moves.control import check_fixation
+from ...inference.trials.run import checked_thresholds
+from ...models.errors import InputError
+from ...models.experiment import load_experiment
+from ...models.grid import ClassGrid
+from ...models.io.load import TapSource, names_of
+from ...models.measurement.histogram import trim
+from ...models.measurement.model import TapModel
+from ...models.measurement.registry import NAMES, split_name
+from ...models.settings import Division, FitSettings, PlaySettings
+from ...models.splits import Split
+from ..experiment.suspicions import fold_suspicions
+from ..page.page import Page
+from ..page.report import StudyReport
+from ..page.stages import Progress, no_progress
+from .page import comparison_page, comparison_tree
+from .run import CompareSettings, Comparison, compare_models
+from .summary import summarise
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class ComparisonReport(StudyReport):
+    """Measurement models side by side, by how they predict taps, tell classes and decide.
+
+    Attributes:
+        found: All results.
+        summary: What the page says, as `summary.json` holds it.
+    """
+
+    found: Comparison
+    summary: dict[str, Any]
+
+    def _page(self) -> Page:
+        return comparison_page(self.found, self.summary)
+
+    @property
+    def models(self) -> dict[str, TapModel]:
+        """The fitted models by name."""
+        return {name: fitted.model for name, fitted in self.found.fits.items()}
+
+    @property
+    def taps(self) -> xr.Dataset | None:
+        """Mean log probability of taps of sessions left out, dim model; `None` without a second session."""
+        return self.found.left_out_sessions
+
+    @property
+    def classes(self) -> xr.Dataset:
+        """Scores of the belief in classes, dims model and contacts."""
+        return self.found.classes
+
+    @property
+    def decisions(self) -> xr.Dataset:
+        """Errors and reaction times, dims model, policy and theta."""
+        return self.found.curves
+
+    @property
+    def elpd(self) -> dict[str, Any]:
+        """Log probabilities of the taps of sessions left out, by model, as `az.compare` takes them."""
+        return self.found.elpd
+
+    @property
+    def tree(self) -> xr.DataTree:
+        """All labelled numbers, as `compare.nc` holds them."""
+        return comparison_tree(self.found, self.summary)
+
+    def _write_more(self, folder: Path) -> None:
+        self.tree.to_netcdf(folder / "compare.nc", engine="h5netcdf")
+
+
+def compare(
+    *data: TapSource,
+    models: Sequence[str] = NAMES,
+    division: Division = Division(),
+    fit: FitSettings = FitSettings(),
+    draws: int = 400,
+    trials: int = 4000,
+    thresholds: Sequence[float] | None = None,
+    play: PlaySettings = PlaySettings(),
+    seed: int = 0,
+    progress: Progress = no_progress,
+    command: str = "",
+) -> ComparisonReport:
+    """Fits measurement models to training taps and compares how they predict taps, tell classes and decide.
+
+    Args:
+        data: One tap set or file that is divided, or two, of which the first trains and the second tests.
+        models: Names, the reference first; see docs/reference/models.md.
+        division: How taps are grouped into classes, and how one tap set is divided.
+        fit: How models are fitted; their seed is `seed`.
+        draws: Draws from each posterior, to leave out single taps; 0 skips that and the predictive checks.
+        trials: Trials of each model, passive and active.
+        thresholds: Belief thresholds, theta_W; `None` for those of the paper's range.
+        play: How trials are played.
+        seed: Random seed.
+        progress: Told the name and size of every stage; gives the function that counts what is done.
+        command: The command line, for the page.
+
+    Raises:
+        InputError: The taps or a setting cannot be used.
+    """
+    for name in models:
+        split_name(name)
+    parts, grid = load_experiment(data, division)
+    if len(parts.folds) != 1:
+        raise InputError(
+            f"--split {parts.method} makes {len(parts.folds)} training sets; compare takes one, and leaves out each "
+            "session in turn by itself."
+        )
+    fold = parts.folds[0]
+    grid, dropped = trim(grid, [fold.train])
+    check_fixation(play.fixation, grid.L)
+    settings = CompareSettings(
+        models=tuple(models),
+        fit=fit.changed(seed=seed),
+        draws=draws,
+        trials=trials,
+        thresholds=checked_thresholds(thresholds),
+        play=play,
+        seed=seed,
+        one_recording=len(data) == 1,
+    )
+    found = compare_models(fold.train, fold.test, grid, settings, progress)
+    described = _described(data, parts, grid, dropped, found.test_taps)
+    return ComparisonReport(found, summarise(found, settings, {**described, "command": command}))
+
+
+def _described(
+    data: Sequence[TapSource], parts: Split, grid: ClassGrid, dropped: Sequence[str], test_taps: int
+) -> dict[str, Any]:
+    """The data in words."""
+    fold = parts.folds[0]
+    warnings = [parts.warning] if parts.warning else []
+    if dropped:
+        warnings.append(f"Left out for want of a training tap: {', '.join(dropped)}.")
+    if test_taps < len(fold.test):
+        warnings.append(f"{len(fold.test) - test_taps} test taps of classes that not all models know were left out.")
+    simulated = fold.train.simulated and fold.test.simulated
+    if not simulated:
+        warnings += fold_suspicions(fold, grid, one_file=len(data) == 1)
+    return {
+        "title": f"Measurement models compared: {', '.join(Path(name).name for name in names_of(data))}",
+        "what_was_run": [
+            f"Every model was fitted to {len(fold.train)} training taps and judged on {test_taps} test taps. "
+            + parts.description
+        ],
+        "simulated": simulated,
+        "warnings": warnings,
+    }

@@ -1,0 +1,104 @@
+"""What a study gives back: its page, its numbers and its figures, on the screen or in a folder."""
+
+from abc import ABC, abstractmethod
+from functools import cached_property
+from io import StringIO
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, ClassVar
+
+from ...models.errors import InputError
+from ...models.storage import complete_folder
+from .figure_style import drawn_into
+from .html import draw_pictures, render_brief, write_page
+from .page import Page
+from .stages import Progress, no_progress
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure, SubFigure
+
+_WIDTH = 110  # characters
+
+
+class Report(ABC):
+    """What was found, as a page: `print` shows the gist, and a notebook shows it with its tables."""
+
+    @cached_property
+    def page(self) -> Page:
+        """Everything that is shown."""
+        return self._page()
+
+    @abstractmethod
+    def _page(self) -> Page: ...
+
+    @property
+    def figures(self) -> dict[str, str]:
+        """Names of the page's figures, each with its title."""
+        return {picture.name: picture.title for picture in self.page.pictures}
+
+    def plot(self, name: str, figure: "Figure | SubFigure | None" = None) -> "Figure | SubFigure":
+        """Draws one of the page's figures.
+
+        Args:
+            name: One of `figures`.
+            figure: Where to draw, such as part of a figure of your own; `None` for a new figure.
+
+        Returns:
+            The figure; its panels are `figure.axes`.
+
+        Raises:
+            InputError: There is no such figure.
+        """
+        pictures = {picture.name: picture for picture in self.page.pictures}
+        if name not in pictures:
+            known = ", ".join(pictures) or "none"
+            raise InputError(f"There is no figure {name!r}; the figures of this report are {known}.")
+        with drawn_into(figure):
+            drawn = pictures[name].draw()
+        if drawn is None:
+            raise InputError(f"The figure {name!r} has nothing to show.")
+        return drawn
+
+    def __repr__(self) -> str:
+        from rich.console import Console  # noqa: PLC0415 - a page is written without it
+
+        from .terminal import show  # noqa: PLC0415
+
+        text = StringIO()
+        show(self.page, Console(file=text, width=_WIDTH))
+        return text.getvalue().rstrip()
+
+    def _repr_html_(self) -> str:
+        return render_brief(self.page)
+
+
+class StudyReport(Report):
+    """The report of a study, which also has a summary and can be saved as a folder.
+
+    Attributes:
+        summary: Numbers and sentences of the page, as a JSON file of the folder holds them.
+        SUMMARY: Name of that file.
+    """
+
+    SUMMARY: ClassVar[str] = "summary.json"
+
+    summary: Any
+
+    def save(self, folder: str | Path, force: bool = False, progress: Progress = no_progress) -> None:
+        """Writes the page as `report.html`, the summary, the figures and further files, all or none.
+
+        Args:
+            folder: Where to.
+            force: Whether files in an existing folder may be replaced.
+            progress: Told the name and size of the stage; gives the function that counts what is done.
+
+        Raises:
+            InputError: The folder cannot be written.
+        """
+        page = self.page
+        with complete_folder(folder, force) as temporary:
+            self._write_more(temporary)
+            images = draw_pictures(temporary, page.pictures, progress("Drawing figures", len(page.pictures)))
+            write_page(temporary, page, self.summary, self.SUMMARY, images)
+
+    def _write_more(self, folder: Path) -> None:
+        """Writes what else belongs into the folder."""

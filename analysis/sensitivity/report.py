@@ -1,0 +1,77 @@
+"""What each choice that the paper leaves open is worth: what `solidtouch.sensitivity` does and gives back."""
+
+from dataclasses import dataclass
+from typing import Any, ClassVar
+
+from ...models.errors import InputError
+from ...models.io.load import TapSource
+from ...models.settings import Division
+from ..experiment.sources import recorded_source, simulated_source
+from ..page.page import Page
+from ..page.report import StudyReport
+from ..page.stages import Progress, no_progress
+from .page import sensitivity_page
+from .run import Sensitivity, SensitivitySettings, sensitivity_study
+from .summary import summarise
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class SensitivityReport(StudyReport):
+    """Which of the choices change the paper's conclusion, which its numbers, and which nothing.
+
+    Attributes:
+        found: All results, one for each kind of data.
+        summary: What the page says, as `sensitivity.json` holds it.
+    """
+
+    SUMMARY: ClassVar[str] = "sensitivity.json"
+
+    found: tuple[Sensitivity, ...]
+    summary: dict[str, Any]
+
+    def _page(self) -> Page:
+        return sensitivity_page(self.summary)
+
+
+def sensitivity(
+    *data: TapSource,
+    data_sets: int = 40,
+    preset: str = "paper",
+    division: Division = Division(),
+    trials: int = 1000,
+    strongest: int = 5,
+    workers: int | None = None,
+    seed: int = 0,
+    progress: Progress = no_progress,
+    command: str = "",
+) -> SensitivityReport:
+    """Runs every option of what the paper leaves open against the defaults, on the same trials.
+
+    Args:
+        data: Recorded taps or their files, each studied on its own; three sessions or more are left out in turn.
+        data_sets: Simulated data sets; 0 for recorded taps only.
+        preset: Preset of the simulated rig.
+        division: Width of the cells, and whether test taps that are among the training taps are kept.
+        trials: Trials of each data set, policy and option.
+        strongest: Choices of which all pairs are tried.
+        workers: Data sets at a time; `None` for as many as there are cores.
+        seed: Random seed.
+        progress: Told the name and size of every stage; gives the function that counts what is done.
+        command: The command line, for the page.
+
+    Raises:
+        InputError: The taps or a setting cannot be used.
+    """
+    if not data_sets and not data:
+        raise InputError("--data-sets 0 needs a file of recorded taps.")
+    for option, width in (("--where-cell", division.where_cell), ("--what-cell", division.what_cell)):
+        if width is not None and not data:
+            raise InputError(
+                f"{option} {width} divides recorded taps, and no file is given; simulated ones keep theirs."
+            )
+    sources = [simulated_source(preset, data_sets, seed)] if data_sets else []
+    sources += [recorded_source(taps, division) for taps in data]
+    settings = SensitivitySettings(trials=trials, seed=seed, strongest=strongest, workers=workers)
+    found = tuple(sensitivity_study(source, settings, progress) for source in sources)
+    described = {"title": "What the open choices of the paper are worth", "command": command}
+    return SensitivityReport(found, summarise(found, settings, described))

@@ -1,0 +1,84 @@
+"""How to move and when to stop, compared on the same trials: what `solidtouch.strategies` does and gives back."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any, ClassVar
+
+from ...models.errors import InputError
+from ...models.io.load import TapSource
+from ...models.settings import Division
+from ..page.page import Page
+from ..page.report import StudyReport
+from ..page.stages import Progress, no_progress
+from .data import RIGHT, recorded_bench, simulated_bench
+from .page import strategies_page
+from .regret import TRIALS, RegretSettings, regret_study
+from .regret_summary import summarise_regret
+from .run import StrategySettings, StrategyStudy, strategy_study
+from .summary import summarise
+
+DATA = "ideal", "paper", "nodrift", "broken", RIGHT
+"""Presets that strategies are compared on."""
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class StrategiesReport(StudyReport):
+    """What other ways to move and to stop gain over the paper's.
+
+    Attributes:
+        found: All results, one for each kind of data.
+        summary: What the page says, as `strategies.json` holds it.
+    """
+
+    SUMMARY: ClassVar[str] = "strategies.json"
+
+    found: tuple[StrategyStudy, ...]
+    summary: dict[str, Any]
+
+    def _page(self) -> Page:
+        return strategies_page(self.summary)
+
+
+def strategies(
+    *data: TapSource,
+    presets: Sequence[str] = DATA,
+    data_sets: int = 10,
+    division: Division = Division(),
+    trials: int = 100,
+    regret: int | None = None,
+    workers: int | None = None,
+    seed: int = 0,
+    progress: Progress = no_progress,
+    command: str = "",
+) -> StrategiesReport:
+    """Compares strategies of moving and rules of stopping on the same trials: error against taps and way.
+
+    Args:
+        data: Recorded taps or their files, each on its own, with a tap in every class.
+        presets: Presets of the simulated rig; `"model"` draws taps from the model that perceives them.
+        data_sets: Simulated data sets of each preset.
+        division: Width of the cells, and whether test taps that are among the training taps are kept.
+        trials: Trials of each data set and strategy.
+        regret: Trials for what strategies cost more than the exact rule, or a bound, on taps of a right model; 0 skips
+            that, `None` does it with the usual number if there is a preset.
+        workers: Data sets at a time; `None` for as many as there are cores.
+        seed: Random seed.
+        progress: Told the name and size of every stage; gives the function that counts what is done.
+        command: The command line, for the page.
+
+    Raises:
+        InputError: The taps or a setting cannot be used.
+    """
+    regret = TRIALS * bool(presets) if regret is None else regret
+    if not presets and not data and not regret:
+        raise InputError("--presets none needs a file of recorded taps, or --regret.")
+    if len(set(presets)) < len(presets):
+        raise InputError(f"--presets names one twice: {','.join(presets)}.")
+    benches = [simulated_bench(name, data_sets, seed) for name in presets]
+    benches += [recorded_bench(taps, division) for taps in data]
+    settings = StrategySettings(trials=trials, seed=seed, workers=workers)
+    found = tuple(strategy_study(bench, settings, progress) for bench in benches)
+    regrets = RegretSettings(regret, seed, workers)
+    lost = summarise_regret(regret_study(regrets, progress), regrets) if regret else None
+    described = {"title": "How to move and when to stop", "command": command}
+    return StrategiesReport(found, summarise(found, settings, described, lost))

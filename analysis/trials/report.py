@@ -1,0 +1,159 @@
+"""Any number of trials on recorded taps: what `solidtouch.trials` does and gives back."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import partial
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+
+import xarray as xr
+
+from ...inference.moves.control import check_fixation
+from ...inference.trials.plan import tap_table
+from ...inference.trials.run import checked_thresholds
+from ...inference.trials.tally import Tally, tally_trials
+from ...models.errors import InputError
+from ...models.io.load import TapSource, names_of, taps_of
+from ...models.io.model_file import load_model
+from ...models.measurement.model import TapModel
+from ...models.settings import PlaySettings
+from ...models.splits import select_sessions
+from ...models.storage import complete_file
+from ...models.training import untrained_taps
+from ..page.page import Page
+from ..page.report import Report
+from ..page.stages import Progress, no_progress
+from ..stats.no_class_left import no_class_left_sentence
+from .page import tally_page
+from .spread import TapSpread, spread_trials, tap_spread
+from .tallied import tally_dataset
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class TrialsReport(Report):
+    """Counted trials and their means, with intervals over test taps.
+
+    Attributes:
+        tally: The counts.
+        spread: Trials on resampled and on fresh taps.
+        model: The fitted model.
+        thresholds: theta_W.
+        about: What was asked for, as the attributes of the file hold it.
+    """
+
+    tally: Tally
+    spread: TapSpread
+    model: TapModel
+    thresholds: tuple[float, ...]
+    about: dict[str, Any]
+
+    def _page(self) -> Page:
+        about = self.about
+        moves = "" if about["policy"] == "passive" else f" to {about['fixation']}, theta_X {about['theta_x']:g}"
+        which = (
+            f"of {about['requested_trials']:,} trials, {about['policy']}{moves}, from {about['start']}, on "
+            f"{about['taps']}; border {about['border']}, deadline {about['deadline']}, seed {about['seed']}"
+        )
+        return tally_page(self.tally, self.model.grid, self.thresholds, which, self.spread)
+
+    @property
+    def warning(self) -> str:
+        """What to know of trials in which no class was left; empty where there was none."""
+        share = self.tally.no_class_left.max() / self.tally.trials
+        return no_class_left_sentence(share, self.model) if share > 0 else ""
+
+    @property
+    def results(self) -> xr.Dataset:
+        """Counts and means with their intervals, see `tally_dataset`."""
+        return tally_dataset(self.tally, self.model.grid, self.thresholds, self.spread).assign_attrs(self.about)
+
+    def save(self, path: str | Path, force: bool = False) -> None:
+        """Writes `results` to a NetCDF file, whole or not at all.
+
+        Raises:
+            InputError: The file cannot be written.
+        """
+        with complete_file(path, force) as temporary:
+            self.results.to_netcdf(temporary, engine="h5netcdf")
+
+
+def trials(
+    model: TapModel | str | Path,
+    taps: TapSource,
+    number: int = 100_000,
+    *,
+    play: PlaySettings = PlaySettings(),
+    start: int | None = None,
+    thresholds: Sequence[float] | None = None,
+    sessions: Sequence[int] | None = None,
+    training_taps: bool = False,
+    seed: int = 0,
+    device: str = "cpu",
+    workers: int | None = None,
+    progress: Progress = no_progress,
+    hear: Callable[[TrialsReport], object] = lambda report: None,  # noqa: ARG005
+    note: Callable[[str], object] = lambda sentence: None,  # noqa: ARG005
+) -> TrialsReport:
+    """Plays trials on recorded taps and counts errors and reaction times; memory does not grow with their number.
+
+    Args:
+        model: A fitted model or its file.
+        taps: Test taps or their file; those that trained the model are left out.
+        number: How many trials.
+        play: How they are played; `thresholds` take the place of its threshold.
+        start: Position that all begin in, as index; `None` for any.
+        thresholds: Belief thresholds, theta_W; `None` for those of the paper's range.
+        sessions: Sessions of the taps to take; `None` for all.
+        training_taps: Whether taps that trained the model are kept.
+        seed: Random seed.
+        device: `"cpu"`, `"gpu"`, or `"xla-cpu"` for the code of the latter on the processor.
+        workers: Threads; `None` for as many as there are cores.
+        progress: Told the name and size of every stage; gives the function that counts what is done.
+        hear: Given the report of the trials so far, several times.
+        note: Told what there is to say of taps that trained the model.
+
+    Raises:
+        InputError: The model, the taps or a setting cannot be used.
+    """
+    if play.passive and (play.fixation is not None or play.theta_x > 0):
+        raise InputError("--passive never moves and does not go with --fixation or --theta-x.")
+    named = "model" if isinstance(model, TapModel) else Path(model).name
+    fitted = model if isinstance(model, TapModel) else load_model(model)
+    grid = fitted.grid
+    chosen = select_sessions(taps_of(taps), None if sessions is None else [*sessions], "--test")
+    tested, sentence = untrained_taps(chosen, fitted.training, training_taps)
+    if sentence:
+        note(sentence)
+    tested = fitted.usable(tested)
+    table = tap_table(fitted, tested)
+    theta = checked_thresholds(thresholds)
+    if start is not None and not 0 <= start < grid.L:
+        raise InputError(f"--start must be an index from 0 to {grid.L - 1}, got {start}.")
+    point = check_fixation(play.fixation, grid.L)
+    about = {
+        "model": named,
+        "taps": f"{len(tested)} of {Path(*names_of([taps])).name}",
+        "policy": "passive" if play.passive else "active",
+        "fixation": "none" if play.passive else grid.where_label(point),
+        "start": "anywhere" if start is None else grid.where_label(start),
+        "theta_x": play.move_threshold,
+        "border": play.border,
+        "deadline": play.deadline,
+        "seed": seed,
+        "requested_trials": number,
+        "solidtouch": version("solidtouch"),
+    }
+    rule: dict[str, Any] = {"fixation": point, "where": start, "workers": workers, "play": play, "seed": seed}
+    advance = progress("Resampling test taps", spread_trials(number))
+    spread = tap_spread(table, grid, theta, number, progress=advance, **rule)
+    advance, played = progress("Playing trials", number), 0
+
+    def told(tally: Tally) -> None:
+        nonlocal played
+        advance(tally.trials - played)
+        played = tally.trials
+        hear(report(tally))
+
+    report = partial(TrialsReport, spread=spread, model=fitted, thresholds=theta, about=about)
+    return report(tally_trials(table, theta, number, device=device, progress=told, **rule))

@@ -1,0 +1,101 @@
+"""Reports of studies: what they show, draw and save, and that commands save the same."""
+
+import json
+
+import numpy as np
+import pytest
+import xarray as xr
+from matplotlib.figure import Figure
+
+import solidtouch as st
+
+
+@pytest.fixture(scope="module")
+def taps():
+    return st.simulate("ideal", sessions=2, seed=1)
+
+
+@pytest.fixture(scope="module")
+def report(taps):
+    return st.compare(*taps, models=["histogram", "gaussian"], draws=0, trials=200, thresholds=[0.9, 0.5], seed=3)
+
+
+def test_a_report_says_its_gist_and_a_notebook_shows_it(report):
+    shown = repr(report)
+    assert report.page.title in report._repr_html_()
+    assert all(finding.split("*")[0][:30] in shown for finding in report.summary["findings"])
+    assert "<table" in report._repr_html_()
+    assert "<html" not in report._repr_html_()
+
+
+def test_every_figure_is_drawn_alone_or_into_a_part_of_another(report):
+    for name in report.figures:
+        assert report.plot(name).axes
+    whole = Figure(figsize=(12, 5), layout="constrained")
+    left, right = whole.subfigures(1, 2)
+    assert report.plot("decisions", left) is left
+    assert report.plot("miscalibration", right) is right
+    whole.canvas.draw()
+    alone = report.plot("decisions")
+    assert len(left.axes) == len(alone.axes)
+    assert len(whole.axes) == len(left.axes) + len(right.axes)
+    np.testing.assert_array_equal(left.axes[0].lines[0].get_ydata(), alone.axes[0].lines[0].get_ydata())
+
+
+def test_a_figure_that_is_not_there_is_refused(report):
+    with pytest.raises(st.InputError, match=r"no figure 'decision'; the figures of this report are .*decisions"):
+        report.plot("decision")
+
+
+def test_the_function_finds_and_saves_what_the_command_does(report, taps, command, tmp_path):
+    """But for the names of the taps, the command line and seconds."""
+    for name, part in zip(("train", "test"), taps, strict=True):
+        part.save(tmp_path / f"{name}.nc")
+    done = command(
+        *("compare", tmp_path / "train.nc", tmp_path / "test.nc", "--models", "histogram,gaussian", "--draws", 0),
+        *("--trials", 200, "--thresholds", "0.5,0.9", "--seed", 3, "--out", tmp_path / "command"),
+    )
+    report.save(tmp_path / "function")
+    ours, theirs = (json.loads((tmp_path / of / "summary.json").read_text()) for of in ("function", "command"))
+    differing = {key for key in theirs if ours[key] != theirs[key]}
+
+    assert done.code == 0
+    assert ours.keys() == theirs.keys()
+    assert differing <= {"title", "command", "elapsed_s", "models"}  # models: seconds of the fits
+    files = [{path.name for path in (tmp_path / of).iterdir()} for of in ("function", "command")]
+    assert files[0] == files[1]
+    xr.testing.assert_identical(
+        xr.open_datatree(tmp_path / "function" / "compare.nc")["decisions"].to_dataset().load(),
+        xr.open_datatree(tmp_path / "command" / "compare.nc")["decisions"].to_dataset().load(),
+    )
+
+
+def test_a_study_refuses_with_the_sentence_of_the_command(taps):
+    with pytest.raises(st.InputError, match="--draws must be 0, or 100 or more to look at tails, got 5"):
+        st.compare(*taps, draws=5)
+    with pytest.raises(st.InputError, match="--models needs different names"):
+        st.compare(*taps, models=["histogram", "histogram"])
+    with pytest.raises(st.InputError, match="--permutations must be 99 or more, got 7"):
+        st.audit(*taps, permutations=7)
+    with pytest.raises(st.InputError, match="--thresholds needs different numbers"):
+        st.trials(st.fit(taps[0]), taps[1], 10, thresholds=[0.5, 0.5])
+    with pytest.raises(st.InputError, match="--preset goes with simulated taps only"):
+        st.reproduce(*taps, preset="paper")
+    with pytest.raises(st.InputError, match="--presets names one twice"):
+        st.strategies(presets=["paper", "paper"])
+    with pytest.raises(st.InputError, match="--data-sets 0 needs"):
+        st.sensitivity(data_sets=0)
+    with pytest.raises(st.InputError, match="one tap set, two or more"):
+        st.audit()
+
+
+def test_trials_are_labelled(taps):
+    train, test = taps
+    heard = []
+    found = st.trials(st.fit(train), test, 300, play=st.PlaySettings(fixation=7), thresholds=[0.9], hear=heard.append)
+    assert found.results["taps"].dims == ("theta",)
+    assert (
+        float(found.results["taps_low"][0]) <= float(found.results["taps"][0]) <= float(found.results["taps_high"][0])
+    )
+    assert heard[-1].tally.trials == found.tally.trials == 300
+    assert "300 of 300 trials, active" in repr(found)
