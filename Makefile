@@ -31,56 +31,56 @@ format: $(VENV)/.ready-dev
 	@$(PY) -m ruff format .
 
 bench: $(VENV)/.ready-dev
-	@$(PY) benchmarks/run.py --document docs/reference/performance.md
+	@$(PY) -m benchmarks.speed.run --document docs/reference/performance.md
 
 bench-quick: $(VENV)/.ready-dev
-	@$(PY) benchmarks/run.py --quick
+	@$(PY) -m benchmarks.speed.run --quick
 
 studies: $(VENV)/.ready-run
-	@$(PY) benchmarks/recovery.py --document docs/explanation/model-studies.md
-	@$(PY) benchmarks/sbc.py --document docs/explanation/model-studies.md
-	@$(PY) benchmarks/sessions.py --document docs/explanation/model-studies.md
+	@$(PY) -m benchmarks.studies.models.recovery --document docs/explanation/model-studies.md
+	@$(PY) -m benchmarks.studies.models.sbc --document docs/explanation/model-studies.md
+	@$(PY) -m benchmarks.studies.models.sessions --document docs/explanation/model-studies.md
 
 audit-studies: $(VENV)/.ready-run
-	@$(PY) benchmarks/audit_levels.py --document docs/explanation/audit-studies.md
-	@$(PY) benchmarks/audit_drift.py --document docs/explanation/audit-studies.md
-	@$(PY) benchmarks/audit_causes.py --document docs/explanation/audit-studies.md
-	@$(PY) benchmarks/audit_guarantees.py --document docs/explanation/audit-studies.md
-	@$(PY) benchmarks/audit_target.py --document docs/explanation/audit-studies.md
-	@$(PY) benchmarks/audit_sets.py --document docs/how-to/audit.md $(if $(RECORDED),--recorded "$(RECORDED)")
+	@$(PY) -m benchmarks.studies.audit.levels --document docs/explanation/audit-studies.md
+	@$(PY) -m benchmarks.studies.audit.drift --document docs/explanation/audit-studies.md
+	@$(PY) -m benchmarks.studies.audit.causes --document docs/explanation/audit-studies.md
+	@$(PY) -m benchmarks.studies.audit.guarantees --document docs/explanation/audit-studies.md
+	@$(PY) -m benchmarks.studies.audit.target --document docs/explanation/audit-studies.md
+	@$(PY) -m benchmarks.studies.audit.sets --document docs/how-to/audit.md $(if $(RECORDED),--recorded "$(RECORDED)")
 
 interval-studies: $(VENV)/.ready-run
-	@$(PY) benchmarks/calibration_level.py --document docs/explanation/intervals.md
-	@$(PY) benchmarks/exponent_level.py --document docs/explanation/intervals.md
-	@$(PY) benchmarks/intervals.py --document docs/explanation/intervals.md
-	@$(PY) benchmarks/stored_taps.py --document docs/explanation/intervals.md
-	@$(PY) benchmarks/intervals_commands.py --document docs/explanation/intervals-commands.md
+	@$(PY) -m benchmarks.studies.intervals.calibration --document docs/explanation/intervals.md
+	@$(PY) -m benchmarks.studies.intervals.exponent --document docs/explanation/intervals.md
+	@$(PY) -m benchmarks.studies.intervals.coverage --document docs/explanation/intervals.md
+	@$(PY) -m benchmarks.studies.intervals.stored_taps --document docs/explanation/intervals.md
+	@$(PY) -m benchmarks.studies.intervals.commands --document docs/explanation/intervals-commands.md
 
 results: $(VENV)/.ready-run
-	@$(PY) benchmarks/results.py --document docs/reference/results.md $(if $(RECORDED),--recorded "$(RECORDED)")
-	@$(PY) benchmarks/comparison.py --document docs/explanation/comparison.md $(if $(RECORDED),--recorded "$(RECORDED)")
-	@$(PY) benchmarks/holes.py --document docs/reference/results.md $(if $(RECORDED),--recorded "$(RECORDED)")
+	@$(PY) -m benchmarks.studies.results.reproduce --document docs/reference/results.md $(if $(RECORDED),--recorded "$(RECORDED)")
+	@$(PY) -m benchmarks.studies.results.compare --document docs/explanation/comparison.md $(if $(RECORDED),--recorded "$(RECORDED)")
+	@$(PY) -m benchmarks.studies.results.holes --document docs/reference/results.md $(if $(RECORDED),--recorded "$(RECORDED)")
 
 reference-studies: $(VENV)/.ready-run
-	@$(PY) benchmarks/chain.py --document docs/explanation/calibration.md
-	@$(PY) benchmarks/open_choices.py --document docs/explanation/open-choices.md $(if $(RECORDED),--recorded "$(RECORDED)")
-	@$(PY) benchmarks/unknown.py --document docs/explanation/unknown-objects.md
+	@$(PY) -m benchmarks.studies.beliefs.chain --document docs/explanation/calibration.md
+	@$(PY) -m benchmarks.studies.results.open_choices --document docs/explanation/open-choices.md $(if $(RECORDED),--recorded "$(RECORDED)")
+	@$(PY) -m benchmarks.studies.beliefs.unknown --document docs/explanation/unknown-objects.md
 
 strategy-studies: $(VENV)/.ready-run
-	@$(PY) benchmarks/strategies.py --document docs/explanation/strategies.md
-	@$(PY) benchmarks/tuning.py --document docs/how-to/tuning.md
+	@$(PY) -m benchmarks.studies.strategies.comparison --document docs/explanation/strategies.md
+	@$(PY) -m benchmarks.studies.strategies.tuning --document docs/how-to/tuning.md
 
 fuzz: $(VENV)/.ready-run
-	@$(PY) benchmarks/fuzz.py
+	@$(PY) -m benchmarks.checks.fuzz
 
 faults: $(VENV)/.ready-run
-	@$(PY) benchmarks/faults.py
+	@$(PY) -m benchmarks.checks.faults
 
 kills: $(VENV)/.ready-run
-	@$(PY) benchmarks/kills.py
+	@$(PY) -m benchmarks.checks.kills
 
 mutants: $(VENV)/.ready-dev
-	@$(PY) benchmarks/mutants.py --document docs/explanation/mutants.md $(if $(NUMBER),--number $(NUMBER))
+	@$(PY) -m benchmarks.checks.mutants --document docs/explanation/mutants.md $(if $(NUMBER),--number $(NUMBER))
 
 rig-demo: $(VENV)/.ready-run
 	@PATH="$(CURDIR)/$(VENV)/bin:$$PATH" docs/examples/rig-demo.sh

@@ -10,7 +10,7 @@ over the number of objects. On the scale arcsin sqrt(error), on which proportion
 taken as normal with unknown mean and spread, and the spread has a prior that weighs as much as one session more which
 deviates by 0.15: that is 0.02 of error where it is 0, and 0.15 where it is a half. Without it, five sessions without an
 error would promise that there never is one. The interval is that of Student's t with as many degrees of freedom as
-there are sessions. `benchmarks/audit_target.py` counts how often it holds.
+there are sessions. `benchmarks/studies/audit/target.py` counts how often it holds.
 
 A threshold is **reachable** where the upper end of that interval is at most the wanted error.
 """

@@ -77,7 +77,9 @@ def test_trials_of_neighbouring_seeds_share_no_numbers():
     assert len(np.unique(numbers)) == np.size(numbers)
 
 
-@pytest.mark.parametrize("folder", ["models", "hardware", "inference", "analysis", "cli", "benchmarks/unknown.py"])
+@pytest.mark.parametrize(
+    "folder", ["models", "hardware", "inference", "analysis", "cli", "benchmarks/studies/beliefs/unknown.py"]
+)
 def test_no_other_source_of_random_numbers_is_used(folder):
     """No generator from a seed or a list, and no arithmetic with seeds."""
     source = re.compile(r"default_rng\(|random\.key\((?!derived_seed)|RandomState|\bseed \+|\+ (\w+\.)?seed\b")

@@ -1,10 +1,8 @@
 """Beliefs that are exact pass, beliefs that are not fail, in every route from prior to decision."""
 
-import importlib
 from dataclasses import replace
 from io import StringIO
 from itertools import pairwise, product
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -28,6 +26,8 @@ from solidtouch.inference.moves.control import default_fixation
 from solidtouch.models.errors import InputError
 from solidtouch.models.measurement.histogram import HistogramModel
 
+from benchmarks.studies.beliefs import chain
+
 MOMENTS = Checkpoints(taps=(1, 2, 4), thetas=(0.8,), deadline=30)
 
 
@@ -35,14 +35,6 @@ MOMENTS = Checkpoints(taps=(1, 2, 4), thetas=(0.8,), deadline=30)
 def small(make_model) -> HistogramModel:
     """A model of 5 x 3 classes whose taps leave some doubt."""
     return make_model(L=5, M=3, K=3, J=2, B=6, taps=8, power="none", pseudocount=0.5)
-
-
-@pytest.fixture(scope="module")
-def chain():
-    """The module of the study."""
-    with pytest.MonkeyPatch.context() as patch:
-        patch.syspath_prepend(Path(__file__).parents[3] / "benchmarks")
-        yield importlib.import_module("chain")
 
 
 def drawn(rng: np.random.Generator, n: int = 4000, C: int = 7, spread: float = 0.6):
@@ -310,7 +302,7 @@ def test_the_right_model_has_the_samples_asked_for_and_no_root():
     assert model.exponent == 1
 
 
-def test_an_exchanged_peak_changes_two_bins_at_the_fixation_point(chain, small):
+def test_an_exchanged_peak_changes_two_bins_at_the_fixation_point(small):
     """And nothing else; exchanging costs information, by the divergence over all samples of a tap."""
     wrong = chain.exchanged(small, 1, 2)
     where = np.argwhere(wrong.counts != small.counts)
@@ -324,14 +316,14 @@ def test_an_exchanged_peak_changes_two_bins_at_the_fixation_point(chain, small):
     assert chain.cost(small, wrong) == pytest.approx(2 * sum(a * np.log(a / b) for a, b in zip(p, q, strict=True)))
 
 
-def test_planted_peaks_are_ordered_by_their_cost(chain, small):
+def test_planted_peaks_are_ordered_by_their_cost(small):
     costs = [chain.cost(small, error.believed) for error in chain.exchanged_peaks(small)]
     assert costs == sorted(costs)
     assert costs[-1] == max(chain.cost(small, chain.exchanged(small, m, k)) for m in range(3) for k in range(3))
 
 
 @pytest.mark.slow
-def test_rates_count_repetitions_that_fail(chain, small):
+def test_rates_count_repetitions_that_fail(small):
     """The root always, no error never; the page shows both with intervals."""
     none, _, power, *_ = chain.planted_errors(small)
     rates = [chain.rate(small, error, 120, 2, 1) for error in (none, power)]
@@ -343,7 +335,7 @@ def test_rates_count_repetitions_that_fail(chain, small):
     assert "| power J | 120 | 2 | 1.000 [0.342, 1.000] |" in page
 
 
-def test_the_page_has_a_line_for_each_route_and_policy(chain, small):
+def test_the_page_has_a_line_for_each_route_and_policy(small):
     result = calibrate(small, {ARRAYS: 100, "cpu": 100})
     page = chain.right_page(result, chain.Sizes(trials=100), 0)
 
@@ -352,7 +344,7 @@ def test_the_page_has_a_line_for_each_route_and_policy(chain, small):
 
 
 @pytest.mark.slow
-def test_the_figure_has_a_column_for_each_filter(chain, small):
+def test_the_figure_has_a_column_for_each_filter(small):
     errors = chain.planted_errors(small)[:2]
     panels = [chain.panel(error, small, 60, 1) for error in errors]
     figure = chain.calibration_figure(panels, Checkpoints().names)

@@ -1,0 +1,70 @@
+"""Pages of the documentation that benchmarks fill: tables, numbers with intervals, marked blocks, figures."""
+
+import re
+import shutil
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+from scipy.stats import binomtest, t
+from solidtouch.analysis.page.figure_style import save
+from solidtouch.models.storage import complete_file
+
+from benchmarks.study import OUT
+
+
+def table(head: Sequence[str], lines: Iterable[Sequence[str]]) -> str:
+    """A Markdown table."""
+    return "\n".join(f"| {' | '.join(line)} |" for line in (head, ["---"] * len(head), *lines))
+
+
+def mean_interval(values: ArrayLike, digits: int = 2) -> str:
+    """A mean with its 95 % t-interval, `-` for less than two values."""
+    values = np.asarray(values, dtype=np.float64)
+    if len(values) < 2:
+        return "-"
+    half = t.ppf(0.975, len(values) - 1) * values.std(ddof=1) / np.sqrt(len(values))
+    low, high = values.mean() - half, values.mean() + half
+    return f"{values.mean():.{digits}f} [{low:.{digits}f}, {high:.{digits}f}]"
+
+
+def share_interval(hits: int, n: int) -> str:
+    """A proportion with its 95 % Wilson interval."""
+    interval = binomtest(hits, n).proportion_ci(method="wilson")
+    return f"{hits / n:.3f} [{interval.low:.3f}, {interval.high:.3f}]"
+
+
+def check_block(document: Path | None, *names: str) -> None:
+    """Checks that a page has a place for each block, before hours are spent on their content.
+
+    Raises:
+        ValueError: A block has no place.
+    """
+    page = "" if document is None else document.read_text(encoding="utf-8")
+    for name in names if document is not None else ():
+        if not _place(name).search(page):
+            raise ValueError(f"{document} has no lines <!-- begin {name} --> and <!-- end {name} -->.")
+
+
+def write_block(document: Path, name: str, text: str) -> None:
+    """Replaces what stands between the lines `<!-- begin NAME -->` and `<!-- end NAME -->` of a page."""
+    page = document.read_text(encoding="utf-8")
+    page = _place(name).sub(lambda found: f"{found[1]}{text}\n{found[2]}", page)
+    with complete_file(document, force=True) as temporary:
+        temporary.write_text(page, encoding="utf-8")
+
+
+def publish(figure: Any, document: Path, name: str) -> None:
+    """Writes a figure beside what was measured, and as `images/NAME.svg` beside the page."""
+    OUT.mkdir(parents=True, exist_ok=True)
+    _, picture = save(figure, OUT, name)
+    images = document.parent / "images"
+    images.mkdir(exist_ok=True)
+    with complete_file(images / picture.name, force=True) as temporary:
+        shutil.copyfile(picture, temporary)
+
+
+def _place(name: str) -> re.Pattern[str]:
+    return re.compile(rf"(<!-- begin {name} -->\n).*?(<!-- end {name} -->)", re.DOTALL)

@@ -1,0 +1,171 @@
+"""Draws docs/reference/images/model-plates.svg: plate diagrams of all stories, from the NumPyro models themselves."""
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from numpyro.infer.inspect import get_model_relations
+from solidtouch.analysis.page.figure_style import OTHERS, TWO_COLUMNS, new_figure, save, styled
+from solidtouch.models.measurement import gaussian, matrix_normal, profile, profile_ar, profile_mvn, smooth, student
+from solidtouch.models.measurement.fits.priors import CellPrior, Taps
+from solidtouch.models.measurement.histogram import histogram_model
+
+L, M, N, J, K, B, D = 2, 1, 6, 4, 3, 7, 5
+_STEP, _GAP, _HALF = 1.2, 0.3, 0.62
+_WIDTH = 8.4  # of a panel, in steps
+_TOP, _BOTTOM = 2.6, 0.0
+_MARKER = 11.0  # points
+_ORDER = ("L", "M", "D", "pair", "tap", "J", "time", "K", "taxel")  # of plates in a label
+
+
+class Story(NamedTuple):
+    """A model to draw.
+
+    Attributes:
+        title: Its name.
+        relations: What `numpyro.infer.inspect.get_model_relations` says of it.
+    """
+
+    title: str
+    relations: Mapping[str, Any]
+
+
+@styled
+def plates(stories: Sequence[Story], columns: int = 2) -> Figure:
+    """A panel per model: circles are variables, grey if observed, boxes the plates that their inside repeats over."""
+    rows = -(-len(stories) // columns)
+    figure, axes = new_figure(TWO_COLUMNS, 1.7 * rows, rows, columns)
+    for panel, story in zip(axes.flat, stories, strict=False):
+        plot_story(panel, story)
+    for panel in list(axes.flat)[len(stories) :]:
+        panel.set_visible(False)
+    return figure
+
+
+def plot_story(axes: Axes, story: Story) -> Axes:
+    """Parameters in a row above, boxed by their plates, the observed samples below."""
+    relations = story.relations
+    groups = _groups(relations)
+    place: dict[str, tuple[float, float]] = {}
+    x = 0.0
+    for sites in groups.values():
+        for site in sites:
+            place[site] = (x, _TOP)
+            x += _STEP
+        x += _GAP
+    middle = (x - _GAP - _STEP) / 2
+    for site in relations["observed"]:
+        place[site] = (middle, _BOTTOM)
+    for plate_set, sites in groups.items():
+        _box(axes, plate_set, [place[site] for site in sites], (_HALF, _HALF), (0.5, 1.95))
+    for site in relations["observed"]:
+        _box(axes, _plates_of(relations, site), [place[site]], (_HALF, 2.8 * _HALF), (0.6, 0.95))
+    for site, parents in relations["sample_sample"].items():
+        for parent in parents:
+            _arrow(axes, place[parent], place[site])
+    for site, (at, height) in place.items():
+        colour = "0.8" if site in relations["observed"] else "white"
+        axes.plot(at, height, "o", markersize=_MARKER, markerfacecolor=colour, markeredgecolor="black", zorder=3)
+        label = f"{site}\n{relations['sample_dist'][site]}"
+        beside = {"xytext": (9, 0), "ha": "left", "va": "center"}
+        above = {"xytext": (0, 8), "ha": "center", "va": "bottom"}
+        where: dict[str, Any] = beside if site in relations["observed"] else above
+        axes.annotate(label, (at, height), textcoords="offset points", fontsize=5.5, zorder=4, **where)
+    axes.set_xlim(middle - _WIDTH / 2, middle + _WIDTH / 2)
+    axes.set_ylim(_BOTTOM - 0.7, _TOP + 2.1)
+    axes.axis("off")
+    axes.set_title(story.title, fontweight="bold")
+    return axes
+
+
+def _arrow(axes: Axes, start: tuple[float, float], end: tuple[float, float]) -> None:
+    """An arrow between two circles, bent below those that stand between."""
+    from matplotlib.patches import FancyArrowPatch  # noqa: PLC0415
+
+    passes = start[1] == end[1] and abs(start[0] - end[0]) > _STEP
+    axes.add_patch(
+        FancyArrowPatch(
+            start,
+            end,
+            arrowstyle="-|>",
+            mutation_scale=6,
+            shrinkA=6.5,
+            shrinkB=6.5,
+            linewidth=0.6,
+            color="black",
+            connectionstyle=f"arc3,rad={0.3 if passes else 0.0}",
+        )
+    )
+
+
+def _plates_of(relations: Mapping[str, Any], site: str) -> tuple[str, ...]:
+    return tuple(plate for plate, sites in relations["plate_sample"].items() if site in sites)
+
+
+def _groups(relations: Mapping[str, Any]) -> dict[tuple[str, ...], list[str]]:
+    """Parameters by the plates around them."""
+    groups: dict[tuple[str, ...], list[str]] = {}
+    for site in relations["sample_sample"]:
+        if site not in relations["observed"]:
+            groups.setdefault(_plates_of(relations, site), []).append(site)
+    return groups
+
+
+def _box(
+    axes: Axes,
+    plate_set: tuple[str, ...],
+    places: list[tuple[float, float]],
+    sides: tuple[float, float],
+    heights: tuple[float, float],
+) -> None:
+    """A box around circles, reaching so far to the left and right, below and above them."""
+    from matplotlib.patches import FancyBboxPatch  # noqa: PLC0415
+
+    if not plate_set:
+        return
+    left, right = min(x for x, _ in places) - sides[0], max(x for x, _ in places) + sides[1]
+    bottom, top = places[0][1] - heights[0], places[0][1] + heights[1]
+    axes.add_patch(
+        FancyBboxPatch(
+            (left, bottom),
+            right - left,
+            top - bottom,
+            boxstyle="round,pad=0,rounding_size=0.1",
+            facecolor="none",
+            edgecolor=OTHERS,
+            linewidth=0.8,
+        )
+    )
+    label = " x ".join(sorted(plate_set, key=_ORDER.index))
+    axes.annotate(label, (right - 0.06, top - 0.05), ha="right", va="top", fontsize=5.5, color="0.35")
+
+
+def main() -> None:
+    """Writes the picture."""
+    generator = np.random.default_rng(0)
+    where, what = np.repeat(np.arange(L), N // L), np.zeros(N, dtype=np.intp)
+    taps = Taps(generator.normal(size=(N, J, K)), where, what, (L, M))
+    cells = CellPrior(0.0, 1.0, 2.0, 2.0)
+    kronecker = matrix_normal.KroneckerPrior(J + 2.0, np.eye(J), K + 2.0, np.eye(K), 1.0)
+    curves = smooth.CurvePrior(np.ones((N, D)), np.ones((D, K)), np.full(K, 2.0), np.full(K, 2.0))
+    models = {
+        "histogram": (histogram_model, (generator.integers(B, size=(N, J, K)), where, what, (L, M, K, B), 0.01)),
+        "gaussian": (gaussian.story, (taps, cells)),
+        "student": (student.story, (taps,)),
+        "profile": (profile.story, (taps, cells)),
+        "profile-ar": (profile_ar.story, (taps, cells)),
+        "profile-mvn": (profile_mvn.story, (taps, cells, np.zeros(K * (K - 1) // 2), 4.0)),
+        "matrix-normal": (matrix_normal.story, (taps, kronecker)),
+        "smooth": (smooth.story, (taps, curves)),
+    }
+    drawn = [Story(name, get_model_relations(story, arguments)) for name, (story, arguments) in models.items()]
+    folder = Path(__file__).parents[3] / "docs" / "reference" / "images"
+    png, _ = save(plates(drawn), folder, "model-plates")
+    png.unlink()
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,220 @@
+"""Strategies of moving and rules of stopping on simulated data sets and on recordings that have a tap in every cell.
+
+`--recorded FOLDER --document docs/explanation/strategies.md` writes its tables
+and figures; `--summary strategies.json` takes the numbers of finished `solidtouch strategies` instead of playing, and
+writes what these have.
+"""
+
+import argparse
+import json
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from solidtouch.analysis.experiment.settings import SHOWN_THETA
+from solidtouch.analysis.page.numbers import factor, interval, number, percent
+from solidtouch.analysis.strategies import figures as figure_strategies
+from solidtouch.analysis.strategies.data import RIGHT, StrategyData, recorded_bench, simulated_bench
+from solidtouch.analysis.strategies.figures_regret import regret
+from solidtouch.analysis.strategies.figures_trust import trust
+from solidtouch.analysis.strategies.findings import FIXED, PAPER, TAPS, better_finding, random_findings
+from solidtouch.analysis.strategies.regret import RegretSettings, regret_study
+from solidtouch.analysis.strategies.regret_summary import summarise_regret
+from solidtouch.analysis.strategies.run import BASE, StrategySettings, strategy_study
+from solidtouch.analysis.strategies.summary import summarise
+from solidtouch.cli.shared.progress import bars
+from solidtouch.models.settings import Division
+
+from benchmarks.page import check_block, publish, table, write_block
+from benchmarks.study import write_json
+
+RECORDED = {"barrett_ballcyl.npz": (None, None), "eflesh_grid.npz": ("3mm", "3mm")}
+"""Recordings with a tap in every cell, and the widths of their cells."""
+PRESETS = ("ideal", "paper", "nodrift", "broken", "model")
+SHOWN = "preset paper"
+BLOCKS = ("strategies-findings", "strategies-shown", "strategies-equal", "strategies-rules", "strategies-trust")
+REGRET = "regret"
+_NAMES = {PAPER: "in the mean, by threshold", FIXED: "each"}
+
+
+def told(sources: Sequence[Mapping[str, Any]]) -> str:
+    """What units are, and how random moves fare, as a list."""
+    units = [f"{source['name']}: {source['units']}" for source in sources]
+    said = (*units, better_finding(sources), *random_findings(sources))
+    return "\n".join(f"- {sentence}" for sentence in said)
+
+
+def shown(source: Mapping[str, Any]) -> str:
+    """What each strategy comes to at the shown threshold of the paper's rule."""
+    names = ("what_error", "where_error", "taps", "taps_difference", "way")
+    first, lines = source["powers"][0], []
+    paired = {row["strategy"]: row for row in first["shown"]}
+    for strategy, points in first["curves"][PAPER].items():
+        point = next(point for point in points if point["level"] == SHOWN_THETA) | paired[strategy]
+        shares = [percent(point[share]) for share in ("given_up", "unstopped")]
+        lines.append([strategy, *(interval(point, name) for name in names), *shares])
+    head = ["strategy", f"object error ({source['what_unit']})", f"position error ({source['where_unit']})", "taps"]
+    head += ["less fixation", f"way ({source['where_unit']})", "null decisions", "at the deadline"]
+    return table(head, lines)
+
+
+def equal(sources: Sequence[Mapping[str, Any]]) -> str:
+    """Object errors less those of the fixation point at equal taps, one table for each number of taps and rule."""
+    parts = []
+    for family in (PAPER, FIXED):
+        for taps in TAPS:
+            rows = {
+                source["name"]: {
+                    row["strategy"]: row for row in source["powers"][0]["equal"][family] if row["taps"] == taps
+                }
+                for source in sources
+            }
+            strategies = dict.fromkeys(name for one in rows.values() for name in one)
+            lines = [[name, *(_difference(one.get(name)) for one in rows.values())] for name in strategies]
+            head = [f"{taps} taps {_NAMES[family]}", *(f"{one['name']} ({one['what_unit']})" for one in sources)]
+            lines = [line for line in lines if line[0] != BASE]
+            nothing = [_null(one.get(BASE)) for one in rows.values()]
+            parts.append(table(head, [*lines, ["null decisions, all", *nothing]]))
+    return "\n\n".join(parts)
+
+
+def _difference(row: Mapping[str, Any] | None) -> str:
+    """A difference with its interval, in bold where all intervals together exclude zero."""
+    if row is None or row["what_error_difference"] is None:
+        return "-"
+    text = interval(row, "what_error_difference")
+    low, high = row["what_error_difference_least"], row["what_error_difference_most"]
+    return f"**{text}**" if low is not None and (low > 0 or high < 0) else text
+
+
+def _null(row: Mapping[str, Any] | None) -> str:
+    return "-" if row is None else percent(row["given_up"])
+
+
+def rules(source: Mapping[str, Any]) -> str:
+    """Every stopping rule with the fixation point."""
+    lines = [
+        [
+            row["rule"],
+            str(row["taps"]),
+            interval(row, "what_error"),
+            interval(row, "what_error_difference"),
+            percent(row["given_up"]),
+        ]
+        for row in source["powers"][0]["rules"]
+        if row["what_error"] is not None
+    ]
+    unit = source["what_unit"]
+    head = [f"rule, {source['name']}", "mean taps", f"object error of the answers ({unit})"]
+    return table([*head, f"less the paper's rule ({unit})", "null decisions"], lines)
+
+
+def trusted(sources: Sequence[Mapping[str, Any]]) -> str:
+    """Miscalibration, gain, and what was promised and told, under every root of the likelihood."""
+    factors, names = ("factor", "factor_ratio"), ("gain", "expected", "told", "excess_difference")
+    lines = [
+        [
+            source["name"],
+            f"{power['power']} ({number(power['exponent'], 2)})",
+            row["strategy"],
+            *(factor([row[f"{name}{end}"] for end in ("", "_low", "_high")]) for name in factors),
+            *(interval(row, name) for name in names),
+            percent(row["given_up"]),
+        ]
+        for source in sources
+        for power in source["powers"]
+        for row in power["trust"]
+        if row["strategy"] in (BASE, "random", "info-what", "info-joint")
+    ]
+    head = ["data", "power (exponent)", "strategy", "miscalibration", "over fixation's", "P(wrong): fixation less it"]
+    return table([*head, "promised (nats)", "told (nats)", "excess less fixation's", "null decisions"], lines)
+
+
+def benches(data_sets: int, seed: int, folder: Path | None) -> Iterator[StrategyData]:
+    """The presets and those of the recordings that are there."""
+    for name in PRESETS:
+        yield simulated_bench(name, data_sets, seed)
+    for name, cells in RECORDED.items():
+        if folder is not None and (folder / name).is_file():
+            yield recorded_bench(folder / name, Division(where_cell=cells[0], what_cell=cells[1]))
+
+
+def regrets(summary: Mapping[str, Any]) -> str:
+    """What strategies cost more than need be: how it is told, and a table for each case and cost of taps."""
+    return "\n\n".join([" ".join(summary["rules"]), *(_prices(case, summary["kinds"]) for case in summary["cases"])])
+
+
+def _prices(case: Mapping[str, Any], kinds: Sequence[str]) -> str:
+    """A case in a sentence, and its table; the cheapest is bold."""
+    lines = []
+    for name in case["strategies"]:
+        own = [price for price in case["prices"] if price["strategy"] == name]
+        lines.append([name, *(f"**{price['shown']}**" if price["best"] else price["shown"] for price in own)])
+    return f"*{case['described']}.* {case['said']} {case['caption']}:\n\n{table(['strategy', *kinds], lines)}"
+
+
+def played(options: argparse.Namespace) -> dict[str, Any]:
+    """The summary of a comparison that is made now."""
+    settings = StrategySettings(trials=options.trials, seed=options.seed)
+    lost = RegretSettings(seed=options.seed)
+    with bars() as progress:
+        found = [
+            strategy_study(b, settings, progress) for b in benches(options.data_sets, options.seed, options.recorded)
+        ]
+        above = summarise_regret(regret_study(lost, progress), lost)
+    made_by = {"title": "Strategies", "command": "benchmarks/studies/strategies/comparison.py"}
+    return summarise(found, settings, made_by, above)
+
+
+def compared(sources: Sequence[Mapping[str, Any]]) -> dict[str, str]:
+    """What stands in the page of the data that were compared, by block."""
+    paper = _shown_source(sources)
+    right = [source for source in sources if source["name"] == f"preset {RIGHT}"]
+    by_rule = "\n\n".join(rules(source) for source in (paper, *right))
+    texts = (told(sources), shown(paper), equal(sources), by_rule, trusted(sources))
+    return dict(zip(BLOCKS, texts, strict=True))
+
+
+def publish_figures(sources: Sequence[Mapping[str, Any]], document: Path) -> None:
+    """The figures of the data that were compared."""
+    paper = _shown_source(sources)
+    for name in ("curves", "equal_taps", "stopping", "trajectories"):
+        publish(getattr(figure_strategies, name)(paper), document, f"strategies-{name.replace('_', '-')}")
+    publish(trust([source for source in sources if source["simulated"]] or sources), document, "strategies-trust")
+
+
+def _shown_source(sources: Sequence[Mapping[str, Any]]) -> Mapping[str, Any]:
+    return next((source for source in sources if source["name"] == SHOWN), sources[0])
+
+
+def main() -> None:
+    """Runs the study as the command line says."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--data-sets", type=int, default=10)
+    parser.add_argument("--trials", type=int, default=100)
+    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--recorded", type=Path, help="folder of recorded sets")
+    parser.add_argument("--summary", type=Path, nargs="+", help="strategies.json of finished comparisons")
+    parser.add_argument("--document", type=Path, help="a page whose tables are replaced")
+    options = parser.parse_args()
+    check_block(options.document, *BLOCKS, REGRET)
+    if options.summary:
+        summaries = [json.loads(path.read_text("utf-8")) for path in options.summary]
+    else:
+        summaries = [played(options)]
+        write_json("strategies", summaries[0])
+    sources = [source for one in summaries for source in one["sources"]]
+    lost = next((one["regret"] for one in summaries if one.get("regret")), None)
+    texts = (compared(sources) if sources else {}) | ({REGRET: regrets(lost)} if lost else {})
+    for name, text in texts.items():
+        print(text, end="\n\n")
+        if options.document is not None:
+            write_block(options.document, name, text)
+    if options.document is not None and sources:
+        publish_figures(sources, options.document)
+    if options.document is not None and lost:
+        publish(regret(lost), options.document, "strategies-regret")
+
+
+if __name__ == "__main__":
+    main()
