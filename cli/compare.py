@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 from typer import Option
 
@@ -13,6 +13,7 @@ from .shared.options import DIVIDED, FITTING, Data, Fields, Force, Seed, parse_t
 from .shared.report import command_line, report_folder, show_report
 
 if TYPE_CHECKING:
+    from ..analysis.compare.record import ComparedData
     from ..models.grid import ClassGrid
     from ..models.splits import Split
 
@@ -97,7 +98,7 @@ def _names(models: str) -> tuple[str, ...]:
 
 def _described(
     data: Sequence[Path], parts: "Split", grid: "ClassGrid", dropped: Sequence[str], test_taps: int
-) -> dict[str, Any]:
+) -> "ComparedData":
     """The data in words."""
     from ..analysis.reproduce.summary import fold_suspicions
 
