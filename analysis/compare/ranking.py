@@ -1,12 +1,13 @@
 """Where each model stands at each level of a comparison, and where the levels disagree."""
 
 from collections.abc import Sequence
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 import xarray as xr
 
 from ..page.numbers import number
+from .record import RankRow
 from .run import Comparison
 
 
@@ -68,7 +69,7 @@ def levels(comparison: Comparison) -> list[Criterion]:
     return [level for level in found if level.values]
 
 
-def rank_rows(levels: Sequence[Criterion], names: Sequence[str]) -> list[dict[str, Any]]:
+def rank_rows(levels: Sequence[Criterion], names: Sequence[str]) -> list[RankRow]:
     """A row per model: its rank and value at each level, `None` where it has none."""
     return [
         {

@@ -23,6 +23,7 @@ from ..page.page import Page
 from ..page.report import StudyReport
 from ..page.stages import Progress, no_progress
 from .page import comparison_page, comparison_tree
+from .record import ComparedData, ComparisonSummary
 from .run import CompareSettings, Comparison, compare_models
 from .summary import summarise
 
@@ -37,7 +38,7 @@ class ComparisonReport(StudyReport):
     """
 
     found: Comparison
-    summary: dict[str, Any]
+    summary: ComparisonSummary
 
     def _page(self) -> Page:
         return comparison_page(self.found, self.summary)
@@ -129,13 +130,13 @@ def compare(
         one_recording=len(data) == 1,
     )
     found = compare_models(fold.train, fold.test, grid, settings, progress)
-    described = _described(data, parts, grid, dropped, found.test_taps)
-    return ComparisonReport(found, summarise(found, settings, {**described, "command": command}))
+    described = _described(data, parts, grid, dropped, found.test_taps, command)
+    return ComparisonReport(found, summarise(found, settings, described))
 
 
 def _described(
-    data: Sequence[TapSource], parts: Split, grid: ClassGrid, dropped: Sequence[str], test_taps: int
-) -> dict[str, Any]:
+    data: Sequence[TapSource], parts: Split, grid: ClassGrid, dropped: Sequence[str], test_taps: int, command: str
+) -> ComparedData:
     """The data in words."""
     fold = parts.folds[0]
     warnings = [parts.warning] if parts.warning else []
@@ -148,6 +149,7 @@ def _described(
         warnings += fold_suspicions(fold, grid, one_file=len(data) == 1)
     return {
         "title": f"Measurement models compared: {', '.join(Path(name).name for name in names_of(data))}",
+        "command": command,
         "what_was_run": [
             f"Every model was fitted to {len(fold.train)} training taps and judged on {test_taps} test taps. "
             + parts.description

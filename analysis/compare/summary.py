@@ -1,6 +1,6 @@
 """A comparison in numbers and sentences: `summary.json`, from which the page and the printed table are made."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -14,6 +14,18 @@ from ..stats.decisions import decision_interval_sentence, too_few_taps
 from ..stats.no_class_left import no_class_left_sentence
 from .classes import class_interval_sentence
 from .ranking import findings, levels, rank_rows
+from .record import (
+    CheckRow,
+    ClassRow,
+    ComparedData,
+    ComparedModel,
+    ComparisonSummary,
+    DecisionRow,
+    EqualTapsRow,
+    SingleTapRow,
+    TapRow,
+    Value,
+)
 from .run import CompareSettings, Comparison
 
 _PACKAGES = ("solidtouch", "numpy", "scipy", "jax", "numpyro", "arviz", "arviz-stats", "xarray", "matplotlib")
@@ -40,13 +52,13 @@ _DECISIONS = (
 )
 
 
-def summarise(comparison: Comparison, settings: CompareSettings, described: Mapping[str, Any]) -> dict[str, Any]:
+def summarise(comparison: Comparison, settings: CompareSettings, described: ComparedData) -> ComparisonSummary:
     """What `summary.json` holds.
 
     Args:
         comparison: What came out.
         settings: What was asked for.
-        described: The data in words: `title`, `command`, `data`, `split`, `warnings`.
+        described: The data in words.
     """
     grid = comparison.grid
     names = list(comparison.fits)
@@ -96,7 +108,7 @@ def _no_class_left(comparison: Comparison) -> list[str]:
     ]
 
 
-def _model(comparison: Comparison, name: str, power: str | float) -> dict[str, Any]:
+def _model(comparison: Comparison, name: str, power: str | float) -> ComparedModel:
     relaxes, how = row(name)
     fitted = comparison.fits[name]
     return {
@@ -111,66 +123,73 @@ def _model(comparison: Comparison, name: str, power: str | float) -> dict[str, A
     }
 
 
-def _taps(comparison: Comparison) -> list[dict[str, Any]]:
+def _taps(comparison: Comparison) -> list[TapRow | SingleTapRow]:
     means, single, stacking = comparison.left_out_sessions, comparison.left_out_taps, comparison.stacking
     rows = []
     for name in comparison.fits:
-        row: dict[str, Any] = {"name": name}
+        row = TapRow(name=name)
         if means is not None and name in means["model"].values:
-            row |= _values(means.sel(model=name))
+            row = TapRow(name=name, **_values(means.sel(model=name)))
         if means is not None and stacking is not None and name in stacking.index:
             taps = means.attrs["taps"]
-            row |= {
-                "weight": float(stacking.loc[name, "weight"]),
-                "behind": float(stacking.loc[name, "elpd_diff"]) / taps,
-                "behind_se": float(stacking.loc[name, "dse"]) / taps,
-            }
+            row["weight"] = float(stacking.loc[name, "weight"])
+            row["behind"] = float(stacking.loc[name, "elpd_diff"]) / taps
+            row["behind_se"] = float(stacking.loc[name, "dse"]) / taps
         if single is not None and name in single["model"].values:
-            row |= _single(single.sel(model=name))
+            row = _with_single(row, single.sel(model=name))
         rows.append(row)
     return rows
 
 
-def _single(left_out: xr.Dataset) -> dict[str, Any]:
-    """Leave-one-tap-out; importance sampling counts only where it answers for every tap."""
+def _with_single(row: TapRow, left_out: xr.Dataset) -> SingleTapRow:
+    """Leave-one-tap-out as well; importance sampling counts only where it answers for every tap."""
     good_k = float(left_out["good_k"])
     bad = float((left_out["pareto_k"] > good_k).mean())
-    row = {"psis": _number(left_out["psis"].mean()), "bad_k": bad, "good_k": good_k, "psis_ranks": bad == 0.0}
+    psis = _number(left_out["psis"].mean())
+    found = SingleTapRow(**row, psis=psis, bad_k=bad, good_k=good_k, psis_ranks=bad == 0.0)
     for name in ("exact", "exact_plug_in"):
         if name in left_out and np.isfinite(left_out[name]).all():
-            row[name] = float(left_out[name].mean())
-    return row
+            found[name] = float(left_out[name].mean())
+    return found
 
 
-def _classes(scores: xr.Dataset) -> list[dict[str, Any]]:
+def _classes(scores: xr.Dataset) -> list[ClassRow]:
     return [
-        {"name": str(name), "contacts": int(n)} | _values(scores.sel(model=name, contacts=n), _CLASS_SCORES)
+        ClassRow(name=str(name), contacts=int(n), **_values(scores.sel(model=name, contacts=n), _CLASS_SCORES))
         for n in scores["contacts"].values
         for name in scores["model"].values
     ]
 
 
-def _decisions(curves: xr.Dataset) -> list[dict[str, Any]]:
+def _decisions(curves: xr.Dataset) -> list[DecisionRow]:
     return [
-        {"name": str(name), "policy": str(policy), "theta": float(theta)}
-        | _values(curves.sel(model=name, policy=policy, theta=theta), _DECISIONS)
+        DecisionRow(
+            name=str(name),
+            policy=str(policy),
+            theta=float(theta),
+            **_values(curves.sel(model=name, policy=policy, theta=theta), _DECISIONS),
+        )
         for policy in curves["policy"].values
         for theta in curves["theta"].values
         for name in curves["model"].values
     ]
 
 
-def _equal(equal: xr.Dataset) -> list[dict[str, Any]]:
+def _equal(equal: xr.Dataset) -> list[EqualTapsRow]:
     return [
-        {"name": str(name), "policy": str(policy), "taps": float(t)}
-        | _values(equal.sel(model=name, policy=policy, taps=t), ("what_error", "where_error", "what_wrong"))
+        EqualTapsRow(
+            name=str(name),
+            policy=str(policy),
+            taps=float(t),
+            **_values(equal.sel(model=name, policy=policy, taps=t), ("what_error", "where_error", "what_wrong")),
+        )
         for policy in equal["policy"].values
         for t in equal["taps"].values
         for name in equal["model"].values
     ]
 
 
-def _checks(checks: xr.Dataset | None) -> list[dict[str, Any]]:
+def _checks(checks: xr.Dataset | None) -> list[CheckRow]:
     if checks is None:
         return []
     return [
@@ -208,7 +227,7 @@ def _values(row: xr.Dataset, names: Sequence[str] | None = None) -> dict[str, An
     return {name: _number(row[name]) for name in wanted}
 
 
-def _number(value: Any) -> float | str | None:
+def _number(value: Any) -> Value:
     """A finite number; infinities as words and NaN as nothing, as JSON has neither."""
     number = float(value)
     if np.isnan(number):
