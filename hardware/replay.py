@@ -45,6 +45,7 @@ class ReplayRig:
         check_class(grid, start, what)
         self._taps = taps
         self._last = grid.L - 1
+        self._step = np.diff(grid.where_value)
         self._pool = tap_pool(*taps.indices(grid), grid.shape)
         self._what = what
         self._uniforms = uniforms
@@ -58,6 +59,11 @@ class ReplayRig:
     def preprocessing(self) -> Preprocessing:
         """Preprocessing of the recorded taps."""
         return self._taps.preprocessing
+
+    @property
+    def step(self) -> NDArray[np.float64]:
+        """Distances of neighbouring positions in the unit of the grid, shape (L - 1,)."""
+        return self._step
 
     @property
     def room(self) -> tuple[int, int]:

@@ -14,6 +14,7 @@ from ..models.measurement.states import log_fold
 from ..models.preprocessing import Preprocessing
 from ..models.settings import FitSettings
 from ..models.taps import TapSet
+from .fit import check_used
 from .reference import ZeroEvidenceError
 from .tuning.tempering import fit_tempered
 
@@ -197,7 +198,9 @@ class TapClassifier(ClassifierMixin, BaseEstimator):  # pyright: ignore[reportGe
             preprocessing=Preprocessing(taps.shape[1]),
             session=None if session is None else np.unique(np.asarray(session), return_inverse=True)[1],
         )
-        fitted, _ = fit_tempered(self.model, labelled, labelled.grid(), FitSettings(**settings), "TapClassifier")
+        given = FitSettings(**settings)
+        check_used(self.model, given)
+        fitted, _ = fit_tempered(self.model, labelled, labelled.grid(), given, "TapClassifier")
         return fitted.model
 
 

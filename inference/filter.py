@@ -70,7 +70,7 @@ class Filter:
             Log evidence of the tap given those before, Eq. 4.
 
         Raises:
-            InputError: The tap does not have the size of the training taps, or a sample is NaN.
+            InputError: The tap does not have the size of the training taps, or a sample is NaN or infinite.
             ZeroEvidenceError: The tap is impossible under every class. The belief is as before.
         """
         tap, model = np.asarray(tap), self.engine.model
@@ -120,14 +120,15 @@ class Filter:
         return xr.DataArray(np.exp(self.log_belief), self.engine.model.grid.coords(), ("where", "what"), name="belief")
 
     @property
-    def decision(self) -> str | None:
-        """The object in which the belief exceeded the threshold at the last tap, Eq. 7; `None` where there is none.
+    def decision(self) -> int | None:
+        """Index of the object whose belief exceeded the threshold at the last tap, Eq. 7; `None` if there is none.
 
-        Moves do not change it: the stop test comes before the move.
+        The index 0 is a decision, so compare with `None`; `grid.what_name` of the model has the names. Moves do not
+        change the decision: the stop test comes before the move.
         """
         if self._what is None or not self._what.max() > self.stop or self.stop >= 1:
             return None
-        return self.engine.model.grid.what_name[int(self._what.argmax())]
+        return int(self._what.argmax())
 
     def __repr__(self) -> str:
         grid, belief = self.engine.model.grid, np.exp(self.log_belief)

@@ -61,6 +61,11 @@ class SimulatedRig:
         return self.settings.preprocessing
 
     @property
+    def step(self) -> float:
+        """Length of a step in mm."""
+        return self.settings.cell_mm
+
+    @property
     def where_index(self) -> int:
         """Index of the current position."""
         return int(self.settings.where_index(self.position_mm))

@@ -41,7 +41,7 @@ class Engine(Protocol):
             tap: Preprocessed samples, shape (J, K).
 
         Raises:
-            InputError: The tap differs in shape from the training taps, or a sample is NaN.
+            InputError: The tap differs in shape from the training taps, or a sample is NaN or infinite.
             ZeroEvidenceError: The tap is impossible under every class.
         """
         ...

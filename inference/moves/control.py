@@ -35,9 +35,9 @@ class MovePolicy(Protocol):
         ...
 
 
-def passive(beliefs: Floats, chance: Floats) -> Integers:  # noqa: ARG001 - every policy takes both
-    """Never moves: theta_X = 1."""
-    return np.zeros(np.shape(beliefs)[:-2], dtype=np.int64)
+def passive() -> MovePolicy:
+    """Strategy that never moves: theta_X = 1."""
+    return lambda beliefs, chance: np.zeros(np.shape(beliefs)[:-2], dtype=np.int64)  # noqa: ARG005
 
 
 def fixation(fixation_index: int, theta_x: float = 0.0) -> MovePolicy:
@@ -48,8 +48,10 @@ def fixation(fixation_index: int, theta_x: float = 0.0) -> MovePolicy:
         theta_x: Belief in a position needed for a move: 0 always moves, 1 never moves.
 
     Raises:
-        InputError: On a call, if the belief has no such position.
+        InputError: The index is not a whole number of 0 or more; or on a call, if the belief has no such position.
     """
+    if not _whole(fixation_index) or fixation_index < 0:
+        raise InputError(f"The fixation point must be an index from 0, got {fixation_index}.")
 
     def move(beliefs: Floats, chance: Floats) -> Integers:  # noqa: ARG001
         where = where_beliefs(beliefs)
@@ -135,11 +137,11 @@ def check_fixation(fixation_index: int | None, L: int) -> int:
     """Fixation index, by default the middle.
 
     Raises:
-        InputError: It lies outside the grid.
+        InputError: It lies outside the grid, or is no whole number.
     """
     if fixation_index is None:
         return default_fixation(L)
-    if not 0 <= fixation_index < L:
+    if not (_whole(fixation_index) and 0 <= fixation_index < L):
         raise InputError(f"The fixation point must be an index from 0 to {L - 1}, got {fixation_index}.")
     return fixation_index
 
@@ -148,8 +150,12 @@ def check_reach(reach: int) -> int:
     """Checks the longest move and returns it.
 
     Raises:
-        InputError: It is below 1.
+        InputError: It is below 1, or no whole number.
     """
-    if reach < 1:
+    if not (_whole(reach) and reach >= 1):
         raise InputError(f"The reach of a move must be at least 1 position, got {reach}.")
     return reach
+
+
+def _whole(number: float) -> bool:
+    return float(number).is_integer()
