@@ -24,6 +24,12 @@ class ReplayRig:
 
     If a class has no tap, the sensor moves to the nearest position with a tap of the same object.
 
+    >>> import solidtouch as st
+    >>> (taps,) = st.simulate("paper", seed=4)
+    >>> rig = ReplayRig(taps, taps.grid(), start=3, what=1, uniforms=uniforms(np.random.default_rng(0)))
+    >>> rig.tap().shape, rig.move(+2), rig.where_index
+    ((50, 12), 2, 5)
+
     Args:
         taps: The recording.
         grid: Class grid.

@@ -120,6 +120,12 @@ def perceive(
 ) -> Episode:
     """Taps until the stopping rule ends it; `steps` to the end.
 
+    >>> import solidtouch as st
+    >>> model = st.fit(st.simulate("paper", seed=4))
+    >>> rig = st.SimulatedRig("paper", seed=4, session=1, position_mm=2.3, what=1)
+    >>> st.perceive(rig, model, stop=0.95, move=st.fixation(7))
+    <Episode of 7 taps: decided, object 1 in where class 7>
+
     Args:
         sensor: Where taps come from.
         engine: How beliefs are computed; of a model by itself, with the compiled engine.
@@ -156,6 +162,12 @@ def steps(
 
     The move is made when the next step is asked for, so who stops asking ends the episode where the sensor stands.
     A tap that is impossible under every class still believed in ends it too, see `Step.no_class_left`.
+
+    >>> import solidtouch as st
+    >>> model = st.fit(st.simulate("paper", seed=4))
+    >>> rig = st.SimulatedRig("paper", seed=4, session=1, position_mm=2.3, what=1)
+    >>> [(step.number, step.move) for step in st.steps(rig, model, 0.95, st.fixation(7), deadline=3)]
+    [(1, 5), (2, 0), (3, None)]
 
     Args:
         sensor: Where taps come from.

@@ -37,6 +37,15 @@ class Filter:
     What is carried from tap to tap is the belief over all hypotheses of the model; what is read is that belief after
     `saturation`, summed over the states of the episode.
 
+    >>> import solidtouch as st
+    >>> train, test = st.simulate("paper", sessions=2, seed=4)
+    >>> belief = st.Filter(st.fit(train), stop=0.5)
+    >>> for tap in test.taps[160:170]:
+    ...     _ = belief.update(tap)
+    >>> belief.taps, belief.decision, belief.belief.dims
+    (10, 0, ('where', 'what'))
+    >>> belief.move(+1)
+
     Args:
         model: A fitted model, or an engine of `make_engine`.
         border: Reading of Eq. 9 at the ends of the range, by default `uniform`; an engine has its own.

@@ -21,6 +21,10 @@ def fit(
 
     The model is all that is kept; `solidtouch fit` also writes draws from the posterior and how the fit converged.
 
+    >>> import solidtouch as st
+    >>> st.fit(st.simulate("paper", seed=4), bins=50, power="JK")
+    <histogram model: 16 x 5 classes, 50 samples of 12 taxels, 50 bins, power JK>
+
     Args:
         taps: Training taps, in one set or several whose sessions differ in number.
         model: Its name, see docs/reference/models.md.

@@ -117,6 +117,11 @@ class NumpyEngine:
 def make_engine(name: str, model: TapModel, border: Border = "uniform") -> Engine:
     """Engine by name.
 
+    >>> import solidtouch as st
+    >>> engine = make_engine("numpy", st.fit(st.simulate("paper", seed=4)), border="clamp")
+    >>> engine.name, engine.model.grid.shape
+    ('numpy', (16, 5))
+
     Args:
         name: `"numpy"` (the reference equations), `"numpyro"` (the enumerated NumPyro model) or `"filter"` (the
             compiled update of the Monte Carlo trials).

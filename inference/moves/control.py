@@ -36,12 +36,21 @@ class MovePolicy(Protocol):
 
 
 def passive() -> MovePolicy:
-    """Strategy that never moves: theta_X = 1."""
+    """Strategy that never moves: theta_X = 1.
+
+    >>> int(passive()(np.full((16, 5), 1 / 80), 0.0))
+    0
+    """
     return lambda beliefs, chance: np.zeros(np.shape(beliefs)[:-2], dtype=np.int64)  # noqa: ARG005
 
 
 def fixation(fixation_index: int, theta_x: float = 0.0) -> MovePolicy:
     """Strategy that moves the estimated position to the fixation point; Eq. 8 and 10.
+
+    >>> belief = np.zeros((16, 5))
+    >>> belief[2, 1] = 1.0  # in position 2
+    >>> int(fixation(7)(belief, 0.0))
+    5
 
     Args:
         fixation_index: Index of the fixation point.
@@ -63,7 +72,13 @@ def fixation(fixation_index: int, theta_x: float = 0.0) -> MovePolicy:
 
 
 def random_place() -> MovePolicy:
-    """Strategy that moves the estimated position to a uniformly random one each time."""
+    """Strategy that moves the estimated position to a uniformly random one each time.
+
+    >>> belief = np.zeros((16, 5))
+    >>> belief[2, 1] = 1.0  # in position 2
+    >>> random_place()(np.array([belief] * 3), np.array([0.0, 0.5, 0.99])).tolist()
+    [-2, 6, 13]
+    """
 
     def move(beliefs: Floats, chance: Floats) -> Integers:
         where = where_beliefs(beliefs)
@@ -76,6 +91,11 @@ def random_step(reach: int) -> MovePolicy:
     """Strategy that makes a uniformly random step of 1 to `reach` positions to either side.
 
     A step beyond the range goes to the other side, or to the end if that is also beyond.
+
+    >>> belief = np.zeros((16, 5))
+    >>> belief[2, 1] = 1.0  # in position 2
+    >>> random_step(2)(np.array([belief] * 4), np.array([0.0, 0.25, 0.5, 0.75])).tolist()
+    [-2, -1, 1, 2]
 
     Raises:
         InputError: The reach is below 1.
