@@ -57,16 +57,14 @@ def fit(
     from ..models.errors import InputError
 
     with loading():
+        from ..inference.fit import check_used
         from ..inference.tuning.tempering import fit_tempered
         from ..models.experiment import load_experiment
         from ..models.io.model_file import save_model
         from ..models.measurement.histogram import trim
-        from ..models.measurement.registry import split_name
         from ..models.power import learned_taps
 
-    _, in_states = split_name(model)
-    if not in_states and (settings.gain_sd is not None or settings.offset_sd is not None):
-        raise InputError(f"--gain-sd and --offset-sd go with session models only, and not with {model}.")
+    check_used(model, settings)
     if simulations:
         if learned_taps(settings.power) is None:
             raise InputError("--simulations goes with --power learned only.")

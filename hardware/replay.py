@@ -24,6 +24,12 @@ class ReplayRig:
 
     If a class has no tap, the sensor moves to the nearest position with a tap of the same object.
 
+    >>> import solidtouch as st
+    >>> (taps,) = st.simulate("paper", seed=4)
+    >>> rig = ReplayRig(taps, taps.grid(), start=3, what=1, uniforms=uniforms(np.random.default_rng(0)))
+    >>> rig.tap().shape, rig.move(+2), rig.where_index
+    ((50, 12), 2, 5)
+
     Args:
         taps: The recording.
         grid: Class grid.
@@ -45,6 +51,7 @@ class ReplayRig:
         check_class(grid, start, what)
         self._taps = taps
         self._last = grid.L - 1
+        self._step = np.diff(grid.where_value)
         self._pool = tap_pool(*taps.indices(grid), grid.shape)
         self._what = what
         self._uniforms = uniforms
@@ -58,6 +65,11 @@ class ReplayRig:
     def preprocessing(self) -> Preprocessing:
         """Preprocessing of the recorded taps."""
         return self._taps.preprocessing
+
+    @property
+    def step(self) -> NDArray[np.float64]:
+        """Distances of neighbouring positions in the unit of the grid, shape (L - 1,)."""
+        return self._step
 
     @property
     def room(self) -> tuple[int, int]:

@@ -3,11 +3,13 @@
 from typing import Protocol
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from ..models.errors import InputError
 from ..models.grid import ClassGrid
 from ..models.preprocessing import Preprocessing
+
+_ROUNDING = 1e-6  # of a step
 
 
 class TouchSensor(Protocol):
@@ -20,6 +22,14 @@ class TouchSensor(Protocol):
     @property
     def preprocessing(self) -> Preprocessing:
         """Preprocessing of the taps; perception compares it with that of the model."""
+        ...
+
+    @property
+    def step(self) -> ArrayLike:
+        """Length of a step in the unit of the model's positions: one number, or one for each pair of neighbours.
+
+        The latter, of shape (L - 1,), says that the sensor has L positions; perception compares it with the model.
+        """
         ...
 
     @property
@@ -44,6 +54,27 @@ class TouchSensor(Protocol):
 def clipped_move(delta: int, room: tuple[int, int]) -> int:
     """Steps of a move that fit into the room left."""
     return max(-room[0], min(int(delta), room[1]))
+
+
+def check_step(step: ArrayLike, grid: ClassGrid, name: str = "The sensor") -> None:
+    """Checks that a step of a sensor is a step of the model.
+
+    Args:
+        step: As `TouchSensor.step`.
+        grid: Class grid of the model.
+        name: Name of the sensor for messages.
+
+    Raises:
+        InputError: It is not, or the sensor has another number of positions.
+    """
+    step, apart = np.asarray(step, dtype=np.float64), np.diff(grid.where_value)
+    if step.ndim and step.shape != apart.shape:
+        raise InputError(f"{name} has {len(step) + 1} positions, the model {grid.L}.")
+    step = np.broadcast_to(step, apart.shape)
+    wrong = ~(np.abs(apart - step) <= _ROUNDING * step)
+    if wrong.any():
+        l = wrong.argmax()
+        raise InputError(f"{name} moves in steps of {step[l]:g}, and the model's classes lie {apart[l]:g} apart.")
 
 
 def check_class(grid: ClassGrid, where: int, what: int) -> None:

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..hardware.replay import uniforms
-from ..hardware.sensor import TouchSensor
+from ..hardware.sensor import TouchSensor, check_step
 from ..models.errors import InputError
 from ..models.measurement.model import TapModel
 from . import reference
@@ -29,7 +29,7 @@ class Step(NamedTuple):
         log_predicted: Log belief before the tap, summed over the states of the episode, shape (L, M).
         log_belief: The same after it, before the move that follows, shape (L, M).
         log_evidence: Log evidence of the tap given those before.
-        decision: The what class that is decided for, or `None`.
+        decision: Index of the object that is decided for, or `None`.
         move: The move that will follow in where classes, or `None` where the episode ends.
         log_state: Log belief in the states of the episode after the tap, shape (S,); one zero for a model without.
         gave_up: Whether the episode ends here without an answer.
@@ -78,8 +78,8 @@ class Episode(NamedTuple):
         log_evidence: Log evidence of every tap given those before, shape (T,).
         moves: Commanded moves between the taps in where classes, shape (T - 1,).
         realised: Moves really made, clipped at the ends of the range, shape (T - 1,).
-        what: The decided what class.
-        where: The decided where class, at the place of the last tap.
+        what: Index of the decided object; `grid.what_name` of the model has the names.
+        where: Index of the decided position, at the last tap.
         stopped: Whether the rule decided; otherwise the deadline came, it gave up or no class was left, and the
             decisions are the most probable classes at that time.
         gave_up: Whether it ended without an answer, a null decision.
@@ -120,6 +120,12 @@ def perceive(
 ) -> Episode:
     """Taps until the stopping rule ends it; `steps` to the end.
 
+    >>> import solidtouch as st
+    >>> model = st.fit(st.simulate("paper", seed=4))
+    >>> rig = st.SimulatedRig("paper", seed=4, session=1, position_mm=2.3, what=1)
+    >>> st.perceive(rig, model, stop=0.95, move=st.fixation(7))
+    <Episode of 7 taps: decided, object 1 in where class 7>
+
     Args:
         sensor: Where taps come from.
         engine: How beliefs are computed; of a model by itself, with the compiled engine.
@@ -130,7 +136,7 @@ def perceive(
         watch: As in `steps`.
 
     Raises:
-        InputError: The deadline is below one tap, or the sensor prepares its taps otherwise than the model's.
+        InputError: As `steps`.
     """
     return collect(steps(sensor, engine, stop, move, deadline, chance=chance, watch=watch))
 
@@ -157,6 +163,12 @@ def steps(
     The move is made when the next step is asked for, so who stops asking ends the episode where the sensor stands.
     A tap that is impossible under every class still believed in ends it too, see `Step.no_class_left`.
 
+    >>> import solidtouch as st
+    >>> model = st.fit(st.simulate("paper", seed=4))
+    >>> rig = st.SimulatedRig("paper", seed=4, session=1, position_mm=2.3, what=1)
+    >>> [(step.number, step.move) for step in st.steps(rig, model, 0.95, st.fixation(7), deadline=3)]
+    [(1, 5), (2, 0), (3, None)]
+
     Args:
         sensor: Where taps come from.
         engine: How beliefs are computed; of a model by itself, with the compiled engine.
@@ -170,16 +182,32 @@ def steps(
             then chosen before the stop test.
 
     Raises:
-        InputError: The deadline is below one tap, the rule needs a gain that nobody watches, or the sensor prepares its
-            taps otherwise than the model's.
+        InputError: The deadline is below one tap, the threshold is NaN, or the sensor's preprocessing, step or number
+            of positions is not the model's. While steps are made: the rule needs a gain that nobody watches, or a
+            tap is refused as by `Filter.update`.
     """
     if deadline < 1:
         raise InputError(f"The deadline must be at least one tap, got {deadline}.")
     engine = engine_of(engine)
     engine.model.check_taps(sensor.preprocessing)
+    check_step(sensor.step, engine.model.grid)
     chance = uniforms(np.random.default_rng(0)) if chance is None else chance
-    known, arrived = Filter(engine), 0
     rule = stop if callable(stop) else what_above(stop)
+    return _made(sensor, Filter(engine), rule, move, deadline, doubt, chance, watch)
+
+
+def _made(
+    sensor: TouchSensor,
+    known: Filter,
+    rule: StopRule,
+    move: MovePolicy,
+    deadline: int,
+    doubt: Callable[[NDArray[np.float64], int], bool] | None,
+    chance: Iterator[float],
+    watch: Watch | None,
+) -> Iterator[Step]:
+    """The steps, with arguments as those of `steps` once they are checked."""
+    arrived = 0
     for number in range(1, deadline + 1):
         tap = sensor.tap()
         log_predicted, log_states = known.log_belief, known.log_states

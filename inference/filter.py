@@ -37,6 +37,15 @@ class Filter:
     What is carried from tap to tap is the belief over all hypotheses of the model; what is read is that belief after
     `saturation`, summed over the states of the episode.
 
+    >>> import solidtouch as st
+    >>> train, test = st.simulate("paper", sessions=2, seed=4)
+    >>> belief = st.Filter(st.fit(train), stop=0.5)
+    >>> for tap in test.taps[160:170]:
+    ...     _ = belief.update(tap)
+    >>> belief.taps, belief.decision, belief.belief.dims
+    (10, 0, ('where', 'what'))
+    >>> belief.move(+1)
+
     Args:
         model: A fitted model, or an engine of `make_engine`.
         border: Reading of Eq. 9 at the ends of the range, by default `uniform`; an engine has its own.
@@ -70,7 +79,7 @@ class Filter:
             Log evidence of the tap given those before, Eq. 4.
 
         Raises:
-            InputError: The tap does not have the size of the training taps, or a sample is NaN.
+            InputError: The tap does not have the size of the training taps, or a sample is NaN or infinite.
             ZeroEvidenceError: The tap is impossible under every class. The belief is as before.
         """
         tap, model = np.asarray(tap), self.engine.model
@@ -120,14 +129,15 @@ class Filter:
         return xr.DataArray(np.exp(self.log_belief), self.engine.model.grid.coords(), ("where", "what"), name="belief")
 
     @property
-    def decision(self) -> str | None:
-        """The object in which the belief exceeded the threshold at the last tap, Eq. 7; `None` where there is none.
+    def decision(self) -> int | None:
+        """Index of the object whose belief exceeded the threshold at the last tap, Eq. 7; `None` if there is none.
 
-        Moves do not change it: the stop test comes before the move.
+        The index 0 is a decision, so compare with `None`; `grid.what_name` of the model has the names. Moves do not
+        change the decision: the stop test comes before the move.
         """
         if self._what is None or not self._what.max() > self.stop or self.stop >= 1:
             return None
-        return self.engine.model.grid.what_name[int(self._what.argmax())]
+        return int(self._what.argmax())
 
     def __repr__(self) -> str:
         grid, belief = self.engine.model.grid, np.exp(self.log_belief)

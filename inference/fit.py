@@ -8,6 +8,7 @@ from ..models.errors import InputError
 from ..models.grid import ClassGrid
 from ..models.measurement.histogram import trim
 from ..models.measurement.model import TapModel
+from ..models.measurement.registry import PAPER, split_name
 from ..models.settings import FitSettings
 from ..models.taps import TapSet, concatenate
 from .tuning.tempering import fit_tempered
@@ -20,6 +21,10 @@ def fit(
 
     The model is all that is kept; `solidtouch fit` also writes draws from the posterior and how the fit converged.
 
+    >>> import solidtouch as st
+    >>> st.fit(st.simulate("paper", seed=4), bins=50, power="JK")
+    <histogram model: 16 x 5 classes, 50 samples of 12 taxels, 50 bins, power JK>
+
     Args:
         taps: Training taps, in one set or several whose sessions differ in number.
         model: Its name, see docs/reference/models.md.
@@ -29,13 +34,30 @@ def fit(
             `"learned"`, which leaves out each training session in turn.
 
     Raises:
-        InputError: There is no such model or setting, one is out of range, or the taps cannot carry the model.
+        InputError: There is no such model or setting, one is out of range or not for this model, or the taps cannot
+            carry the model.
         NotConvergedError: The fit did not converge, and `unconverged` was not set.
     """
     if unknown := sorted(set(settings) - set(FitSettings.__struct_fields__)):
         raise InputError(f"fit has no setting {unknown[0]!r}; it has {', '.join(FitSettings.__struct_fields__)}.")
+    given = FitSettings(**settings)
+    check_used(model, given)
     taps = taps if isinstance(taps, TapSet) else concatenate(taps)
     grid, dropped = trim(taps.grid() if grid is None else grid, [taps])
-    fitted, _ = fit_tempered(model, taps, grid, FitSettings(**settings), "taps given to fit")
+    fitted, _ = fit_tempered(model, taps, grid, given, "taps given to fit")
     scored: Any = fitted.model.with_scores(taps)
     return replace(scored, left_out=(*dropped, *scored.left_out))
+
+
+def check_used(model: str, settings: FitSettings) -> None:
+    """Refuses settings that a model would ignore.
+
+    Raises:
+        InputError: There is one, or there is no such model.
+    """
+    kind, in_states = split_name(model)
+    if not in_states and (settings.gain_sd is not None or settings.offset_sd is not None):
+        options = "gain_sd and offset_sd (--gain-sd, --offset-sd)"
+        raise InputError(f"{options} go with session models only, and not with {model}.")
+    if kind == PAPER and settings.method == "nuts":
+        raise InputError("The fit of a histogram is exact; method 'nuts' (--fit nuts) goes with other models only.")

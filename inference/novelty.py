@@ -130,7 +130,7 @@ class Novelty:
             Shape (..., L, M).
 
         Raises:
-            InputError: The taps have not the size of the training taps, or a sample is NaN.
+            InputError: The taps have not the size of the training taps, or a sample is NaN or infinite.
         """
         taps = np.asarray(taps)
         self._model.check_samples(taps)
@@ -210,7 +210,7 @@ class UnknownTest:
             `doubtful` after it.
 
         Raises:
-            InputError: The tap has not the size of the training taps, or a sample is NaN.
+            InputError: The tap has not the size of the training taps, or a sample is NaN or infinite.
         """
         return self.follow(self._novelty.misfit(tap), arrived)
 

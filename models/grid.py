@@ -24,6 +24,10 @@ _ROUNDING = 1e-6  # in cells: a value this close below an edge counts as above i
 class ClassGrid:
     """`L` positions times `M` objects, with their labels and values.
 
+    >>> grid = ClassGrid(np.array([0.5, 1.5, 2.5]), "mm", None, (("ball",), ("rod",)))
+    >>> grid.shape, grid.what_name, grid.where_label(1)
+    ((3, 2), ('ball', 'rod'), '1.5 mm')
+
     Attributes:
         where_value: Reported value of each position class (its centre), shape (L,), increasing.
         where_unit: Unit of `where_value` and `where_edges`.

@@ -20,6 +20,9 @@ type _Pair = tuple[NDArray[np.float64], NDArray[np.float64]]  # SciPy's return t
 class Preprocessing:
     """Record of the preprocessing of a tap, in the order of the fields.
 
+    >>> Preprocessing(samples=50, rate_hz=50.0).differences(Preprocessing(samples=40, rate_hz=50.0))
+    ['samples is 50 here and 40 there']
+
     Attributes:
         samples: Number of samples in a tap, `J`.
         rate_hz: Sampling rate in hertz, `None` if unknown.

@@ -59,6 +59,11 @@ _MOST_CELLS = 1e6
 class TapSet:
     """Labelled taps on xarray; variables are listed at the head of this file.
 
+    >>> samples = np.arange(24.0).reshape(4, 3, 2)  # 4 taps of 3 samples from 2 taxels
+    >>> taps = TapSet.from_arrays(samples, [0, 0, 1, 1], ["ball", "rod"], preprocessing=Preprocessing(samples=3))
+    >>> len(taps), taps.grid().shape, len(taps.select(taps.what == 1))
+    (4, (1, 2), 2)
+
     Attributes:
         dataset: The labelled arrays.
 

@@ -16,6 +16,7 @@ from .hardware.simulator.presets import PRESETS as PRESETS
 from .hardware.simulator.rig import SimulatedRig as SimulatedRig
 from .hardware.simulator.session import simulate as simulate
 from .hardware.simulator.settings import RigSettings as RigSettings
+from .inference.classifier import TapClassifier as TapClassifier
 from .inference.engines.engine import Engine as Engine
 from .inference.engines.engine import make_engine as make_engine
 from .inference.episode import Episode as Episode

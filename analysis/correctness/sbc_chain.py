@@ -110,7 +110,7 @@ def engine_beliefs(
     """
     truth, grid = world.truth, world.truth.grid
     engine = make_engine(name, world.believed, world.border)
-    move = passive if policy == PASSIVE else fixation(default_fixation(grid.L))
+    move = passive() if policy == PASSIVE else fixation(default_fixation(grid.L))
     found = empty_beliefs(trials, moments, grid.shape)
     for i in range(trials):
         where, what = int(generator.integers(grid.L)), int(generator.integers(grid.M))

@@ -36,7 +36,7 @@ def belief_cases(study: Study, engine: Engine, settings: ExperimentSettings) -> 
     cases, prior = [], fold(np.exp(engine.model.log_prior), engine.model.grid.M)
     for where, what, stream in _starts(study, _CANDIDATES, settings.seed):
         rig = _rig(study, where, what, stream, settings.seed, _CASE_TAPS)
-        episode = perceive(rig, engine, 1.0, passive, deadline=_CASE_TAPS)
+        episode = perceive(rig, engine, 1.0, passive(), deadline=_CASE_TAPS)
         cases.append(BeliefCase(np.exp(episode.log_beliefs), prior, where, what))
     return max(cases, key=_clarity), max(cases, key=_ambiguity)
 
@@ -53,7 +53,7 @@ def trajectories(study: Study, engine: Engine, settings: ExperimentSettings, fix
             paths[row, : episode.taps] = where + np.concatenate([[0], np.cumsum(episode.realised)])
         return paths[:, : int((paths >= 0).any(axis=0).sum())]
 
-    return Trajectories(positions(passive), positions(fixation(fixation_index, settings.play.theta_x)))
+    return Trajectories(positions(passive()), positions(fixation(fixation_index, settings.play.theta_x)))
 
 
 def _starts(study: Study, n: int, seed: int) -> list[tuple[int, int, int]]:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from ...hardware.sensor import TouchSensor
+from ...hardware.sensor import TouchSensor, check_step
 from ...models.errors import InputError
 from ...models.grid import ClassGrid
 from ...models.seeds import Purpose, generator
@@ -157,7 +157,7 @@ def _simulated(rig: str, grid: ClassGrid, wish: Wish) -> PlaceableRig:
 
     name = rig.partition(":")[2] or _PRESET
     settings = _stepping(preset(name), grid)
-    _check_cells(grid, settings.cell_mm, f"The simulated rig {name}")
+    check_step(settings.cell_mm, grid, f"The simulated rig {name}")
     names = [rod.name for rod in settings.rods]
 
     def place(episode: int) -> Placed:
@@ -205,7 +205,7 @@ def _real(rig: str, grid: ClassGrid, wish: Wish, home: bool, journal: "Journal |
     from ...hardware.rig.settings import load_rig
 
     settings = load_rig(rig)
-    _check_cells(grid, settings.range.cell_mm, settings.name)
+    check_step(settings.range.cell_mm, grid, settings.name)
     if grid.where_unit.split(maxsplit=1)[:1] != ["mm"]:
         raise InputError(f"{settings.name} is driven in mm, and the model's places are in {grid.where_unit!r}.")
     start_mm, limits = wish.place(grid, 0), settings.range
@@ -257,10 +257,3 @@ def _stepping(settings: "RigSettings", grid: ClassGrid) -> "RigSettings":
         return settings
     step = settings.cell_mm / round(cells)
     return replace(settings, cell_mm=step, position_spread_mm=step)
-
-
-def _check_cells(grid: ClassGrid, cell: float, name: str) -> None:
-    """Whether a step of the rig is a step of the model."""
-    steps = np.diff(grid.where_value)
-    if len(steps) and np.abs(steps - cell).max() > _ROUNDING * cell:
-        raise InputError(f"{name} moves in steps of {cell:g}, and the model's classes lie {steps[0]:g} apart.")

@@ -30,6 +30,11 @@ class LabelledRig:
         return self._rig.preprocessing
 
     @property
+    def step(self) -> float:
+        """Length of a step in mm."""
+        return self._rig.step
+
+    @property
     def room(self) -> tuple[int, int]:
         """Steps left to either end of the range."""
         return self._rig.room

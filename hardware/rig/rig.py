@@ -109,6 +109,11 @@ class Rig:
         return int(np.clip(cell, 0, limits.where_classes - 1))
 
     @property
+    def step(self) -> float:
+        """Length of a step in mm."""
+        return self.settings.range.cell_mm
+
+    @property
     def room(self) -> tuple[int, int]:
         """Steps left to either end of the range."""
         return self.where_index, self.settings.range.where_classes - 1 - self.where_index

@@ -102,6 +102,7 @@ class ModelRig:
         self._tables = bin_tables(probabilities, edges, grid.shape)
         self._preprocessing = preprocessing
         self._last = grid.L - 1
+        self._step = np.diff(grid.where_value)
         self._what = what
         self._generator = generator
         self.where_index = start
@@ -111,6 +112,11 @@ class ModelRig:
     def preprocessing(self) -> Preprocessing:
         """Preprocessing attributed to the taps."""
         return self._preprocessing
+
+    @property
+    def step(self) -> NDArray[np.float64]:
+        """Distances of neighbouring positions in the unit of the grid, shape (L - 1,)."""
+        return self._step
 
     @property
     def room(self) -> tuple[int, int]:

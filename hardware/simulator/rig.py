@@ -20,6 +20,10 @@ class SimulatedRig:
     unrecorded taps after each change of position, as the operator of a real one would. Thermal drift accumulates as
     long as the rig taps; a new `run` starts without it.
 
+    >>> rig = SimulatedRig("paper", seed=4, session=1, position_mm=2.5, what=1)
+    >>> rig.tap().shape, rig.move(-5), rig.position_mm, rig.room
+    ((50, 12), -2, 0.5, (0, 15))
+
     Args:
         settings: Settings of the rig, or the name of a preset.
         seed: Seed of the data set.
@@ -59,6 +63,11 @@ class SimulatedRig:
     def preprocessing(self) -> Preprocessing:
         """Preprocessing of the taps."""
         return self.settings.preprocessing
+
+    @property
+    def step(self) -> float:
+        """Length of a step in mm."""
+        return self.settings.cell_mm
 
     @property
     def where_index(self) -> int:

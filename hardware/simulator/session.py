@@ -14,6 +14,10 @@ from .tap_stream import TapStream
 def simulate(rig: str | RigSettings, sessions: int = 1, seed: int = 0) -> list[TapSet]:
     """Sessions of one data set, numbered from 0; they share the sensor but differ in gains and mounting.
 
+    >>> first, second = simulate("paper", sessions=2, seed=4)
+    >>> first.taps.shape, first.what_name[:2], first.where_unit
+    ((1600, 50, 12), ['4 mm rod', '6 mm rod'], 'mm')
+
     Args:
         rig: Settings of the rig, or the name of a preset.
         sessions: Number of sessions.

@@ -40,6 +40,10 @@ class RigSettings:
 
     Standard deviations marked "log" are those of the logarithm, that is, approximately relative.
 
+    >>> settings = RigSettings(end_mm=8.0, cell_mm=2.0, position_spread_mm=2.0)
+    >>> settings.where_classes, settings.preprocessing.samples
+    (4, 50)
+
     Attributes:
         rods: The objects (paper: 4 to 12 mm steel cylinders).
         start_mm: Lower end of the range of positions.

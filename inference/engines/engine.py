@@ -41,7 +41,7 @@ class Engine(Protocol):
             tap: Preprocessed samples, shape (J, K).
 
         Raises:
-            InputError: The tap differs in shape from the training taps, or a sample is NaN.
+            InputError: The tap differs in shape from the training taps, or a sample is NaN or infinite.
             ZeroEvidenceError: The tap is impossible under every class.
         """
         ...
@@ -116,6 +116,11 @@ class NumpyEngine:
 
 def make_engine(name: str, model: TapModel, border: Border = "uniform") -> Engine:
     """Engine by name.
+
+    >>> import solidtouch as st
+    >>> engine = make_engine("numpy", st.fit(st.simulate("paper", seed=4)), border="clamp")
+    >>> engine.name, engine.model.grid.shape
+    ('numpy', (16, 5))
 
     Args:
         name: `"numpy"` (the reference equations), `"numpyro"` (the enumerated NumPyro model) or `"filter"` (the

@@ -77,7 +77,7 @@ def observed(model: TapModel, taps: ArrayLike) -> NDArray[np.generic]:
     """Taps (..., J, K) as `models.touch.observe_tap` takes them: bins for table forms, samples for others.
 
     Raises:
-        InputError: The taps differ in shape from the training taps, or a sample is NaN.
+        InputError: The taps differ in shape from the training taps, or a sample is NaN or infinite.
     """
     bins = model.bins(taps)
     return bins if isinstance(model.form, TableForm) else np.asarray(taps, dtype=np.float64)

@@ -35,21 +35,32 @@ class MovePolicy(Protocol):
         ...
 
 
-def passive(beliefs: Floats, chance: Floats) -> Integers:  # noqa: ARG001 - every policy takes both
-    """Never moves: theta_X = 1."""
-    return np.zeros(np.shape(beliefs)[:-2], dtype=np.int64)
+def passive() -> MovePolicy:
+    """Strategy that never moves: theta_X = 1.
+
+    >>> int(passive()(np.full((16, 5), 1 / 80), 0.0))
+    0
+    """
+    return lambda beliefs, chance: np.zeros(np.shape(beliefs)[:-2], dtype=np.int64)  # noqa: ARG005
 
 
 def fixation(fixation_index: int, theta_x: float = 0.0) -> MovePolicy:
     """Strategy that moves the estimated position to the fixation point; Eq. 8 and 10.
+
+    >>> belief = np.zeros((16, 5))
+    >>> belief[2, 1] = 1.0  # in position 2
+    >>> int(fixation(7)(belief, 0.0))
+    5
 
     Args:
         fixation_index: Index of the fixation point.
         theta_x: Belief in a position needed for a move: 0 always moves, 1 never moves.
 
     Raises:
-        InputError: On a call, if the belief has no such position.
+        InputError: The index is not a whole number of 0 or more; or on a call, if the belief has no such position.
     """
+    if not _whole(fixation_index) or fixation_index < 0:
+        raise InputError(f"The fixation point must be an index from 0, got {fixation_index}.")
 
     def move(beliefs: Floats, chance: Floats) -> Integers:  # noqa: ARG001
         where = where_beliefs(beliefs)
@@ -61,7 +72,13 @@ def fixation(fixation_index: int, theta_x: float = 0.0) -> MovePolicy:
 
 
 def random_place() -> MovePolicy:
-    """Strategy that moves the estimated position to a uniformly random one each time."""
+    """Strategy that moves the estimated position to a uniformly random one each time.
+
+    >>> belief = np.zeros((16, 5))
+    >>> belief[2, 1] = 1.0  # in position 2
+    >>> random_place()(np.array([belief] * 3), np.array([0.0, 0.5, 0.99])).tolist()
+    [-2, 6, 13]
+    """
 
     def move(beliefs: Floats, chance: Floats) -> Integers:
         where = where_beliefs(beliefs)
@@ -74,6 +91,11 @@ def random_step(reach: int) -> MovePolicy:
     """Strategy that makes a uniformly random step of 1 to `reach` positions to either side.
 
     A step beyond the range goes to the other side, or to the end if that is also beyond.
+
+    >>> belief = np.zeros((16, 5))
+    >>> belief[2, 1] = 1.0  # in position 2
+    >>> random_step(2)(np.array([belief] * 4), np.array([0.0, 0.25, 0.5, 0.75])).tolist()
+    [-2, -1, 1, 2]
 
     Raises:
         InputError: The reach is below 1.
@@ -135,11 +157,11 @@ def check_fixation(fixation_index: int | None, L: int) -> int:
     """Fixation index, by default the middle.
 
     Raises:
-        InputError: It lies outside the grid.
+        InputError: It lies outside the grid, or is no whole number.
     """
     if fixation_index is None:
         return default_fixation(L)
-    if not 0 <= fixation_index < L:
+    if not (_whole(fixation_index) and 0 <= fixation_index < L):
         raise InputError(f"The fixation point must be an index from 0 to {L - 1}, got {fixation_index}.")
     return fixation_index
 
@@ -148,8 +170,12 @@ def check_reach(reach: int) -> int:
     """Checks the longest move and returns it.
 
     Raises:
-        InputError: It is below 1.
+        InputError: It is below 1, or no whole number.
     """
-    if reach < 1:
+    if not (_whole(reach) and reach >= 1):
         raise InputError(f"The reach of a move must be at least 1 position, got {reach}.")
     return reach
+
+
+def _whole(number: float) -> bool:
+    return float(number).is_integer()

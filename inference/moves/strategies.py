@@ -112,7 +112,9 @@ def make_policy(
         return lookup(table.checked(grid))
     if strategy.needs_outcomes:
         return _looking_ahead(strategy, name, grid, border, outcomes)
-    return {"passive": passive, "random": random_place(), "step": random_step(int(strategy.number or 1))}[strategy.kind]
+    if strategy.kind == "step":
+        return random_step(int(strategy.number or 1))
+    return passive() if strategy.kind == "passive" else random_place()
 
 
 def _looking_ahead(

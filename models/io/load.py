@@ -23,6 +23,14 @@ _READERS: dict[str, Callable[[Path], Recording]] = {
 def load_taps(path: str | Path) -> TapSet:
     """Tap set from a file or a folder of CSV files.
 
+    >>> from pathlib import Path
+    >>> from tempfile import TemporaryDirectory
+    >>> import solidtouch as st
+    >>> with TemporaryDirectory() as folder:
+    ...     st.simulate("paper", seed=4)[0].save(Path(folder, "taps.nc"))
+    ...     len(load_taps(Path(folder, "taps.nc")))
+    1600
+
     Args:
         path: `.nc` as written by this software; `.mcap` as recorded from the rig; `.npz` or `.mat` with the arrays of
             `io.arrays`; `.csv` with the columns of `csv_rows`; or a folder of such `.csv` files.

@@ -88,6 +88,14 @@ def save_model(
 def load_model(path: str | Path) -> TapModel:
     """Fitted model from a file; names ending in `.json` are exported models.
 
+    >>> from pathlib import Path
+    >>> from tempfile import TemporaryDirectory
+    >>> import solidtouch as st
+    >>> with TemporaryDirectory() as folder:
+    ...     st.fit(st.simulate("paper", seed=4)).save(Path(folder, "model.nc"))
+    ...     load_model(Path(folder, "model.nc"))
+    <histogram model: 16 x 5 classes, 50 samples of 12 taxels, 100 bins, power J>
+
     Raises:
         InputError: The file is missing, damaged or not a fitted model.
     """

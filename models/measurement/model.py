@@ -165,7 +165,7 @@ class TapModel(ABC):
         return likelihood_exponent(self.power, self.preprocessing.samples, self.K)
 
     def bins(self, taps: ArrayLike) -> NDArray[np.intp]:
-        """The histogram bin of every sample, the shape of `taps` (..., J, K); values outside go to the end bins.
+        """The histogram bin of every sample, the shape of `taps` (..., J, K); those beyond the edges in end bins.
 
         Raises:
             InputError: As `check_samples`.
@@ -181,11 +181,12 @@ class TapModel(ABC):
             taps: Prepared samples, shape (..., J, K).
 
         Raises:
-            InputError: Numbers of samples or taxels are not those of the training data, or a sample is NaN.
+            InputError: Numbers of samples or taxels are not those of the training data, or a sample is NaN or
+                infinite.
         """
         self._check_shape(taps)
-        if np.isnan(taps).any():
-            raise InputError("A sample is NaN and belongs to no bin.")
+        if not np.isfinite(taps).all():
+            raise InputError("A sample is NaN or infinite and belongs to no bin.")
 
     def _check_shape(self, taps: NDArray[np.floating]) -> None:
         J, K = self.preprocessing.samples, self.K

@@ -234,6 +234,7 @@ def test_crosscheck_leaves_numpyro_out_where_the_border_is_no_kernel(command, ta
         (["fit", "TAPS", "--out", "MODEL", "--simulations", "19"], "--simulations goes with --power learned only"),
         (["fit", "TAPS", "--out", "MODEL", "--power", "learned", "--simulations", "5"], "must be 0 or at least 19"),
         (["fit", "TAPS", "--out", "MODEL", "--model", "gauss"], "no model 'gauss'; there are histogram, gaussian"),
+        (["fit", "TAPS", "--out", "MODEL", "--fit", "nuts"], "fit of a histogram is exact"),
         (["fit", "TAPS", "--out", "MODEL", "--gain-sd", "0.1"], "go with session models only, and not with histogram"),
         (["crosscheck", "TAPS", "--model", "profile:session"], "There is no model 'profile:session'"),
         (["crosscheck", "TAPS", "--model", "session", "--border", "prior"], "border 'prior' does not support models"),

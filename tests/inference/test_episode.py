@@ -4,7 +4,9 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
+from solidtouch.hardware.replay import ReplayRig
 from solidtouch.hardware.simulator.model_rig import ModelRig
+from solidtouch.hardware.simulator.rig import SimulatedRig
 from solidtouch.inference import reference
 from solidtouch.inference.engines.engine import make_engine
 from solidtouch.inference.episode import DEADLINE, collect, perceive, steps
@@ -17,6 +19,7 @@ class ScriptedSensor:
     """Gives taps in turn, moves as told beforehand, and keeps what was done to it."""
 
     room = (0, 0)
+    step = 1.5
 
     def __init__(self, model, taps, realised=0):
         self.preprocessing = model.preprocessing
@@ -101,7 +104,7 @@ def test_the_stop_test_comes_before_the_move(model, engine, taps):
 @pytest.mark.parametrize("theta", [0.4, 0.7, 0.9, 0.99])
 def test_the_first_belief_above_the_threshold_stops(model, engine, taps, theta):
     """It, and no belief before it, exceeds the threshold; decisions are those of the last belief."""
-    episode = perceive(ScriptedSensor(model, taps), engine, theta, passive, deadline=12)
+    episode = perceive(ScriptedSensor(model, taps), engine, theta, passive(), deadline=12)
     what = np.exp(episode.log_beliefs).sum(axis=1)
 
     assert episode.stopped
@@ -115,17 +118,17 @@ def test_a_threshold_that_is_met_exactly_goes_on(model, engine, taps):
     """The comparison is strict."""
     first, _ = engine.update(engine.model.log_prior, taps[0])
     theta = float(reference.what_marginal(np.exp(first)).max())
-    episode = perceive(ScriptedSensor(model, taps), engine, theta, passive)
+    episode = perceive(ScriptedSensor(model, taps), engine, theta, passive())
 
     assert episode.taps > 1
-    assert perceive(ScriptedSensor(model, taps), engine, np.nextafter(theta, 0.0), passive).taps == 1
+    assert perceive(ScriptedSensor(model, taps), engine, np.nextafter(theta, 0.0), passive()).taps == 1
 
 
 def test_a_decision_at_the_deadline_counts_as_stopped(model, engine, taps):
     """The threshold has been crossed, on time."""
-    reference_episode = perceive(ScriptedSensor(model, taps), engine, 0.9, passive)
-    on_time = perceive(ScriptedSensor(model, taps), engine, 0.9, passive, deadline=reference_episode.taps)
-    too_late = perceive(ScriptedSensor(model, taps), engine, 0.9, passive, deadline=reference_episode.taps - 1)
+    reference_episode = perceive(ScriptedSensor(model, taps), engine, 0.9, passive())
+    on_time = perceive(ScriptedSensor(model, taps), engine, 0.9, passive(), deadline=reference_episode.taps)
+    too_late = perceive(ScriptedSensor(model, taps), engine, 0.9, passive(), deadline=reference_episode.taps - 1)
 
     assert reference_episode.taps > 1
     assert (on_time.taps, on_time.stopped) == (reference_episode.taps, True)
@@ -135,7 +138,7 @@ def test_a_decision_at_the_deadline_counts_as_stopped(model, engine, taps):
 def test_a_threshold_of_one_runs_to_the_deadline(model, engine, draw_samples):
     """However sure it is."""
     taps = draw_samples(model, DEADLINE, where=1, what=2)
-    episode = perceive(ScriptedSensor(model, taps), engine, 1.0, passive)
+    episode = perceive(ScriptedSensor(model, taps), engine, 1.0, passive())
 
     assert (episode.taps, episode.stopped, episode.what, episode.where) == (DEADLINE, False, 2, 1)
 
@@ -153,7 +156,7 @@ def test_a_deadline_below_one_tap_is_refused(model, engine, deadline):
     """Before any tap."""
     sensor = ScriptedSensor(model, [])
     with pytest.raises(InputError, match=f"at least one tap, got {deadline}"):
-        perceive(sensor, engine, 0.5, passive, deadline)
+        perceive(sensor, engine, 0.5, passive(), deadline)
     assert sensor.done == []
 
 
@@ -164,7 +167,7 @@ def test_an_impossible_tap_ends_the_episode_undecided(make_model, name):
     model.counts[0] = [[[1, 0]], [[0, 1]]]
     doubted = []
     sensor = ScriptedSensor(model, [np.array([[-1.0]]), np.array([[1.0]])])
-    *_, last = steps(sensor, make_engine(name, model), 1.0, passive, doubt=lambda *tap: bool(doubted.append(tap)))
+    *_, last = steps(sensor, make_engine(name, model), 1.0, passive(), doubt=lambda *tap: bool(doubted.append(tap)))
     episode = collect(iter([last]))
 
     assert last.no_class_left
@@ -179,9 +182,55 @@ def test_a_sensor_that_prepares_its_taps_otherwise_is_refused(model, engine, tap
     sensor = ScriptedSensor(model, taps)
     sensor.preprocessing = Preprocessing(samples=model.preprocessing.samples, rate_hz=40.0)
     with pytest.raises(InputError, match=r"otherwise than the model's: rate_hz is None in the model and 40\.0 in"):
-        perceive(sensor, engine, 0.9, passive)
+        perceive(sensor, engine, 0.9, passive())
 
     assert sensor.done == []
+
+
+def test_arguments_are_checked_before_the_first_step(model, engine, taps):
+    """By the call itself, whoever asks for steps or not."""
+    sensor = ScriptedSensor(model, taps)
+    with pytest.raises(InputError, match="at least one tap"):
+        steps(sensor, engine, 0.9, passive(), 0)
+    with pytest.raises(InputError, match="NaN"):
+        steps(sensor, engine, np.nan, passive())
+    sensor.preprocessing = Preprocessing(samples=3)
+    with pytest.raises(InputError, match="otherwise"):
+        steps(sensor, engine, 0.9, passive())
+
+    assert sensor.done == []
+
+
+@pytest.mark.parametrize(
+    ("step", "said"),
+    [
+        (2.0, r"The sensor moves in steps of 2, and the model's classes lie 1\.5 apart"),
+        ([1.5, 1.5, 1.0, 1.5], "moves in steps of 1, and"),
+        ([1.5, 1.5], "The sensor has 3 positions, the model 5"),
+        (np.nan, "steps of nan"),
+    ],
+    ids=str,
+)
+def test_a_sensor_whose_steps_are_not_the_models_is_refused(model, engine, taps, step, said):
+    sensor = ScriptedSensor(model, taps)
+    sensor.step = step
+    with pytest.raises(InputError, match=said):
+        steps(sensor, engine, 0.9, passive())
+
+    sensor.step = np.full(4, 1.5)
+    assert next(steps(sensor, engine, 0.9, passive())).number == 1
+
+
+def test_the_rigs_know_their_steps(model, engine, make_taps):
+    """Of a simulated rig one length, of recorded taps the distance of each pair of positions."""
+    other = make_taps(L=4, J=5, K=2, preprocessing=model.preprocessing)
+    rig = ReplayRig(other, other.grid(), 0, 1, iter([0.5]))
+    with pytest.raises(InputError, match="The sensor has 4 positions, the model 5"):
+        perceive(rig, engine, 0.9, passive())
+    assert rig.step.tolist() == [1.5] * 3
+    assert SimulatedRig("paper", 0, 0, 2.3, 1).step == 1.0
+    tables = model.probabilities, model.edges, model.preprocessing
+    assert ModelRig(model.grid, *tables, 0, 0, np.random.default_rng(0)).step.tolist() == [1.5] * 4
 
 
 def test_a_step_moves_only_when_the_next_is_asked_for(model, engine, taps):

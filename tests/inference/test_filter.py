@@ -61,8 +61,8 @@ def test_it_decides_above_the_threshold_and_begins_anew(taps):
     assert "0 taps" in repr(belief)
     for tap in taps.taps[(np.asarray(taps.indices(model.grid)) == [[0], [1]]).all(axis=0)]:
         belief.update(tap)
-    assert belief.decision == model.grid.what_name[1]
-    assert belief.decision in repr(belief)
+    assert belief.decision == 1
+    assert model.grid.what_name[1] in repr(belief)
     belief.stop = 1.0
     assert belief.decision is None
     belief.reset()
@@ -86,6 +86,19 @@ def test_settings_that_are_none_are_named(taps):
         fit(taps, bin=3)
     with pytest.raises(InputError, match="histgram"):
         fit(taps, "histgram")
+
+
+@pytest.mark.parametrize("setting", [{"gain_sd": 0.1}, {"offset_sd": 0.0}])
+def test_settings_of_session_models_are_refused_by_others(taps, setting):
+    with pytest.raises(InputError, match="go with session models only, and not with profile"):
+        fit(taps, "profile", **setting)
+    assert fit(taps, "session", bins=12, **setting).name == "session"
+
+
+@pytest.mark.parametrize("name", ["histogram", "session"])
+def test_an_exact_fit_has_no_use_for_nuts(taps, name):
+    with pytest.raises(InputError, match="fit of a histogram is exact; method 'nuts'"):
+        fit(taps, name, method="nuts")
 
 
 def test_a_learned_power_is_that_of_the_command(taps):
@@ -114,6 +127,13 @@ def test_what_is_refused_leaves_the_belief(taps, engine):
     for wrong in (taps.taps[:1], taps.taps[0][:-1], 1.0):
         with pytest.raises(InputError, match="A tap has"):
             belief.update(wrong)
+    for value in (np.nan, np.inf, -np.inf):
+        tap = taps.taps[0].copy()
+        tap[2, 1] = value
+        with pytest.raises(InputError, match="A sample is NaN or infinite"):
+            belief.update(tap)
+        with pytest.raises(InputError, match="A sample is NaN or infinite"):
+            model.log_likelihood(tap[np.newaxis])
     with pytest.raises(InputError, match=r"whole number of where classes, got 1\.5"):
         belief.move(1.5)
     belief.move(np.float64(0))

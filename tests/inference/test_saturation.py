@@ -94,7 +94,7 @@ def test_a_tempered_belief_is_its_power_normalised(rng):
 def test_a_passive_belief_is_the_mean_evidence_counted_so_often(models, taps, name, saturation):
     """softmax(s_n (log prior + sum of log-likelihoods)), summed over the states, also before the next tap."""
     model = replace(models[name], saturation=saturation)
-    made = list(steps(rig_of(taps, model, 1, 2, 5), make_engine("numpy", model), 1.0, passive, 12))
+    made = list(steps(rig_of(taps, model, 1, 2, 5), make_engine("numpy", model), 1.0, passive(), 12))
     carried = model.log_prior
     for step in made:
         before = (
@@ -107,7 +107,7 @@ def test_a_passive_belief_is_the_mean_evidence_counted_so_often(models, taps, na
         np.testing.assert_allclose(np.exp(step.log_belief), states.sum(axis=1), atol=1e-12)
         np.testing.assert_allclose(np.exp(step.log_state), states.sum(axis=(0, 2)), atol=1e-12)
         np.testing.assert_allclose(np.exp(step.log_predicted), before.reshape(L, -1, M).sum(axis=1), atol=1e-12)
-    episode = perceive(rig_of(taps, model, 1, 2, 5), make_engine("filter", model), 1.0, passive, 12)
+    episode = perceive(rig_of(taps, model, 1, 2, 5), make_engine("filter", model), 1.0, passive(), 12)
     np.testing.assert_allclose(np.exp(episode.log_beliefs), [np.exp(step.log_belief) for step in made], atol=1e-12)
 
 

@@ -78,6 +78,11 @@ class Vanishing:
         self.preprocessing = rig.preprocessing
 
     @property
+    def step(self) -> float:
+        """As the rig's."""
+        return self._rig.step
+
+    @property
     def room(self) -> tuple[int, int]:
         """As the rig's."""
         return self._rig.room
@@ -148,7 +153,7 @@ def episodes(seed: int, n: int) -> Iterator[tuple[str, list[Ending]]]:
 
     active = fixation(7)
     yield run("known, active", models.three, active, live)
-    yield run("known, passive", models.three, passive, live)
+    yield run("known, passive", models.three, passive(), live)
     yield run("known, active, one session trained and tested", models.one, active, lambda *s: live(*s, 0))
     yield run("known, active, one session trained, another tested", models.one, active, live)
     for m, model in models.less.items():
@@ -156,7 +161,7 @@ def episodes(seed: int, n: int) -> Iterator[tuple[str, list[Ending]]]:
         yield run(f"new: {name}, left out, active", model, active, lambda at, _, i, m=m: live(at, m, i))
     yield run("new: object taken away after tap 3, active", models.three, active, lambda *s: Vanishing(live(*s), 3))
     yield run("new: no object at all, active", models.three, active, untouched)
-    yield run("new: no object at all, passive", models.three, passive, untouched)
+    yield run("new: no object at all, passive", models.three, passive(), untouched)
 
 
 class Case(NamedTuple):
@@ -200,7 +205,7 @@ def row(name: str, test: TapSet, grid: ClassGrid, cases: Sequence[Case], runs: i
         earliest = Novelty(case.model).promise(ALPHA).soonest
         if earliest is None or earliest > RECORDED_DEADLINE:
             continue
-        policy = passive if grid.L == 1 else fixation(default_fixation(grid.L))
+        policy = passive() if grid.L == 1 else fixation(default_fixation(grid.L))
         for run in range(runs):
             generator = seeds.generator(0, seeds.Purpose.STUDY, case.what, run)
             start = int(generator.integers(grid.L))

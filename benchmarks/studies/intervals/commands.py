@@ -134,7 +134,7 @@ def of_strategies(truth: int, number: int, taps: int) -> Iterator[Held]:
     table_of = tap_table(right(truth), drawn(truth, taps, number))
     tables, n, means = resampled_tables(table_of, RESAMPLES, number), _STRATEGY_TRIALS, []
     rule = Family("number of taps", "taps", tuple(range(1, TAPS + 1)), lambda level: after(int(level)))
-    for policy in (passive, fixation(AIM)):
+    for policy in (passive(), fixation(AIM)):
         sums = []
         for i, one in enumerate(tables):
             plan = plan_trials(one.pool, n, number, first_stream=i * n)

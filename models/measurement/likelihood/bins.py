@@ -70,9 +70,9 @@ def find_bins(samples: NDArray[np.floating], edges: NDArray[np.float64]) -> NDAr
     rows = _plain(samples.reshape(-1, K))
     cells = np.empty(rows.shape, dtype=np.int64)
     layout = _layout(edges, K)
-    numbers = find(rows, *layout, cells)
+    finite = find(rows, *layout, cells)
     bins = cells - np.arange(K) * (len(layout.lower) // K)
-    return (bins if numbers else np.where(cells < 0, -1, bins)).reshape(samples.shape)
+    return (bins if finite else np.where(cells < 0, -1, bins)).reshape(samples.shape)
 
 
 def count_taps(samples: NDArray[np.floating], edges: NDArray[np.float64]) -> Iterator[tuple[slice, SparseCounts]]:
@@ -86,7 +86,7 @@ def count_taps(samples: NDArray[np.floating], edges: NDArray[np.float64]) -> Ite
         Which taps these are, and their counts, which are overwritten by the next ones.
 
     Raises:
-        InputError: A sample is NaN.
+        InputError: A sample is NaN or infinite.
     """
     from .counting import count, find
 
@@ -99,7 +99,7 @@ def count_taps(samples: NDArray[np.floating], edges: NDArray[np.float64]) -> Ite
         part = samples[start : start + step]
         found = cells[: len(part)]
         if not find(_plain(part.reshape(len(part), J * K)), *layout, found):
-            raise InputError("A sample is NaN and belongs to no bin.")
+            raise InputError("A sample is NaN or infinite and belongs to no bin.")
         count(found, held, *counts)
         yield slice(start, start + len(part)), counts._replace(first=counts.first[: len(part) + 1])
 
@@ -124,5 +124,5 @@ def _layout(edges: NDArray[np.float64], K: int) -> _Layout:
     lower, upper = edges[:, :-1].copy(), edges[:, 1:].copy()
     with np.errstate(over="ignore"):
         scale = lower.shape[1] / (edges[:, -1] - edges[:, 0])
-    lower[:, 0], upper[:, -1] = -np.inf, np.inf
+    lower[:, 0], upper[:, -1] = np.finfo(np.float64).min, np.inf  # infinite samples lie outside, see `find`
     return _Layout(edges[:, 0].copy(), scale, lower.ravel(), upper.ravel())

@@ -36,12 +36,12 @@ def find(samples, low, scale, lower, upper, cells):
         samples: Shape (n, J K), the taxel running faster.
         low: Lowest edge of each taxel, shape (K,).
         scale: Bins per unit of each taxel, shape (K,).
-        lower: Lower edge of each cell, -inf for the first of a taxel, shape (K B,).
+        lower: Lower edge of each cell, the least finite number for the first of a taxel, shape (K B,).
         upper: Upper edge of each cell, inf for the last of a taxel, shape (K B,).
         cells: Receives the cells, the shape of `samples`.
 
     Returns:
-        Whether all samples are numbers; a NaN gets -1.
+        Whether all samples are finite; infinite ones get the end bins, and a NaN gets -1.
     """
     n, size = samples.shape
     K = len(low)
@@ -50,7 +50,7 @@ def find(samples, low, scale, lower, upper, cells):
     lows, scales, firsts = np.empty(size), np.empty(size), np.empty(size, dtype=np.int64)
     for s in range(size):
         lows[s], scales[s], firsts[s] = low[s % K], scale[s % K], (s % K) * B
-    numbers = True
+    finite = True
     for i in range(n):
         wrong = 0
         for s in range(size):
@@ -65,8 +65,8 @@ def find(samples, low, scale, lower, upper, cells):
                 value = float(samples[i, s])
                 if not (lower[cells[i, s]] <= value < upper[cells[i, s]]):
                     cells[i, s] = search(value, lower, firsts[s], firsts[s] + B - 1)
-                    numbers &= cells[i, s] >= 0
-    return numbers
+                    finite &= np.isfinite(value)
+    return finite
 
 
 @compiled

@@ -325,7 +325,7 @@ def bin_gaps(
         Three arrays of the shape of `taps`: samples, lower and upper gaps.
 
     Raises:
-        InputError: A sample is NaN.
+        InputError: A sample is NaN or infinite.
     """
     bins = _known_bins(taps, edges)
     K = taps.shape[-1]
@@ -343,10 +343,9 @@ def _open_edges(edges: NDArray[np.float64], K: int) -> tuple[NDArray[np.float64]
 
 
 def _known_bins(taps: NDArray[np.floating], edges: NDArray[np.float64]) -> NDArray[np.intp]:
-    bins = find_bins(taps, edges)
-    if bins.size and bins.min() < 0:
-        raise InputError("A sample is NaN and belongs to no bin.")
-    return bins
+    if not np.isfinite(taps).all():
+        raise InputError("A sample is NaN or infinite and belongs to no bin.")
+    return find_bins(taps, edges)
 
 
 def _in_bins(values: NDArray[np.float64], edges: NDArray[np.float64]) -> NDArray[np.float64]:

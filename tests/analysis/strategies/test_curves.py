@@ -152,7 +152,7 @@ def drawn(make_model):
     return model, draw_session(model, 400, 1, 0)
 
 
-@pytest.mark.parametrize(("policy", "theta_x"), [(passive, 1.0), (fixation(1), 0.0)])
+@pytest.mark.parametrize(("policy", "theta_x"), [(passive(), 1.0), (fixation(1), 0.0)])
 def test_under_the_papers_strategies_it_counts_as_the_compiled_trials(drawn, policy, theta_x):
     """Errors, taps and the fraction stopped at every threshold."""
     model, taps = drawn

@@ -46,7 +46,7 @@ def tree(problem, policy, threshold, belief, number, chances):
 
 @pytest.mark.parametrize(
     ("policy", "chances"),
-    [(passive, 1), (fixation(1), 1), (fixation(2, 0.6), 1), (random_place(), L), (random_step(1), 3)],
+    [(passive(), 1), (fixation(1), 1), (fixation(2, 0.6), 1), (random_place(), L), (random_step(1), 3)],
 )
 @pytest.mark.parametrize("threshold", [0.7, 1.0])
 def test_cost_is_that_of_a_tree(rng, policy, chances, threshold):
@@ -60,7 +60,7 @@ def test_cost_is_that_of_a_tree(rng, policy, chances, threshold):
 
 
 def test_a_fixed_number_of_taps_without_moves_costs_these_and_the_errors(rng):
-    cost = expected_cost(problem_of(rng), course(passive, stopping.after(3)))
+    cost = expected_cost(problem_of(rng), course(passive(), stopping.after(3)))
 
     assert cost[2:] == pytest.approx((3, 0, 0))
 
@@ -108,4 +108,4 @@ def test_giving_up_needs_a_loss(rng):
 
 def test_a_random_number_has_a_part(rng):
     with pytest.raises(InputError, match="chances must be at least 1, got 0"):
-        expected_cost(problem_of(rng), course(passive, stopping.after(1)), 0)
+        expected_cost(problem_of(rng), course(passive(), stopping.after(1)), 0)

@@ -106,7 +106,7 @@ def test_no_strategy_with_any_rule_beats_it(rng):
         problem = problem_of(rng, 4, tap_cost=rng.uniform(0.002, 0.05), class_cost=rng.uniform(0, 0.02))
         best = exact_rule(problem).value
         policies = {
-            "passive": (passive, 1),
+            "passive": (passive(), 1),
             **{f"fixation {l}": (fixation(l), 1) for l in range(L)},
             "random place": (random_place(), L),
             "random step": (random_step(1), 3),

@@ -132,6 +132,7 @@ def test_an_episode_runs_with_a_shadow(model, draw_samples):
     class Sensor:
         preprocessing = model.preprocessing
         room = (0, 0)
+        step = 1.5
 
         def __init__(self):
             self.taps = iter(draw_samples(model, 20, where=1, what=2))

@@ -18,7 +18,7 @@ BELIEF = np.outer([0.125, 0.25, 0.5, 0.125], [0.5, 0.25, 0.25])
 SOME = np.array(0.3)
 L, M = 5, 3
 POLICIES = {
-    "passive": passive,
+    "passive": passive(),
     "fixation": fixation(1),
     "fixation when sure": fixation(4, 0.35),
     "random place": random_place(),
@@ -29,7 +29,7 @@ POLICIES = {
 
 def test_passive_never_moves():
     """Whatever is believed."""
-    assert passive(BELIEF, SOME) == 0
+    assert passive()(BELIEF, SOME) == 0
 
 
 @pytest.mark.parametrize("index", range(4))
@@ -119,10 +119,22 @@ def test_bounded_moves_go_the_same_way_and_no_further():
     assert bounded(fixation(1), 2)(belief, np.zeros(L)).tolist() == [1, 0, -1, -2, -2]
 
 
-@pytest.mark.parametrize("make", [random_step, lambda reach: bounded(passive, reach)])
+@pytest.mark.parametrize("make", [random_step, lambda reach: bounded(passive(), reach)])
 def test_a_reach_of_no_class_is_refused(make):
     with pytest.raises(InputError, match="at least 1 position, got 0"):
         make(0)
+
+
+def test_parts_of_a_position_are_refused():
+    """As fixation point, at once, and as reach; whole floats are taken."""
+    for index in (2.5, -1, float("nan")):
+        with pytest.raises(InputError, match=f"must be an index from 0, got {index}"):
+            fixation(index)
+    with pytest.raises(InputError, match=r"at least 1 position, got 1\.5"):
+        random_step(1.5)
+    with pytest.raises(InputError, match=r"from 0 to 4, got 2\.5"):
+        check_fixation(2.5, 5)
+    assert fixation(np.int64(1)) is not None
 
 
 @pytest.mark.parametrize(("L", "index"), [(1, 0), (2, 0), (3, 1), (4, 1), (5, 2), (16, 7)])

@@ -26,7 +26,7 @@ TABLE = TargetTable(
 )
 BELIEFS, CHANCE = RNG.dirichlet(np.full(L * M, 0.3), size=300).reshape(-1, L, M), RNG.random(300)
 NAMED = {
-    "passive": passive,
+    "passive": passive(),
     "fixation": fixation(4),
     "fixation:0.45": fixation(4, 0.45),
     "fixation:1": fixation(4, 1.0),

@@ -117,7 +117,7 @@ def test_doubt_holds_back_decisions_and_not_giving_up(model, recorded):
         (stopping.or_give_up(stopping.what_above(1.0), 3, 1.0), (3, True)),
     ):
         rig = ReplayRig(taps, model.grid, int(plan.where[0]), int(plan.what[0]), uniforms(np.random.default_rng(0)))
-        made = list(steps(rig, make_engine("filter", model), rule, passive, DEADLINE, lambda *_: True))
+        made = list(steps(rig, make_engine("filter", model), rule, passive(), DEADLINE, lambda *_: True))
 
         assert (len(made), made[-1].gave_up) == ended
         assert made[-1].decision is None
@@ -127,7 +127,7 @@ def test_a_rule_that_looks_ahead_needs_somebody_who_does(model, recorded):
     taps, plan, *_ = recorded
     rig = ReplayRig(taps, model.grid, int(plan.where[0]), int(plan.what[0]), uniforms(np.random.default_rng(0)))
     with pytest.raises(InputError, match="needs the expected gain of the next tap"):
-        perceive(rig, make_engine("filter", model), stopping.lookahead(0.1), passive)
+        perceive(rig, make_engine("filter", model), stopping.lookahead(0.1), passive())
 
 
 def test_the_gain_is_that_of_the_error_under_the_border(model, recorded):

@@ -200,7 +200,7 @@ def played():
     def play_with(policy):
         return play(table, plan, policy, border="clamp", deadline=60, enough=0.9995, seed=2, watch=watch)
 
-    return {"passive": play_with(passive), "active": play_with(fixation(7))}, model
+    return {"passive": play_with(passive()), "active": play_with(fixation(7))}, model
 
 
 def wrong_of(rule, record):

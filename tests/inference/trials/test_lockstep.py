@@ -72,7 +72,7 @@ def played(tables, plan):
 
     @cache
     def run(kind="plain", theta_x=0.0, border="uniform"):
-        policy = passive if theta_x == 1 else fixation(POINT, theta_x)
+        policy = passive() if theta_x == 1 else fixation(POINT, theta_x)
         return play(tables[kind], plan, policy, border=border, deadline=DEADLINE, seed=SEED)
 
     return run
@@ -234,7 +234,7 @@ def test_a_watch_sees_every_belief_and_the_move_that_follows(tables, plan):
 
 def test_progress_counts_every_trial_once(tables, plan):
     told = []
-    play(tables["plain"], plan, passive, deadline=9, seed=SEED, enough=0.9, progress=told.append)
+    play(tables["plain"], plan, passive(), deadline=9, seed=SEED, enough=0.9, progress=told.append)
 
     assert sum(told) == TRIALS
     assert len(told) > 1
@@ -249,7 +249,7 @@ def test_trials_in_which_no_class_is_left_end():
     pool = tap_pool(np.array([0, 1]), np.array([0, 1]), (L, M))
     start = np.array([0, 1])
     table, plan = TapTable(log_likelihood, pool, prior), TrialPlan(start, start, start, start)
-    record = play(table, plan, passive, deadline=3)
+    record = play(table, plan, passive(), deadline=3)
 
     assert record.no_class_left.tolist() == [False, True]
     assert record.length.tolist() == [3, 1]
@@ -266,9 +266,9 @@ def test_trials_in_which_no_class_is_left_end():
 )
 def test_what_makes_no_sense_is_refused(tables, plan, change, message):
     with pytest.raises(InputError, match=message):
-        play(tables["plain"], plan, passive, **change)
+        play(tables["plain"], plan, passive(), **change)
 
 
 def test_the_border_prior_and_states_do_not_go_together(tables, plan):
     with pytest.raises(InputError, match="does not support models that carry a state"):
-        play(tables["states"], plan, passive, border="prior")
+        play(tables["states"], plan, passive(), border="prior")

@@ -33,7 +33,7 @@ def assert_same(found, expected):
         np.testing.assert_allclose(getattr(found, name), value, rtol=1e-9, err_msg=name)
 
 
-@pytest.mark.parametrize(("policy", "theta_x"), [(passive, 1.0), (fixation(3), 0.0), (fixation(3, 0.5), 0.5)])
+@pytest.mark.parametrize(("policy", "theta_x"), [(passive(), 1.0), (fixation(3), 0.0), (fixation(3, 0.5), 0.5)])
 @pytest.mark.parametrize("where", [None, 2])
 def test_counts_are_those_of_compiled_trials(table, monkeypatch, policy, theta_x, where):
     """However they are cut into pieces, from any start and stream; progress counts them all."""
@@ -76,4 +76,4 @@ def test_a_record_is_decided_at_every_threshold(table):
 @pytest.mark.parametrize(("trials", "thresholds"), [(0, [0.5]), (5, []), (5, [np.nan])])
 def test_what_makes_no_sense_is_refused(table, trials, thresholds):
     with pytest.raises(InputError, match="must be a trial and thresholds that are numbers"):
-        tally_policy(table, thresholds, trials, passive)
+        tally_policy(table, thresholds, trials, passive())

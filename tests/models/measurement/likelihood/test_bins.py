@@ -68,7 +68,7 @@ def test_a_nan_is_in_no_bin(rng):
     bins = find_bins(samples, np.linspace(0, 1, 5))
 
     assert np.argwhere(bins < 0).tolist() == [[1, 2, 1]]
-    with pytest.raises(InputError, match="A sample is NaN and belongs to no bin"):
+    with pytest.raises(InputError, match="A sample is NaN or infinite and belongs to no bin"):
         list(count_taps(samples, np.linspace(0, 1, 5)))
 
 

@@ -1,0 +1,89 @@
+"""The examples in docstrings and in the documentation run and print what they show."""
+
+import ast
+import doctest
+import importlib
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+import solidtouch
+
+ROOT = Path(__file__).parents[1]
+MODULES = sorted(
+    path.relative_to(ROOT).with_suffix("").as_posix().replace("/", ".")
+    for package in ("models", "hardware", "inference", "analysis", "cli")
+    for path in (ROOT / package).rglob("*.py")
+    if re.search(r"^ +>>> ", path.read_text(encoding="utf-8"), flags=re.MULTILINE)
+)
+SHOWN_BY_OTHERS = {
+    *("Engine", "TouchSensor", "TapModel"),  # interfaces
+    *("InputError", "NotConvergedError", "ZeroEvidenceError"),
+    *("Episode", "Step"),  # results of `perceive` and `steps`
+    "PRESETS",
+}
+PAGES = sorted(
+    path.relative_to(ROOT).as_posix()
+    for path in (*(ROOT / "docs").rglob("*.md"), ROOT / "README.md")
+    if "```python" in path.read_text(encoding="utf-8")
+)
+
+
+def blocks(page):
+    text = (ROOT / page).read_text(encoding="utf-8")
+    return re.findall(r"^```python\n(.*?)^```$", text, flags=re.MULTILINE | re.DOTALL)
+
+
+def run(code, folder):
+    subprocess.run([sys.executable, "-c", code], cwd=folder, check=True)
+
+
+@pytest.mark.parametrize("module", MODULES)
+def test_examples_in_docstrings_print_what_they_show(module):
+    if module.endswith("classifier"):
+        pytest.importorskip("sklearn", reason="scikit-learn is not installed")
+    result = doctest.testmod(importlib.import_module(f"solidtouch.{module}"))
+
+    assert result.attempted
+    assert not result.failed
+
+
+@pytest.mark.parametrize("name", sorted(set(solidtouch.__all__) - SHOWN_BY_OTHERS))
+def test_a_public_name_has_an_example(name):
+    assert doctest.DocTestParser().get_examples(getattr(solidtouch, name).__doc__)
+
+
+@pytest.mark.parametrize("page", PAGES)
+def test_what_python_blocks_import_is_there(page, tmp_path):
+    """Also where they need the output of a long command to run to their end."""
+    for block in blocks(page):
+        imports = [node for node in ast.parse(block).body if isinstance(node, ast.Import | ast.ImportFrom)]
+        for node in imports:
+            names = [alias.name for alias in node.names]
+            if isinstance(node, ast.ImportFrom):
+                module = importlib.import_module(node.module)
+                assert all(hasattr(module, name) for name in names), (page, names)
+            else:
+                assert all(importlib.import_module(name) for name in names)
+
+
+def test_the_page_about_scikit_learn_runs(tmp_path):
+    pytest.importorskip("sklearn", reason="scikit-learn is not installed")
+    run("\n".join(blocks("docs/how-to/scikit-learn.md")), tmp_path)
+
+
+def test_the_file_of_a_model_is_compared_by_arviz(tmp_path):
+    """After the command that the page names; models that are wrong make ArviZ warn."""
+    (block,) = blocks("docs/reference/models.md")
+    solidtouch.simulate("paper", seed=4)[0].save(tmp_path / "taps.nc")
+    fitting = [sys.executable, "-m", "solidtouch.cli", "fit", "taps.nc", "--split", "parity", "--out", "model.nc"]
+    subprocess.run([*fitting, "--model", "gaussian"], cwd=tmp_path, check=True, capture_output=True)
+    run(block, tmp_path)
+
+
+@pytest.mark.slow
+def test_the_page_about_calibration_runs(tmp_path):
+    run("\n".join(blocks("docs/explanation/calibration.md")), tmp_path)
