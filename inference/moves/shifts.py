@@ -35,9 +35,10 @@ def shift_all(
     if border == "circular":
         return beliefs[rows, source % L]
     kept = ((source >= 0) & (source < L))[..., np.newaxis]
-    staying = np.where(kept, beliefs[rows, source.clip(0, L - 1)], -np.inf if logs else 0.0)
+    staying = beliefs[rows, source.clip(0, L - 1)]
     lost = _lost(beliefs, (target < 0) | (target >= L), logs)
     if border == "clamp":
+        staying = np.where(kept, staying, -np.inf if logs else 0.0)
         end = np.where(deltas > 0, L - 1, 0)[..., np.newaxis]
         kept_there = np.take_along_axis(staying, end, axis=2)
         np.put_along_axis(staying, end, np.logaddexp(kept_there, lost) if logs else kept_there + lost, axis=2)
