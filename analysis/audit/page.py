@@ -1,14 +1,27 @@
 """An audit as a page: the verdict, where the model fails, what that costs and what to do."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from functools import partial
 from typing import TYPE_CHECKING
 
 from ..page.figure_confusion import confusion
 from ..page.numbers import bounded, factor, interval, number, percent
-from ..page.page import Block, Brief, Cautions, Listing, Note, Page, Picture, Row, Section, Table, Verbatim
+from ..page.page import Block, Brief, Cautions, Listing, Note, Page, Picture, Section, Table, Verbatim
 from . import figures, figures_reliability
 from .checks import figure_checks
+from .record import (
+    AuditSummary,
+    BesideRecord,
+    ComponentsRecord,
+    CostEvidence,
+    SuspectRow,
+    TaxelsRecord,
+    TaxelTest,
+    ThresholdRecord,
+    TimesRecord,
+    Triple,
+    VarianceRecord,
+)
 from .run import Audit
 from .summary import unseen_parts
 
@@ -22,7 +35,7 @@ _TESTS = {
 }
 
 
-def audit_page(audit: Audit, summary: Row) -> Page:
+def audit_page(audit: Audit, summary: AuditSummary) -> Page:
     """The verdict, where the model fails, what that costs and what to do.
 
     Args:
@@ -40,17 +53,18 @@ def audit_page(audit: Audit, summary: Row) -> Page:
     return Page(summary["title"], [f"{assumed} {summary['parts']}", Verbatim(summary["command"])], sections)
 
 
-def _verdict(summary: Row) -> Iterator[Block]:
+def _verdict(summary: AuditSummary) -> Iterator[Block]:
     yield Brief(Note(summary["verdict"]["sentences"]))
     if summary["simulated"]:
         yield "**These data are simulated.**"
     yield Brief(Cautions(summary["warnings"]))
 
 
-def _where(audit: Audit, summary: Row) -> Iterator[Block]:
+def _where(audit: Audit, summary: AuditSummary) -> Iterator[Block]:
     evidence = summary["first_cause"]["evidence"]
-    if audit.split is not None and evidence["variance"]["classes"]:
-        yield from _variance(audit.split, evidence["variance"], summary["first_cause"]["name"] or "")
+    variance = evidence["variance"]
+    if audit.split is not None and variance is not None and variance["classes"]:
+        yield from _variance(audit.split, variance, summary["first_cause"]["name"] or "")
     else:
         yield f"The variance of evidence cannot be split: {evidence['no_variance'] or 'no class has taps enough.'}"
     leaks = Picture(
@@ -77,7 +91,7 @@ def _where(audit: Audit, summary: Row) -> Iterator[Block]:
     yield Section("Taps that the model would make", [made, checks])
 
 
-def _variance(split: "xr.Dataset", variance: Row, cause: str) -> Iterator[Block]:
+def _variance(split: "xr.Dataset", variance: VarianceRecord, cause: str) -> Iterator[Block]:
     said = (
         "The evidence of a tap is its log-likelihood ratio for its own class against the nearest rival. Were samples "
         f"and taps independent, the variance of the evidence of {variance['taps']} taps of one class and session would "
@@ -117,7 +131,7 @@ def _variance(split: "xr.Dataset", variance: Row, cause: str) -> Iterator[Block]
     yield Table((), sizes, "How large disturbances are, by the covariance of samples")
 
 
-def _suspect(row: Row) -> str:
+def _suspect(row: SuspectRow) -> str:
     if row["p"] is None:
         said = (
             "not tested: it hardly varies within classes and sessions, or there are too few taps, so its effect cannot "
@@ -136,7 +150,7 @@ def _suspect(row: Row) -> str:
     return f"“{row['name']}”: {said}"
 
 
-def _taxels(audit: Audit, found: Row) -> Iterator[Block]:
+def _taxels(audit: Audit, found: TaxelsRecord) -> Iterator[Block]:
     sessions = (
         "and sessions"
         if found["within_sessions"]
@@ -163,7 +177,7 @@ def _taxels(audit: Audit, found: Row) -> Iterator[Block]:
     )
 
 
-def _taxel_test(test: Row) -> list[str]:
+def _taxel_test(test: TaxelTest) -> list[str]:
     name = _TESTS[test["test"]]
     if test["reason"]:
         return [name, test["reason"]]
@@ -178,7 +192,7 @@ def _taxel_test(test: Row) -> list[str]:
     ]
 
 
-def _times(audit: Audit, found: Row) -> Iterator[Block]:
+def _times(audit: Audit, found: TimesRecord) -> Iterator[Block]:
     if found["reason"]:
         yield f"Nothing to test: {found['reason']}."
     else:
@@ -197,7 +211,7 @@ def _times(audit: Audit, found: Row) -> Iterator[Block]:
     )
 
 
-def _components(found: Row) -> Iterator[Block]:
+def _components(found: ComponentsRecord) -> Iterator[Block]:
     yield Listing(found["sentences"])
     rows = [
         [
@@ -214,7 +228,7 @@ def _components(found: Row) -> Iterator[Block]:
     yield Table(heads, rows, "Standard deviations by a hierarchical model, with 90 % intervals", words={1})
 
 
-def _cost(audit: Audit, summary: Row) -> Iterator[Block]:
+def _cost(audit: Audit, summary: AuditSummary) -> Iterator[Block]:
     cost = summary["miscalibration"]["evidence"]
     rest, judged = cost["at_stopping"], cost["judged"]
     yield (
@@ -259,7 +273,7 @@ def _cost(audit: Audit, summary: Row) -> Iterator[Block]:
     )
 
 
-def _decisions(cost: Row) -> Table:
+def _decisions(cost: CostEvidence) -> Table:
     """Those of all objects and of each, beside a right model and what the stopping rule promises."""
     rest, judged, guarantees = cost["at_stopping"], cost["judged"], cost["guarantees"]
     rows = []
@@ -291,7 +305,7 @@ def _decisions(cost: Row) -> Table:
     )
 
 
-def _lost(summary: Row) -> str:
+def _lost(summary: AuditSummary) -> str:
     less, time = summary["miscalibration"]["evidence"]["lost"], summary["remedy"]["evidence"]["reaction_time"]
     if not less["model"]:
         return f"No model below errs surely less at the same mean reaction time of {number(time)} taps."
@@ -303,7 +317,7 @@ def _lost(summary: Row) -> str:
     )
 
 
-def _cost_pictures(audit: Audit, summary: Row) -> Iterator[Picture]:
+def _cost_pictures(audit: Audit, summary: AuditSummary) -> Iterator[Picture]:
     cost, theta = summary["miscalibration"]["evidence"], summary["threshold"]
     yield Picture(
         "at_stopping",
@@ -329,7 +343,7 @@ def _cost_pictures(audit: Audit, summary: Row) -> Iterator[Picture]:
         )
 
 
-def _remedy(audit: Audit, summary: Row) -> Iterator[Block]:
+def _remedy(audit: Audit, summary: AuditSummary) -> Iterator[Block]:
     remedy, theta = summary["remedy"]["evidence"], summary["threshold"]
     used_up = f" at threshold {remedy['compared_at']}, as above its trials use up the test taps"
     yield (
@@ -363,7 +377,7 @@ def _remedy(audit: Audit, summary: Row) -> Iterator[Block]:
     yield Brief(Listing([f"**{row['name']}** is not possible here: {row['reason']}" for row in remedy["refused"]]))
     yield Listing([f"**threshold**: {_threshold(remedy['threshold'], theta)}"])
     if audit.target is not None:
-        yield Brief(f"**{remedy['target_error']['sentence']}**")
+        yield Brief(f"**{audit.target.sentence}**")
         yield Picture(
             "target_error",
             "The threshold for the wanted error",
@@ -380,7 +394,7 @@ def _remedy(audit: Audit, summary: Row) -> Iterator[Block]:
     )
 
 
-def _remedies(summary: Row) -> Table:
+def _remedies(summary: AuditSummary) -> Table:
     remedy, unit = summary["remedy"]["evidence"], summary["units"]["what"]
     chosen = summary["remedy"]["chosen"]
     error = "P(wrong)" if unit == "P(wrong)" else f"error ({unit})"
@@ -392,7 +406,7 @@ def _remedies(summary: Row) -> Table:
             number(row["taps"]),
             percent(row["stopped"]),
             factor(row["factor"], row["unbounded"]),
-            {True: "yes", False: "no"}.get(row.get("worthwhile"), ""),
+            {True: "yes", False: "no", None: ""}[row.get("worthwhile")],
             row["assumes"],
         ]
         for row in (remedy["as_it_is"], *remedy["ranking"])
@@ -401,7 +415,7 @@ def _remedies(summary: Row) -> Table:
     return Table(heads, rows, caption, words={7, 8}, dense=True)
 
 
-def _threshold(other: Row, theta: float) -> str:
+def _threshold(other: ThresholdRecord, theta: float) -> str:
     """What another threshold does, chosen on the tuning taps."""
     if other["reached"]:
         said = (
@@ -420,19 +434,19 @@ def _threshold(other: Row, theta: float) -> str:
     )
 
 
-def _provenance(summary: Row) -> Iterator[Block]:
+def _provenance(summary: AuditSummary) -> Iterator[Block]:
     files = ", ".join(f"{name}: {taps}" for name, taps in summary["files"].items())
     yield f"{files}. Seed {summary['seed']}, solidtouch {summary['version']}."
     times = [(stage, str(seconds)) for stage, seconds in summary["elapsed_s"].items()]
     yield Table((), times, "Seconds per stage")
 
 
-def _beside(row: Row) -> str:
+def _beside(row: BesideRecord) -> str:
     """What a right model gives."""
     return factor([row["median"], row["low"], row["high"]])
 
 
-def _triple(values: Sequence[float | None] | None) -> str:
+def _triple(values: Triple | None) -> str:
     """A value with its bounds."""
     return bounded(*(values or ()))
 

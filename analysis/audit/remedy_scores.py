@@ -39,8 +39,9 @@ from ...models.taps import TapSet
 from ...models.threads import cores, in_order
 from ..stats.acting import can_act
 from ..stats.decisions import at_equal_taps, play_models, spread_of
-from ..stats.reliability import THETAS, headline, reliability
+from ..stats.reliability import THETAS, ObjectScores, StoppingRecord, headline, reliability
 from ..stats.right_model import SIMULATIONS, Beside, compare, exact, reference_factors
+from .record import LostRecord
 from .remedies import Remedy
 
 _SEQUENCES, _RESAMPLE_SEQUENCES = 20, 6  # of each class, at least; the latter even, for halves
@@ -206,7 +207,7 @@ def count_measurements(remedies: Sequence[Remedy]) -> int:
     return 2 * len(remedies) + SIMULATIONS
 
 
-def lost(measured: Measured) -> dict[str, Any]:
+def lost(measured: Measured) -> LostRecord:
     """Error and reaction time that the setting as it is loses against the best model at the same reaction time.
 
     Returns:
@@ -441,19 +442,19 @@ def _factors(table: TapTable, remedy: Remedy, policy: str, trials: int, seed: in
     )
 
 
-def factor_of(found: Mapping[str, Any]) -> tuple[float | None, float | None, float | None]:
+def factor_of(found: ObjectScores) -> tuple[float | None, float | None, float | None]:
     """The factor of a part of `headline` with its interval, each `None` where there is none.
 
     A mistake that leaves no doubt refutes beliefs by itself, so an infinite factor has an infinite interval. So has one
     an infinite end that trials which were cut short might have come to.
     """
-    if found["doubt"][0] == 0 and found["wrong"][0] > 0:
+    if found["doubt"][0] == 0 and (found["wrong"][0] or 0.0) > 0:
         return np.inf, np.inf, np.inf
     value, low, high = found["factor"]
     return value, low, np.inf if high is None and low is not None else high
 
 
-def judge(found: Mapping[str, Any], model: TapModel, pool: TapPool, reference: NDArray[np.float64]) -> BeliefEvidence:
+def judge(found: StoppingRecord, model: TapModel, pool: TapPool, reference: NDArray[np.float64]) -> BeliefEvidence:
     """Compares beliefs with outcomes, and with those of a right model on as many taps.
 
     Args:

@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import ClassVar
 
 from ...inference.moves.control import check_fixation
 from ...models.errors import InputError
@@ -17,6 +17,7 @@ from ..page.report import StudyReport
 from ..page.stages import Progress, no_progress
 from .page import audit_page
 from .parts import AuditParts, load_parts
+from .record import AuditedData, AuditSummary
 from .remedies import BASELINE, Remedy
 from .run import Audit, AuditSettings, audit_taps
 from .summary import summarise
@@ -36,7 +37,7 @@ class AuditReport(StudyReport):
     SUMMARY: ClassVar[str] = "audit.json"
 
     found: Audit
-    summary: dict[str, Any]
+    summary: AuditSummary
 
     def _page(self) -> Page:
         return audit_page(self.found, self.summary)
@@ -127,11 +128,13 @@ def audit(
         seed=seed,
     )
     found = audit_taps(parts, grid, settings, progress)
-    about = _about(data, parts, dropped, found.unused)
-    return AuditReport(found, summarise(found, settings, {**about, "command": command}))
+    about = _about(data, parts, dropped, found.unused, command)
+    return AuditReport(found, summarise(found, settings, about))
 
 
-def _about(data: Sequence[TapSource], parts: AuditParts, dropped: Sequence[str], unused: int) -> dict[str, Any]:
+def _about(
+    data: Sequence[TapSource], parts: AuditParts, dropped: Sequence[str], unused: int, command: str
+) -> AuditedData:
     """The data in words."""
     warnings = []
     if dropped:
@@ -147,4 +150,5 @@ def _about(data: Sequence[TapSource], parts: AuditParts, dropped: Sequence[str],
         },
         "simulated": all(part.simulated for part in (parts.train, *parts.tune, parts.measure)),
         "warnings": warnings,
+        "command": command,
     }

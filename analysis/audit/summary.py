@@ -9,9 +9,35 @@ import xarray as xr
 
 from ..stats.reliability import after_contacts, headline, interval_sentence, plain
 from ..stats.right_exponent import Tuned, outside
+from ..stats.right_model import Beside
 from .checks import summarise_checks
 from .guarantees import PromiseTest, broken, guarantee_sentence
 from .leakage.run import Leakage
+from .record import (
+    AfterTapsRow,
+    AuditedData,
+    AuditSummary,
+    BesideRecord,
+    ComponentRow,
+    ComponentsRecord,
+    EnoughRow,
+    FactorRecord,
+    JudgedRecord,
+    LeakageRecord,
+    OutsideRecord,
+    PartRow,
+    PromiseRecord,
+    RefusedRow,
+    RemedyRow,
+    SizeRow,
+    SuspectRow,
+    TaxelsRecord,
+    TaxelTest,
+    ThresholdRecord,
+    TimesRecord,
+    TunedRecord,
+    VarianceRecord,
+)
 from .remedy_scores import BeliefEvidence, Scored, lost
 from .run import Audit, AuditSettings
 from .variance.causes import SIZES, part_words, suspect_part
@@ -38,13 +64,13 @@ _SIZE_WORDS = {
 }
 
 
-def summarise(audit: Audit, settings: AuditSettings, about: Mapping[str, Any]) -> dict[str, Any]:
+def summarise(audit: Audit, settings: AuditSettings, about: AuditedData) -> AuditSummary:
     """Everything that `audit.json` holds, without NaN or infinity.
 
     Args:
         audit: What came out.
         settings: What was done.
-        about: Title, command, files and warnings.
+        about: The data in words.
     """
     setting, measured = settings.setting, audit.measured
     at_rest = headline(audit.measured.reliability, measured.policy, setting.play.threshold)
@@ -58,95 +84,98 @@ def summarise(audit: Audit, settings: AuditSettings, about: Mapping[str, Any]) -
     if audit.leakage.unjudged:
         sentences.insert(2, audit.leakage.unjudged)
     chosen = recommended(measured)
-    return _clean(
-        {
-            "verdict": {
-                "state": state,
-                "sentences": sentences,
-                "evidence": {"judged": _judged(measured.judged), "first_cause": cause.name, "remedy": chosen},
+    summary: AuditSummary = {
+        "verdict": {
+            "state": state,
+            "sentences": sentences,
+            "evidence": {"judged": _judged(measured.judged), "first_cause": cause.name, "remedy": chosen},
+        },
+        "first_cause": {
+            "name": cause.name,
+            "words": cause_words(cause.name),
+            "sentence": cause.sentence,
+            "evidence": {
+                "leakage": _leakage(audit.leakage),
+                "variance": _variance(audit.split, audit.session_p),
+                "no_variance": audit.no_split,
+                "taxels": _taxels(audit.taxels, by_session=audit.by_session),
+                "times": _times(audit.times),
+                "components": _components(audit),
+                "predictive_checks": _checks(audit.checks),
+                "samples_per_bin": audit.samples_per_bin,
             },
-            "first_cause": {
-                "name": cause.name,
-                "words": cause_words(cause.name),
-                "sentence": cause.sentence,
-                "evidence": {
-                    "leakage": _leakage(audit.leakage),
-                    "variance": _variance(audit.split, audit.session_p),
-                    "no_variance": audit.no_split,
-                    "taxels": _taxels(audit.taxels, by_session=audit.by_session),
-                    "times": _times(audit.times),
-                    "components": _components(audit),
-                    "predictive_checks": _checks(audit.checks),
-                    "samples_per_bin": audit.samples_per_bin,
+        },
+        "miscalibration": {
+            "factor": measured.judged.factor,
+            "unbounded": _unbounded(measured.judged.factor),
+            "state": state,
+            "evidence": {
+                "judged": _judged(measured.judged),
+                "at_stopping": at_rest,
+                "other_policy": {
+                    str(policy): headline(audit.measured.reliability, str(policy), setting.play.threshold)
+                    for policy in np.unique(audit.measured.reliability["policy"])
+                    if policy != measured.policy
                 },
+                "after_taps": _after_taps(audit.measured.reliability),
+                "guarantees": broken(audit.guarantees, measured.policy, setting.play.threshold),
+                "exceeded": {name: _promise(promise) for name, promise in audit.exceeded.items()},
+                "guarantee_sentence": guarantee_sentence(audit.guarantees),
+                "intervals": interval_sentence(audit.measured.reliability),
+                "lost": lost(measured),
+                "enough": [
+                    EnoughRow(**one.design._asdict(), right=one.right, detectable=one.factor) for one in audit.enough
+                ],
             },
-            "miscalibration": {
-                "factor": measured.judged.factor,
-                "unbounded": _unbounded(measured.judged.factor),
-                "state": state,
-                "evidence": {
-                    "judged": _judged(measured.judged),
-                    "at_stopping": at_rest,
-                    "other_policy": {
-                        str(policy): headline(audit.measured.reliability, str(policy), setting.play.threshold)
-                        for policy in np.unique(audit.measured.reliability["policy"])
-                        if policy != measured.policy
-                    },
-                    "after_taps": _after_taps(audit.measured.reliability),
-                    "guarantees": broken(audit.guarantees, measured.policy, setting.play.threshold),
-                    "exceeded": {name: _promise(promise) for name, promise in audit.exceeded.items()},
-                    "guarantee_sentence": guarantee_sentence(audit.guarantees),
-                    "intervals": interval_sentence(audit.measured.reliability),
-                    "lost": lost(measured),
-                    "enough": [
-                        {**one.design._asdict(), "right": one.right, "detectable": one.factor} for one in audit.enough
-                    ],
-                },
+        },
+        "remedy": {
+            "chosen": chosen,
+            "setting": "setting.json",
+            "model": "model.nc",
+            "evidence": {
+                "taps": measured.n,
+                "reaction_time": measured.taps,
+                "compared_at": measured.theta,
+                "policy": measured.policy,
+                "unit": unit,
+                "as_it_is": _scored(measured.scores[0], audit),
+                "ranking": [
+                    {**_scored(score, audit), "worthwhile": worthwhile(measured, score)} for score in ranking(measured)
+                ],
+                "refused": [RefusedRow(**item._asdict()) for item in audit.refused],
+                "threshold": ThresholdRecord(**audit.recalibrated._asdict()),
+                "target_error": None if audit.target is None else audit.target.to_dict(),
             },
-            "remedy": {
-                "chosen": chosen,
-                "setting": "setting.json",
-                "model": "model.nc",
-                "evidence": {
-                    "taps": measured.n,
-                    "reaction_time": measured.taps,
-                    "compared_at": measured.theta,
-                    "policy": measured.policy,
-                    "unit": unit,
-                    "as_it_is": _scored(measured.scores[0], audit),
-                    "ranking": [
-                        _scored(score, audit) | {"worthwhile": worthwhile(measured, score)}
-                        for score in ranking(measured)
-                    ],
-                    "refused": [item._asdict() for item in audit.refused],
-                    "threshold": audit.recalibrated._asdict(),
-                    "target_error": None if audit.target is None else audit.target.to_dict(),
-                },
-            },
-            **about,
-            "parts": audit.parts.description,
-            "warnings": [*audit.parts.warnings, *about.get("warnings", ())],
-            "threshold": setting.play.threshold,
-            "seed": settings.seed,
-            "units": {"what": unit, "where": audit.grid.where_unit},
-            "grid": {"L": audit.grid.L, "M": audit.grid.M},
-            "causes": CAUSE_WORDS,
-            "elapsed_s": audit.elapsed_s,
-            "version": version("solidtouch"),
-        }
-    )
+        },
+        **about,
+        "parts": audit.parts.description,
+        "warnings": [*audit.parts.warnings, *about["warnings"]],
+        "threshold": setting.play.threshold,
+        "seed": settings.seed,
+        "units": {"what": unit, "where": audit.grid.where_unit},
+        "grid": {"L": audit.grid.L, "M": audit.grid.M},
+        "causes": CAUSE_WORDS,
+        "elapsed_s": audit.elapsed_s,
+        "version": version("solidtouch"),
+    }
+    return _clean(summary)
 
 
-def _judged(judged: BeliefEvidence) -> dict[str, Any]:
+def _judged(judged: BeliefEvidence) -> JudgedRecord:
     """By what beliefs were called right or wrong, the factor of each object beside what a right model gives."""
-    each = {
-        name: {"factor": factor, "unbounded": _unbounded(factor), "beside": beside._asdict()}
+    each: dict[str, FactorRecord] = {
+        name: {"factor": factor, "unbounded": _unbounded(factor), "beside": BesideRecord(**beside._asdict())}
         for name, (factor, beside) in judged.each.items()
     }
-    return judged._asdict() | {
-        "unbounded": _unbounded(judged.factor),
-        "beside": judged.beside._asdict(),
+    return {
+        "factor": judged.factor,
+        "wrong": judged.wrong,
+        "beside": BesideRecord(**judged.beside._asdict()),
+        "exact": judged.exact,
         "each": each,
+        "taps": judged.taps,
+        "few": judged.few,
+        "unbounded": _unbounded(judged.factor),
     }
 
 
@@ -155,9 +184,9 @@ def _unbounded(factor: Sequence[float | None]) -> bool:
     return factor[0] is not None and bool(np.isinf(factor[0]))
 
 
-def _promise(promise: PromiseTest) -> dict[str, Any]:
+def _promise(promise: PromiseTest) -> PromiseRecord:
     beside = promise.beside
-    return {"exceeded": promise.exceeded, "beside": None if beside is None else beside._asdict()}
+    return {"exceeded": promise.exceeded, "beside": None if beside is None else BesideRecord(**beside._asdict())}
 
 
 def _other_sessions(audit: Audit) -> str:
@@ -173,7 +202,7 @@ def _other_sessions(audit: Audit) -> str:
     return f" In {who} {span} are wrong{held * (None not in audit.measured.judged.factor)}."
 
 
-def _leakage(leaks: Leakage) -> dict[str, Any]:
+def _leakage(leaks: Leakage) -> LeakageRecord:
     rows = []
     for quantity in leaks.told["quantity"].values:
         at = leaks.told.sel(quantity=quantity)
@@ -207,11 +236,11 @@ def unseen_parts(split: xr.Dataset) -> set[str]:
     return unseen | {suspect_part(name) for name, p in suspects if not np.isfinite(p)}
 
 
-def _variance(split: xr.Dataset | None, session_p: float) -> dict[str, Any] | None:
+def _variance(split: xr.Dataset | None, session_p: float) -> VarianceRecord | None:
     if split is None:
         return None
     unseen = unseen_parts(split)
-    suspects = [
+    suspects: list[SuspectRow] = [
         {"name": name, "p": p, "follows_order": follows}
         for name, p, follows in zip(
             *(split.attrs[key] for key in ("suspects", "suspect_p", "suspect_follows_order")), strict=True
@@ -219,57 +248,58 @@ def _variance(split: xr.Dataset | None, session_p: float) -> dict[str, Any] | No
     ]
     about = {name: value for name, value in split.attrs.items() if not name.startswith("suspect")}
     rows = [
-        {
-            "name": part,
-            "words": part_words(part),
+        PartRow(
+            name=part,
+            words=part_words(part),
             **{
                 f"share{end}": None if part in unseen else float(split[f"share{end}"].sel(part=part))
                 for end in ("", "_low", "_high", "_sure")
             },
-            "ratio": None if part in unseen else float(split["ratio"].sel(part=part)),
-        }
+            ratio=None if part in unseen else float(split["ratio"].sel(part=part)),
+        )
         for part in map(str, split["part"].values)
     ]
     sizes = [
-        {"name": name, "words": _SIZE_WORDS[name], **{f"value{end}": float(split[name + end]) for end in _ENDS}}
+        SizeRow(name=name, words=_SIZE_WORDS[name], **{f"value{end}": float(split[name + end]) for end in _ENDS})
         for name in SIZES
     ]
-    return {"parts": rows, "sizes": sizes, "session_p": session_p, **about, "suspects": suspects}
+    return VarianceRecord(parts=rows, sizes=sizes, session_p=session_p, **about, suspects=suspects)
 
 
 _ENDS = ("", "_low", "_high")
 
 
-def _taxels(data: xr.Dataset, *, by_session: bool) -> dict[str, Any]:
+def _taxels(data: xr.Dataset, *, by_session: bool) -> TaxelsRecord:
     tests = []
     for name in data["test"].values:
         at = data.sel(test=name)
         tests.append(
-            {
-                "test": str(name),
+            TaxelTest(
+                test=str(name),
                 **{f"effect{end}": float(at[f"mean_absolute{end}"]) for end in _ENDS},
-                "effect_null": float(at["mean_absolute_null"]),
-                "family_p": float(at["family_p"]),
-                "drift_p": float(at["drift_p"]),
-                "contrasts": int(at["contrasts"]),
-                "drift_reason": str(at["drift_reason"].values),
-                "pairs": int(at["pairs"]),
-                "rejected_fraction": float(at["rejected_fraction"]),
-                "permutations": int(at["permutations"]),
-                "reason": str(at["reason"].values),
-            }
+                effect_null=float(at["mean_absolute_null"]),
+                family_p=float(at["family_p"]),
+                drift_p=float(at["drift_p"]),
+                contrasts=int(at["contrasts"]),
+                drift_reason=str(at["drift_reason"].values),
+                pairs=int(at["pairs"]),
+                rejected_fraction=float(at["rejected_fraction"]),
+                permutations=int(at["permutations"]),
+                reason=str(at["reason"].values),
+            )
         )
     dead = np.flatnonzero(data["dead"].values).tolist()
     return {"tests": tests, "dead": dead, "taxels": data.sizes["taxel"], "within_sessions": by_session}
 
 
-def _times(data: xr.Dataset) -> dict[str, Any]:
-    found = {name: [float(data[name + end]) for end in _ENDS] for name in ("effective_samples", "effective_values")}
+def _times(data: xr.Dataset) -> TimesRecord:
+    samples, values = ([float(data[f"effective_{name}{end}"]) for end in _ENDS] for name in ("samples", "values"))
     lag1 = None
     if data.sizes["lag"] > 1:
         lag1 = [float(data[f"autocorrelation{end}"].isel(lag=1)) for end in _ENDS]
     return {
-        **found,
+        "effective_samples": samples,
+        "effective_values": values,
         "samples": data.sizes["lag"],
         "values": int(data["values"]) if "values" in data else None,
         "lag1": lag1,
@@ -286,17 +316,17 @@ def _checks(tree: xr.DataTree) -> list[dict[str, Any]]:
     ]
 
 
-def _components(audit: Audit) -> dict[str, Any]:
+def _components(audit: Audit) -> ComponentsRecord:
     found = audit.components
     rows = [
-        {
-            "quantity": str(quantity),
-            "component": str(component),
+        ComponentRow(
+            quantity=str(quantity),
+            component=str(component),
             **{
                 str(name): float(found.summary[name].sel(quantity=quantity, component=component))
                 for name in found.summary.data_vars
             },
-        }
+        )
         for quantity in found.summary["quantity"].values
         for component in found.summary["component"].values
     ]
@@ -312,49 +342,53 @@ def _components(audit: Audit) -> dict[str, Any]:
     }
 
 
-def _after_taps(data: xr.Dataset) -> list[dict[str, Any]]:
+def _after_taps(data: xr.Dataset) -> list[AfterTapsRow]:
     part = after_contacts(data)
     names = ("wrong", "doubt", "calibration_error", "log_loss", "brier", "factor")
     return [
-        {
-            "taps": int(n),
+        AfterTapsRow(
+            taps=int(n),
             **{
                 str(what): {
                     name: [plain(float(part[name + end].sel(contacts=n, what=what))) for end in _ENDS] for name in names
                 }
                 for what in part["what"].values
             },
-        }
+        )
         for n in part["contacts"].values
     ]
 
 
-def _scored(score: Scored, audit: Audit) -> dict[str, Any]:
+def _scored(score: Scored, audit: Audit) -> RemedyRow:
     remedy = next(remedy for remedy in audit.remedies if remedy.name == score.name)
     n = audit.measured.n
-    return {
+    return RemedyRow(
         **score._asdict(),
-        "unbounded": _unbounded(score.factor),
-        "gain_per_tap": None if score.gain is None else [value / n for value in score.gain],
-        "title": remedy.title,
-        "assumes": remedy.assumes,
-        "how": remedy.how,
-        "power": remedy.model.exponent,
-        "saturation": remedy.setting.fit.saturation,
-        "right_model": None if remedy.beside is None else _tuned(remedy.beside),
-    }
+        unbounded=_unbounded(score.factor),
+        gain_per_tap=None if score.gain is None else [value / n for value in score.gain],
+        title=remedy.title,
+        assumes=remedy.assumes,
+        how=remedy.how,
+        power=remedy.model.exponent,
+        saturation=remedy.setting.fit.saturation,
+        right_model=None if remedy.beside is None else _tuned(remedy.beside),
+    )
 
 
-def _tuned(tuned: Tuned) -> dict[str, Any]:
+def _tuned(tuned: Tuned) -> TunedRecord:
     """What was tuned beside what a right model gives; a saturation of `MOST_TAPS` is none."""
     limit = tuned.saturation
     return {
         "sentence": tuned.sentence,
         "taps": tuned.taps,
         "simulations": tuned.simulations,
-        "power": tuned.power._asdict() | {"outside": outside(tuned.power)},
-        "saturation": None if limit is None else limit._asdict() | {"outside": outside(limit)},
+        "power": _outside(tuned.power),
+        "saturation": None if limit is None else _outside(limit),
     }
+
+
+def _outside(beside: Beside) -> OutsideRecord:
+    return OutsideRecord(**beside._asdict(), outside=outside(beside))
 
 
 def _clean(value: Any) -> Any:

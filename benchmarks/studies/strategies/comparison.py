@@ -12,6 +12,7 @@ from pathlib import Path
 
 from solidtouch.analysis.experiment.settings import SHOWN_THETA
 from solidtouch.analysis.page.numbers import factor, interval, number, percent
+from solidtouch.analysis.page.record import TitleRecord
 from solidtouch.analysis.strategies import figures as figure_strategies
 from solidtouch.analysis.strategies.data import RIGHT, StrategyData, recorded_bench, simulated_bench
 from solidtouch.analysis.strategies.figures_regret import regret
@@ -162,7 +163,7 @@ def played(options: argparse.Namespace) -> StrategiesSummary:
             strategy_study(b, settings, progress) for b in benches(options.data_sets, options.seed, options.recorded)
         ]
         above = summarise_regret(regret_study(lost, progress), lost)
-    made_by = {"title": "Strategies", "command": "benchmarks/studies/strategies/comparison.py"}
+    made_by: TitleRecord = {"title": "Strategies", "command": "benchmarks/studies/strategies/comparison.py"}
     return summarise(found, settings, made_by, above)
 
 
