@@ -18,12 +18,12 @@ from pathlib import Path
 from typing import NamedTuple
 
 from solidtouch.analysis.audit.leakage.run import leakage
-from solidtouch.analysis.audit.parts import AuditParts, audit_parts
 from solidtouch.analysis.audit.remedies import make_remedies
 from solidtouch.analysis.audit.remedy_scores import measure
 from solidtouch.analysis.audit.variance.causes import SEQUENCE, split_variance
 from solidtouch.analysis.audit.variance.split import session_p
 from solidtouch.analysis.audit.verdict import calibration, first_cause, recommended
+from solidtouch.analysis.experiment.parts import AuditParts, audit_parts
 from solidtouch.analysis.stats.evidence import evidence
 from solidtouch.hardware.simulator.model_rig import draw_session
 from solidtouch.hardware.simulator.presets import preset

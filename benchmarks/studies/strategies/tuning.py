@@ -16,7 +16,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from solidtouch.analysis.tuning.run import ONLINE_THRESHOLDS, Price, Tuning, tune
+from solidtouch.analysis.tuning.run import ONLINE_THRESHOLDS, Price, Tuning, tune_parts
 from solidtouch.hardware.simulator.presets import preset
 from solidtouch.hardware.simulator.session import simulate_session
 from solidtouch.inference.moves.control import default_fixation
@@ -72,7 +72,7 @@ def data_set(name: str, seed: int, trials: int, episodes: int) -> Found:
     price = Price(COST)
 
     def tuned(taps: TapSet) -> Tuning:
-        return tune(held_out(taps, grid, fit), Setting(), price, trials=trials, seed=seed)
+        return tune_parts(held_out(taps, grid, fit), Setting(), price, trials=trials, seed=seed)
 
     one, three = tuned(sessions[0]), tuned(train)
     model = fit(train, grid)
