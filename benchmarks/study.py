@@ -1,4 +1,4 @@
-"""What studies share: progress, processes, commands of this program, recorded data sets, measured numbers on disk."""
+"""Helpers of the studies: progress, processes, commands of this program, recorded data sets, JSON output."""
 
 import json
 import os

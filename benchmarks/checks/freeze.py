@@ -221,10 +221,10 @@ def _of_texts(one: Path, other: Path) -> Iterator[str]:
 
 if __name__ == "__main__":
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("folder", type=Path)
-    parser.add_argument("--against", type=Path)
-    parser.add_argument("--only", help="commands whose names match")
-    parser.add_argument("--ran", action="store_true", help="compare what the folder holds already")
+    parser.add_argument("folder", type=Path, help="output folder")
+    parser.add_argument("--against", type=Path, help="output folder of another version to compare with")
+    parser.add_argument("--only", help="run only commands whose names match this pattern")
+    parser.add_argument("--ran", action="store_true", help="compare existing output without running commands")
     options = parser.parse_args()
     if not options.ran:
         run(options.folder, options.only)

@@ -1,8 +1,8 @@
-"""scikit-learn's naive Bayes classifiers, and C, on the job of the likelihood table, with this project's smoothing.
+"""Time of the log-likelihood table in scikit-learn's naive Bayes classifiers and in C, with the smoothing used here.
 
-On counts MultinomialNB is the paper's classifier but for the exponent. CategoricalNB has a table for every column, so
-it is given the fitted one of a taxel for all samples of the taxel. Both are compared with our log-likelihoods after
-the exponent, up to what is common to all classes of a tap.
+On counts, MultinomialNB is the paper's classifier without the exponent. CategoricalNB has a table for every column, so
+all samples of a taxel get the fitted table of that taxel. Both are compared with the log-likelihoods computed here,
+after the exponent and up to a constant per tap.
 """
 
 import ctypes

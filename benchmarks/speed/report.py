@@ -1,4 +1,4 @@
-"""Tables of what was measured, in Markdown."""
+"""Markdown tables of the measurements."""
 
 from collections.abc import Iterable, Sequence
 

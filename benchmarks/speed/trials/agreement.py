@@ -1,4 +1,4 @@
-"""Whether other ways come to the decisions of the reference equations."""
+"""Compares the decisions of other methods with those of the reference equations."""
 
 import numpy as np
 from numpy.typing import NDArray

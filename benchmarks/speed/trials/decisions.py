@@ -1,6 +1,6 @@
-"""Stopping trials at one threshold: how long a useful tap takes, and whether all ways decide alike.
+"""Trials that stop at one threshold: time per useful tap, and whether all methods decide alike.
 
-A useful tap is one that comes before the slowest threshold is crossed; time is divided by those alone.
+A useful tap comes before the last threshold is crossed; times are divided by the number of useful taps.
 """
 
 from collections.abc import Callable

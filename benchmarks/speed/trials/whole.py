@@ -1,6 +1,6 @@
-"""The paper's whole Monte Carlo: 16 positions x 1000 trials x 20 thresholds, passive and active.
+"""The paper's complete Monte Carlo: 16 positions x 1000 trials x 20 thresholds, passive and active.
 
-Loops are timed on a sample of the trials and the time of all is reckoned from it.
+Loops are timed on a sample of the trials and extrapolated.
 """
 
 from collections.abc import Callable, Iterable

@@ -1,10 +1,10 @@
-"""Levels and power of what the audit tests against drift: dependence of taxels, and named suspects.
+"""Level and power of the audit's tests under drift: dependence of taxels, and named suspects.
 
-- Taxels: independent normal noise, and in each taxel a drift of its own along the session; the tests of whole taps and
-  of contrasts should reject in one data set of twenty. Power against noise that taxels share.
-- Suspects: an operator drawn for each tap and a temperature that walks, which make evidence vary or do not.
+- Taxels: independent normal noise plus a separate drift of each taxel along the session. The tests on whole taps and on
+  contrasts should reject in one data set of twenty. Power is measured against noise that taxels share.
+- Suspects: a random operator for each tap and a temperature that follows a random walk, each with or without an effect.
 
-`--document docs/explanation/audit-studies.md` writes both tables of that page.
+`--document docs/explanation/audit-studies.md` updates both tables of that page.
 """
 
 import argparse
@@ -214,9 +214,14 @@ def suspect_page(found: dict[Suspicion, list[tuple[list[float], str]]]) -> str:
 def main() -> None:
     """Runs the studies as the command line says."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--data-sets", type=int, default=400, help="of each row of taxels; of suspects a quarter")
+    parser.add_argument(
+        "--data-sets",
+        type=int,
+        default=400,
+        help="data sets per row of the taxel study; the suspect study uses a quarter",
+    )
     parser.add_argument("--seed", type=int, default=1)
-    parser.add_argument("--document", type=Path, help="a page whose tables are replaced")
+    parser.add_argument("--document", type=Path, help="page to update")
     options = parser.parse_args()
     check_block(options.document, "audit-drift", "audit-suspects")
     with one_blas_thread():

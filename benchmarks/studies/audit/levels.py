@@ -1,10 +1,10 @@
-"""Levels and power of the tests of dependence within class.
+"""Level and power of the tests of dependence within classes.
 
-Levels: taps drawn from a fitted histogram model, preset `model`, the only data on which samples are independent given
-the class. Power: taps of the simulated rig with all positions of a class in its middle and no nuisance, one of which
-is then turned up.
+Level: taps drawn from a fitted histogram model, preset `model`, the only data whose samples are independent given the
+class. Power: taps of the simulated rig at the centre of each class and without nuisances, one of which is then turned
+up.
 
-`--document docs/explanation/audit-studies.md` writes both tables of that page.
+`--document docs/explanation/audit-studies.md` updates both tables of that page.
 """
 
 import argparse
@@ -195,10 +195,14 @@ def power_panels(found: dict[tuple[str, float], list[Outcome]]) -> dict[str, lis
 def main() -> None:
     """Runs the studies as the command line says."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--repetitions", type=int, help="data sets per point of power, 20; for levels 20 times as many")
-    parser.add_argument("--quick", action="store_true", help="4 instead of 20")
+    parser.add_argument(
+        "--repetitions",
+        type=int,
+        help="data sets per point of the power study, default 20; the level study uses 20 times as many",
+    )
+    parser.add_argument("--quick", action="store_true", help="use 4 data sets instead of 20")
     parser.add_argument("--seed", type=int, default=1)
-    parser.add_argument("--document", type=Path, help="a page whose tables are replaced")
+    parser.add_argument("--document", type=Path, help="page to update")
     options = parser.parse_args()
     repetitions = options.repetitions or (4 if options.quick else 20)
     check_block(options.document, "audit-levels", "audit-power")

@@ -1,11 +1,11 @@
-"""Calibration of perception as a whole: beliefs of all routes where everything is right, and planted errors.
+"""Calibration of the whole chain: beliefs of all engines for a right model, and with planted errors.
 
-Where everything is right (preset `model`: taps of four samples from fitted histograms, power none, border clamp), the
-truth must rank uniformly and decisions must be right as often as believed. An error planted into the filter, while the
-world stays as it is, must show: how often it does is counted over repetitions at several sample sizes, and without any
-error the same count is the rate of false alarms. Repetitions use the array code, which is the fastest.
+For a right model (preset `model`: taps of four samples from fitted histograms, power none, border clamp) the truth must
+rank uniformly, and decisions must be right as often as believed. An error planted in the filter alone must be detected;
+the detection rate is counted over repetitions at several sample sizes, and without an error it is the false-alarm rate.
+Repetitions use the array code, which is fastest.
 
-`--document docs/explanation/calibration.md` writes the tables and the figure of that page.
+`--document docs/explanation/calibration.md` updates the tables and the figure of that page.
 """
 
 import argparse
@@ -269,12 +269,16 @@ STUDIES = {"right": study_right, "planted": study_planted, "figure": study_figur
 def main() -> None:
     """Runs the studies as the command line says."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--only", choices=STUDIES, help="a part of it")
-    parser.add_argument("--trials", type=int, default=Sizes().trials, help="of each route and policy")
-    parser.add_argument("--repetitions", type=int, default=Sizes().planted, help="of each planted error and size")
-    parser.add_argument("--false-alarms", type=int, nargs=3, default=Sizes().right, help="repetitions without an error")
+    parser.add_argument("--only", choices=STUDIES, help="run one part only")
+    parser.add_argument("--trials", type=int, default=Sizes().trials, help="trials per engine and policy")
+    parser.add_argument(
+        "--repetitions", type=int, default=Sizes().planted, help="repetitions per planted error and size"
+    )
+    parser.add_argument(
+        "--false-alarms", type=int, nargs=3, default=Sizes().right, help="repetitions without an error, for each size"
+    )
     parser.add_argument("--seed", type=int, default=1)
-    parser.add_argument("--document", type=Path, help="a page whose tables and figure are replaced")
+    parser.add_argument("--document", type=Path, help="page to update")
     options = parser.parse_args()
     check_block(options.document, "calibration-right", "calibration-planted")
     sizes = Sizes(options.trials, planted=options.repetitions, right=tuple(options.false_alarms))

@@ -1,8 +1,8 @@
 """Coverage of the intervals of `trials`, `strategies` and `tune` on data of known truth.
 
-Test taps are drawn from the tables that the filter uses, so what fresh taps would give is known from a large pool of
-them. `--document docs/explanation/intervals-commands.md` writes its
-table.
+Test taps are drawn from the tables that the filter uses, so a large pool of them gives the true values for fresh taps.
+
+`--document docs/explanation/intervals-commands.md` updates the table of that page.
 """
 
 import argparse
@@ -199,8 +199,8 @@ def coverage(found: list[Held]) -> str:
 def main() -> None:
     """Measures, prints and writes."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--data-sets", type=int, default=300)
-    parser.add_argument("--document", type=Path)
+    parser.add_argument("--data-sets", type=int, default=300, help="number of data sets")
+    parser.add_argument("--document", type=Path, help="page to update")
     options = parser.parse_args()
     check_block(options.document, BLOCK)
     tasks = [partial(outcomes, number, SIZES) for number in range(options.data_sets)]

@@ -1,10 +1,10 @@
-"""Whether taps from a model are recognised as such: every model fitted to taps simulated from every model.
+"""Model recovery: every model is fitted to taps simulated from every model.
 
-Each model is fitted once to simulated sessions of the preset `paper`. Its parameters are drawn from the posterior, and
-sessions of taps from these; all models are fitted to the training sessions and forecast the one left out. A session is
-forecast as a whole, since its taps share a state under `session:profile`.
+Each model is fitted once to simulated sessions of preset `paper`. Parameters are drawn from its posterior and sessions
+of taps from these parameters; all models are fitted to the training sessions and predict the session left out. A
+session is predicted as a whole, since its taps share a state under `session:profile`.
 
-`--document docs/explanation/model-studies.md` writes its tables and its figure.
+`--document docs/explanation/model-studies.md` updates its tables and figure.
 """
 
 import argparse
@@ -342,10 +342,10 @@ def tables(replicates: Sequence[Replicate], models: Sequence[str]) -> str:
 def main() -> None:
     """Runs the study as the command line says."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--replicates", type=int, default=6, help="data sets from each model")
+    parser.add_argument("--replicates", type=int, default=6, help="data sets per model")
     parser.add_argument("--models", nargs="*", default=MODELS, choices=MODELS)
     parser.add_argument("--seed", type=int, default=1)
-    parser.add_argument("--document", type=Path, help="a page whose tables and figure are replaced")
+    parser.add_argument("--document", type=Path, help="page to update")
     options = parser.parse_args()
     check_block(options.document, "recovery")
     sizes, models = Sizes(), list(options.models)

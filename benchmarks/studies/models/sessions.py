@@ -1,10 +1,10 @@
-"""What a gain and offset shared by all taps of an episode are worth: models in states against the same without.
+"""Gain of models with a gain and offset shared by all taps of an episode over the same models without.
 
-Simulated data sets of eight sessions each: four train, the exponent of the likelihood is fitted on two, two test. Both
-models of a pair meet the same sequences of taps of one class and session, at the exponent 1/J of the paper and at the
-one fitted for each of them.
+Simulated data sets have eight sessions: four for training, two for fitting the exponent of the likelihood, two for
+testing. Both models of a pair get the same sequences of taps of one class and session, with the paper's exponent 1/J
+and with an exponent fitted for each model.
 
-`--document docs/explanation/model-studies.md` writes its tables and its figure.
+`--document docs/explanation/model-studies.md` updates its tables and figure.
 """
 
 import argparse
@@ -243,11 +243,11 @@ def page(results: Sequence[Result], seed: int) -> str:
 def main() -> None:
     """Runs the study as the command line says."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--data-sets", type=int, help="of each preset and pair")
+    parser.add_argument("--data-sets", type=int, help="data sets per preset and pair")
     parser.add_argument("--presets", nargs="*", default=["paper", "nodrift"])
     parser.add_argument("--pairs", nargs="*", default=[pair.name for pair in PAIRS])
     parser.add_argument("--seed", type=int, default=100)
-    parser.add_argument("--document", type=Path, help="a page whose tables and figure are replaced")
+    parser.add_argument("--document", type=Path, help="page to update")
     options = parser.parse_args()
     check_block(options.document, "sessions")
     tasks: list[Callable[[], Result]] = [

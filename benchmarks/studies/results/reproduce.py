@@ -1,7 +1,6 @@
-"""What `solidtouch reproduce` finds on simulated taps and on recordings: the tables of docs/reference/results.md.
+"""Results of `solidtouch reproduce` on simulated taps and on recordings: the tables of docs/reference/results.md.
 
-`--document docs/reference/results.md --recorded FOLDER` writes them and
-the figure of the README.
+`--document docs/reference/results.md --recorded FOLDER` updates them and the figure of the README.
 """
 
 import argparse
@@ -127,8 +126,8 @@ def joint(row: Mapping[str, float]) -> str:
 def main() -> None:
     """Runs everything and writes."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--recorded", type=Path, help="folder with the recorded sets")
-    parser.add_argument("--document", type=Path)
+    parser.add_argument("--recorded", type=Path, help="folder of recordings")
+    parser.add_argument("--document", type=Path, help="page to update")
     options = parser.parse_args()
     check_block(options.document, *BLOCKS)
 

@@ -1,11 +1,11 @@
-"""What tuning buys in a session that nobody has seen, and how fast it is learned on line.
+"""Gain of tuning in a new session, and the speed of learning on line.
 
-Simulated data sets of the paper's sizes. Three sessions of each train; fixation point and threshold are chosen from
-them, each session left out in turn, or from the halves of the first alone. A fourth session then tells what an episode
-costs with them, with the default pair, and with the pair that is best there, which nobody could have known. On the same
-session learners find both from the costs of single episodes.
+Simulated data sets of the paper's size. Three sessions of each are training data; fixation point and threshold are
+chosen by leaving each session out in turn, or from the halves of the first session alone. A fourth session gives the
+cost of an episode with these choices, with the default pair, and with the pair that is best in that session, which no
+method could know. On the same session learners find both from the costs of single episodes.
 
-`--document docs/how-to/tuning.md` writes the tables and figures of that page.
+`--document docs/how-to/tuning.md` updates the tables and figures of that page.
 """
 
 import argparse
@@ -166,12 +166,12 @@ def texts(results: Mapping[str, Sequence[Found]], seed: int, trials: int, episod
 def main() -> None:
     """Runs the study as the command line says."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--data-sets", type=int, default=20, help="of each preset")
+    parser.add_argument("--data-sets", type=int, default=20, help="data sets per preset")
     parser.add_argument("--presets", nargs="*", choices=PRESETS, default=list(PRESETS))
-    parser.add_argument("--trials", type=int, default=1000, help="in each part of the training taps")
-    parser.add_argument("--episodes", type=int, default=1000, help="of every learner")
+    parser.add_argument("--trials", type=int, default=1000, help="trials per part of the training taps")
+    parser.add_argument("--episodes", type=int, default=1000, help="episodes per learner")
     parser.add_argument("--seed", type=int, default=500)
-    parser.add_argument("--document", type=Path, help="a page whose tables and figures are replaced")
+    parser.add_argument("--document", type=Path, help="page to update")
     options = parser.parse_args()
     check_block(options.document, *BLOCKS)
     seeds = [data_set_seed(options.seed, d) for d in range(options.data_sets)]
