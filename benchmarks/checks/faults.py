@@ -295,7 +295,7 @@ def show(outcomes: dict[int, Outcome], console: Console) -> None:
         values = [getattr(outcome, name) for outcome in outcomes.values()]
         table.add_row(words, *(f"{value:.1f}" if isinstance(value, float) else str(value) for value in values))
     console.print(table)
-    faults = Table(title="Times that a fault struck", title_justify="left")
+    faults = Table(title="Effects of each fault", title_justify="left")
     for name in ("fault", "reported", "not reported", "tap altered within the noise"):
         faults.add_column(name, justify="left" if name == "fault" else "right")
     reported, silent, altered, errors = (
@@ -310,15 +310,15 @@ def show(outcomes: dict[int, Outcome], console: Console) -> None:
 
 _ROWS = {
     "accepted": "taps accepted",
-    "rejected": "taps rejected and made again",
+    "rejected": "taps rejected and repeated",
     "wrong": "accepted taps with a wrong reading",
-    "misplaced": "accepted taps at a wrong place",
+    "misplaced": "accepted taps at a wrong position",
     "outside": "readings outside the limits",
     "lost": "readings lost",
-    "uncounted": "readings lost and not reported",
-    "longest_s": "longest go and tap, s of rig time",
-    "rig_s": "rig time, s",
-    "host_s": "host time, s",
+    "uncounted": "lost readings not reported",
+    "longest_s": "longest move and tap (rig time, s)",
+    "rig_s": "rig time (s)",
+    "host_s": "host time (s)",
 }
 
 

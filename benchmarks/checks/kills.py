@@ -337,7 +337,7 @@ def run(kills: int, stops: int, spacing_mm: float, seed: int, folder: Path) -> O
 
 def show(outcome: Outcome, console: Console) -> None:
     """Prints what must hold, when the program was stopped, and what is wrong."""
-    table = Table(title="Stops while the program was", title_justify="left")
+    table = Table(title="Signals by what the program was doing", title_justify="left")
     table.add_column("signal")
     for moment in MOMENTS:
         table.add_column(moment, justify="right")
@@ -346,12 +346,12 @@ def show(outcome: Outcome, console: Console) -> None:
     console.print(table)
     rows = {
         "kills and stops": outcome.stops.total(),
-        "runs that came to the end": outcome.completed,
+        "completed runs": outcome.completed,
         "files killed before their first message": outcome.unbegun,
         "presses of the finger": outcome.presses,
-        "taps in progress lost": outcome.in_progress,
-        "taps lost otherwise": outcome.lost,
-        "host time, s": round(outcome.host_s, 1),
+        "taps lost in progress": outcome.in_progress,
+        "other taps lost": outcome.lost,
+        "host time (s)": round(outcome.host_s, 1),
     }
     for words, value in rows.items():
         console.print(f"{words}: {value}", highlight=False)

@@ -57,4 +57,4 @@ def _over[T](jobs: Iterable[T], play: Callable[[T], object]) -> Callable[[], Non
 
 
 def _sample(trials: int) -> str:
-    return "" if trials == TRIALS else f"reckoned from {trials} trials of each policy"
+    return "" if trials == TRIALS else f"extrapolated from {trials} trials of each policy"

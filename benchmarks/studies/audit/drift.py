@@ -181,9 +181,9 @@ def taxel_page(found: dict[Course, list[tuple[list[float], list[float]]]]) -> st
     head += [f"{test}, {kind}" for test in TESTS for kind in ("whole taps", "contrasts")]
     return (
         f"{CLASSES} classes, {TAPS} taps each in one session, {SAMPLES} samples, {TAXELS} taxels, normal noise; "
-        "drifts have so many standard deviations of the noise, common noise likewise. Rates of rejection by the "
-        f"p-value of all pairs at level {ALPHA}, {PERMUTATIONS} permutations, with 95 % Wilson intervals. Without "
-        f"common noise intervals of all three tests by contrasts reach down to {ALPHA} in {held} of {rows} rows.\n\n"
+        "drift and common noise are in standard deviations of the noise. Rejection rates of the p-value over all pairs "
+        f"at level {ALPHA}, {PERMUTATIONS} permutations, with 95 % Wilson intervals. Without common noise, the "
+        f"intervals of all three tests on contrasts reach down to {ALPHA} in {held} of {rows} rows.\n\n"
         f"{table(head, lines)}"
     )
 
@@ -202,12 +202,11 @@ def suspect_page(found: dict[Suspicion, list[tuple[list[float], str]]]) -> str:
     for name in ("operator", "temperature"):
         head += [f"{name}: p at most {ALPHA}", f"{name}: named first"]
     return (
-        f"{OBJECTS} objects at {PLACES} places in turns, {TAPS} taps of each in each of {SESSIONS} sessions, "
-        f"{SAMPLES} samples, {TAXELS} taxels. Three operators, drawn for each tap, and a temperature that walks; sizes "
-        "are what a step of the operator, or a standard deviation of temperature or unnamed drift, adds to all "
-        f"samples, over their noise. Named first takes p at most {NAMED_ALPHA} and the largest share; 95 % Wilson "
-        f"intervals.\n\n"
-        f"{table([*head, 'order named first'], lines)}"
+        f"{OBJECTS} objects at {PLACES} positions in turns, {TAPS} taps of each in each of {SESSIONS} sessions, "
+        f"{SAMPLES} samples, {TAXELS} taxels. Three operators, drawn for each tap, and a temperature that follows a "
+        "random walk. Sizes are the change of all samples per step of the operator, or per standard deviation of "
+        f"temperature or unnamed drift, divided by their noise. *Named first* requires p at most {NAMED_ALPHA} and the "
+        f"largest share; 95 % Wilson intervals.\n\n{table([*head, 'order named first'], lines)}"
     )
 
 

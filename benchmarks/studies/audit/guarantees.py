@@ -201,12 +201,11 @@ def page(results: Sequence[Drawn], rigs: dict[str, xr.Dataset], sizes: Sizes, se
     ]
     return (
         f"Taps of J samples drawn from a fitted histogram, power none: {sizes.pools} pools of {sizes.taps_per_class} "
-        f"taps per class, {sizes.trials} trials on each, seed {seed}. Repeats: the share of taps met before in a trial."
-        f" With border clamp the promises hold in {sum(kept)} of {len(kept)} lines. With border uniform active "
-        f"decisions are wrong {min(gaps):.2f} to {max(gaps):.2f} times as often as the belief says.\n\n"
-        f"{drawn_table(results)}\n\n"
-        f"Simulated rigs, {sizes.data_sets} data sets each with {sizes.rig_trials} trials: wrong decisions over the "
-        f"limit, 1 where the promise is just kept.\n\n{rig_table(rigs)}"
+        f"taps per class, {sizes.trials} trials on each, seed {seed}. *Repeats* is the fraction of taps seen before in "
+        f"a trial. With border clamp, the promises hold in {sum(kept)} of {len(kept)} rows. With border uniform, "
+        f"active decisions are wrong {min(gaps):.2f} to {max(gaps):.2f} times as often as the belief says.\n\n"
+        f"{drawn_table(results)}\n\nSimulated rigs, {sizes.data_sets} data sets each with {sizes.rig_trials} trials: "
+        f"wrong decisions divided by the limit; the promise holds up to 1.\n\n{rig_table(rigs)}"
     )
 
 

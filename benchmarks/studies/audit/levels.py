@@ -147,10 +147,10 @@ def level_page(found: dict[int, list[Outcome]]) -> str:
         lines.append([str(J), name, str(len(hits)), share_interval(int(hits.sum()), len(hits)), pairs, mapped])
     head = ["J", "test", "data sets", "rejects", "share of pairs with p at most .05", "a pair in the map"]
     return (
-        f"Two rods at six positions, 20 taps each, 12 taxels, drawn from histograms of the paper's rig; "
-        f"{PERMUTATIONS} permutations, level {ALPHA}. Intervals are 95 %, Wilson's or of the mean over data sets. "
-        f"Exact intervals that hold all together with 95 % contain {ALPHA} in {inside} of {cells} rows.\n\n"
-        f"{table(head, lines)}"
+        "Two objects at six positions, 20 taps each, 12 taxels, drawn from histograms of the paper's rig; "
+        f"{PERMUTATIONS} permutations, level {ALPHA}. Intervals are 95 % Wilson intervals, or t-intervals of the mean "
+        f"over data sets. Exact intervals with simultaneous 95 % coverage contain {ALPHA} in {inside} of {cells} "
+        f"rows.\n\n{table(head, lines)}"
     )
 
 
@@ -169,11 +169,10 @@ def power_page(found: dict[tuple[str, float], list[Outcome]]) -> str:
     head += ["rank effect", "distance effect", "table effect (nats)", "lag 1", "effective samples", "effective values"]
     head += [f"{name} rejects" for name in _LEVELS]
     return (
-        f"Two rods at six positions, 20 taps each at the middle of their class, {50 // STEP} samples and 12 taxels of "
-        f"preset `ideal` without its high-pass, which remembers the class before; {PERMUTATIONS} permutations, level "
-        f"{ALPHA}. Effects are means over pairs of absolute values, "
-        "less those of permuted taps; effective numbers are shares of all samples or values of a tap.\n\n"
-        f"{table(head, lines)}"
+        f"Two objects at six positions, 20 taps each at the centre of their class, {50 // STEP} samples and 12 taxels "
+        f"of preset `ideal` without its high-pass filter, which carries over from the previous class; {PERMUTATIONS} "
+        f"permutations, level {ALPHA}. Effects are mean absolute values over pairs minus those of permuted taps; "
+        f"effective numbers are fractions of all samples or values of a tap.\n\n{table(head, lines)}"
     )
 
 

@@ -151,10 +151,10 @@ def page(results: Results, seed: int, trials: int) -> str:
     """What the page says of the results."""
     n = max(map(len, results.values()))
     return (
-        f"{n} data sets of each rig, seed {seed}: one session trains, {TUNING} tune, {FRESH} are fresh; {trials} "
-        "trials in each. *Fresh in interval* and *falsely* (called reachable, and exceeded) count the first fresh "
-        "session of each data set; *of fresh* and *false share* count all of them. *Left out in turn* is the error of "
-        f"tuning sessions under thresholds that the other four chose.\n\n{result_table(results)}"
+        f"{n} data sets of each rig, seed {seed}: one session is for training, {TUNING} are for tuning and {FRESH} are "
+        f"fresh; {trials} trials in each. *Fresh in interval* and *falsely* (called reachable, and exceeded) count the "
+        "first fresh session of each data set; *of fresh* and *false share* count all of them. *Left out in turn* is "
+        f"the error of tuning sessions under thresholds chosen from the other four.\n\n{result_table(results)}"
     )
 
 

@@ -183,16 +183,16 @@ def right_table(result: Calibration) -> str:
             cells = [factors[key] for key in shown] + [factors.get(("theta 0.95", "where"), "-")]
             lines.append([route, policy, *cells, str(part.tests), told_p(part.least), str(fails)])
     head = ["route", "policy", "what, 1 tap", "what, 2 taps", "what, theta .8", "what, theta .95", "where, theta .95"]
-    return table([*head, "tests", "least p, times tests", "fail"], lines)
+    return table([*head, "tests", "smallest p times tests", "fail"], lines)
 
 
 def right_page(result: Calibration, sizes: Sizes, seed: int) -> str:
     """What the page says where everything is right."""
     return (
-        f"{sizes.trials} trials of each route and policy, seed {seed}. "
-        "Numbers in columns of `what` and `where` are wrong decisions over those announced by beliefs, with 95 % "
-        f"intervals.\nOf {result.tests} tests together {len(result.failed)} fail at level {result.level:g} (Holm); the "
-        f"least p-value times their number is {told_p(result.least)}.\n\n{right_table(result)}"
+        f"{sizes.trials} trials per route and policy, seed {seed}. Columns `what` and `where` give the number of wrong "
+        f"decisions divided by the number expected from the beliefs, with 95 % intervals.\nOf {result.tests} tests, "
+        f"{len(result.failed)} fail at level {result.level:g} (Holm); the smallest p-value times their number is "
+        f"{told_p(result.least)}.\n\n{right_table(result)}"
     )
 
 
@@ -210,8 +210,8 @@ def planted_page(rates: Sequence[Rate], seed: int) -> str:
     ]
     head = ["error", "trials", "repetitions", "found", *(f"by {kind}" for kind in KINDS)]
     return (
-        f"Passive and active together, level {LEVEL:g} for all tests of a repetition, seed {seed}; intervals are "
-        f"Wilson's.\n\n{table(head, lines)}"
+        f"Passive and active together; level {LEVEL:g} holds for all tests of a repetition together; seed {seed}; "
+        f"Wilson intervals.\n\n{table(head, lines)}"
     )
 
 

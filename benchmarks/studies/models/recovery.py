@@ -305,7 +305,7 @@ def margins_table(replicates: Sequence[Replicate], models: Sequence[str]) -> str
         }
         cells = [f"{other}: {_with_error(gap)}" for other, gap in ahead.items()]
         lines.append([name, str(own[0].taps), *cells, *[""] * (2 - len(cells))])
-    head = ["taps from", "taps left out", "ahead of the next best by (nats)", "and of the one after that"]
+    head = ["taps from", "taps left out", "lead over second (nats)", "lead over third (nats)"]
     return table(head, lines)
 
 
@@ -334,7 +334,7 @@ def tables(replicates: Sequence[Replicate], models: Sequence[str]) -> str:
     """All tables."""
     count = Counter(name for one in replicates for name in one.unfinished)
     listed = ", ".join(f"{number} of {len(replicates)} of {name}" for name, number in count.items())
-    sentence = f"Fits that ended before they had converged, used all the same: {listed or 'none'}."
+    sentence = f"Fits that stopped before convergence and are included: {listed or 'none'}."
     parts = [part(replicates, models) for part in (winners_table, margins_table, coverage_table)]
     return "\n\n".join([*parts, sentence])
 
@@ -361,9 +361,9 @@ def main() -> None:
     write_json("recovery", [one._asdict() for one in found])
     L, M, J = sizes.positions, sizes.rods, fitted[0].template.preprocessing.samples
     text = (
-        f"{L} positions x {M} rods, {J} samples, {fitted[0].fitted.model.K} taxels; {sizes.sessions} training sessions "
-        f"of {sizes.repeats} taps per class and one left out; {len(found) // len(models)} data sets from each model, "
-        f"seed {options.seed}.\n\n{tables(found, models)}"
+        f"{L} positions x {M} objects, {J} samples, {fitted[0].fitted.model.K} taxels; {sizes.sessions} training "
+        f"sessions of {sizes.repeats} taps per class and one left out; {len(found) // len(models)} data sets from each "
+        f"model, seed {options.seed}.\n\n{tables(found, models)}"
     )
     print(text)
     if options.document is not None and len(found) == len(tasks):

@@ -108,7 +108,7 @@ def studies(sizes: Sizes) -> list[Study]:
         _histogram_study(sizes),
         cells("gaussian", gaussian.story, gaussian.fit, 1),
         cells("profile", profile.story, profile.fit, 1),
-        cells("profile-ar", profile_ar.story, profile_ar.fit, J, "exact but for a grid of slopes"),
+        cells("profile-ar", profile_ar.story, profile_ar.fit, J, "exact up to a grid of slopes"),
         cells(
             "profile-mvn",
             profile_mvn.story,
@@ -390,7 +390,7 @@ def page(results: Sequence[Ranks], sizes: Sizes, repetitions: int, seed: int) ->
     return (
         f"{sizes.L} x {sizes.M} classes, {sizes.J} samples, {sizes.K} taxels, {sizes.repeats} taps per class; "
         f"{repetitions} data sets for each model, {DRAWS} draws from each posterior, seed {seed}. "
-        f"A quantity fails where one of its two p-values is below 0.05 divided by {tests}, the number of tests. "
+        f"A quantity fails if either of its two p-values is below 0.05 divided by {tests}, the number of tests. "
         f"Posteriors: {how}.\n\n{result_table(results)}"
     )
 

@@ -212,7 +212,7 @@ def texts(results: Sequence[Result]) -> str:
         own = [one for one in results if one.pair == pair.name]
         if own:
             count = len({one.seed for one in own})
-            head = f"`{pair.name}` less `{pair.plain}`, mean with a 95 % t-interval over {count} data sets each:"
+            head = f"`{pair.name}` minus `{pair.plain}`, mean with a 95 % t-interval over {count} data sets each:"
             parts += [head, gain_table(own, pair)]
             parts += [f"Both models after {CONTACTS[-1]} taps, means over data sets:", level_table(own, pair)]
     return "\n\n".join(parts)
@@ -234,9 +234,9 @@ def panels(results: Sequence[Result]) -> list[Gain]:
 def page(results: Sequence[Result], seed: int) -> str:
     """What the page says of the results."""
     return (
-        f"Data sets have seed {seed}; of their sessions 4 train, 2 are there to fit the exponent on, and 2 test. "
-        "`session` meets all 16 x 5 classes and 50 samples per tap; `session:profile`, which is slower, the 8 middle "
-        f"positions and every second sample.\n\n{texts(results)}"
+        f"Data sets have seed {seed}; of their sessions 4 are for training, 2 for fitting the exponent and 2 for "
+        "testing. `session` uses all 16 x 5 classes and 50 samples per tap; `session:profile`, which is slower, the 8 "
+        f"middle positions and every second sample.\n\n{texts(results)}"
     )
 
 

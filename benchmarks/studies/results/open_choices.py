@@ -31,7 +31,7 @@ def findings(source: Mapping[str, Any]) -> str:
     """What came out first, as a list, and what the defaults give."""
     lines = [[row["policy"], *(interval(row, name) for name in WORDS)] for row in source["default"]]
     advantage = [interval(source["advantage"][name], "value") for name in source["advantage"]]
-    lines.append(["passive less active", *advantage, ""])
+    lines.append(["passive minus active", *advantage, ""])
     units = (source["what_unit"], source["where_unit"])
     head = ["defaults", *(f"{word} ({unit})" for word, unit in zip(WORDS.values(), units, strict=False)), "taps"]
     listed = "\n".join([f"- {sentence}" for sentence in source["findings"]] + [bullets(one) for one in source["lists"]])
@@ -60,7 +60,8 @@ def section(choice: Mapping[str, Any], source: Mapping[str, Any]) -> str:
     more = [choice["note"]] if choice["note"] else []
     more += [
         f"Without it {percent(option['impossible_taps'])} of the test taps are impossible under their own class, and "
-        f"{percent(option['impossible_trials'])} of the active trials meet a tap that no class can have given."
+        f"{percent(option['impossible_trials'])} of the active trials contain a tap that is impossible under every "
+        "class."
         for option in choice["options"]
         if option["impossible_trials"] > 0
     ]
@@ -95,7 +96,7 @@ def pairs(source: Mapping[str, Any]) -> str:
         for pair in source["pairs"]
     ]
     unit = source["what_unit"]
-    return table(["option", "with", f"both ({unit})", f"beyond the sum ({unit})", "surely not 0"], lines)
+    return table(["option", "with", f"both ({unit})", f"interaction ({unit})", "significant"], lines)
 
 
 def recorded_table(sources: Sequence[Mapping[str, Any]]) -> str:

@@ -33,7 +33,7 @@ PRESETS = ("ideal", "paper", "nodrift", "broken", "model")
 SHOWN = "preset paper"
 BLOCKS = ("strategies-findings", "strategies-shown", "strategies-equal", "strategies-rules", "strategies-trust")
 REGRET = "regret"
-_NAMES = {PAPER: "in the mean, by threshold", FIXED: "each"}
+_NAMES = {PAPER: "on average, by threshold", FIXED: "each"}
 
 
 def told(sources: Sequence[Mapping[str, Any]]) -> str:

@@ -120,7 +120,7 @@ def choice_table(results: Mapping[str, Sequence[Found]]) -> str:
             saved = "-" if way == "default" else mean_interval(default - at[:, 0], 1)
             values = mean_interval(at[:, 0], 1), saved, mean_interval(at[:, 1], 3), mean_interval(at[:, 2], 1)
             lines.append([name, way, *values, told, f"{middle:.4g}"])
-    head = ["preset", "pair by", "cost (taps)", "less than default", "object error (mm)", "taps"]
+    head = ["preset", "pair by", "cost (taps)", "saving over default", "object error (mm)", "taps"]
     return table([*head, "fixation class: data sets", "median threshold"], lines)
 
 
@@ -144,7 +144,7 @@ def learning_table(results: Mapping[str, Sequence[Found]], episodes: int) -> str
             kept = [found.kept[method] for found in sets]
             each = (mean_interval(curve[:, n - 1] / n, 1) for n in shown)
             lines.append([name, method, *each, mean_interval(kept, 1)])
-    return table(["preset", "learner", *(f"after {n}" for n in shown), "pair it keeps"], lines)
+    return table(["preset", "learner", *(f"after {n}" for n in shown), "excess of the recommended pair"], lines)
 
 
 def texts(results: Mapping[str, Sequence[Found]], seed: int, trials: int, episodes: int) -> dict[str, str]:
@@ -157,8 +157,8 @@ def texts(results: Mapping[str, Sequence[Found]], seed: int, trials: int, episod
     )
     learning = (
         f"Regret per episode in taps over the first episodes, {n} data sets of each preset, {episodes} episodes, "
-        f"{len(ONLINE_THRESHOLDS)} thresholds at each of 16 fixation points. *Pair it keeps* is what the recommended "
-        f"pair costs more than the best one.\n\n{learning_table(results, episodes)}"
+        f"{len(ONLINE_THRESHOLDS)} thresholds at each of 16 fixation points. The last column is the expected cost of "
+        f"the recommended pair minus that of the best one.\n\n{learning_table(results, episodes)}"
     )
     return dict(zip(BLOCKS, (choice, learning), strict=True))
 
