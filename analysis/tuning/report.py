@@ -92,6 +92,12 @@ def tune(
 
     Raises:
         InputError: The taps or a setting cannot be used.
+
+    >>> import solidtouch as st
+    >>> train, test = st.simulate("ideal", sessions=2, seed=1)
+    >>> report = st.tune(train, test, trials=50, thresholds=[0.5, 0.9])
+    >>> report.setting.play.threshold in (0.5, 0.9)
+    True
     """
     price = Price(cost_error, wrong, target_error)
     setting = Setting(model=model, fit=fit, where_cell=division.where_cell, what_cell=division.what_cell, play=play)
