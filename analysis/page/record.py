@@ -15,3 +15,10 @@ class UnitsRecord(TypedDict):
 
     what: str
     where: str
+
+
+class TitleRecord(TypedDict):
+    """What was asked for."""
+
+    title: str
+    command: str

@@ -5,7 +5,7 @@ Data are the sources of `summary.summarise`.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from textwrap import fill
 from typing import TYPE_CHECKING, Any
 
@@ -13,6 +13,7 @@ import numpy as np
 
 from ..page.figure_style import DECIDED, OTHERS, TRUE, TWO_COLUMNS, axis_label, label_panel, new_figure, styled
 from .findings import VERDICTS
+from .record import OptionRow, PairRow, SourceNumbers
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -31,7 +32,7 @@ _WRAP = 20
 
 
 @styled
-def forest(source: Mapping[str, Any]) -> Figure:
+def forest(source: SourceNumbers) -> Figure:
     """What every option changes under the last policy, strongest choices on top.
 
     Thick lines are 95 % intervals, thin ones hold all together; grey bands are changes that do not matter. Axes are
@@ -60,7 +61,7 @@ def forest(source: Mapping[str, Any]) -> Figure:
     return figure
 
 
-def plot_forest(axes: Axes, rows: Sequence[tuple[str, Mapping[str, Any] | None]], name: str, bound: float) -> Axes:
+def plot_forest(axes: Axes, rows: Sequence[tuple[str, OptionRow | None]], name: str, bound: float) -> Axes:
     """Draws one mark with both intervals for each option; headings have none.
 
     Args:
@@ -85,14 +86,12 @@ def plot_forest(axes: Axes, rows: Sequence[tuple[str, Mapping[str, Any] | None]]
 
 
 @styled
-def interactions(source: Mapping[str, Any]) -> Figure | None:
+def interactions(source: SourceNumbers) -> Figure | None:
     """What pairs of options change in the object error beyond the sum of both; `None` without pairs."""
     pairs = source["pairs"]
     if not pairs:
         return None
-    names: list[tuple[str, str]] = []
-    for pair in pairs:
-        names += [key for side in ("first", "second") if (key := tuple(pair[side].values())) not in names]
+    names = list(dict.fromkeys(end for pair in pairs for end in _ends(pair)))
     n = len(names)
     figure, axes = new_figure(TWO_COLUMNS, 0.75 * n + 0.6)
     label = axis_label("object error beyond the sum", source["what_unit"])
@@ -101,7 +100,7 @@ def interactions(source: Mapping[str, Any]) -> Figure | None:
 
 
 def plot_interactions(
-    axes: Axes, pairs: Sequence[Mapping[str, Any]], names: Sequence[tuple[str, ...]], label: str, bound: float
+    axes: Axes, pairs: Sequence[PairRow], names: Sequence[tuple[str, str]], label: str, bound: float
 ) -> Axes:
     """Draws the lower triangle: numbers with 95 % intervals, in bold where all together are sure.
 
@@ -117,7 +116,7 @@ def plot_interactions(
     n = len(names)
     values = np.full((n, n), np.nan)
     for pair in pairs:
-        i, j = sorted(names.index(tuple(pair[side].values())) for side in ("first", "second"))
+        i, j = sorted(map(names.index, _ends(pair)))
         values[j, i] = pair["beyond"]
         low, high = pair["beyond_low"], pair["beyond_high"]
         interval = "" if low is None else f"\n[{low:.2f}, {high:.2f}]"
@@ -149,6 +148,11 @@ def plot_interactions(
     return axes
 
 
+def _ends(pair: PairRow) -> list[tuple[str, str]]:
+    """Choice and option of both."""
+    return [(one["choice"], one["option"]) for one in (pair["first"], pair["second"])]
+
+
 def _ticks(bound: float, reach: float) -> list[float]:
     """Powers of ten beyond a bound up to a reach, and between them where there are few, on both sides of zero."""
     powers = [10.0**k for k in range(-4, 5) if bound < 10.0**k <= reach]
@@ -157,9 +161,9 @@ def _ticks(bound: float, reach: float) -> list[float]:
     return [*(-tick for tick in reversed(ends)), 0.0, *ends]
 
 
-def _rows(source: Mapping[str, Any]) -> list[tuple[str, Mapping[str, Any] | None]]:
+def _rows(source: SourceNumbers) -> list[tuple[str, OptionRow | None]]:
     """A heading for every choice, with its default, and a row for every option."""
-    rows: list[tuple[str, Mapping[str, Any] | None]] = []
+    rows: list[tuple[str, OptionRow | None]] = []
     for choice in source["choices"]:
         rows.append((f"{choice['name']} ({choice['default']})", None))
         rows += [(option["name"], option) for option in choice["options"]]
@@ -167,7 +171,7 @@ def _rows(source: Mapping[str, Any]) -> list[tuple[str, Mapping[str, Any] | None
 
 
 def _scaled_axis(
-    axes: Axes, rows: Sequence[tuple[str, Mapping[str, Any] | None]], name: str, bound: float
+    axes: Axes, rows: Sequence[tuple[str, OptionRow | None]], name: str, bound: float
 ) -> tuple[float, float]:
     """Sets scale, band, ends and ticks; what lies beyond the ends of all 95 % intervals is to be cut there."""
     from matplotlib.ticker import FixedLocator, FuncFormatter, NullLocator  # noqa: PLC0415

@@ -5,13 +5,13 @@ Words can be made anew from the numbers of an older study, see `worded`.
 
 import math
 from collections import Counter
-from collections.abc import Iterator, Mapping
-from typing import Any
+from collections.abc import Iterator
 
 from ..page.numbers import number
 from ..page.words import STORED_ONLY, listed
 from ..stats.jackknife import FEWEST_UNITS
 from .effects import CLASS_FLOOR, FACTOR_LIMIT, RELEVANT, TAPS_FLOOR
+from .record import OptionList, OptionRow, SensitivitySource, SensitivitySummary, SourceNumbers
 
 WORDS = {
     "what_error": "object error",
@@ -34,14 +34,14 @@ _VERDICTS_OF_MANY = {
 }
 
 
-def worded(summary: Mapping[str, Any]) -> dict[str, Any]:
-    """The summary with its words, made from its numbers.
+def worded(summary: SensitivitySummary) -> SensitivitySummary:
+    """The same numbers, as of an older study, with the words of today."""
+    return {**summary, "rules": rules(), "sources": [worded_source(source) for source in summary["sources"]]}
 
-    Args:
-        summary: What `summary.summarise` gives, with words or without.
-    """
-    sources = [{**source, "findings": findings(source), "lists": [*lists_of(source)]} for source in summary["sources"]]
-    return {**summary, "rules": rules(), "sources": sources}
+
+def worded_source(source: SourceNumbers) -> SensitivitySource:
+    """The numbers of a source with their words."""
+    return {**source, "findings": findings(source), "lists": [*lists_of(source)]}
 
 
 def rules() -> list[str]:
@@ -69,7 +69,7 @@ def rules() -> list[str]:
     ]
 
 
-def findings(source: Mapping[str, Any]) -> list[str]:
+def findings(source: SourceNumbers) -> list[str]:
     """What a reader should know first, in sentences."""
     rows = options_of(source)
     counted = Counter(option["verdict"] for _, option in rows)
@@ -100,7 +100,7 @@ def findings(source: Mapping[str, Any]) -> list[str]:
     return said
 
 
-def lists_of(source: Mapping[str, Any]) -> Iterator[dict[str, Any]]:
+def lists_of(source: SourceNumbers) -> Iterator[OptionList]:
     """Options that are too many for a sentence: `key`, `title` and `items` of each list."""
     rows = options_of(source)
     unsure = {f"{name}, {option['name']}": _no_longer_sure(source, option) for name, option in rows}
@@ -125,17 +125,17 @@ def lists_of(source: Mapping[str, Any]) -> Iterator[dict[str, Any]]:
         yield {"key": key, "title": title, "items": items}
 
 
-def options_of(source: Mapping[str, Any]) -> list[tuple[str, Mapping[str, Any]]]:
+def options_of(source: SourceNumbers) -> list[tuple[str, OptionRow]]:
     """All options of a source with the names of their choices."""
     return [(choice["name"], option) for choice in source["choices"] for option in choice["options"]]
 
 
-def surely(source: Mapping[str, Any]) -> str:
+def surely(source: SourceNumbers) -> str:
     """The word, with what it is limited to."""
     return f"surely ({source['scope']})" if source["scope"] else "surely"
 
 
-def _conclusion(source: Mapping[str, Any]) -> str:
+def _conclusion(source: SourceNumbers) -> str:
     sure = [WORDS[name] for name in _sure_advantages(source)]
     rest = [WORDS[name] for name in source["advantage"] if WORDS[name] not in sure]
     if not sure:
@@ -147,7 +147,7 @@ def _conclusion(source: Mapping[str, Any]) -> str:
     return start + (f", which is not sure of {listed(rest)}." if rest else ".")
 
 
-def _near_chance(source: Mapping[str, Any]) -> Iterator[str]:
+def _near_chance(source: SourceNumbers) -> Iterator[str]:
     """A sentence for each option under which every policy is as bad as an answer that needs no tap."""
     blind, unit = source["blind_error"], source["what_unit"]
     for name, option in options_of(source):
@@ -160,11 +160,11 @@ def _near_chance(source: Mapping[str, Any]) -> Iterator[str]:
             )
 
 
-def _sure_advantages(source: Mapping[str, Any]) -> list[str]:
+def _sure_advantages(source: SourceNumbers) -> list[str]:
     return [name for name, value in source["advantage"].items() if (value["value_least"] or 0.0) > 0]
 
 
-def _no_longer_sure(source: Mapping[str, Any], option: Mapping[str, Any]) -> list[str]:
+def _no_longer_sure(source: SourceNumbers, option: OptionRow) -> list[str]:
     """The advantages that are sure under the defaults but not under an option that keeps the conclusion."""
     if option["verdict"] == "conclusion":
         return []

@@ -4,14 +4,15 @@ from collections.abc import Iterator
 from functools import partial
 
 from ..page.numbers import in_brackets, interval, number, percent
-from ..page.page import Block, Brief, Listing, Note, Page, Picture, Row, Section, Table, Verbatim
+from ..page.page import Block, Brief, Listing, Note, Page, Picture, Section, Table, Verbatim
 from . import figures
 from .findings import VERDICTS, options_of
+from .record import OptionRow, SensitivitySource, SensitivitySummary
 
 _ADVANTAGES = ("what_error", "where_error", "taps")
 
 
-def sensitivity_page(summary: Row) -> Page:
+def sensitivity_page(summary: SensitivitySummary) -> Page:
     """A section for each source of data, and how it is judged."""
     intro = [
         "What the paper leaves open has a default here. Every other option is run against the defaults on the same "
@@ -27,7 +28,7 @@ def sensitivity_page(summary: Row) -> Page:
     return Page(summary["title"], intro, [*sections, Section("How it is judged", [*summary["rules"], made], "rules")])
 
 
-def _source(i: int, source: Row) -> Iterator[Block]:
+def _source(i: int, source: SensitivitySource) -> Iterator[Block]:
     """Findings and tables; the figures are `forest-N` and `pairs-N`."""
     yield Brief(Note([*source["findings"], *(Listing(one["items"], one["title"]) for one in source["lists"])]))
     if source["simulated"]:
@@ -69,7 +70,7 @@ def _source(i: int, source: Row) -> Iterator[Block]:
         yield Listing(left_out, "Not run here")
 
 
-def _defaults(source: Row, what: str, where: str) -> Table:
+def _defaults(source: SensitivitySource, what: str, where: str) -> Table:
     names = ("what_error", "where_error", "taps", "factor")
     rows = [[row["policy"], *(interval(row, name) for name in names)] for row in source["default"]]
     if source["advantage"]:
@@ -79,7 +80,7 @@ def _defaults(source: Row, what: str, where: str) -> Table:
     return Table(heads, rows, "Under the defaults")
 
 
-def _ranking(source: Row, what: str) -> Table:
+def _ranking(source: SensitivitySource, what: str) -> Table:
     last = source["policies"][-1]
     change = f"its change of the {last} object error{what}"
     heads = ["choice", "the paper", "default", "strongest option", change, "gravest verdict (of which options)"]
@@ -97,7 +98,7 @@ def _ranking(source: Row, what: str) -> Table:
     return Table(heads, rows, "Choices, the strongest first", words={1, 2, 3, 5}, dense=True)
 
 
-def _options(source: Row, what: str, where: str) -> Table:
+def _options(source: SensitivitySource, what: str, where: str) -> Table:
     last, active = source["policies"][-1], bool(source["advantage"])
     names = [f"{last}_what_error", "equal_taps", *(f"{last}_{name}" for name in ("where_error", "taps", "factor"))]
     heads = ["choice", "option", f"object error{what}", f"the same at equal taps{what}", f"position error{where}"]
@@ -121,7 +122,7 @@ def _options(source: Row, what: str, where: str) -> Table:
     return Table([*heads, "verdict"], rows, caption, words={1, len(heads)}, dense=True)
 
 
-def _impossible(option: Row) -> str:
+def _impossible(option: OptionRow) -> str:
     if not option["impossible_trials"]:
         return ""
     return (
@@ -130,6 +131,6 @@ def _impossible(option: Row) -> str:
     )
 
 
-def _verdict(option: Row) -> str:
+def _verdict(option: OptionRow) -> str:
     of, better = ", ".join(option["of"]), ", ".join(option["better"]["surely"])
     return VERDICTS[option["verdict"]] + f": {of}" * bool(of) + f"; surely errs less: {better}" * bool(better)

@@ -8,11 +8,23 @@ import numpy as np
 from ...models.grid import ClassGrid
 from ..experiment.settings import SHOWN_THETA
 from ..page.figure_style import short_unit
+from ..page.record import TitleRecord
 from ..page.words import listed, versions
 from ..stats.jackknife import Interval, as_factor, as_numbers
 from .choices import Choice, Option
 from .effects import SUMS, Effect, limits, verdict
-from .findings import VERDICTS, WORDS, worded
+from .findings import VERDICTS, WORDS, rules, worded_source
+from .record import (
+    BetterRecord,
+    ChoiceRecord,
+    DefaultRow,
+    OptionName,
+    OptionRow,
+    PairRow,
+    SensitivitySummary,
+    SourceNumbers,
+    ValueRecord,
+)
 from .run import Sensitivity, SensitivitySettings
 
 _ERRORS = ("what_error", "where_error")
@@ -20,27 +32,27 @@ _PACKAGES = ("solidtouch", "numpy", "scipy", "numba", "xarray", "matplotlib")
 
 
 def summarise(
-    studies: Sequence[Sensitivity], settings: SensitivitySettings, described: Mapping[str, Any]
-) -> dict[str, Any]:
+    studies: Sequence[Sensitivity], settings: SensitivitySettings, described: TitleRecord
+) -> SensitivitySummary:
     """What `sensitivity.json` holds.
 
     Args:
         studies: One for each source of data.
         settings: What was asked for.
-        described: `title` and `command`.
+        described: What was asked for, in words.
     """
-    summary = {
+    return {
         **described,
         "versions": versions(_PACKAGES),
         "seed": settings.seed,
         "trials": settings.trials,
         "theta": SHOWN_THETA,
-        "sources": [summarise_source(one) for one in studies],
+        "sources": [worded_source(_source(one)) for one in studies],
+        "rules": rules(),
     }
-    return worded(summary)
 
 
-def summarise_source(study: Sensitivity) -> dict[str, Any]:
+def _source(study: Sensitivity) -> SourceNumbers:
     """What came out for one source of data, in numbers."""
     limit = limits(study.default, study.source.grid)
     options = [_option(study, index, limit) for index in range(len(study.effects))]
@@ -59,24 +71,26 @@ def summarise_source(study: Sensitivity) -> dict[str, Any]:
         "what_unit": grid.what_error_unit,
         "where_unit": short_unit(grid.where_unit),
         "blind_error": blind_error(grid),
-        "default": [_flat(study.default, policy) | {"policy": policy} for policy in study.scale.policies],
-        "advantage": {name: as_numbers(value) for name, value in study.reference.advantage.items()},
+        "default": [DefaultRow(**_flat(study.default, policy), policy=policy) for policy in study.scale.policies],
+        "advantage": {name: ValueRecord(**as_numbers(value)) for name, value in study.reference.advantage.items()},
         "limits": {f"{p}_{q}": limit[p, q] for p, q in limit},
         "choices": choices,
-        "skipped": [dict(zip(("choice", "option", "reason"), row, strict=True)) for row in study.catalogue.skipped],
+        "skipped": [
+            {"choice": choice, "option": option, "reason": reason} for choice, option, reason in study.catalogue.skipped
+        ],
         "not_run": [
             {"choice": choice.name, "option": name, "reason": reason}
             for choice in study.catalogue.choices
             for name, reason in choice.not_run
         ],
         "pairs": [
-            {
-                "first": _named(*pair.first),
-                "second": _named(*pair.second),
+            PairRow(
+                first=_named(*pair.first),
+                second=_named(*pair.second),
                 **as_numbers(pair.beyond, "beyond"),
                 **as_numbers(pair.together, "together"),
-                "sure": pair.beyond.sure,
-            }
+                sure=pair.beyond.sure,
+            )
             for pair in study.pairs
         ],
         "pair_options": [_named(choice, study.catalogue.options[index][1]) for choice, index in order],
@@ -89,7 +103,7 @@ def blind_error(grid: ClassGrid) -> float:
     return float(grid.what_error(what[:, np.newaxis], what).mean(axis=1).min())
 
 
-def _choice(study: Sensitivity, choice: Choice, strongest: int, options: Sequence[dict[str, Any]]) -> dict[str, Any]:
+def _choice(study: Sensitivity, choice: Choice, strongest: int, options: Sequence[OptionRow]) -> ChoiceRecord:
     """A choice with its options; `verdict_of` names those of the gravest verdict, the strongest first, or all."""
     own = [i for i, (other, _) in enumerate(study.catalogue.options) if other.name == choice.name]
     gravest = next(key for key in VERDICTS if any(options[i]["verdict"] == key for i in own))
@@ -107,34 +121,30 @@ def _choice(study: Sensitivity, choice: Choice, strongest: int, options: Sequenc
     }
 
 
-def _option(study: Sensitivity, index: int, limit: Mapping[tuple[str, str], float]) -> dict[str, Any]:
+def _option(study: Sensitivity, index: int, limit: Mapping[tuple[str, str], float]) -> OptionRow:
     _, option = study.catalogue.options[index]
     found, last = study.effects[index], study.scale.policies[-1]
     decided, of = verdict(found, study.reference.advantage, limit)
     shares = study.shares[1 + index][-1]
-    return {
-        "name": option.name,
-        "verdict": decided,
-        "of": [_quantity(name) for name in of],
-        **{
-            key: value
-            for policy in study.scale.policies
-            for key, value in _flat(found.change, policy, f"{policy}_").items()
-        },
-        **as_numbers(found.equal_taps[last], "equal_taps"),
-        **{
-            key: value
-            for name, one in found.advantage.items()
-            for key, value in as_numbers(one, f"advantage_{name}").items()
-        },
-        "better": _better(study, found, limit),
-        "impossible_taps": study.impossible[index],
-        "impossible_trials": float(shares[SUMS.index("impossible")]),
-        "stopped": float(shares[SUMS.index("stopped")]),
-    }
+    changes: dict[str, Any] = {}
+    for policy in study.scale.policies:
+        changes |= _flat(found.change, policy, f"{policy}_")
+    changes |= as_numbers(found.equal_taps[last], "equal_taps")
+    for name, one in found.advantage.items():
+        changes |= as_numbers(one, f"advantage_{name}")
+    return OptionRow(
+        name=option.name,
+        verdict=decided,
+        of=[_quantity(name) for name in of],
+        **changes,
+        better=_better(study, found, limit),
+        impossible_taps=study.impossible[index],
+        impossible_trials=float(shares[SUMS.index("impossible")]),
+        stopped=float(shares[SUMS.index("stopped")]),
+    )
 
 
-def _better(study: Sensitivity, found: Effect, limit: Mapping[tuple[str, str], float]) -> dict[str, list[str]]:
+def _better(study: Sensitivity, found: Effect, limit: Mapping[tuple[str, str], float]) -> BetterRecord:
     """What an option does better than the default by more than does not matter, surely or by its own interval only."""
     last = study.scale.policies[-1]
     errors = {(p, q): change for (p, q), change in found.change.items() if q in _ERRORS}
@@ -154,12 +164,13 @@ def _quantity(name: str) -> str:
     return " ".join(WORDS.get(word, word) for word in name.split(" "))
 
 
-def _named(choice: Choice, option: Option) -> dict[str, str]:
+def _named(choice: Choice, option: Option) -> OptionName:
     return {"choice": choice.name, "option": option.name}
 
 
-def _flat(values: Mapping[tuple[str, str], Interval], policy: str, prefix: str = "") -> dict[str, float | None]:
-    flat: dict[str, float | None] = {}
+def _flat(values: Mapping[tuple[str, str], Interval], policy: str, prefix: str = "") -> dict[str, Any]:
+    """Numbers of a policy under made names."""
+    flat = {}
     for (p, quantity), value in values.items():
         if p == policy:
             shown = as_factor(value) if quantity == "factor" else value

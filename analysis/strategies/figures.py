@@ -16,14 +16,16 @@ from numpy.typing import NDArray
 from ...models.grid import ClassGrid
 from ..page.figure_episodes import plot_trajectories
 from ..page.figure_style import ACTIVE, OTHERS, PASSIVE, TWO_COLUMNS, axis_label, label_panel, new_figure, styled
+from ..page.page import Row
 from .findings import FIXED, LOOK, PAPER, TAPS
+from .record import CurvePoint, EqualRow, StrategyNumbers
 from .run import BASE
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-type Points = Sequence[Mapping[str, Any]]
+type Points = Sequence[CurvePoint]
 """A curve over the levels of a rule."""
 
 _BLUE, _ORANGE, _GREEN, _PURPLE = "#0072b2", "#d55e00", "#009e73", "#aa4499"
@@ -60,7 +62,7 @@ _NOTE: dict[str, Any] = {"fontsize": 6, "color": "#555555"}
 
 
 @styled
-def curves(source: Mapping[str, Any]) -> Figure:
+def curves(source: StrategyNumbers) -> Figure:
     """Object and position errors against mean taps and way, along the paper's thresholds: a column for each group."""
     drawn = source["powers"][0]["curves"][PAPER]
     groups = grouped(drawn)
@@ -164,7 +166,7 @@ def _way_axis(axes: Axes, most: float) -> None:
 
 
 @styled
-def equal_taps(source: Mapping[str, Any]) -> Figure:
+def equal_taps(source: StrategyNumbers) -> Figure:
     """Object error less that of the fixation point at equal taps, by threshold (A to D) and by number (E to H)."""
     first = source["powers"][0]
     names = [name for name in first["strategies"] if name != BASE]
@@ -187,7 +189,7 @@ _DIFFERENCE = "what_error_difference"
 _TOGETHER, _OWN = ("_least", "_most"), ("_low", "_high")
 
 
-def _ends(rows: Points, name: str) -> tuple[float, float]:
+def _ends(rows: Sequence[EqualRow], name: str) -> tuple[float, float]:
     """Ends of an axis that holds all differences with their own intervals, and most of what holds together."""
     own, together = (
         [row[name + end] for row in rows for end in ends if row[name + end] is not None]
@@ -200,7 +202,7 @@ def _ends(rows: Points, name: str) -> tuple[float, float]:
     return low - pad, high + pad
 
 
-def _differences(axes: Axes, rows: Points) -> None:
+def _differences(axes: Axes, rows: Sequence[EqualRow]) -> None:
     """Draws a panel of differences, a row for each strategy."""
     axes.axvline(0, color=OTHERS, linewidth=0.8, zorder=0)
     if all(row[_DIFFERENCE] is None for row in rows):
@@ -210,7 +212,7 @@ def _differences(axes: Axes, rows: Points) -> None:
         plot_interval(axes, row, _DIFFERENCE, y, _look(row["strategy"])["color"])
 
 
-def plot_interval(axes: Axes, row: Mapping[str, Any], name: str, y: float, colour: Any) -> Axes:
+def plot_interval(axes: Axes, row: EqualRow, name: str, y: float, colour: Any) -> Axes:
     """Draws an estimate with both intervals in a row of its own, hollow where it has none.
 
     Intervals that the panel cuts get an arrowhead there; what is not known is said to be not reached.
@@ -233,7 +235,7 @@ def plot_interval(axes: Axes, row: Mapping[str, Any], name: str, y: float, colou
     return axes
 
 
-def _interval_key(figure: Figure, rows: Points) -> None:
+def _interval_key(figure: Figure, rows: Sequence[Row]) -> None:
     """Tells of both intervals and of none, if they are there."""
     from matplotlib.lines import Line2D  # noqa: PLC0415
 
@@ -248,7 +250,7 @@ def _interval_key(figure: Figure, rows: Points) -> None:
 
 
 @styled
-def stopping(source: Mapping[str, Any]) -> Figure:
+def stopping(source: StrategyNumbers) -> Figure:
     """Each stopping rule beside the paper's, object error against mean taps, and null decisions; fixation point."""
     drawn = {rule: by_strategy[BASE] for rule, by_strategy in source["powers"][0]["curves"].items()}
     others = [rule for rule in drawn if rule != PAPER]
@@ -311,7 +313,7 @@ def _paper_key(figure: Figure) -> None:
 
 
 @styled
-def trajectories(source: Mapping[str, Any]) -> Figure:
+def trajectories(source: StrategyNumbers) -> Figure:
     """Where the sensor stood in trials of one data set under each strategy, up to their decisions; Fig. 6."""
     names = list(source["paths"])
     rows = -(-len(names) // _COLUMNS)

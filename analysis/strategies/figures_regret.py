@@ -5,10 +5,11 @@ Data are those of `regret_summary.summarise_regret`.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 from ..page.figure_style import ACTIVE, OTHERS, TWO_COLUMNS, label_panel, new_figure, styled
+from .record import RegretCase, RegretPrice, RegretSummary
 from .regret_cases import KINDS, LOOKAHEAD, NUMBER, TEST, THRESHOLD
 from .run import BASE
 
@@ -30,7 +31,7 @@ _LEAST, _MOST = 4e-4, 3.0  # mm, the ends of the axis
 
 
 @styled
-def regret(summary: Mapping[str, Any]) -> Figure:
+def regret(summary: RegretSummary) -> Figure:
     """Cost above the least possible: a column for each case, a row for each cost of taps, on a common log axis.
 
     Of the fixation points only the best and the worst by the best threshold are shown.
@@ -54,13 +55,13 @@ def regret(summary: Mapping[str, Any]) -> Figure:
     return figure
 
 
-def shown(case: Mapping[str, Any]) -> dict[str, list[Mapping[str, Any]]]:
+def shown(case: RegretCase) -> dict[str, list[RegretPrice]]:
     """Prices by strategy, of the fixation points those of the best and the worst."""
-    found: dict[str, list[Mapping[str, Any]]] = {}
+    found: dict[str, list[RegretPrice]] = {}
     for price in case["prices"]:
         found.setdefault(price["strategy"], []).append(price)
     fixed = sorted((name for name in found if name.startswith(f"{BASE} at ")), key=lambda name: _by_theta(found[name]))
-    kept: dict[str, list[Mapping[str, Any]]] = {}
+    kept: dict[str, list[RegretPrice]] = {}
     for name, prices in found.items():
         if name not in fixed:
             kept[name] = prices
@@ -69,19 +70,19 @@ def shown(case: Mapping[str, Any]) -> dict[str, list[Mapping[str, Any]]]:
     return kept
 
 
-def plot_prices(axes: Axes, prices: Sequence[Mapping[str, Any]], y: float) -> Axes:
+def plot_prices(axes: Axes, prices: Sequence[RegretPrice], y: float) -> Axes:
     """Draws one strategy under all kinds of rules, with 95 % intervals where costs are drawn, in a row of its own."""
     for price in prices:
         number = KINDS.index(price["kind"])
         at, look = y + (number - (len(KINDS) - 1) / 2) * _APART, _LOOKS[price["kind"]]
         low, high = price["regret_low"], price["regret_high"]
-        if low is not None:
+        if low is not None and high is not None:
             axes.plot([max(low, _LEAST), max(high, _LEAST)], [at, at], color=look["color"], linewidth=0.8)
         axes.plot([max(price["regret"], _LEAST)], [at], markersize=3, linestyle="none", clip_on=False, **look)
     return axes
 
 
-def _by_theta(prices: Sequence[Mapping[str, Any]]) -> float:
+def _by_theta(prices: Sequence[RegretPrice]) -> float:
     return next(price["regret"] for price in prices if price["kind"] == THRESHOLD)
 
 

@@ -11,7 +11,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..page.figure_style import ACTIVE, OTHERS, TWO_COLUMNS, colours, label_panel, new_figure, styled
+from ..page.page import Row
 from .findings import INFORMED
+from .record import StrategyNumbers, TrustRow
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -28,7 +30,7 @@ _ARROWS: dict[str, Any] = {"linewidths": 0, "clip_on": False, "zorder": 4}
 
 
 @styled
-def trust(sources: Sequence[Mapping[str, Any]]) -> Figure:
+def trust(sources: Sequence[StrategyNumbers]) -> Figure:
     """How far the fixation point and information gain are misled by the model, and what is left of the gain.
 
     A: gain over the fixation point against the miscalibration there; B: miscalibration of both; C: information that was
@@ -58,7 +60,7 @@ def trust(sources: Sequence[Mapping[str, Any]]) -> Figure:
     return figure
 
 
-def _set_up(axes: Axes, rows: Sequence[Mapping[str, Any]], across: str, up: str) -> None:
+def _set_up(axes: Axes, rows: Sequence[Row], across: str, up: str) -> None:
     """Scales, ends and numbers of both axes, and the line on which both strategies are alike."""
     if up == "gain":
         _factor_axis(axes, "x", _factor_ends(rows, [across]))
@@ -75,13 +77,13 @@ def _set_up(axes: Axes, rows: Sequence[Mapping[str, Any]], across: str, up: str)
     axes.plot(ends, ends, **_DASHED)
 
 
-def _factor_ends(rows: Sequence[Mapping[str, Any]], names: Sequence[str]) -> tuple[float, float]:
+def _factor_ends(rows: Sequence[Row], names: Sequence[str]) -> tuple[float, float]:
     """Ends that hold all miscalibrations that can be shown with a margin, and 1; not all intervals."""
     values = np.clip([1.0, *(row[name] for row in rows for name in names)], _LEAST, _MOST)
     return float(values.min()) / 3, 3 * float(values.max())
 
 
-def _excess_ends(rows: Sequence[Mapping[str, Any]], names: Sequence[str]) -> tuple[float, float]:
+def _excess_ends(rows: Sequence[Row], names: Sequence[str]) -> tuple[float, float]:
     """Ends that hold all information with a margin, and 0; not all intervals."""
     values = [0.0, *(row[name] for row in rows for name in names)]
     return min(2.5 * min(values), -0.5), max(2.5 * max(values), 1.0)
@@ -122,7 +124,7 @@ def _sources(n: int) -> list[Any]:
     return list(_PALETTE[:n]) if n <= len(_PALETTE) else colours(n)
 
 
-def plot_cross(axes: Axes, row: Mapping[str, Any], across: str, up: str, look: Mapping[str, Any]) -> Axes:
+def plot_cross(axes: Axes, row: TrustRow, across: str, up: str, look: Mapping[str, Any]) -> Axes:
     """Draws a known point with its 95 % intervals in both directions, moved to the ends of the axes if beyond them.
 
     What is cut off, of intervals or of the point, has an arrowhead where it is; a point that was moved is hollow.
@@ -157,7 +159,7 @@ def _missing(axes: Axes, count: int) -> None:
     )
 
 
-def _trust_key(figure: Figure, sources: Sequence[Mapping[str, Any]]) -> None:
+def _trust_key(figure: Figure, sources: Sequence[StrategyNumbers]) -> None:
     from matplotlib.lines import Line2D  # noqa: PLC0415
 
     palette = _sources(len(sources))

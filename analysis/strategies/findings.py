@@ -5,11 +5,12 @@ Data are those of `summary.summarise`.
 
 import math
 from collections.abc import Iterable, Mapping, Sequence
-from typing import Any
 
 from ..experiment.settings import SHOWN_THETA
 from ..page.numbers import number
+from ..page.page import Row
 from ..page.words import listed
+from .record import CurvePoint, EqualRow, PowerRecord, StrategyNumbers, TrustRow
 
 TAPS = (2, 3, 5, 10)
 """Mean numbers of taps at which strategies are held against each other."""
@@ -21,7 +22,7 @@ INFORMED = ("info-what", "info-joint")
 RULES = {PAPER: "At equal mean taps by threshold", FIXED: "After equal numbers of taps"}
 
 
-def source_findings(source: Mapping[str, Any]) -> list[str]:
+def source_findings(source: StrategyNumbers) -> list[str]:
     """What one kind of data says, in sentences."""
     first = source["powers"][0]
     said = []
@@ -34,7 +35,7 @@ def source_findings(source: Mapping[str, Any]) -> list[str]:
     return [*said, f"Way of a decision at threshold {SHOWN_THETA:g} in {source['where_unit']}: {far}."]
 
 
-def findings(sources: Sequence[Mapping[str, Any]]) -> list[str]:
+def findings(sources: Sequence[StrategyNumbers]) -> list[str]:
     """What holds across the data, in sentences; none where there are no data."""
     if not sources:
         return []
@@ -51,7 +52,7 @@ def findings(sources: Sequence[Mapping[str, Any]]) -> list[str]:
     return said
 
 
-def better_finding(sources: Sequence[Mapping[str, Any]]) -> str:
+def better_finding(sources: Sequence[StrategyNumbers]) -> str:
     """Whether anything surely errs less in the object than the fixation point, on any data."""
     found = [
         f"{name} on {source['name']}"
@@ -66,13 +67,15 @@ def better_finding(sources: Sequence[Mapping[str, Any]]) -> str:
     return f"{listed(found)}: this {what}." if found else f"No strategy {what}, on any of these data."
 
 
-def random_findings(sources: Sequence[Mapping[str, Any]]) -> list[str]:
+def random_findings(sources: Sequence[StrategyNumbers]) -> list[str]:
     """Whether random moves err more than the fixation point, for each kind of data and both rules."""
-    return [_random(source, family) for source in sources for family in RULES]
+    return [
+        _random(source["name"], family, source["powers"][0]["equal"][family]) for source in sources for family in RULES
+    ]
 
 
-def _random(source: Mapping[str, Any], family: str) -> str:
-    key, rows = "what_error_difference", source["powers"][0]["equal"][family]
+def _random(name: str, family: str, rows: Sequence[Row]) -> str:
+    key = "what_error_difference"
     known = [row for row in rows if row["strategy"] == "random" and row[f"{key}_low"] is not None]
     worse = _taps(row for row in known if (row[f"{key}_least"] or 0.0) > 0)
     perhaps = _taps(row for row in known if row[f"{key}_low"] > 0 >= (row[f"{key}_least"] or 0.0))
@@ -87,16 +90,16 @@ def _random(source: Mapping[str, Any], family: str) -> str:
     parts = [f"{words} at {listed(taps)} taps" for taps, words in told if taps]
     where = RULES[family][0].lower() + RULES[family][1:]
     return (
-        f"{source['name']}, {where}: random moves err {', '.join(parts) or 'neither surely more nor less'} than the "
+        f"{name}, {where}: random moves err {', '.join(parts) or 'neither surely more nor less'} than the "
         "fixation point."
     )
 
 
-def _taps(rows: Iterable[Mapping[str, Any]]) -> list[str]:
+def _taps(rows: Iterable[Row]) -> list[str]:
     return [str(row["taps"]) for row in rows]
 
 
-def _sure(rows: Sequence[Mapping[str, Any]], key: str, sign: int) -> dict[str, list[int]]:
+def _sure(rows: Sequence[EqualRow], key: str, sign: int) -> dict[str, list[int]]:
     """Numbers of taps at which strategies surely differ in one direction, by strategy."""
     found: dict[str, list[int]] = {}
     for row in rows:
@@ -119,11 +122,11 @@ def _told(error: str, better: str, worse: str) -> str:
     return f"{error} is surely {first} than with the fixation point under {these}, surely {second} under {others}"
 
 
-def _at_theta(power: Mapping[str, Any], strategy: str) -> Mapping[str, Any]:
+def _at_theta(power: PowerRecord, strategy: str) -> CurvePoint:
     """The point of the paper's rule at `SHOWN_THETA`."""
     return next(row for row in power["curves"][PAPER][strategy] if math.isclose(row["level"], SHOWN_THETA))
 
 
-def _words(row: Mapping[str, Any], name: str) -> str:
+def _words(row: TrustRow, name: str) -> str:
     low, high = row[f"{name}_low"], row[f"{name}_high"]
     return f"{row[name]:.2f}" + (f" [{low:.2f}, {high:.2f}]" if low is not None and high is not None else "")

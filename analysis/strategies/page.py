@@ -4,11 +4,12 @@ from collections.abc import Iterator
 from functools import partial
 
 from ..page.numbers import factor, in_brackets, interval, number, percent
-from ..page.page import Block, Brief, Folded, Note, Page, Picture, Row, Section, Table, Verbatim
+from ..page.page import Block, Brief, Folded, Note, Page, Picture, Section, Table, Verbatim
 from . import figures
 from .figures_regret import regret
 from .figures_trust import trust
 from .findings import FIXED, PAPER
+from .record import RegretSummary, StrategiesSummary, StrategySource
 
 _EQUAL = {
     PAPER: "At equal mean numbers of taps, by the threshold on the belief in an object",
@@ -17,7 +18,7 @@ _EQUAL = {
 _COMPARED = ("what_error", "where_error", "way")
 
 
-def strategies_page(summary: Row) -> Page:
+def strategies_page(summary: StrategiesSummary) -> Page:
     """Findings, a section for each kind of data, trust and regret across them, and how it is compared."""
     intro: list[Block] = [
         "The paper moves to one place and stops at one belief. Here other strategies of moving and rules of stopping "
@@ -39,7 +40,7 @@ def strategies_page(summary: Row) -> Page:
     return Page(summary["title"], intro, sections)
 
 
-def _source(i: int, source: Row, theta: float) -> Iterator[Block]:
+def _source(i: int, source: StrategySource, theta: float) -> Iterator[Block]:
     """One kind of data; the number of its figures counts from 1."""
     first, name = source["powers"][0], source["name"]
     error = f"object error ({source['what_unit']})"
@@ -125,7 +126,7 @@ def _source(i: int, source: Row, theta: float) -> Iterator[Block]:
     )
 
 
-def _at_threshold(source: Row, theta: float, error: str, unit: str) -> Table:
+def _at_threshold(source: StrategySource, theta: float, error: str, unit: str) -> Table:
     first = source["powers"][0]
     paired = {row["strategy"]: row for row in first["shown"]}
     heads = ["strategy", error, f"position error{unit}", "taps", "less fixation", f"way{unit}", "less fixation"]
@@ -152,7 +153,7 @@ def _at_threshold(source: Row, theta: float, error: str, unit: str) -> Table:
     )
 
 
-def _trust(summary: Row) -> Iterator[Block]:
+def _trust(summary: StrategiesSummary) -> Iterator[Block]:
     yield Picture(
         "trust",
         "What is left where the model is too sure",
@@ -187,7 +188,7 @@ def _trust(summary: Row) -> Iterator[Block]:
     )
 
 
-def _regret(found: Row) -> Iterator[Block]:
+def _regret(found: RegretSummary) -> Iterator[Block]:
     yield (
         "How much more strategies cost than they must, where that can be known: in small cases, where the exact rule "
         "can be computed, and in a larger one, where a cost is known that no strategy stays below."
@@ -220,7 +221,7 @@ def _regret(found: Row) -> Iterator[Block]:
         yield Section(title, [f"{case['described']}. {case['said']}", table])
 
 
-def _rules(summary: Row) -> Iterator[Block]:
+def _rules(summary: StrategiesSummary) -> Iterator[Block]:
     if summary["sources"]:
         yield from summary["rules"]
         yield f"{summary['trials']} trials of each data set, strategy and root."

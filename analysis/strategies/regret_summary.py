@@ -1,6 +1,6 @@
 """What strategies cost more than need be, in numbers and sentences for page and document."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -11,6 +11,7 @@ from ...inference.bayes_risk.exact_cost import Cost
 from ..page.numbers import interval, percent
 from ..page.words import listed
 from ..stats.metrics import CONFIDENCE
+from .record import RegretCase, RegretPrice, RegretSummary
 from .regret import Priced, Regrets, RegretSettings
 from .regret_cases import KINDS, THRESHOLD, WAY_COST
 
@@ -29,7 +30,7 @@ RULES = (
 )
 
 
-def summarise_regret(found: Sequence[Regrets], settings: RegretSettings) -> dict[str, Any]:
+def summarise_regret(found: Sequence[Regrets], settings: RegretSettings) -> RegretSummary:
     """What `strategies.json` holds of it.
 
     Args:
@@ -48,11 +49,11 @@ def summarise_regret(found: Sequence[Regrets], settings: RegretSettings) -> dict
     }
 
 
-def _case(found: Regrets) -> dict[str, Any]:
+def _case(found: Regrets) -> RegretCase:
     grid, case = found.world.model.grid, found.world.case
     rows = [_row(price, found) for price in found.prices]
     sizes = np.asarray(grid.what_value).tolist()
-    summary: dict[str, Any] = {
+    return {
         "name": f"{grid.L} places, rods {', '.join(f'{size:g}' for size in sizes)} mm",
         "exact": case.exact,
         "places": grid.where_value.tolist(),
@@ -63,9 +64,8 @@ def _case(found: Regrets) -> dict[str, Any]:
         "caption": _caption(found),
         "prices": rows,
         "strategies": list(dict.fromkeys(price.policy for price in found.prices)),
+        "said": _bounded(found, rows) if found.best is None else _exactly(found, found.best, rows),
     }
-    said = _bounded(found, rows) if found.best is None else _exactly(found, found.best, rows)
-    return summary | {"said": said}
 
 
 def _caption(found: Regrets) -> str:
@@ -75,23 +75,23 @@ def _caption(found: Regrets) -> str:
     return f"Cost above the bound (mm), {len(found.prices[0].each):,} trials each"
 
 
-def _row(price: Priced, found: Regrets) -> dict[str, Any]:
+def _row(price: Priced, found: Regrets) -> RegretPrice:
     """A price, its regret and by how much it is more than that of the cheapest, with 95 % intervals."""
     regret = _mean(price.each - found.least, "regret")
     shown = f"{regret['regret']:.4f}" if found.world.case.exact else interval(regret, "regret")
-    return {
-        "strategy": price.policy,
-        "kind": price.kind,
-        "rule": price.rule,
-        "cost": price.cost,
-        "best": found.equals(price),
-        "shown": f"{shown} ({price.rule})" if price.rule else shown,
+    return RegretPrice(
+        strategy=price.policy,
+        kind=price.kind,
+        rule=price.rule,
+        cost=price.cost,
+        best=found.equals(price),
+        shown=f"{shown} ({price.rule})" if price.rule else shown,
         **regret,
         **_mean(price.each - found.cheapest.each, "more"),
-    }
+    )
 
 
-def _mean(each: NDArray[np.float64], name: str) -> dict[str, float | None]:
+def _mean(each: NDArray[np.float64], name: str) -> dict[str, Any]:
     """A mean with its 95 % interval under names that pages know; of a single number it has none."""
     mean = round(float(each.mean()), 9) + 0.0  # no rounding errors and no negative zero
     if len(each) < 2:
@@ -112,7 +112,7 @@ def described(found: Regrets) -> str:
     )
 
 
-def _exactly(found: Regrets, best: Cost, rows: Sequence[Mapping[str, Any]]) -> str:
+def _exactly(found: Regrets, best: Cost, rows: Sequence[RegretPrice]) -> str:
     """What the exact rule costs, and how near one comes to it."""
     alike = [row for row in rows if row["best"]]
     names = listed([row["strategy"] for row in alike if row["kind"] == alike[0]["kind"]])
@@ -124,13 +124,13 @@ def _exactly(found: Regrets, best: Cost, rows: Sequence[Mapping[str, Any]]) -> s
     )
 
 
-def _bounded(found: Regrets, rows: Sequence[Mapping[str, Any]]) -> str:
+def _bounded(found: Regrets, rows: Sequence[RegretPrice]) -> str:
     """The bounds, the gap to the cheapest, and what may be as cheap."""
     best = next(row for row in rows if row["best"])
     (name, least), *weaker = found.bounds.items()
     also = ", ".join(f"{bound:.4f} with {words}" for words, bound in weaker)
     rivals = [row for row in rows if row["kind"] == best["kind"] and not row["best"]]
-    alike = [row["strategy"] for row in rivals if row["more_low"] <= 0]
+    alike = [row["strategy"] for row in rivals if (row["more_low"] or 0.0) <= 0]
     return (
         f"No strategy costs less than {least:.4f} mm, the bound with {name} ({also}). "
         f"The cheapest, {_named(best)}, costs {interval(best, 'regret')} mm or {percent(best['regret'] / least)} more, "
@@ -139,7 +139,7 @@ def _bounded(found: Regrets, rows: Sequence[Mapping[str, Any]]) -> str:
     )
 
 
-def findings(cases: Sequence[Mapping[str, Any]]) -> list[str]:
+def findings(cases: Sequence[RegretCase]) -> list[str]:
     """What all cases say together."""
     small = [case for case in cases if case["exact"]]
     said = []
@@ -155,13 +155,13 @@ def findings(cases: Sequence[Mapping[str, Any]]) -> list[str]:
     return said
 
 
-def _near(case: Mapping[str, Any], strategy: str) -> bool:
+def _near(case: RegretCase, strategy: str) -> bool:
     """Whether a strategy with the best threshold costs little more than the exact rule."""
     row = next(row for row in case["prices"] if (row["strategy"], row["kind"]) == (strategy, THRESHOLD))
     return row["regret"] <= NEAR * _least(case)
 
 
-def _gap(case: Mapping[str, Any]) -> str:
+def _gap(case: RegretCase) -> str:
     best = next(row for row in case["prices"] if row["best"])
     return (
         f"at {case['tap_cost']:g} mm a tap {_named(best)} costs {interval(best, 'regret')} mm above it, "
@@ -169,9 +169,9 @@ def _gap(case: Mapping[str, Any]) -> str:
     )
 
 
-def _least(case: Mapping[str, Any]) -> float:
+def _least(case: RegretCase) -> float:
     return max(case["bounds"].values())
 
 
-def _named(row: Mapping[str, Any]) -> str:
+def _named(row: RegretPrice) -> str:
     return f"{row['strategy']} with {row['kind']}"

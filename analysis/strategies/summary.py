@@ -1,6 +1,6 @@
 """A comparison of strategies in numbers and sentences: `strategies.json`, from which page and document are made."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -8,10 +8,23 @@ import numpy as np
 from ...inference.moves.control import default_fixation
 from ..experiment.settings import SHOWN_THETA
 from ..page.figure_style import short_unit
+from ..page.record import TitleRecord
 from ..page.words import STORED_ONLY, versions
 from ..stats.jackknife import Interval, Means, as_factor, as_numbers, interval, jackknife
 from .curves import AT_TAPS, QUANTITIES, at_taps, curve, differences, quantities
 from .findings import FIXED, LOOK, PAPER, RULES, TAPS, findings, source_findings
+from .record import (
+    CurvePoint,
+    EqualRow,
+    PowerRecord,
+    RegretSummary,
+    RuleRow,
+    StrategiesSummary,
+    StrategyNumbers,
+    StrategyRow,
+    StrategySource,
+    TrustRow,
+)
 from .run import BASE, PlayedStrategies, StrategySettings, StrategyStudy
 from .words import RULE_WORDS, STRATEGY_WORDS
 
@@ -28,18 +41,18 @@ _PACKAGES = ("solidtouch", "numpy", "scipy", "numba", "xarray", "matplotlib")
 def summarise(
     studies: Sequence[StrategyStudy],
     settings: StrategySettings,
-    described: Mapping[str, Any],
-    regret: Mapping[str, Any] | None = None,
-) -> dict[str, Any]:
+    described: TitleRecord,
+    regret: RegretSummary | None = None,
+) -> StrategiesSummary:
     """What `strategies.json` holds.
 
     Args:
         studies: One for each kind of data.
         settings: What was asked for.
-        described: `title` and `command`.
+        described: What was asked for, in words.
         regret: See `regret_summary.summarise_regret`; `None` where it was not asked for.
     """
-    sources = [summarise_source(one) for one in studies]
+    sources = [_source(one) for one in studies]
     return {
         **described,
         "versions": versions(_PACKAGES),
@@ -82,11 +95,11 @@ def rules(settings: StrategySettings) -> list[str]:
     ]
 
 
-def summarise_source(study: StrategyStudy) -> dict[str, Any]:
+def _source(study: StrategyStudy) -> StrategySource:
     """What came out for one kind of data."""
     bench, grid = study.bench, study.bench.grid
     powers = [_power(one, first=i == 0) for i, one in enumerate(study.played)]
-    summary = {
+    numbers: StrategyNumbers = {
         "name": bench.name,
         "simulated": bench.simulated,
         "units": bench.units,
@@ -99,10 +112,10 @@ def summarise_source(study: StrategyStudy) -> dict[str, Any]:
         "powers": powers,
         "paths": {name: path.tolist() for name, path in study.played[0].paths.items()},
     }
-    return summary | {"findings": source_findings(summary)}
+    return {**numbers, "findings": source_findings(numbers)}
 
 
-def _power(played: PlayedStrategies, *, first: bool) -> dict[str, Any]:
+def _power(played: PlayedStrategies, *, first: bool) -> PowerRecord:
     """One root of the likelihood; only the first has the curves of all rules."""
     strategies = list(played.nats)
     shown = [family for family in played.families if first or family.name in RULES]
@@ -122,7 +135,7 @@ def _power(played: PlayedStrategies, *, first: bool) -> dict[str, Any]:
     }
 
 
-def _shown(played: PlayedStrategies) -> list[dict[str, Any]]:
+def _shown(played: PlayedStrategies) -> list[StrategyRow]:
     """Taps and way of each strategy at the shown threshold less those of the fixation point, paired."""
     levels = next(family.levels for family in played.families if family.name == PAPER)
     at = int(np.argmin(np.abs(np.array(levels) - SHOWN_THETA)))
@@ -131,11 +144,11 @@ def _shown(played: PlayedStrategies) -> list[dict[str, Any]]:
         values, errors = jackknife(
             [played.means[name, PAPER][:, at], base], lambda new, old: quantities(new) - quantities(old)
         )
-        row: dict[str, Any] = {"strategy": name}
+        row: dict[str, Any] = {}
         for quantity in ("taps", "way"):
             i = QUANTITIES.index(quantity)
             row |= _numbers(interval(values[i], errors[i], len(base), 1), f"{quantity}_difference")
-        rows.append(row)
+        rows.append(StrategyRow(strategy=name, **row))
     return rows
 
 
@@ -147,33 +160,35 @@ def _numbers(value: Interval, name: str) -> dict[str, float | None]:
     return as_numbers(Interval(value.value, *(float(np.clip(end, low, high)) for end in value[1:])), name)
 
 
-def _curve(means: Means, levels: Sequence[float]) -> list[dict[str, float | None]]:
+def _curve(means: Means, levels: Sequence[float]) -> list[CurvePoint]:
     """`QUANTITIES` at every level, each with its 95 % interval."""
     rows = []
     for level, row in zip(levels, curve(means), strict=True):
-        point: dict[str, float | None] = {"level": float(level)}
+        point: dict[str, float | None] = {}
         for quantity, value in zip(QUANTITIES, row, strict=True):
             numbers = _numbers(value, quantity)
             point |= {f"{quantity}{end}": numbers[f"{quantity}{end}"] for end in ("", "_low", "_high")}
-        rows.append(point)
+        rows.append(CurvePoint(level=float(level), **point))
     return rows
 
 
-def _equal(played: PlayedStrategies, family: str, strategies: Sequence[str]) -> list[dict[str, Any]]:
+def _equal(played: PlayedStrategies, family: str, strategies: Sequence[str]) -> list[EqualRow]:
     """Each strategy at equal taps, and by how much it differs from the fixation point."""
     base = played.means[BASE, family]
     count = max(1, len(strategies) - 1) * len(TAPS)
     return [
-        {"strategy": name, **row} for name in strategies for row in _against(played.means[name, family], base, count)
+        EqualRow(strategy=name, **row)
+        for name in strategies
+        for row in _against(played.means[name, family], base, count)
     ]
 
 
-def _rules(played: PlayedStrategies) -> list[dict[str, Any]]:
+def _rules(played: PlayedStrategies) -> list[RuleRow]:
     """Stopping rules with the fixation point, held against the paper's at equal mean numbers of taps."""
     base = played.means[BASE, PAPER]
     count = (len(played.families) - 1) * len(TAPS)
     return [
-        {"rule": family.name, **row}
+        RuleRow(rule=family.name, **row)
         for family in played.families
         for row in _against(played.means[BASE, family.name], base, count)
     ]
@@ -193,7 +208,7 @@ def _against(means: Means, base: Means, count: int) -> list[dict[str, Any]]:
     return rows
 
 
-def _trust(played: PlayedStrategies, name: str) -> dict[str, Any]:
+def _trust(played: PlayedStrategies, name: str) -> TrustRow:
     """Miscalibration, gain over the fixation point and what taps were expected to tell, after `LOOK` taps."""
     levels = next(family.levels for family in played.families if family.name == FIXED)
     at = levels.index(LOOK)
@@ -210,9 +225,9 @@ def _trust(played: PlayedStrategies, name: str) -> dict[str, Any]:
         return np.array([*factors, factors[0] - factors[1], gain, *told, excess, base_excess, excess - base_excess])
 
     values, errors = jackknife([means, base, nats, base_nats], statistic)
-    row: dict[str, Any] = {"strategy": name, "given_up": float(quantities(means.mean(axis=0))[_GIVEN_UP])}
+    row: dict[str, Any] = {}
     names = ("factor", "base_factor", "factor_ratio", "gain", "expected", "told", "excess", "base_excess")
     for key, value, error in zip((*names, "excess_difference"), values, errors, strict=True):
         found = interval(value, error, n, 1)
         row |= _numbers(as_factor(found) if "factor" in key else found, key)
-    return row
+    return TrustRow(strategy=name, given_up=float(quantities(means.mean(axis=0))[_GIVEN_UP]), **row)

@@ -7,9 +7,8 @@ they cover.
 
 import argparse
 import json
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import Any
 
 from solidtouch.analysis.experiment.settings import SHOWN_THETA
 from solidtouch.analysis.page.numbers import factor, interval, number, percent
@@ -18,6 +17,7 @@ from solidtouch.analysis.strategies.data import RIGHT, StrategyData, recorded_be
 from solidtouch.analysis.strategies.figures_regret import regret
 from solidtouch.analysis.strategies.figures_trust import trust
 from solidtouch.analysis.strategies.findings import FIXED, PAPER, TAPS, better_finding, random_findings
+from solidtouch.analysis.strategies.record import EqualRow, RegretCase, RegretSummary, StrategiesSummary, StrategySource
 from solidtouch.analysis.strategies.regret import RegretSettings, regret_study
 from solidtouch.analysis.strategies.regret_summary import summarise_regret
 from solidtouch.analysis.strategies.run import BASE, StrategySettings, strategy_study
@@ -37,20 +37,20 @@ REGRET = "regret"
 _NAMES = {PAPER: "on average, by threshold", FIXED: "each"}
 
 
-def told(sources: Sequence[Mapping[str, Any]]) -> str:
+def told(sources: Sequence[StrategySource]) -> str:
     """What units are, and how random moves fare, as a list."""
     units = [f"{source['name']}: {source['units']}" for source in sources]
     said = (*units, better_finding(sources), *random_findings(sources))
     return "\n".join(f"- {sentence}" for sentence in said)
 
 
-def shown(source: Mapping[str, Any]) -> str:
+def shown(source: StrategySource) -> str:
     """What each strategy comes to at the shown threshold of the paper's rule."""
     names = ("what_error", "where_error", "taps", "taps_difference", "way")
     first, lines = source["powers"][0], []
     paired = {row["strategy"]: row for row in first["shown"]}
     for strategy, points in first["curves"][PAPER].items():
-        point = next(point for point in points if point["level"] == SHOWN_THETA) | paired[strategy]
+        point = {**next(point for point in points if point["level"] == SHOWN_THETA), **paired[strategy]}
         shares = [percent(point[share]) for share in ("given_up", "unstopped")]
         lines.append([strategy, *(interval(point, name) for name in names), *shares])
     head = ["strategy", f"object error ({source['what_unit']})", f"position error ({source['where_unit']})", "taps"]
@@ -58,7 +58,7 @@ def shown(source: Mapping[str, Any]) -> str:
     return table(head, lines)
 
 
-def equal(sources: Sequence[Mapping[str, Any]]) -> str:
+def equal(sources: Sequence[StrategySource]) -> str:
     """Object errors less those of the fixation point at equal taps, one table for each number of taps and rule."""
     parts = []
     for family in (PAPER, FIXED):
@@ -78,20 +78,20 @@ def equal(sources: Sequence[Mapping[str, Any]]) -> str:
     return "\n\n".join(parts)
 
 
-def _difference(row: Mapping[str, Any] | None) -> str:
+def _difference(row: EqualRow | None) -> str:
     """A difference with its interval, in bold where all intervals together exclude zero."""
     if row is None or row["what_error_difference"] is None:
         return "-"
     text = interval(row, "what_error_difference")
     low, high = row["what_error_difference_least"], row["what_error_difference_most"]
-    return f"**{text}**" if low is not None and (low > 0 or high < 0) else text
+    return f"**{text}**" if low is not None and high is not None and (low > 0 or high < 0) else text
 
 
-def _null(row: Mapping[str, Any] | None) -> str:
+def _null(row: EqualRow | None) -> str:
     return "-" if row is None else percent(row["given_up"])
 
 
-def rules(source: Mapping[str, Any]) -> str:
+def rules(source: StrategySource) -> str:
     """Every stopping rule with the fixation point."""
     lines = [
         [
@@ -109,7 +109,7 @@ def rules(source: Mapping[str, Any]) -> str:
     return table([*head, f"less the paper's rule ({unit})", "null decisions"], lines)
 
 
-def trusted(sources: Sequence[Mapping[str, Any]]) -> str:
+def trusted(sources: Sequence[StrategySource]) -> str:
     """Miscalibration, gain, and what was promised and told, under every root of the likelihood."""
     factors, names = ("factor", "factor_ratio"), ("gain", "expected", "told", "excess_difference")
     lines = [
@@ -139,12 +139,12 @@ def benches(data_sets: int, seed: int, folder: Path | None) -> Iterator[Strategy
             yield recorded_bench(folder / name, Division(where_cell=cells[0], what_cell=cells[1]))
 
 
-def regrets(summary: Mapping[str, Any]) -> str:
+def regrets(summary: RegretSummary) -> str:
     """What strategies cost more than need be: how it is told, and a table for each case and cost of taps."""
     return "\n\n".join([" ".join(summary["rules"]), *(_prices(case, summary["kinds"]) for case in summary["cases"])])
 
 
-def _prices(case: Mapping[str, Any], kinds: Sequence[str]) -> str:
+def _prices(case: RegretCase, kinds: Sequence[str]) -> str:
     """A case in a sentence, and its table; the cheapest is bold."""
     lines = []
     for name in case["strategies"]:
@@ -153,7 +153,7 @@ def _prices(case: Mapping[str, Any], kinds: Sequence[str]) -> str:
     return f"*{case['described']}.* {case['said']} {case['caption']}:\n\n{table(['strategy', *kinds], lines)}"
 
 
-def played(options: argparse.Namespace) -> dict[str, Any]:
+def played(options: argparse.Namespace) -> StrategiesSummary:
     """The summary of a comparison that is made now."""
     settings = StrategySettings(trials=options.trials, seed=options.seed)
     lost = RegretSettings(seed=options.seed)
@@ -166,7 +166,7 @@ def played(options: argparse.Namespace) -> dict[str, Any]:
     return summarise(found, settings, made_by, above)
 
 
-def compared(sources: Sequence[Mapping[str, Any]]) -> dict[str, str]:
+def compared(sources: Sequence[StrategySource]) -> dict[str, str]:
     """What stands in the page of the data that were compared, by block."""
     paper = _shown_source(sources)
     right = [source for source in sources if source["name"] == f"preset {RIGHT}"]
@@ -175,7 +175,7 @@ def compared(sources: Sequence[Mapping[str, Any]]) -> dict[str, str]:
     return dict(zip(BLOCKS, texts, strict=True))
 
 
-def publish_figures(sources: Sequence[Mapping[str, Any]], document: Path) -> None:
+def publish_figures(sources: Sequence[StrategySource], document: Path) -> None:
     """The figures of the data that were compared."""
     paper = _shown_source(sources)
     for name in ("curves", "equal_taps", "stopping", "trajectories"):
@@ -183,7 +183,7 @@ def publish_figures(sources: Sequence[Mapping[str, Any]], document: Path) -> Non
     publish(trust([source for source in sources if source["simulated"]] or sources), document, "strategies-trust")
 
 
-def _shown_source(sources: Sequence[Mapping[str, Any]]) -> Mapping[str, Any]:
+def _shown_source(sources: Sequence[StrategySource]) -> StrategySource:
     return next((source for source in sources if source["name"] == SHOWN), sources[0])
 
 
