@@ -1,16 +1,18 @@
 """What each choice that the paper leaves open is worth: what `solidtouch.sensitivity` does and gives back."""
 
 from dataclasses import dataclass
-from typing import Any, ClassVar
+from typing import ClassVar
 
 from ...models.errors import InputError
 from ...models.io.load import TapSource
 from ...models.settings import Division
 from ..experiment.sources import recorded_source, simulated_source
 from ..page.page import Page
+from ..page.record import TitleRecord
 from ..page.report import StudyReport
 from ..page.stages import Progress, no_progress
 from .page import sensitivity_page
+from .record import SensitivitySummary
 from .run import Sensitivity, SensitivitySettings, sensitivity_study
 from .summary import summarise
 
@@ -27,7 +29,7 @@ class SensitivityReport(StudyReport):
     SUMMARY: ClassVar[str] = "sensitivity.json"
 
     found: tuple[Sensitivity, ...]
-    summary: dict[str, Any]
+    summary: SensitivitySummary
 
     def _page(self) -> Page:
         return sensitivity_page(self.summary)
@@ -73,5 +75,5 @@ def sensitivity(
     sources += [recorded_source(taps, division) for taps in data]
     settings = SensitivitySettings(trials=trials, seed=seed, strongest=strongest, workers=workers)
     found = tuple(sensitivity_study(source, settings, progress) for source in sources)
-    described = {"title": "What the open choices of the paper are worth", "command": command}
+    described = TitleRecord(title="What the open choices of the paper are worth", command=command)
     return SensitivityReport(found, summarise(found, settings, described))

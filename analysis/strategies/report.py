@@ -2,16 +2,18 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, ClassVar
+from typing import ClassVar
 
 from ...models.errors import InputError
 from ...models.io.load import TapSource
 from ...models.settings import Division
 from ..page.page import Page
+from ..page.record import TitleRecord
 from ..page.report import StudyReport
 from ..page.stages import Progress, no_progress
 from .data import RIGHT, recorded_bench, simulated_bench
 from .page import strategies_page
+from .record import StrategiesSummary
 from .regret import TRIALS, RegretSettings, regret_study
 from .regret_summary import summarise_regret
 from .run import StrategySettings, StrategyStudy, strategy_study
@@ -33,7 +35,7 @@ class StrategiesReport(StudyReport):
     SUMMARY: ClassVar[str] = "strategies.json"
 
     found: tuple[StrategyStudy, ...]
-    summary: dict[str, Any]
+    summary: StrategiesSummary
 
     def _page(self) -> Page:
         return strategies_page(self.summary)
@@ -80,5 +82,5 @@ def strategies(
     found = tuple(strategy_study(bench, settings, progress) for bench in benches)
     regrets = RegretSettings(regret, seed, workers)
     lost = summarise_regret(regret_study(regrets, progress), regrets) if regret else None
-    described = {"title": "How to move and when to stop", "command": command}
+    described = TitleRecord(title="How to move and when to stop", command=command)
     return StrategiesReport(found, summarise(found, settings, described, lost))
