@@ -126,7 +126,7 @@ def batches_of_one() -> Iterator[None]:
 def store_costs(cells: int) -> dict[str, float]:
     """Time to write a cell and to list it at resume, and what it takes on disk."""
     axes = (("paper",), ("histogram",), (100,), ("global",), (0.01,), ("J",), ("uniform",), ("active",), (7,))
-    grid = CellGrid((*axes, tuple(range(cells))))
+    grid = CellGrid((*axes, tuple(range(cells)), (0,)))
     values = {name: np.random.default_rng(0).random(len(THRESHOLDS)) for name in QUANTITIES}
     with tempfile.TemporaryDirectory() as folder:
         store = create_store(Path(folder) / "s.zarr", grid, THRESHOLDS, {"paper": ("mm", "mm")}, {})

@@ -40,6 +40,7 @@ from solidtouch.models.measurement.model import TapModel
 from solidtouch.models.preprocessing import Preprocessing
 from solidtouch.models.seeds import Purpose, data_set_seed, derived_seed
 from solidtouch.models.setting_file import Setting
+from solidtouch.models.settings import PlaySettings
 from solidtouch.models.taps import TapSet
 
 from benchmarks.page import check_block, share_interval, table, write_block
@@ -99,13 +100,9 @@ def verdicts(design: Design, data_sets: int, references: int, seed: int) -> dict
     table_ = tap_table(used, draw_session(right, design.taps, seed))
     found = {}
     for policy in POLICIES:
-        options: dict[str, Any] = {
-            "theta_x": 1.0 if policy == "passive" else 0.0,
-            "fixation": (used.grid.L - 1) // 2,
-            "border": "clamp",
-            "deadline": DEADLINE,
-            "trials": TRIALS,
-        }
+        aim, theta_x = (used.grid.L - 1) // 2, 1.0 if policy == "passive" else 0.0
+        play = PlaySettings(theta_x=theta_x, fixation=aim, border="clamp", deadline=DEADLINE)
+        options: dict[str, Any] = {"play": play, "trials": TRIALS}
         reference = simulate(used, table_, THETAS, seed=2 * seed + 1, simulations=references, **options)
         draw = partial(drawn, design, right, used, table_)
         observed = simulate(used, table_, THETAS, seed=2 * seed, simulations=data_sets, draw=draw, **options)
