@@ -1,12 +1,14 @@
 """Passive and active perception at one threshold: errors on stored and on fresh taps, and how they differ."""
 
 import math
+from collections.abc import Iterable
 from typing import Any
 
 import xarray as xr
 
 from ..page.words import STORED
 from ..stats import metrics
+from .record import ErrorRow, HeadlineRecord, PolicyRow
 from .results import Results
 
 STILL = 1.1
@@ -19,30 +21,28 @@ _FRESH = (
 
 _ENOUGH = "Fresh taps at threshold {:g}, the highest of those played at which the test taps suffice."
 
+_QUANTITIES = [name for name in metrics.QUANTITIES for name in (name, f"{name}_low", f"{name}_high")]
 
-def curve_rows(policy: str, curve: xr.Dataset) -> list[dict[str, Any]]:
+
+def curve_rows(policy: str, curve: xr.Dataset) -> list[PolicyRow]:
     """A row per threshold with quantities, their intervals and fractions; `None` where a number is missing."""
-    names = [name for name in metrics.QUANTITIES for name in (name, f"{name}_low", f"{name}_high")]
-    return [
-        {"policy": policy, "theta": float(curve["theta"][h])}
-        | {name: finite(curve[name][h]) for name in (*names, *metrics.FRACTIONS)}
-        for h in range(curve.sizes["theta"])
-    ]
+    names = (*_QUANTITIES, *metrics.FRACTIONS)
+    return [PolicyRow(policy=policy, **_at(curve, h, names)) for h in range(curve.sizes["theta"])]
 
 
-def difference_rows(curve: xr.Dataset | None) -> list[dict[str, Any]]:
+def difference_rows(curve: xr.Dataset | None) -> list[ErrorRow]:
     """Passive minus active, a row per threshold with intervals; none where nothing can be acted on."""
     if curve is None:
         return []
-    names = [name for name in metrics.QUANTITIES for name in (name, f"{name}_low", f"{name}_high")]
-    return [
-        {"policy": "passive - active", "theta": float(curve["theta"][h])}
-        | {name: finite(curve[name][h]) for name in names}
-        for h in range(curve.sizes["theta"])
-    ]
+    return [ErrorRow(policy="passive - active", **_at(curve, h, _QUANTITIES)) for h in range(curve.sizes["theta"])]
 
 
-def headline(results: Results, shown: int) -> dict[str, Any]:
+def _at(curve: xr.Dataset, h: int, names: Iterable[str]) -> dict[str, Any]:
+    """The threshold of an index and the numbers there."""
+    return {"theta": float(curve["theta"][h])} | {name: finite(curve[name][h]) for name in names}
+
+
+def headline(results: Results, shown: int) -> HeadlineRecord:
     """What is said of both policies at the shown threshold.
 
     Args:
@@ -58,7 +58,7 @@ def headline(results: Results, shown: int) -> dict[str, Any]:
     stored = {name: curve.isel(theta=[shown]) for name, curve in results.curves.items()}
     theta = float(stored["passive"]["theta"][0])
 
-    def fresh(at: float) -> list[dict[str, Any]]:
+    def fresh(at: float) -> list[ErrorRow]:
         curves = results.fresh_curves  # of equal thresholds the first
         return _side({name: one.isel(theta=[list(one["theta"].values).index(at)]) for name, one in curves.items()})
 
@@ -87,9 +87,9 @@ def still(curves: dict[str, xr.Dataset]) -> str | None:
     )
 
 
-def _side(curves: dict[str, xr.Dataset]) -> list[dict[str, Any]]:
+def _side(curves: dict[str, xr.Dataset]) -> list[ErrorRow]:
     rows = [row for policy in ("passive", "active") if policy in curves for row in curve_rows(policy, curves[policy])]
-    return rows + difference_rows(curves.get("difference"))
+    return [*rows, *difference_rows(curves.get("difference"))]
 
 
 def finite(value: Any) -> float | None:

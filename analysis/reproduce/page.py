@@ -8,8 +8,9 @@ import xarray as xr
 from ..experiment.crosscheck import CrossCheck
 from ..page.crosscheck import crosscheck_table
 from ..page.numbers import in_brackets, interval, number, percent
-from ..page.page import Block, Brief, Cautions, Note, Page, Picture, Row, Section, Table, Verbatim
+from ..page.page import Block, Brief, Cautions, Note, Page, Picture, Section, Table, Verbatim
 from . import figures
+from .record import ErrorRow, ReproductionSummary
 from .results import Request, Results
 
 _BAND = "The band is the 95 % interval at the highest threshold."
@@ -17,7 +18,7 @@ _LISTS = (("Options", "options", 10), ("Versions", "versions", 10), ("Time spent
 _RATES = ("stopped_fraction", "clamped_fraction", "substituted_fraction")
 
 
-def report_page(summary: Row, check: CrossCheck, drawn: Iterable[Picture]) -> Page:
+def report_page(summary: ReproductionSummary, check: CrossCheck, drawn: Iterable[Picture]) -> Page:
     """What was run and what came of it; sections without content are left out.
 
     Args:
@@ -39,7 +40,7 @@ def report_page(summary: Row, check: CrossCheck, drawn: Iterable[Picture]) -> Pa
     return Page(summary["title"], [], [section for section in sections if section.blocks])
 
 
-def _run(summary: Row) -> Iterator[Block]:
+def _run(summary: ReproductionSummary) -> Iterator[Block]:
     yield from summary["what_was_run"]
     yield Verbatim(summary["command"])
     if summary["simulated"]:
@@ -59,7 +60,7 @@ def _run(summary: Row) -> Iterator[Block]:
     yield _grid(summary)
 
 
-def _grid(summary: Row) -> str:
+def _grid(summary: ReproductionSummary) -> str:
     grid, fixation = summary["grid"], summary["fixation"]
     sentences = [
         f"{_classes(grid['L'], 'where', grid['where'])} times {_classes(grid['M'], 'what', grid['what'])}; "
@@ -75,7 +76,7 @@ def _grid(summary: Row) -> str:
     return " ".join(sentences)
 
 
-def _headline(summary: Row) -> Iterator[Block]:
+def _headline(summary: ReproductionSummary) -> Iterator[Block]:
     headline = summary["headline"]
     if headline["still"]:
         yield Brief(f"**{headline['still']}**")
@@ -91,7 +92,7 @@ def _headline(summary: Row) -> Iterator[Block]:
         yield "Passive and active trials have the same starts and random numbers, so differences are paired."
 
 
-def _paper(summary: Row) -> Iterator[Block]:
+def _paper(summary: ReproductionSummary) -> Iterator[Block]:
     if not summary["paper"]:
         return
     rows = [
@@ -102,7 +103,7 @@ def _paper(summary: Row) -> Iterator[Block]:
     yield summary["interval"]
 
 
-def _results(summary: Row) -> Iterator[Block]:
+def _results(summary: ReproductionSummary) -> Iterator[Block]:
     if not summary["results"]:
         return
     yield summary["interval"]
@@ -123,7 +124,7 @@ def _results(summary: Row) -> Iterator[Block]:
     )
 
 
-def _policy_table(summary: Row, policy: str) -> Table:
+def _policy_table(summary: ReproductionSummary, policy: str) -> Table:
     """Errors, taps and rates against the threshold; P(wrong) beside errors in units, no class left where there was."""
     shown = [row for row in summary["results"] if row["policy"] == policy]
     what, *others = _heads(summary)
@@ -142,7 +143,7 @@ def _policy_table(summary: Row, policy: str) -> Table:
     return Table(heads, rows, f"{policy.capitalize()} perception")
 
 
-def _accuracy(summary: Row) -> Iterator[Block]:
+def _accuracy(summary: ReproductionSummary) -> Iterator[Block]:
     if not summary["accuracy"]:
         return
     yield (
@@ -167,7 +168,7 @@ def _crosscheck(check: CrossCheck) -> Iterator[Block]:
     yield crosscheck_table(check)
 
 
-def _provenance(summary: Row) -> Iterator[Block]:
+def _provenance(summary: ReproductionSummary) -> Iterator[Block]:
     yield f"Seed {summary['seed']}. The same command with the same seed and versions gives the same numbers."
     for title, key, digits in (
         ("Options", "options", 10),
@@ -182,13 +183,13 @@ def _provenance(summary: Row) -> Iterator[Block]:
     )
 
 
-def _heads(summary: Row) -> list[str]:
+def _heads(summary: ReproductionSummary) -> list[str]:
     what, where = summary["units"]["what"], summary["units"]["where"]
     error = "what" if what == "P(wrong)" else "what error"
     return [error + in_brackets(what), "where error" + in_brackets(where), "reaction time (taps)"]
 
 
-def _errors_and_taps(row: Row) -> list[str]:
+def _errors_and_taps(row: ErrorRow) -> list[str]:
     return [interval(row, name) for name in ("what_error", "where_error", "taps")]
 
 

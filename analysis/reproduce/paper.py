@@ -1,10 +1,9 @@
 """The paper's own numbers beside ours."""
 
-from typing import Any
-
 import xarray as xr
 
 from .headline import finite
+from .record import PaperRow
 
 _HEADLINES = (
     # quantity, curve, variable, the paper's number in mm, where it stands
@@ -17,7 +16,7 @@ _HEADLINES = (
 )
 
 
-def compare(curves: dict[str, xr.Dataset], centre: xr.Dataset) -> list[dict[str, Any]]:
+def compare(curves: dict[str, xr.Dataset], centre: xr.Dataset) -> list[PaperRow]:
     """The numbers that the text of the paper gives, each beside ours at the largest threshold.
 
     Args:
@@ -25,7 +24,7 @@ def compare(curves: dict[str, xr.Dataset], centre: xr.Dataset) -> list[dict[str,
         centre: Passive outcomes over theta at the default fixation point.
     """
     curves = curves | {"centre": centre}
-    rows = []
+    rows: list[PaperRow] = []
     for quantity, curve, name, value, source in _HEADLINES:
         if curve not in curves:
             continue

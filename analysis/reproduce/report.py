@@ -3,7 +3,6 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import xarray as xr
 
@@ -18,6 +17,7 @@ from ..page.page import Page
 from ..page.report import StudyReport
 from ..page.stages import Progress, no_progress
 from .page import pictures, report_page
+from .record import ReproductionSummary
 from .results import Request, Results
 from .run import run_experiment, simulated_split
 from .summary import results_tree, summarise
@@ -35,7 +35,7 @@ class ReproductionReport(StudyReport):
 
     request: Request
     found: Results
-    summary: dict[str, Any]
+    summary: ReproductionSummary
 
     def _page(self) -> Page:
         return report_page(self.summary, self.found.check, pictures(self.request, self.found))

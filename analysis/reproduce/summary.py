@@ -1,6 +1,6 @@
 """A run in words and numbers: `summary.json` and `results.nc`."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from importlib.metadata import version
 from typing import Any
 
@@ -21,12 +21,13 @@ from ..stats.acting import can_act
 from ..stats.no_class_left import no_class_left_sentence
 from .headline import curve_rows, difference_rows, finite, headline
 from .paper import compare
+from .record import AccuracyRow, FixationRecord, ReproductionSummary, TapsRecord
 from .results import Request, Results
 
 _PACKAGES = ("solidtouch", "numpy", "jax", "numpyro", "funsor", "arviz", "xarray", "scipy", "matplotlib")
 
 
-def summarise(request: Request, results: Results) -> dict[str, Any]:
+def summarise(request: Request, results: Results) -> ReproductionSummary:
     """What `summary.json` holds and the report is written from."""
     settings, grid = request.settings, results.grid
     curves = results.curves
@@ -67,7 +68,7 @@ def summarise(request: Request, results: Results) -> dict[str, Any]:
         "differences": difference_rows(curves.get("difference")),
         "shown_theta": settings.thresholds[settings.shown],
         "interval": metrics.interval_sentence(len(results.studies), kind, results.spread),
-        "accuracy": [{name: finite(value) for name, value in row.items()} for row in results.accuracy],
+        "accuracy": [_accuracy(row) for row in results.accuracy],
         "paper": compare(curves, results.by_position.isel(place=results.fixation)) if request.simulated else None,
         "crosscheck": _check_summary(results.check),
         "warnings": _warnings(request, results),
@@ -105,14 +106,14 @@ def _subject(request: Request) -> str:
     return ", ".join(request.files)
 
 
-def _sources(request: Request) -> list[dict[str, Any]]:
+def _sources(request: Request) -> list[TapsRecord]:
     """What was simulated or read, one row per preset or file."""
     folds = request.split.folds
     if request.simulated:
         taps = sum(len(fold.train) + len(fold.test) for fold in folds)
         row = _source(f"preset {request.simulated}", taps, folds[0].train, folds[0].test)
         sets = f"{len(folds)} data set{'s' * (len(folds) > 1)} of seed {request.settings.seed}"
-        return [row | {"description": f"{folds[0].train.dataset.attrs['sensor']}; {sets}"}]
+        return [{**row, "description": f"{folds[0].train.dataset.attrs['sensor']}; {sets}"}]
     first = folds[0]
     if len(request.files) == 1:
         return [_source(request.files[0], len(first.train) + len(first.test), first.train, first.test)]
@@ -120,7 +121,7 @@ def _sources(request: Request) -> list[dict[str, Any]]:
     return [_source(name, len(taps), taps) for name, taps in sides]
 
 
-def _source(name: str, taps: int, *parts: TapSet) -> dict[str, Any]:
+def _source(name: str, taps: int, *parts: TapSet) -> TapsRecord:
     attributes = parts[0].dataset.attrs
     told = (attributes.get(key, "") for key in ("sensor", "source", "licence"))
     sessions = sorted({int(session) for part in parts for session in part.session})
@@ -132,7 +133,12 @@ def _source(name: str, taps: int, *parts: TapSet) -> dict[str, Any]:
     }
 
 
-def _fixation(results: Results) -> dict[str, Any] | None:
+def _accuracy(row: Mapping[str, float | int]) -> AccuracyRow:
+    numbers: dict[str, Any] = {name: finite(value) for name, value in row.items()}
+    return AccuracyRow(**numbers)
+
+
+def _fixation(results: Results) -> FixationRecord | None:
     if results.by_fixation is None:
         return None
     return {"index": results.fixation, "value": float(results.grid.where_value[results.fixation])}

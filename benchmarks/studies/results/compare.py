@@ -6,11 +6,12 @@
 import argparse
 import json
 import shutil
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
 
+from solidtouch.analysis.compare.record import ComparisonSummary
 from solidtouch.models.storage import complete_file
 
 from benchmarks.page import check_block, table, write_block
@@ -30,7 +31,7 @@ def comparisons(folder: Path, recorded: Path | None) -> Iterator[tuple[str, list
         yield BRAILLE, [recorded / "braille_icub.npz"]
 
 
-def told(summary: Mapping[str, Any]) -> str:
+def told(summary: ComparisonSummary) -> str:
     """Ranks with what is ranked, and the sentences about them."""
     head = ["model", *(f"{one['title']} ({one['unit'] or 'P(wrong)'})" for one in summary["levels"])]
     lines = [

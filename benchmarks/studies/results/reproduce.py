@@ -6,12 +6,14 @@
 import argparse
 import json
 import shutil
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any, NamedTuple
 
 import xarray as xr
+from solidtouch.analysis.page.page import Row
+from solidtouch.analysis.reproduce.record import AccuracyRow, ReproductionSummary
 from solidtouch.models.storage import complete_file
 
 from benchmarks.page import check_block, table, write_block
@@ -57,20 +59,20 @@ RECORDINGS = (
 )
 
 
-def reproduced(out: Path, words: Sequence[Any]) -> dict[str, Any]:
+def reproduced(out: Path, words: Sequence[Any]) -> ReproductionSummary:
     """The summary of a run into a folder."""
     solidtouch("reproduce", *words, "--out", out)
     return json.loads((out / "summary.json").read_text(encoding="utf-8"))
 
 
-def told(row: Mapping[str, float], name: str, digits: int) -> str:
+def told(row: Row, name: str, digits: int) -> str:
     """A value with its interval, where it has one."""
     ends = [row[name], row[f"{name}_low"], row[f"{name}_high"]]
     value, *_ = words = [f"{end:.{digits}f}" for end in ends if end is not None]
     return value if len(words) < len(ends) or len(set(words)) == 1 else f"{value} [{words[1]}, {words[2]}]"
 
 
-def of_thresholds(summary: Mapping[str, Any], file: Path) -> str:
+def of_thresholds(summary: ReproductionSummary, file: Path) -> str:
     """Passive and active errors at some thresholds, and what differs at the one that is shown; `file` has the data."""
     rows = {(row["policy"], row["theta"]): row for row in summary["results"]}
     lines = [
@@ -104,21 +106,21 @@ def of_thresholds(summary: Mapping[str, Any], file: Path) -> str:
     return f"{table(['threshold', *head], lines)}\n\n{said}"
 
 
-def on_fresh_taps(summary: Mapping[str, Any]) -> str:
+def on_fresh_taps(summary: ReproductionSummary) -> str:
     """Where no tap is drawn twice in a trial: at a threshold for which the test taps suffice, and at the shown one."""
     headline = summary["headline"]
     lines = [
         [f"{row['theta']:g}", row["policy"], *(told(row, name, digits) for name, digits in _FRESH_DIGITS.items())]
-        for side in ("enough", "fresh")
-        if headline[side] is not None
-        for row in headline[side]["rows"]
+        for side in (headline["enough"], headline["fresh"])
+        if side is not None
+        for row in side["rows"]
     ]
     head = ["threshold", "policy", "object (mm)", "position (mm)", "taps"]
     few = headline["few"] or ""
     return f"{table(head, lines)}\n\n{few and f'At threshold {headline["theta"]:g} {few[0].lower()}{few[1:]}'}".strip()
 
 
-def joint(row: Mapping[str, float]) -> str:
+def joint(row: AccuracyRow) -> str:
     """A joint accuracy with its interval."""
     return told(row, "joint", 2).replace("0.", ".")
 
