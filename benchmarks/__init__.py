@@ -1,5 +1,5 @@
-"""Measurements and long checks, run from the root of the repository: `python -m benchmarks.speed.run --quick`.
+"""Timing, studies and long checks, run from the repository root, e.g. `python -m benchmarks.speed.run --quick`.
 
-`speed` times the program; `studies` measures its statistics where the truth is known; `checks` tries to break it.
-`page` and `study` are what several of them share. Nothing here is imported by the package.
+`speed` measures running times, `studies` the statistics behind the documentation, `checks` robustness and the tests.
+`page` and `study` hold shared helpers. The package imports nothing from here.
 """

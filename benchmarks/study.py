@@ -1,4 +1,4 @@
-"""What studies share: progress, processes, commands of this program, recorded data sets, measured numbers on disk."""
+"""Helpers of the studies: progress, processes, commands of this program, recorded data sets, JSON output."""
 
 import json
 import os
@@ -33,7 +33,7 @@ def until_interrupted[T](name: str, tasks: Sequence[Callable[[], T]]) -> Iterato
         for task in track(tasks, name, console=Console(file=sys.stderr)):
             yield task()
     except KeyboardInterrupt:
-        print("Interrupted; what follows is of the finished part.", file=sys.stderr)
+        print("Interrupted; the results cover the finished part only.", file=sys.stderr)
 
 
 def processes() -> ProcessPoolExecutor:

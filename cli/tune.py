@@ -26,13 +26,11 @@ from .shared.untrained import check_training_taps
 from .tune_online import LearningPlan, learned
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
+    from collections.abc import Callable
 
     from ..analysis.tuning.run import Price
     from ..inference.tuning.held_out import Parts
-    from ..models.grid import ClassGrid
     from ..models.setting_file import Setting
-    from ..models.taps import TapSet
 
 _TWO = 2  # files that `fit` takes
 
@@ -103,6 +101,7 @@ def tune(
     check_training_taps(training_taps, rig)
     with loading():
         from ..analysis.experiment.settings import ExperimentSettings
+        from ..analysis.tuning.report import tuning_taps
         from ..analysis.tuning.run import Price, check_objects, check_price
         from ..inference.moves.table import save_table
         from ..inference.moves.table_learning import learn_table
@@ -120,7 +119,7 @@ def tune(
     setting = Setting(model=model, fit=fit, where_cell=division.where_cell, what_cell=division.what_cell, play=play)
     given_thresholds = parse_thresholds(thresholds)
     chosen = None if given_thresholds is None else checked_thresholds(given_thresholds)
-    taps, grid, told = _training(data, division)
+    taps, grid, told = tuning_taps(data, division)
     check_objects(grid)
     check_price(price, len(set(taps.session.tolist())))
     study = ExperimentSettings(model=model, fit=fit.changed(seed=seed))
@@ -177,29 +176,6 @@ def _check_words(context: Context, online: int | None, rig: str | None, target_e
         raise InputError("--target-error asks for an error whatever it costs and does not go with --cost-error.")
 
 
-def _training(data: "Sequence[Path]", division: Division) -> "tuple[TapSet, ClassGrid, str]":
-    """The training taps, their classes, and which they are in words."""
-    from ..analysis.audit.parts import load_parts
-    from ..models.experiment import load_experiment
-    from ..models.measurement.histogram import trim
-    from ..models.taps import concatenate
-
-    if len(data) > _TWO:
-        division.refuse_split("of several all but the last train")
-        divided, grid = load_parts(data, division.changed(training_taps=True))
-        taps = concatenate([divided.train, *divided.tune])
-        told = f"{len(data) - 1} files train; {data[-1].name} is kept for tests."
-    else:
-        parts, grid = load_experiment(data, division)
-        if len(parts.folds) != 1:
-            raise InputError(f"--split {parts.method} has no one training part; choose another.")
-        taps, told = parts.folds[0].train, parts.description
-    grid, dropped = trim(grid, [taps])
-    if dropped:
-        told += f" Left out for want of a training tap: {', '.join(dropped)}."
-    return taps, grid, f"{told} Only training taps are used."
-
-
 def _offline(
     parts: "Parts",
     setting: "Setting",
@@ -214,13 +190,11 @@ def _offline(
     from rich.console import Console
 
     from ..analysis.page.terminal import show
-    from ..analysis.tuning.page import tuning_page
-    from ..analysis.tuning.run import tune as run
-    from ..analysis.tuning.run import tuning_trials
+    from ..analysis.tuning.report import TuningReport
+    from ..analysis.tuning.run import tune_parts, tuning_trials
 
     bar = progress("Playing trials", tuning_trials(parts, trials))
     options: dict[str, Any] = {"thresholds": thresholds, "passive": passive, "trials": trials, "seed": seed}
-    found = run(parts, setting, price, **options, progress=bar)
-    show(tuning_page(found), Console())
-    print(parts.sentence, *found.sentences, sep="\n")
-    return found.setting
+    report = TuningReport(tune_parts(parts, setting, price, **options, progress=bar), parts)
+    show(report.page, Console())
+    return report.setting

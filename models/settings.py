@@ -64,6 +64,9 @@ class Checked(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
 class FitSettings(Checked, frozen=True, kw_only=True):
     """How a measurement model is fitted.
 
+    >>> FitSettings(bins=50).changed(power="JK").bins
+    50
+
     Attributes:
         bins: Number of histogram bins; all models are judged by probabilities of these bins.
         pseudocount: Counts added to every bin of the histogram.
@@ -110,6 +113,9 @@ class FitSettings(Checked, frozen=True, kw_only=True):
 class PlaySettings(Checked, frozen=True, kw_only=True):
     """How episodes and trials are played; the defaults are the paper's as far as it states them.
 
+    >>> PlaySettings(theta_x=0.3).move_threshold, PlaySettings(passive=True).move_threshold
+    (0.3, 1.0)
+
     Attributes:
         threshold: Belief in an object needed to decide.
         border: Reading of Eq. 9 at the ends of the range: what becomes of belief shifted beyond them.
@@ -134,6 +140,9 @@ class PlaySettings(Checked, frozen=True, kw_only=True):
 
 class Division(Checked, frozen=True, kw_only=True):
     """How recorded taps are grouped into classes and divided into training and test taps.
+
+    >>> Division(where_cell="2mm", split="sessions", test="2").where_cell
+    '2mm'
 
     Attributes:
         where_cell: Width of the where cells with unit, such as `"3mm"`; `None` takes the positions of the file.

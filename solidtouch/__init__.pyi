@@ -10,6 +10,8 @@ from .analysis.strategies.report import StrategiesReport as StrategiesReport
 from .analysis.strategies.report import strategies as strategies
 from .analysis.trials.report import TrialsReport as TrialsReport
 from .analysis.trials.report import trials as trials
+from .analysis.tuning.report import TuningReport as TuningReport
+from .analysis.tuning.report import tune as tune
 from .hardware.replay import ReplayRig as ReplayRig
 from .hardware.sensor import TouchSensor as TouchSensor
 from .hardware.simulator.presets import PRESETS as PRESETS

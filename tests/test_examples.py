@@ -24,6 +24,8 @@ SHOWN_BY_OTHERS = {
     *("InputError", "NotConvergedError", "ZeroEvidenceError"),
     *("Episode", "Step"),  # results of `perceive` and `steps`
     "PRESETS",
+    *("audit", "compare", "reproduce", "sensitivity", "strategies"),  # studies, which take minutes: see api.md
+    *(name for name in solidtouch.__all__ if name.endswith("Report")),  # their results
 }
 PAGES = sorted(
     path.relative_to(ROOT).as_posix()
@@ -85,5 +87,6 @@ def test_the_file_of_a_model_is_compared_by_arviz(tmp_path):
 
 
 @pytest.mark.slow
-def test_the_page_about_calibration_runs(tmp_path):
-    run("\n".join(blocks("docs/explanation/calibration.md")), tmp_path)
+@pytest.mark.parametrize("page", ["docs/explanation/calibration.md", "docs/reference/api.md"])
+def test_a_page_runs_from_its_first_block_to_its_last(page, tmp_path):
+    run("\n".join(blocks(page)), tmp_path)

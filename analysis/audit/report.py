@@ -12,11 +12,11 @@ from ...models.measurement.histogram import trim
 from ...models.measurement.model import TapModel
 from ...models.setting_file import Setting
 from ...models.settings import Division, FitSettings, PlaySettings
+from ..experiment.parts import AuditParts, load_parts
 from ..page.page import Page
 from ..page.report import StudyReport
 from ..page.stages import Progress, no_progress
 from .page import audit_page
-from .parts import AuditParts, load_parts
 from .record import AuditedData, AuditSummary
 from .remedies import BASELINE, Remedy
 from .run import Audit, AuditSettings, audit_taps

@@ -16,6 +16,7 @@ from ...models.measurement.model import TapModel
 from ...models.setting_file import Setting
 from ...models.taps import TapSet, concatenate
 from ...models.threads import one_blas_thread
+from ..experiment.parts import AuditParts
 from ..page.stages import Progress, StageClock
 from ..stats.evidence import evidence
 from ..stats.reliability import THETAS
@@ -30,7 +31,6 @@ from .dependence.times import time_dependence
 from .detectable import Detectable, enough
 from .guarantees import PromiseTest, exceeded, guarantees
 from .leakage.run import Leakage, leakage
-from .parts import AuditParts
 from .remedies import RefusedRemedy, Remedy, beside_right, count_remedies, make_remedies
 from .remedy_scores import Measured, count_measurements, measure
 from .variance.causes import SEQUENCE, split_variance

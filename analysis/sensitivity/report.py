@@ -75,5 +75,5 @@ def sensitivity(
     sources += [recorded_source(taps, division) for taps in data]
     settings = SensitivitySettings(trials=trials, seed=seed, strongest=strongest, workers=workers)
     found = tuple(sensitivity_study(source, settings, progress) for source in sources)
-    described: TitleRecord = {"title": "What the open choices of the paper are worth", "command": command}
+    described = TitleRecord(title="What the open choices of the paper are worth", command=command)
     return SensitivityReport(found, summarise(found, settings, described))

@@ -82,5 +82,5 @@ def strategies(
     found = tuple(strategy_study(bench, settings, progress) for bench in benches)
     regrets = RegretSettings(regret, seed, workers)
     lost = summarise_regret(regret_study(regrets, progress), regrets) if regret else None
-    described: TitleRecord = {"title": "How to move and when to stop", "command": command}
+    described = TitleRecord(title="How to move and when to stop", command=command)
     return StrategiesReport(found, summarise(found, settings, described, lost))

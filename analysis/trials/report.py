@@ -97,6 +97,12 @@ def trials(
 ) -> TrialsReport:
     """Plays trials on recorded taps and counts errors and reaction times; memory does not grow with their number.
 
+    >>> import solidtouch as st
+    >>> train, test = st.simulate("paper", sessions=2, seed=4)
+    >>> report = st.trials(st.fit(train), test, 1000, thresholds=[0.5, 0.95])
+    >>> report.results["taps"].round(1).values.tolist()
+    [2.4, 14.7]
+
     Args:
         model: A fitted model or its file.
         taps: Test taps or their file; those that trained the model are left out.

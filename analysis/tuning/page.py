@@ -3,15 +3,10 @@
 import numpy as np
 
 from ...inference.tuning.held_out import Estimate
-from ..page.page import Brief, Page, Table
+from ..page.page import Table
 from .run import Tuning, shown_threshold, unit_of
 
 _ROWS = 16  # thresholds that are shown
-
-
-def tuning_page(found: Tuning) -> Page:
-    """Both tables."""
-    return Page("Tuning", [Brief(position_table(found)), Brief(threshold_table(found))], [])
 
 
 def position_table(found: Tuning) -> Table:

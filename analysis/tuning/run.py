@@ -91,7 +91,7 @@ def check_price(price: Price, sessions: int) -> None:
         raise InputError(f"A threshold for a wanted error needs at least {FEWEST} training sessions, got {sessions}.")
 
 
-def tune(
+def tune_parts(
     parts: Parts,
     setting: Setting,
     price: Price,
@@ -143,7 +143,7 @@ def tune(
 
 
 def tuning_trials(parts: Parts, trials: int) -> int:
-    """At most how many trials `tune` plays."""
+    """At most how many trials `tune_parts` plays."""
     times = 1 if parts.by_session else 1 + RESAMPLES
     return times * len(parts.parts) * (parts.grid.L + 1) * trials
 

@@ -1,4 +1,4 @@
-"""Checks that take too long for the tests: random inputs, faults, kills, planted errors, outputs before and after.
+"""Checks that take too long for the test suite: fuzzing, fault injection, kills, mutation testing, output comparison.
 
-Each of `fuzz`, `faults`, `kills`, `mutants` and `freeze` is a command of its own.
+Each of `fuzz`, `faults`, `kills`, `mutants` and `freeze` is a command.
 """

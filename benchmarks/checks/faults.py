@@ -1,11 +1,11 @@
-"""Taps an emulated rig while random faults strike, and counts what came of them; `make faults`.
+"""Taps an emulated rig under random faults and reports the outcome; `make faults`.
 
-Before about every other tap one fault of a list is switched on, at random, with random numbers. Whatever the drivers
-report ends as it would at a bench: the run notes it, an operator takes the fault away, opens the rig anew and homes it.
-Every tap that the rig accepts is compared with what the finger truly felt, reading by reading.
+Before about every other tap a random fault with random parameters is switched on. Errors that the drivers report are
+handled as at a real bench: the run records them, the fault is removed, and the rig is reopened and homed. Every
+accepted tap is compared with the true readings of the emulated finger.
 
-It must show: every call ends within its deadline, no accepted tap is wrong, no move leaves the limits, and every fault
-is either without effect on the taps or reported.
+The run fails unless every call ends within its deadline, no accepted tap is wrong, no move leaves the limits, and every
+fault either leaves the taps unchanged or is reported.
 """
 
 import argparse
@@ -295,7 +295,7 @@ def show(outcomes: dict[int, Outcome], console: Console) -> None:
         values = [getattr(outcome, name) for outcome in outcomes.values()]
         table.add_row(words, *(f"{value:.1f}" if isinstance(value, float) else str(value) for value in values))
     console.print(table)
-    faults = Table(title="Times that a fault struck", title_justify="left")
+    faults = Table(title="Effects of each fault", title_justify="left")
     for name in ("fault", "reported", "not reported", "tap altered within the noise"):
         faults.add_column(name, justify="left" if name == "fault" else "right")
     reported, silent, altered, errors = (
@@ -310,23 +310,23 @@ def show(outcomes: dict[int, Outcome], console: Console) -> None:
 
 _ROWS = {
     "accepted": "taps accepted",
-    "rejected": "taps rejected and made again",
+    "rejected": "taps rejected and repeated",
     "wrong": "accepted taps with a wrong reading",
-    "misplaced": "accepted taps at a wrong place",
+    "misplaced": "accepted taps at a wrong position",
     "outside": "readings outside the limits",
     "lost": "readings lost",
-    "uncounted": "readings lost and not reported",
-    "longest_s": "longest go and tap, s of rig time",
-    "rig_s": "rig time, s",
-    "host_s": "host time, s",
+    "uncounted": "lost readings not reported",
+    "longest_s": "longest move and tap (rig time, s)",
+    "rig_s": "rig time (s)",
+    "host_s": "host time (s)",
 }
 
 
 def main() -> None:
     """Runs some seeds and prints what came of them; exit code 1 if something is that must not be."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--taps", type=int, default=200, help="accepted taps of each seed")
-    parser.add_argument("--seeds", type=int, default=3)
+    parser.add_argument("--taps", type=int, default=200, help="accepted taps per seed")
+    parser.add_argument("--seeds", type=int, default=3, help="number of seeds")
     arguments = parser.parse_args()
     outcomes = {}
     for seed in range(arguments.seeds):

@@ -164,9 +164,9 @@ def _of_values(one: Any, other: Any, place: str = "") -> Iterator[str]:
         if not math.isclose(one, other, rel_tol=_TOLERANCE, abs_tol=_TOLERANCE) and not (
             math.isnan(one) and math.isnan(other)
         ):
-            yield f"{place}: {one} was, {other} is"
+            yield f"{place}: {one} before, {other} after"
     elif one != other:
-        yield f"{place}: {one!r} was, {other!r} is"
+        yield f"{place}: {one!r} before, {other!r} after"
 
 
 def _of_trees(one: Path, other: Path) -> Iterator[str]:
@@ -192,7 +192,7 @@ def _of_datasets(one: xr.Dataset, other: xr.Dataset, place: str) -> Iterator[str
         if _VARIES.search(name):
             continue
         if a.shape != b.shape or a.dtype.kind != b.dtype.kind:
-            yield f"{place}/{name}: shape {a.shape} of {a.dtype} was, {b.shape} of {b.dtype} is"
+            yield f"{place}/{name}: shape {a.shape} of {a.dtype} before, {b.shape} of {b.dtype} after"
         elif a.dtype.kind in "fc":
             if not np.allclose(a, b, _TOLERANCE, _TOLERANCE, equal_nan=True):
                 yield f"{place}/{name}: differs by up to {np.nanmax(np.abs(a - b)):.2g}"
@@ -207,24 +207,24 @@ def _plain(attributes: Mapping[Any, Any]) -> dict[str, Any]:
 def _of_pictures(one: Path, other: Path) -> Iterator[str]:
     a, b = imread(one), imread(other)
     if a.shape != b.shape:
-        yield f": {a.shape} was, {b.shape} is"
+        yield f": {a.shape} before, {b.shape} after"
     elif (different := (np.abs(a - b).max(axis=-1) > 0).mean()) > 0:
-        yield f": {100 * different:.2g} % of the picture"
+        yield f": {100 * different:.2g} % of the pixels differ"
 
 
 def _of_texts(one: Path, other: Path) -> Iterator[str]:
     a, b = (_TIMES.sub("TIME", path.read_text(encoding="utf-8")).splitlines() for path in (one, other))
     if a != b:
         line = next((i for i, pair in enumerate(zip(a, b, strict=False)) if pair[0] != pair[1]), min(len(a), len(b)))
-        yield f", line {line + 1}: {a[line : line + 1]} was, {b[line : line + 1]} is"
+        yield f", line {line + 1}: {a[line : line + 1]} before, {b[line : line + 1]} after"
 
 
 if __name__ == "__main__":
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("folder", type=Path)
-    parser.add_argument("--against", type=Path)
-    parser.add_argument("--only", help="commands whose names match")
-    parser.add_argument("--ran", action="store_true", help="compare what the folder holds already")
+    parser.add_argument("folder", type=Path, help="output folder")
+    parser.add_argument("--against", type=Path, help="output folder of another version to compare with")
+    parser.add_argument("--only", help="run only commands whose names match this pattern")
+    parser.add_argument("--ran", action="store_true", help="compare existing output without running commands")
     options = parser.parse_args()
     if not options.ran:
         run(options.folder, options.only)

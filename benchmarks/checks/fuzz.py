@@ -1,7 +1,7 @@
-"""Feeds the protocol decoders a million random and mutated inputs; `make fuzz`.
+"""Feeds a million random and mutated inputs to the protocol decoders; `make fuzz`.
 
-Nothing may raise, and what a decoder keeps may not grow. Mutations start from real lines, so that damage reaches the
-code behind the first check.
+No input may raise an exception or make a decoder's buffer grow beyond its limit. Mutations start from valid lines, so
+damaged input gets past the first checks.
 """
 
 import argparse
@@ -92,8 +92,8 @@ def _mutated(target: Target, generator: random.Random) -> bytes:
 def main() -> None:
     """Fuzzes every decoder."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--inputs", type=int, default=1_000_000, help="inputs altogether")
-    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--inputs", type=int, default=1_000_000, help="total number of inputs")
+    parser.add_argument("--seed", type=int, default=0, help="random seed")
     arguments = parser.parse_args()
     generator = random.Random(arguments.seed)  # noqa: S311 - no secret
     share = -(-arguments.inputs // len(TARGETS))

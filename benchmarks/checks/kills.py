@@ -1,9 +1,9 @@
-"""Kills a data collection at random moments and counts what was lost; `make kills`.
+"""Kills data collections at random moments and counts lost taps; `make kills`.
 
-`solidtouch collect` runs again and again on an emulated bench, is killed or told to stop, and goes on with `--resume`,
-until all taps of the plan are there; then with a new file. A witness beside the emulated finger counts how often it
-truly pressed, so the recording is not its own judge: the recording must tell of every press but the one in progress.
-Taps once recorded must stay to the last bit, and whoever is told to stop must take the finger off and end the file.
+`solidtouch collect` runs on an emulated bench, is killed or stopped, and is restarted with `--resume` until the plan is
+complete; then a new file is begun. A counter at the emulated finger records every press independently of the recording,
+which must contain every press except the one in progress. Recorded taps must not change, and a stopped (not killed)
+process must retract the finger and close the file.
 """
 
 import argparse
@@ -337,7 +337,7 @@ def run(kills: int, stops: int, spacing_mm: float, seed: int, folder: Path) -> O
 
 def show(outcome: Outcome, console: Console) -> None:
     """Prints what must hold, when the program was stopped, and what is wrong."""
-    table = Table(title="Stops while the program was", title_justify="left")
+    table = Table(title="Signals by what the program was doing", title_justify="left")
     table.add_column("signal")
     for moment in MOMENTS:
         table.add_column(moment, justify="right")
@@ -346,12 +346,12 @@ def show(outcome: Outcome, console: Console) -> None:
     console.print(table)
     rows = {
         "kills and stops": outcome.stops.total(),
-        "runs that came to the end": outcome.completed,
+        "completed runs": outcome.completed,
         "files killed before their first message": outcome.unbegun,
         "presses of the finger": outcome.presses,
-        "taps in progress lost": outcome.in_progress,
-        "taps lost otherwise": outcome.lost,
-        "host time, s": round(outcome.host_s, 1),
+        "taps lost in progress": outcome.in_progress,
+        "other taps lost": outcome.lost,
+        "host time (s)": round(outcome.host_s, 1),
     }
     for words, value in rows.items():
         console.print(f"{words}: {value}", highlight=False)
@@ -362,10 +362,10 @@ def show(outcome: Outcome, console: Console) -> None:
 def main() -> None:
     """Kills, and prints what came of it; exit code 1 if something is that must not be."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--kills", type=int, default=40)
-    parser.add_argument("--stops", type=int, default=10, help="SIGINT and SIGTERM so often each")
-    parser.add_argument("--spacing", type=float, default=1.0, metavar="MM", help="between the places of the plan")
-    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--kills", type=int, default=40, help="number of SIGKILLs")
+    parser.add_argument("--stops", type=int, default=10, help="number of SIGINTs and of SIGTERMs")
+    parser.add_argument("--spacing", type=float, default=1.0, metavar="MM", help="spacing of the plan's positions")
+    parser.add_argument("--seed", type=int, default=0, help="random seed")
     arguments = parser.parse_args()
     with tempfile.TemporaryDirectory() as folder:
         outcome = run(arguments.kills, arguments.stops, arguments.spacing, arguments.seed, Path(folder))

@@ -1,13 +1,12 @@
-"""Plants small errors in models, inference, hardware and analysis and counts those that a test notices; `make mutants`.
+"""Plants small errors in models, hardware, inference and analysis and counts those that tests notice; `make mutants`.
 
-Each error (see `mutation`) stands alone in a copy of the packages. The tests of its module run first, those in
-`test_<module>.py` and in files that import the module; if all pass, tests of the modules that use it follow. A failure
-counts only if the same test passes without the error. Slow tests are left out, as in `make test`.
+Each error (see `mutation`) is planted alone in a copy of the packages. Tests of its module run first: those in
+`test_<module>.py` and in files that import the module. If all pass, tests of code that uses the module follow. A
+failure counts only if the same test passes without the error. Slow tests are left out, as in `make test`.
 
-Errors come in an order that a hash of their text decides, the kinds in turn, so an edit elsewhere does not change what
-is sampled. Results are kept in a file with a line per error: a run that was stopped continues, and one with a larger
-`--number` adds to it. Survivors that no fast test can notice, most of which change nothing, are listed with the reason
-in `explained.toml`.
+A hash of the error's text decides the order, and kinds alternate, so an edit elsewhere does not change the sample.
+Results are kept in a file with one line per error: a run resumes after an interruption, and a larger `--number` adds to
+it. Errors that no fast test can notice, most of which change nothing, are listed with the reason in `explained.toml`.
 """
 
 import argparse
@@ -321,13 +320,13 @@ def _write(file: Path, text: str) -> None:
 def main() -> None:
     """Runs the command line."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--number", type=int, default=200, help="Errors to plant.")
-    parser.add_argument("--only", default="", help="Only in modules whose path holds this text.")
-    parser.add_argument("--workers", type=int, default=2, help="Processes.")
-    parser.add_argument("--limit", type=float, default=90.0, help="Most seconds for one test.")
-    parser.add_argument("--results", type=Path, default=ROOT / "build" / "mutants.jsonl", help="File of results.")
-    parser.add_argument("--retry", action="store_true", help="Judge survivors again, for instance after new tests.")
-    parser.add_argument("--document", type=Path, help="Page whose block `mutants` is replaced.")
+    parser.add_argument("--number", type=int, default=200, help="errors to plant")
+    parser.add_argument("--only", default="", help="only in modules whose path contains this text")
+    parser.add_argument("--workers", type=int, default=2, help="processes")
+    parser.add_argument("--limit", type=float, default=90.0, help="time limit of one test, s")
+    parser.add_argument("--results", type=Path, default=ROOT / "build" / "mutants.jsonl", help="file of results")
+    parser.add_argument("--retry", action="store_true", help="judge survivors again, e.g. after adding tests")
+    parser.add_argument("--document", type=Path, help="page to update")
     options = parser.parse_args()
     signal.signal(signal.SIGTERM, signal.default_int_handler)
     check_block(options.document, "mutants")

@@ -1,4 +1,4 @@
-"""Plugin of pytest for `mutants`: the same examples every time, and none made smaller after a failure."""
+"""Pytest plugin of `mutants`: the same hypothesis examples every time, and no shrinking after a failure."""
 
 from hypothesis import Phase, settings
 

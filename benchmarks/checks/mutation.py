@@ -1,7 +1,7 @@
 """Small errors that can be planted in a Python file: one changed operator, constant, argument or statement each.
 
-Never changed are docstrings, type annotations, decorators, imports, text (messages and labels), `raise` statements and
-constants that stand alone in capitals at the top of a file, which are choices rather than formulas.
+Docstrings, type annotations, decorators, imports, strings (messages and labels), `raise` statements and named constants
+at the top of a file, which are choices rather than formulas, are never changed.
 """
 
 import ast

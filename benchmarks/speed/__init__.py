@@ -1,5 +1,5 @@
-"""Times beside baselines, other packages and limits of the machine.
+"""Running times next to baselines, other packages and hardware limits.
 
-Start with `run`, which measures all works and writes docs/reference/performance.md. A work is a module with a
-function `rows`; `report` and `figures` show the rows. `sweep` and `sweep_start` are run by themselves.
+Start with `run`, which measures every work and writes docs/reference/performance.md. A work is a module with a function
+`rows`; `report` and `figures` present the rows. `sweep` and `sweep_start` are separate commands.
 """

@@ -1,4 +1,4 @@
-"""The picture of the costs: against the number of classes, and against the trials of a call."""
+"""Figure of the running times against the number of classes and the number of trials in a call."""
 
 from collections.abc import Sequence
 from pathlib import Path

@@ -1,6 +1,6 @@
-"""What one decision costs that compares moves by the information expected of the tap after each of them.
+"""Time of one decision that compares moves by the expected information of the next tap.
 
-Every where class is a candidate, and each of the beliefs, which come from the middle of episodes, has moves of its own.
+Every position is a candidate. The beliefs are taken from the middle of episodes, and each has its own moves.
 """
 
 from collections.abc import Callable

@@ -1,6 +1,6 @@
-"""The log-likelihood table of many taps: from their samples, and from counts made beforehand.
+"""Time of the log-likelihood table of many taps, from their samples and from precomputed counts.
 
-Every way gives the same table to 1e-10, those in single precision to what that leaves.
+All methods agree to 1e-10, those in single precision to its rounding error.
 """
 
 from collections.abc import Callable

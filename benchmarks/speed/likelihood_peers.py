@@ -1,8 +1,8 @@
-"""scikit-learn's naive Bayes classifiers, and C, on the job of the likelihood table, with this project's smoothing.
+"""Time of the log-likelihood table in scikit-learn's naive Bayes classifiers and in C, with the smoothing used here.
 
-On counts MultinomialNB is the paper's classifier but for the exponent. CategoricalNB has a table for every column, so
-it is given the fitted one of a taxel for all samples of the taxel. Both are compared with our log-likelihoods after
-the exponent, up to what is common to all classes of a tap.
+On counts, MultinomialNB is the paper's classifier without the exponent. CategoricalNB has a table for every column, so
+all samples of a taxel get the fitted table of that taxel. Both are compared with the log-likelihoods computed here,
+after the exponent and up to a constant per tap.
 """
 
 import ctypes
@@ -36,7 +36,7 @@ def rows(quick: bool = False) -> list[Row]:
     )
     expected = model.log_likelihood(taps)
     ways: dict[str, tuple[Callable[[], object], str]] = {
-        "solidtouch": (lambda: model.log_likelihood(taps), "bins and counts within the time"),
+        "solidtouch": (lambda: model.log_likelihood(taps), "includes binning and counting"),
     }
     if find_spec("sklearn") is None:
         absent = [
@@ -45,8 +45,8 @@ def rows(quick: bool = False) -> list[Row]:
     else:
         absent = []
         for name, score, note in (
-            ("scikit-learn MultinomialNB", multinomial(model, taps), "counts made beforehand"),
-            ("scikit-learn CategoricalNB", categorical(model, taps), "bins made beforehand"),
+            ("scikit-learn MultinomialNB", multinomial(model, taps), "counts precomputed"),
+            ("scikit-learn CategoricalNB", categorical(model, taps), "bins precomputed"),
         ):
             difference = _difference(score() / J, expected.reshape(N, -1))
             ways[name] = score, f"{note}; within {difference:.0e} of ours"
@@ -55,7 +55,7 @@ def rows(quick: bool = False) -> list[Row]:
         absent.append(Row(work, SUMMED, [], UNIT, NO_COMPILER))
     else:
         difference = _difference(sums(), expected.reshape(N, -1))
-        ways[SUMMED] = sums, f"single precision, bins made beforehand; within {difference:.0e} of ours"
+        ways[SUMMED] = sums, f"single precision, bins precomputed; within {difference:.0e} of ours"
     seconds = interleaved({name: run for name, (run, _) in ways.items()}, 2 if quick else 7)
     return [Row(work, name, seconds[name], UNIT, note) for name, (_, note) in ways.items()] + absent
 

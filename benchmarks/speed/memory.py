@@ -1,4 +1,4 @@
-"""Peak memory of a process that plays very many trials: `python -m benchmarks.speed.memory TRIALS` prints it in MiB."""
+"""Peak memory of a process that plays many trials: `python -m benchmarks.speed.memory TRIALS` prints it in MiB."""
 
 import re
 import resource

@@ -1,4 +1,4 @@
-"""Tables of what was measured, in Markdown."""
+"""Markdown tables of the measurements."""
 
 from collections.abc import Iterable, Sequence
 
@@ -39,7 +39,7 @@ def work_table(rows: Sequence[Row]) -> str:
     head = [
         "method",
         f"time per {rows[0].unit}",
-        "times as fast as the first",
+        "speed-up",
         *(["times the limit"] if limit else []),
         "note",
     ]
@@ -74,7 +74,7 @@ def exponents(curves: Sequence[Curve]) -> str:
         times = f"{duration(medians[0])} to {duration(medians[-1])}"
         slopes = ["–" if np.isnan(slope) else f"{slope:.2f} ± {error:.2f}" for slope, error in fits]
         lines.append([curve.axis, curve.method, sizes, f"{times} per {curve.unit}", *slopes])
-    return table(["size", "method", "from, to", "time", "exponent", "of the three largest"], lines)
+    return table(["size", "method", "range", "time", "exponent", "exponent, three largest"], lines)
 
 
 def memory_table(peaks: dict[int, float]) -> str:

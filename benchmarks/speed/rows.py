@@ -1,4 +1,4 @@
-"""What the benchmarks report: rows of times from interleaved rounds, and the machine they were taken on."""
+"""Measurements: rows of times from interleaved rounds, and the machine they were taken on."""
 
 import os
 import platform

@@ -1,8 +1,8 @@
-"""Every benchmark of this project beside its baselines, peers and limits, in one run; `make bench`.
+"""Runs all benchmarks next to their baselines, peers and limits; `make bench`.
 
-Prints tables, and writes them, the times of every round and a picture into a folder. Ratios are taken within a round,
-in which all ways of doing the same run one after another; they count, absolute times belong to the machine. Everything
-runs on one core unless its row says otherwise.
+Prints tables and writes them, the times of every round and a figure into a folder. Within a round all methods of a work
+run one after another and ratios are taken; only these ratios are comparable between machines. Everything runs on one
+core unless its row says otherwise.
 """
 
 import argparse
@@ -25,10 +25,10 @@ ONE_THREAD = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUM
 def main() -> None:
     """Runs the benchmarks as the command line says."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--quick", action="store_true", help="tiny sizes: whether everything runs, not how fast")
-    parser.add_argument("--out", type=Path, default=Path("runs/benchmarks"), help="folder for what is measured")
-    parser.add_argument("--document", type=Path, help="a page whose tables and picture are replaced")
-    parser.add_argument("--only", choices=WORKS, help="one work, into the place of its name in the page")
+    parser.add_argument("--quick", action="store_true", help="tiny sizes, to test that everything runs")
+    parser.add_argument("--out", type=Path, default=Path("runs/benchmarks"), help="output folder")
+    parser.add_argument("--document", type=Path, help="page to update")
+    parser.add_argument("--only", choices=WORKS, help="run one work and update its block of the page")
     options = parser.parse_args()
     os.environ.update(dict.fromkeys(ONE_THREAD, "1"))  # read when NumPy and its libraries are loaded, below
     from benchmarks.speed.rows import on_cores  # noqa: PLC0415

@@ -1,6 +1,6 @@
-"""How the cost grows: times over one size after another, and the exponents of the power laws through them.
+"""Running time against problem size, and the exponents of fitted power laws.
 
-Trials run a fixed number of taps over tables of random likelihoods, so that the work does not depend on decisions.
+Trials have a fixed number of taps and random likelihood tables, so the work does not depend on decisions.
 """
 
 import time

@@ -1,4 +1,4 @@
-"""How long commands take that do little, beside the imports that they cannot do without."""
+"""Start-up time of commands that do little, next to the imports they cannot avoid."""
 
 import subprocess
 import sys

@@ -1,7 +1,7 @@
-"""What a sweep costs beside its cells: overhead per cell, writing, listing, and efficiency at two workers.
+"""Overhead of a sweep: time per cell, writing, listing, and efficiency with two workers.
 
-Times are those between the first and the last finished cell, so that starting processes does not count. The overhead
-of a cell is the time of all workers that no cell takes for itself.
+Times run from the first to the last finished cell, so starting processes does not count. The overhead of a cell is the
+worker time not spent in cells, per cell.
 """
 
 import argparse
@@ -126,7 +126,7 @@ def batches_of_one() -> Iterator[None]:
 def store_costs(cells: int) -> dict[str, float]:
     """Time to write a cell and to list it at resume, and what it takes on disk."""
     axes = (("paper",), ("histogram",), (100,), ("global",), (0.01,), ("J",), ("uniform",), ("active",), (7,))
-    grid = CellGrid((*axes, tuple(range(cells))))
+    grid = CellGrid((*axes, tuple(range(cells)), (0,)))
     values = {name: np.random.default_rng(0).random(len(THRESHOLDS)) for name in QUANTITIES}
     with tempfile.TemporaryDirectory() as folder:
         store = create_store(Path(folder) / "s.zarr", grid, THRESHOLDS, {"paper": ("mm", "mm")}, {})
@@ -156,10 +156,10 @@ def store_costs(cells: int) -> dict[str, float]:
 def main() -> None:
     """Prints the table."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--cells", type=int, default=12000, help="small cells for the overhead")
-    parser.add_argument("--stored", type=int, default=20000, help="cells for the store")
-    parser.add_argument("--long", type=int, default=24, help="cells of a second for the efficiency")
-    parser.add_argument("--seconds", type=float, default=2.0, help="length of those")
+    parser.add_argument("--cells", type=int, default=12000, help="short cells, for the overhead")
+    parser.add_argument("--stored", type=int, default=20000, help="cells, for the store")
+    parser.add_argument("--long", type=int, default=24, help="long cells, for the efficiency")
+    parser.add_argument("--seconds", type=float, default=2.0, help="duration of a long cell")
     options = parser.parse_args()
     table = Table("what", "figure")
     for name, figure in store_costs(options.stored).items():

@@ -1,7 +1,8 @@
-"""How long a sweep on this machine takes to begin and to stop, and what is said of a worker that is killed.
+"""Time a local sweep takes to start and to stop, and what is reported when a worker is killed.
 
-Compares the processes and pipes of `analysis/sweep/local.py` with a `LocalCluster` of Dask under the runner of
-`analysis/sweep/dask.py`, each in a fresh process. The first cell begins when its outcome comes, less the time it took.
+Compares the processes and pipes of `analysis/sweep/local.py` with a Dask `LocalCluster` under the runner of
+`analysis/sweep/dask.py`, each in a fresh process. The start of the first cell is the arrival of its outcome minus its
+running time.
 """
 
 import argparse
@@ -127,8 +128,8 @@ def stop(kind: str, number: signal.Signals) -> None:
 def main() -> None:
     """Prints medians and ranges of fresh processes."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--blame", action="store_true", help="whom the scheduler blames instead of times")
-    parser.add_argument("--stop", action="store_true", help="how Ctrl-C and SIGTERM end it instead of times")
+    parser.add_argument("--blame", action="store_true", help="show which tasks the scheduler gives up instead of times")
+    parser.add_argument("--stop", action="store_true", help="show how Ctrl-C and SIGTERM end it instead of times")
     parser.add_argument("--command", nargs=2, metavar=("KIND", "STUDY"), help=argparse.SUPPRESS)
     parser.add_argument("--once", nargs=2, metavar=("KIND", "WORKERS"), help=argparse.SUPPRESS)
     chosen = parser.parse_args()

@@ -1,4 +1,4 @@
-"""Studies on data whose truth is known, and what commands find on recordings: the numbers of the documentation.
+"""Studies on data of known truth, and results of commands on recordings: the numbers in the documentation.
 
-Each module is a command; with `--document` it rewrites its tables and figures in a page.
+Each module is a command; `--document` updates its tables and figures in a page.
 """

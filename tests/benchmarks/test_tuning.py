@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from solidtouch.analysis.tuning.run import Price, check_price, tune, tuning_trials
+from solidtouch.analysis.tuning.run import Price, check_price, tune_parts, tuning_trials
 from solidtouch.hardware.simulator.model_rig import draw_session
 from solidtouch.inference.trials.plan import tap_table
 from solidtouch.inference.tuning.costs import trial_costs
@@ -64,7 +64,7 @@ def test_regret_adds_up_what_chosen_arms_cost_more(drawn):
 def test_both_choices_end_in_a_setting_and_in_words(parts):
     """The threshold is chosen for the chosen point, and progress counts all trials."""
     played = []
-    found = tune(parts, Setting.of(passive=True), Price(30.0), trials=100, progress=played.append)
+    found = tune_parts(parts, Setting.of(passive=True), Price(30.0), trials=100, progress=played.append)
     assert sum(played) == tuning_trials(parts, 100) == 3 * 5 * 100
     assert found.setting.play.fixation == found.fixation.chosen
     assert found.setting.play.threshold == found.threshold.value
@@ -87,7 +87,7 @@ def test_figures_show_every_curve(parts):
     both = figures.regret_figure(curves).axes
     assert [len(axes.lines) for axes in both] == [2, 2]
     assert [text.get_text() for text in both[0].get_legend().get_texts()] == ["arms apart", "random pair"]
-    found = tune(parts, Setting(), Price(), trials=100)
+    found = tune_parts(parts, Setting(), Price(), trials=100)
     places, thresholds = figures.tuning_figure(found).axes
     assert places.lines[0].get_xdata().tolist() == parts.grid.where_value.tolist()
     assert thresholds.lines[0].get_ydata().tolist() == found.threshold.cost.mean.tolist()

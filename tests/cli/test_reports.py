@@ -99,3 +99,19 @@ def test_trials_are_labelled(taps):
     )
     assert heard[-1].tally.trials == found.tally.trials == 300
     assert "300 of 300 trials, active" in repr(found)
+
+
+def test_tuning_chooses_what_the_command_does(taps, command, tmp_path):
+    for name, part in zip(("train", "test"), taps, strict=True):
+        part.save(tmp_path / f"{name}.nc")
+    done = command(
+        *("tune", tmp_path / "train.nc", tmp_path / "test.nc", "--trials", 100, "--thresholds", "0.5,0.9", "--seed", 2),
+        *("--out", tmp_path / "command.json"),
+    )
+    report = st.tune(*taps, trials=100, thresholds=[0.9, 0.5], seed=2)
+    report.save(tmp_path / "function.json")
+
+    assert done.code == 0
+    assert (tmp_path / "function.json").read_text() == (tmp_path / "command.json").read_text()
+    assert report.setting.play.fixation == report.found.fixation.chosen
+    assert all(sentence[:40] in " ".join(repr(report).split()) for sentence in report.found.sentences)

@@ -1,4 +1,4 @@
-"""Trials played in several ways, from a NumPy loop to C, and how long each takes.
+"""Trials played by several methods, from a NumPy loop to C, and their running times.
 
-Start with `job`, which every way is given; `agreement` compares their decisions with the reference equations.
+Start with `job`, the input of every method; `agreement` compares decisions with the reference equations.
 """

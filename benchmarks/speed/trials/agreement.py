@@ -1,4 +1,4 @@
-"""Whether other ways come to the decisions of the reference equations."""
+"""Compares the decisions of other methods with those of the reference equations."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -45,7 +45,7 @@ def by_reference(job: Job) -> tuple[Decisions, NDArray[np.bool_]]:
 
 
 def differing(found: Decisions, expected: Decisions) -> NDArray[np.bool_]:
-    """Which of the trials in `expected` were decided otherwise, at any threshold, shape (n,)."""
+    """Which of the trials in `expected` were decided differently, at any threshold, shape (n,)."""
     n = len(expected.taps)
     return np.any([(one[:n] != other).any(axis=1) for one, other in zip(found, expected, strict=True)], axis=0)
 

@@ -1,6 +1,6 @@
-"""Stopping trials at one threshold: how long a useful tap takes, and whether all ways decide alike.
+"""Trials that stop at one threshold: time per useful tap, and whether all methods decide alike.
 
-A useful tap is one that comes before the slowest threshold is crossed; time is divided by those alone.
+A useful tap comes before the last threshold is crossed; times are divided by the number of useful taps.
 """
 
 from collections.abc import Callable
@@ -54,7 +54,7 @@ def _one_core(job: Job, policy: str, quick: bool) -> list[Row]:
         Way("NumPy loop over trials and taps", lambda: loop(job.first(few)), few),
         Way("NumPy loop, tuned", lambda: tuned_loop(job.first(few)), few),
         Way("NumPy, batches of 1600 trials", lambda: vectorised(job), many, "single precision"),
-        Way("solidtouch", lambda: ours(job), many, "makes its draws within the time"),
+        Way("solidtouch", lambda: ours(job), many, "includes drawing the taps"),
         Way("solidtouch, arrays by XLA", lambda: ours(job, device="xla-cpu"), many, "the code that a GPU runs"),
     ]
     absent = []
@@ -62,7 +62,7 @@ def _one_core(job: Job, policy: str, quick: bool) -> list[Row]:
         if yardstick is None:
             absent.append(method)
         else:
-            ways.append(Way(method, yardstick.play, many, "single precision, draws made beforehand"))
+            ways.append(Way(method, yardstick.play, many, "single precision, draws precomputed"))
     work = f"trials to {THRESHOLD}, {policy}"
     expected, near = by_reference(job)
     played = {way.method: way.play() for way in ways}  # compiles
@@ -112,4 +112,4 @@ def _speed(seconds: list[float], job: Job, played: Decisions) -> str:
 def _agreement(found: Decisions, expected: Decisions, near: NDArray[np.bool_]) -> str:
     n = len(found.taps)
     other = differing(found, Decisions(*(values[:n] for values in expected)))
-    return f"{other.sum()} of {n} trials decided otherwise, {(other & near[:n]).sum()} of them near ties"
+    return f"{other.sum()} of {n} trials decided differently, {(other & near[:n]).sum()} of them near ties"

@@ -1,4 +1,4 @@
-"""The same trials on the processor and on a GPU, from one run; without a GPU there is no number."""
+"""The same trials on the processor and on a GPU in one run; without a GPU no times are given."""
 
 import jax
 import numpy as np

@@ -1,4 +1,4 @@
-"""The job that all ways of playing trials are given: taps, trials, and the draws of taps made beforehand."""
+"""The input of every method of playing trials: taps, trials and precomputed random draws."""
 
 from collections.abc import Callable
 from functools import cache

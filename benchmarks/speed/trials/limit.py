@@ -1,4 +1,4 @@
-"""Trials in C: what this machine can do at best, compiled for the number of positions and objects of a job."""
+"""Trials in C, the limit of this machine, compiled for the numbers of positions and objects of a job."""
 
 import ctypes
 from concurrent.futures import ThreadPoolExecutor

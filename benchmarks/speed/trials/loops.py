@@ -1,7 +1,7 @@
-"""Trials as a loop over trials and taps in NumPy, as a researcher would write it, and the same tuned.
+"""Trials as a NumPy loop over trials and taps as a researcher would write it, and a tuned version.
 
-Both are given the table of likelihoods and the draws. The tuned loop works in place, calls methods instead of
-functions and indexes taps directly, which halves its time; the arithmetic is the same.
+Both get the likelihood table and the draws. The tuned loop works in place, calls methods instead of functions and
+indexes taps directly, which halves its time; the arithmetic is the same.
 """
 
 import numpy as np

@@ -1,4 +1,4 @@
-"""Other packages on what they can do of the job: beliefs after a fixed number of taps, without moves and stops.
+"""Other packages on the part of the job they support: beliefs after a fixed number of taps, no moves, no stopping.
 
 Every belief is compared with that of the reference equations.
 """

@@ -1,4 +1,4 @@
-"""Trials in NumPy, many at a time: the arrays hold one batch, and trials that have ended leave them."""
+"""Trials in batched NumPy; finished trials leave the batch."""
 
 import numpy as np
 from numpy.typing import NDArray

@@ -1,6 +1,6 @@
-"""The paper's whole Monte Carlo: 16 positions x 1000 trials x 20 thresholds, passive and active.
+"""The paper's complete Monte Carlo: 16 positions x 1000 trials x 20 thresholds, passive and active.
 
-Loops are timed on a sample of the trials and the time of all is reckoned from it.
+Loops are timed on a sample of the trials and extrapolated.
 """
 
 from collections.abc import Callable, Iterable
@@ -57,4 +57,4 @@ def _over[T](jobs: Iterable[T], play: Callable[[T], object]) -> Callable[[], Non
 
 
 def _sample(trials: int) -> str:
-    return "" if trials == TRIALS else f"reckoned from {trials} trials of each policy"
+    return "" if trials == TRIALS else f"extrapolated from {trials} trials of each policy"

@@ -1,4 +1,4 @@
-"""What the audit promises: level and power of its tests, causes it names, guarantees and targets.
+"""The audit: level and power of its tests, named causes, guarantees and error targets.
 
-Most modules fill docs/explanation/audit-studies.md; `sets` fills docs/how-to/audit.md.
+All but `sets`, which updates docs/how-to/audit.md, update docs/explanation/audit-studies.md.
 """

@@ -1,12 +1,12 @@
-"""Whether an audit names first what was broken, names nothing where nothing is, and leaves well alone.
+"""Whether an audit names the planted cause first, names none where none is planted, and recommends no needless remedy.
 
-- Knobs: the simulated rig without nuisances and with all taps of a class at one place, then one knob turned: the cause
-  that the audit names first should be that knob.
-- Nothing broken: taps drawn from fitted histograms, on which independence holds. How often a cause is named, and how
+- Knobs: the simulated rig without nuisances, all taps of a class at one position, and one knob turned up: the audit
+  should name that knob first.
+- No cause: taps drawn from fitted histograms, for which independence holds. Counts how often a cause is named and how
   often the test of sessions rejects at .05.
-- Well alone: whole audits of such taps and of preset `ideal`: what is recommended.
+- No remedy: recommendations of complete audits of such taps and of preset `ideal`.
 
-`--document docs/explanation/audit-studies.md` writes the tables of that page.
+`--document docs/explanation/audit-studies.md` updates the tables of that page.
 """
 
 import argparse
@@ -18,12 +18,12 @@ from pathlib import Path
 from typing import NamedTuple
 
 from solidtouch.analysis.audit.leakage.run import leakage
-from solidtouch.analysis.audit.parts import AuditParts, audit_parts
 from solidtouch.analysis.audit.remedies import make_remedies
 from solidtouch.analysis.audit.remedy_scores import measure
 from solidtouch.analysis.audit.variance.causes import SEQUENCE, split_variance
 from solidtouch.analysis.audit.variance.split import session_p
 from solidtouch.analysis.audit.verdict import calibration, first_cause, recommended
+from solidtouch.analysis.experiment.parts import AuditParts, audit_parts
 from solidtouch.analysis.stats.evidence import evidence
 from solidtouch.hardware.simulator.model_rig import draw_session
 from solidtouch.hardware.simulator.presets import preset
@@ -179,11 +179,11 @@ def alone_table(results: Sequence[tuple[str, str, str]]) -> str:
 def main() -> None:
     """Runs the study as the command line says."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--data-sets", type=int, default=10, help="of each value of a knob")
-    parser.add_argument("--repetitions", type=int, default=200, help="of taps on which independence holds")
-    parser.add_argument("--alone", type=int, default=5, help="whole audits of each kind")
+    parser.add_argument("--data-sets", type=int, default=10, help="data sets per value of a knob")
+    parser.add_argument("--repetitions", type=int, default=200, help="data sets for which independence holds")
+    parser.add_argument("--alone", type=int, default=5, help="complete audits of each kind")
     parser.add_argument("--seed", type=int, default=1)
-    parser.add_argument("--document", type=Path, help="a page whose tables are replaced")
+    parser.add_argument("--document", type=Path, help="page to update")
     options = parser.parse_args()
     check_block(options.document, "knobs", "unbroken", "alone")
     seeds = [data_set_seed(options.seed, d) for d in range(options.data_sets)]

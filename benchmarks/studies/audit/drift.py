@@ -1,10 +1,10 @@
-"""Levels and power of what the audit tests against drift: dependence of taxels, and named suspects.
+"""Level and power of the audit's tests under drift: dependence of taxels, and named suspects.
 
-- Taxels: independent normal noise, and in each taxel a drift of its own along the session; the tests of whole taps and
-  of contrasts should reject in one data set of twenty. Power against noise that taxels share.
-- Suspects: an operator drawn for each tap and a temperature that walks, which make evidence vary or do not.
+- Taxels: independent normal noise plus a separate drift of each taxel along the session. The tests on whole taps and on
+  contrasts should reject in one data set of twenty. Power is measured against noise that taxels share.
+- Suspects: a random operator for each tap and a temperature that follows a random walk, each with or without an effect.
 
-`--document docs/explanation/audit-studies.md` writes both tables of that page.
+`--document docs/explanation/audit-studies.md` updates both tables of that page.
 """
 
 import argparse
@@ -181,9 +181,9 @@ def taxel_page(found: dict[Course, list[tuple[list[float], list[float]]]]) -> st
     head += [f"{test}, {kind}" for test in TESTS for kind in ("whole taps", "contrasts")]
     return (
         f"{CLASSES} classes, {TAPS} taps each in one session, {SAMPLES} samples, {TAXELS} taxels, normal noise; "
-        "drifts have so many standard deviations of the noise, common noise likewise. Rates of rejection by the "
-        f"p-value of all pairs at level {ALPHA}, {PERMUTATIONS} permutations, with 95 % Wilson intervals. Without "
-        f"common noise intervals of all three tests by contrasts reach down to {ALPHA} in {held} of {rows} rows.\n\n"
+        "drift and common noise are in standard deviations of the noise. Rejection rates of the p-value over all pairs "
+        f"at level {ALPHA}, {PERMUTATIONS} permutations, with 95 % Wilson intervals. Without common noise, the "
+        f"intervals of all three tests on contrasts reach down to {ALPHA} in {held} of {rows} rows.\n\n"
         f"{table(head, lines)}"
     )
 
@@ -202,21 +202,25 @@ def suspect_page(found: dict[Suspicion, list[tuple[list[float], str]]]) -> str:
     for name in ("operator", "temperature"):
         head += [f"{name}: p at most {ALPHA}", f"{name}: named first"]
     return (
-        f"{OBJECTS} objects at {PLACES} places in turns, {TAPS} taps of each in each of {SESSIONS} sessions, "
-        f"{SAMPLES} samples, {TAXELS} taxels. Three operators, drawn for each tap, and a temperature that walks; sizes "
-        "are what a step of the operator, or a standard deviation of temperature or unnamed drift, adds to all "
-        f"samples, over their noise. Named first takes p at most {NAMED_ALPHA} and the largest share; 95 % Wilson "
-        f"intervals.\n\n"
-        f"{table([*head, 'order named first'], lines)}"
+        f"{OBJECTS} objects at {PLACES} positions in turns, {TAPS} taps of each in each of {SESSIONS} sessions, "
+        f"{SAMPLES} samples, {TAXELS} taxels. Three operators, drawn for each tap, and a temperature that follows a "
+        "random walk. Sizes are the change of all samples per step of the operator, or per standard deviation of "
+        f"temperature or unnamed drift, divided by their noise. *Named first* requires p at most {NAMED_ALPHA} and the "
+        f"largest share; 95 % Wilson intervals.\n\n{table([*head, 'order named first'], lines)}"
     )
 
 
 def main() -> None:
     """Runs the studies as the command line says."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--data-sets", type=int, default=400, help="of each row of taxels; of suspects a quarter")
+    parser.add_argument(
+        "--data-sets",
+        type=int,
+        default=400,
+        help="data sets per row of the taxel study; the suspect study uses a quarter",
+    )
     parser.add_argument("--seed", type=int, default=1)
-    parser.add_argument("--document", type=Path, help="a page whose tables are replaced")
+    parser.add_argument("--document", type=Path, help="page to update")
     options = parser.parse_args()
     check_block(options.document, "audit-drift", "audit-suspects")
     with one_blas_thread():

@@ -1,12 +1,12 @@
-"""Whether the stopping rule keeps its promises where the model is right, and by what factor it breaks them elsewhere.
+"""Whether the guarantees of the stopping rule hold for a right model, and by what factor they fail for a wrong one.
 
-Where the model is right: taps are drawn from the fitted histogram, each sample by itself, and the filter multiplies
-their likelihoods without a root. The proofs speak of fresh taps. Trials draw with replacement from a pool of stored
-ones, so a pool has a thousand taps of each class and every number comes from several pools; `repeats` is the share of
-taps that a trial has met before, were all of them drawn from one class. Intervals are t-intervals over the pools, which
-hold the drawing of taps as well as that of trials.
+Right model: taps are drawn from the fitted histogram, each sample independently, and the filter multiplies their
+likelihoods without an exponent. The proofs assume fresh taps, but trials draw with replacement from a stored pool.
+Therefore a pool has a thousand taps per class, and every number comes from several pools; `repeats` is the fraction of
+taps seen before in a trial if all of them came from one class. t-intervals over pools cover the drawing of both taps
+and trials.
 
-`--document docs/explanation/audit-studies.md` writes the tables of that page.
+`--document docs/explanation/audit-studies.md` updates the tables of that page.
 """
 
 import argparse
@@ -201,24 +201,23 @@ def page(results: Sequence[Drawn], rigs: dict[str, xr.Dataset], sizes: Sizes, se
     ]
     return (
         f"Taps of J samples drawn from a fitted histogram, power none: {sizes.pools} pools of {sizes.taps_per_class} "
-        f"taps per class, {sizes.trials} trials on each, seed {seed}. Repeats: the share of taps met before in a trial."
-        f" With border clamp the promises hold in {sum(kept)} of {len(kept)} lines. With border uniform active "
-        f"decisions are wrong {min(gaps):.2f} to {max(gaps):.2f} times as often as the belief says.\n\n"
-        f"{drawn_table(results)}\n\n"
-        f"Simulated rigs, {sizes.data_sets} data sets each with {sizes.rig_trials} trials: wrong decisions over the "
-        f"limit, 1 where the promise is just kept.\n\n{rig_table(rigs)}"
+        f"taps per class, {sizes.trials} trials on each, seed {seed}. *Repeats* is the fraction of taps seen before in "
+        f"a trial. With border clamp, the promises hold in {sum(kept)} of {len(kept)} rows. With border uniform, "
+        f"active decisions are wrong {min(gaps):.2f} to {max(gaps):.2f} times as often as the belief says.\n\n"
+        f"{drawn_table(results)}\n\nSimulated rigs, {sizes.data_sets} data sets each with {sizes.rig_trials} trials: "
+        f"wrong decisions divided by the limit; the promise holds up to 1.\n\n{rig_table(rigs)}"
     )
 
 
 def main() -> None:
     """Runs the study as the command line says."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--pools", type=int, default=Sizes().pools)
-    parser.add_argument("--trials", type=int, default=Sizes().trials, help="on each pool")
-    parser.add_argument("--taps-per-class", type=int, default=Sizes().taps_per_class, help="of a pool")
-    parser.add_argument("--data-sets", type=int, default=Sizes().data_sets, help="of each simulated rig")
+    parser.add_argument("--pools", type=int, default=Sizes().pools, help="number of pools")
+    parser.add_argument("--trials", type=int, default=Sizes().trials, help="trials per pool")
+    parser.add_argument("--taps-per-class", type=int, default=Sizes().taps_per_class, help="taps per class in a pool")
+    parser.add_argument("--data-sets", type=int, default=Sizes().data_sets, help="data sets per simulated rig")
     parser.add_argument("--seed", type=int, default=1)
-    parser.add_argument("--document", type=Path, help="a page whose tables are replaced")
+    parser.add_argument("--document", type=Path, help="page to update")
     options = parser.parse_args()
     if min(options.pools, options.data_sets) < 2:
         parser.error("intervals need two pools and two data sets")

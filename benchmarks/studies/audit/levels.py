@@ -1,10 +1,10 @@
-"""Levels and power of the tests of dependence within class.
+"""Level and power of the tests of dependence within classes.
 
-Levels: taps drawn from a fitted histogram model, preset `model`, the only data on which samples are independent given
-the class. Power: taps of the simulated rig with all positions of a class in its middle and no nuisance, one of which
-is then turned up.
+Level: taps drawn from a fitted histogram model, preset `model`, the only data whose samples are independent given the
+class. Power: taps of the simulated rig at the centre of each class and without nuisances, one of which is then turned
+up.
 
-`--document docs/explanation/audit-studies.md` writes both tables of that page.
+`--document docs/explanation/audit-studies.md` updates both tables of that page.
 """
 
 import argparse
@@ -147,10 +147,10 @@ def level_page(found: dict[int, list[Outcome]]) -> str:
         lines.append([str(J), name, str(len(hits)), share_interval(int(hits.sum()), len(hits)), pairs, mapped])
     head = ["J", "test", "data sets", "rejects", "share of pairs with p at most .05", "a pair in the map"]
     return (
-        f"Two rods at six positions, 20 taps each, 12 taxels, drawn from histograms of the paper's rig; "
-        f"{PERMUTATIONS} permutations, level {ALPHA}. Intervals are 95 %, Wilson's or of the mean over data sets. "
-        f"Exact intervals that hold all together with 95 % contain {ALPHA} in {inside} of {cells} rows.\n\n"
-        f"{table(head, lines)}"
+        "Two objects at six positions, 20 taps each, 12 taxels, drawn from histograms of the paper's rig; "
+        f"{PERMUTATIONS} permutations, level {ALPHA}. Intervals are 95 % Wilson intervals, or t-intervals of the mean "
+        f"over data sets. Exact intervals with simultaneous 95 % coverage contain {ALPHA} in {inside} of {cells} "
+        f"rows.\n\n{table(head, lines)}"
     )
 
 
@@ -169,11 +169,10 @@ def power_page(found: dict[tuple[str, float], list[Outcome]]) -> str:
     head += ["rank effect", "distance effect", "table effect (nats)", "lag 1", "effective samples", "effective values"]
     head += [f"{name} rejects" for name in _LEVELS]
     return (
-        f"Two rods at six positions, 20 taps each at the middle of their class, {50 // STEP} samples and 12 taxels of "
-        f"preset `ideal` without its high-pass, which remembers the class before; {PERMUTATIONS} permutations, level "
-        f"{ALPHA}. Effects are means over pairs of absolute values, "
-        "less those of permuted taps; effective numbers are shares of all samples or values of a tap.\n\n"
-        f"{table(head, lines)}"
+        f"Two objects at six positions, 20 taps each at the centre of their class, {50 // STEP} samples and 12 taxels "
+        f"of preset `ideal` without its high-pass filter, which carries over from the previous class; {PERMUTATIONS} "
+        f"permutations, level {ALPHA}. Effects are mean absolute values over pairs minus those of permuted taps; "
+        f"effective numbers are fractions of all samples or values of a tap.\n\n{table(head, lines)}"
     )
 
 
@@ -195,10 +194,14 @@ def power_panels(found: dict[tuple[str, float], list[Outcome]]) -> dict[str, lis
 def main() -> None:
     """Runs the studies as the command line says."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--repetitions", type=int, help="data sets per point of power, 20; for levels 20 times as many")
-    parser.add_argument("--quick", action="store_true", help="4 instead of 20")
+    parser.add_argument(
+        "--repetitions",
+        type=int,
+        help="data sets per point of the power study, default 20; the level study uses 20 times as many",
+    )
+    parser.add_argument("--quick", action="store_true", help="use 4 data sets instead of 20")
     parser.add_argument("--seed", type=int, default=1)
-    parser.add_argument("--document", type=Path, help="a page whose tables are replaced")
+    parser.add_argument("--document", type=Path, help="page to update")
     options = parser.parse_args()
     repetitions = options.repetitions or (4 if options.quick else 20)
     check_block(options.document, "audit-levels", "audit-power")

@@ -1,9 +1,9 @@
-"""What `solidtouch audit` says of simulated rigs, of taps drawn from a model, and of recordings.
+"""Audits of simulated rigs, of taps drawn from a model, and of recordings.
 
-The rigs are three sessions of a preset, seed 0. `model` is taps drawn from the histograms fitted to the first two
-sessions of preset paper: 400 of each class to train, and twice 40 to tune and to measure.
+The rigs are three sessions of a preset, seed 0. `model` is taps drawn from histograms fitted to the first two sessions
+of preset `paper`: 400 per class for training, and 40 each for tuning and testing.
 
-`--document docs/how-to/audit.md --recorded FOLDER` writes its table and figures.
+`--document docs/how-to/audit.md --recorded FOLDER` updates its table and figures.
 """
 
 import argparse
@@ -67,9 +67,9 @@ def number(value: float | None) -> str:
 def main() -> None:
     """Audits and writes."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--recorded", type=Path, help="folder with the recorded sets")
-    parser.add_argument("--out", type=Path, help="folder for the audits, to be kept")
-    parser.add_argument("--document", type=Path)
+    parser.add_argument("--recorded", type=Path, help="folder of recordings")
+    parser.add_argument("--out", type=Path, help="keep the audits in this folder")
+    parser.add_argument("--document", type=Path, help="page to update")
     options = parser.parse_args()
     check_block(options.document, BLOCK)
     rows, said = [], []

@@ -1,10 +1,11 @@
-"""Whether a threshold tuned for a wanted error delivers it in a session that nobody has seen.
+"""Whether a threshold tuned for a target error reaches it in a new session.
 
-Simulated data sets with drift between sessions, of the paper's sizes. One session of each trains, five tune, and others
-are fresh: the first of them is what a user would meet, and all of them give the shares below with less noise. The error
-of a fresh session should lie in the 90 % prediction interval, and a target that is called reachable should be kept.
+Simulated data sets of the paper's size with drift between sessions. In each, one session is training data, five are for
+tuning, and the others are fresh: the first is what a user would meet, and all of them give the fractions with less
+noise. The error of a fresh session should lie in the 90 % prediction interval, and a target called reachable should be
+met.
 
-`--document docs/explanation/audit-studies.md` writes the table of that page.
+`--document docs/explanation/audit-studies.md` updates the table of that page.
 """
 
 import argparse
@@ -150,21 +151,21 @@ def page(results: Results, seed: int, trials: int) -> str:
     """What the page says of the results."""
     n = max(map(len, results.values()))
     return (
-        f"{n} data sets of each rig, seed {seed}: one session trains, {TUNING} tune, {FRESH} are fresh; {trials} "
-        "trials in each. *Fresh in interval* and *falsely* (called reachable, and exceeded) count the first fresh "
-        "session of each data set; *of fresh* and *false share* count all of them. *Left out in turn* is the error of "
-        f"tuning sessions under thresholds that the other four chose.\n\n{result_table(results)}"
+        f"{n} data sets of each rig, seed {seed}: one session is for training, {TUNING} are for tuning and {FRESH} are "
+        f"fresh; {trials} trials in each. *Fresh in interval* and *falsely* (called reachable, and exceeded) count the "
+        "first fresh session of each data set; *of fresh* and *false share* count all of them. *Left out in turn* is "
+        f"the error of tuning sessions under thresholds chosen from the other four.\n\n{result_table(results)}"
     )
 
 
 def main() -> None:
     """Runs the study as the command line says."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--data-sets", type=int, default=40, help="of each rig")
+    parser.add_argument("--data-sets", type=int, default=40, help="data sets per rig")
     parser.add_argument("--rigs", nargs="*", choices=list(rigs()), default=list(rigs()))
-    parser.add_argument("--trials", type=int, default=1000, help="in each session")
+    parser.add_argument("--trials", type=int, default=1000, help="trials per session")
     parser.add_argument("--seed", type=int, default=300)
-    parser.add_argument("--document", type=Path, help="a page whose table is replaced")
+    parser.add_argument("--document", type=Path, help="page to update")
     options = parser.parse_args()
     check_block(options.document, "target-error")
     seeds = [data_set_seed(options.seed, d) for d in range(options.data_sets)]

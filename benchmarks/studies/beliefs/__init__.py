@@ -1,4 +1,4 @@
-"""Beliefs while tapping: calibration of the chain from fit to decision, and objects that no class describes.
+"""Beliefs during episodes: calibration of the chain from fit to decision, and the answer "unknown".
 
-`chain` fills docs/explanation/calibration.md, `unknown` docs/explanation/unknown-objects.md.
+`chain` updates docs/explanation/calibration.md, `unknown` docs/explanation/unknown-objects.md.
 """

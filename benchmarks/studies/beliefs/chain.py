@@ -1,11 +1,11 @@
-"""Calibration of perception as a whole: beliefs of all routes where everything is right, and planted errors.
+"""Calibration of the whole chain: beliefs of all engines for a right model, and with planted errors.
 
-Where everything is right (preset `model`: taps of four samples from fitted histograms, power none, border clamp), the
-truth must rank uniformly and decisions must be right as often as believed. An error planted into the filter, while the
-world stays as it is, must show: how often it does is counted over repetitions at several sample sizes, and without any
-error the same count is the rate of false alarms. Repetitions use the array code, which is the fastest.
+For a right model (preset `model`: taps of four samples from fitted histograms, power none, border clamp) the truth must
+rank uniformly, and decisions must be right as often as believed. An error planted in the filter alone must be detected;
+the detection rate is counted over repetitions at several sample sizes, and without an error it is the false-alarm rate.
+Repetitions use the array code, which is fastest.
 
-`--document docs/explanation/calibration.md` writes the tables and the figure of that page.
+`--document docs/explanation/calibration.md` updates the tables and the figure of that page.
 """
 
 import argparse
@@ -183,16 +183,16 @@ def right_table(result: Calibration) -> str:
             cells = [factors[key] for key in shown] + [factors.get(("theta 0.95", "where"), "-")]
             lines.append([route, policy, *cells, str(part.tests), told_p(part.least), str(fails)])
     head = ["route", "policy", "what, 1 tap", "what, 2 taps", "what, theta .8", "what, theta .95", "where, theta .95"]
-    return table([*head, "tests", "least p, times tests", "fail"], lines)
+    return table([*head, "tests", "smallest p times tests", "fail"], lines)
 
 
 def right_page(result: Calibration, sizes: Sizes, seed: int) -> str:
     """What the page says where everything is right."""
     return (
-        f"{sizes.trials} trials of each route and policy, seed {seed}. "
-        "Numbers in columns of `what` and `where` are wrong decisions over those announced by beliefs, with 95 % "
-        f"intervals.\nOf {result.tests} tests together {len(result.failed)} fail at level {result.level:g} (Holm); the "
-        f"least p-value times their number is {told_p(result.least)}.\n\n{right_table(result)}"
+        f"{sizes.trials} trials per route and policy, seed {seed}. Columns `what` and `where` give the number of wrong "
+        f"decisions divided by the number expected from the beliefs, with 95 % intervals.\nOf {result.tests} tests, "
+        f"{len(result.failed)} fail at level {result.level:g} (Holm); the smallest p-value times their number is "
+        f"{told_p(result.least)}.\n\n{right_table(result)}"
     )
 
 
@@ -210,8 +210,8 @@ def planted_page(rates: Sequence[Rate], seed: int) -> str:
     ]
     head = ["error", "trials", "repetitions", "found", *(f"by {kind}" for kind in KINDS)]
     return (
-        f"Passive and active together, level {LEVEL:g} for all tests of a repetition, seed {seed}; intervals are "
-        f"Wilson's.\n\n{table(head, lines)}"
+        f"Passive and active together; level {LEVEL:g} holds for all tests of a repetition together; seed {seed}; "
+        f"Wilson intervals.\n\n{table(head, lines)}"
     )
 
 
@@ -269,12 +269,16 @@ STUDIES = {"right": study_right, "planted": study_planted, "figure": study_figur
 def main() -> None:
     """Runs the studies as the command line says."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--only", choices=STUDIES, help="a part of it")
-    parser.add_argument("--trials", type=int, default=Sizes().trials, help="of each route and policy")
-    parser.add_argument("--repetitions", type=int, default=Sizes().planted, help="of each planted error and size")
-    parser.add_argument("--false-alarms", type=int, nargs=3, default=Sizes().right, help="repetitions without an error")
+    parser.add_argument("--only", choices=STUDIES, help="run one part only")
+    parser.add_argument("--trials", type=int, default=Sizes().trials, help="trials per engine and policy")
+    parser.add_argument(
+        "--repetitions", type=int, default=Sizes().planted, help="repetitions per planted error and size"
+    )
+    parser.add_argument(
+        "--false-alarms", type=int, nargs=3, default=Sizes().right, help="repetitions without an error, for each size"
+    )
     parser.add_argument("--seed", type=int, default=1)
-    parser.add_argument("--document", type=Path, help="a page whose tables and figure are replaced")
+    parser.add_argument("--document", type=Path, help="page to update")
     options = parser.parse_args()
     check_block(options.document, "calibration-right", "calibration-planted")
     sizes = Sizes(options.trials, planted=options.repetitions, right=tuple(options.false_alarms))

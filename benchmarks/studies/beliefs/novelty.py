@@ -1,4 +1,4 @@
-"""Measures novelty: how often known taps are flagged and known objects called unknown, and how often new things are.
+"""How often known and new taps are flagged, and how often known and new objects are called unknown.
 
 Simulates data sets, or splits the recordings it is given. Counts have 95 % Wilson intervals that treat all taps and
 episodes as independent, which those of one session are not quite.
@@ -251,11 +251,11 @@ def simulated(data_sets: int, runs: int) -> None:
 def main() -> None:
     """Prints the tables."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("recordings", nargs="*")
-    parser.add_argument("--where-cell", help="Width of the cells of a recording.")
-    parser.add_argument("--objects", type=int, default=12, help="Objects of a recording left out, at most.")
-    parser.add_argument("--data-sets", type=int, default=6)
-    parser.add_argument("--episodes", type=int, default=50, help="Of each data set, or of each object of a recording.")
+    parser.add_argument("recordings", nargs="*", help="tap files; default: simulate")
+    parser.add_argument("--where-cell", help="width of the position cells of a recording")
+    parser.add_argument("--objects", type=int, default=12, help="maximum number of objects of a recording to leave out")
+    parser.add_argument("--data-sets", type=int, default=6, help="simulated data sets")
+    parser.add_argument("--episodes", type=int, default=50, help="episodes per data set, or per object of a recording")
     options = parser.parse_args()
     if not options.recordings:
         simulated(options.data_sets, options.episodes)

@@ -1,11 +1,11 @@
-"""Level and power of the answer "unknown" on data of known truth: whether it keeps its promise at every object.
+"""Level and power of the answer "unknown" on data of known truth, for every object.
 
-The truth of a class is a large pool of simulated taps; training taps and the taps of episodes are drawn from it with
-replacement, independently, so that false alarms are those of fresh taps from the distribution that calibrated. Each
-data set is one draw of training taps with one episode at each object, so episodes at an object are independent and
-their counts have exact binomial (Clopper-Pearson) intervals. Episodes go on for 300 taps; an alarm ends them.
+The truth of a class is a large pool of simulated taps. Training taps and the taps of episodes are drawn from it
+independently and with replacement, so false alarms are those of fresh taps from the distribution used for calibration.
+Each data set has one draw of training taps and one episode per object, so episodes of an object are independent and
+their counts have exact binomial (Clopper-Pearson) intervals. Episodes last 300 taps or until an alarm.
 
-`--document docs/explanation/unknown-objects.md` writes the tables of that page.
+`--document docs/explanation/unknown-objects.md` updates the tables of that page.
 """
 
 import argparse
@@ -206,9 +206,9 @@ def power(found: list[dict[tuple[str, int], int]], policy: str) -> list[str]:
 def main() -> None:
     """Runs the study."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--document", type=Path)
-    parser.add_argument("--data-sets", type=int, default=400)
-    parser.add_argument("--sessions", type=int, default=15, help="Simulated sessions of 20 taps per class in a pool.")
+    parser.add_argument("--document", type=Path, help="page to update")
+    parser.add_argument("--data-sets", type=int, default=400, help="number of data sets")
+    parser.add_argument("--sessions", type=int, default=15, help="simulated sessions of 20 taps per class in a pool")
     options = parser.parse_args()
     blocks = ("level", "power", "rules")
     check_block(options.document, *blocks)

@@ -1,15 +1,15 @@
-"""How often the calibration verdict of an audit is false where the model is right, and how often it finds a fault.
+"""How often an audit's calibration verdict is wrong for a right model, and how often it detects a fault.
 
-Taps are drawn from the very histograms that judge them, 12 symbols, Dirichlet 1, border clamp, as many of each class as
-the row says. A verdict `overconfident` is false at any power up to the right one, `cautious` at power none. Planted
-dependence repeats one sample of a tap J times, which power none takes for J. All data sets of a row are judged by one
-reference, of many more simulated data sets than an audit has: what a right model gives does not depend on the taps at
-hand, only on their number. `one object outside` counts factors of single objects outside what 95 % of right models
-give, `promise exceeded` data sets in which a promise of the stopping rule is rejected, after Holm over all objects; an
-audit asks more, that its interval lies above the limit too. `learned` is the exponent of `tempering.best_power` on as
-many other taps; there every data set has its own reference and intervals, as in an audit.
+Taps are drawn from the histograms that classify them: 12 symbols, Dirichlet 1, border clamp, with the number of taps
+per class given in each row. The verdict `overconfident` is wrong for any power up to the right one, `cautious` for
+power none. Planted dependence repeats one sample of a tap J times, and power none counts it J times. All data sets of a
+row share one reference with many more simulated data sets than an audit has, because the range under a right model
+depends on the number of taps, not on the taps. `one object outside` counts factors of single objects outside the
+central 95 % under a right model, `promise exceeded` data sets in which a guarantee of the stopping rule is rejected,
+after Holm over all objects; an audit also requires its interval to lie above the limit. `learned` is the exponent of
+`tempering.best_power` on as many other taps; there every data set has its own reference and intervals, as in an audit.
 
-`--document docs/explanation/intervals.md` writes the tables of that page.
+`--document docs/explanation/intervals.md` updates the tables of that page.
 """
 
 import argparse
@@ -40,6 +40,7 @@ from solidtouch.models.measurement.model import TapModel
 from solidtouch.models.preprocessing import Preprocessing
 from solidtouch.models.seeds import Purpose, data_set_seed, derived_seed
 from solidtouch.models.setting_file import Setting
+from solidtouch.models.settings import PlaySettings
 from solidtouch.models.taps import TapSet
 
 from benchmarks.page import check_block, share_interval, table, write_block
@@ -99,13 +100,9 @@ def verdicts(design: Design, data_sets: int, references: int, seed: int) -> dict
     table_ = tap_table(used, draw_session(right, design.taps, seed))
     found = {}
     for policy in POLICIES:
-        options: dict[str, Any] = {
-            "theta_x": 1.0 if policy == "passive" else 0.0,
-            "fixation": (used.grid.L - 1) // 2,
-            "border": "clamp",
-            "deadline": DEADLINE,
-            "trials": TRIALS,
-        }
+        aim, theta_x = (used.grid.L - 1) // 2, 1.0 if policy == "passive" else 0.0
+        play = PlaySettings(theta_x=theta_x, fixation=aim, border="clamp", deadline=DEADLINE)
+        options: dict[str, Any] = {"play": play, "trials": TRIALS}
         reference = simulate(used, table_, THETAS, seed=2 * seed + 1, simulations=references, **options)
         draw = partial(drawn, design, right, used, table_)
         observed = simulate(used, table_, THETAS, seed=2 * seed, simulations=data_sets, draw=draw, **options)
@@ -199,13 +196,13 @@ def shares(found: Counter[str], M: int) -> list[str]:
 def main() -> None:
     """Measures and writes."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--data-sets", type=int, default=400, help="of the first two tables; 0 for none")
-    parser.add_argument("--references", type=int, default=1999)
-    parser.add_argument("--learned", type=int, default=200, help="data sets with a learned exponent; 0 for none")
-    parser.add_argument("--rigs", type=int, default=200, help="data sets of each simulated rig; 0 for none")
-    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--data-sets", type=int, default=400, help="data sets of the first two tables; 0 to skip")
+    parser.add_argument("--references", type=int, default=1999, help="simulated data sets of a reference")
+    parser.add_argument("--learned", type=int, default=200, help="data sets with a learned exponent; 0 to skip")
+    parser.add_argument("--rigs", type=int, default=200, help="data sets per simulated rig; 0 to skip")
+    parser.add_argument("--seed", type=int, default=0, help="random seed")
     parser.add_argument("--sizes", nargs="*", choices=SIZES, default=list(SIZES))
-    parser.add_argument("--document", type=Path)
+    parser.add_argument("--document", type=Path, help="page to update")
     options = parser.parse_args()
     check_block(options.document, *BLOCKS)
     lines: dict[str, list[list[str]]] = {block: [] for block in BLOCKS}

@@ -1,8 +1,8 @@
 """Coverage of the intervals of `trials`, `strategies` and `tune` on data of known truth.
 
-Test taps are drawn from the tables that the filter uses, so what fresh taps would give is known from a large pool of
-them. `--document docs/explanation/intervals-commands.md` writes its
-table.
+Test taps are drawn from the tables that the filter uses, so a large pool of them gives the true values for fresh taps.
+
+`--document docs/explanation/intervals-commands.md` updates the table of that page.
 """
 
 import argparse
@@ -130,7 +130,7 @@ def of_trials(truth: int, number: int, taps: int) -> Iterator[Held]:
 
 
 def of_strategies(truth: int, number: int, taps: int) -> Iterator[Held]:
-    """`strategies`: passive less fixation point after `TAPS` taps on resamples, against the mean of all data sets."""
+    """`strategies`: passive minus fixation point after `TAPS` taps on resamples, against the mean of all data sets."""
     table_of = tap_table(right(truth), drawn(truth, taps, number))
     tables, n, means = resampled_tables(table_of, RESAMPLES, number), _STRATEGY_TRIALS, []
     rule = Family("number of taps", "taps", tuple(range(1, TAPS + 1)), lambda level: after(int(level)))
@@ -142,7 +142,7 @@ def of_strategies(truth: int, number: int, taps: int) -> Iterator[Held]:
             sums.append(decided_sums(record, rule, GRID).mean(axis=0))
         means.append(units_of(sums, spread(table_of)))
     found = differences(means[0], means[1], (TAPS,), 1)[0][AT_TAPS.index("what_error")]
-    of = f"`strategies`, P(wrong) of passive less fixation, {TAPS} taps"
+    of = f"`strategies`, P(wrong) of passive minus fixation, {TAPS} taps"
     yield Held(of, f"{taps}", truth, found.low, found.high, np.nan, found.value)
 
 
@@ -193,14 +193,14 @@ def coverage(found: list[Held]) -> str:
             width = f"{np.mean((high - low)[known]):.3f}"
             held = share_interval(hits, int(known.sum())) + missing
             lines.append([of, size, held, bias, f"{true.mean():.3f}", width])
-    return table(["interval of", "taps per class", "holds the truth", "bias", "truth", "mean width"], lines)
+    return table(["interval of", "taps per class", "coverage", "bias", "truth", "mean width"], lines)
 
 
 def main() -> None:
     """Measures, prints and writes."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--data-sets", type=int, default=300)
-    parser.add_argument("--document", type=Path)
+    parser.add_argument("--data-sets", type=int, default=300, help="number of data sets")
+    parser.add_argument("--document", type=Path, help="page to update")
     options = parser.parse_args()
     check_block(options.document, BLOCK)
     tasks = [partial(outcomes, number, SIZES) for number in range(options.data_sets)]

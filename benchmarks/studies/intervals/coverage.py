@@ -1,11 +1,11 @@
-"""Whether 95 % intervals of decisions hold the truth in 95 % of the data sets.
+"""Coverage of the 95 % intervals of decision errors and reaction times.
 
-Taps are drawn from histograms with 12 symbols, Dirichlet 1, seen by the very histograms (`right`), by two models whose
-log-likelihoods are the right ones and noise of the same size (`noisy`, `noisy too`), which err equally often, and by
-the first of these at half the power (`remedied`). Data sets are drawn anew. The truth of a quantity is what a pool of
-`MANY` taps of each class gives, which no trial uses up; of the difference of two models of equal error, it is 0.
+Taps are drawn from histograms with 12 symbols, Dirichlet 1, and classified by the same histograms (`right`), by two
+models whose log-likelihoods have added noise of equal size and which therefore err equally often (`noisy`, `noisy
+too`), and by the first of these at half the power (`remedied`). Every data set is drawn anew. The truth is computed
+from a pool of `MANY` taps per class, which no trial uses up; for the difference of two models of equal error it is 0.
 
-`--document docs/explanation/intervals.md` writes the tables of that page.
+`--document docs/explanation/intervals.md` updates the tables of that page.
 """
 
 import argparse
@@ -229,12 +229,14 @@ def document(rows: list[tuple[Any, ...]]) -> str:
 def main() -> None:
     """Measures and writes."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--data-sets", type=int, default=300)
-    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--data-sets", type=int, default=300, help="number of data sets")
+    parser.add_argument("--seed", type=int, default=0, help="random seed")
     parser.add_argument("--sizes", nargs="*", choices=SIZES, default=list(SIZES))
     parser.add_argument("--taps", nargs="*", type=int, default=list(TAPS))
-    parser.add_argument("--add", action="store_true", help="to what the last run measured; with --sizes alone to write")
-    parser.add_argument("--document", type=Path)
+    parser.add_argument(
+        "--add", action="store_true", help="add to the results of the last run; with an empty --sizes only write them"
+    )
+    parser.add_argument("--document", type=Path, help="page to update")
     options = parser.parse_args()
     check_block(options.document, BLOCK)
     rows: list[tuple[Any, ...]] = []

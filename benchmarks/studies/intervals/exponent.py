@@ -1,11 +1,12 @@
-"""How often a tuned exponent or saturation is called lower than a right model's: where the model is right, and else.
+"""How often a tuned exponent or saturation is called lower than that of a right model, for right and wrong models.
 
-Histograms of known truth give taps that train and as many that tune, a session each. Exponents and saturation are tuned
-on them and compared with those of a right model as in an audit; `learned` is the exponent of `fit --power learned`,
-which leaves each of both sessions out in turn. Truths are tables of 12 symbols from Dirichlet 1, and normal curves over
-30 bins at 6 x 3 classes, anew in each data set. Planted dependence repeats one sample of each tap J times.
+Histograms of known truth give one session of taps for training and one of equal size for tuning. Exponent and
+saturation are tuned and compared with those of a right model as in an audit; `learned` is the exponent of `fit --power
+learned`, which leaves out each of the two sessions in turn. Truths are tables of 12 symbols from Dirichlet 1, and
+normal curves over 30 bins at 6 x 3 classes, new in each data set. Planted dependence repeats one sample of each tap J
+times.
 
-`--document docs/explanation/intervals.md` writes the tables of that page.
+`--document docs/explanation/intervals.md` updates the tables of that page.
 """
 
 import argparse
@@ -139,14 +140,16 @@ def tables(measured: list[tuple[Design, list[list[bool]]]]) -> dict[str, str]:
 def main() -> None:
     """Measures and writes."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--data-sets", type=int, default=200, help="of each row")
-    parser.add_argument("--planted", type=int, default=40, help="data sets of each row with planted dependence")
-    parser.add_argument("--fixed", action="store_true", help="the same tables in all data sets")
-    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--data-sets", type=int, default=200, help="data sets per row")
+    parser.add_argument("--planted", type=int, default=40, help="data sets per row with planted dependence")
+    parser.add_argument("--fixed", action="store_true", help="use the same tables in all data sets")
+    parser.add_argument("--seed", type=int, default=0, help="random seed")
     parser.add_argument("--sizes", nargs="*", choices=SIZES, default=list(SIZES))
     parser.add_argument("--taps", nargs="*", type=int, default=list(TAPS))
-    parser.add_argument("--add", action="store_true", help="rows that the last run, with the same options, lacks")
-    parser.add_argument("--document", type=Path)
+    parser.add_argument(
+        "--add", action="store_true", help="add the rows missing from the last run with the same options"
+    )
+    parser.add_argument("--document", type=Path, help="page to update")
     options = parser.parse_args()
     check_block(options.document, LEVEL_BLOCK, POWER_BLOCK)
     measured: list[tuple[Design, list[list[bool]]]] = []

@@ -1,9 +1,9 @@
-"""How much too sure right beliefs look where trials draw stored taps again and again.
+"""Apparent overconfidence of right beliefs when trials draw stored taps repeatedly.
 
-Taps are drawn from the very histograms that judge them, as in coverage.py, and trials are played twice: with stored
-taps drawn with replacement, and with no tap drawn twice. The miscalibration factor of the latter is 1 in truth.
+Taps are drawn from the histograms that classify them, as in coverage.py, and trials are played twice: with stored taps
+drawn with replacement, and without using any tap twice. The true miscalibration factor of the latter is 1.
 
-`--document docs/explanation/intervals.md` writes the table of that page.
+`--document docs/explanation/intervals.md` updates the table of that page.
 """
 
 import argparse
@@ -42,9 +42,9 @@ def factors(L: int, M: int, taps: int, seed: int) -> NDArray[np.float64]:
 def main() -> None:
     """Measures and writes."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--data-sets", type=int, default=100)
-    parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("--document", type=Path)
+    parser.add_argument("--data-sets", type=int, default=100, help="number of data sets")
+    parser.add_argument("--seed", type=int, default=0, help="random seed")
+    parser.add_argument("--document", type=Path, help="page to update")
     options = parser.parse_args()
     check_block(options.document, BLOCK)
     rows = []

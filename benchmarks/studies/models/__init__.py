@@ -1,4 +1,4 @@
-"""Measurement models: recovery of the true one, calibration of fits, gain of session models, plate diagrams.
+"""Measurement models: recovery of the true model, calibration of fits, gain of session models, plate diagrams.
 
-All but `plates` fill docs/explanation/model-studies.md.
+All but `plates` update docs/explanation/model-studies.md.
 """

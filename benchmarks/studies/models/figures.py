@@ -1,4 +1,4 @@
-"""Figures of the studies of models: which model is recognised, whether fits are calibrated, what `session` gains."""
+"""Figures of the model studies: recovered models, calibration of fits, gain of `session`."""
 
 from __future__ import annotations
 

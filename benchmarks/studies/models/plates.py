@@ -1,4 +1,4 @@
-"""Draws docs/reference/images/model-plates.svg: plate diagrams of all stories, from the NumPyro models themselves."""
+"""Draws docs/reference/images/model-plates.svg: plate diagrams of all NumPyro models, from the models themselves."""
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path

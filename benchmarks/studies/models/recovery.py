@@ -1,10 +1,10 @@
-"""Whether taps from a model are recognised as such: every model fitted to taps simulated from every model.
+"""Model recovery: every model is fitted to taps simulated from every model.
 
-Each model is fitted once to simulated sessions of the preset `paper`. Its parameters are drawn from the posterior, and
-sessions of taps from these; all models are fitted to the training sessions and forecast the one left out. A session is
-forecast as a whole, since its taps share a state under `session:profile`.
+Each model is fitted once to simulated sessions of preset `paper`. Parameters are drawn from its posterior and sessions
+of taps from these parameters; all models are fitted to the training sessions and predict the session left out. A
+session is predicted as a whole, since its taps share a state under `session:profile`.
 
-`--document docs/explanation/model-studies.md` writes its tables and its figure.
+`--document docs/explanation/model-studies.md` updates its tables and figure.
 """
 
 import argparse
@@ -305,7 +305,7 @@ def margins_table(replicates: Sequence[Replicate], models: Sequence[str]) -> str
         }
         cells = [f"{other}: {_with_error(gap)}" for other, gap in ahead.items()]
         lines.append([name, str(own[0].taps), *cells, *[""] * (2 - len(cells))])
-    head = ["taps from", "taps left out", "ahead of the next best by (nats)", "and of the one after that"]
+    head = ["taps from", "taps left out", "lead over second (nats)", "lead over third (nats)"]
     return table(head, lines)
 
 
@@ -334,7 +334,7 @@ def tables(replicates: Sequence[Replicate], models: Sequence[str]) -> str:
     """All tables."""
     count = Counter(name for one in replicates for name in one.unfinished)
     listed = ", ".join(f"{number} of {len(replicates)} of {name}" for name, number in count.items())
-    sentence = f"Fits that ended before they had converged, used all the same: {listed or 'none'}."
+    sentence = f"Fits that stopped before convergence and are included: {listed or 'none'}."
     parts = [part(replicates, models) for part in (winners_table, margins_table, coverage_table)]
     return "\n\n".join([*parts, sentence])
 
@@ -342,10 +342,10 @@ def tables(replicates: Sequence[Replicate], models: Sequence[str]) -> str:
 def main() -> None:
     """Runs the study as the command line says."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--replicates", type=int, default=6, help="data sets from each model")
+    parser.add_argument("--replicates", type=int, default=6, help="data sets per model")
     parser.add_argument("--models", nargs="*", default=MODELS, choices=MODELS)
     parser.add_argument("--seed", type=int, default=1)
-    parser.add_argument("--document", type=Path, help="a page whose tables and figure are replaced")
+    parser.add_argument("--document", type=Path, help="page to update")
     options = parser.parse_args()
     check_block(options.document, "recovery")
     sizes, models = Sizes(), list(options.models)
@@ -361,9 +361,9 @@ def main() -> None:
     write_json("recovery", [one._asdict() for one in found])
     L, M, J = sizes.positions, sizes.rods, fitted[0].template.preprocessing.samples
     text = (
-        f"{L} positions x {M} rods, {J} samples, {fitted[0].fitted.model.K} taxels; {sizes.sessions} training sessions "
-        f"of {sizes.repeats} taps per class and one left out; {len(found) // len(models)} data sets from each model, "
-        f"seed {options.seed}.\n\n{tables(found, models)}"
+        f"{L} positions x {M} objects, {J} samples, {fitted[0].fitted.model.K} taxels; {sizes.sessions} training "
+        f"sessions of {sizes.repeats} taps per class and one left out; {len(found) // len(models)} data sets from each "
+        f"model, seed {options.seed}.\n\n{tables(found, models)}"
     )
     print(text)
     if options.document is not None and len(found) == len(tasks):

@@ -1,11 +1,11 @@
-"""Simulation-based calibration of the fits: parameters from the prior, taps from these, and where the truth ranks.
+"""Simulation-based calibration of the fits: ranks of true parameters among posterior draws.
 
-Parameters and taps are drawn from the stories themselves, as NumPyro tells them, under a proper prior; the fit gets the
-same prior. Of an exact posterior the rank of the true value among draws is uniform (Talts et al., "Validating Bayesian
-inference algorithms with simulation-based calibration", 2018). Ranks are judged by their distribution function with a
-simultaneous band (Sailynoja, Buerkner and Vehtari, Statistics and Computing 32 (2022) 32) and by chi-square.
+Parameters and taps are drawn from the NumPyro models under a proper prior; the fit uses the same prior. For an exact
+posterior the rank of the true value among draws is uniform (Talts et al., "Validating Bayesian inference algorithms
+with simulation-based calibration", 2018). Ranks are tested by their distribution function with a simultaneous band
+(Sailynoja, Buerkner and Vehtari, Statistics and Computing 32 (2022) 32) and by chi-square.
 
-`--document docs/explanation/model-studies.md` writes the table and the figure of that page.
+`--document docs/explanation/model-studies.md` updates the table and the figure of that page.
 """
 
 import argparse
@@ -108,7 +108,7 @@ def studies(sizes: Sizes) -> list[Study]:
         _histogram_study(sizes),
         cells("gaussian", gaussian.story, gaussian.fit, 1),
         cells("profile", profile.story, profile.fit, 1),
-        cells("profile-ar", profile_ar.story, profile_ar.fit, J, "exact but for a grid of slopes"),
+        cells("profile-ar", profile_ar.story, profile_ar.fit, J, "exact up to a grid of slopes"),
         cells(
             "profile-mvn",
             profile_mvn.story,
@@ -390,7 +390,7 @@ def page(results: Sequence[Ranks], sizes: Sizes, repetitions: int, seed: int) ->
     return (
         f"{sizes.L} x {sizes.M} classes, {sizes.J} samples, {sizes.K} taxels, {sizes.repeats} taps per class; "
         f"{repetitions} data sets for each model, {DRAWS} draws from each posterior, seed {seed}. "
-        f"A quantity fails where one of its two p-values is below 0.05 divided by {tests}, the number of tests. "
+        f"A quantity fails if either of its two p-values is below 0.05 divided by {tests}, the number of tests. "
         f"Posteriors: {how}.\n\n{result_table(results)}"
     )
 
@@ -398,10 +398,10 @@ def page(results: Sequence[Ranks], sizes: Sizes, repetitions: int, seed: int) ->
 def main() -> None:
     """Runs the study as the command line says."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--repetitions", type=int, default=500, help="data sets for each model")
-    parser.add_argument("--models", nargs="*", help="only these")
+    parser.add_argument("--repetitions", type=int, default=500, help="data sets per model")
+    parser.add_argument("--models", nargs="*", help="models to run")
     parser.add_argument("--seed", type=int, default=1)
-    parser.add_argument("--document", type=Path, help="a page whose table and figure are replaced")
+    parser.add_argument("--document", type=Path, help="page to update")
     options = parser.parse_args()
     check_block(options.document, "sbc")
     sizes = Sizes()

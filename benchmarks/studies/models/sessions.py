@@ -1,10 +1,10 @@
-"""What a gain and offset shared by all taps of an episode are worth: models in states against the same without.
+"""Gain of models with a gain and offset shared by all taps of an episode over the same models without.
 
-Simulated data sets of eight sessions each: four train, the exponent of the likelihood is fitted on two, two test. Both
-models of a pair meet the same sequences of taps of one class and session, at the exponent 1/J of the paper and at the
-one fitted for each of them.
+Simulated data sets have eight sessions: four for training, two for fitting the exponent of the likelihood, two for
+testing. Both models of a pair get the same sequences of taps of one class and session, with the paper's exponent 1/J
+and with an exponent fitted for each model.
 
-`--document docs/explanation/model-studies.md` writes its tables and its figure.
+`--document docs/explanation/model-studies.md` updates its tables and figure.
 """
 
 import argparse
@@ -212,7 +212,7 @@ def texts(results: Sequence[Result]) -> str:
         own = [one for one in results if one.pair == pair.name]
         if own:
             count = len({one.seed for one in own})
-            head = f"`{pair.name}` less `{pair.plain}`, mean with a 95 % t-interval over {count} data sets each:"
+            head = f"`{pair.name}` minus `{pair.plain}`, mean with a 95 % t-interval over {count} data sets each:"
             parts += [head, gain_table(own, pair)]
             parts += [f"Both models after {CONTACTS[-1]} taps, means over data sets:", level_table(own, pair)]
     return "\n\n".join(parts)
@@ -234,20 +234,20 @@ def panels(results: Sequence[Result]) -> list[Gain]:
 def page(results: Sequence[Result], seed: int) -> str:
     """What the page says of the results."""
     return (
-        f"Data sets have seed {seed}; of their sessions 4 train, 2 are there to fit the exponent on, and 2 test. "
-        "`session` meets all 16 x 5 classes and 50 samples per tap; `session:profile`, which is slower, the 8 middle "
-        f"positions and every second sample.\n\n{texts(results)}"
+        f"Data sets have seed {seed}; of their sessions 4 are for training, 2 for fitting the exponent and 2 for "
+        "testing. `session` uses all 16 x 5 classes and 50 samples per tap; `session:profile`, which is slower, the 8 "
+        f"middle positions and every second sample.\n\n{texts(results)}"
     )
 
 
 def main() -> None:
     """Runs the study as the command line says."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--data-sets", type=int, help="of each preset and pair")
+    parser.add_argument("--data-sets", type=int, help="data sets per preset and pair")
     parser.add_argument("--presets", nargs="*", default=["paper", "nodrift"])
     parser.add_argument("--pairs", nargs="*", default=[pair.name for pair in PAIRS])
     parser.add_argument("--seed", type=int, default=100)
-    parser.add_argument("--document", type=Path, help="a page whose tables and figure are replaced")
+    parser.add_argument("--document", type=Path, help="page to update")
     options = parser.parse_args()
     check_block(options.document, "sessions")
     tasks: list[Callable[[], Result]] = [

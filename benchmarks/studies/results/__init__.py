@@ -1,4 +1,4 @@
-"""What the commands `reproduce`, `compare` and `sensitivity` find on simulated and recorded taps, and with holes.
+"""Results of `reproduce`, `compare` and `sensitivity` on simulated and recorded taps, and on grids with holes.
 
-They fill docs/reference/results.md, docs/explanation/comparison.md and docs/explanation/open-choices.md.
+They update docs/reference/results.md, docs/explanation/comparison.md and docs/explanation/open-choices.md.
 """

@@ -1,7 +1,6 @@
-"""What `solidtouch compare` says of all measurement models on simulated taps and on two recordings.
+"""Results of `solidtouch compare` for all measurement models on simulated taps and on two recordings.
 
-`--document docs/explanation/comparison.md --recorded FOLDER` writes its tables
-and figures.
+`--document docs/explanation/comparison.md --recorded FOLDER` updates its tables and figures.
 """
 
 import argparse
@@ -51,9 +50,9 @@ def number(value: float) -> str:
 def main() -> None:
     """Compares and writes."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--recorded", type=Path, help="folder with the recorded sets")
-    parser.add_argument("--only", choices=BLOCKS)
-    parser.add_argument("--document", type=Path)
+    parser.add_argument("--recorded", type=Path, help="folder of recordings")
+    parser.add_argument("--only", choices=BLOCKS, help="update one block only")
+    parser.add_argument("--document", type=Path, help="page to update")
     options = parser.parse_args()
     check_block(options.document, *BLOCKS)
     with TemporaryDirectory() as temporary:

@@ -1,9 +1,9 @@
-"""What commands make of grids with holes: every second class empty, an object with half the positions, a class missing.
+"""Results of commands on grids with holes: every second class, half the positions of an object, or one class missing.
 
-Preset paper of seed 0, and recorded sets with several positions, without the taps of some classes in all sessions, go
-through `crosscheck`, `reproduce --quick` and `audit`. No command may end, and no trial be left without a class.
+Runs `crosscheck`, `reproduce --quick` and `audit` on preset `paper`, seed 0, and on recordings with several positions,
+after removing all taps of some classes. No command may fail, and no trial may end without a class.
 
-`--document docs/reference/results.md --recorded FOLDER` writes the table of that page.
+`--document docs/reference/results.md --recorded FOLDER` updates the table of that page.
 """
 
 import argparse
@@ -92,8 +92,8 @@ def line(folder: Path, name: str, files: list[TapSet], options: tuple[Any, ...],
 def main() -> None:
     """Runs the commands and writes."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--recorded", type=Path, help="folder with the recorded sets")
-    parser.add_argument("--document", type=Path)
+    parser.add_argument("--recorded", type=Path, help="folder of recordings")
+    parser.add_argument("--document", type=Path, help="page to update")
     options = parser.parse_args()
     check_block(options.document, BLOCK)
     lines = []

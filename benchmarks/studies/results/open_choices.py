@@ -1,8 +1,8 @@
-"""What every open choice of the paper is worth, on simulated data sets and on recorded ones.
+"""Effect of each open choice of the paper on simulated data sets and on recordings.
 
-`--document docs/explanation/open-choices.md --recorded FOLDER` writes its tables
-and figures; without a folder of recordings their table keeps its content. `--from runs/studies/open-choices.json`
-measures nothing and rewrites text, tables and figures from earlier measurements.
+`--document docs/explanation/open-choices.md --recorded FOLDER` updates its tables and figures; without recordings their
+table is left unchanged. `--from runs/studies/open-choices.json` rewrites text, tables and figures from earlier
+measurements.
 """
 
 import argparse
@@ -32,7 +32,7 @@ def findings(source: SensitivitySource) -> str:
     """What came out first, as a list, and what the defaults give."""
     lines = [[row["policy"], *(interval(row, name) for name in WORDS)] for row in source["default"]]
     advantage = [interval(source["advantage"][name], "value") for name in source["advantage"]]
-    lines.append(["passive less active", *advantage, ""])
+    lines.append(["passive minus active", *advantage, ""])
     units = (source["what_unit"], source["where_unit"])
     head = ["defaults", *(f"{word} ({unit})" for word, unit in zip(WORDS.values(), units, strict=False)), "taps"]
     listed = "\n".join([f"- {sentence}" for sentence in source["findings"]] + [bullets(one) for one in source["lists"]])
@@ -61,7 +61,8 @@ def section(choice: ChoiceRecord, source: SensitivitySource) -> str:
     more = [choice["note"]] if choice["note"] else []
     more += [
         f"Without it {percent(option['impossible_taps'])} of the test taps are impossible under their own class, and "
-        f"{percent(option['impossible_trials'])} of the active trials meet a tap that no class can have given."
+        f"{percent(option['impossible_trials'])} of the active trials contain a tap that is impossible under every "
+        "class."
         for option in choice["options"]
         if option["impossible_trials"] > 0
     ]
@@ -96,7 +97,7 @@ def pairs(source: SensitivitySource) -> str:
         for pair in source["pairs"]
     ]
     unit = source["what_unit"]
-    return table(["option", "with", f"both ({unit})", f"beyond the sum ({unit})", "surely not 0"], lines)
+    return table(["option", "with", f"both ({unit})", f"interaction ({unit})", "significant"], lines)
 
 
 def recorded_table(sources: Sequence[SensitivitySource]) -> str:
@@ -153,12 +154,16 @@ def measured(options: argparse.Namespace) -> SensitivitySummary:
 def main() -> None:
     """Runs the study as the command line says."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--data-sets", type=int, default=40, help="simulated; 0 renews the table of recordings only")
-    parser.add_argument("--trials", type=int, default=1000)
-    parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("--recorded", type=Path, help="folder of recorded sets")
-    parser.add_argument("--from", dest="measured", type=Path, help="what was measured before, of which to say it anew")
-    parser.add_argument("--document", type=Path, help="a page whose tables are replaced")
+    parser.add_argument(
+        "--data-sets", type=int, default=40, help="simulated data sets; 0 updates only the table of recordings"
+    )
+    parser.add_argument("--trials", type=int, default=1000, help="trials per data set")
+    parser.add_argument("--seed", type=int, default=0, help="random seed")
+    parser.add_argument("--recorded", type=Path, help="folder of recordings")
+    parser.add_argument(
+        "--from", dest="measured", type=Path, help="rewrite text, tables and figures from these measurements"
+    )
+    parser.add_argument("--document", type=Path, help="page to update")
     options = parser.parse_args()
     check_block(options.document, *BLOCKS, RECORDED_BLOCK)
     if options.measured is None:

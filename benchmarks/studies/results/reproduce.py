@@ -1,7 +1,6 @@
-"""What `solidtouch reproduce` finds on simulated taps and on recordings: the tables of docs/reference/results.md.
+"""Results of `solidtouch reproduce` on simulated taps and on recordings: the tables of docs/reference/results.md.
 
-`--document docs/reference/results.md --recorded FOLDER` writes them and
-the figure of the README.
+`--document docs/reference/results.md --recorded FOLDER` updates them and the figure of the README.
 """
 
 import argparse
@@ -89,7 +88,7 @@ def of_thresholds(summary: ReproductionSummary, file: Path) -> str:
     ]
     head = [
         f"{of}, {policy}{unit}"
-        for of, unit in (("rod", " (mm)"), ("position", " (mm)"), ("taps", ""))
+        for of, unit in (("object", " (mm)"), ("position", " (mm)"), ("taps", ""))
         for policy in ("passive", "active")
     ]
     theta = summary["shown_theta"]
@@ -99,10 +98,10 @@ def of_thresholds(summary: ReproductionSummary, file: Path) -> str:
         errors = sets["what_error"].sel(theta=theta).isel(place=summary["fixation"]["index"])
         least, most = float(errors.min()), float(errors.max())
     said = (
-        f"At threshold {theta:g} the active error of the rod is {share:.2f} of the passive one, "
-        f"{told(gain, 'what_error', 2)} mm lower; that of the position is {told(gain, 'where_error', 2)} mm lower. "
-        f"The active rod error varies between data sets from {least:.2g} to {most:.2g} mm, because at the fixation "
-        "point a rod is nearly always or nearly never taken for its neighbour."
+        f"At threshold {theta:g} the active object error is {share:.2f} times the passive one, "
+        f"{told(gain, 'what_error', 2)} mm lower; the active position error is {told(gain, 'where_error', 2)} mm "
+        f"lower. The active object error varies between data sets from {least:.2g} to {most:.2g} mm, because at the "
+        "fixation point an object is nearly always or nearly never classified as its neighbour."
     )
     return f"{table(['threshold', *head], lines)}\n\n{said}"
 
@@ -116,7 +115,7 @@ def on_fresh_taps(summary: ReproductionSummary) -> str:
         if side is not None
         for row in side["rows"]
     ]
-    head = ["threshold", "policy", "rod (mm)", "position (mm)", "taps"]
+    head = ["threshold", "policy", "object (mm)", "position (mm)", "taps"]
     few = headline["few"] or ""
     return f"{table(head, lines)}\n\n{few and f'At threshold {headline["theta"]:g} {few[0].lower()}{few[1:]}'}".strip()
 
@@ -129,8 +128,8 @@ def joint(row: AccuracyRow) -> str:
 def main() -> None:
     """Runs everything and writes."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--recorded", type=Path, help="folder with the recorded sets")
-    parser.add_argument("--document", type=Path)
+    parser.add_argument("--recorded", type=Path, help="folder of recordings")
+    parser.add_argument("--document", type=Path, help="page to update")
     options = parser.parse_args()
     check_block(options.document, *BLOCKS)
 

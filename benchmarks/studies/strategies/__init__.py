@@ -1,4 +1,4 @@
-"""Strategies of moving and stopping: their errors, regret against the exact rule, gain of tuning.
+"""Strategies of moving and stopping: errors, regret against the exact rule, gain of tuning.
 
-`comparison` fills docs/explanation/strategies.md, `tuning` docs/how-to/tuning.md.
+`comparison` updates docs/explanation/strategies.md, `tuning` docs/how-to/tuning.md.
 """

@@ -1,8 +1,8 @@
-"""Strategies of moving and rules of stopping on simulated data sets and on recordings that have a tap in every cell.
+"""Strategies of moving and rules of stopping on simulated data sets and on recordings with a tap in every cell.
 
-`--recorded FOLDER --document docs/explanation/strategies.md` writes its tables
-and figures; `--summary strategies.json` takes the numbers of finished `solidtouch strategies` instead of playing, and
-writes what these have.
+`--recorded FOLDER --document docs/explanation/strategies.md` updates its tables and figures. `--summary
+strategies.json` uses the results of finished runs of `solidtouch strategies` instead of playing and updates the blocks
+they cover.
 """
 
 import argparse
@@ -35,7 +35,7 @@ PRESETS = ("ideal", "paper", "nodrift", "broken", "model")
 SHOWN = "preset paper"
 BLOCKS = ("strategies-findings", "strategies-shown", "strategies-equal", "strategies-rules", "strategies-trust")
 REGRET = "regret"
-_NAMES = {PAPER: "in the mean, by threshold", FIXED: "each"}
+_NAMES = {PAPER: "on average, by threshold", FIXED: "each"}
 
 
 def told(sources: Sequence[StrategySource]) -> str:
@@ -191,12 +191,12 @@ def _shown_source(sources: Sequence[StrategySource]) -> StrategySource:
 def main() -> None:
     """Runs the study as the command line says."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--data-sets", type=int, default=10)
-    parser.add_argument("--trials", type=int, default=100)
-    parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("--recorded", type=Path, help="folder of recorded sets")
-    parser.add_argument("--summary", type=Path, nargs="+", help="strategies.json of finished comparisons")
-    parser.add_argument("--document", type=Path, help="a page whose tables are replaced")
+    parser.add_argument("--data-sets", type=int, default=10, help="data sets per preset")
+    parser.add_argument("--trials", type=int, default=100, help="trials per class")
+    parser.add_argument("--seed", type=int, default=0, help="random seed")
+    parser.add_argument("--recorded", type=Path, help="folder of recordings")
+    parser.add_argument("--summary", type=Path, nargs="+", help="strategies.json of finished runs")
+    parser.add_argument("--document", type=Path, help="page to update")
     options = parser.parse_args()
     check_block(options.document, *BLOCKS, REGRET)
     if options.summary:

@@ -1,4 +1,4 @@
-"""Figures of tuning: curves over positions and thresholds, and what learners lose on the way."""
+"""Figures of tuning: error and cost over positions and thresholds, and regret of learners."""
 
 from __future__ import annotations
 

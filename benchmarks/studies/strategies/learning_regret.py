@@ -1,8 +1,8 @@
-"""How much learners of fixation point and threshold lose on the way, against the best pair from the start.
+"""Regret of learners of fixation point and threshold against the best pair from the start.
 
-The regret after n episodes is the sum of what the chosen arms cost in expectation, less n times the least expected
-cost. Expectations are means over many trials apart from the episodes, and the arm that is best in one half of them is
-priced by the other, so that its luck does not count as something that a learner could have had.
+The regret after n episodes is the sum of the expected costs of the chosen arms minus n times the least expected cost.
+Expectations are means over many trials separate from the episodes. The arm that is best in one half of these trials is
+priced by the other half, so that the least cost is not biased by selection.
 """
 
 from collections.abc import Mapping, Sequence

@@ -1,11 +1,11 @@
-"""What tuning buys in a session that nobody has seen, and how fast it is learned on line.
+"""Gain of tuning in a new session, and the speed of learning on line.
 
-Simulated data sets of the paper's sizes. Three sessions of each train; fixation point and threshold are chosen from
-them, each session left out in turn, or from the halves of the first alone. A fourth session then tells what an episode
-costs with them, with the default pair, and with the pair that is best there, which nobody could have known. On the same
-session learners find both from the costs of single episodes.
+Simulated data sets of the paper's size. Three sessions of each are training data; fixation point and threshold are
+chosen by leaving each session out in turn, or from the halves of the first session alone. A fourth session gives the
+cost of an episode with these choices, with the default pair, and with the pair that is best in that session, which no
+method could know. On the same session learners find both from the costs of single episodes.
 
-`--document docs/how-to/tuning.md` writes the tables and figures of that page.
+`--document docs/how-to/tuning.md` updates the tables and figures of that page.
 """
 
 import argparse
@@ -16,7 +16,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from solidtouch.analysis.tuning.run import ONLINE_THRESHOLDS, Price, Tuning, tune
+from solidtouch.analysis.tuning.run import ONLINE_THRESHOLDS, Price, Tuning, tune_parts
 from solidtouch.hardware.simulator.presets import preset
 from solidtouch.hardware.simulator.session import simulate_session
 from solidtouch.inference.moves.control import default_fixation
@@ -72,7 +72,7 @@ def data_set(name: str, seed: int, trials: int, episodes: int) -> Found:
     price = Price(COST)
 
     def tuned(taps: TapSet) -> Tuning:
-        return tune(held_out(taps, grid, fit), Setting(), price, trials=trials, seed=seed)
+        return tune_parts(held_out(taps, grid, fit), Setting(), price, trials=trials, seed=seed)
 
     one, three = tuned(sessions[0]), tuned(train)
     model = fit(train, grid)
@@ -120,7 +120,7 @@ def choice_table(results: Mapping[str, Sequence[Found]]) -> str:
             saved = "-" if way == "default" else mean_interval(default - at[:, 0], 1)
             values = mean_interval(at[:, 0], 1), saved, mean_interval(at[:, 1], 3), mean_interval(at[:, 2], 1)
             lines.append([name, way, *values, told, f"{middle:.4g}"])
-    head = ["preset", "pair by", "cost (taps)", "less than default", "object error (mm)", "taps"]
+    head = ["preset", "pair by", "cost (taps)", "saving over default", "object error (mm)", "taps"]
     return table([*head, "fixation class: data sets", "median threshold"], lines)
 
 
@@ -144,7 +144,7 @@ def learning_table(results: Mapping[str, Sequence[Found]], episodes: int) -> str
             kept = [found.kept[method] for found in sets]
             each = (mean_interval(curve[:, n - 1] / n, 1) for n in shown)
             lines.append([name, method, *each, mean_interval(kept, 1)])
-    return table(["preset", "learner", *(f"after {n}" for n in shown), "pair it keeps"], lines)
+    return table(["preset", "learner", *(f"after {n}" for n in shown), "excess of the recommended pair"], lines)
 
 
 def texts(results: Mapping[str, Sequence[Found]], seed: int, trials: int, episodes: int) -> dict[str, str]:
@@ -157,8 +157,8 @@ def texts(results: Mapping[str, Sequence[Found]], seed: int, trials: int, episod
     )
     learning = (
         f"Regret per episode in taps over the first episodes, {n} data sets of each preset, {episodes} episodes, "
-        f"{len(ONLINE_THRESHOLDS)} thresholds at each of 16 fixation points. *Pair it keeps* is what the recommended "
-        f"pair costs more than the best one.\n\n{learning_table(results, episodes)}"
+        f"{len(ONLINE_THRESHOLDS)} thresholds at each of 16 fixation points. The last column is the expected cost of "
+        f"the recommended pair minus that of the best one.\n\n{learning_table(results, episodes)}"
     )
     return dict(zip(BLOCKS, (choice, learning), strict=True))
 
@@ -166,12 +166,12 @@ def texts(results: Mapping[str, Sequence[Found]], seed: int, trials: int, episod
 def main() -> None:
     """Runs the study as the command line says."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--data-sets", type=int, default=20, help="of each preset")
+    parser.add_argument("--data-sets", type=int, default=20, help="data sets per preset")
     parser.add_argument("--presets", nargs="*", choices=PRESETS, default=list(PRESETS))
-    parser.add_argument("--trials", type=int, default=1000, help="in each part of the training taps")
-    parser.add_argument("--episodes", type=int, default=1000, help="of every learner")
+    parser.add_argument("--trials", type=int, default=1000, help="trials per part of the training taps")
+    parser.add_argument("--episodes", type=int, default=1000, help="episodes per learner")
     parser.add_argument("--seed", type=int, default=500)
-    parser.add_argument("--document", type=Path, help="a page whose tables and figures are replaced")
+    parser.add_argument("--document", type=Path, help="page to update")
     options = parser.parse_args()
     check_block(options.document, *BLOCKS)
     seeds = [data_set_seed(options.seed, d) for d in range(options.data_sets)]

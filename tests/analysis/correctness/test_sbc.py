@@ -340,7 +340,7 @@ def test_the_page_has_a_line_for_each_route_and_policy(small):
     page = chain.right_page(result, chain.Sizes(trials=100), 0)
 
     assert page.count(f"| {ARRAYS} |") == page.count("| cpu |") == 2
-    assert "Of 168 tests together 0 fail" in page
+    assert "Of 168 tests, 0 fail" in page
 
 
 @pytest.mark.slow

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from solidtouch.analysis.audit.parts import audit_parts, load_parts
+from solidtouch.analysis.experiment.parts import audit_parts, load_parts
 from solidtouch.models.errors import InputError
 from solidtouch.models.preprocessing import Preprocessing
 from solidtouch.models.settings import Division
