@@ -2,7 +2,7 @@
 
 import time
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
@@ -33,11 +33,14 @@ def progress_bars() -> "Progress":
 def bars() -> Iterator[Callable[[str, int], Callable[[int], None]]]:
     """A function that starts the bar of a stage and gives the function that advances it.
 
-    Where standard error is no terminal, long stages say a line now and then.
+    Nothing is shown before the first stage. Where standard error is no terminal, long stages say a line now and then.
     """
-    with progress_bars() as progress:
+    with ExitStack() as shown:
+        progress = progress_bars()
 
         def stage(name: str, total: int) -> Callable[[int], None]:
+            if not progress.tasks:
+                shown.enter_context(progress)
             task = progress.add_task(name, total=total)
             said = time.monotonic()
 
