@@ -1,13 +1,14 @@
 """The main job from beginning to end."""
 
+import contextlib
 import html
 import json
 import os
+import pty
 import re
 import signal
 import subprocess
 import sys
-import time
 
 import numpy as np
 import pytest
@@ -284,16 +285,19 @@ def test_two_files_train_and_test_and_empty_cells_are_named(command, tmp_path, m
 
 def test_an_interrupted_run_leaves_nothing(tmp_path):
     """Ctrl-C in the middle of the trials: exit code 130, a sentence, no file."""
-    words = ["reproduce", "--data-sets", "2", "--trials", "50000", "--out", str(tmp_path / "run")]
-    child = subprocess.Popen(
-        [sys.executable, "-m", "solidtouch.cli", *words], cwd=tmp_path, stderr=subprocess.PIPE, stdout=subprocess.PIPE
-    )
-    deadline = time.monotonic() + 60
-    while not any(tmp_path.iterdir()) and time.monotonic() < deadline:
-        time.sleep(0.2)
-    time.sleep(4)
-    child.send_signal(signal.SIGINT)
-    _, err = child.communicate(timeout=60)
+    words = ["reproduce", "--data-sets", "2", "--trials", "100000", "--out", str(tmp_path / "run")]
+    screen, terminal = pty.openpty()
+    child = subprocess.Popen([sys.executable, "-m", "solidtouch.cli", *words], cwd=tmp_path, stderr=terminal)
+    os.close(terminal)
+    with os.fdopen(screen, "rb", buffering=0) as shown:
+        err = shown.read(1000)
+        while b"Playing trials" not in err:
+            err += shown.read(1000)
+        child.send_signal(signal.SIGINT)
+        with contextlib.suppress(OSError):  # a terminal without a writer is an error on Linux
+            while rest := shown.read(1000):
+                err += rest
+    child.wait(60)
 
     assert child.returncode == 130
     assert b"interrupted" in err
