@@ -10,10 +10,10 @@ from numpy.typing import ArrayLike, NDArray
 from ..models.errors import InputError
 from ..models.measurement.histogram import HistogramModel
 from ..models.measurement.model import TapModel
-from ..models.measurement.states import log_fold
 from ..models.preprocessing import Preprocessing
 from ..models.settings import FitSettings
 from ..models.taps import TapSet
+from .belief import log_fold
 from .fit import check_used
 from .reference import ZeroEvidenceError
 from .tuning.tempering import fit_tempered

@@ -7,11 +7,10 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..models.errors import InputError
 from ..models.measurement.model import TapModel
-from ..models.measurement.states import log_fold
 from . import reference
+from .belief import log_fold, share, temper
 from .engines.engine import Engine, make_engine
 from .reference import Border
-from .saturation import share, temper
 from .stopping.stopping import check_threshold
 
 if TYPE_CHECKING:

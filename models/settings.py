@@ -72,7 +72,7 @@ class FitSettings(Checked, frozen=True, kw_only=True):
         pseudocount: Counts added to every bin of the histogram.
         power: Exponent of the likelihood of a tap: `"J"` (1/J, as printed in Eq. 1), `"JK"`, `"none"` or a number;
             `"learned"` or `"learned:N"` where it is learned from training sessions.
-        saturation: Number of taps that an episode's evidence counts as at most, see `inference.saturation`; `None` for
+        saturation: Number of taps that an episode's evidence counts as at most, see `inference.belief`; `None` for
             no limit.
         value_range: Whether bins span the range of all taxels together or of each.
         edges: Bin edges, shape (B + 1,) or (K, B + 1), instead of those of the training taps; they replace `bins`.

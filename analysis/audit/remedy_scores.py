@@ -16,7 +16,7 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from ...hardware.pool import TapPool, tap_pool
-from ...inference.saturation import share
+from ...inference.belief import share
 from ...inference.trials.judged_sequences import Sequences, log_beliefs, without_replacement
 from ...inference.trials.plan import tap_table
 from ...inference.trials.records import TapTable

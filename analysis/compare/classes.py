@@ -12,14 +12,13 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from ...hardware.pool import TapPool
-from ...inference.saturation import share
+from ...inference.belief import log_fold, share
 from ...inference.trials.judged_sequences import without_replacement
 from ...inference.trials.records import TapTable
 from ...inference.trials.resampling import CONFIDENCE, spread
 from ...inference.trials.selections import thinned_pools
 from ...models import seeds
 from ...models.errors import InputError
-from ...models.measurement.states import log_fold
 from ..stats.contacts import CONTACTS
 from ..stats.pairing import check_tables, reference_name, with_intervals
 

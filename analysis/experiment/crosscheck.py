@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from ...hardware.replay import ReplayRig, uniforms
 from ...inference import reference
+from ...inference.belief import fold
 from ...inference.engines.engine import Engine, make_engine
 from ...inference.raw import LabelledTaps, Options, RawFilter
 from ...inference.reference import Border
@@ -26,7 +27,6 @@ from ...models import seeds
 from ...models.measurement.histogram import HistogramModel
 from ...models.measurement.model import TapModel
 from ...models.measurement.registry import PAPER
-from ...models.measurement.states import fold
 from ...models.power import learned_taps
 from ...models.taps import TapSet
 from ..stats.no_class_left import impossible_cause

@@ -6,11 +6,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...hardware.replay import ReplayRig
+from ...inference.belief import fold
 from ...inference.engines.engine import Engine
 from ...inference.episode import perceive
 from ...inference.moves.control import MovePolicy, fixation, passive
 from ...inference.trials.plan import plan_trials, trial_uniforms
-from ...models.measurement.states import fold
 from ..experiment.settings import ExperimentSettings
 from ..experiment.study import Study
 from ..page.figure_episodes import BeliefCase

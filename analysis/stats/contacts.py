@@ -9,11 +9,10 @@ from numpy.typing import NDArray
 from scipy.stats import t
 
 from ...hardware.pool import TapPool
-from ...inference.saturation import share, temper
+from ...inference.belief import fold, share, temper
 from ...inference.trials.records import TapTable
 from ...inference.trials.resampling import Spread, widened
 from ...models import seeds
-from ...models.measurement.states import fold
 from ...models.threads import cores, in_order
 from .metrics import CONFIDENCE, NO_SPREAD, with_noise
 

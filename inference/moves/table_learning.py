@@ -12,12 +12,11 @@ from numpy.typing import NDArray
 from ...models.errors import InputError
 from ...models.grid import ClassGrid
 from ...models.measurement.model import TapModel
-from ...models.measurement.states import log_fold
 from ...models.seeds import Purpose, derived_seed
 from ...models.taps import TapSet
+from ..belief import log_fold, share, temper
 from ..engines.compiled import border_number, refuse_border
 from ..reference import Border
-from ..saturation import share, temper
 from ..trials import kernel
 from ..trials import random as draws
 from ..trials.lockstep import drawn_taps, shifted, updated

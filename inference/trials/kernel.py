@@ -376,7 +376,7 @@ def play(
         pool: Which of them belong to which class.
         prior: Belief before the first tap.
         classes: Which classes belief may be in.
-        saturation: Taps after which beliefs are read to a power, see `saturation.share`.
+        saturation: Taps after which beliefs are read to a power, see `belief.share`.
         plan: The trials.
         rule: How they move and stop.
         first: First row of the plan.

@@ -13,14 +13,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...models.errors import InputError
-from ...models.measurement.states import log_fold
+from ..belief import log_fold, share, temper
 from ..engines.compiled import border_number, refuse_border
 from ..episode import DEADLINE
 from ..moves.control import MovePolicy
 from ..moves.holes import Mask
 from ..moves.shifts import log_sum, shift_all
 from ..reference import Border
-from ..saturation import share, temper
 from ..stopping.stopping import Watch
 from . import kernel
 from . import random as draws

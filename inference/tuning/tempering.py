@@ -25,7 +25,7 @@ from ...models.power import learned_taps
 from ...models.seeds import Purpose, generator
 from ...models.settings import FitSettings
 from ...models.taps import TapSet
-from ..saturation import share
+from ..belief import share
 from ..trials.judged_sequences import JudgedSession, Sequences, mean_log_belief, refuse_impossible
 
 LEAST, MOST = 1e-4, 1.0

@@ -209,7 +209,7 @@ def fit(
         pseudocount: Added to every bin, in counts. The paper has none, and then a quarter to a half of
             simulated test taps are impossible under their own class; later work adds a small constant.
         power: Root of Eq. 1, see `inference.reference.exponent`.
-        saturation: How many taps' evidence an episode carries at most, see `inference.saturation`.
+        saturation: How many taps' evidence an episode carries at most, see `inference.belief`.
         value_range: Whether bins span the range of all taxels together or of each.
         edges: Bin edges to use instead, shape (B + 1,) or (K, B + 1).
         trained_on: Which taps these are, in words, for the model's file.

@@ -54,7 +54,7 @@ class TapModel(ABC):
         novelty: How badly the training taps fit their classes; without it no tap can be called new.
         training: Digests of the training taps, see `tap_digests`; none where a file of an older version has none.
         states: What all taps of an episode share and nobody knows before it; one state for most models.
-        saturation: How many taps' evidence the taps of an episode carry at most, see `inference.saturation`.
+        saturation: How many taps' evidence the taps of an episode carry at most, see `inference.belief`.
 
     Raises:
         InputError: The saturation is not above 0.
@@ -159,7 +159,7 @@ class TapModel(ABC):
         trained = np.where(self.trained, -np.log(self.trained.sum()), -np.inf)
         return np.concatenate([trained + log_prior for log_prior in self.states.log_prior], axis=1)
 
-    @property
+    @cached_property
     def exponent(self) -> float:
         """The exponent that `power` stands for."""
         return likelihood_exponent(self.power, self.preprocessing.samples, self.K)

@@ -1,8 +1,8 @@
 """Hypotheses that say more than where and what: each object under each of S states that last for an episode.
 
 A state is something unknown that all taps of an episode share, such as the gain of the sensor that day. The belief is
-carried over where and hypothesis, shape (L, H) with H = S M; hypothesis s M + m is object m in state s. Decisions take
-the sum over states. Without states S is 1 and the hypotheses are the objects.
+carried over where and hypothesis, shape (L, H) with H = S M; hypothesis s M + m is object m in state s. Without states
+S is 1 and the hypotheses are the objects.
 """
 
 from typing import NamedTuple
@@ -26,17 +26,3 @@ class States(NamedTuple):
 
 
 ONE_STATE = States(np.ones(1), np.zeros(1), np.zeros(1))
-
-
-def fold(belief: NDArray[np.float64], M: int) -> NDArray[np.float64]:
-    """The belief in where and what, shape (..., L, M), from one over hypotheses, shape (..., L, S M)."""
-    H = belief.shape[-1]
-    return belief if H == M else belief.reshape(*belief.shape[:-1], H // M, M).sum(axis=-2)
-
-
-def log_fold(log_belief: NDArray[np.float64], M: int) -> NDArray[np.float64]:
-    """`fold` in logs."""
-    H = log_belief.shape[-1]
-    if H == M:
-        return log_belief
-    return np.logaddexp.reduce(log_belief.reshape(*log_belief.shape[:-1], H // M, M), axis=-2)

@@ -8,6 +8,7 @@ import pytest
 from numbered_taps import NumberedTaps
 from solidtouch.hardware.replay import ReplayRig
 from solidtouch.inference import reference
+from solidtouch.inference.belief import fold, log_fold
 from solidtouch.inference.engines.compiled import FilterEngine, likelihoods
 from solidtouch.inference.engines.shadow import EnginesDisagree, ShadowEngine
 from solidtouch.inference.episode import perceive, steps
@@ -18,7 +19,6 @@ from solidtouch.inference.trials.records import TapTable, TrialPlan
 from solidtouch.inference.trials.run import run_trials
 from solidtouch.inference.trials.tally import tally, tally_trials
 from solidtouch.models.errors import InputError
-from solidtouch.models.measurement.states import fold, log_fold
 from solidtouch.models.settings import PlaySettings
 
 L, M, S, N = 5, 2, 3, 40

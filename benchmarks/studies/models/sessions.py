@@ -18,10 +18,10 @@ from numpy.typing import NDArray
 from solidtouch.hardware.simulator.presets import preset
 from solidtouch.hardware.simulator.session import simulate_session
 from solidtouch.hardware.simulator.settings import RigSettings
+from solidtouch.inference.belief import log_fold
 from solidtouch.models.grid import ClassGrid
 from solidtouch.models.measurement.catalogue import fit_model
 from solidtouch.models.measurement.model import TapModel
-from solidtouch.models.measurement.states import log_fold
 from solidtouch.models.seeds import data_set_seed
 from solidtouch.models.settings import FitSettings
 from solidtouch.models.taps import TapSet, concatenate

@@ -5,13 +5,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from solidtouch.hardware.simulator.model_rig import draw_taps
-from solidtouch.inference.saturation import share
+from solidtouch.inference.belief import log_fold, share
 from solidtouch.inference.trials.plan import tap_table
 from solidtouch.inference.tuning.tempering import LEAST, MOST, best_power, fit_tempered, learn_power, learn_saturation
 from solidtouch.models.errors import InputError
 from solidtouch.models.io.model_file import load_model
 from solidtouch.models.measurement.catalogue import fit_model
-from solidtouch.models.measurement.states import log_fold
 from solidtouch.models.settings import FitSettings
 
 L, M, J, K, B, REPEATS = 3, 2, 6, 5, 7, 4

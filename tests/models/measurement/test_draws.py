@@ -2,12 +2,12 @@
 
 import numpy as np
 import pytest
+from solidtouch.inference.belief import log_fold
 from solidtouch.models.errors import InputError
 from solidtouch.models.measurement import registry
 from solidtouch.models.measurement.catalogue import fit_model
 from solidtouch.models.measurement.draws import posterior_draws
 from solidtouch.models.measurement.likelihood.forms import TableForm, in_states
-from solidtouch.models.measurement.states import log_fold
 from solidtouch.models.settings import FitSettings
 
 L, M, J, K, B = 3, 2, 4, 5, 7

@@ -1,4 +1,4 @@
-"""Beliefs whose evidence saturates: read to a power from what Bayes' rule carries, everywhere the same."""
+"""Beliefs that decisions use: to a power where evidence saturates, everywhere the same, and summed over states."""
 
 from dataclasses import replace
 from itertools import pairwise
@@ -9,10 +9,10 @@ from solidtouch.analysis.compare.classes import class_scores
 from solidtouch.analysis.stats.contacts import accuracy
 from solidtouch.hardware.pool import tap_pool
 from solidtouch.hardware.replay import ReplayRig
+from solidtouch.inference.belief import fold, log_fold, share, temper
 from solidtouch.inference.engines.engine import make_engine
 from solidtouch.inference.episode import perceive, steps
 from solidtouch.inference.moves.control import fixation, passive
-from solidtouch.inference.saturation import share, temper
 from solidtouch.inference.trials import gpu as device
 from solidtouch.inference.trials.plan import plan_trials, tap_table, trial_uniforms
 from solidtouch.inference.trials.records import TapTable, TrialPlan
@@ -253,3 +253,14 @@ def test_what_is_no_number_of_taps_is_refused(models, taps, plan, saturation):
             THETAS,
             play=PlaySettings(theta_x=0.0),
         )
+
+
+@pytest.mark.parametrize("states", [1, 4])
+def test_states_of_an_object_add_up(rng, states):
+    belief = rng.random((5, L, states * M))
+    folded = np.zeros((5, L, M))
+    for h in range(states * M):
+        folded[:, :, h % M] += belief[:, :, h]
+
+    np.testing.assert_allclose(fold(belief, M), folded)
+    np.testing.assert_allclose(np.exp(log_fold(np.log(belief), M)), folded)
