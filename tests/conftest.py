@@ -142,7 +142,7 @@ def make_model() -> Callable[..., HistogramModel]:
         if value_range == "taxel":
             edges = rng.normal(size=(K, 1)) + np.arange(1.0, K + 1)[:, np.newaxis] * edges
         grid = ClassGrid(1.5 * np.arange(L), "mm", None, tuple((f"object {m}",) for m in range(M)))
-        return HistogramModel(grid, edges, counts, pseudocount, power, Preprocessing(samples=J))
+        return HistogramModel(grid, edges, power, Preprocessing(samples=J), counts, pseudocount)
 
     return make
 

@@ -79,8 +79,8 @@ def case_model(case: Case) -> TapModel:
         return fit(taps, grid, bins=case.bins, pseudocount=case.pseudocount, power=case.power)
     edges = np.asarray(case.edges)
     if case.counts is not None:
-        return HistogramModel(grid, edges, case.counts, case.pseudocount, case.power, record)
-    return TableModel(grid, edges, np.asarray(case.probabilities), case.power, record)
+        return HistogramModel(grid, edges, case.power, record, case.counts, case.pseudocount)
+    return TableModel(grid, edges, case.power, record, np.asarray(case.probabilities))
 
 
 def _route(name: str, model: TapModel, case: Case) -> Route:

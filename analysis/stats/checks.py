@@ -222,7 +222,7 @@ def _log_ratios(
     labels: TapLabels, counts: NDArray[np.int64], cells: BinnedTaps, trained: NDArray[np.bool_]
 ) -> NDArray[np.float64]:
     """Log ratios of each class's table to that of its rival, shape (L M, K B); NaN without a rival."""
-    model = HistogramModel(labels.grid, cells.edges, counts, _PSEUDOCOUNT, "none", labels.taps.preprocessing)
+    model = HistogramModel(labels.grid, cells.edges, "none", labels.taps.preprocessing, counts, _PSEUDOCOUNT)
     rival = rivals(model, trained)
     table = model.log_prob.reshape(len(rival), -1)
     return np.where((rival >= 0)[:, None], table - table[rival], np.nan)

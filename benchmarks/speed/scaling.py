@@ -161,7 +161,7 @@ def _table(taps: int, classes: int, J: int, K: int, B: int) -> Callable[[], obje
     rng = np.random.default_rng(SEED)
     grid = ClassGrid(1.5 * np.arange(classes), "mm", None, (("object",),))
     counts = rng.multinomial(20 * J, rng.dirichlet(np.ones(B), size=(classes, 1, K)))
-    model = HistogramModel(grid, np.linspace(-3, 3, B + 1), counts, 0.01, "J", Preprocessing(samples=J))
+    model = HistogramModel(grid, np.linspace(-3, 3, B + 1), "J", Preprocessing(samples=J), counts, 0.01)
     samples = rng.normal(size=(taps, J, K)).astype(np.float32)
     return lambda: model.log_likelihood(samples)
 

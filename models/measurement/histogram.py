@@ -9,7 +9,7 @@ Reference: Lepora, Martinez-Hernandez and Prescott, "A SOLID case for active Bay
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import cached_property
 from importlib.metadata import version
 from typing import Any, Literal, NamedTuple
@@ -23,7 +23,6 @@ from ..digest import tap_digests
 from ..errors import InputError
 from ..grid import ClassGrid
 from ..power import likelihood_exponent
-from ..preprocessing import Preprocessing
 from ..settings import FitSettings
 from ..taps import TapSet
 from .fits.convergence import EXACT, Convergence
@@ -32,8 +31,7 @@ from .likelihood.forms import TableForm
 from .likelihood.shapes import Parameters
 from .likelihood.true_class import Own
 from .model import Fitted, Row, TapModel
-from .novelty import NoveltyScores, novelty_scores
-from .states import ONE_STATE, States
+from .novelty import novelty_scores
 
 
 def histogram_model(
@@ -67,34 +65,12 @@ class HistogramModel(TapModel):
     """A fitted histogram for every class and taxel.
 
     Attributes:
-        grid: The classes.
-        edges: Bin edges, shape (B + 1,) for all taxels or (K, B + 1) for each.
         counts: Occupation numbers h_k(b) of every class, shape (L, M, K, B).
         pseudocount: Added to every bin, in counts.
-        power: Root of the likelihood in Eq. 1: `"J"`, `"JK"`, `"none"` or an exponent.
-        preprocessing: How the taps were prepared.
-        left_out: Names of the classes without a training tap.
-        trained_on: Which taps trained it, in words.
-        version: Version of this software that fitted it.
-        novelty: How badly the training taps fit their classes; without it no tap can be called new.
-        training: Digests of the training taps, see `tap_digests`; none where a file of an older version has none.
-        states: What all taps of an episode share, see `session`.
-        saturation: How many taps' evidence an episode carries at most.
     """
 
-    grid: ClassGrid
-    edges: NDArray[np.float64]
     counts: NDArray[np.int64]
     pseudocount: float
-    power: str | float
-    preprocessing: Preprocessing
-    left_out: tuple[str, ...] = ()
-    trained_on: str = ""
-    version: str = ""
-    novelty: NoveltyScores | None = None
-    training: NDArray[np.uint64] = field(default_factory=lambda: np.empty(0, np.uint64))
-    states: States = ONE_STATE
-    saturation: float = np.inf
 
     @cached_property
     def trained(self) -> NDArray[np.bool_]:

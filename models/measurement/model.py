@@ -7,6 +7,7 @@ trials, sweeps and comparisons, knows models by this file only.
 import json
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
+from dataclasses import KW_ONLY, dataclass, field
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
@@ -21,7 +22,7 @@ from ..storage import write_groups
 from ..training import training_taps
 from .likelihood.bins import find_bins
 from .likelihood.forms import in_states
-from .states import States
+from .states import ONE_STATE, States
 
 if TYPE_CHECKING:
     from ..grid import ClassGrid
@@ -39,6 +40,7 @@ FORMAT = 2
 """Of the files of fitted models."""
 
 
+@dataclass(frozen=True, eq=False, repr=False)
 class TapModel(ABC):
     """A fitted measurement model: all that perception needs to know of the training data.
 
@@ -64,13 +66,14 @@ class TapModel(ABC):
     edges: NDArray[np.float64]
     power: str | float
     preprocessing: "Preprocessing"
-    left_out: tuple[str, ...]
-    trained_on: str
-    version: str
-    novelty: "NoveltyScores | None"
-    training: NDArray[np.uint64]
-    states: States
-    saturation: float
+    _: KW_ONLY
+    left_out: tuple[str, ...] = ()
+    trained_on: str = ""
+    version: str = ""
+    novelty: "NoveltyScores | None" = None
+    training: NDArray[np.uint64] = field(default_factory=lambda: np.empty(0, np.uint64))
+    states: States = ONE_STATE
+    saturation: float = np.inf
 
     def __post_init__(self) -> None:
         """Checks the saturation."""

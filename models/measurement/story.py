@@ -15,7 +15,7 @@ Riutort-Mayol et al., Statistics and Computing 33 (2023) 17 (Gaussian processes 
 """
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import cached_property
 from importlib.metadata import version
 from typing import Any
@@ -28,7 +28,6 @@ from ..digest import tap_digests
 from ..errors import InputError
 from ..grid import ClassGrid
 from ..power import likelihood_exponent
-from ..preprocessing import Preprocessing
 from ..settings import FitSettings
 from ..taps import TapSet
 from .fits.chains import SamplePosterior, Sites
@@ -40,9 +39,7 @@ from .likelihood.forms import Form
 from .likelihood.shapes import Measure, Parameters
 from .likelihood.true_class import Own
 from .model import Fitted, Row, TapModel
-from .novelty import NoveltyScores
 from .scaling import Scaling, least_deviation
-from .states import ONE_STATE, States
 
 _MANY_DRAWS = 100  # where nothing is integrated exactly
 _NO_BASIS = np.zeros((0, 0, 0))
@@ -190,39 +187,17 @@ class ParametricModel(TapModel):
 
     Attributes:
         story: Its story, and what is known of it.
-        grid: The classes.
-        edges: Bin edges, shape (B + 1,) or (K, B + 1).
         scaling: Units of the parameters.
         basis: Basis functions at Q places in each where class, shape (Q, L, D), or (0, 0, 0).
         parameters: With which it decides, as the story names them.
         covered: Which classes it can speak about, shape (L, M).
-        power: Root of the likelihood in Eq. 1.
-        preprocessing: How the taps were prepared.
-        left_out: Names of the classes that it cannot speak about.
-        trained_on: Which taps trained it, in words.
-        version: Version of this software that fitted it.
-        novelty: None; p-values of new taps need the histogram model.
-        training: Digests of the training taps.
-        states: What all taps of an episode share, see `session`.
-        saturation: How many taps' evidence an episode carries at most.
     """
 
     story: Story
-    grid: ClassGrid
-    edges: NDArray[np.float64]
     scaling: Scaling
     basis: NDArray[np.float64]
     parameters: Parameters
     covered: NDArray[np.bool_]
-    power: str | float
-    preprocessing: Preprocessing
-    left_out: tuple[str, ...] = ()
-    trained_on: str = ""
-    version: str = ""
-    novelty: NoveltyScores | None = None
-    training: NDArray[np.uint64] = field(default_factory=lambda: np.empty(0, np.uint64))
-    states: States = ONE_STATE
-    saturation: float = np.inf
 
     @property
     def kind(self) -> str:

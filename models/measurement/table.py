@@ -1,6 +1,6 @@
 """A measurement model whose probabilities are given, not fitted: one table over the bins per class and taxel."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import cached_property
 from typing import NoReturn
 
@@ -8,12 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import InputError
-from ..grid import ClassGrid
-from ..preprocessing import Preprocessing
 from .likelihood.forms import TableForm
 from .model import TapModel
-from .novelty import NoveltyScores
-from .states import ONE_STATE, States
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -23,36 +19,14 @@ class TableModel(TapModel):
     It has no file of its own kind; what it was made from is kept instead.
 
     Attributes:
-        grid: The classes.
-        edges: Bin edges, shape (B + 1,) for all taxels or (K, B + 1) for each.
         probabilities: P_k(b | class) as they enter Eq. 1, shape (L, M, K, B); tables that do not sum to one stay so,
             and a class whose tables are all zero is impossible.
-        power: Root of the likelihood in Eq. 1: `"J"`, `"JK"`, `"none"` or an exponent.
-        preprocessing: How the taps were prepared.
-        left_out: Names of the impossible classes.
-        trained_on: Where the tables come from, in words.
-        version: Version of the software that made them.
-        novelty: As in every model.
-        training: As in every model.
-        states: As in every model.
-        saturation: As in every model.
 
     Raises:
         InputError: Shapes contradict each other, edges do not increase, or a probability is negative or not finite.
     """
 
-    grid: ClassGrid
-    edges: NDArray[np.float64]
     probabilities: NDArray[np.float64]
-    power: str | float
-    preprocessing: Preprocessing
-    left_out: tuple[str, ...] = ()
-    trained_on: str = ""
-    version: str = ""
-    novelty: NoveltyScores | None = None
-    training: NDArray[np.uint64] = field(default_factory=lambda: np.empty(0, np.uint64))
-    states: States = ONE_STATE
-    saturation: float = np.inf
 
     def __post_init__(self) -> None:
         """Checks shapes and values."""

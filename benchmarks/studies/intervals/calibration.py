@@ -90,7 +90,7 @@ def right_model(size: str, samples: int) -> HistogramModel:
     K = _TAXELS[samples]
     p = np.random.default_rng(L * M).dirichlet(np.ones(SYMBOLS), size=(L, M, K))
     counts = np.maximum(1, np.round(1e6 * p)).astype(np.int64)
-    return HistogramModel(grid_of(L, M), np.arange(SYMBOLS + 1.0), counts, 0.0, "none", Preprocessing(samples))
+    return HistogramModel(grid_of(L, M), np.arange(SYMBOLS + 1.0), "none", Preprocessing(samples), counts, 0.0)
 
 
 def verdicts(design: Design, data_sets: int, references: int, seed: int) -> dict[tuple[str, float], Counter[str]]:

@@ -91,7 +91,7 @@ def drawn(truth: int, taps: int, data_set: int, session: int = 0) -> TapSet:
 
 def right(truth: int) -> HistogramModel:
     """The model that the taps of a world come from."""
-    return HistogramModel(GRID, EDGES, np.round(1e9 * world(truth)).astype(np.int64), 0.0, "none", RECORD)
+    return HistogramModel(GRID, EDGES, "none", RECORD, np.round(1e9 * world(truth)).astype(np.int64), 0.0)
 
 
 def fitted(taps: TapSet, grid: ClassGrid) -> HistogramModel:

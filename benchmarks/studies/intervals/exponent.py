@@ -78,7 +78,7 @@ def truth_of(design: Design, seed: int) -> HistogramModel:
         p = np.diff(norm.cdf(np.arange(_BINS + 1.0), generator.uniform(0, _BINS, size=(L, M, K, 1)), _WIDTH), axis=-1)
     counts = np.maximum(1, np.round(1e6 * p / p.sum(axis=-1, keepdims=True))).astype(np.int64)
     edges = np.arange(counts.shape[-1] + 1.0)
-    return HistogramModel(grid_of(L, M), edges, counts, 0.0, "none", Preprocessing(design.samples))
+    return HistogramModel(grid_of(L, M), edges, "none", Preprocessing(design.samples), counts, 0.0)
 
 
 def lower(design: Design, fixed: bool, seed: int) -> list[bool]:

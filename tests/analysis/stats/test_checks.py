@@ -164,7 +164,7 @@ def test_replicates_follow_the_tables_of_their_classes(taps):
     rng = np.random.default_rng(0)
     grid = taps.grid()
     p = rng.dirichlet(np.ones(B), size=(L, M, K))
-    model = HistogramModel(grid, EDGES, np.ones((L, M, K, B), int), 0.01, "none", taps.preprocessing)
+    model = HistogramModel(grid, EDGES, "none", taps.preprocessing, np.ones((L, M, K, B), int), 0.01)
     labels = TapLabels.of(taps, grid)
     counts, repeats = np.zeros((L, M, K, B)), []
     for _ in range(200):

@@ -215,7 +215,7 @@ def promising(p, n, seed, power=1.0):
     """A model of known distributions, n taps of each class drawn from it at power none, and promises made of it."""
     L, M = p.shape[:2]
     counts = np.round(1e6 * p)[:, :, None].astype(np.int64)
-    model = HistogramModel(grid_of(L, M), np.arange(p.shape[2] + 1.0), counts, 0.0, power, Preprocessing(1))
+    model = HistogramModel(grid_of(L, M), np.arange(p.shape[2] + 1.0), power, Preprocessing(1), counts, 0.0)
     where, what, _ = (index.ravel() for index in np.indices((L, M, n)))
     taps = model.form.sample(where, what, model.edges, 1, np.random.default_rng(seed))
     flat = np.full((L, M), -np.log(L * M))

@@ -39,7 +39,7 @@ def model_of(L=2, M=2, K=1, seed=0):
     """Histograms of a known truth."""
     counts = np.round(1e6 * np.random.default_rng(seed).dirichlet(np.ones(B), size=(L, M, K))).astype(np.int64) + 1
     grid = ClassGrid(np.arange(L) + 0.0, "mm", None, tuple((f"object {m}",) for m in range(M)))
-    return HistogramModel(grid, np.arange(B + 1.0), counts, 0.0, "none", Preprocessing(J))
+    return HistogramModel(grid, np.arange(B + 1.0), "none", Preprocessing(J), counts, 0.0)
 
 
 RIGHT = model_of()

@@ -34,7 +34,7 @@ def model_of(L=3, M=2, K=1, J=1, B=5, power="none", seed=0, saturation=np.inf):
     rng = np.random.default_rng(seed)
     counts = np.round(1e6 * rng.dirichlet(np.ones(B), size=(L, M, K))).astype(np.int64) + 1
     grid = ClassGrid(np.arange(L) + 0.0, "mm", None, tuple((f"object {m}",) for m in range(M)))
-    return HistogramModel(grid, np.arange(B + 1.0), counts, 0.0, power, Preprocessing(J), saturation=saturation)
+    return HistogramModel(grid, np.arange(B + 1.0), power, Preprocessing(J), counts, 0.0, saturation=saturation)
 
 
 def data_of(model, n, seed, repeat=1):
