@@ -8,6 +8,8 @@ from .analysis.sensitivity.report import SensitivityReport as SensitivityReport
 from .analysis.sensitivity.report import sensitivity as sensitivity
 from .analysis.strategies.report import StrategiesReport as StrategiesReport
 from .analysis.strategies.report import strategies as strategies
+from .analysis.sweep.report import SweepReport as SweepReport
+from .analysis.sweep.report import sweep as sweep
 from .analysis.trials.report import TrialsReport as TrialsReport
 from .analysis.trials.report import trials as trials
 from .analysis.tuning.report import TuningReport as TuningReport

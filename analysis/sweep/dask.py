@@ -38,7 +38,7 @@ class _Lost(Exception):
     """The scheduler is gone, or has forgotten what it was told."""
 
 
-def on_cluster(address: str, patience_s: float, note: Callable[[str], None]) -> Runner:
+def on_cluster(address: str, patience_s: float, note: Callable[[str], object]) -> Runner:
     """A runner on the Dask scheduler at this address.
 
     Args:

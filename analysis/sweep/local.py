@@ -17,7 +17,6 @@ from .batches import Batch, CellQueue
 from .cell import Load, Outcome, Runner, try_cell
 from .cells import Cell, Effort
 from .data import DataSet
-from .threads import one_thread
 
 _BATCH_S = 0.2
 
@@ -77,8 +76,7 @@ class _Worker:
         # Ctrl-C reaches every process of a terminal; what to do about it is decided here alone.
         signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
         try:
-            with one_thread():
-                self._process.start()
+            self._process.start()
         finally:
             signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGINT})
             other.close()

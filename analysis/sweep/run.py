@@ -18,7 +18,8 @@ from .cells import CellGrid, Effort
 from .code import code, differences
 from .data import DataSet, Sources
 from .store import DONE, FAILED, PENDING, SweepStore, create_store, locked, read_about
-from .study import StudyFile, load_study
+from .study import StudyFile, load_study, parse_study
+from .threads import one_thread
 
 _CAUSES = 3
 
@@ -38,6 +39,17 @@ class SweepProgress(NamedTuple):
     failed: int
     causes: tuple[str, ...] = ()
 
+    @property
+    def ended(self) -> int:
+        """How many are done or failed."""
+        return self.done + self.failed
+
+    @property
+    def counts(self) -> str:
+        """The numbers as a phrase."""
+        failed = f", {self.failed} failed" if self.failed else ""
+        return f"{self.done} of {self.cells} cells{failed}"
+
 
 def sweep(
     path: Path,
@@ -45,8 +57,8 @@ def sweep(
     run: Runner,
     *,
     retry_failed: bool = False,
-    progress: Callable[[SweepProgress], None] = lambda tally: None,  # noqa: ARG005
-    note: Callable[[str], None] = lambda line: None,  # noqa: ARG005
+    progress: Callable[[SweepProgress], object] = lambda tally: None,  # noqa: ARG005
+    note: Callable[[str], object] = lambda line: None,  # noqa: ARG005
 ) -> SweepProgress:
     """Begins a study, or continues it.
 
@@ -73,7 +85,7 @@ def sweep(
     for line in (*sources.notes, read_about(out).get("few")):
         if line:
             note(line)
-    with locked(out):
+    with locked(out), one_thread():
         status = store.status()[grid.distinct]
         wanted = (status == PENDING) | (retry_failed & (status == FAILED))
         done, failed = np.count_nonzero(status == DONE), np.count_nonzero((status == FAILED) & ~wanted)
@@ -87,6 +99,21 @@ def sweep(
                 tally = _counted(tally, outcome)
                 progress(tally)
     return tally
+
+
+def kept(out: Path) -> SweepProgress:
+    """How far the sweep of a store is.
+
+    Raises:
+        InputError: There is no such store.
+    """
+    if not out.exists():
+        raise InputError(f"{out}: no such store.")
+    about = read_about(out)
+    grid = CellGrid.of(parse_study(about["study"]), tuple(json.loads(about["data_keys"])))
+    status = SweepStore(out, grid).status()[grid.distinct]
+    done, failed = (int(np.count_nonzero(status == state)) for state in (DONE, FAILED))
+    return SweepProgress(len(status), done, failed)
 
 
 def _counted(tally: SweepProgress, outcome: Outcome) -> SweepProgress:

@@ -3,9 +3,13 @@
 import time
 
 import pytest
+import xarray as xr
 from solidtouch.analysis.sweep import dask as sweep_dask
 from solidtouch.analysis.sweep.result import open_sweep
 from solidtouch.models.errors import InputError
+from sweep_study import results
+
+import solidtouch as st
 
 
 def test_a_study_becomes_a_store_beside_it(command, make_study, tmp_path):
@@ -14,6 +18,45 @@ def test_a_study_becomes_a_store_beside_it(command, make_study, tmp_path):
     assert done.code == 0
     assert "study.zarr: 2 of 2 cells." in " ".join(done.out.split())
     assert (open_sweep(tmp_path / "study.zarr")["status"] == 1).all()
+
+
+def test_the_function_writes_what_the_command_does(command, make_study, tmp_path):
+    """And resumes it; a report of the store alone says the same."""
+    study, heard, counted = make_study("pseudocount = [0.01, 1]"), [], []
+
+    def stop(found):
+        heard.append(found)
+        if found.done == 3:
+            raise KeyboardInterrupt
+
+    done = command("sweep", study, "--workers", 1)
+    with pytest.raises(KeyboardInterrupt):
+        st.sweep(study, tmp_path / "function.zarr", workers=1, hear=stop)
+    assert st.SweepReport.open(tmp_path / "function.zarr").found[:3] == (4, 3, 0)
+    report = st.sweep(study, tmp_path / "function.zarr", workers=1, progress=lambda *_: counted.append)
+
+    assert done.code == 0
+    assert [found.done for found in heard] == [0, 1, 2, 3]
+    assert counted == [3, 1]
+    xr.testing.assert_identical(results(report.path), results(tmp_path / "study.zarr"))
+    assert repr(st.SweepReport.open(report.path)) == repr(report)
+    assert "4 of 4 cells." in repr(report)
+    assert "pseudocount" in report._repr_html_()
+
+
+def test_means_over_data_sets_come_with_intervals(make_study):
+    report = st.sweep(make_study("power = [0.3, 1]", head="resamples = 5"), workers=1)
+    at = report.results.sel(theta=0.5, policy="passive")
+    found = report.over_data(at).squeeze()
+    gain = report.over_data((at["belief"].sel(power=1) - at["belief"].sel(power=0.3)).to_dataset(name="gain"), ["gain"])
+
+    assert (found["belief_low"] < found["belief"]).all()
+    assert gain["gain"].item() == pytest.approx(found["belief"].sel(power=1) - found["belief"].sel(power=0.3))
+
+
+def test_a_store_that_is_not_there_is_refused(tmp_path):
+    with pytest.raises(st.InputError, match=r"none\.zarr: no such store\."):
+        st.SweepReport.open(tmp_path / "none.zarr")
 
 
 def test_failed_cells_are_said_and_give_exit_code_1(command, make_study):

@@ -22,6 +22,7 @@ from solidtouch.analysis.sweep.study import load_study
 from solidtouch.inference.trials.resampling import Spread
 from solidtouch.models.errors import InputError
 from sweep_study import DISTINCT, GRID, results
+from threadpoolctl import threadpool_info, threadpool_limits
 
 
 def test_likelihoods_are_shared_between_cells_of_one_fit(make_study, tmp_path, monkeypatch):
@@ -120,6 +121,24 @@ def test_a_stopped_sweep_goes_on_without_repeating_a_cell(make_study, tmp_path):
     assert again[0].done == 7
     assert len(again) == DISTINCT - 7 + 1
     xr.testing.assert_identical(results(tmp_path / "s.zarr"), results(tmp_path / "whole.zarr"))
+
+
+def test_cells_are_computed_with_one_thread_each(make_study, tmp_path):
+    """Also by libraries that are loaded already, and in processes that start."""
+    seen = []
+
+    def look(cells, effort, load):
+        seen.extend([pool["num_threads"] for pool in threadpool_info() if pool["user_api"] == "blas"])
+        seen.append(int(os.environ["OMP_NUM_THREADS"]))
+        yield from ()
+
+    before = os.environ.get("OMP_NUM_THREADS")
+    with threadpool_limits(2):
+        sweep(make_study(), tmp_path / "s.zarr", look)
+        assert max(pool["num_threads"] for pool in threadpool_info()) == 2
+    assert len(seen) > 1
+    assert set(seen) == {1}
+    assert os.environ.get("OMP_NUM_THREADS") == before
 
 
 def test_a_finished_sweep_starts_nothing(make_study, tmp_path):
