@@ -11,10 +11,7 @@ from .shared.interrupt import loading
 from .shared.options import Force
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
-
-    from ..analysis.conformance.run import Asked
-    from ..analysis.conformance.verdict import Verdict
+    from ..analysis.conformance.report import ConformanceReport
 
 app = typer.Typer(
     help="Cases with exact answers, to check this algorithm in any language.",
@@ -36,14 +33,14 @@ def list_cases(
         from rich.console import Console
         from rich.table import Table
 
-        from ..analysis.conformance.catalogue import select
+        from ..analysis.conformance.report import cases
     table = Table("case", "equations", "taps", "what it tests", box=None)
-    cases = select(case or [])
-    for one in cases:
+    chosen = cases(*case or ())
+    for one in chosen:
         table.add_row(one.name, _equations(one.equations), str(len(one.taps)), one.about)
     console = Console()
     console.print(table)
-    console.print(f"{len(cases)} cases.", highlight=False)
+    console.print(f"{len(chosen)} cases.", highlight=False)
 
 
 @app.command("export")
@@ -55,15 +52,11 @@ def export_cases(
 ) -> None:
     """The cases with their right answers as files: JSON, lines for a program to read, and NPZ for large ones."""
     with loading():
-        from ..analysis.conformance.catalogue import select
-        from ..analysis.conformance.kit import export_kit
-        from ..models.storage import check_folder
+        from ..analysis.conformance.report import export
     from .shared.progress import bars
 
-    check_folder(folder, force)
-    cases = select(case or [])
     with bars() as progress:
-        written = export_kit(folder, cases, precision, force, progress("Computing answers", len(cases)))
+        written = export(folder, case or (), precision=precision, force=force, progress=progress)
     print(f"Cases in {folder}: {written}; {folder / 'index.json'} lists them.")
 
 
@@ -77,17 +70,17 @@ def run_engines(
 ) -> None:
     """This software's own engines on all cases; exit code 1 if one differs."""
     with loading():
-        from ..analysis.conformance.catalogue import select
+        from ..analysis.conformance.report import run_engine
         from ..analysis.conformance.routes import ROUTES
-        from ..analysis.conformance.run import Asked, run_route
+    from .shared.progress import bars
 
-    cases = select(case or [])
-    fine = True
-    for route in (engine,) if engine else ROUTES:
-        print(f"Engine {route}")
-        verdicts = _with_progress(len(cases), verbose, lambda told, route=route: run_route(route, cases, told), Asked())
-        fine &= _summary(verdicts)
-    if not fine:
+    passed = True
+    for name in (engine,) if engine else ROUTES:
+        print(f"Engine {name}")
+        with bars() as progress:
+            report = run_engine(name, case or (), progress=progress)
+        passed &= _printed(report, verbose)
+    if not passed:
         raise typer.Exit(1)
 
 
@@ -112,57 +105,32 @@ def check(
 ) -> None:
     """A program in any language on all cases: what differs first, by how much, and the likely cause."""
     with loading():
-        from ..analysis.conformance.answers import FIT, QUANTITIES
-        from ..analysis.conformance.catalogue import select
-        from ..analysis.conformance.program import split_command
-        from ..analysis.conformance.run import Asked, check_answers, check_program
+        from ..analysis.conformance.report import run_files, run_program
+    from .shared.progress import bars
+
     if (command is None) == (answers is None):
         raise InputError("check needs either --command PROGRAM or --answers DIR.")
-    if answers is not None and not answers.is_dir():
-        raise InputError(f"--answers {answers} is no folder.")
-    for name in without or []:
-        if name not in set(QUANTITIES) - set(FIT):
-            known = ", ".join(name for name in QUANTITIES if name not in FIT)
-            raise InputError(f"--without {name}: it must be one of {known}.")
-    cases = select(case or [])
-    asked = Asked(precision, tuple(without or ()), timeout)
-
-    def work(told: "Callable[[Verdict], None]") -> "list[Verdict]":
+    with bars() as progress:
         if answers is not None:
-            return check_answers(answers, cases, asked, told)
-        return check_program(split_command(command or ""), cases, asked, together, told)
-
-    if not _summary(_with_progress(len(cases), verbose, work, asked)):
+            report = run_files(answers, case or (), precision=precision, without=without or (), progress=progress)
+        else:
+            report = run_program(
+                command or "",
+                case or (),
+                precision=precision,
+                without=without or (),
+                timeout=timeout,
+                together=together,
+                progress=progress,
+            )
+    if not _printed(report, verbose):
         raise typer.Exit(1)
 
 
-def _with_progress(
-    cases: int, verbose: bool, work: "Callable[[Callable[[Verdict], None]], list[Verdict]]", asked: "Asked"
-) -> "list[Verdict]":
-    """The verdicts with their causes, printed when all are there, as a cause is likelier the more it explains."""
-    from ..analysis.conformance.causes import with_causes
-    from ..analysis.conformance.verdict import described
-    from .shared.progress import bars
-
-    with bars() as progress:
-        advance = progress("Cases", cases)
-        verdicts = work(lambda _: advance(1))
-        wrong = sum(verdict.quantity != "" for verdict in verdicts)
-        if wrong:
-            verdicts = with_causes(verdicts, asked.precision, asked.without, progress("Looking for causes", wrong))
-    width = max((len(verdict.case) for verdict in verdicts), default=0)
-    for verdict in verdicts:
-        if verbose or verdict.status != "pass":
-            print(f"{verdict.case:{width}}  {described(verdict)}")
-    return verdicts
-
-
-def _summary(verdicts: "list[Verdict]") -> bool:
-    from ..analysis.conformance.verdict import summary
-
-    lines, fine = summary(verdicts)
-    print("\n".join(lines))
-    return fine
+def _printed(report: "ConformanceReport", verbose: bool) -> bool:
+    """Prints the verdicts; whether all pass."""
+    print("\n".join(report.lines(verbose)))
+    return report.passed
 
 
 def _equations(numbers: tuple[int, ...]) -> str:

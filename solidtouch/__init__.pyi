@@ -1,3 +1,4 @@
+from . import conformance as conformance
 from .analysis.audit.report import AuditReport as AuditReport
 from .analysis.audit.report import audit as audit
 from .analysis.compare.report import ComparisonReport as ComparisonReport

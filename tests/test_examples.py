@@ -14,8 +14,8 @@ import solidtouch
 
 ROOT = Path(__file__).parents[1]
 MODULES = sorted(
-    path.relative_to(ROOT).with_suffix("").as_posix().replace("/", ".")
-    for package in ("models", "hardware", "inference", "analysis", "cli")
+    path.relative_to(ROOT).with_suffix("").as_posix().removeprefix("solidtouch/").replace("/", ".")
+    for package in ("models", "hardware", "inference", "analysis", "cli", "solidtouch")
     for path in (ROOT / package).rglob("*.py")
     if re.search(r"^ +>>> ", path.read_text(encoding="utf-8"), flags=re.MULTILINE)
 )
@@ -58,6 +58,14 @@ def test_a_public_name_has_an_example(name):
     assert doctest.DocTestParser().get_examples(getattr(solidtouch, name).__doc__)
 
 
+@pytest.mark.parametrize("name", solidtouch.conformance.__all__)
+def test_a_name_of_the_conformance_kit_is_described_and_its_functions_have_an_example(name):
+    thing = getattr(solidtouch.conformance, name)
+
+    assert thing.__doc__
+    assert isinstance(thing, type) or doctest.DocTestParser().get_examples(thing.__doc__)
+
+
 @pytest.mark.parametrize("page", PAGES)
 def test_what_python_blocks_import_is_there(page, tmp_path):
     """Also where they need the output of a long command to run to their end."""
@@ -75,6 +83,18 @@ def test_what_python_blocks_import_is_there(page, tmp_path):
 def test_the_page_about_scikit_learn_runs(tmp_path):
     pytest.importorskip("sklearn", reason="scikit-learn is not installed")
     run("\n".join(blocks("docs/how-to/scikit-learn.md")), tmp_path)
+
+
+def test_the_page_about_conformance_finds_its_mistake(tmp_path):
+    """And prints what the page shows."""
+    page = "docs/reference/conformance/README.md"
+    (block,) = blocks(page)
+    done = subprocess.run([sys.executable, "-c", block], cwd=tmp_path, check=True, capture_output=True, text=True)
+    printed = [" ".join(line.split()) for line in done.stdout.splitlines()]
+    shown = (ROOT / page).read_text(encoding="utf-8").partition("print(report)\n```")[2].split("```")[1]
+
+    assert [" ".join(line.split()) for line in shown.splitlines()[1:]] == printed
+    assert "the belief is shifted in the wrong direction" in " ".join(printed)
 
 
 def test_the_file_of_a_model_is_compared_by_arviz(tmp_path):

@@ -92,10 +92,40 @@ def parse_answer(line: str, case: Case) -> Answer:
         raise BadAnswerError(f"is no JSON: {_shown(line)}") from None
     if not isinstance(fields, dict):
         raise BadAnswerError(f"is no JSON object: {_shown(line)}")
+    return _answer(fields, case, line)
+
+
+def given_answer(fields: object, case: Case, tap: int) -> Answer:
+    """The answer that a Python function gives to a tap, with NumPy arrays or lists.
+
+    Raises:
+        BadAnswerError: It is none.
+    """
+    if not isinstance(fields, Mapping):
+        raise BadAnswerError(f"is no mapping: {_shown(fields)}")
+    names = ("case", "tap", "error", *QUANTITIES)
+    given = {name: _python(name, fields[name]) for name in names if name in fields}
+    return _answer({"case": case.name, "tap": tap, **given}, case, fields)
+
+
+def _python(name: str, value: Any) -> Any:
+    """A value as JSON would have it, but with infinities."""
+    if isinstance(value, list | tuple):
+        return [_python(name, part) for part in value]
+    if value is None or isinstance(value, str | int):
+        return value
+    array = np.asarray(value)
+    if array.dtype.kind == "f" and np.isnan(array).any():
+        raise BadAnswerError(f"has NaN in {name}")
+    return array.tolist()
+
+
+def _answer(fields: Mapping[str, Any], case: Case, shown: object) -> Answer:
+    """The answer in these fields, which a message shows as they were given."""
     if fields.get("case") != case.name:
         raise BadAnswerError(f"is about case {_shown(fields.get('case'))}")
     if "tap" not in fields:
-        raise BadAnswerError(f"has no tap number: {_shown(line)}")
+        raise BadAnswerError(f"has no tap number: {_shown(shown)}")
     tap = _whole("tap", fields["tap"])
     if fields.get("error") is not None:
         return Answer(tap, error=str(fields["error"]))

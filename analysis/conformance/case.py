@@ -30,9 +30,9 @@ class Training(NamedTuple):
     what: NDArray[np.intp]
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Case:
-    """What a program is given.
+    """What an implementation is given.
 
     Exactly one of `counts`, `probabilities` and `training` is there, and `edges` go with the first two.
 
@@ -79,6 +79,9 @@ class Case:
     where_value: tuple[float, ...] = ()
     answered: tuple[int, ...] = ()
     strict_ties: bool = False
+
+    def __repr__(self) -> str:
+        return f"<Case {self.name}: {len(self.taps)} tap{'s' * (len(self.taps) != 1)}. {self.about}>"
 
     @property
     def sizes(self) -> dict[str, int]:

@@ -4,16 +4,16 @@ from collections.abc import Sequence
 from functools import cache, lru_cache
 
 from ...models.errors import InputError
-from . import cases_beliefs, cases_likelihood, cases_limits, cases_moves
 from .answers import Answer
 from .case import Case
+from .cases import beliefs, likelihood, limits, moves
 from .exact import Exact
 
 
 @lru_cache(maxsize=1)
 def catalogue() -> dict[str, Case]:
     """Every case by name."""
-    groups = (cases_likelihood, cases_beliefs, cases_moves, cases_limits)
+    groups = (likelihood, beliefs, moves, limits)
     return {case.name: case for group in groups for case in group.cases()}
 
 

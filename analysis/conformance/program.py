@@ -128,11 +128,11 @@ def _failure(code: int, late: bool, overflowed: bool, errors: str, timeout: floa
         return f"crashed with signal {_signal_name(-code)}"
     said = errors.strip().splitlines()
     if code:
-        return f"ended with exit code {code}" + (f" and said: {_printable(said[-1][:200])}" if said else "")
+        return f"ended with exit code {code}" + (f" and said: {printable(said[-1][:200])}" if said else "")
     return ""
 
 
-def _printable(text: str) -> str:
+def printable(text: str) -> str:
     """Text that does not paint or move on a terminal."""
     return "".join(letter if letter.isprintable() else "?" for letter in text)
 

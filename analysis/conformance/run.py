@@ -1,20 +1,28 @@
-"""All cases through the engines of this software, or through a foreign program."""
+"""All cases through the engines of this software, a foreign program or a Python function."""
 
 import re
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from copy import deepcopy
+from dataclasses import replace
+from itertools import islice
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
+from ...inference.reference import ZeroEvidenceError
 from ...models.errors import InputError
 from . import routes
+from .answers import ZERO_EVIDENCE, Answer, BadAnswerError, given_answer
 from .case import Case
 from .catalogue import expected
-from .program import Ended, read_answers, run_program
+from .program import Ended, printable, read_answers, run_program
 from .tolerance import Precision, tolerances
 from .trials import trial_difference
-from .verdict import Verdict, judge, judge_output, left_out
+from .verdict import Verdict, judge, judge_broken, judge_output, left_out
 
 _CASE = re.compile(r'"case"\s*:\s*"([^"]*)"')
+
+type Implementation = Callable[[Case], Iterable[Mapping[str, Any]]]
+"""An implementation under test: gives the answers to the taps of a case, one after the other."""
 
 type Told = Callable[[Verdict], None]
 """Told each verdict as it comes."""
@@ -84,6 +92,42 @@ def check_program(
     ended = run_program(words, lines, asked.timeout * max(1, len(due)))
     parts = _by_case(ended, due)
     return _each(cases, asked, lambda case: parts[case.name], told)
+
+
+def check_function(implementation: Implementation, cases: Sequence[Case], asked: Asked, told: Told) -> list[Verdict]:
+    """The verdicts on a Python function."""
+    verdicts = []
+    for case in cases:
+        verdicts.append(left_out(case, asked.precision) or _called(implementation, case, asked))
+        told(verdicts[-1])
+    return verdicts
+
+
+def _called(implementation: Implementation, case: Case, asked: Asked) -> Verdict:
+    """The verdict on a Python function in one case; it is given a copy, which it may change."""
+    answers: list[Answer] = []
+    broken, raised = "", None
+    first = 0 if case.training is not None else 1
+    due = len(case.taps) + 1 - first
+    try:
+        made = implementation(deepcopy(case))
+        if isinstance(made, Iterable):
+            for given in islice(made, due + 1):
+                tap = first + len(answers)
+                answers.append(given_answer(given, case, tap))
+                if answers[-1].tap != tap:
+                    answer = answers.pop()
+                    broken = f"answers tap {answer.tap}, where tap {tap} is due"
+                    break
+        else:
+            broken = f"returns {type(made).__name__}, where an answer to each tap is due"
+    except ZeroEvidenceError:
+        answers.append(Answer(first + len(answers), error=ZERO_EVIDENCE))
+    except BadAnswerError as error:
+        broken = f"gives an answer to tap {first + len(answers)} that {error}"
+    except Exception as error:
+        broken, raised = f"raises {printable(repr(error)[:200])}", error
+    return replace(judge_broken(case, answers, broken, asked.precision, asked.without), error=raised)
 
 
 def check_answers(folder: Path, cases: Sequence[Case], asked: Asked, told: Told = lambda _: None) -> list[Verdict]:

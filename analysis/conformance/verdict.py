@@ -2,7 +2,7 @@
 
 from collections import Counter
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from typing import Literal
 
 from .answers import Answer, BadAnswerError, parse_answer
@@ -17,7 +17,7 @@ _ABOUT = {mistake.name: mistake.about for mistake in MISTAKES}
 type Status = Literal["pass", "differs", "failed", "left out"]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Verdict:
     """Of one case.
 
@@ -29,6 +29,7 @@ class Verdict:
         quantity: What differs there.
         cause: Name of the likeliest mistake, see `causes`.
         answers: What was answered, where it differs.
+        error: What a Python function raised.
     """
 
     case: str
@@ -37,7 +38,11 @@ class Verdict:
     tap: int | None = None
     quantity: str = ""
     cause: str = ""
-    answers: tuple[Answer, ...] = field(default=(), repr=False)
+    answers: tuple[Answer, ...] = ()
+    error: Exception | None = None
+
+    def __repr__(self) -> str:
+        return f"<Verdict {self.case}: {described(self)}>"
 
     @property
     def found(self) -> Difference:
@@ -66,15 +71,37 @@ def judge_output(case: Case, ended: Ended, precision: Precision, without: Sequen
         without: Quantities that it does not answer.
     """
     answers, broken = _read(case, ended.output)
+    return judge_broken(case, answers, broken, precision, without, ended.failure)
+
+
+def judge_broken(
+    case: Case,
+    answers: Sequence[Answer],
+    broken: str,
+    precision: Precision,
+    without: Sequence[str] = (),
+    failure: str = "",
+) -> Verdict:
+    """The verdict on answers up to the first that is none.
+
+    Args:
+        case: The case.
+        answers: Those before it.
+        broken: What is wrong with it, as the end of a sentence that begins with "it"; empty where all are answers.
+        precision: Of the program's numbers.
+        without: Quantities that are not answered.
+        failure: How the program failed, likewise.
+    """
     verdict = judge(case, answers, precision, without)
-    failure = ended.failure or broken
-    if not failure:
+    if not (failure or broken):
         return verdict
     good = f" after {_count(len(answers), 'answer')}" if answers else ""
     also = f"; before that, {_place(verdict.tap)}{verdict.sentence}" if verdict.quantity and answers else ""
-    no_number = not ended.failure and "nan" in broken.lower()
+    no_number = not failure and "nan" in broken.lower()
     cause = "linear-likelihood" if no_number and _all_underflow(case, len(answers) + 1) else ""
-    return replace(verdict, status="failed", sentence=f"it {failure}{good}{also}", cause=cause or verdict.cause)
+    return replace(
+        verdict, status="failed", sentence=f"it {failure or broken}{good}{also}", cause=cause or verdict.cause
+    )
 
 
 def _all_underflow(case: Case, tap: int) -> bool:

@@ -5,9 +5,12 @@ import shlex
 import sys
 
 import pytest
+from foreign_programs import FOLDER, node
 from solidtouch.analysis.conformance.catalogue import catalogue
 from solidtouch.cli.main import app
 from typer.testing import CliRunner
+
+import solidtouch as st
 
 
 def call(*words):
@@ -61,6 +64,35 @@ def test_a_program_that_prints_rubbish_is_told_so():
 
     assert code == 1
     assert "root-j FAILED it writes a line 1 that is no JSON object: '1' 0 of 1 cases pass, 1 failed." in text
+
+
+def test_functions_print_and_write_what_the_command_does(command, tmp_path):
+    """Programs, files of answers, engines and exported cases."""
+    names = ["root-j", "fixation-first", "ties"]
+    options = [word for name in names for word in ("--case", name)]
+    program = shlex.join([*map(str, node()), str(FOLDER / "solid.js")])
+    kit, answers = tmp_path / "kit", tmp_path / "answers"
+    answers.mkdir()
+    exported = command("conformance", "export", tmp_path / "command", *options)
+    assert st.conformance.export(kit, names) == 3
+    for name in names:
+        lines = json.loads((kit / f"{name}.json").read_text())["expected"]
+        lines[-1]["move"] = -7
+        (answers / f"{name}.jsonl").write_text("\n".join(map(json.dumps, lines)))
+
+    assert exported.code == 0
+    assert {path.name: path.read_bytes() for path in kit.iterdir()} == {
+        path.name: path.read_bytes() for path in (tmp_path / "command").iterdir()
+    }
+    for words, report, passed in (
+        (("check", "--command", program), st.conformance.run_program(program, names), True),
+        (("check", "--answers", answers), st.conformance.run_files(answers, names), False),
+    ):
+        done = command("conformance", *words, *options)
+        assert done.out.splitlines() == report.lines()
+        assert (done.code == 0) == report.passed == passed
+    done = command("conformance", "run", "--engine", "numpy", "--verbose", *options)
+    assert done.out.splitlines() == ["Engine numpy", *st.conformance.run_engine("numpy", names).lines()]
 
 
 @pytest.mark.parametrize(

@@ -8,9 +8,9 @@ import mpmath
 import numpy as np
 import pytest
 from solidtouch.analysis.conformance import exact
+from solidtouch.analysis.conformance.cases.scene import Scene, make
 from solidtouch.analysis.conformance.catalogue import catalogue
 from solidtouch.analysis.conformance.exact import MP, Exact
-from solidtouch.analysis.conformance.scene import Scene, make
 
 
 def whole_sequences(case):

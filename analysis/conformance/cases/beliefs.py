@@ -4,7 +4,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from .case import Case
+from ..case import Case
 from .scene import Scene, make
 
 _SMALL = Scene(L=4, M=3, K=2, J=2, B=6)

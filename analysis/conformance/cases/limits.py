@@ -4,7 +4,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from .case import Case
+from ..case import Case
 from .scene import Scene, make
 
 _PAIR = Scene(L=3, M=2, K=1, J=1, B=4)

@@ -11,9 +11,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ...inference import reference
-from ...inference.reference import Border, Power
-from .case import Case, Training
+from ....inference import reference
+from ....inference.reference import Border, Power
+from ..case import Case, Training
 
 _NOISE = 0.7
 _TOP = 8.0  # bins span 0 to this

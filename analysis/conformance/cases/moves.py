@@ -4,8 +4,8 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from ...inference.reference import BORDERS
-from .case import Case
+from ....inference.reference import BORDERS
+from ..case import Case
 from .scene import Scene, make
 
 _PLACES = 5

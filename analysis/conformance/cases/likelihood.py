@@ -4,7 +4,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from .case import Case
+from ..case import Case
 from .scene import Scene, make, numbers
 
 _WHOLE = Scene(L=3, M=2, K=2, J=3, B=4, training=5)

@@ -1,0 +1,315 @@
+"""The conformance kit for Python: what `solidtouch.conformance` offers, and what its checks give back."""
+
+from collections.abc import Callable, Mapping, Sequence
+from copy import deepcopy
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import xarray as xr
+
+from ...models.errors import InputError
+from ..page.page import Brief, Page, Table
+from ..page.report import Report
+from ..page.stages import Progress, no_progress
+from .answers import FIT, QUANTITIES
+from .case import Case
+from .catalogue import expected as exact_answers
+from .catalogue import select
+from .causes import with_causes
+from .kit import export_kit
+from .program import split_command
+from .routes import ROUTES
+from .run import Asked, Implementation, Told, check_answers, check_function, check_program, run_route
+from .tolerance import Precision
+from .verdict import Verdict, described, summary
+
+_COLUMNS = ("status", "tap", "quantity", "sentence", "cause")
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class ConformanceReport(Report):
+    """Verdicts on an implementation.
+
+    Attributes:
+        title: What was checked.
+        verdicts: By the name of the case.
+    """
+
+    title: str
+    verdicts: Mapping[str, Verdict]
+
+    def _page(self) -> Page:
+        rows = [[verdict.case, described(verdict)] for verdict in self._shown(False)]
+        return Page(self.title, [Brief(Table(("case", "verdict"), rows, words={1})), *map(Brief, self.sentences)], [])
+
+    def _shown(self, passed: bool) -> list[Verdict]:
+        return [verdict for verdict in self.verdicts.values() if passed or verdict.status != "pass"]
+
+    @property
+    def passed(self) -> bool:
+        """Whether all cases pass that were not left out, and there is one."""
+        return summary([*self.verdicts.values()])[1]
+
+    @property
+    def sentences(self) -> list[str]:
+        """The likely causes, and the number of cases that pass."""
+        return summary([*self.verdicts.values()])[0]
+
+    @property
+    def results(self) -> xr.Dataset:
+        """Status, first tap and quantity that differ (NaN and empty for none), sentence and likely cause, dim case."""
+        columns = {name: [getattr(verdict, name) for verdict in self.verdicts.values()] for name in _COLUMNS}
+        columns["tap"] = [np.nan if tap is None else tap for tap in columns["tap"]]
+        return xr.Dataset({name: ("case", column) for name, column in columns.items()}, {"case": [*self.verdicts]})
+
+    def lines(self, passed: bool = True) -> list[str]:
+        """A line for each case and the sentences, as the command prints them.
+
+        Args:
+            passed: Whether cases that pass have a line.
+        """
+        width = max(map(len, self.verdicts), default=0)
+        return [f"{one.case:{width}}  {described(one)}" for one in self._shown(passed)] + self.sentences
+
+
+def cases(*names: str) -> list[Case]:
+    """The cases of these names, or all; they are copies.
+
+    >>> import solidtouch as st
+    >>> st.conformance.cases("root-j")
+    [<Case root-j: 4 taps. The likelihood is the J-th root of the product, as printed.>]
+
+    Raises:
+        InputError: There is no such case.
+    """
+    return deepcopy(select(names))
+
+
+def expected(name: str) -> list[dict[str, Any]]:
+    """The exact answers to a case, as an implementation gives them; large cases have them for some taps only.
+
+    >>> import solidtouch as st
+    >>> [answer["move"] for answer in st.conformance.expected("root-j")]
+    [1, 1, 1, 1]
+
+    Raises:
+        InputError: There is no such case.
+    """
+    (case,) = select([name])
+    answers = (({} if answer.error is None else {"error": answer.error}, answer) for answer in exact_answers(case))
+    return [{"tap": answer.tap, **error, **deepcopy(dict(answer.values))} for error, answer in answers]
+
+
+def run(
+    implementation: Implementation,
+    names: Sequence[str] = (),
+    *,
+    precision: Precision = "double",
+    without: Sequence[str] = (),
+    progress: Progress = no_progress,
+) -> ConformanceReport:
+    """Checks an implementation in Python against the exact answers.
+
+    It is called with a `Case` and returns, or yields, a mapping for each tap, in their order: `log_likelihood`,
+    `log_evidence`, `posterior`, `where`, `what`, `decisions` (`None` or -1 for none) and `move`, as
+    docs/reference/conformance/README.md defines them. A case with `training` has one more before the first tap:
+    `edges` and `counts`. At a tap that is impossible under every class it raises `ZeroEvidenceError`, or gives
+    `{"error": "zero_evidence"}`.
+
+    >>> import solidtouch as st
+    >>> def wrong(case):
+    ...     for answer in st.conformance.expected(case.name):
+    ...         yield answer | {"move": -answer["move"]}
+    >>> report = st.conformance.run(wrong, ["root-j"])
+    >>> report.passed
+    False
+    >>> report.verdicts["root-j"].about
+    'the move has the wrong sign'
+
+    Args:
+        implementation: The function.
+        names: Cases; default all.
+        precision: Precision of its numbers; `"single"` has wider tolerances.
+        without: Quantities that it does not answer, such as `"log_evidence"`.
+        progress: Told the name and size of every stage; gives the function that counts what is done.
+
+    Raises:
+        InputError: There is no such case or quantity.
+    """
+    title = f"Conformance of {getattr(implementation, '__name__', type(implementation).__name__)}"
+    asked = _asked(precision, without)
+    return _report(
+        title, names, asked, progress, lambda chosen, told: check_function(implementation, chosen, asked, told)
+    )
+
+
+def run_program(
+    command: str | Sequence[str],
+    names: Sequence[str] = (),
+    *,
+    precision: Precision = "double",
+    without: Sequence[str] = (),
+    timeout: float = 10.0,
+    together: bool = False,
+    progress: Progress = no_progress,
+) -> ConformanceReport:
+    """Checks a program in any language, which reads cases on standard input and writes answers.
+
+    >>> import solidtouch as st
+    >>> st.conformance.run_program("true", ["root-j"]).verdicts["root-j"]
+    <Verdict root-j: DIFFERS tap 1: there is no answer>
+
+    Args:
+        command: The program and its arguments, as in a shell or one by one.
+        names: As in `run`.
+        precision: As in `run`.
+        without: As in `run`.
+        timeout: Seconds that it has for a case.
+        together: Whether to start it once, with all cases one by one.
+        progress: As in `run`.
+
+    Raises:
+        InputError: There is no such program, case or quantity.
+    """
+    asked = _asked(precision, without, timeout)
+    words = split_command(command) if isinstance(command, str) else list(command)
+    return _report(
+        f"Conformance of {words[0]}",
+        names,
+        asked,
+        progress,
+        lambda chosen, told: check_program(words, chosen, asked, together, told),
+    )
+
+
+def run_files(
+    folder: str | Path,
+    names: Sequence[str] = (),
+    *,
+    precision: Precision = "double",
+    without: Sequence[str] = (),
+    progress: Progress = no_progress,
+) -> ConformanceReport:
+    r"""Checks the answers of a program in files, `NAME.jsonl` for each case.
+
+    >>> import json
+    >>> from pathlib import Path
+    >>> from tempfile import TemporaryDirectory
+    >>> import solidtouch as st
+    >>> with TemporaryDirectory() as folder:
+    ...     _ = st.conformance.export(Path(folder, "kit"), ["root-j"])
+    ...     answers = json.loads(Path(folder, "kit", "root-j.json").read_text())["expected"]
+    ...     _ = Path(folder, "root-j.jsonl").write_text("\n".join(map(json.dumps, answers)))
+    ...     st.conformance.run_files(folder, ["root-j"]).passed
+    True
+
+    Args:
+        folder: Where they are.
+        names: As in `run`.
+        precision: As in `run`.
+        without: As in `run`.
+        progress: As in `run`.
+
+    Raises:
+        InputError: There is no such folder, case or quantity.
+    """
+    if not Path(folder).is_dir():
+        raise InputError(f"--answers {folder} is no folder.")
+    asked = _asked(precision, without)
+    title = f"Conformance of answers in {folder}"
+    return _report(title, names, asked, progress, lambda chosen, told: check_answers(Path(folder), chosen, asked, told))
+
+
+def run_engine(engine: str, names: Sequence[str] = (), *, progress: Progress = no_progress) -> ConformanceReport:
+    """Checks an engine of this software.
+
+    >>> import solidtouch as st
+    >>> st.conformance.run_engine("numpy", ["root-j", "ties"]).passed
+    True
+
+    Args:
+        engine: `"numpy"`, `"numpyro"` or `"montecarlo"`.
+        names: As in `run`.
+        progress: As in `run`.
+
+    Raises:
+        InputError: There is no such engine or case.
+    """
+    if engine not in ROUTES:
+        raise InputError(f"--engine {engine}: it must be one of {', '.join(ROUTES)}.")
+    return _report(
+        f"Conformance of engine {engine}",
+        names,
+        Asked(),
+        progress,
+        lambda chosen, told: run_route(engine, chosen, told),
+    )
+
+
+def export(
+    folder: str | Path,
+    names: Sequence[str] = (),
+    *,
+    precision: Precision = "double",
+    force: bool = False,
+    progress: Progress = no_progress,
+) -> int:
+    """Writes cases and their exact answers as files, all or none.
+
+    >>> from pathlib import Path
+    >>> from tempfile import TemporaryDirectory
+    >>> import solidtouch as st
+    >>> with TemporaryDirectory() as folder:
+    ...     _ = st.conformance.export(Path(folder, "kit"), ["root-j"])
+    ...     sorted(path.name for path in Path(folder, "kit").iterdir())
+    ['index.json', 'root-j.json', 'root-j.jsonl']
+
+    Args:
+        folder: Where to.
+        names: As in `run`.
+        precision: As in `run`.
+        force: Whether files in an existing folder may be replaced.
+        progress: As in `run`.
+
+    Returns:
+        The number of cases; those impossible in this precision are left out.
+
+    Raises:
+        InputError: There is no such case, or the folder cannot be written.
+    """
+    chosen = select(names)
+    return export_kit(folder, chosen, precision, force, progress("Computing answers", len(chosen)))
+
+
+def _asked(precision: Precision, without: Sequence[str], timeout: float = 10.0) -> Asked:
+    """What is asked of an implementation.
+
+    Raises:
+        InputError: There is no such precision or quantity.
+    """
+    if precision not in ("double", "single"):
+        raise InputError(f"--precision {precision}: it must be one of double, single.")
+    known = [name for name in QUANTITIES if name not in FIT]
+    for name in without:
+        if name not in known:
+            raise InputError(f"--without {name}: it must be one of {', '.join(known)}.")
+    return Asked(precision, tuple(without), timeout)
+
+
+def _report(
+    title: str,
+    names: Sequence[str],
+    asked: Asked,
+    progress: Progress,
+    work: Callable[[list[Case], Told], list[Verdict]],
+) -> ConformanceReport:
+    """The verdicts with their causes, which are likelier the more cases they explain."""
+    chosen = select(names)
+    advance = progress("Cases", len(chosen))
+    verdicts = work(chosen, lambda _: advance(1))
+    wrong = sum(verdict.quantity != "" for verdict in verdicts)
+    if wrong:
+        verdicts = with_causes(verdicts, asked.precision, asked.without, progress("Looking for causes", wrong))
+    return ConformanceReport(title, {verdict.case: verdict for verdict in verdicts})

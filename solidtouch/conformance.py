@@ -1,0 +1,34 @@
+"""The conformance kit: cases with exact answers for implementations of this algorithm in any language.
+
+docs/reference/conformance/README.md defines the cases and the answers. The command is `solidtouch conformance`.
+
+>>> import solidtouch as st
+>>> len(st.conformance.cases())
+106
+"""
+
+from .analysis.conformance.case import Case
+from .analysis.conformance.report import (
+    ConformanceReport,
+    cases,
+    expected,
+    export,
+    run,
+    run_engine,
+    run_files,
+    run_program,
+)
+from .analysis.conformance.verdict import Verdict
+
+__all__ = [
+    "Case",
+    "ConformanceReport",
+    "Verdict",
+    "cases",
+    "expected",
+    "export",
+    "run",
+    "run_engine",
+    "run_files",
+    "run_program",
+]
