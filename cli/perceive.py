@@ -11,19 +11,19 @@ from ..models.settings import PlaySettings
 from .shared.interrupt import loading, terminable
 from .shared.options import Fields, Force, Seed, SettingFile, TrainingTaps, given, merged, spelled_out
 from .shared.recording import check_record, kept, recording
-from .shared.untrained import check_training_taps, untrained
+from .shared.untrained import untrained
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
     from ..analysis.live.view import Seen
+    from ..hardware.named_rigs import Placed
     from ..inference import reference
     from ..inference.engines.engine import Engine
     from ..inference.novelty import Novelty
     from ..models.measurement.model import TapModel
     from ..models.setting_file import Setting
     from .shared.moving import Moves
-    from .shared.rigs import Placed
     from .shared.showing import Ending, Show
     from .shared.stopping import Ends
 
@@ -96,6 +96,8 @@ def perceive(
     force: Force = False,
 ) -> None:
     """Perceives an object by tapping: which it is and where it is touched, live."""
+    from ..hardware.named_rigs import check_training_taps
+
     check_training_taps(training_taps, rig)
     _check_together(play, move, stop, given(context, "threshold"))
     read = None
@@ -112,10 +114,10 @@ def perceive(
     with loading():
         # Also what is needed only later: nothing may be imported while a finger is on its way.
         from ..analysis.live import view as live_view  # noqa: F401
+        from ..hardware.named_rigs import Wish, open_source
         from ..inference.engines.latency import TimedEngine, warm_up
         from ..models.io.model_file import load_model
         from .shared.moving import chances, choose_moves, load_outcomes
-        from .shared.rigs import Wish, open_source
         from .shared.showing import latency_sentence, show
         from .shared.stopping import choose_ends
 

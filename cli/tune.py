@@ -1,8 +1,8 @@
 """`solidtouch tune`: where to fixate and when to stop, from training taps."""
 
-from functools import cache, partial
+import sys
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import Annotated, Any, Literal
 
 from typer import Context, Option
 
@@ -22,17 +22,6 @@ from .shared.options import (
     parse_thresholds,
     spelled_out,
 )
-from .shared.untrained import check_training_taps
-from .tune_online import LearningPlan, learned
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
-
-    from ..analysis.tuning.run import Price
-    from ..inference.tuning.held_out import Parts
-    from ..models.setting_file import Setting
-
-_TWO = 2  # files that `fit` takes
 
 _Theta = Annotated[float, Option("--theta", help="Threshold at which positions are compared.")]
 
@@ -98,54 +87,56 @@ def tune(
     Of three files or more all but the last train.
     """
     _check_words(context, online, rig, target_error)
-    check_training_taps(training_taps, rig)
     with loading():
-        from ..analysis.experiment.settings import ExperimentSettings
-        from ..analysis.tuning.report import tuning_taps
-        from ..analysis.tuning.run import Price, check_objects, check_price
-        from ..inference.moves.table import save_table
-        from ..inference.moves.table_learning import learn_table
-        from ..inference.trials.run import checked_thresholds
-        from ..inference.tuning.held_out import held_out
+        from rich.console import Console
+
+        from ..analysis.page.terminal import show
+        from ..analysis.tuning.online import tune_online
+        from ..analysis.tuning.report import tune as study
+        from ..hardware.named_rigs import check_training_taps
         from ..models.io.model_file import save_model
-        from ..models.setting_file import Setting
         from ..models.storage import check_netcdf_name
     from .shared.progress import bars
 
+    check_training_taps(training_taps, rig)
     if model_file is not None:
         check_netcdf_name(model_file)
     _check_files({"--out": out, "--model-file": model_file, "--targets": targets}, state, force)
-    price = Price(cost_error, wrong, target_error)
-    setting = Setting(model=model, fit=fit, where_cell=division.where_cell, what_cell=division.what_cell, play=play)
-    given_thresholds = parse_thresholds(thresholds)
-    chosen = None if given_thresholds is None else checked_thresholds(given_thresholds)
-    taps, grid, told = tuning_taps(data, division)
-    check_objects(grid)
-    check_price(price, len(set(taps.session.tolist())))
-    study = ExperimentSettings(model=model, fit=fit.changed(seed=seed))
-    print(told)
+    chosen = {"model": model, "division": division, "fit": fit, "play": play, "cost_error": cost_error, "wrong": wrong}
+    common: dict[str, Any] = {**chosen, "thresholds": parse_thresholds(thresholds), "seed": seed}
     with terminable(), bars() as progress:
-        models = max(_TWO, len(set(taps.session.tolist())))
-
-        @cache
-        def parts() -> "Parts":
-            return held_out(taps, grid, study.fitted, progress("Fitting models", models))
-
-        if online is not None:
-            course = LearningPlan(learner, chosen, online, seed, state, rig, what, home, training_taps)
-            fitted = partial(study.fitted, taps, grid)
-            best = learned(course, setting, price, taps, grid, fitted, parts, progress("Learning", online))
+        told: dict[str, Any] = {"progress": progress, "note": _print_note}
+        if online is None:
+            report = study(*data, **common, **told, target_error=target_error, by=by, trials=trials)
+            show(report.page, Console())
         else:
-            best = _offline(parts(), setting, price, chosen, by == "passive", trials, seed, progress)
+            report = tune_online(
+                *data,
+                **common,
+                **told,
+                episodes=online,
+                learner=learner,
+                rig=rig,
+                what=what,
+                home=home,
+                training_taps=training_taps,
+                state=state,
+                hear=print if rig else lambda _: None,
+            )
+            print(report.sentence)
         if targets is not None:
-            tables = [part.table for part in parts().parts]
-            save_table(learn_table(tables, grid, border=play.border, trials=trials, seed=seed), targets, force)
+            report.save_targets(targets, trials, seed, force)
             print(f"The table of targets is {targets}")
     if model_file is not None:
-        save_model(study.fitted(taps, grid).with_scores(taps), model_file, force)
+        save_model(report.model, model_file, force)
         print(f"The model of all training taps is {model_file}")
-    best.save(out, force)
+    report.save(out, force)
     print(f"The setting is {out}")
+
+
+def _print_note(sentence: str) -> None:
+    """Prints what begins with `Note:` or `Warning:` on standard error."""
+    print(sentence, file=sys.stderr if sentence.startswith(("Note:", "Warning:")) else sys.stdout)
 
 
 def _check_files(files: "dict[str, Path | None]", state: Path | None, force: bool) -> None:
@@ -174,27 +165,3 @@ def _check_words(context: Context, online: int | None, rig: str | None, target_e
         raise InputError("--by judges positions from all training taps and does not go with --online.")
     if target_error is not None and given(context, "cost_error"):
         raise InputError("--target-error asks for an error whatever it costs and does not go with --cost-error.")
-
-
-def _offline(
-    parts: "Parts",
-    setting: "Setting",
-    price: "Price",
-    thresholds: tuple[float, ...] | None,
-    passive: bool,
-    trials: int,
-    seed: int,
-    progress: "Callable[[str, int], Callable[[int], None]]",
-) -> "Setting":
-    """The setting from held-out trials, printed with its curves."""
-    from rich.console import Console
-
-    from ..analysis.page.terminal import show
-    from ..analysis.tuning.report import TuningReport
-    from ..analysis.tuning.run import tune_parts, tuning_trials
-
-    bar = progress("Playing trials", tuning_trials(parts, trials))
-    options: dict[str, Any] = {"thresholds": thresholds, "passive": passive, "trials": trials, "seed": seed}
-    report = TuningReport(tune_parts(parts, setting, price, **options, progress=bar), parts)
-    show(report.page, Console())
-    return report.setting

@@ -13,6 +13,8 @@ from .analysis.sweep.report import SweepReport as SweepReport
 from .analysis.sweep.report import sweep as sweep
 from .analysis.trials.report import TrialsReport as TrialsReport
 from .analysis.trials.report import trials as trials
+from .analysis.tuning.online import OnlineTuningReport as OnlineTuningReport
+from .analysis.tuning.online import tune_online as tune_online
 from .analysis.tuning.report import TuningReport as TuningReport
 from .analysis.tuning.report import tune as tune
 from .hardware.replay import ReplayRig as ReplayRig

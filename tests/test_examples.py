@@ -107,6 +107,6 @@ def test_the_file_of_a_model_is_compared_by_arviz(tmp_path):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("page", ["docs/explanation/calibration.md", "docs/reference/api.md"])
+@pytest.mark.parametrize("page", ["docs/explanation/calibration.md", "docs/how-to/tuning.md", "docs/reference/api.md"])
 def test_a_page_runs_from_its_first_block_to_its_last(page, tmp_path):
     run("\n".join(blocks(page)), tmp_path)

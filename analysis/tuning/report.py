@@ -1,43 +1,31 @@
 """Fixation point and threshold from training taps: what `solidtouch.tune` does and gives back."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Literal
 
 from ...inference.trials.run import checked_thresholds
-from ...inference.tuning.held_out import Parts, held_out
-from ...models.errors import InputError
-from ...models.experiment import load_experiment
-from ...models.grid import ClassGrid
-from ...models.io.load import TapSource, names_of
-from ...models.measurement.histogram import trim
+from ...models.io.load import TapSource
 from ...models.measurement.registry import PAPER
 from ...models.setting_file import Setting
 from ...models.settings import Division, FitSettings, PlaySettings
-from ...models.taps import TapSet, concatenate
-from ..experiment.parts import load_parts
-from ..experiment.settings import ExperimentSettings
 from ..page.page import Brief, Page
-from ..page.report import Report
 from ..page.stages import Progress, no_progress
 from .page import position_table, threshold_table
 from .run import Price, Tuning, check_objects, check_price, tune_parts, tuning_trials
-
-_TWO = 2  # tap sets that are divided as for a fit
+from .training import TunedReport, training_data
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class TuningReport(Report):
+class TuningReport(TunedReport):
     """The fixation point and the threshold that were chosen, with the curves they were chosen from.
 
     Attributes:
+        training: The taps and models of them.
         found: All results.
-        parts: The training taps, each held out once from its model.
     """
 
     found: Tuning
-    parts: Parts
 
     def _page(self) -> Page:
         tables = Brief(position_table(self.found)), Brief(threshold_table(self.found))
@@ -48,14 +36,6 @@ class TuningReport(Report):
     def setting(self) -> Setting:
         """The setting with both, to perceive with."""
         return self.found.setting
-
-    def save(self, path: str | Path, force: bool = False) -> None:
-        """Writes the setting to a JSON file.
-
-        Raises:
-            InputError: The file cannot be written.
-        """
-        self.setting.save(path, force)
 
 
 def tune(
@@ -72,11 +52,13 @@ def tune(
     trials: int = 1000,
     seed: int = 0,
     progress: Progress = no_progress,
+    note: Callable[[str], object] = lambda sentence: None,  # noqa: ARG005
 ) -> TuningReport:
     """Chooses the fixation point and the belief threshold from training taps.
 
     Args:
-        data: Taps or their files, of which the training taps are used; see `tuning_taps`.
+        data: Taps or their files, of which the training taps are used: all but the last of three
+            or more, and of one or two those of a fit.
         cost_error: Taps that an error of 1 is worth, in the unit of errors.
         wrong: Whether errors are P(wrong) even where objects have sizes to be wrong by.
         target_error: The least threshold with this P(wrong) in a new session is chosen instead.
@@ -89,6 +71,7 @@ def tune(
         trials: Trials in each part, at each position and for the threshold.
         seed: Random seed.
         progress: Told the name and size of every stage; gives the function that counts what is done.
+        note: Told which taps train.
 
     Raises:
         InputError: The taps or a setting cannot be used.
@@ -101,44 +84,20 @@ def tune(
     """
     price = Price(cost_error, wrong, target_error)
     setting = Setting(model=model, fit=fit, where_cell=division.where_cell, what_cell=division.what_cell, play=play)
-    taps, grid, _ = tuning_taps(data, division)
-    sessions = len(set(taps.session.tolist()))
-    check_objects(grid)
-    check_price(price, sessions)
-    fitted = ExperimentSettings(model=model, fit=fit.changed(seed=seed)).fitted
-    parts = held_out(taps, grid, fitted, progress("Fitting models", max(_TWO, sessions)))
+    chosen = None if thresholds is None else checked_thresholds(thresholds)
+    training = training_data(data, division, model, fit.changed(seed=seed), progress)
+    check_objects(training.grid)
+    check_price(price, training.sessions)
+    note(training.described)
+    parts = training.parts
     found = tune_parts(
         parts,
         setting,
         price,
-        thresholds=None if thresholds is None else checked_thresholds(thresholds),
+        thresholds=chosen,
         passive=by == "passive",
         trials=trials,
         seed=seed,
         progress=progress("Playing trials", tuning_trials(parts, trials)),
     )
-    return TuningReport(found, parts)
-
-
-def tuning_taps(data: Sequence[TapSource], division: Division) -> tuple[TapSet, ClassGrid, str]:
-    """The training taps, their classes, and which they are in words.
-
-    Of three tap sets or more all but the last train; one or two are divided as for a fit.
-
-    Raises:
-        InputError: The taps cannot be used, or have no one training part.
-    """
-    if len(data) > _TWO:
-        division.refuse_split("of several all but the last train")
-        divided, grid = load_parts(data, division.changed(training_taps=True))
-        taps = concatenate([divided.train, *divided.tune])
-        told = f"{len(data) - 1} files train; {Path(names_of(data)[-1]).name} is kept for tests."
-    else:
-        parts, grid = load_experiment(data, division.changed(training_taps=True))
-        if len(parts.folds) != 1:
-            raise InputError(f"--split {parts.method} has no one training part; choose another.")
-        taps, told = parts.folds[0].train, parts.description
-    grid, dropped = trim(grid, [taps])
-    if dropped:
-        told += f" Left out for want of a training tap: {', '.join(dropped)}."
-    return taps, grid, f"{told} Only training taps are used."
+    return TuningReport(training, found)

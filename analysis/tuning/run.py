@@ -14,16 +14,11 @@ import numpy as np
 from ...inference.trials.resampling import USED_UP
 from ...inference.tuning.fixation import FixationChoice, choose_fixation
 from ...inference.tuning.held_out import RESAMPLES, Estimate, Parts
-from ...inference.tuning.online import Learner, beliefs, interval, recommended
 from ...inference.tuning.threshold import ThresholdChoice, check_cost, choose_threshold
 from ...models.errors import InputError
 from ...models.grid import ClassGrid
 from ...models.setting_file import Setting
-from ..stats.metrics import CONFIDENCE
 from ..stats.target_error import FEWEST, choose, prediction_interval, threshold_grid
-
-ONLINE_THRESHOLDS = (0.5, 0.7, 0.8, 0.9, 0.95, 0.975, 0.99, 0.995)
-"""Of the arms that a learner tries."""
 
 
 class Price(NamedTuple):
@@ -156,33 +151,6 @@ def check_objects(grid: ClassGrid) -> None:
     """
     if grid.M < 2:
         raise InputError("There is one object only, so no decision that a fixation point or a threshold could improve.")
-
-
-def learned_setting(learner: Learner, setting: Setting) -> Setting:
-    """A setting with what a learner recommends.
-
-    Raises:
-        InputError: It has been told of less than two episodes.
-    """
-    arm = recommended(learner)
-    return setting.changed(
-        fixation=int(learner.fixation[arm]),
-        threshold=float(learner.theta[arm]),
-        passive=False,
-        note=f"Fixation point and threshold learned on line by {learner.method} in {learner.episodes} episodes.",
-    )
-
-
-def learned_sentence(learner: Learner, grid: ClassGrid) -> str:
-    """What a learner recommends, with an interval."""
-    arm, (mean, _) = recommended(learner), beliefs(learner)
-    low, high = interval(learner, arm, CONFIDENCE)
-    return (
-        f"After {learner.episodes} episodes: fixation point {grid.where_label(int(learner.fixation[arm]))} (class "
-        f"{learner.fixation[arm]}) and threshold {learner.theta[arm]:g}, believed to cost {mean[arm]:.1f} taps an "
-        f"episode ({CONFIDENCE:.0%} interval {max(1.0, low):.1f} to {high:.1f}); it was played in "
-        f"{learner.count[arm]} of them, and {np.count_nonzero(learner.count)} of {len(learner.count)} pairs were tried."
-    )
 
 
 def _about_fixation(found: Tuning) -> str:

@@ -14,13 +14,6 @@ if TYPE_CHECKING:
     from ...models.io.rig_recording import About
 
 
-def objects(grid: ClassGrid, what: str | None) -> list[str]:
-    """The table of objects of a recording: those of the model, and one that it does not know if it is named."""
-    names = [name for members in grid.what_members for name in members]
-    new = what is not None and not what.isdecimal() and what not in (*names, *grid.what_name)
-    return [*names, what] if new and what is not None else names
-
-
 def check_record(path: Path, rig: str, force: bool) -> None:
     """Refuses a recording that could not be written, or of a rig that has no devices.
 
@@ -85,6 +78,7 @@ def kept(recorder: "Recorder") -> str:
 def _about(rig: str, grid: ClassGrid, what: str | None) -> "About":
     from msgspec.structs import replace
 
+    from ...hardware.named_rigs import objects
     from ...hardware.recording.settings import about_rig
     from ...hardware.rig.settings import load_rig, read_settings
 

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
 
 if TYPE_CHECKING:
     from ...analysis.live.view import Seen
+    from ...hardware.named_rigs import Truth
     from ...inference.engines.latency import Latency
-    from .rigs import Truth
 
 
 class Ending(NamedTuple):

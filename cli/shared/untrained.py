@@ -3,21 +3,9 @@
 import sys
 from typing import TYPE_CHECKING
 
-from ...models.errors import InputError
-
 if TYPE_CHECKING:
     from ...models.measurement.model import TapModel
     from ...models.taps import TapSet
-
-
-def check_training_taps(keep: bool, rig: str | None) -> None:
-    """Refuses `--training-taps` of a command whose taps are not recorded ones.
-
-    Raises:
-        InputError: The rig does not replay a file.
-    """
-    if keep and not (rig or "").startswith("replay:"):
-        raise InputError("--training-taps goes with --rig replay:FILE only.")
 
 
 def untrained(model: "TapModel", taps: "TapSet", keep: bool) -> "TapSet":

@@ -151,7 +151,7 @@ def learn(
     learner: Learner,
     episodes: int,
     cost: Callable[[int, int], float],
-    heard: Callable[[Learner, int], None] | None = None,
+    heard: Callable[[Learner, int, float], None] | None = None,
 ) -> Learner:
     """The learner after more episodes.
 
@@ -159,13 +159,14 @@ def learn(
         learner: Before them.
         episodes: How many.
         cost: Plays an episode, of this number counted from 0 over the learner's life, with this arm, and says its cost.
-        heard: Told the learner after each episode and the arm it had chosen.
+        heard: Given the learner after each episode, the arm it had chosen and its cost.
     """
     for _ in range(episodes):
         arm = choose(learner)
-        learner = told(learner, arm, cost(learner.episodes, arm))
+        paid = cost(learner.episodes, arm)
+        learner = told(learner, arm, paid)
         if heard is not None:
-            heard(learner, arm)
+            heard(learner, arm, paid)
     return learner
 
 

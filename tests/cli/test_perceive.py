@@ -515,7 +515,7 @@ def test_a_device_that_fails_ends_with_exit_code_3(command, folder, monkeypatch,
         finally:
             left.append(True)
 
-    monkeypatch.setattr("solidtouch.cli.shared.rigs.open_source", broken)
+    monkeypatch.setattr("solidtouch.hardware.named_rigs.open_source", broken)
     done = command("perceive", folder / "model.nc", "--rig", "simulated", "--engine", "numpy")
 
     assert (done.code, done.err) == (3, "solidtouch: /dev/ttyACM0: no frame in 5 s.\n")

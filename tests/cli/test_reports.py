@@ -115,3 +115,68 @@ def test_tuning_chooses_what_the_command_does(taps, command, tmp_path):
     assert (tmp_path / "function.json").read_text() == (tmp_path / "command.json").read_text()
     assert report.setting.play.fixation == report.found.fixation.chosen
     assert all(sentence[:40] in " ".join(repr(report).split()) for sentence in report.found.sentences)
+
+
+@pytest.mark.parametrize("rig", [None, "simulated:ideal"])
+def test_learning_on_line_finds_and_keeps_what_the_command_does(rig, taps, command, tmp_path):
+    """The setting, the learner and, on a rig, the episodes."""
+    for name, part in zip(("train", "test"), taps, strict=True):
+        part.save(tmp_path / f"{name}.nc")
+    options = ("--online", 12, "--thresholds", "0.5,0.9", "--seed", 2, *(("--rig", rig) if rig else ()))
+    done = command(
+        *("tune", tmp_path / "train.nc", tmp_path / "test.nc", *options, "--state", tmp_path / "state.json"),
+        *("--out", tmp_path / "command.json", "--targets", tmp_path / "targets.json", "--trials", 100),
+    )
+    heard, said = [], []
+    report = st.tune_online(
+        *taps,
+        episodes=12,
+        thresholds=[0.9, 0.5],
+        rig=rig,
+        seed=2,
+        state=tmp_path / "own.json",
+        hear=heard.append,
+        note=said.append,
+    )
+    report.save(tmp_path / "function.json")
+    report.save_targets(tmp_path / "own-targets.json", 100, 2)
+
+    assert done.code == 0, done.err
+    for ours, theirs in (("function", "command"), ("own", "state"), ("own-targets", "targets")):
+        assert (tmp_path / f"{ours}.json").read_text() == (tmp_path / f"{theirs}.json").read_text()
+    episodes = [] if rig is None else [*map(repr, heard)]
+    assert done.out.splitlines()[:-4] == [said[0], *episodes]
+    assert done.out.splitlines()[-3] == report.sentence
+    assert len(heard) == report.found.episodes == int(report.results["episodes"].sum()) == 12
+    assert report.results.sizes == {"fixation": taps[0].grid().L, "theta": 2}
+    cost = (report.results["episodes"] * report.results["cost"]).sum()
+    assert float(cost) == pytest.approx(sum(episode.cost for episode in heard))
+    assert " ".join(repr(report).split()) == report.sentence
+    assert said[0].endswith("Only training taps are used.")
+
+
+def test_a_rig_of_the_caller_is_learned_on(taps, tmp_path):
+    """And what was learned on it is not gone on with on another one."""
+    names = [rod.name for rod in st.PRESETS["ideal"].rods]
+
+    def bench(episode):
+        what = episode % len(names)
+        return st.SimulatedRig("ideal", seed=1, session=2, position_mm=0.5, what=what, run=episode), names[what]
+
+    def nobody_knows(episode):
+        return bench(episode)[0], None
+
+    heard, options = [], {"episodes": 6, "thresholds": [0.5], "state": tmp_path / "state.json"}
+    st.tune_online(*taps, **options, rig=bench, hear=heard.append)
+
+    assert [episode.what for episode in heard] == (names * 6)[:6]
+    with pytest.raises(st.InputError, match="the rig was bench, and held-out taps is asked for"):
+        st.tune_online(*taps, **options)
+    with pytest.raises(st.InputError, match="Learning needs to know which object is there, one of"):
+        st.tune_online(*taps, episodes=6, rig=nobody_knows)
+    with pytest.raises(st.InputError, match="--online must be at least 2, got 1"):
+        st.tune_online(*taps, episodes=1)
+    with pytest.raises(st.InputError, match="--home goes with --rig only"):
+        st.tune_online(*taps, rig=bench, home=True)
+    with pytest.raises(st.InputError, match="--training-taps goes with --rig replay:FILE only"):
+        st.tune_online(*taps, rig="simulated", training_taps=True)

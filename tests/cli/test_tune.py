@@ -6,9 +6,8 @@ from functools import partial
 import numpy as np
 import pytest
 import typer
-from solidtouch.analysis.tuning.run import Price, shown_threshold
+from solidtouch.analysis.tuning.run import shown_threshold
 from solidtouch.cli.tune import tune
-from solidtouch.cli.tune_online import LearningPlan, learned
 from solidtouch.inference.moves.table import load_table
 from solidtouch.inference.moves.table_learning import held_out_tables, learn_table
 from solidtouch.inference.tuning.online import load_learner
@@ -16,9 +15,11 @@ from solidtouch.models.errors import InputError
 from solidtouch.models.io.load import load_taps
 from solidtouch.models.io.model_file import load_model
 from solidtouch.models.measurement.histogram import fit
-from solidtouch.models.setting_file import Setting, load_setting
+from solidtouch.models.setting_file import load_setting
 from solidtouch.models.taps import TapSet
 from typer.testing import CliRunner
+
+import solidtouch as st
 
 COMMON = ("--bins", 12, "--pseudocount", 0.5, "--trials", 100, "--deadline", 20)
 
@@ -168,21 +169,23 @@ def test_learning_on_a_rig_plays_its_episodes(call, recorded, tmp_path):
     assert "holds 8 episodes; with the same options --online N adds N more" in " ".join(result.output.split())
 
 
-def test_what_was_learned_is_kept_when_it_is_interrupted(make_taps, recorded, tmp_path):
-    """After three of twenty episodes on a rig; no setting comes of it."""
-    taps = make_taps(sessions=3)
-    model = fit(taps.select(taps.session < 2), taps.grid(), bins=12, pseudocount=0.5)
-    state, ended = tmp_path / "state.json", []
+def test_what_was_learned_is_kept_when_it_is_interrupted(recorded, tmp_path):
+    """After three of twenty episodes, on a rig and on held-out taps."""
+    for rig in (f"replay:{recorded}", None):
+        state, ended, said = tmp_path / f"{rig is None}.json", [], []
 
-    def bar(done):
-        ended.append(done)
-        if len(ended) == 3:
-            raise KeyboardInterrupt
+        def hear(episode, ended=ended):
+            ended.append(episode)
+            if len(ended) == 3:
+                raise KeyboardInterrupt
 
-    course = LearningPlan("thompson", None, 20, 0, state, f"replay:{recorded}", None)
-    with pytest.raises(KeyboardInterrupt):
-        learned(course, Setting.of(deadline=20), Price(), taps, model.grid, lambda: model, lambda: None, bar)
-    assert load_learner(state).episodes == 3
+        with pytest.raises(KeyboardInterrupt):
+            st.tune_online(
+                recorded, episodes=20, rig=rig, state=state, fit=st.FitSettings(bins=12), hear=hear, note=said.append
+            )
+        assert load_learner(state).episodes == 3
+        assert [episode.number for episode in ended] == [1, 2, 3]
+        assert said[-1] == f"{state} holds 3 episodes; with the same options --online N adds N more."
 
 
 @pytest.mark.parametrize(

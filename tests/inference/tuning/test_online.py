@@ -45,7 +45,7 @@ def planted(best=7, noise=1.0):
 def played(learner, episodes, cost):
     """The learner after episodes, and the arms that it chose."""
     arms = []
-    return learn(learner, episodes, cost, lambda _, arm: arms.append(arm)), arms
+    return learn(learner, episodes, cost, lambda _, arm, __: arms.append(arm)), arms
 
 
 def test_the_best_arm_is_found_and_regret_grows_ever_slower():

@@ -1,28 +1,49 @@
-"""`--rig`: where the taps of a live command come from, simulated, recorded or real, behind one interface."""
+"""Rigs by name, simulated, recorded or real, each before one object after the other: `--rig` of live commands."""
 
 import re
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
-from ...hardware.sensor import TouchSensor, check_step
-from ...models.errors import InputError
-from ...models.grid import ClassGrid
-from ...models.seeds import Purpose, generator
-from .recording import objects
-
-if TYPE_CHECKING:
-    from ...hardware.journal import Journal
-    from ...hardware.rig.rig import Rig
-    from ...hardware.simulator.settings import RigSettings
-    from ...models.taps import TapSet
+from ..models.errors import InputError
+from ..models.grid import ClassGrid
+from ..models.io.load import load_taps
+from ..models.seeds import Purpose, generator
+from ..models.taps import TapSet
+from .journal import Journal, NoJournal
+from .replay import ReplayRig, uniforms
+from .rig.labelled import LabelledRig
+from .rig.open_rig import connected, unconnected
+from .rig.rig import Rig
+from .rig.settings import load_rig
+from .sensor import TouchSensor, check_step
+from .simulator.presets import preset
+from .simulator.rig import SimulatedRig
+from .simulator.settings import RigSettings
 
 _ROUNDING = 1e-6  # of a cell
 _SIMULATED, _REPLAY, _PRESET, _SESSION = "simulated", "replay:", "paper", 1000  # a session that no data set has
+
+
+def check_training_taps(keep: bool, rig: str | None) -> None:
+    """Refuses `--training-taps` where no recorded taps are played.
+
+    Raises:
+        InputError: The rig does not replay a file.
+    """
+    if keep and not (rig or "").startswith(_REPLAY):
+        raise InputError("--training-taps goes with --rig replay:FILE only.")
+
+
+def objects(grid: ClassGrid, what: str | None) -> list[str]:
+    """The table of objects of a recording: those of the model, and one that it does not know if it is named."""
+    names = [name for members in grid.what_members for name in members]
+    new = what is not None and not what.isdecimal() and what not in (*names, *grid.what_name)
+    return [*names, what] if new and what is not None else names
 
 
 class Truth(NamedTuple):
@@ -121,8 +142,8 @@ def open_source(
     grid: ClassGrid,
     wish: Wish,
     home: bool = False,
-    journal: "Journal | None" = None,
-    fresh: "Callable[[TapSet], TapSet] | None" = None,
+    journal: Journal | None = None,
+    fresh: Callable[[TapSet], TapSet] | None = None,
 ) -> Iterator[PlaceableRig]:
     """The rig that `--rig` names, brought to rest when the block ends.
 
@@ -152,9 +173,6 @@ def open_source(
 
 
 def _simulated(rig: str, grid: ClassGrid, wish: Wish) -> PlaceableRig:
-    from ...hardware.simulator.presets import preset
-    from ...hardware.simulator.rig import SimulatedRig
-
     name = rig.partition(":")[2] or _PRESET
     settings = _stepping(preset(name), grid)
     check_step(settings.cell_mm, grid, f"The simulated rig {name}")
@@ -168,10 +186,7 @@ def _simulated(rig: str, grid: ClassGrid, wish: Wish) -> PlaceableRig:
     return PlaceableRig(f"simulated rig, preset {name}", place)
 
 
-def _replayed(path: str, grid: ClassGrid, wish: Wish, fresh: "Callable[[TapSet], TapSet] | None") -> PlaceableRig:
-    from ...hardware.replay import ReplayRig, uniforms
-    from ...models.io.load import load_taps
-
+def _replayed(path: str, grid: ClassGrid, wish: Wish, fresh: Callable[[TapSet], TapSet] | None) -> PlaceableRig:
     taps = load_taps(path)
     if fresh is not None:
         taps = fresh(taps)
@@ -198,12 +213,7 @@ def _replayed(path: str, grid: ClassGrid, wish: Wish, fresh: "Callable[[TapSet],
 
 
 @contextmanager
-def _real(rig: str, grid: ClassGrid, wish: Wish, home: bool, journal: "Journal | None") -> Iterator[PlaceableRig]:
-    from ...hardware.journal import NoJournal
-    from ...hardware.rig.labelled import LabelledRig
-    from ...hardware.rig.open_rig import connected, unconnected
-    from ...hardware.rig.settings import load_rig
-
+def _real(rig: str, grid: ClassGrid, wish: Wish, home: bool, journal: Journal | None) -> Iterator[PlaceableRig]:
     settings = load_rig(rig)
     check_step(settings.range.cell_mm, grid, settings.name)
     if grid.where_unit.split(maxsplit=1)[:1] != ["mm"]:
@@ -233,7 +243,7 @@ def _real(rig: str, grid: ClassGrid, wish: Wish, home: bool, journal: "Journal |
             yield PlaceableRig(settings.name, place)
 
 
-def _object(sensor: "Rig", grid: ClassGrid, wish: Wish, episode: int) -> str | None:
+def _object(sensor: Rig, grid: ClassGrid, wish: Wish, episode: int) -> str | None:
     """The object of an episode: one that the emulator has, or what a person says it is.
 
     Raises:
@@ -247,7 +257,7 @@ def _object(sensor: "Rig", grid: ClassGrid, wish: Wish, episode: int) -> str | N
     return grid.what_members[what][0] if what < grid.M else new[what - grid.M]
 
 
-def _stepping(settings: "RigSettings", grid: ClassGrid) -> "RigSettings":
+def _stepping(settings: RigSettings, grid: ClassGrid) -> RigSettings:
     """A simulated rig whose moves are in steps of a finer grid, where it can make them."""
     steps = np.diff(grid.where_value)
     if not len(steps) or np.ptp(steps) > _ROUNDING * steps[0] or settings.position_spread_mm < settings.cell_mm:
