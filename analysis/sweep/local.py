@@ -6,11 +6,13 @@ time and is sent the next when it needs it. They end with this process, however 
 
 import os
 import signal
+import sys
 import threading
 from collections.abc import Generator, Iterator
-from contextlib import suppress
+from contextlib import contextmanager, suppress
 from multiprocessing import connection, get_context, parent_process
 from multiprocessing.connection import Connection
+from types import ModuleType
 
 from ...models.errors import InputError
 from .batches import Batch, CellQueue
@@ -76,7 +78,8 @@ class _Worker:
         # Ctrl-C reaches every process of a terminal; what to do about it is decided here alone.
         signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
         try:
-            self._process.start()
+            with _another_main():
+                self._process.start()
         finally:
             signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGINT})
             other.close()
@@ -112,6 +115,20 @@ class _Worker:
         self.pipe.close()
         self._process.close()
         return code
+
+
+@contextmanager
+def _another_main() -> Iterator[None]:
+    """Processes started within the block do not import the script that is running, which would start the sweep again.
+
+    Workers need nothing of it, and `multiprocessing` asks `sys.modules` which it is.
+    """
+    main = sys.modules["__main__"]
+    sys.modules["__main__"] = ModuleType("__main__")
+    try:
+        yield
+    finally:
+        sys.modules["__main__"] = main
 
 
 def _heard(crew: list[_Worker]) -> list[_Worker]:

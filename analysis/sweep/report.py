@@ -94,8 +94,7 @@ def sweep(
 ) -> SweepReport:
     """Runs the cells of a study that are not in its store yet; each is written when it finishes.
 
-    The same call resumes after an interruption. Several processes start as those of `multiprocessing` do: a script
-    that calls this needs `if __name__ == "__main__":`.
+    The same call resumes after an interruption.
 
     >>> from pathlib import Path
     >>> from tempfile import TemporaryDirectory

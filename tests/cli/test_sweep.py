@@ -1,5 +1,7 @@
 """`solidtouch sweep` from study file to store."""
 
+import subprocess
+import sys
 import time
 
 import pytest
@@ -42,6 +44,15 @@ def test_the_function_writes_what_the_command_does(command, make_study, tmp_path
     assert repr(st.SweepReport.open(report.path)) == repr(report)
     assert "4 of 4 cells." in repr(report)
     assert "pseudocount" in report._repr_html_()
+
+
+def test_a_script_needs_no_guard(make_study, tmp_path):
+    """Its processes do not run it again."""
+    script = tmp_path / "script.py"
+    script.write_text(f"import solidtouch as st\nprint(st.sweep({str(make_study())!r}, workers=2).found.counts)\n")
+    done = subprocess.run([sys.executable, script], capture_output=True, text=True, check=False, timeout=60)
+
+    assert (done.returncode, done.stdout, done.stderr) == (0, "2 of 2 cells\n", "")
 
 
 def test_means_over_data_sets_come_with_intervals(make_study):
