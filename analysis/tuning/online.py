@@ -160,8 +160,8 @@ def tune_online(
 ) -> OnlineTuningReport:
     """Learns the fixation point and the belief threshold from episodes whose object is known afterwards.
 
-    Each episode plays the pair that is best in a draw from what is believed of the costs. With `state`, what is
-    learned is kept also after an interruption, and the same call adds as many episodes.
+    Each episode plays the pair that is best in a draw from the posterior of the costs. With `state` the learner is
+    saved, also after an interruption, and the same call adds as many episodes.
 
     >>> import solidtouch as st
     >>> train, test = st.simulate("ideal", sessions=2, seed=1)
@@ -169,7 +169,7 @@ def tune_online(
     >>> int(report.results["episodes"].sum())
     50
 
-    A rig of your own stands before an object that it names, such as the simulated one:
+    A function may place any sensor before an object:
 
     >>> def rig(episode):
     ...     what = episode % 5
