@@ -17,7 +17,7 @@ MODULES = sorted(
     path.relative_to(ROOT).with_suffix("").as_posix().removeprefix("solidtouch/").replace("/", ".")
     for package in ("models", "hardware", "inference", "analysis", "cli", "solidtouch")
     for path in (ROOT / package).rglob("*.py")
-    if re.search(r"^ +>>> ", path.read_text(encoding="utf-8"), flags=re.MULTILINE)
+    if re.search(r"^ *>>> ", path.read_text(encoding="utf-8"), flags=re.MULTILINE)
 )
 SHOWN_BY_OTHERS = {
     *("Engine", "TouchSensor", "TapModel"),  # interfaces
