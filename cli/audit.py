@@ -1,4 +1,4 @@
-"""`solidtouch audit`: is the naive-Bayes assumption wrong here, what does it cost, and what to do."""
+"""`solidtouch audit`: test the independence assumption, its cost and remedies."""
 
 from pathlib import Path
 from typing import Annotated
@@ -10,7 +10,7 @@ from .shared.interrupt import loading
 from .shared.options import CELLS, Exponent, Fields, Force, Seed, spelled_out
 from .shared.report import command_line, report_folder, show_report
 
-_Passive = Annotated[bool, Option("--passive", help="Judge trials that never move.")]
+_Passive = Annotated[bool, Option("--passive", help="Evaluate passive trials, which never move.")]
 
 
 @spelled_out
@@ -19,17 +19,17 @@ def audit(
         list[Path],
         Argument(
             metavar="FILE...",
-            help="Taps as for `inspect`: the first file trains, the last measures, those between tune.",
+            help="Taps as for `inspect`: the first file trains, the last tests, those between tune.",
             show_default=False,
         ),
     ],
-    out: Annotated[Path | None, Option(help="Folder for the results; default runs/<date-time>-audit.")] = None,
+    out: Annotated[Path | None, Option(help="Folder for the results; default: runs/<date-time>-audit.")] = None,
     target_error: Annotated[
         float | None,
         Option(
             "--target-error",
             metavar="P",
-            help="Tune a threshold for this P(wrong); needs five tuning files, seven in all.",
+            help="Tune a threshold for this P(wrong); requires five tuning files, seven in all.",
         ),
     ] = None,
     division: Annotated[Division, Fields(*CELLS, "training_taps")] = Division(),
@@ -43,19 +43,21 @@ def audit(
         Option(
             "--pre",
             metavar="N",
-            help="The first N samples of each tap precede contact, 0: none does; default what the files record.",
+            help="Number of samples of each tap before contact; default: as recorded in the files.",
         ),
     ] = None,
     covariate: Annotated[
         list[str] | None,
-        Option("--covariate", metavar="NAME", help="An extra array of the files as a suspected cause; repeatable."),
+        Option(
+            "--covariate", metavar="NAME", help="Extra array of the files to test as a cause of dependence; repeatable."
+        ),
     ] = None,
-    permutations: Annotated[int, Option(min=99, max=10**6, help="Of every test.")] = 999,
-    trials: Annotated[int, Option(min=100, help="Of each remedy and policy.")] = 4000,
+    permutations: Annotated[int, Option(min=99, max=10**6, help="Permutations per test.")] = 999,
+    trials: Annotated[int, Option(min=100, help="Trials per remedy and policy.")] = 4000,
     seed: Seed = 0,
     force: Force = False,
 ) -> None:
-    """Audits the naive-Bayes assumption on taps: where it fails, what it costs in decisions, which remedy pays."""
+    """Test where the independence assumption fails, what that costs, and which remedy helps."""
     with loading():
         from ..analysis.audit.report import audit as study
     from .shared.progress import bars

@@ -1,4 +1,4 @@
-"""`solidtouch collect`: known objects at known places, tapped and recorded."""
+"""`solidtouch collect`: taps of known objects at known positions, recorded."""
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -20,16 +20,18 @@ if TYPE_CHECKING:
 
 
 def collect(
-    rig_file: Annotated[Path, typer.Argument(metavar="RIG", help="The rig.toml of the bench.", show_default=False)],
-    plan_file: Annotated[
-        Path, typer.Argument(metavar="PLAN", help="The plan.toml of objects and positions.", show_default=False)
+    rig_file: Annotated[
+        Path, typer.Argument(metavar="RIG", help="Settings file of the rig, rig.toml.", show_default=False)
     ],
-    out: Annotated[Path, typer.Option("--out", help="The .mcap file to write, one for each session.")],
-    resume: Annotated[bool, typer.Option("--resume", help="Go on with OUT after its last accepted tap.")] = False,
-    session: Annotated[int | None, typer.Option(min=0, help="Number of the session; default that of PLAN.")] = None,
-    home: Annotated[bool, typer.Option("--home", help="Home the stage first: it moves to its limit switches.")] = False,
+    plan_file: Annotated[
+        Path, typer.Argument(metavar="PLAN", help="Plan of objects and positions, plan.toml.", show_default=False)
+    ],
+    out: Annotated[Path, typer.Option("--out", help=".mcap file to write, one per session.")],
+    resume: Annotated[bool, typer.Option("--resume", help="Continue OUT after its last accepted tap.")] = False,
+    session: Annotated[int | None, typer.Option(min=0, help="Session number; default: as in PLAN.")] = None,
+    home: Annotated[bool, typer.Option("--home", help="Home the stage first; it moves to its limit switches.")] = False,
 ) -> None:
-    """Taps the objects of PLAN with the rig and records everything; objects are changed by hand when asked for."""
+    """Tap the objects of PLAN at known positions and record everything; prompts for each change of object."""
     with loading():
         from msgspec.structs import replace
         from rich.console import Console
@@ -57,7 +59,7 @@ def collect(
         if resume:
             recorder, trials, lost = resume_recording(out, about)
             if lost:
-                console.print(f"{out}: {lost}; the taps before are kept.", highlight=False, markup=False)
+                console.print(f"{out}: {lost}; earlier taps are kept.", highlight=False, markup=False)
         else:
             recorder = Recorder.create(out, about)
         left = [tap for tap in taps if tap.trial not in trials]
@@ -76,19 +78,19 @@ def collect(
             if resume or recorder.presses:
                 kept = len(trials) + recorder.taps
                 console.print(
-                    f"{out} holds {kept} of {len(taps)} taps; --resume goes on after them.",
+                    f"{out}: {kept} of {len(taps)} taps recorded; continue with --resume.",
                     highlight=False,
                     markup=False,
                 )
             else:
                 out.unlink(missing_ok=True)
             raise
-    typer.echo(f"{out}: {len(taps)} taps; solidtouch convert {out} TAPS.nc makes a tap set of them.")
+    typer.echo(f"{out}: {len(taps)} taps; convert them with `solidtouch convert {out} TAPS.nc`.")
 
 
 @contextmanager
 def _progress(console: "Console", done: int, total: int) -> Iterator[Callable[[], None]]:
-    """A bar with the time left, and the function that advances it by a tap."""
+    """Progress bar with the remaining time; yields the function that advances it by a tap."""
     from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
     columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
@@ -98,10 +100,10 @@ def _progress(console: "Console", done: int, total: int) -> Iterator[Callable[[]
 
 
 def _check_objects(plan: "Plan", settings: "RigFile") -> None:
-    """Whether the emulator has the objects of the plan; a person can be asked for any.
+    """Checks that the emulator has the objects of the plan; a person may have any.
 
     Raises:
-        InputError: It lacks one.
+        InputError: An object is missing.
     """
     from ..hardware.link.shared_clock import SocketConnection
 
@@ -111,7 +113,7 @@ def _check_objects(plan: "Plan", settings: "RigFile") -> None:
         there = connection.control({})["objects"]
     for thing in plan.objects:
         if thing.name not in there:
-            raise InputError(f"objects: the emulator has no {thing.name!r}, only {', '.join(there)}.")
+            raise InputError(f"objects: the emulator has no {thing.name!r}; choose from {', '.join(there)}.")
 
 
 def _operator(rig: "Rig", console: "Console") -> "Operator":

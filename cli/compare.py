@@ -1,4 +1,4 @@
-"""`solidtouch compare`: measurement models side by side, by taps, classes and decisions."""
+"""`solidtouch compare`: measurement models compared by prediction, classification and decisions."""
 
 from pathlib import Path
 from typing import Annotated
@@ -16,21 +16,22 @@ from .shared.report import command_line, report_folder, show_report
 def compare(
     data: Data,
     models: Annotated[
-        str, Option(help="Names separated by commas, the reference first, such as histogram,profile; or all.")
+        str, Option(help="Models separated by commas, the reference first, such as histogram,profile; or all.")
     ] = "all",
-    out: Annotated[Path | None, Option(help="Folder for the results; default runs/<date-time>-compare.")] = None,
+    out: Annotated[Path | None, Option(help="Folder for the results; default: runs/<date-time>-compare.")] = None,
     division: Annotated[Division, Fields(*DIVIDED, "training_taps")] = Division(),
     fit: Annotated[FitSettings, Fields(*FITTING, "unconverged")] = FitSettings(),
     draws: Annotated[
-        int, Option(min=0, help="From each posterior, to leave out single taps; 0 skips that and predictive checks.")
+        int,
+        Option(min=0, help="Posterior draws per model for leave-one-out scores; 0 skips these and predictive checks."),
     ] = 400,
-    trials: Annotated[int, Option(min=1, help="Of each model, passive and active.")] = 4000,
+    trials: Annotated[int, Option(min=1, help="Trials per model, passive and active.")] = 4000,
     thresholds: Thresholds = None,
     play: Annotated[PlaySettings, Fields("theta_x", "fixation", "deadline", "border")] = PlaySettings(),
     seed: Seed = 0,
     force: Force = False,
 ) -> None:
-    """Fits measurement models to training taps and compares how they predict taps, tell classes and decide."""
+    """Compare measurement models by prediction, classification and decision error."""
     with loading():
         from ..analysis.compare.report import compare as study
     from .shared.progress import bars

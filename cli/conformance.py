@@ -1,4 +1,4 @@
-"""`solidtouch conformance`: cases with exact answers, for this software's engines and for programs of others."""
+"""`solidtouch conformance`: cases with exact answers, for the engines of this package and other programs."""
 
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
@@ -14,13 +14,13 @@ if TYPE_CHECKING:
     from ..analysis.conformance.report import ConformanceReport
 
 app = typer.Typer(
-    help="Cases with exact answers, to check this algorithm in any language.",
+    help="Check implementations in any language against cases with exact answers.",
     no_args_is_help=True,
     add_completion=False,
 )
-Cases = Annotated[list[str] | None, Option("--case", metavar="NAME", help="Only this case; may stand several times.")]
+Cases = Annotated[list[str] | None, Option("--case", metavar="NAME", help="Only this case; repeatable.")]
 Precision = Annotated[
-    Literal["double", "single"], Option(help="Numbers of the program: of 64 or of 32 bits, which get wider tolerances.")
+    Literal["double", "single"], Option(help="Floating-point precision of the program; single gets wider tolerances.")
 ]
 
 
@@ -28,7 +28,7 @@ Precision = Annotated[
 def list_cases(
     case: Cases = None,
 ) -> None:
-    """What each case tests."""
+    """List the cases and what each tests."""
     with loading():
         from rich.console import Console
         from rich.table import Table
@@ -45,12 +45,12 @@ def list_cases(
 
 @app.command("export")
 def export_cases(
-    folder: Annotated[Path, Argument(metavar="DIR", help="Where to write.", show_default=False)],
+    folder: Annotated[Path, Argument(metavar="DIR", help="Folder to write.", show_default=False)],
     case: Cases = None,
     precision: Precision = "double",
     force: Force = False,
 ) -> None:
-    """The cases with their right answers as files: JSON, lines for a program to read, and NPZ for large ones."""
+    """Write the cases with exact answers: JSON, input lines for a program, and NPZ for large cases."""
     with loading():
         from ..analysis.conformance.report import export
     from .shared.progress import bars
@@ -63,12 +63,12 @@ def export_cases(
 @app.command("run")
 def run_engines(
     engine: Annotated[
-        Literal["numpy", "numpyro", "montecarlo"] | None, Option(help="Only this engine; default all.")
+        Literal["numpy", "numpyro", "montecarlo"] | None, Option(help="Only this engine; default: all.")
     ] = None,
     case: Cases = None,
-    verbose: Annotated[bool, Option("--verbose", help="Print the cases that pass, too.")] = False,
+    verbose: Annotated[bool, Option("--verbose", help="Also print the cases that pass.")] = False,
 ) -> None:
-    """This software's own engines on all cases; exit code 1 if one differs."""
+    """Check the engines of this package; exit code 1 if one differs."""
     with loading():
         from ..analysis.conformance.report import run_engine
         from ..analysis.conformance.routes import ROUTES
@@ -87,23 +87,29 @@ def run_engines(
 @app.command("check")
 def check(
     command: Annotated[
-        str | None, Option("--command", help="The program and its arguments, as in a shell.", show_default=False)
+        str | None, Option("--command", help="Program with arguments, as in a shell.", show_default=False)
     ] = None,
     answers: Annotated[
         Path | None,
-        Option("--answers", metavar="DIR", help="In place of a program: a folder with its answers, NAME.jsonl each."),
+        Option(
+            "--answers",
+            metavar="DIR",
+            help="Folder with answers of the program, NAME.jsonl for each case, instead of --command.",
+        ),
     ] = None,
     case: Cases = None,
     precision: Precision = "double",
     without: Annotated[
         list[str] | None,
-        Option(metavar="QUANTITY", help="A quantity that the program does not answer, such as log_evidence."),
+        Option(
+            metavar="QUANTITY", help="Quantity that the program does not compute, such as log_evidence; repeatable."
+        ),
     ] = None,
-    timeout: Annotated[float, Option(min=0.1, help="Seconds that the program has for a case.")] = 10.0,
-    together: Annotated[bool, Option("--together", help="Start the program once, with all cases one by one.")] = False,
-    verbose: Annotated[bool, Option("--verbose/--quiet", help="Print the cases that pass, too.")] = True,
+    timeout: Annotated[float, Option(min=0.1, help="Time limit per case in seconds.")] = 10.0,
+    together: Annotated[bool, Option("--together", help="Start the program once for all cases.")] = False,
+    verbose: Annotated[bool, Option("--verbose/--quiet", help="Also print the cases that pass.")] = True,
 ) -> None:
-    """A program in any language on all cases: what differs first, by how much, and the likely cause."""
+    """Check a program in any language; report the first difference, its size and likely cause."""
     with loading():
         from ..analysis.conformance.report import run_files, run_program
     from .shared.progress import bars
@@ -134,7 +140,7 @@ def _printed(report: "ConformanceReport", verbose: bool) -> bool:
 
 
 def _equations(numbers: tuple[int, ...]) -> str:
-    """Numbers of equations, those in a row as a range."""
+    """Equation numbers as text; consecutive ones as a range."""
     if len(numbers) > 2 and numbers == tuple(range(numbers[0], numbers[-1] + 1)):
         return f"{numbers[0]} to {numbers[-1]}"
     return ", ".join(map(str, numbers))

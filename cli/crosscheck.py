@@ -1,4 +1,4 @@
-"""`solidtouch crosscheck`: all ways of computing the posterior, compared."""
+"""`solidtouch crosscheck`: all ways of computing the posterior compared."""
 
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Annotated
@@ -26,12 +26,12 @@ def crosscheck(
     division: Annotated[Division, Fields(*DIVIDED, "training_taps")] = Division(),
     fit: Annotated[FitSettings, Fields(*FITTING, "saturation", "unconverged")] = FitSettings(),
     play: Annotated[PlaySettings, Fields("border")] = PlaySettings(),
-    episodes: Annotated[int, Option(min=1, help="Episodes to compare.")] = 10,
-    length: Annotated[int, Option(min=1, help="Taps of each episode.")] = 40,
-    sequence_taps: Annotated[int, Option(min=0, max=20, help="Taps of each that are enumerated at once.")] = 20,
+    episodes: Annotated[int, Option(min=1, help="Number of episodes.")] = 10,
+    length: Annotated[int, Option(min=1, help="Taps per episode.")] = 40,
+    sequence_taps: Annotated[int, Option(min=0, max=20, help="Taps per episode that are enumerated at once.")] = 20,
     seed: Seed = 0,
 ) -> None:
-    """Compares all engines on episodes with moves over the test taps of DATA; exit code 1 if they differ."""
+    """Compare all ways of computing the posterior on the test taps of DATA; exit code 1 if they differ."""
     from rich.console import Console
 
     with loading():
@@ -72,7 +72,7 @@ def crosscheck(
 
 
 def _check_one(check: "Callable[[str], CrossCheck]", name: str, console: "Console") -> bool:
-    """Whether all routes agree for a model; prints the comparison."""
+    """Whether all ways agree for a model; prints the comparison."""
     from ..analysis.correctness.page import crosscheck_page
     from ..analysis.page.terminal import show
 
@@ -84,7 +84,7 @@ def _check_one(check: "Callable[[str], CrossCheck]", name: str, console: "Consol
 
 
 def _check_all(check: "Callable[[str], CrossCheck]", console: "Console") -> bool:
-    """The same for every model; those that the taps cannot carry are named.
+    """Whether all ways agree for every model that can be fitted to the taps; prints the others.
 
     Raises:
         InputError: No model could be checked.
@@ -108,7 +108,7 @@ def _check_all(check: "Callable[[str], CrossCheck]", console: "Console") -> bool
     for name, reason in refused.items():
         console.print(f"Model {name} was not checked: {reason}", highlight=False)
     if not results:
-        raise InputError("No model could be checked, for the reasons above.")
+        raise InputError("No model could be checked; see the reasons above.")
     differ = [name for name, passed in results.items() if not passed]
     verdict = f"the routes of {', '.join(differ)} DISAGREE" if differ else "all routes agree"
     console.print(f"{len(results)} of {len(NAMES)} models checked: {verdict}.", highlight=False)

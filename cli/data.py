@@ -1,4 +1,4 @@
-"""`solidtouch convert` and `solidtouch inspect`: recordings in, labelled taps out."""
+"""`solidtouch convert` and `solidtouch inspect`: import and check recordings."""
 
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
@@ -21,11 +21,11 @@ def convert(
         list[Path],
         typer.Argument(
             metavar="IN...",
-            help=".npz, .csv, .mat, .nc, .mcap, or a folder of .csv files; of several each is a session.",
+            help="Recordings: .npz, .csv, .mat, .nc, .mcap or a folder of .csv files; each of several is one session.",
             show_default=False,
         ),
     ],
-    target: Annotated[Path, typer.Argument(metavar="OUT", help="The .nc file to write.", show_default=False)],
+    target: Annotated[Path, typer.Argument(metavar="OUT", help=".nc file to write.", show_default=False)],
     force: Force = False,
     segment: Annotated[
         bool, typer.Option("--segment", help="Cut continuous streams into taps.", rich_help_panel=_CUTTING)
@@ -33,18 +33,19 @@ def convert(
     trigger: Annotated[
         Literal["clock", "contact"] | None,
         typer.Option(
-            help="What starts a tap: every WINDOW frames, or a taxel that reaches LEVEL.", rich_help_panel=_CUTTING
+            help="Start of a tap: every WINDOW frames, or when a taxel reaches LEVEL.", rich_help_panel=_CUTTING
         ),
     ] = None,
     level: Annotated[
         float | None,
         typer.Option(
-            help="Prepared value that counts as contact; negative where values fall.", rich_help_panel=_CUTTING
+            help="Preprocessed value that counts as contact; negative if values fall under load.",
+            rich_help_panel=_CUTTING,
         ),
     ] = None,
-    window: Annotated[int | None, typer.Option(help="Samples of a tap.", rich_help_panel=_CUTTING)] = None,
+    window: Annotated[int | None, typer.Option(help="Samples per tap.", rich_help_panel=_CUTTING)] = None,
     pre: Annotated[
-        int | None, typer.Option(min=0, help="Samples of a tap from before the contact.", rich_help_panel=_CUTTING)
+        int | None, typer.Option(min=0, help="Samples of a tap before contact.", rich_help_panel=_CUTTING)
     ] = None,
     tare: Annotated[
         Literal["none", "stream", "tap"] | None,
@@ -53,24 +54,24 @@ def convert(
         ),
     ] = None,
     tare_samples: Annotated[
-        int | None, typer.Option(help="How many samples the tare is averaged over.", rich_help_panel=_CUTTING)
+        int | None, typer.Option(help="Number of samples to average for the tare.", rich_help_panel=_CUTTING)
     ] = None,
     highpass: Annotated[
         float | None,
-        typer.Option(metavar="HZ", help="Cut-off of a high-pass.", rich_help_panel=_CUTTING),
+        typer.Option(metavar="HZ", help="Cut-off frequency of a high-pass filter.", rich_help_panel=_CUTTING),
     ] = None,
     rate: Annotated[
         float | None,
-        typer.Option(metavar="HZ", help="Sampling rate, where the file does not tell.", rich_help_panel=_LABELS),
+        typer.Option(metavar="HZ", help="Sampling rate, if the file does not state it.", rich_help_panel=_LABELS),
     ] = None,
-    sensor: Annotated[str | None, typer.Option(help="What recorded the taps.", rich_help_panel=_LABELS)] = None,
-    source: Annotated[str | None, typer.Option(help="Where they come from.", rich_help_panel=_LABELS)] = None,
-    licence: Annotated[str | None, typer.Option(help="Under which terms.", rich_help_panel=_LABELS)] = None,
+    sensor: Annotated[str | None, typer.Option(help="Name of the sensor.", rich_help_panel=_LABELS)] = None,
+    source: Annotated[str | None, typer.Option(help="Origin of the recording.", rich_help_panel=_LABELS)] = None,
+    licence: Annotated[str | None, typer.Option(help="Licence of the recording.", rich_help_panel=_LABELS)] = None,
     units: Annotated[str | None, typer.Option(help="Unit of the samples.", rich_help_panel=_LABELS)] = None,
     where_unit: Annotated[str | None, typer.Option(help="Unit of the positions.", rich_help_panel=_LABELS)] = None,
     what_unit: Annotated[str | None, typer.Option(help="Unit of the object sizes.", rich_help_panel=_LABELS)] = None,
 ) -> None:
-    """Imports recorded taps, or cuts recorded streams into taps, as one .nc file."""
+    """Import recorded taps, or cut recorded streams into taps, and write one .nc file."""
     from ..models.errors import InputError
     from ..models.io.joining import joined
     from ..models.io.relabel import relabel
@@ -89,7 +90,7 @@ def convert(
     }
     given = [option for option, value in cutting.items() if value is not None]
     if given and not segment:
-        raise InputError(f"{given[0]} prepares continuous streams and needs --segment.")
+        raise InputError(f"{given[0]} requires --segment.")
     parts = [_taps(path, cutting if segment else None, rate) for path in sources]
     taps = joined(parts, [str(path) for path in sources])
     labelled = relabel(
@@ -108,7 +109,7 @@ def convert(
 
 
 def _taps(path: Path, cutting: dict[str, Any] | None, rate_hz: float | None) -> "TapSet":
-    """The taps of a file, cut from its streams where it is said how; says what was left out."""
+    """Taps of a file, cut from its streams with `cutting`; prints what was left out."""
     from ..models.io.load import read_recording
     from ..models.io.recording import naming
     from ..models.taps import TapSet
@@ -121,12 +122,12 @@ def _taps(path: Path, cutting: dict[str, Any] | None, rate_hz: float | None) -> 
     with naming(path):
         taps = recording.tapset() if cutting is None else _segmented(recording, cutting, rate_hz)
     for name in recording.left_out:
-        typer.echo(f"Left out, no row per tap: {name}.")
+        typer.echo(f"Left out, not one row per tap: {name}.")
     return taps
 
 
 def _recorded(path: Path) -> "TapSet":
-    """The taps of a recording of the rig; says what was lost."""
+    """Taps of a recording of the rig; prints what was lost."""
     from ..models.io.rig import read_rig, tapset
 
     recorded = read_rig(path)
@@ -136,18 +137,18 @@ def _recorded(path: Path) -> "TapSet":
 
 
 def _preprocessing(cutting: dict[str, Any], rate_hz: float | None) -> "Preprocessing":
-    """The record that the options spell."""
+    """Preprocessing record from the options."""
     from ..models.errors import InputError
     from ..models.preprocessing import Preprocessing
 
     if cutting["--window"] is None:
-        raise InputError("--segment needs --window, the number of samples in a tap.")
+        raise InputError("--segment requires --window, the number of samples per tap.")
     if cutting["--trigger"] is None:
-        raise InputError("--segment needs --trigger, clock or contact.")
+        raise InputError("--segment requires --trigger clock or contact.")
     if cutting["--trigger"] == "contact" and not cutting["--level"]:
-        raise InputError("--trigger contact needs --level, the value other than 0 that counts as contact.")
+        raise InputError("--trigger contact requires a nonzero --level, the value that counts as contact.")
     if cutting["--tare"] in ("stream", "tap") and not cutting["--tare-samples"]:
-        raise InputError(f"--tare {cutting['--tare']} needs --tare-samples, how many samples to average over.")
+        raise InputError(f"--tare {cutting['--tare']} requires --tare-samples, the number of samples to average.")
     return Preprocessing(
         samples=cutting["--window"],
         rate_hz=rate_hz,
@@ -161,11 +162,11 @@ def _preprocessing(cutting: dict[str, Any], rate_hz: float | None) -> "Preproces
 
 
 def _segmented(recording: "Recording", cutting: dict[str, Any], rate_hz: float | None) -> "TapSet":
-    """The taps of the streams; says what was lost."""
+    """Taps cut from the streams; prints what was lost."""
     from ..models.io.streams import segment
 
     cut = segment(recording, _preprocessing(cutting, recording.rate_hz if rate_hz is None else rate_hz))
-    typer.echo(f"{len(cut.taps)} taps from {cut.streams} streams, {cut.incomplete} cut short and left out.")
+    typer.echo(f"{len(cut.taps)} taps from {cut.streams} streams, {cut.incomplete} incomplete taps left out.")
     for stream in cut.silent:
         typer.echo(f"No tap in the stream of {stream}.")
     return cut.taps
@@ -174,12 +175,12 @@ def _segmented(recording: "Recording", cutting: dict[str, Any], rate_hz: float |
 def inspect(
     data: Annotated[
         Path,
-        typer.Argument(metavar="DATA", help=".nc, .mcap, .npz, .csv, .mat or a folder of .csv files."),
+        typer.Argument(metavar="DATA", help="Taps: .nc, .mcap, .npz, .csv, .mat or a folder of .csv files."),
     ],
     where_cell: WhereCell = None,
     what_cell: WhatCell = None,
 ) -> None:
-    """Prints what a tap set holds and names what in it may mislead."""
+    """Print sizes, ranges and data-quality warnings of a tap set."""
     from rich.console import Console
 
     from ..analysis.inspect.page import inspection_page

@@ -1,4 +1,4 @@
-"""`solidtouch emulate`: an emulated bench on pseudo-terminals, for any program that opens serial ports."""
+"""`solidtouch emulate`: an emulated rig on pseudo-terminals, for any program that opens serial ports."""
 
 import json
 from contextlib import suppress
@@ -22,7 +22,7 @@ def _list_faults(faults: list[str] | None) -> list[str] | None:
 
     from ..hardware.emulator.faults import FAULTS
 
-    table = Table("fault", "row", "where", "what happens", box=None)
+    table = Table("fault", "row", "where", "effect", box=None)
     for name, known in FAULTS.items():
         table.add_row(name, str(known.number), known.where, known.meaning)
     Console().print(table)
@@ -30,27 +30,32 @@ def _list_faults(faults: list[str] | None) -> list[str] | None:
 
 
 def emulate(
-    out: Annotated[Path, typer.Option(help="Folder for the ports, the control socket and rig.toml; made if needed.")],
-    preset: Annotated[str, typer.Option(help="Which simulated finger and objects, as in simulate.")] = "paper",
-    seed: Annotated[int, typer.Option(min=0, help="Which sensor, and all noise.")] = 0,
-    session: Annotated[int, typer.Option(min=0, help="Which mounting of the objects.")] = 0,
+    out: Annotated[
+        Path, typer.Option(help="Folder for the ports, the control socket and rig.toml; created if needed.")
+    ],
+    preset: Annotated[str, typer.Option(help="Preset of the simulated finger and objects, as in simulate.")] = "paper",
+    seed: Annotated[int, typer.Option(min=0, help="Random seed of the sensor and all noise.")] = 0,
+    session: Annotated[
+        int, typer.Option(min=0, help="Session number, which sets gains and mounting as in simulate.")
+    ] = 0,
     sensor: Annotated[
-        Literal["icub", "lines"], typer.Option(help="Behind a CAN adapter, or one line of text per reading.")
+        Literal["icub", "lines"],
+        typer.Option(help="Type of sensor: iCub fingertip behind a CAN adapter, or one line of text per reading."),
     ] = "icub",
-    homed: Annotated[bool, typer.Option("--homed", help="The stage knows already where it is.")] = False,
+    homed: Annotated[bool, typer.Option("--homed", help="Start with the stage homed.")] = False,
     real_time: Annotated[
-        bool, typer.Option("--real-time", help="Time goes on as outside, for programs that know no shared clock.")
+        bool, typer.Option("--real-time", help="Run in real time, for programs that do not use the shared clock.")
     ] = False,
     fault: Annotated[
         list[str] | None,
         typer.Option(
-            help="NAME[:key=value,...], a fault that is on from the start; `--fault list` lists them.",
+            help="Fault to switch on at the start, as NAME[:key=value,...]; `--fault list` lists all; repeatable.",
             callback=_list_faults,
             is_eager=True,
         ),
     ] = None,
 ) -> None:
-    """Emulates stage and fingertip until Ctrl-C."""
+    """Emulate a stage and a fingertip until Ctrl-C."""
     with loading():
         from ..hardware.emulator.emulated_bench import emulated_bench
         from ..hardware.emulator.faults import Switches
@@ -60,7 +65,7 @@ def emulate(
 
     settings = settings_of(preset)
     control = (out / "control").absolute()
-    check_free(control)  # before its ports are replaced
+    check_free(control)  # before existing ports are replaced
     switches = Switches(seed)
     for words in fault or ():
         switch_on(switches, words)
@@ -82,24 +87,24 @@ def emulate(
         with Service(emulation, control, real_time) as service:
             path = out / "rig.toml"
             write_rig(path, rig, list(emulation.objects))
-            print(f"Emulating {rig.name} in {out}; Ctrl-C ends it.", flush=True)
+            print(f"Emulating {rig.name} in {out}; press Ctrl-C to stop.", flush=True)
             print(f"Try it from another terminal: solidtouch rig check {path}", flush=True)
             with suppress(KeyboardInterrupt):
                 service.run()
 
 
 def switch_on(switches: "Switches", words: str) -> None:
-    """Switches on a fault given as `NAME[:key=value,...]`; values are JSON, or text.
+    """Switches on a fault given as `NAME[:key=value,...]`; values are JSON or text.
 
     Raises:
-        InputError: There is no such fault or parameter.
+        InputError: The fault or a parameter is unknown.
     """
     name, _, rest = words.partition(":")
     parameters: dict[str, Any] = {}
     for pair in filter(None, rest.split(",")):
         key, equals, value = pair.partition("=")
         if not equals:
-            raise InputError(f"--fault {words}: {pair!r} is no key=value.")
+            raise InputError(f"--fault {words}: expected key=value, got {pair!r}.")
         try:
             parameters[key.strip()] = json.loads(value)
         except json.JSONDecodeError:
@@ -107,4 +112,4 @@ def switch_on(switches: "Switches", words: str) -> None:
     try:
         switches.on(name, **parameters)
     except TypeError as error:
-        raise InputError(f"--fault {words}: these are no parameters for it.") from error
+        raise InputError(f"--fault {words}: invalid parameters.") from error

@@ -18,31 +18,33 @@ _SUFFIXES = {"json": (".json",), "c-header": (".h", ".hpp")}
 
 
 _ThetaX = Annotated[
-    float, Option("--theta-x", help="Belief in a position needed for a move; 0 always moves, 1 never does.")
+    float, Option("--theta-x", help="Belief in a position required for a move; 0 always moves, 1 never moves.")
 ]
-_Threshold = Annotated[float, Option("--threshold", help="Belief in an object needed to decide; 1 never decides.")]
+_Threshold = Annotated[
+    float, Option("--threshold", help="Belief in an object required for a decision; 1 never decides.")
+]
 
 
 @spelled_out
 def export_model(
     context: Context,
-    model: Annotated[Path, Argument(metavar="MODEL", help="A fitted model, from `fit`.", show_default=False)],
+    model: Annotated[Path, Argument(metavar="MODEL", help="Fitted model, from `fit`.", show_default=False)],
     layout: Annotated[
-        Literal["json", "c-header"], Option("--format", help="JSON, which commands read back, or a C header.")
+        Literal["json", "c-header"], Option("--format", help="JSON, which other commands can read, or a C header.")
     ],
     out: Annotated[
         Path | None,
-        Option(metavar="FILE", help="The file to write; default beside MODEL, in .json or .h.", show_default=False),
+        Option(metavar="FILE", help="File to write; default: MODEL with .json or .h.", show_default=False),
     ] = None,
     setting: SettingFile = None,
     play: Annotated[PlaySettings, Fields("border", "fixation", theta_x=_ThetaX, threshold=_Threshold)] = PlaySettings(),
-    single: Annotated[bool, Option("--single", help="Numbers of a C header in single precision.")] = False,
+    single: Annotated[bool, Option("--single", help="Use single precision in a C header.")] = False,
     force: Force = False,
 ) -> None:
-    """Writes the tables of MODEL, and what it decides by, for a program that is not this one."""
+    """Write the tables and decision parameters of MODEL as JSON or a C header."""
     target = _target(model, out, layout)
     if single and layout == "json":
-        raise InputError("--single goes with --format c-header only; JSON holds every digit.")
+        raise InputError("--single requires --format c-header; JSON keeps full precision.")
     from ..models.storage import check_writable
 
     check_writable(target, force)
@@ -61,10 +63,10 @@ def export_model(
 
 
 def _target(model: Path, out: Path | None, layout: str) -> Path:
-    """The file to write, by a name that says what it is.
+    """File to write, with a suffix that matches its format.
 
     Raises:
-        InputError: `out` has another name.
+        InputError: `out` has another suffix.
     """
     suffixes = _SUFFIXES[layout]
     target = model.with_suffix(suffixes[0]) if out is None else out
@@ -76,10 +78,10 @@ def _target(model: Path, out: Path | None, layout: str) -> Path:
 def _decisions(
     context: Context, fitted: "TapModel", model: Path, setting: Path | None, play: PlaySettings
 ) -> "Decisions":
-    """What the options say, or a setting where they do not.
+    """Decision parameters from the options, else from a setting.
 
     Raises:
-        InputError: A value is out of range, or the setting speaks of another model.
+        InputError: A value is out of range, or the setting belongs to another model.
     """
     from ..inference.moves.control import check_fixation
     from ..models.io.export import Decisions
@@ -96,7 +98,7 @@ def _decisions(
 
 
 def _told(fitted: "TapModel", target: Path) -> str:
-    """What was written, in words."""
+    """Description of the file written."""
     sizes = (
         f"{fitted.grid.L} x {fitted.grid.M} (where, what) classes, {fitted.K} taxels, {fitted.preprocessing.samples} "
         f"samples, {fitted.edges.shape[-1] - 1} bins"
@@ -105,6 +107,6 @@ def _told(fitted: "TapModel", target: Path) -> str:
         return f"{fitted.name}: {sizes}, in {target}"
     return (
         f"{fitted.name}: {sizes}, in {target}\n"
-        f"Note: all taps of an episode count as {fitted.saturation:g} at most; a program that leaves this out decides "
+        f"Note: an episode's evidence is capped at {fitted.saturation:g} taps; a program without this cap decides "
         f"too early."
     )

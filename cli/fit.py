@@ -14,21 +14,28 @@ if TYPE_CHECKING:
     from ..models.measurement.model import Fitted
     from ..models.taps import TapSet
 
-_Method = Annotated[Literal["closed", "nuts"], Option("--fit", help="The model's own fast fit, or NUTS on its story.")]
+_Method = Annotated[
+    Literal["closed", "nuts"], Option("--fit", help="Fast fit of the model, or NUTS sampling of its generative model.")
+]
 _GainSd = Annotated[
     float | None,
-    Option("--gain-sd", help="For session: deviation of the log gain between sessions; default the training taps'."),
+    Option(
+        "--gain-sd", help="Session models: standard deviation of the log gain between sessions; default: estimated."
+    ),
 ]
 _OffsetSd = Annotated[
     float | None,
-    Option("--offset-sd", help="For session: deviation of the offset, in the unit of the samples; likewise."),
+    Option(
+        "--offset-sd",
+        help="Session models: standard deviation of the offset, in the unit of the samples; default: estimated.",
+    ),
 ]
 
 
 @spelled_out
 def fit(
     data: Data,
-    out: Annotated[Path, Option(help="The file to write, such as model.nc.")],
+    out: Annotated[Path, Option(help="File to write, such as model.nc.")],
     model: Model = "histogram",
     division: Annotated[Division, Fields(*DIVIDED)] = Division(training_taps=True),
     settings: Annotated[
@@ -36,20 +43,20 @@ def fit(
         Fields(*FITTING, "saturation", "unconverged", method=_Method, gain_sd=_GainSd, offset_sd=_OffsetSd),
     ] = FitSettings(),
     draws: Annotated[
-        int, Option(min=0, help="Posterior draws kept in the file for ArviZ, in each of 4 chains; 0 for none.")
+        int, Option(min=0, help="Posterior draws to store for ArviZ, in each of 4 chains; 0 stores none.")
     ] = 25,
     simulations: Annotated[
         int,
         Option(
             min=0,
-            help="For --power learned: data sets drawn from the fitted model, whose learned powers are shown beside; "
-            "19 or more, each takes as long as the fit; 0 for none.",
+            help="With --power learned: number of data sets simulated from the fitted model, to compare their learned "
+            "powers; at least 19, each as slow as the fit; 0 skips this.",
         ),
     ] = 0,
     seed: Seed = 0,
     force: Force = False,
 ) -> None:
-    """Fits a measurement model to the training taps of DATA."""
+    """Fit a measurement model to the training taps of DATA."""
     from ..models.storage import check_netcdf_name, check_writable
 
     check_netcdf_name(out)
@@ -67,14 +74,14 @@ def fit(
     check_used(model, settings)
     if simulations:
         if learned_taps(settings.power) is None:
-            raise InputError("--simulations goes with --power learned only.")
+            raise InputError("--simulations requires --power learned.")
         with loading():
             from ..analysis.stats.right_exponent import check_simulations
         check_simulations(simulations)
     settings = settings.changed(seed=seed)
     parts, grid = load_experiment(data, division)
     if len(parts.folds) != 1:
-        raise InputError(f"--split {parts.method} makes {len(parts.folds)} models; fit writes one, so choose another.")
+        raise InputError(f"--split {parts.method} gives {len(parts.folds)} models, but fit writes one; choose another.")
     fold = parts.folds[0]
     grid, dropped = trim(grid, [fold.train])
     trained_on = f"{', '.join(path.name for path in data)}: {parts.description}"
@@ -92,14 +99,14 @@ def fit(
     if not fitted.convergence.converged:
         print("Warning: the fit did not converge.")
     if draws and kept is None:
-        print("Note: without a pseudocount the posterior is improper, so no draws are kept.")
+        print("Note: without a pseudocount the posterior is improper, so no draws are stored.")
     print(f"{grid.L} x {grid.M} (where, what) classes from {len(fold.train)} taps, in {out}")
     if left_out:
-        print(f"Left out for want of a training tap: {', '.join(left_out)}")
+        print(f"Left out, without training taps: {', '.join(left_out)}")
 
 
 def _beside(model: str, fitted: "Fitted", taps: "TapSet", settings: "FitSettings", n: int, simulations: int) -> str:
-    """The learned power beside those of a right model, where data sets are simulated."""
+    """Comparison of the learned power with those of simulated data sets, as a sentence; empty without simulations."""
     if not simulations:
         return ""
     with loading():
@@ -112,7 +119,7 @@ def _beside(model: str, fitted: "Fitted", taps: "TapSet", settings: "FitSettings
 
 
 def _draws(fitted: "Fitted", taps: "TapSet", draws: int, seed: int) -> "Draws | None":
-    """Draws from the posterior, where there are any."""
+    """Draws from the posterior, or `None` if it has none."""
     if not draws or fitted.posterior is None:
         return None
     with loading():

@@ -72,16 +72,16 @@ def _print_version(wanted: bool) -> None:
 @app.callback()
 def main(
     version: Annotated[
-        bool, typer.Option("--version", help="Print the version and stop.", callback=_print_version, is_eager=True)
+        bool, typer.Option("--version", help="Print the version and exit.", callback=_print_version, is_eager=True)
     ] = False,
 ) -> None:
     """Active Bayesian perception for robot touch: exact posteriors over position and object."""
 
 
 def run() -> None:
-    """Runs a command; what went wrong is one sentence on standard error and an exit code.
+    """Runs a command; reports an error as one sentence on standard error and an exit code.
 
-    1: engines or routes disagree; 2: what a user can mend in files and arguments; 3: a device of the rig;
+    1: engines or routes disagree; 2: error in a file or argument; 3: error of a device of the rig;
     130: Ctrl-C; 143: SIGTERM.
     """
     from ..hardware.errors import RigError
@@ -100,7 +100,7 @@ def run() -> None:
         print(f"solidtouch: {error}", file=sys.stderr)
         sys.exit(2)
     except MemoryError as error:
-        print(f"solidtouch: there is not enough memory for this ({error}).", file=sys.stderr)
+        print(f"solidtouch: not enough memory ({error}).", file=sys.stderr)
         sys.exit(2)
     except ArithmeticError as error:
         from ..inference.reference import ZeroEvidenceError
@@ -117,15 +117,15 @@ def run() -> None:
 
 @contextmanager
 def _without_dask() -> Iterator[None]:
-    """Makes dask look as if it was not installed, unless a sweep needs it or xarray or dask is loaded already.
+    """Hides dask inside the block, unless a sweep needs it or xarray or dask is already imported.
 
-    xarray imports it wherever it finds it, even for plain arrays, and that takes as long as a short command does. It
-    looks for it when it is itself imported, so hiding dask afterwards would make that import fail.
+    xarray imports dask if it is installed, even for plain arrays, which takes as long as a short command. It does so
+    on its own import, so dask must not be hidden after that.
     """
     modules: dict[str, Any] = sys.modules
     hidden = "sweep" not in sys.argv and not {"dask", "xarray"} & modules.keys()
     if hidden:
-        modules["dask"] = None  # which makes imports of it fail
+        modules["dask"] = None  # makes imports of it fail
     try:
         yield
     finally:

@@ -1,4 +1,4 @@
-"""`solidtouch perceive`: an episode of perception on any rig, shown as it goes on."""
+"""`solidtouch perceive`: live episodes of perception on any rig."""
 
 from functools import partial
 from pathlib import Path
@@ -27,31 +27,41 @@ if TYPE_CHECKING:
     from .shared.showing import Ending, Show
     from .shared.stopping import Ends
 
-_Theta = Annotated[float, Option("--theta", help="Belief in an object needed to decide; 1 never decides.")]
-_Deadline = Annotated[int, Option("--deadline", min=1, help="Taps after which the most probable object is taken.")]
+_Theta = Annotated[float, Option("--theta", help="Belief in an object required for a decision; 1 never decides.")]
+_Deadline = Annotated[
+    int, Option("--deadline", min=1, help="Maximum number of taps; the most probable object is then decided.")
+]
 
 
 @spelled_out
 def perceive(
     context: Context,
-    model: Annotated[Path, Argument(metavar="MODEL", help="A fitted model, from `fit`.", show_default=False)],
+    model: Annotated[Path, Argument(metavar="MODEL", help="Fitted model, from `fit`.", show_default=False)],
     rig: Annotated[
-        str, Option(metavar="RIG", help="simulated, simulated:PRESET, replay:FILE with recorded taps, or a rig.toml.")
+        str, Option(metavar="RIG", help="Source of taps: simulated, simulated:PRESET, replay:FILE or a rig.toml.")
     ] = "simulated",
-    engine: Annotated[Literal["numpy", "numpyro", "filter"], Option(help="How beliefs are computed.")] = "numpyro",
+    engine: Annotated[
+        Literal["numpy", "numpyro", "filter"], Option(help="Engine that computes the beliefs.")
+    ] = "numpyro",
     play: Annotated[
         PlaySettings,
         Fields("passive", "fixation", "theta_x", "border", threshold=_Theta, deadline=_Deadline),
     ] = PlaySettings(),
     move: Annotated[
         str | None,
-        Option(metavar="NAME", help="How to move: random, step, info-what, ...; docs/how-to/perceiving.md lists all."),
+        Option(
+            metavar="NAME", help="Control strategy: random, step, info-what, ...; docs/how-to/perceiving.md lists all."
+        ),
     ] = None,
     training: Annotated[
         list[Path] | None,
-        Option(metavar="FILE", help="Taps that trained the model, for what looks ahead; may be repeated."),
+        Option(
+            metavar="FILE", help="Taps that trained the model, for strategies and rules that look ahead; repeatable."
+        ),
     ] = None,
-    targets: Annotated[Path | None, Option(metavar="FILE.json", help="The learned table of --move table.")] = None,
+    targets: Annotated[
+        Path | None, Option(metavar="FILE.json", help="Learned table of targets for --move table.")
+    ] = None,
     stop: Annotated[
         str | None,
         Option(
@@ -61,35 +71,43 @@ def perceive(
     ] = None,
     give_up: Annotated[
         str | None,
-        Option("--give-up", metavar="TAPS[:BELIEF]", help="No answer if not decided by then, or by so much belief."),
+        Option(
+            "--give-up",
+            metavar="TAPS[:BELIEF]",
+            help="Give up after TAPS taps, unless the belief in an object exceeds BELIEF.",
+        ),
     ] = None,
     start: Annotated[
-        str | None, Option(help="Where to begin: class index, or a place such as 2.3mm; default drawn.")
+        str | None, Option(help="Initial position: a position index from 0 or a length such as 2.3mm; default: random.")
     ] = None,
     what: Annotated[
         str | None,
-        Option("--object", help="Name or 0-based number of the object; on a real rig what the answer is judged by."),
+        Option("--object", help="Object by name or index from 0; on a real rig only for judging the answer."),
     ] = None,
-    episodes: Annotated[int, Option(min=1, help="How many episodes.")] = 1,
+    episodes: Annotated[int, Option(min=1, help="Number of episodes.")] = 1,
     unknown: Annotated[
         float | None,
         Option(
             metavar="ALPHA",
-            help="Answer `unknown` where no trained object explains the taps. With 95 % confidence over the training "
-            "taps, at most ALPHA of the episodes at any trained object end so, if taps are drawn like these.",
+            help="Answer `unknown` if no trained object explains the taps. With 95 % confidence over training taps, "
+            "at most a fraction ALPHA of episodes at a trained object end in `unknown`, if new taps are distributed "
+            "like the training taps.",
         ),
     ] = None,
     as_json: Annotated[
-        bool, Option("--json", help="One JSON object per tap and decision instead of pictures.")
+        bool, Option("--json", help="Print one JSON object per tap and decision instead of pictures.")
     ] = False,
-    shadow: Annotated[bool, Option("--shadow", help="A second engine follows; exit code 1 if they differ.")] = False,
+    shadow: Annotated[
+        bool, Option("--shadow", help="Run a second engine in parallel; exit code 1 if they disagree.")
+    ] = False,
     image: Annotated[
-        Path | None, Option("--picture", metavar="FILE.svg", help="Keep the last picture in this file.")
+        Path | None, Option("--picture", metavar="FILE.svg", help="Save the last picture to this file.")
     ] = None,
     record: Annotated[
-        Path | None, Option("--record", metavar="FILE.mcap", help="Record everything that a rig.toml rig does.")
+        Path | None,
+        Option("--record", metavar="FILE.mcap", help="Record all data of the rig to this file; requires a rig.toml."),
     ] = None,
-    home: Annotated[bool, Option("--home", help="Home the stage first: it moves to its limit switches.")] = False,
+    home: Annotated[bool, Option("--home", help="Home the stage first; it moves to its limit switches.")] = False,
     training_taps: TrainingTaps = False,
     setting: SettingFile = None,
     seed: Seed = 0,
@@ -142,8 +160,8 @@ def perceive(
         fresh = partial(untrained, fitted, keep=training_taps)
         with open_source(rig, fitted.grid, Wish(start, what, seed), home, recorder, fresh) as source:
             shown.note(
-                f"{source.name}, engine {timed.name}, warmed up in {warm_up_s:.1f} s; behind object and place stands "
-                f"the belief in each, and moves are in where classes{_promised(novelty, unknown)}"
+                f"{source.name}, engine {timed.name}, warmed up in {warm_up_s:.1f} s; beliefs follow object and "
+                f"position, moves are in positions{_promised(novelty, unknown)}"
             )
             for number in range(episodes):
                 run = _Run(timed, ends, moves, chances(seed, number, play.deadline), play.deadline, novelty, unknown)
@@ -160,21 +178,21 @@ def perceive(
 
 
 def _check_together(play: PlaySettings, move: str | None, stop: str | None, theta: bool) -> None:
-    """Refuses options that contradict each other; `theta` says whether `--theta` is given."""
+    """Checks that options do not contradict each other; `theta` is whether `--theta` is given."""
     if play.passive and (play.fixation is not None or play.theta_x > 0):
-        raise InputError("--passive never moves and does not go with --fixation or --theta-x.")
+        raise InputError("--passive cannot be combined with --fixation or --theta-x.")
     if move is not None and (play.passive or play.theta_x > 0):
-        raise InputError("--move says how to move and does not go with --passive or --theta-x; see fixation:THETA_X.")
+        raise InputError("--move cannot be combined with --passive or --theta-x; use --move fixation:THETA_X.")
     if stop is not None and theta:
-        raise InputError("--stop says when to stop and does not go with --theta; see what:THETA.")
+        raise InputError("--stop cannot be combined with --theta; use --stop what:THETA.")
 
 
 def _with_setting(context: Context, setting: "Setting", play: PlaySettings, move: str | None) -> PlaySettings:
-    """What the command line says, and a setting where it does not.
+    """Values of the command line, else of a setting.
 
-    Whether to move is said as a whole: `--passive` on the command line does away with the setting's fixation point and
-    threshold, one of these with a setting that is passive, and `--move` with all three but for the fixation point of a
-    strategy that aims for one.
+    Options for moving replace each other: `--passive` on the command line replaces the setting's fixation point and
+    move threshold, either of these replaces a passive setting, and `--move` replaces all three except for the fixation
+    point of a strategy that uses one.
     """
     both = merged(context, setting, play)
     if given(context, "passive"):
@@ -186,7 +204,7 @@ def _with_setting(context: Context, setting: "Setting", play: PlaySettings, move
 
 
 class _Run:
-    """One episode with what surrounds it."""
+    """Runs episodes with fixed engine, strategy and stopping rule."""
 
     def __init__(
         self,
@@ -202,7 +220,7 @@ class _Run:
         self._deadline, self._novelty, self._alpha = deadline, novelty, alpha
 
     def episode(self, placed: "Placed", shown: "Show", heading: str) -> "Ending":
-        """Taps until the stopping rule, the deadline or the answer that nothing known fits."""
+        """Taps until the stopping rule, the deadline or the answer `unknown`."""
         from ..analysis.live.view import Seen
         from ..inference.episode import steps
         from ..inference.novelty import UnknownTest
@@ -221,7 +239,7 @@ class _Run:
             if alarm:
                 break
         if seen is None:
-            raise InputError("An episode needs at least one tap.")
+            raise InputError("--deadline must be at least 1 tap.")
         return Ending(seen, _reason(seen), placed.truth())
 
 
@@ -239,7 +257,7 @@ def _reason(seen: "Seen") -> str:
 
 
 def check_picture(path: Path, force: bool) -> None:
-    """Refuses a picture that could not be written at the end.
+    """Checks that a picture can be written at the end.
 
     Raises:
         InputError: The name does not end in `.svg`, or the file cannot be written.
@@ -247,12 +265,12 @@ def check_picture(path: Path, force: bool) -> None:
     from ..models.storage import check_writable
 
     if path.suffix.lower() != ".svg":
-        raise InputError(f"--picture must end in .svg, the format that it is written in, got {path}.")
+        raise InputError(f"--picture must name an .svg file, got {path}.")
     check_writable(path, force)
 
 
 def save_picture(seen: "Seen", path: Path, force: bool) -> None:
-    """Writes the picture of one step, complete or not at all.
+    """Writes the picture of one step, atomically.
 
     Raises:
         InputError: The file cannot be written.
@@ -265,24 +283,24 @@ def save_picture(seen: "Seen", path: Path, force: bool) -> None:
 
 
 def _novelty(model: "TapModel", alpha: float | None, deadline: int) -> "Novelty | None":
-    """P-values where the model can give them; it must where the answer may be `unknown`."""
+    """P-values if the model supports them, which the answer `unknown` requires."""
     from ..inference.novelty import Novelty, can_tell
 
     if alpha is None:
         return Novelty(model) if can_tell(model) else None
     if not 0 < alpha < 1:
-        raise InputError(f"--unknown must lie between 0 and 1, got {alpha}.")
+        raise InputError(f"--unknown must be between 0 and 1, got {alpha}.")
     novelty = Novelty(model)
     promise = novelty.promise(alpha)
     if promise.soonest is None or promise.soonest > deadline:
         raise InputError(
-            f"--unknown {alpha:g} cannot be answered within the --deadline of {deadline} taps: {promise.power}."
+            f"--unknown {alpha:g} is not possible within the --deadline of {deadline} taps: {promise.power}."
         )
     return novelty
 
 
 def _promised(novelty: "Novelty | None", alpha: float | None) -> str:
-    """What holds of the answer `unknown`, where it may be given."""
+    """Guarantee for the answer `unknown`, if it is possible."""
     return "" if novelty is None or alpha is None else f". {novelty.promise(alpha).sentence}"
 
 

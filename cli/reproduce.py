@@ -1,4 +1,4 @@
-"""`solidtouch reproduce`: the paper's experiment, from taps to the report."""
+"""`solidtouch reproduce`: the paper's experiment, from taps to report."""
 
 from pathlib import Path
 from typing import Annotated
@@ -36,19 +36,24 @@ def reproduce(
     context: typer.Context,
     data: Annotated[
         list[str] | None,
-        Option(metavar="FILE | TRAIN TEST", help="Recorded taps instead of simulated ones: one file to split, or two."),
+        Option(
+            metavar="FILE | TRAIN TEST",
+            help="Recorded taps instead of simulated ones: one file to split, or a training and a test file.",
+        ),
     ] = None,
     test_data: Annotated[list[str] | None, typer.Argument(metavar="TEST", hidden=True)] = None,
-    out: Annotated[Path | None, Option(help="Folder for the results; default runs/<date-time>.")] = None,
+    out: Annotated[Path | None, Option(help="Folder for the results; default: runs/<date-time>.")] = None,
     quick: Annotated[
-        bool, Option("--quick", help=f"{_QUICK_DATA_SETS} simulated data sets, {_QUICK_TRIALS} trials each.")
+        bool, Option("--quick", help=f"Use {_QUICK_DATA_SETS} simulated data sets and {_QUICK_TRIALS} trials.")
     ] = False,
     preset: Annotated[
-        str | None, Option(help="Which simulated rig: paper, ideal, broken, hold2 or nodrift; default paper.")
+        str | None, Option(help="Preset of the simulated rig: paper, ideal, broken, hold2 or nodrift; default: paper.")
     ] = None,
-    data_sets: Annotated[int | None, Option(min=1, help=f"Simulated data sets; default {_DATA_SETS}.")] = None,
+    data_sets: Annotated[
+        int | None, Option(min=1, help=f"Number of simulated data sets; default: {_DATA_SETS}.")
+    ] = None,
     trials: Annotated[
-        int | None, Option(min=1, help=f"Trials per position and per fixation point; default {_TRIALS}.")
+        int | None, Option(min=1, help=f"Trials per position and per fixation point; default: {_TRIALS}.")
     ] = None,
     thresholds: Thresholds = None,
     play: Annotated[PlaySettings, Fields("theta_x", "fixation", "deadline", "border")] = PlaySettings(),
@@ -59,10 +64,10 @@ def reproduce(
     seed: Seed = 0,
     force: Force = False,
 ) -> None:
-    """Runs the paper's experiment on simulated or recorded taps and writes figures, tables and a report."""
+    """Run the paper's experiment on simulated or recorded taps; write figures, tables and a report."""
     files = [*(data or []), *(test_data or [])]
     if test_data and not data:
-        raise InputError(f"{test_data[0]} is not expected here; recorded taps are named with --data.")
+        raise InputError(f"Unexpected argument {test_data[0]}; name recorded taps with --data.")
     with loading():
         from ..analysis.reproduce.report import reproduce as study
         from ..inference.trials.run import THRESHOLDS

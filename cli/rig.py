@@ -1,4 +1,4 @@
-"""`solidtouch rig check`: what stands on the bench, and what is wrong with it."""
+"""`solidtouch rig check`: devices, timing and noise of a rig."""
 
 from pathlib import Path
 from typing import Annotated
@@ -7,21 +7,23 @@ import typer
 
 from .shared.interrupt import loading, terminable
 
-app = typer.Typer(help="The devices on the bench.", no_args_is_help=True)
+app = typer.Typer(help="Check the devices of a rig.", no_args_is_help=True)
 
 
 @app.callback()
 def rig() -> None:
-    """The devices on the bench."""
+    """Check the devices of a rig."""
 
 
 @app.command()
 def check(
-    rig_file: Annotated[Path, typer.Argument(metavar="RIG", help="The rig.toml of the bench.", show_default=False)],
-    seconds: Annotated[float, typer.Option(min=0.5, help="How long to listen to the sensor.")] = 10.0,
-    home: Annotated[bool, typer.Option("--home", help="Home the stage: it moves to its limit switches.")] = False,
+    rig_file: Annotated[
+        Path, typer.Argument(metavar="RIG", help="Settings file of the rig, rig.toml.", show_default=False)
+    ],
+    seconds: Annotated[float, typer.Option(min=0.5, help="Duration of the sensor check in seconds.")] = 10.0,
+    home: Annotated[bool, typer.Option("--home", help="Home the stage; it moves to its limit switches.")] = False,
 ) -> None:
-    """Reports ports, identities, frame rate, loss, noise, drift and travel; exit code 1 if something is wrong.
+    """Check devices, timing, noise, drift and travel; exit code 1 if there is a problem.
 
     The finger must touch nothing. Without --home nothing moves.
     """
@@ -39,7 +41,7 @@ def check(
     with (
         terminable(),
         unconnected(settings, NoJournal()) as rig,
-        Console(stderr=True).status(f"Listening for {seconds:g} s ..."),
+        Console(stderr=True).status(f"Reading the sensor for {seconds:g} s ..."),
     ):
         report = check_rig(rig, seconds, home)
     show_report(report, console)

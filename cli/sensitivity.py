@@ -1,4 +1,4 @@
-"""`solidtouch sensitivity`: what each choice that the paper leaves open is worth."""
+"""`solidtouch sensitivity`: the effect of each choice that the paper leaves open."""
 
 from pathlib import Path
 from typing import Annotated
@@ -19,30 +19,34 @@ def sensitivity(
         list[Path] | None,
         Argument(
             metavar="[FILE...]",
-            help="Recorded taps as for `inspect`, each on its own; three sessions or more are left out in turn.",
+            help="Recorded taps as for `inspect`, each file a data set; three or more sessions are left out in turn.",
             show_default=False,
         ),
     ] = None,
-    out: Annotated[Path | None, Option(help="Folder for the results; default runs/<date-time>-sensitivity.")] = None,
+    out: Annotated[Path | None, Option(help="Folder for the results; default: runs/<date-time>-sensitivity.")] = None,
     data_sets: Annotated[
-        int, Option("--data-sets", min=0, max=10_000, help="Simulated data sets; 0 for recorded taps only.")
+        int, Option("--data-sets", min=0, max=10_000, help="Number of simulated data sets; 0 uses recorded taps only.")
     ] = 40,
-    preset: Annotated[str, Option(help="Settings of the simulated rig.")] = "paper",
+    preset: Annotated[str, Option(help="Preset of the simulated rig.")] = "paper",
     division: Annotated[Division, Fields(*CELLS, "training_taps")] = Division(),
-    trials: Annotated[int, Option(min=_FEWEST_TRIALS, max=10**6, help="Of each data set, policy and option.")] = 1000,
-    strongest: Annotated[int, Option(min=0, max=18, help="Choices of which all pairs are tried.")] = 5,
+    trials: Annotated[
+        int, Option(min=_FEWEST_TRIALS, max=10**6, help="Trials per data set, policy and option.")
+    ] = 1000,
+    strongest: Annotated[
+        int, Option(min=0, max=18, help="Number of most influential choices whose pairs are all tested.")
+    ] = 5,
     quick: Annotated[
         bool,
         Option(
             "--quick",
-            help=f"At most {_QUICK_DATA_SETS} data sets of {_QUICK_TRIALS} trials: a look, too few to decide.",
+            help=f"Preview with at most {_QUICK_DATA_SETS} data sets of {_QUICK_TRIALS} trials.",
         ),
     ] = False,
     workers: Workers = None,
     seed: Seed = 0,
     force: Force = False,
 ) -> None:
-    """Runs every option of what the paper leaves open: what changes its conclusion, its numbers, or nothing."""
+    """Measure the effect of each choice that the paper leaves open on its conclusion and numbers."""
     if quick:
         data_sets, trials = min(data_sets, _QUICK_DATA_SETS), min(trials, _QUICK_TRIALS)
     with loading():

@@ -18,28 +18,30 @@ _MODEL = "model"
 
 
 def simulate(
-    out: Annotated[Path, Option(help="Folder for session-0.nc, session-1.nc, ...; made if needed.")],
+    out: Annotated[Path, Option(help="Folder for session-0.nc, session-1.nc, ...; created if needed.")],
     preset: Annotated[
-        str, Option(help="Which rig: paper, ideal, broken, hold2, nodrift, or model (needs --model).")
+        str, Option(help="Preset of the rig: paper, ideal, broken, hold2, nodrift, or model (requires --model).")
     ] = "paper",
-    sessions: Annotated[int, Option(help="How many sessions.")] = 2,
+    sessions: Annotated[int, Option(help="Number of sessions.")] = 2,
     seed: Seed = 0,
     data_set: Annotated[
-        int, Option(min=0, help="Data set of this seed, as numbered by reproduce; its sessions share the sensor.")
+        int, Option(min=0, help="Number of the data set, as in reproduce; its sessions share the sensor.")
     ] = 0,
     force: Annotated[bool, Option("--force", help="Overwrite existing files.")] = False,
-    model: Annotated[Path | None, Option(help="Fitted model of any kind that preset model draws from.")] = None,
-    samples: Annotated[int | None, Option(help="Samples of a tap with preset model; default the model's.")] = None,
-    taps_per_class: Annotated[int | None, Option(help="Taps of each class with preset model; default 20.")] = None,
+    model: Annotated[Path | None, Option(help="With --preset model: fitted model to draw taps from.")] = None,
+    samples: Annotated[
+        int | None, Option(help="With --preset model: samples per tap; default: as in the model.")
+    ] = None,
+    taps_per_class: Annotated[int | None, Option(help="With --preset model: taps per class; default: 20.")] = None,
 ) -> None:
-    """Simulates sessions of taps, one file each."""
+    """Simulate sessions of taps, one file each."""
     from rich.progress import track
 
     if sessions < 1:
         raise InputError(f"--sessions must be at least 1, got {sessions}.")
     drawn = preset == _MODEL
     if not drawn and any(option is not None for option in (model, samples, taps_per_class)):
-        raise InputError("--model, --samples and --taps-per-class go with --preset model only.")
+        raise InputError("--model, --samples and --taps-per-class require --preset model.")
     own = data_set_seed(seed, data_set)
     make = _from_model(model, samples, taps_per_class, own) if drawn else _from_rig(preset, own)
     paths = [_folder(out) / f"session-{session}.nc" for session in range(sessions)]
@@ -66,7 +68,7 @@ def _from_model(
     from ..models.io.model_file import load_model
 
     if path is None:
-        raise InputError("--preset model draws from a fitted model; name its file with --model.")
+        raise InputError("--preset model requires --model, the file of a fitted model.")
     model = load_model(path)
     n = 20 if taps_per_class is None else taps_per_class
     return lambda session: draw_session(model, n, seed, session, samples)
@@ -76,5 +78,5 @@ def _folder(path: Path) -> Path:
     try:
         path.mkdir(parents=True, exist_ok=True)
     except OSError as error:
-        raise InputError(f"The folder {path} cannot be made: {error.strerror}.") from error
+        raise InputError(f"{path}: cannot create the folder: {error.strerror}.") from error
     return path

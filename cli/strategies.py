@@ -1,4 +1,4 @@
-"""`solidtouch strategies`: how to move and when to stop, compared on the same trials."""
+"""`solidtouch strategies`: control strategies and stopping rules compared on the same trials."""
 
 from pathlib import Path
 from typing import Annotated
@@ -20,37 +20,35 @@ def strategies(
         list[Path] | None,
         Argument(
             metavar="[DATA...]",
-            help="Recorded taps as for `inspect`, each on its own, with a tap in every cell.",
+            help="Recorded taps as for `inspect`, each file a separate data set with a tap in every cell.",
             show_default=False,
         ),
     ] = None,
-    out: Annotated[Path | None, Option(help="Folder for the results; default runs/<date-time>-strategies.")] = None,
+    out: Annotated[Path | None, Option(help="Folder for the results; default: runs/<date-time>-strategies.")] = None,
     presets: Annotated[
         str,
         Option(
             metavar="LIST",
-            help="Presets of the simulated rig, separated by commas; model draws taps from the model that perceives "
-            "them; none for recorded taps only.",
+            help="Presets of the simulated rig, separated by commas; model draws taps from the model used for "
+            "perception; none uses recorded taps only.",
         ),
     ] = "ideal,paper,nodrift,broken,model",
-    data_sets: Annotated[
-        int, Option("--data-sets", min=2, max=10_000, help="Simulated data sets of each preset.")
-    ] = 10,
+    data_sets: Annotated[int, Option("--data-sets", min=2, max=10_000, help="Simulated data sets per preset.")] = 10,
     division: Annotated[Division, Fields(*CELLS, "training_taps")] = Division(),
-    trials: Annotated[int, Option(min=_FEWEST_TRIALS, max=10**6, help="Of each data set and strategy.")] = 100,
+    trials: Annotated[int, Option(min=_FEWEST_TRIALS, max=10**6, help="Trials per data set and strategy.")] = 100,
     quick: Annotated[
         bool,
         Option(
             "--quick",
-            help=f"At most {_QUICK_DATA_SETS} data sets of {_QUICK_TRIALS} trials: a look, in which little is decided.",
+            help=f"Preview with at most {_QUICK_DATA_SETS} data sets of {_QUICK_TRIALS} trials.",
         ),
     ] = False,
     regret: Annotated[
         bool | None,
         Option(
             "--regret/--no-regret",
-            help="What strategies cost more than the exact rule, or a bound, on taps drawn from a right model; "
-            "default with any preset.",
+            help="Compute the excess cost of strategies over the exact rule, or a bound, on taps drawn from a correct "
+            "model; default: yes with any preset.",
             show_default=False,
         ),
     ] = None,
@@ -58,12 +56,12 @@ def strategies(
     seed: Seed = 0,
     force: Force = False,
 ) -> None:
-    """Compares strategies of moving and rules of stopping: error against taps and way, one page."""
+    """Compare control strategies and stopping rules: error against taps and distance travelled."""
     if quick:
         data_sets, trials = min(data_sets, _QUICK_DATA_SETS), min(trials, _QUICK_TRIALS)
     names = [] if presets == "none" else [name.strip() for name in presets.split(",")]
     if "" in names:
-        raise InputError(f"--presets needs names between its commas, got {presets!r}.")
+        raise InputError(f"--presets must be names separated by commas, got {presets!r}.")
     with loading():
         from ..analysis.strategies.regret import QUICK_TRIALS, TRIALS
         from ..analysis.strategies.report import strategies as study

@@ -1,4 +1,4 @@
-"""`solidtouch sweep`: a study over a grid of settings, on this machine or on a cluster."""
+"""`solidtouch sweep`: a study over a grid of settings, on this machine or a cluster."""
 
 import time
 from collections.abc import Callable, Iterator
@@ -18,21 +18,23 @@ if TYPE_CHECKING:
 
 
 def sweep(
-    study: Annotated[Path, typer.Argument(metavar="STUDY", help="The study.toml of the grid.", show_default=False)],
+    study: Annotated[
+        Path, typer.Argument(metavar="STUDY", help="Definition of the study, study.toml.", show_default=False)
+    ],
     out: Annotated[
         Path | None,
-        typer.Option(help="The Zarr store to write or to continue; default STUDY.zarr.", show_default=False),
+        typer.Option(help="Zarr store to write or continue; default: STUDY.zarr.", show_default=False),
     ] = None,
     workers: Annotated[
-        int | None, typer.Option(min=1, help="Processes on this machine; default one per core.", show_default=False)
+        int | None, typer.Option(min=1, help="Processes on this machine; default: one per core.", show_default=False)
     ] = None,
     scheduler: Annotated[
-        str | None, typer.Option(metavar="ADDRESS", help="Run on the Dask cluster with this scheduler instead.")
+        str | None, typer.Option(metavar="ADDRESS", help="Run on the Dask cluster with this scheduler.")
     ] = None,
     patience: Annotated[
-        float, typer.Option(metavar="S", min=0.0, help="Seconds to wait for a scheduler and workers that are gone.")
+        float, typer.Option(metavar="S", min=0.0, help="Seconds to wait for a lost scheduler or lost workers.")
     ] = 300.0,
-    retry_failed: Annotated[bool, typer.Option("--retry-failed", help="Try cells again that failed before.")] = False,
+    retry_failed: Annotated[bool, typer.Option("--retry-failed", help="Run cells again that failed before.")] = False,
 ) -> None:
     """Runs all cells of STUDY that are not done yet and writes each as it finishes; exit code 1 if some failed."""
     with loading():
@@ -66,7 +68,7 @@ def sweep(
 
 @contextmanager
 def _progress(console: "Console") -> Iterator[tuple[Callable[["SweepProgress"], None], list["SweepProgress"]]]:
-    """A function that shows a tally, and a list that holds the last one; a bar, or lines where there is no terminal."""
+    """Function that shows a tally, as a bar or as lines without a terminal, and a list with the last tally."""
     from .shared.progress import LINE_S, progress_bars
 
     bars = progress_bars()

@@ -1,4 +1,4 @@
-"""`solidtouch trials`: any number of perception trials on recorded taps, with results on the way."""
+"""`solidtouch trials`: any number of perception trials on recorded taps, with interim results."""
 
 import sys
 from functools import partial
@@ -31,15 +31,15 @@ if TYPE_CHECKING:
 
 @spelled_out
 def trials(
-    model: Annotated[Path, Argument(metavar="MODEL", help="A fitted model, from `fit`.", show_default=False)],
+    model: Annotated[Path, Argument(metavar="MODEL", help="Fitted model, from `fit`.", show_default=False)],
     taps: Annotated[
         Path,
         Argument(metavar="TAPS", help="Test taps; those that trained the model are left out.", show_default=False),
     ],
-    number: Annotated[int, Option("--trials", metavar="N", min=1, help="How many.")] = 100_000,
+    number: Annotated[int, Option("--trials", metavar="N", min=1, help="Number of trials.")] = 100_000,
     play: Annotated[PlaySettings, Fields("passive", "fixation", "theta_x", "deadline", "border")] = PlaySettings(),
     start: Annotated[
-        int | None, Option(help="Where class to begin in, from 0; default any.", show_default=False)
+        int | None, Option(help="Initial position as an index from 0; default: random.", show_default=False)
     ] = None,
     thresholds: Thresholds = None,
     test: TestSessions = None,
@@ -47,13 +47,13 @@ def trials(
     seed: Seed = 0,
     device: Annotated[
         Literal["cpu", "gpu", "xla-cpu"],
-        Option(help="Compiled loops on the processor, or arrays on a GPU; xla-cpu runs the code of the latter."),
+        Option(help="Compiled loops on the CPU, or arrays on a GPU; xla-cpu runs the GPU code on the CPU."),
     ] = "cpu",
     workers: Workers = None,
-    out: Annotated[Path | None, Option(metavar="FILE.nc", help="Keep counts and means in this file.")] = None,
+    out: Annotated[Path | None, Option(metavar="FILE.nc", help="Save counts and means to this file.")] = None,
     force: Force = False,
 ) -> None:
-    """Plays trials on TAPS and counts errors and reaction times; memory does not grow with their number."""
+    """Run any number of trials on TAPS in constant memory; print errors and reaction times."""
     if out is not None:
         from ..models.storage import check_netcdf_name, check_writable
 
@@ -89,7 +89,7 @@ def trials(
 
 
 class _Shown:
-    """The results so far: while they grow on standard error, in the end, also an early one, on standard output."""
+    """Results so far: interim ones on standard error, final ones on standard output, also after an interruption."""
 
     def __init__(self) -> None:
         from rich.console import Console
@@ -115,7 +115,7 @@ class _Shown:
             show(self.report.page, Console())
 
     def stage(self, name: str, total: int) -> "Callable[[int], None]":
-        """Begins a bar, and gives the function that advances it."""
+        """Starts a progress bar; returns the function that advances it."""
         return partial(self._bars.advance, self._bars.add_task(name, total=total))
 
     def update(self, report: "TrialsReport") -> None:

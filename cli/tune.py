@@ -1,4 +1,4 @@
-"""`solidtouch tune`: where to fixate and when to stop, from training taps."""
+"""`solidtouch tune`: fixation point and belief threshold from training taps."""
 
 import sys
 from pathlib import Path
@@ -23,53 +23,52 @@ from .shared.options import (
     spelled_out,
 )
 
-_Theta = Annotated[float, Option("--theta", help="Threshold at which positions are compared.")]
+_Theta = Annotated[float, Option("--theta", help="Threshold at which fixation points are compared.")]
 
 
 @spelled_out
 def tune(
     context: Context,
     data: Data,
-    out: Annotated[Path, Option(help="The setting to write, such as setting.json, for `perceive --setting`.")],
-    cost_error: Annotated[
-        float, Option("--cost-error", metavar="TAPS", help="Taps that an error of 1 is worth, in the unit of errors.")
-    ] = 50.0,
-    wrong: Annotated[
-        bool, Option("--wrong", help="Count wrong decisions, also where objects have sizes to be wrong by.")
-    ] = False,
+    out: Annotated[Path, Option(help="Setting file to write, such as setting.json, for `perceive --setting`.")],
+    cost_error: Annotated[float, Option("--cost-error", metavar="TAPS", help="Cost of an error of 1, in taps.")] = 50.0,
+    wrong: Annotated[bool, Option("--wrong", help="Count wrong decisions, even if objects have sizes.")] = False,
     target_error: Annotated[
         float | None,
-        Option("--target-error", metavar="P", help="The least threshold with this P(wrong) in a new session instead."),
+        Option("--target-error", metavar="P", help="Choose the lowest threshold with this P(wrong) in a new session."),
     ] = None,
     by: Annotated[
         Literal["active", "passive"],
-        Option(help="Judge positions by trials that aim for them, or by trials that stand there."),
+        Option(help="Compare positions by trials that move to them, or by trials that stay there."),
     ] = "active",
     thresholds: Annotated[
-        str | None, Option(help="To choose from, such as 0.5,0.9,0.99; default many, or eight on line.")
+        str | None, Option(help="Candidate thresholds, such as 0.5,0.9,0.99; default: many, or eight with --online.")
     ] = None,
     online: Annotated[
-        int | None, Option("--online", metavar="N", min=2, help="Learn both in N episodes instead.")
+        int | None, Option("--online", metavar="N", min=2, help="Learn fixation point and threshold from N episodes.")
     ] = None,
     learner: Annotated[
-        Literal["thompson"], Option(help="Of --online: Thompson sampling, each pair by its own costs.")
+        Literal["thompson"], Option(help="Learner of --online: Thompson sampling over all pairs.")
     ] = "thompson",
     rig: Annotated[
-        str | None, Option(metavar="RIG", help="Of --online: play on this rig, as `perceive`; default held-out taps.")
+        str | None, Option(metavar="RIG", help="With --online: rig as in `perceive`; default: held-out taps.")
     ] = None,
-    what: Annotated[str | None, Option("--object", help="What is before a real rig, by name or number.")] = None,
-    home: Annotated[bool, Option("--home", help="Of --rig: home the stage first.")] = False,
+    what: Annotated[str | None, Option("--object", help="Object under a real rig, by name or index from 0.")] = None,
+    home: Annotated[
+        bool, Option("--home", help="With --rig: home the stage first; it moves to its limit switches.")
+    ] = False,
     training_taps: TrainingTaps = False,
     state: Annotated[
-        Path | None, Option(metavar="FILE.json", help="Of --online: keep what is learned here, and go on from it.")
+        Path | None,
+        Option(metavar="FILE.json", help="With --online: save the learner to this file, and resume from it."),
     ] = None,
     model: Model = "histogram",
     model_file: Annotated[
-        Path | None, Option("--model-file", metavar="FILE.nc", help="Also write the model of all training taps.")
+        Path | None, Option("--model-file", metavar="FILE.nc", help="Also write the model fitted to all training taps.")
     ] = None,
     targets: Annotated[
         Path | None,
-        Option("--targets", metavar="FILE.json", help="Also learn where to go from each place: for --move table."),
+        Option("--targets", metavar="FILE.json", help="Also learn the target of each position, for --move table."),
     ] = None,
     division: Annotated[Division, Fields(*DIVIDED)] = Division(training_taps=True),
     fit: Annotated[
@@ -77,14 +76,15 @@ def tune(
     ] = FitSettings(),
     play: Annotated[PlaySettings, Fields("theta_x", "deadline", "border", threshold=_Theta)] = PlaySettings(),
     trials: Annotated[
-        int, Option(min=100, max=10**6, help="In each part, of each position, for thresholds and for targets.")
+        int,
+        Option(min=100, max=10**6, help="Trials per held-out part: for each position, for thresholds and for targets."),
     ] = 1000,
     seed: Seed = 0,
     force: Force = False,
 ) -> None:
-    """Chooses the fixation point and the belief threshold from the training taps of DATA, which are those of `fit`.
+    """Choose the fixation point and belief threshold from the training taps of DATA, the same as for `fit`.
 
-    Of three files or more all but the last train.
+    With three files or more, all but the last train.
     """
     _check_words(context, online, rig, target_error)
     with loading():
@@ -140,7 +140,7 @@ def _print_note(sentence: str) -> None:
 
 
 def _check_files(files: "dict[str, Path | None]", state: Path | None, force: bool) -> None:
-    """Refuses files that cannot be written, or two that are one; what a learner knows may be there already."""
+    """Checks that files can be written and are different; the state of a learner may exist already."""
     from ..models.storage import check_writable
 
     for path in files.values():
@@ -153,15 +153,15 @@ def _check_files(files: "dict[str, Path | None]", state: Path | None, force: boo
 
 
 def _check_words(context: Context, online: int | None, rig: str | None, target_error: float | None) -> None:
-    """Refuses options that do not go together."""
+    """Checks that options can be combined."""
     alone = {"--online": ("rig", "state", "learner"), "--rig": ("what", "home")}
     for other, asked in (("--online", online), ("--rig", rig)):
         for name in alone[other]:
             if asked is None and given(context, name):
-                raise InputError(f"--{'object' if name == 'what' else name} goes with {other} only.")
+                raise InputError(f"--{'object' if name == 'what' else name} requires {other}.")
     if online is not None and target_error is not None:
-        raise InputError("--target-error chooses from all training taps and does not go with --online.")
+        raise InputError("--target-error cannot be combined with --online.")
     if online is not None and given(context, "by"):
-        raise InputError("--by judges positions from all training taps and does not go with --online.")
+        raise InputError("--by cannot be combined with --online.")
     if target_error is not None and given(context, "cost_error"):
         raise InputError("--target-error asks for an error whatever it costs and does not go with --cost-error.")

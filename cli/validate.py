@@ -1,4 +1,4 @@
-"""`solidtouch validate`: what to run after installing, and before believing."""
+"""`solidtouch validate`: check an installation against exact answers."""
 
 from typing import Annotated
 
@@ -11,9 +11,9 @@ from .shared.options import Seed
 
 def validate(
     seed: Seed = 0,
-    verbose: Annotated[bool, Option("--verbose", help="Print how long each check took.")] = False,
+    verbose: Annotated[bool, Option("--verbose", help="Print the duration of each check.")] = False,
 ) -> None:
-    """Cross-check, conformance and a short calibration in a minute or two; exit code 1 if anything fails."""
+    """Check this installation against exact answers, in about two minutes; exit code 1 if a check fails."""
     with loading():
         from rich.console import Console
         from rich.table import Table

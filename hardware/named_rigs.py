@@ -26,7 +26,7 @@ from .simulator.rig import SimulatedRig
 from .simulator.settings import RigSettings
 
 _ROUNDING = 1e-6  # of a cell
-_SIMULATED, _REPLAY, _PRESET, _SESSION = "simulated", "replay:", "paper", 1000  # a session that no data set has
+_SIMULATED, _REPLAY, _PRESET, _SESSION = "simulated", "replay:", "paper", 1000  # a session that occurs in no data set
 
 
 def check_training_taps(keep: bool, rig: str | None) -> None:
@@ -47,11 +47,11 @@ def objects(grid: ClassGrid, what: str | None) -> list[str]:
 
 
 class Truth(NamedTuple):
-    """What lies before the sensor and where it stands, as far as anyone knows.
+    """True object and position, as far as known.
 
     Attributes:
         what: Name of the object.
-        where: Place in the unit of the grid.
+        where: Position in the unit of the grid.
     """
 
     what: str | None
@@ -59,11 +59,11 @@ class Truth(NamedTuple):
 
 
 class Placed(NamedTuple):
-    """A sensor before an object.
+    """A sensor placed at an object.
 
     Attributes:
-        sensor: Where taps come from.
-        truth: Tells what is known at the time it is called.
+        sensor: The sensor.
+        truth: Returns the truth at the time of the call.
     """
 
     sensor: TouchSensor
@@ -74,8 +74,8 @@ class PlaceableRig(NamedTuple):
     """A rig that can be placed.
 
     Attributes:
-        name: What it is called in print.
-        place: Stands before a new object; takes the number of the episode, counted from 0.
+        name: Printable name.
+        place: Places the sensor at an object; takes the number of the episode, counted from 0.
     """
 
     name: str
@@ -83,12 +83,12 @@ class PlaceableRig(NamedTuple):
 
 
 class Wish(NamedTuple):
-    """Where the episodes begin; what is not named is drawn for each.
+    """Where episodes start; what is not given is random for each episode.
 
     Attributes:
-        start: Where class, or place in the unit of the grid with its unit behind it, such as `"2.3mm"`.
-        what: Name of the object, or its number counted from 0.
-        seed: Of all that is drawn.
+        start: Position index, or position with unit, such as `"2.3mm"`.
+        what: Name of the object, or its index from 0.
+        seed: Random seed.
     """
 
     start: str | None
@@ -96,10 +96,10 @@ class Wish(NamedTuple):
     seed: int
 
     def place(self, grid: ClassGrid, episode: int) -> float:
-        """The place of an episode, the centre of its class where a class is meant.
+        """Initial position of an episode; for a position index, the centre of the class.
 
         Raises:
-            InputError: The start is neither a class of the grid nor a place.
+            InputError: The start is neither a position index nor a position with unit.
         """
         if self.start is None:
             return float(grid.where_value[generator(self.seed, Purpose.START, episode).integers(grid.L)])
@@ -108,21 +108,21 @@ class Wish(NamedTuple):
         number = re.fullmatch(r"(-?\d+(?:\.\d+)?)\s*([^\d\s.].*)", self.start)
         if number is None or number[2] != grid.where_unit.split(maxsplit=1)[0].rstrip(",;"):
             raise InputError(
-                f"--start needs a class index from 0 to {grid.L - 1} or a place in {grid.where_unit or 'no unit'}, "
+                f"--start must be an index from 0 to {grid.L - 1} or a position in {grid.where_unit or 'no unit'}, "
                 f"such as {grid.where_label(0).replace(' ', '')}, got {self.start!r}."
             )
         return float(number[1])
 
     def object(self, names: Sequence[str], episode: int, there: Sequence[int] | None = None) -> int:
-        """The object of an episode, by its number.
+        """Index of the object of an episode.
 
         Args:
-            names: Of all objects.
-            episode: Counted from 0.
-            there: Those that one is drawn from; default all.
+            names: Names of all objects.
+            episode: Number of the episode, counted from 0.
+            there: Indices to draw from; default: all.
 
         Raises:
-            InputError: There is no such object.
+            InputError: The object is unknown.
         """
         if self.what is None:
             drawn = generator(self.seed, Purpose.OBJECT, episode)
@@ -132,7 +132,7 @@ class Wish(NamedTuple):
         if re.fullmatch(r"\d+", self.what) and int(self.what) < len(names):
             return int(self.what)
         raise InputError(
-            f"--object must be one of {', '.join(names)} or a number from 0 to {len(names) - 1}, got {self.what!r}."
+            f"--object must be one of {', '.join(names)} or an index from 0 to {len(names) - 1}, got {self.what!r}."
         )
 
 
@@ -145,18 +145,18 @@ def open_source(
     journal: Journal | None = None,
     fresh: Callable[[TapSet], TapSet] | None = None,
 ) -> Iterator[PlaceableRig]:
-    """The rig that `--rig` names, brought to rest when the block ends.
+    """Rig named by `--rig`, brought to rest at the end of the block.
 
     Args:
         rig: `simulated`, `simulated:PRESET`, `replay:FILE` or a rig.toml.
         grid: The classes of the model.
-        wish: Where episodes begin.
+        wish: Where episodes start.
         home: Whether to home a real stage first.
-        journal: Hears what happens on a real rig.
-        fresh: Gives the recorded taps that are played; default all.
+        journal: Records the events of a real rig.
+        fresh: Selects the recorded taps to use; default: all.
 
     Raises:
-        InputError: There is no such rig, it cannot stand where it is wanted, or as `fresh`.
+        InputError: The rig is unknown or cannot be placed as requested, or as `fresh`.
         RigError: A device failed.
     """
     if rig == _SIMULATED or rig.startswith(f"{_SIMULATED}:"):
@@ -167,9 +167,7 @@ def open_source(
         with _real(rig, grid, wish, home, journal) as source:
             yield source
     else:
-        raise InputError(
-            f"--rig must be simulated, simulated:PRESET, replay:FILE or a file that ends in .toml, got {rig!r}."
-        )
+        raise InputError(f"--rig must be simulated, simulated:PRESET, replay:FILE or a .toml file, got {rig!r}.")
 
 
 def _simulated(rig: str, grid: ClassGrid, wish: Wish) -> PlaceableRig:
@@ -198,12 +196,12 @@ def _replayed(path: str, grid: ClassGrid, wish: Wish, fresh: Callable[[TapSet], 
     where, what = taps.indices(whole)
     there = np.unique(what[(where >= 0) & (what >= 0)]).tolist()
     if not there:
-        raise InputError(f"{path}: no tap lies in a class of the model.")
+        raise InputError(f"{path}: no tap belongs to a class of the model.")
 
     def place(episode: int) -> Placed:
         start = int(whole.where_index(wish.place(grid, episode)))
         if start < 0:
-            raise InputError(f"--start {wish.start} lies in no class of the model.")
+            raise InputError(f"--start {wish.start} is outside the classes of the model.")
         what = wish.object(names, episode, there)
         chance = uniforms(generator(wish.seed, Purpose.REPLAY, episode))
         sensor = ReplayRig(taps, whole, start, what, chance)
@@ -217,11 +215,11 @@ def _real(rig: str, grid: ClassGrid, wish: Wish, home: bool, journal: Journal | 
     settings = load_rig(rig)
     check_step(settings.range.cell_mm, grid, settings.name)
     if grid.where_unit.split(maxsplit=1)[:1] != ["mm"]:
-        raise InputError(f"{settings.name} is driven in mm, and the model's places are in {grid.where_unit!r}.")
+        raise InputError(f"{settings.name} moves in mm, but the positions of the model are in {grid.where_unit!r}.")
     start_mm, limits = wish.place(grid, 0), settings.range
     if not limits.start_mm <= start_mm <= limits.end_mm:
         raise InputError(
-            f"{start_mm:g} mm lies outside the range of {settings.name}, {limits.start_mm:g} to {limits.end_mm:g} mm."
+            f"{start_mm:g} mm is outside the range of {settings.name}, {limits.start_mm:g} to {limits.end_mm:g} mm."
         )
     table = objects(grid, wish.what)
     journal = journal or NoJournal()
@@ -247,12 +245,12 @@ def _object(sensor: Rig, grid: ClassGrid, wish: Wish, episode: int) -> str | Non
     """The object of an episode: one that the emulator has, or what a person says it is.
 
     Raises:
-        InputError: There is no such object.
+        InputError: The object is unknown.
     """
     if sensor.emulator is None:
         return None if wish.what is None else grid.what_members[wish.object(grid.what_name, episode)][0]
     there = sensor.emulator.control({})["objects"]
-    new = [name for name in there if grid.what_index([name])[0] < 0]  # perception should call them unknown
+    new = [name for name in there if grid.what_index([name])[0] < 0]  # perception should answer `unknown`
     what = wish.object([*grid.what_name, *new], episode, range(grid.M))
     return grid.what_members[what][0] if what < grid.M else new[what - grid.M]
 

@@ -26,7 +26,7 @@ def test_the_demonstration_goes_from_training_data_to_decisions(tmp_path):
     printed = " ".join(done.stdout.split())
 
     assert done.returncode == 0, done.stdout + done.stderr
-    assert "Nothing is wrong." in printed
+    assert "No problems found." in printed
     assert printed.count(".mcap: 640 taps;") == 2
     assert "All routes agree." in printed
     assert len(re.findall(r"decided: \d+ mm rod", printed)) == 2

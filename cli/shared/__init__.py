@@ -1,4 +1,4 @@
-"""What several commands share: options, progress, Ctrl-C, opening sensors, showing an episode.
+"""Shared by commands: options, progress, Ctrl-C, opening sensors, showing an episode.
 
 Start with `options`. No command is defined here.
 """

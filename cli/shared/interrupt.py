@@ -7,16 +7,16 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from types import FrameType
 
-INTERRUPTED = 130  # exit code, as shells and Typer have it
+INTERRUPTED = 130  # exit code, as in shells and Typer
 TERMINATED = 143
-MESSAGE = "solidtouch: interrupted; every file that is there is whole."
+MESSAGE = "solidtouch: interrupted; all files written are complete."
 
 
 @contextmanager
 def loading() -> Iterator[None]:
-    """Ends the program at once on Ctrl-C, for the seconds in which imports run and nothing is written.
+    """Exits at once on Ctrl-C inside the block, in which imports run and nothing is written.
 
-    An exception would be raised somewhere inside the library that is being imported, which may swallow it or abort.
+    An exception would be raised inside the library being imported, which may swallow it or abort.
     """
     before = signal.signal(signal.SIGINT, _end)
     try:
@@ -32,7 +32,7 @@ def _end(signum: int, frame: FrameType | None) -> None:  # noqa: ARG001 - the si
 
 @contextmanager
 def terminable() -> Iterator[None]:
-    """Has SIGTERM unwind the program as Ctrl-C does, so that a rig comes to rest and files are ended; exit code 143."""
+    """Makes SIGTERM unwind the program like Ctrl-C, so that rigs stop and files are closed; exit code 143."""
     before = signal.signal(signal.SIGTERM, _terminate)
     try:
         yield

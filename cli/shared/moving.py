@@ -1,4 +1,4 @@
-"""How an episode moves, from what the command line says."""
+"""Control strategy of an episode, from command-line options."""
 
 import sys
 from collections.abc import Iterator, Sequence
@@ -28,7 +28,7 @@ class Moves(NamedTuple):
 
     Attributes:
         policy: The strategy.
-        fixation: Where class that it aims for; `None` where it aims for none.
+        fixation: Fixation point as a position index; `None` for strategies without one.
     """
 
     policy: MovePolicy
@@ -36,16 +36,16 @@ class Moves(NamedTuple):
 
 
 def load_outcomes(model: TapModel, training: Sequence[Path] | None, move: str, stop: str | None) -> TapOutcomes | None:
-    """The taps of `--training` for strategies and rules that look ahead; `None` without them.
+    """Taps of `--training`, for strategies and rules that look ahead; `None` without `--training`.
 
     Args:
         model: The fitted model.
-        training: `--training`.
+        training: Files of `--training`.
         move: Name of the strategy.
-        stop: Name of the stopping rule, if it has one.
+        stop: Name of the stopping rule, if any.
 
     Raises:
-        InputError: There is no such strategy or rule, none of them looks ahead, or a file cannot be used.
+        InputError: The strategy or rule is unknown, neither looks ahead, or a file cannot be used.
     """
     with naming("--move"):
         ahead = parse_strategy(move).needs_outcomes
@@ -54,14 +54,15 @@ def load_outcomes(model: TapModel, training: Sequence[Path] | None, move: str, s
     if not training:
         return None
     if not ahead:
-        raise InputError("--training goes with a --move that looks ahead, info-what and its like, or --stop lookahead.")
+        raise InputError("--training requires a --move that looks ahead, such as info-what, or --stop lookahead.")
     with naming(f"--training {', '.join(map(str, training))}"):
         taps = concatenate([load_taps(file) for file in training])
         outcomes = training_outcomes(model, taps)
     known = int(np.isin(model.training, tap_digests(taps.taps)).sum())
     if known < len(model.training):
         print(
-            f"Note: --training holds {known} of the {len(model.training)} taps that trained the model.", file=sys.stderr
+            f"Note: --training contains {known} of the {len(model.training)} taps that trained the model.",
+            file=sys.stderr,
         )
     return outcomes
 
@@ -73,29 +74,28 @@ def choose_moves(
     outcomes: TapOutcomes | None,
     targets: Path | None,
 ) -> Moves:
-    """The strategy of `--move`, with what it learns from.
+    """Strategy of `--move`.
 
     Args:
-        name: Of the strategy, see `strategies.FORMS`.
+        name: Name of the strategy, see `strategies.FORMS`.
         model: The fitted model.
-        play: Reading of Eq. 9 and fixation point; that of passive episodes is not looked at.
+        play: Border and fixation point; the latter is ignored for passive episodes.
         outcomes: Training taps, for a strategy that looks ahead.
-        targets: `--targets`.
+        targets: File of `--targets`.
 
     Raises:
-        InputError: There is no such strategy, an option that it needs is not there or one that it does not, or a file
-            cannot be used.
+        InputError: The strategy is unknown, an option is missing or not supported by it, or a file cannot be used.
     """
     with naming("--move"):
         strategy = parse_strategy(name)
     if strategy.needs_outcomes and outcomes is None:
-        raise InputError(f"--move {name} needs --training with the taps that trained the model.")
+        raise InputError(f"--move {name} requires --training with the taps that trained the model.")
     if strategy.kind == "table" and targets is None:
-        raise InputError("--move table needs --targets with a learned table.")
+        raise InputError("--move table requires --targets with a learned table.")
     if targets is not None and strategy.kind != "table":
-        raise InputError("--targets goes with --move table only.")
+        raise InputError("--targets requires --move table.")
     if play.fixation is not None and not (strategy.aims or play.passive):
-        raise InputError(f"--fixation does not go with --move {name}, which aims for no fixation point.")
+        raise InputError(f"--fixation cannot be combined with --move {name}, which uses no fixation point.")
     point = check_fixation(play.fixation, model.grid.L) if strategy.aims else None
     table = None
     if targets is not None:
@@ -106,5 +106,5 @@ def choose_moves(
 
 
 def chances(seed: int, episode: int, deadline: int) -> Iterator[float]:
-    """The random numbers that the strategy of an episode gets: the same for the same seed and number of the episode."""
+    """Random numbers for the strategy of an episode, determined by seed and episode number."""
     return iter(trial_chances(seed, episode, deadline).tolist())

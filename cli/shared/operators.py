@@ -1,4 +1,4 @@
-"""Who changes the objects of a data collection: the person at the terminal, or the emulator."""
+"""Operators that change the objects of a data collection: a person at the terminal, or the emulator."""
 
 import os
 import select
@@ -13,11 +13,11 @@ from ...models.errors import InputError
 
 
 class Person:
-    """Asks on the terminal and goes on when Enter is pressed.
+    """Asks on the terminal and waits for Enter.
 
     Args:
         say: Prints a line.
-        file: Number of the open file that Enter is read from; default standard input.
+        file: File descriptor from which Enter is read; default: standard input.
     """
 
     def __init__(self, say: Callable[[str], None], file: int | None = None) -> None:
@@ -25,7 +25,7 @@ class Person:
         self._file = sys.stdin.fileno() if file is None else file
 
     def place(self, what: int, thing: ObjectSettings) -> None:  # noqa: ARG002 - the interface of an operator
-        """Asks for an object; what was typed before does not count."""
+        """Asks for an object; discards earlier input."""
         with suppress(termios.error, OSError):  # not a terminal
             termios.tcflush(self._file, termios.TCIFLUSH)
         self._say(f"Put the {thing.name} under the finger, take your hands away and press Enter.")
@@ -34,35 +34,35 @@ class Person:
         """Whether Enter was pressed.
 
         Raises:
-            InputError: Nobody can press it, as the input ended.
+            InputError: The input ended.
         """
         if not select.select([self._file], [], [], 0)[0]:
             return False
         typed = os.read(self._file, 1)
         if not typed:
-            raise InputError("standard input ended while an object was to be changed; someone must press Enter.")
+            raise InputError("Standard input ended before Enter was pressed; run this command in a terminal.")
         return typed == b"\n"
 
 
 class Emulator:
-    """Has the emulator change the object.
+    """Lets the emulator change the object.
 
     Args:
-        connection: The way to it.
+        connection: Connection to the emulator.
     """
 
     def __init__(self, connection: Connection) -> None:
         self._connection = connection
 
     def place(self, what: int, thing: ObjectSettings) -> None:  # noqa: ARG002 - the interface of an operator
-        """Changes the object, which the plan must call as the emulator does.
+        """Changes the object, named as in the emulator.
 
         Raises:
             InputError: The emulator has no object of that name.
-            RigError: The emulator is gone.
+            RigError: The emulator does not answer.
         """
         self._connection.control({"object": thing.name})
 
     def ready(self) -> bool:
-        """It always is."""
+        """Always True."""
         return True

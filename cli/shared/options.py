@@ -19,57 +19,62 @@ Data = Annotated[
     list[Path],
     typer.Argument(
         metavar="DATA...",
-        help="Taps: .nc, .mcap, .npz, .csv, .mat or a folder of .csv files. One is split; two are TRAIN and TEST.",
+        help="Taps: .nc, .mcap, .npz, .csv, .mat or a folder of .csv files. One file is split; two are TRAIN and TEST.",
         show_default=False,
     ),
 ]
 WhereCell = Annotated[
     str | None,
-    typer.Option("--where-cell", metavar="WIDTH", help="Cells of positions of this width, such as 3mm or 0.5mm."),
+    typer.Option(
+        "--where-cell", metavar="WIDTH", help="Divide positions into cells of this width, such as 3mm or 0.5mm."
+    ),
 ]
 WhatCell = Annotated[
     str | None,
-    typer.Option("--what-cell", metavar="WIDTH", help="Group objects by size into cells of this width."),
+    typer.Option("--what-cell", metavar="WIDTH", help="Group objects by size into cells of this width, such as 2mm."),
 ]
 SplitMethod = Annotated[
     str | None,
     typer.Option(
         "--split",
         metavar="METHOD",
-        help="sessions, leave-one-session-out, halves or parity; "
-        "default sessions, the last tests, or parity where there is one session.",
+        help="How to split one file: sessions (the last one tests), leave-one-session-out, halves or parity; "
+        "default: sessions, or parity for a single session.",
     ),
 ]
-TrainSessions = Annotated[
-    str | None, typer.Option("--train", metavar="LIST", help="Sessions to train with, such as 0,1.")
-]
-TestSessions = Annotated[str | None, typer.Option("--test", metavar="LIST", help="Sessions to test, such as 2.")]
+TrainSessions = Annotated[str | None, typer.Option("--train", metavar="LIST", help="Training sessions, such as 0,1.")]
+TestSessions = Annotated[str | None, typer.Option("--test", metavar="LIST", help="Test sessions, such as 2.")]
 Force = Annotated[bool, typer.Option("--force", help="Overwrite existing files.")]
-_MODEL_HELP = f"Measurement model: {', '.join(NAMES)}, or session: before any other, such as session:profile"
+_MODEL_HELP = f"Measurement model: {', '.join(NAMES)}; session:NAME adds an unknown gain and offset to any model"
 Model = Annotated[str, typer.Option("--model", metavar="NAME", help=f"{_MODEL_HELP}.")]
-ModelOrAll = Annotated[str, typer.Option("--model", metavar="NAME", help=f"{_MODEL_HELP}; all for each in turn.")]
-AllowUnconverged = Annotated[bool, typer.Option("--allow-unconverged", help="Use a model whose fit did not converge.")]
+ModelOrAll = Annotated[
+    str, typer.Option("--model", metavar="NAME", help=f"{_MODEL_HELP}; all checks each model in turn.")
+]
+AllowUnconverged = Annotated[
+    bool, typer.Option("--allow-unconverged", help="Use the model even if its fit did not converge.")
+]
 Bins = Annotated[
-    int, typer.Option("--bins", min=1, max=65536, help="Bins of the histogram, by which all models are judged.")
+    int,
+    typer.Option("--bins", min=1, max=65536, help="Number of histogram bins; all models are evaluated on these bins."),
 ]
-Pseudocount = Annotated[
-    float, typer.Option("--pseudocount", min=0.0, help="Counts added to every bin of the histogram.")
-]
+Pseudocount = Annotated[float, typer.Option("--pseudocount", min=0.0, help="Count added to every histogram bin.")]
 Power = Annotated[
     str,
     typer.Option(
         "--power",
-        help="Root of the likelihood: J, JK, none, an exponent, or learned[:N] on training sessions left out in turn, "
-        "for beliefs after N taps (default 20).",
+        help="Exponent of the likelihood: J (1/J), JK (1/JK), none, a number, or learned[:N] from training sessions "
+        "by cross-validation, for beliefs after N taps (20 if omitted).",
     ),
 ]
-Exponent = Annotated[str, typer.Option("--power", help="Root of the likelihood in use: J, JK, none or an exponent.")]
+Exponent = Annotated[
+    str, typer.Option("--power", help="Exponent of the likelihood: J (1/J), JK (1/JK), none or a number.")
+]
 Saturation = Annotated[
     float | None,
     typer.Option(
         "--saturation",
         metavar="N",
-        help="All taps of an episode together count as N at most, as they are not independent; default no limit.",
+        help="Cap an episode's evidence at N taps, because taps are correlated; default: no cap.",
         show_default=False,
     ),
 ]
@@ -78,34 +83,40 @@ SettingFile = Annotated[
     typer.Option(
         "--setting",
         metavar="FILE",
-        help="A setting file that options are taken from; those given here win.",
+        help="Read options from this setting file; options on the command line take precedence.",
         show_default=False,
     ),
 ]
 ValueRange = Annotated[
-    Literal["global", "taxel"], typer.Option("--range", help="Bins across the range of all taxels or of each.")
+    Literal["global", "taxel"],
+    typer.Option("--range", help="Range of the bins: common to all taxels, or of each taxel."),
 ]
 Border = Annotated[
     Literal["uniform", "uniform_what", "prior", "clamp", "circular"],
-    typer.Option("--border", help="What a move does to belief that leaves the range."),
+    typer.Option("--border", help="How to treat belief shifted beyond the range."),
 ]
 Thresholds = Annotated[str | None, typer.Option(help="Belief thresholds, such as 0.5,0.9,0.99.")]
-Seed = Annotated[int, typer.Option("--seed", min=0, max=2**63 - 1, help="Of every random draw.")]
+Seed = Annotated[int, typer.Option("--seed", min=0, max=2**63 - 1, help="Random seed.")]
 TrainingTaps = Annotated[
-    bool, typer.Option("--training-taps", help="Also play test taps that trained the model; default leaves them out.")
+    bool, typer.Option("--training-taps", help="Keep test taps that trained the model; by default they are left out.")
 ]
-Theta = Annotated[float, typer.Option("--theta", help="Belief in an object needed to decide.")]
-ThetaX = Annotated[float, typer.Option("--theta-x", help="Belief in a position needed for a move; 0 always moves.")]
+Theta = Annotated[float, typer.Option("--theta", help="Belief in an object required for a decision.")]
+ThetaX = Annotated[float, typer.Option("--theta-x", help="Belief in a position required for a move; 0 always moves.")]
 Fixation = Annotated[
     int | None,
-    typer.Option("--fixation", help="Fixation point as 0-based class index; default the middle.", show_default=False),
+    typer.Option(
+        "--fixation", help="Fixation point as a position index from 0; default: the middle.", show_default=False
+    ),
 ]
 Passive = Annotated[bool, typer.Option("--passive", help="Never move.")]
 Deadline = Annotated[
-    int, typer.Option("--deadline", min=1, max=10**6, help="Taps after which the most probable classes are taken.")
+    int,
+    typer.Option(
+        "--deadline", min=1, max=10**6, help="Maximum number of taps; the most probable classes are then decided."
+    ),
 ]
 Workers = Annotated[
-    int | None, typer.Option("--workers", min=1, help="How many at a time; default as many as there are cores.")
+    int | None, typer.Option("--workers", min=1, help="Number of parallel workers; default: one per core.")
 ]
 
 
@@ -129,7 +140,7 @@ OPTIONS: dict[str, Any] = {
     "test": TestSessions,
     "training_taps": TrainingTaps,
 }
-"""Usual options of the fields of settings records."""
+"""Default command-line options of the fields of settings records."""
 
 
 FITTING = "bins", "pseudocount", "power", "value_range"
@@ -138,18 +149,18 @@ DIVIDED = *CELLS, "split", "train", "test"
 
 
 def given(context: typer.Context, option: str) -> bool:
-    """Whether an option stands on the command line, by the name of its parameter."""
+    """Whether an option was given on the command line, by the name of its parameter."""
     source = context.get_parameter_source(option)
     return source is not None and not source.name.startswith("DEFAULT")
 
 
 def merged[R: Checked](context: typer.Context, setting: "Setting | None", record: R) -> R:
-    """The values of a settings record: what stands on the command line, else what a setting says, else the default.
+    """Values of a settings record: from the command line, else from a setting file, else the default.
 
     Args:
-        context: Of the command.
-        setting: The setting, if there is one.
-        record: `FitSettings` or `PlaySettings` as the command got it.
+        context: Context of the command.
+        setting: The setting, if any.
+        record: `FitSettings` or `PlaySettings` with the values of the command line.
     """
     if setting is None:
         return record
@@ -159,11 +170,11 @@ def merged[R: Checked](context: typer.Context, setting: "Setting | None", record
 
 
 class Fields:
-    """The fields of a settings record that a command has as options, in the annotation of a parameter.
+    """Annotation of a parameter: the fields of a settings record that a command offers as options.
 
     Args:
-        names: Fields with their usual options, see `OPTIONS`.
-        others: Fields with options of the command's own.
+        names: Fields with their default options, see `OPTIONS`.
+        others: Fields with options specific to the command.
     """
 
     def __init__(self, *names: str, **others: Any) -> None:
@@ -171,10 +182,9 @@ class Fields:
 
 
 def spelled_out(command: Callable[..., None]) -> Callable[..., None]:
-    """A command for Typer: each parameter annotated with `Fields` is spelled out as one option per field.
+    """Command for Typer, with one option per field for each parameter annotated with `Fields`.
 
-    The defaults are those of the record that is the parameter's default. A value that the record refuses is named by
-    its option.
+    Defaults are those of the record that is the parameter's default. Errors of the record name the option.
     """
     parameters, records = [], {}
     for name, parameter in inspect.signature(command, eval_str=True).parameters.items():
@@ -214,14 +224,14 @@ def spelled_out(command: Callable[..., None]) -> Callable[..., None]:
 
 
 def parse_thresholds(text: str | None) -> list[float] | None:
-    """Belief thresholds separated by commas.
+    """Belief thresholds from text with commas; `None` for `None`.
 
     Raises:
-        InputError: The text is something else.
+        InputError: The text is not a list of numbers.
     """
     if text is None:
         return None
     try:
         return [float(part) for part in text.split(",")]
     except ValueError:
-        raise InputError(f"--thresholds needs numbers such as 0.5,0.9,0.99, got {text!r}.") from None
+        raise InputError(f"--thresholds must be numbers such as 0.5,0.9,0.99, got {text!r}.") from None

@@ -9,11 +9,11 @@ if TYPE_CHECKING:
     from rich.progress import Progress
 
 LINE_S = 30.0
-"""Between two lines of progress where there is no terminal."""
+"""Time in seconds between two lines of progress without a terminal."""
 
 
 def progress_bars() -> "Progress":
-    """Bars with name, count, elapsed and remaining time, on standard error."""
+    """Progress bars with name, count, elapsed and remaining time, on standard error."""
     from rich.console import Console
     from rich.progress import (
         BarColumn,
@@ -31,9 +31,9 @@ def progress_bars() -> "Progress":
 
 @contextmanager
 def bars() -> Iterator[Callable[[str, int], Callable[[int], None]]]:
-    """A function that starts the bar of a stage and gives the function that advances it.
+    """Function that starts the bar of a stage and returns the function that advances it.
 
-    Nothing is shown before the first stage. Where standard error is no terminal, long stages say a line now and then.
+    Nothing is shown before the first stage. Without a terminal, long stages print occasional lines on standard error.
     """
     with ExitStack() as shown:
         progress = progress_bars()

@@ -1,4 +1,4 @@
-"""`--record`: what a rig does during a live command, kept in a file."""
+"""`--record`: recording of a rig during a live command."""
 
 import sys
 from collections.abc import Iterator
@@ -15,17 +15,17 @@ if TYPE_CHECKING:
 
 
 def check_record(path: Path, rig: str, force: bool) -> None:
-    """Refuses a recording that could not be written, or of a rig that has no devices.
+    """Checks that a recording can be written and that the rig has devices.
 
     Raises:
-        InputError: The rig is no rig.toml, the name does not end in `.mcap`, or the file cannot be written.
+        InputError: The rig is not a rig.toml, the name does not end in `.mcap`, or the file cannot be written.
     """
     from ...models.storage import check_writable
 
     if not rig.endswith(".toml"):
-        raise InputError(f"--record keeps what devices do and needs a rig.toml as --rig, got {rig!r}.")
+        raise InputError(f"--record requires a rig.toml as --rig, got {rig!r}.")
     if path.suffix.lower() != ".mcap":
-        raise InputError(f"--record must end in .mcap, the format that it is written in, got {path}.")
+        raise InputError(f"--record must name an .mcap file, got {path}.")
     check_writable(path, force)
 
 
@@ -33,18 +33,18 @@ def check_record(path: Path, rig: str, force: bool) -> None:
 def recording(
     path: Path | None, rig: str, grid: ClassGrid, what: str | None, taps: int, force: bool
 ) -> Iterator["Recorder | None"]:
-    """The journal of a rig, ended with the block; a file without a tap is removed if the block fails.
+    """Recorder of a rig, closed at the end of the block; a file without a tap is removed if the block fails.
 
     Args:
-        path: The file, None for no recording.
+        path: The file, `None` for no recording.
         rig: The rig.toml.
         grid: The classes of the model.
-        what: The object that was named.
-        taps: At most so many are made.
+        what: Object of `--object`.
+        taps: Maximum number of taps.
         force: Whether an existing file may be replaced.
 
     Raises:
-        InputError: The file cannot be written, or its disk has no room for so many taps.
+        InputError: The file cannot be written, or its disk lacks space for so many taps.
     """
     if path is None:
         yield None
@@ -68,11 +68,11 @@ def recording(
 
 
 def kept(recorder: "Recorder") -> str:
-    """What a recording is good for, in a sentence."""
+    """Content and next use of a recording, as a sentence."""
     path, presses = recorder.path, recorder.presses
     if recorder.taps:
-        return f"{path}: {recorder.taps} taps; solidtouch convert {path} TAPS.nc makes a tap set of them."
-    return f"{path}: {presses} presses, none with a known object, so no tap set can be made of it; --object names it."
+        return f"{path}: {recorder.taps} taps; convert them with `solidtouch convert {path} TAPS.nc`."
+    return f"{path}: {presses} presses of an unknown object, not convertible to a tap set; name it with --object."
 
 
 def _about(rig: str, grid: ClassGrid, what: str | None) -> "About":

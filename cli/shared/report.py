@@ -1,4 +1,4 @@
-"""What commands that write a report have in common: its folder, the command line in it, and what is printed of it."""
+"""Reports of commands: folder, command line and printed summary."""
 
 import shlex
 import sys
@@ -11,7 +11,7 @@ if TYPE_CHECKING:
 
 
 def report_folder(out: Path | None, force: bool, study: str = "") -> Path:
-    """The folder of a report: the one asked for, or `runs/<date-time>` with the study's name behind it.
+    """Folder of a report: `out`, or `runs/<date-time>` followed by the name of the study.
 
     Raises:
         InputError: It cannot be written, or exists and `force` is not set.
@@ -25,15 +25,15 @@ def report_folder(out: Path | None, force: bool, study: str = "") -> Path:
 
 
 def command_line() -> str:
-    """The command as it was typed, for the report."""
+    """The command line, for the report."""
     return shlex.join(["solidtouch", *sys.argv[1:]])
 
 
 def show_report(report: "Report", folder: Path) -> None:
-    """Prints the gist of a report, and where the whole is."""
+    """Prints the summary of a report and its path."""
     from rich.console import Console
 
     from ...analysis.page.terminal import show
 
     show(report.page, Console())
-    print(f"The report is {folder / 'report.html'}")
+    print(f"Report saved to {folder / 'report.html'}")

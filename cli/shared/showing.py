@@ -1,4 +1,4 @@
-"""What `solidtouch perceive` prints while it goes on: pictures in a terminal, lines into a file, JSON for a program."""
+"""Live output of `solidtouch perceive`: pictures in a terminal, lines in a file, JSON for programs."""
 
 import json
 import sys
@@ -19,7 +19,7 @@ class Ending(NamedTuple):
         seen: Its last step.
         reason: `"threshold"`, `"rule"` where another rule decided, `"deadline"`, `"gave up"`, `"no class left"` or
             `"unknown"`.
-        truth: What is known of the object and the place.
+        truth: True object and position, as far as known.
     """
 
     seen: "Seen"
@@ -35,9 +35,9 @@ class Ending(NamedTuple):
 
     @property
     def right(self) -> bool | None:
-        """Whether the answer is the object; an object that the model does not know is rightly unknown.
+        """Whether the answer is correct; `unknown` is correct for objects that are not in the model.
 
-        `None` where nobody knows, and for null decisions, which are neither.
+        `None` if the object is not known, and for null decisions.
         """
         if self.truth.what is None or self.answer is None:
             return None
@@ -49,39 +49,39 @@ class Ending(NamedTuple):
 
 
 class Show(Protocol):
-    """Prints what happens."""
+    """Shows the taps and decisions of episodes."""
 
     def note(self, text: str) -> None:
-        """Something to know that is no result."""
+        """Shows a remark that is not a result."""
         ...
 
     def tap(self, seen: "Seen") -> None:
-        """One more tap."""
+        """Shows a tap."""
         ...
 
     def end(self, episode: int, ending: Ending) -> None:
-        """An episode ended."""
+        """Shows the end of an episode."""
         ...
 
 
 class JsonShow:
-    """One JSON object per tap and one per decision on standard output, all else on standard error."""
+    """Prints one JSON object per tap and decision on standard output, all else on standard error."""
 
     def __init__(self) -> None:
         self._episode = 1
 
     def note(self, text: str) -> None:
-        """On standard error."""
+        """Prints a line on standard error."""
         print(text, file=sys.stderr, flush=True)
 
     def tap(self, seen: "Seen") -> None:
-        """One line."""
+        """Prints a JSON object."""
         from ...analysis.live.view import record
 
         self._print({"episode": self._episode, **record(seen)})
 
     def end(self, episode: int, ending: Ending) -> None:
-        """One line."""
+        """Prints a JSON object."""
         step, truth = ending.seen.step, ending.truth
         self._print(
             {
@@ -102,40 +102,40 @@ class JsonShow:
 
 
 class LineShow:
-    """One line per tap, for files and terminals that cannot do more."""
+    """Prints one line per tap, for files and simple terminals."""
 
     def note(self, text: str) -> None:
-        """A line."""
+        """Prints a line."""
         print(text, flush=True)
 
     def tap(self, seen: "Seen") -> None:
-        """A line."""
+        """Prints a line."""
         from ...analysis.live.view import sentence
 
         print(sentence(seen), flush=True)
 
     def end(self, episode: int, ending: Ending) -> None:
-        """A line."""
+        """Prints a line."""
         print(said(episode, ending), flush=True)
 
 
 class LiveShow:
-    """A picture that changes with each tap."""
+    """Shows a picture that is redrawn after each tap."""
 
     def __init__(self) -> None:
         from rich.console import Console
         from rich.live import Live
 
         self._console = Console(highlight=False)
-        # Nothing may happen beside the one loop of the rig, so the picture is drawn when told and never by a thread.
+        # The rig runs in a single loop, so the picture must not be refreshed by a thread.
         self._live = Live(console=self._console, auto_refresh=False, vertical_overflow="crop")
 
     def note(self, text: str) -> None:
-        """A line above the picture."""
+        """Prints a line above the picture."""
         self._console.print(text, markup=False)
 
     def tap(self, seen: "Seen") -> None:
-        """Draws the picture anew."""
+        """Redraws the picture."""
         from ...analysis.live.view import picture
 
         size = self._console.size
@@ -144,18 +144,18 @@ class LiveShow:
             self._live.start(refresh=True)
 
     def end(self, episode: int, ending: Ending) -> None:
-        """Leaves the last picture and a line below it."""
+        """Keeps the last picture and prints a line below it."""
         self.stop()
         self.note(said(episode, ending))
 
     def stop(self) -> None:
-        """Gives the terminal back."""
+        """Releases the terminal."""
         self._live.stop()
 
 
 @contextmanager
 def show(as_json: bool) -> Iterator[Show]:
-    """The way to show things that fits standard output; the terminal is given back when the block ends."""
+    """Display that suits standard output; the terminal is released at the end of the block."""
     if as_json:
         yield JsonShow()
     elif not sys.stdout.isatty():
@@ -181,7 +181,7 @@ def said(episode: int, ending: Ending) -> str:
 
 
 def latency_sentence(latency: "Latency", warm_up_s: float) -> str:
-    """How long the updates of the belief took."""
+    """Latency of the belief updates, as a sentence."""
     return (
         f"Update latency: median {latency.median_ms:.2f} ms, 99th percentile {latency.high_ms:.2f} ms over "
         f"{latency.taps} taps, after {warm_up_s:.1f} s of warm-up."

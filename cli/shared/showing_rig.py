@@ -1,4 +1,4 @@
-"""How a check of the rig looks on a terminal."""
+"""Display of a rig check on a terminal."""
 
 from rich.console import Console
 from rich.table import Table
@@ -8,15 +8,15 @@ from ...hardware.rig.check import RigReport
 
 
 def show_report(report: RigReport, console: Console) -> None:
-    """Prints what was found, then what is wrong."""
+    """Prints the findings, then the problems."""
     found = Table.grid(padding=(0, 2))
     for word, value in report.lines:
         found.add_row(Text(word), Text(value))
     console.print(found)
     if (sensor := report.sensor) is not None:
         console.print(
-            f"  {sensor.readings} readings, {sensor.rate_hz:.2f} per second, {100 * sensor.loss:.2g} % lost; as the "
-            "sensor sends them, noise as standard deviation:",
+            f"  {sensor.readings} readings, {sensor.rate_hz:.2f} per second, {100 * sensor.loss:.2g} % lost; in "
+            "units of the sensor, noise as standard deviation:",
             highlight=False,
         )
         taxels = Table(box=None, padding=(0, 2))
@@ -29,4 +29,4 @@ def show_report(report: RigReport, console: Console) -> None:
     for sentence in report.wrong:
         console.print(Text(f"! {sentence}", style="bold"))
     if not report.wrong:
-        console.print("Nothing is wrong.")
+        console.print("No problems found.")

@@ -1,4 +1,4 @@
-"""When an episode ends, from what the command line says."""
+"""Stopping rule of an episode, from command-line options."""
 
 from typing import NamedTuple
 
@@ -12,13 +12,13 @@ from ...models.settings import PlaySettings
 
 
 class Ends(NamedTuple):
-    """When to end.
+    """When to stop.
 
     Attributes:
         rule: The stopping rule.
-        theta: The belief in an object that it asks for, 1 where it asks for none, for pictures.
-        watch: Says what the next tap is expected to save, for a rule that looks ahead.
-        name: Of a rule that is not the paper's threshold, empty for that.
+        theta: Belief in an object that it requires, for pictures; 1 if none.
+        watch: Expected gain of the next tap, for a rule that looks ahead.
+        name: Name of the rule; empty for the paper's threshold.
     """
 
     rule: StopRule
@@ -35,18 +35,18 @@ def choose_ends(
     fixation: int | None,
     outcomes: TapOutcomes | None,
 ) -> Ends:
-    """The rule of `--stop` and `--give-up`.
+    """Stopping rule of `--stop` and `--give-up`.
 
     Args:
-        name: Of the rule, see `stopping.rules.FORMS`; `None` for `--theta`.
-        play: Threshold, deadline and reading of Eq. 9.
-        patience: `--give-up`.
+        name: Name of the rule, see `stopping.rules.FORMS`; `None` for `--theta`.
+        play: Threshold, deadline and border.
+        patience: Value of `--give-up`.
         model: The fitted model.
-        fixation: The where class that moves aim for, if they do.
+        fixation: Fixation point as a position index, if any.
         outcomes: Training taps, for a rule that looks ahead.
 
     Raises:
-        InputError: There is no such rule, what it needs is not there, or it would give up after the deadline.
+        InputError: The rule is unknown, an option that it requires is missing, or it gives up after the deadline.
     """
     with naming("--give-up"):
         limit = None if patience is None else parse_patience(patience)
@@ -54,10 +54,10 @@ def choose_ends(
         stopping = parse_stopping(name or f"what:{play.threshold!r}")
         rule = make_rule(stopping, model, fixation, limit)
     if limit is not None and limit[0] > play.deadline:
-        raise InputError(f"--give-up {patience} comes after the deadline of {play.deadline} taps.")
+        raise InputError(f"--give-up {patience} exceeds the deadline of {play.deadline} taps.")
     watch = None
     if stopping.needs_outcomes:
         if outcomes is None:
-            raise InputError(f"--stop {name} needs --training with the taps that trained the model.")
+            raise InputError(f"--stop {name} requires --training with the taps that trained the model.")
         watch = gain_of(outcomes, model.grid, play.border)
     return Ends(rule, stopping.threshold, watch, name or "")

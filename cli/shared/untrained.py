@@ -1,4 +1,4 @@
-"""Recorded taps that a fitted model is played on, without those that trained it."""
+"""Recorded taps for tests of a fitted model, without its training taps."""
 
 import sys
 from typing import TYPE_CHECKING
@@ -9,12 +9,12 @@ if TYPE_CHECKING:
 
 
 def untrained(model: "TapModel", taps: "TapSet", keep: bool) -> "TapSet":
-    """The taps that did not train the model; says on standard error which did.
+    """Taps that did not train the model; reports on standard error which did.
 
     Args:
         model: The fitted model.
         taps: Recorded taps.
-        keep: What `--training-taps` says: whether to play those that did all the same.
+        keep: Whether to keep training taps, as with `--training-taps`.
 
     Raises:
         InputError: No tap is left.

@@ -89,7 +89,7 @@ def test_a_collection_that_was_stopped_goes_on_where_it_was(case, bench, words, 
     stopped = command(*words)
 
     assert (stopped.code, message in stopped.err) == (code, True)
-    assert "holds 4 of 8 taps" in " ".join(stopped.err.split())
+    assert "4 of 8 taps recorded; continue with --resume." in " ".join(stopped.err.split())
     bench.fail = bench.fake_rig.never
     assert command(*words).code == 2
     assert command(*words, "--resume").code == 0
@@ -115,7 +115,7 @@ def test_what_was_lost_is_told_on_resuming(bench, words, command, tmp_path):
     done = command(*words, "--resume")
 
     assert done.code == 0
-    assert "bytes are damaged; the taps before are kept" in " ".join(done.err.split())
+    assert "bytes are damaged; earlier taps are kept" in " ".join(done.err.split())
     path.write_bytes(path.read_bytes() + b"12")
     assert "Damaged: the last 2 bytes are damaged." in command("convert", path, tmp_path / "a.nc").out
 
@@ -151,7 +151,7 @@ def test_a_person_is_asked_and_waited_for():
         assert said == ["Put the thick rod under the finger, take your hands away and press Enter."]
     finally:
         os.close(write)
-        with pytest.raises(InputError, match="standard input ended"):
+        with pytest.raises(InputError, match="Standard input ended"):
             person.ready()
         os.close(read)
 

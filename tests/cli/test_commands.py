@@ -89,7 +89,7 @@ def test_fit_writes_no_draws_where_none_are_wanted_or_none_exist(command, tmp_pa
 
     assert (none.code, improper.code) == (0, 0)
     assert "improper" not in none.out
-    assert "Note: without a pseudocount the posterior is improper, so no draws are kept." in improper.out
+    assert "Note: without a pseudocount the posterior is improper, so no draws are stored." in improper.out
     for name in "ab":
         with xr.open_datatree(tmp_path / f"{name}.nc", engine="h5netcdf") as tree:
             assert "posterior" not in tree.children
@@ -231,7 +231,7 @@ def test_crosscheck_leaves_numpyro_out_where_the_border_is_no_kernel(command, ta
         (["fit", "TAPS", "--out", "MODEL", "--power", "K"], "got 'K'; learned finds one"),
         (["fit", "TAPS", "--out", "MODEL", "--power", "learned:0"], "a number of taps, got 'learned:0'"),
         (["fit", "TAPS", "--out", "MODEL", "--power", "learned"], "needs two training sessions or more"),
-        (["fit", "TAPS", "--out", "MODEL", "--simulations", "19"], "--simulations goes with --power learned only"),
+        (["fit", "TAPS", "--out", "MODEL", "--simulations", "19"], "--simulations requires --power learned"),
         (["fit", "TAPS", "--out", "MODEL", "--power", "learned", "--simulations", "5"], "must be 0 or at least 19"),
         (["fit", "TAPS", "--out", "MODEL", "--model", "gauss"], "no model 'gauss'; there are histogram, gaussian"),
         (["fit", "TAPS", "--out", "MODEL", "--fit", "nuts"], "fit of a histogram is exact"),
@@ -248,18 +248,18 @@ def test_crosscheck_leaves_numpyro_out_where_the_border_is_no_kernel(command, ta
         (["reproduce", "--data", "TAPS", "--out", "OUT", "--saturation", "-1"], "saturation must be a positive"),
         (["fit", "TAPS", "--out", "MODEL", "--where-cell", "3kg"], "(--where-cell) '3kg' cannot be converted"),
         (["fit", "TAPS", "--out", "MODEL", "--split", "thirds"], "thirds"),
-        (["fit", "TAPS", "--out", "MODEL", "--train", "0", "--test", "7"], "session 7|7"),
-        (["fit", "TAPS", "--out", "MODEL", "--split", "leave-one-session-out"], "makes 2 models"),
+        (["fit", "TAPS", "--out", "MODEL", "--train", "0", "--test", "7"], "--test: no session 7"),
+        (["fit", "TAPS", "--out", "MODEL", "--split", "leave-one-session-out"], "gives 2 models"),
         (["fit", "TAPS", "TAPS", "TAPS", "--out", "MODEL"], "Give one data file, or two"),
         (["fit", "TAPS", "--out", "MODEL", "--where-cell", "1e-9"], "too narrow"),
         (["fit", "TAPS", "--out", "/dev/null", "--force"], "must end in .nc"),
         (["crosscheck", "FOREIGN"], "foreign.npz"),
         (["reproduce", "--data", "MISSING", "--out", "OUT"], "missing.nc: no such file"),
-        (["reproduce", "TAPS"], "named with --data"),
+        (["reproduce", "TAPS"], "name recorded taps with --data"),
         (["reproduce", "--data", "TAPS", "--out", "TAPS"], "is a file, expected a folder"),
         (["reproduce", "--data", "TAPS", "--out", "FULL"], "already exists; set force (--force)"),
         (["reproduce", "--data", "TAPS", "--out", "OUT", "--fixation", "3"], "must be an index from 0"),
-        (["reproduce", "--data", "TAPS", "--out", "OUT", "--thresholds", "a"], "--thresholds needs numbers"),
+        (["reproduce", "--data", "TAPS", "--out", "OUT", "--thresholds", "a"], "--thresholds must be numbers"),
         (["reproduce", "--data", "TAPS", "--out", "OUT", "--thresholds", "1.5"], "--thresholds needs different"),
         (["reproduce", "--data", "TAPS", "--out", "OUT", "--theta-x", "2"], "--theta-x must be a number from 0 to 1"),
         (["reproduce", "--data", "TAPS", "--out", "OUT", "--border", "clamp", "--power", "-1"], "power"),
@@ -287,7 +287,7 @@ def test_bad_input_is_one_sentence_and_exit_code_2(words, said, command, tmp_pat
     sentence = done.err.strip().splitlines()[-1]
     assert done.code == 2
     assert sentence.startswith("solidtouch: ")
-    assert any(part in sentence for part in said.split("|"))
+    assert said in sentence
     assert "Traceback" not in done.err
     assert {path: path.read_bytes() for path in tmp_path.rglob("*") if path.is_file()} == before
     assert not list(tmp_path.glob("out*"))
@@ -310,7 +310,7 @@ def test_too_little_memory_is_one_sentence(command, taps_file, tmp_path, monkeyp
     done = command("fit", taps_file, "--out", tmp_path / "model.nc")
 
     assert done.code == 2
-    assert done.err == "solidtouch: there is not enough memory for this (Unable to allocate 17 TiB).\n"
+    assert done.err == "solidtouch: not enough memory (Unable to allocate 17 TiB).\n"
 
 
 def test_a_file_tested_on_itself_is_named(command, taps_file, tmp_path):
@@ -334,7 +334,7 @@ def test_an_interrupt_while_libraries_load_ends_the_program(module, tmp_path):
 
     assert done.returncode == 130
     assert done.stdout == ""
-    assert done.stderr == "solidtouch: interrupted; every file that is there is whole.\n"
+    assert done.stderr == "solidtouch: interrupted; all files written are complete.\n"
 
 
 def test_a_model_refuses_taps_prepared_otherwise(command, tmp_path, make_taps):

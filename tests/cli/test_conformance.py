@@ -98,13 +98,13 @@ def test_functions_print_and_write_what_the_command_does(command, tmp_path):
 @pytest.mark.parametrize(
     ("words", "sentence"),
     [
-        (("check",), "check needs either --command PROGRAM or --answers DIR."),
-        (("check", "--command", "x", "--answers", "y"), "check needs either --command PROGRAM or --answers DIR."),
+        (("check",), "Give either --command PROGRAM or --answers DIR."),
+        (("check", "--command", "x", "--answers", "y"), "Give either --command PROGRAM or --answers DIR."),
         (("check", "--command", ""), "--command needs the name of a program."),
         (("check", "--command", "a 'b"), '--command "a \'b" cannot be read: No closing quotation.'),
         (("check", "--command", "/no/such"), "--command: /no/such cannot be run: No such file or directory."),
-        (("check", "--answers", "/no/such"), "--answers /no/such is no folder."),
-        (("check", "--command", "x", "--without", "belief"), "--without belief: it must be one of log_likelihood,"),
+        (("check", "--answers", "/no/such"), "--answers /no/such: not a folder."),
+        (("check", "--command", "x", "--without", "belief"), "--without must be one of log_likelihood,"),
         (("check", "--command", "x", "--case", "y"), "--case y: there is no such case"),
         (("run", "--case", "y"), "--case y: there is no such case"),
     ],

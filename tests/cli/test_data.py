@@ -53,7 +53,7 @@ def test_streams_are_cut_and_labelled(stream, tmp_path):
     text = run("convert", stream, out, *CUT, "--sensor", "tip", "--units", "counts", "--where-unit", "mm")
     taps = TapSet.load(out)
 
-    assert "2 taps from 1 streams, 0 cut short" in text
+    assert "2 taps from 1 streams, 0 incomplete taps left out." in text
     assert taps.taps[:, :, 1].tolist() == [[0, 5, 5, 5]] * 2
     assert taps.preprocessing == Preprocessing(4, 10.0, "stream", 2, 0.0, "contact", 3.0, 1)
     assert (taps.where.tolist(), taps.where_unit, taps.dataset.attrs["sensor"]) == ([3.0, 9.0], "mm", "tip")
@@ -123,18 +123,21 @@ def test_tap_sets_can_be_relabelled_in_place(make_taps, tmp_path):
 def test_what_is_left_out_is_said(tmp_path):
     np.savez(tmp_path / "a.npz", taps=np.zeros((3, 2, 4)), what=[0, 0, 0], what_names=["a"], camera=np.zeros((3, 9)))
 
-    assert "Left out, no row per tap: camera (3, 9)." in run("convert", tmp_path / "a.npz", tmp_path / "a.nc")
+    assert "Left out, not one row per tap: camera (3, 9)." in run("convert", tmp_path / "a.npz", tmp_path / "a.nc")
 
 
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        (("--window", 4), "--window prepares continuous streams and needs --segment"),
-        (("--tare", "none"), "--tare prepares continuous streams"),
-        (("--segment", "--trigger", "clock"), "--segment needs --window"),
-        (("--segment", "--window", 4), "--segment needs --trigger"),
-        (("--segment", "--window", 4, "--trigger", "contact"), "--trigger contact needs --level"),
-        (("--segment", "--window", 4, "--trigger", "contact", "--level", 0), "--trigger contact needs --level"),
+        (("--window", 4), "--window requires --segment"),
+        (("--tare", "none"), "--tare requires --segment"),
+        (("--segment", "--trigger", "clock"), "--segment requires --window"),
+        (("--segment", "--window", 4), "--segment requires --trigger"),
+        (("--segment", "--window", 4, "--trigger", "contact"), "--trigger contact requires a nonzero --level"),
+        (
+            ("--segment", "--window", 4, "--trigger", "contact", "--level", 0),
+            "--trigger contact requires a nonzero --level",
+        ),
         (("--segment", "--window", 4, "--trigger", "clock", "--level", 2), "does not match trigger_level"),
         ((*CUT, "--level", 300), r"stream\.csv: no tap found in 1 streams: the level is 300"),
         ((*CUT, "--rate", 0), "rate_hz must be positive"),

@@ -105,8 +105,8 @@ def test_the_faults_are_listed_without_a_folder(command):
     [
         (["--preset", "none"], "Unknown preset 'none'"),
         (["--fault", "jump"], "Unknown fault 'jump'"),
-        (["--fault", "late:delay_s"], "--fault late:delay_s: 'delay_s' is no key=value"),
-        (["--fault", "late:times=many"], "Fault late|--fault late"),
+        (["--fault", "late:delay_s"], "--fault late:delay_s: expected key=value, got 'delay_s'"),
+        (["--fault", "late:times=many"], "--fault late:times=many: invalid parameters."),
         (["--sensor", "eye"], "Invalid value for '--sensor'"),
     ],
 )
@@ -114,7 +114,7 @@ def test_what_cannot_be_emulated_is_said(command, tmp_path, options, sentence):
     done = command("emulate", "--out", tmp_path / "bench", *options)
 
     assert done.code == 2
-    assert any(part in done.err for part in sentence.split("|"))
+    assert sentence in done.err
     assert not (tmp_path / "bench").exists()
 
 

@@ -84,14 +84,14 @@ def test_a_limit_on_the_evidence_is_said(make_taps, tmp_path, command):
     fit(taps, taps.grid(), bins=9, saturation=2.5).save(tmp_path / "model.nc")
     done = command("export-model", tmp_path / "model.nc", "--format", "c-header")
 
-    assert "all taps of an episode count as 2.5 at most" in done.out
+    assert "an episode's evidence is capped at 2.5 taps" in done.out
     assert "#define SOLIDTOUCH_SATURATION 2.5\n" in (tmp_path / "model.h").read_text(encoding="utf-8")
 
 
 @pytest.mark.parametrize(
     ("words", "message"),
     [
-        (("--format", "json", "--single"), "--single goes with --format c-header only"),
+        (("--format", "json", "--single"), "--single requires --format c-header"),
         (("--format", "json", "--out", "model.h"), "--out must end in .json with --format json, got model.h"),
         (("--format", "c-header", "--out", "model.c"), "--out must end in .h or .hpp with --format c-header"),
         (("--format", "json", "--threshold", "1.5"), "--threshold must be a number from 0 to 1, got 1.5"),

@@ -190,39 +190,39 @@ def test_the_picture_is_kept(command, folder, tmp_path):
 @pytest.mark.parametrize(
     ("options", "said"),
     [
-        (["--rig", "simulate"], "--rig must be simulated, simulated:PRESET, replay:FILE or a file that ends in .toml"),
+        (["--rig", "simulate"], "--rig must be simulated, simulated:PRESET, replay:FILE or a .toml file"),
         (["--rig", "simulated:papre"], "Unknown preset 'papre'"),
         (["--rig", "replay:none.nc"], "none.nc: no such file"),
         (["--rig", "none.toml"], "none.toml"),
-        (["--start", "16"], "--start needs a class index from 0 to 15 or a place in mm, such as 0.5mm, got '16'"),
-        (["--start", "2cm"], "--start needs"),
+        (["--start", "16"], "--start must be an index from 0 to 15 or a position in mm, such as 0.5mm, got '16'"),
+        (["--start", "2cm"], "--start must be an index"),
         (["--start", "17mm"], "17.0 mm is outside the range"),
         (["--object", "9 mm rod"], "--object must be one of 4 mm rod, "),
-        (["--object", "5"], "or a number from 0 to 4, got '5'"),
+        (["--object", "5"], "or an index from 0 to 4, got '5'"),
         (["--fixation", "16"], "fixation point must be an index from 0 to 15"),
-        (["--passive", "--fixation", "3"], "--passive never moves"),
-        (["--passive", "--move", "random"], "--move says how to move and does not go with --passive"),
-        (["--move", "step", "--theta-x", "0.5"], "--move says how to move"),
+        (["--passive", "--fixation", "3"], "--passive cannot be combined with --fixation or --theta-x"),
+        (["--passive", "--move", "random"], "--move cannot be combined with --passive"),
+        (["--move", "step", "--theta-x", "0.5"], "--move cannot be combined with --passive or --theta-x"),
         (["--stop", "soon"], "--stop: Unknown stopping rule 'soon'"),
-        (["--stop", "taps:3", "--theta", "0.9"], "--stop says when to stop and does not go with --theta"),
-        (["--stop", "lookahead:1"], "--stop lookahead:1 needs --training with the taps that trained the model"),
-        (["--stop", "taps:3", "--training", "taps.nc"], "--training goes with"),
+        (["--stop", "taps:3", "--theta", "0.9"], "--stop cannot be combined with --theta"),
+        (["--stop", "lookahead:1"], "--stop lookahead:1 requires --training with the taps that trained the model"),
+        (["--stop", "taps:3", "--training", "taps.nc"], "--training requires a --move that looks ahead"),
         (["--give-up", "soon"], "--give-up: Giving up needs a number of taps"),
-        (["--give-up", "9", "--deadline", "8"], "--give-up 9 comes after the deadline of 8 taps"),
+        (["--give-up", "9", "--deadline", "8"], "--give-up 9 exceeds the deadline of 8 taps"),
         (["--move", "lazy"], "--move: Unknown control strategy 'lazy'"),
         (["--move", "two-taps"], "--move: Unknown control strategy 'two-taps'; choose from passive, fixation, "),
         (["--move", "step:0"], "--move: The number of a strategy must be an integer from 1 to 1000, got 'step:0'"),
-        (["--move", "info-what"], "--move info-what needs --training with the taps that trained the model"),
-        (["--move", "table"], "--move table needs --targets with a learned table"),
-        (["--move", "random", "--training", "taps.nc"], "--training goes with a --move that looks ahead"),
-        (["--targets", "t.json"], "--targets goes with --move table only"),
-        (["--move", "random", "--fixation", "3"], "--fixation does not go with --move random"),
+        (["--move", "info-what"], "--move info-what requires --training with the taps that trained the model"),
+        (["--move", "table"], "--move table requires --targets with a learned table"),
+        (["--move", "random", "--training", "taps.nc"], "--training requires a --move that looks ahead"),
+        (["--targets", "t.json"], "--targets requires --move table"),
+        (["--move", "random", "--fixation", "3"], "--fixation cannot be combined with --move random"),
         (["--move", "table", "--targets", "t.json"], "--targets t.json: t.json: cannot read"),
         (["--move", "info-what", "--training", "none.nc"], "--training none.nc: none.nc: no such file"),
         (["--theta", "1.5"], "--theta must be a number from 0 to 1, got 1.5"),
         (["--theta-x", "nan"], "--theta-x must be a number from 0 to 1"),
-        (["--unknown", "2"], "--unknown must lie between 0 and 1, got 2.0"),
-        (["--picture", "p.png"], "--picture must end in .svg"),
+        (["--unknown", "2"], "--unknown must be between 0 and 1, got 2.0"),
+        (["--picture", "p.png"], "--picture must name an .svg file"),
         (["--engine", "numpyro", "--border", "prior"], "not a Markov kernel"),
     ],
 )
@@ -337,7 +337,7 @@ def test_some_of_the_training_taps_are_enough_and_it_is_said(command, folder, se
     base = ("perceive", folder / "model.nc", "--engine", "filter", "--deadline", 2, "--move", "info-what", "--training")
     part, whole = command(*base, tmp_path / "half.nc"), command(*base, folder / "taps.nc")
 
-    assert f"Note: --training holds {len(known) // 2} of the {len(known)} taps that trained" in " ".join(
+    assert f"Note: --training contains {len(known) // 2} of the {len(known)} taps that trained" in " ".join(
         part.err.split()
     )
     assert "Note: --training" not in whole.err
@@ -363,7 +363,7 @@ def test_unknown_says_what_it_promises(command, folder):
     assert re.search(r"after \d\d taps at the earliest, as a class has only 5 calibration taps, half of its", said)
     assert re.search(r"after 10 with \d+ in each class\.", said)
     assert refused.code == 2
-    assert "--unknown 0.1 cannot be answered within the --deadline of 5 taps: it can come after" in refused.err
+    assert "--unknown 0.1 is not possible within the --deadline of 5 taps: it can come after" in refused.err
 
 
 def test_unknown_needs_a_model_that_can_tell(command, folder):
@@ -536,7 +536,7 @@ def test_signals_end_an_episode(folder, number, code):
     assert json.loads(first)["tap"] == 1
     assert child.returncode == code
     assert "Traceback" not in err
-    assert err.splitlines()[-1] == "solidtouch: interrupted; every file that is there is whole."
+    assert err.splitlines()[-1] == "solidtouch: interrupted; all files written are complete."
     assert all(json.loads(line) for line in out.splitlines())
 
 

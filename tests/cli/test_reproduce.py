@@ -33,7 +33,7 @@ def test_simulated_data_give_the_whole_folder(command, tmp_path):
     done = command("reproduce", *SMALL, "--out", tmp_path / "run")
 
     assert done.code == 0
-    assert f"The report is {tmp_path / 'run' / 'report.html'}" in done.out
+    assert f"Report saved to {tmp_path / 'run' / 'report.html'}" in done.out
     files = {path.name for path in (tmp_path / "run").iterdir()}
     assert files == {f"{name}.{kind}" for name in FIGURES for kind in ("png", "svg")} | {
         "results.nc", "summary.json", "report.html",

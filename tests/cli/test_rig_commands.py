@@ -121,7 +121,7 @@ def test_from_a_new_bench_to_a_decision(tmp_path, monkeypatch, command):
         refused = command("collect", "rig.toml", "plan.toml", "--out", "a.mcap")
         assert (refused.code, "home it (--home)" in refused.err) == (3, True)
         checked = command("rig", "check", "rig.toml", "--home")
-        assert (checked.code, "Nothing is wrong." in checked.out) == (0, True)
+        assert (checked.code, "No problems found." in checked.out) == (0, True)
         assert names(tmp_path) == found
 
         collected = command("collect", "rig.toml", "plan.toml", "--out", "a.mcap")
@@ -250,7 +250,7 @@ def test_what_is_perceived_is_recorded(bench, model, command):
     done = command(*base, "--deadline", 3, "--episodes", 2, "--start", "6.2mm")
 
     assert done.code == 0
-    assert "p.mcap: 6 taps; solidtouch convert p.mcap TAPS.nc" in done.out
+    assert "p.mcap: 6 taps; convert them with `solidtouch convert p.mcap TAPS.nc`" in done.out
     recorded = read_rig("p.mcap")
     assert recorded.about.objects == ["4 mm rod", "12 mm rod"]
     assert recorded.about.sizes_mm == [4.0, 12.0]
@@ -282,10 +282,10 @@ def test_an_object_that_the_model_does_not_know_is_recorded_by_its_name(bench, m
 
 REFUSED = {
     "object": (["--rig", "rig.toml", "--object", "7 mm rod"], "--object must be one of 4 mm rod, 12 mm rod, 6 mm rod"),
-    "start": (["--rig", "rig.toml", "--start", "3mm"], "3 mm lies outside the range of emulated, 6 to 9 mm"),
-    "simulated": ([], "--record keeps what devices do and needs a rig.toml as --rig, got 'simulated'"),
-    "replay": (["--rig", "replay:a.mcap"], "needs a rig.toml as --rig, got 'replay:a.mcap'"),
-    "suffix": (["--rig", "rig.toml", "--record", "p.bag"], "--record must end in .mcap"),
+    "start": (["--rig", "rig.toml", "--start", "3mm"], "3 mm is outside the range of emulated, 6 to 9 mm"),
+    "simulated": ([], "--record requires a rig.toml as --rig, got 'simulated'"),
+    "replay": (["--rig", "replay:a.mcap"], "requires a rig.toml as --rig, got 'replay:a.mcap'"),
+    "suffix": (["--rig", "rig.toml", "--record", "p.bag"], "--record must name an .mcap file"),
 }
 
 
@@ -313,7 +313,7 @@ def test_without_emulator_only_a_named_object_is_known(tmp_path, monkeypatch, mo
         named = command(*base, "q.mcap", "--object", 1)
 
     assert (unnamed.code, named.code) == (0, 0)
-    assert "p.mcap: 1 presses, none with a known object, so no tap set can be made of it" in unnamed.out
+    assert "p.mcap: 1 presses of an unknown object, not convertible to a tap set" in unnamed.out
     assert "q.mcap: 1 taps" in named.out
     refused = command("convert", "p.mcap", "p.nc")
     assert (refused.code, "no accepted tap with a label" in refused.err) == (2, True)

@@ -83,7 +83,7 @@ def test_failed_cells_are_said_and_give_exit_code_1(command, make_study):
 @pytest.mark.parametrize(
     ("words", "sentence"),
     [
-        (("--workers", 2, "--scheduler", "tcp://127.0.0.1:1"), "--workers goes without --scheduler"),
+        (("--workers", 2, "--scheduler", "tcp://127.0.0.1:1"), "--workers cannot be combined with --scheduler"),
         (("--scheduler", "tcp://127.0.0.1:1", "--patience", 0.2), "There is no Dask scheduler at tcp://127.0.0.1:1"),
         (("--scheduler", "nowhere:x", "--patience", 0.2), "There is no Dask scheduler at nowhere:x"),
     ],

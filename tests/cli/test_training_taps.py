@@ -79,14 +79,15 @@ def test_replayed_taps_are_those_of_the_other_session(command, folder):
 
 def test_training_taps_are_asked_for_where_recorded_ones_are_played(command, folder):
     """Nowhere else."""
-    for words in (
-        ("perceive", folder / "model.nc", "--training-taps"),
-        ("tune", folder / "both.nc", "--out", folder / "s.json", "--training-taps"),
-        ("reproduce", "--training-taps", "--out", folder / "run"),
+    replayed = "--training-taps requires --rig replay:FILE."
+    for words, sentence in (
+        (("perceive", folder / "model.nc", "--training-taps"), replayed),
+        (("tune", folder / "both.nc", "--out", folder / "s.json", "--training-taps"), replayed),
+        (("reproduce", "--training-taps", "--out", folder / "run"), "--training-taps goes with recorded taps only."),
     ):
         done = command(*words)
         assert done.code == 2
-        assert "--training-taps goes with" in done.err
+        assert sentence in done.err
 
 
 def test_two_files_that_share_a_session_test_the_other(command, folder):

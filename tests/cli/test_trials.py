@@ -191,7 +191,7 @@ def test_a_single_trial_has_a_wide_interval(files, command):
         (("--theta-x", 1.5), "--theta-x must be a number from 0 to 1, got 1.5"),
         (("--start", 16), "--start must be an index from 0 to 15, got 16"),
         (("--fixation", 99), "fixation point must be an index from 0 to 15, got 99"),
-        (("--thresholds", "high"), "--thresholds needs numbers such as 0.5,0.9,0.99, got 'high'"),
+        (("--thresholds", "high"), "--thresholds must be numbers such as 0.5,0.9,0.99, got 'high'"),
         (("--thresholds", "1.5"), "--thresholds needs different numbers from 0 to 1, got '1.5'"),
         (("--thresholds", "0.9,0.9"), "--thresholds needs different numbers from 0 to 1, got '0.9,0.9'"),
         (("--test", "7"), "--test: no session 7"),

@@ -166,7 +166,7 @@ def test_learning_on_a_rig_plays_its_episodes(call, recorded, tmp_path):
     assert result.exit_code == 0, result.output
     assert np.sum(json.loads(state.read_text())["count"]) == 8
     assert result.output.count(", fixation point ") == 8
-    assert "holds 8 episodes; with the same options --online N adds N more" in " ".join(result.output.split())
+    assert ": 8 episodes saved; the same options with --online N add N more" in " ".join(result.output.split())
 
 
 def test_what_was_learned_is_kept_when_it_is_interrupted(recorded, tmp_path):
@@ -194,18 +194,18 @@ def test_what_was_learned_is_kept_when_it_is_interrupted(recorded, tmp_path):
         (("--cost-error", -1), "cost of an error must be a number of taps, 0 to 1e+09"),
         (("--target-error", 2), "wanted error must lie between 0 and 1"),
         (("--theta", 1.5), "--theta must be a number from 0 to 1"),
-        (("--rig", "simulated"), "--rig goes with --online only"),
-        (("--state", "s.json"), "--state goes with --online only"),
-        (("--online", 9, "--target-error", 0.1), "does not go with --online"),
-        (("--learner", "thompson"), "--learner goes with --online only"),
-        (("--online", 9, "--home"), "--home goes with --rig only"),
-        (("--online", 9, "--by", "passive"), "--by judges positions from all training taps"),
-        (("--target-error", 0.1, "--cost-error", 9), "does not go with --cost-error"),
+        (("--rig", "simulated"), "--rig requires --online"),
+        (("--state", "s.json"), "--state requires --online"),
+        (("--online", 9, "--target-error", 0.1), "--target-error cannot be combined with --online"),
+        (("--learner", "thompson"), "--learner requires --online"),
+        (("--online", 9, "--home"), "--home requires --rig"),
+        (("--online", 9, "--by", "passive"), "--by cannot be combined with --online"),
+        (("--target-error", 0.1, "--cost-error", 9), "--target-error cannot be combined with --cost-error"),
         (("--target-error", 0.1), "at least 5 training sessions, got 2"),
-        (("--object", "rod"), "--object goes with --rig only"),
+        (("--object", "rod"), "--object requires --rig"),
         (("--cost-error", 1e300), "cost of an error must be a number of taps"),
         (("--split", "leave-one-session-out"), "has no one training part"),
-        (("--thresholds", "0.5,x"), "--thresholds needs numbers"),
+        (("--thresholds", "0.5,x"), "--thresholds must be numbers"),
         (("--online", 9, "--thresholds", "0.5,1"), "must lie between 0 and 1"),
         (("--power", "learned"), "power"),
         (("--model", "guess"), "a model of the catalogue"),

@@ -152,5 +152,5 @@ def test_workers_do_not_outlive_a_stopped_sweep(make_study, tmp_path, number, co
     time.sleep(0.5)
     assert not [pid for pid in workers if alive(pid)]
     if number != signal.SIGKILL:
-        assert re.search(r"holds \d of 4 cells; the same command goes on with the rest\.", " ".join(errors.split()))
+        assert re.search(r": \d of 4 cells; run the same command to continue\.", " ".join(errors.split()))
         assert "Traceback" not in errors
