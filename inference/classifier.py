@@ -23,7 +23,7 @@ class _Absent:
     """Base class where scikit-learn is missing: the classifier can be looked at, as `import *` does, but not made."""
 
     def __new__(cls, *_: Any, **__: Any) -> Self:
-        raise ImportError("TapClassifier needs scikit-learn: pip install 'solidtouch[sklearn]'.")
+        raise ImportError("TapClassifier requires scikit-learn: pip install 'solidtouch[sklearn]'.")
 
 
 try:
@@ -127,10 +127,10 @@ class TapClassifier(ClassifierMixin, BaseEstimator):  # pyright: ignore[reportGe
                 the edges have changed; or there are no classes in the first call, or other ones.
         """
         if self.model != "histogram" or self.edges is None or str(self.power).startswith("learned"):
-            raise InputError("partial_fit needs model='histogram' with given edges and a power that is not learned.")
+            raise InputError("partial_fit requires model='histogram' with given edges and a power that is not learned.")
         known = getattr(self, "classes_", None)
         if known is None and classes is None:
-            raise InputError("The first call of partial_fit needs all classes.")
+            raise InputError("The first call of partial_fit requires classes.")
         wanted = known if classes is None else np.unique(np.asarray(classes))
         if wanted is None or (known is not None and not np.array_equal(known, wanted)):
             raise InputError(f"The classes must stay those of the first call, {known}, got {classes}.")
@@ -207,7 +207,7 @@ class TapClassifier(ClassifierMixin, BaseEstimator):  # pyright: ignore[reportGe
 def _joined(first: Any, second: Any) -> HistogramModel:
     """The histograms of the training taps of both; refused where the bins differ."""
     if not np.array_equal(first.edges, second.edges):
-        raise InputError("The edges have changed since the taps given before.")
+        raise InputError("The bin edges differ from those of earlier calls.")
     counts = first.counts + second.counts
     return replace(
         second,

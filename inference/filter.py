@@ -26,7 +26,7 @@ def engine_of(model: TapModel | Engine, border: Border | None = None) -> Engine:
     if isinstance(model, TapModel):
         return make_engine("filter", model, border or "uniform")
     if border is not None:
-        raise InputError("An engine has its border already; give it to make_engine.")
+        raise InputError("border cannot be set for an existing engine; pass it to make_engine.")
     return model
 
 
@@ -83,9 +83,7 @@ class Filter:
         """
         tap, model = np.asarray(tap), self.engine.model
         if tap.shape != (model.preprocessing.samples, model.K):
-            raise InputError(
-                f"A tap has {model.preprocessing.samples} samples of {model.K} taxels, got shape {tap.shape}."
-            )
+            raise InputError(f"A tap must have shape ({model.preprocessing.samples}, {model.K}), got {tap.shape}.")
         self._carried, log_evidence = self.engine.update(self._carried, tap)
         self.taps += 1
         self._what = reference.what_marginal(np.exp(self.log_belief))
@@ -100,7 +98,7 @@ class Filter:
             InputError: It is no whole number.
         """
         if not float(delta).is_integer():
-            raise InputError(f"A move is a whole number of where classes, got {delta}.")
+            raise InputError(f"A move must be an integer number of positions, got {delta}.")
         self._carried = self.engine.shift(self._carried, int(delta))
 
     @property

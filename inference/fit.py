@@ -39,7 +39,7 @@ def fit(
         NotConvergedError: The fit did not converge, and `unconverged` was not set.
     """
     if unknown := sorted(set(settings) - set(FitSettings.__struct_fields__)):
-        raise InputError(f"fit has no setting {unknown[0]!r}; it has {', '.join(FitSettings.__struct_fields__)}.")
+        raise InputError(f"Unknown fit setting {unknown[0]!r}; choose from {', '.join(FitSettings.__struct_fields__)}.")
     given = FitSettings(**settings)
     check_used(model, given)
     taps = taps if isinstance(taps, TapSet) else concatenate(taps)
@@ -58,6 +58,6 @@ def check_used(model: str, settings: FitSettings) -> None:
     kind, in_states = split_name(model)
     if not in_states and (settings.gain_sd is not None or settings.offset_sd is not None):
         options = "gain_sd and offset_sd (--gain-sd, --offset-sd)"
-        raise InputError(f"{options} go with session models only, and not with {model}.")
+        raise InputError(f"{options} require a session model, got {model}.")
     if kind == PAPER and settings.method == "nuts":
-        raise InputError("The fit of a histogram is exact; method 'nuts' (--fit nuts) goes with other models only.")
+        raise InputError("The fit of the histogram model is exact; method 'nuts' (--fit nuts) requires another model.")

@@ -53,11 +53,11 @@ def tap_outcomes(log_likelihood: ArrayLike, trained: Mask | None = None) -> TapO
     log_likelihood = np.asarray(log_likelihood, dtype=np.float64)
     if log_likelihood.ndim != 3 or not len(log_likelihood):
         raise InputError(
-            f"A pool needs log-likelihoods of a tap or more, axes (tap, where, what), got shape {log_likelihood.shape}."
+            f"log_likelihood must have axes (tap, where, what) and at least one tap, got shape {log_likelihood.shape}."
         )
     largest = log_likelihood.max(axis=0)
     if not (largest < np.inf).all():
-        raise InputError("A log-likelihood of the pool is NaN or +inf.")
+        raise InputError("log_likelihood must not contain NaN or +inf.")
     possible = largest > -np.inf
     given = np.array(np.moveaxis(log_likelihood, 0, -1), order="C")
     given -= np.where(possible, largest, 0.0)[..., np.newaxis]
@@ -91,7 +91,7 @@ def shifted(
         InputError: The border is unknown.
     """
     if border not in BORDERS:
-        raise InputError(f"The border must be one of {', '.join(BORDERS)}, got {border!r}.")
+        raise InputError(f"border must be one of {', '.join(BORDERS)}, got {border!r}.")
     beliefs, deltas = np.asarray(beliefs, dtype=np.float64), np.asarray(deltas, dtype=np.intp)
     L, M = beliefs.shape[-2:]
     shape = (*beliefs.shape[:-2], deltas.shape[-1])

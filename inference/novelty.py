@@ -50,18 +50,18 @@ class Promise(NamedTuple):
     def sentence(self) -> str:
         """The promise, and how soon the answer can come."""
         return (
-            f"With {CONFIDENCE:.0%} confidence over the training taps, at most {self.alpha:.3g} of the episodes at any "
-            f"trained object end in unknown, if taps are drawn like the training taps; {self.power}."
+            f"With {CONFIDENCE:.0%} confidence over the training taps, at most a fraction {self.alpha:.3g} of episodes "
+            f"at a trained object end in `unknown`, if taps are distributed like those; {self.power}."
         )
 
     @property
     def power(self) -> str:
         """How soon the answer can come, and what would make it sooner where that is late."""
-        when = "never" if self.soonest is None else f"after {self.soonest} taps at the earliest"
+        when = "impossible" if self.soonest is None else f"possible after {self.soonest} taps at the earliest"
         late = self.soonest is None or self.soonest > EASY
-        more = f", after {EASY} with {self.needed} in each class" if late else ""
+        more = f"; {self.needed} in each class would allow it after {EASY} taps" if late else ""
         return (
-            f"it can come {when}, as a class has only {self.fewest} calibration taps, half of its training taps{more}"
+            f"the answer is {when}, as a class has only {self.fewest} calibration taps, half of its training taps{more}"
         )
 
 
@@ -81,14 +81,14 @@ class Novelty:
 
     def __init__(self, model: TapModel) -> None:
         if not _is_plain(model):
-            raise InputError(f"--unknown needs a fitted histogram model, and this one is {model.name}.")
+            raise InputError(f"--unknown requires a fitted histogram model, got {model.name}.")
         if model.novelty is None:
-            raise InputError("The model has no novelty scores for --unknown; fit it again with this version.")
+            raise InputError("The model has no novelty scores, which --unknown requires; fit it again.")
         scores = model.novelty
         if len(scores.misfit) < FEWEST:
             raise InputError(
-                f"The model has {len(scores.misfit)} novelty scores and --unknown needs {FEWEST}; fit it to more taps "
-                f"of each class."
+                f"The model has {len(scores.misfit)} novelty scores, but --unknown requires {FEWEST}; fit it to more "
+                f"taps of each class."
             )
         K, B = model.counts.shape[2:]
         cells = model.grid.L * model.grid.M
@@ -181,7 +181,7 @@ class UnknownTest:
 
     def __init__(self, novelty: Novelty, alpha: float | None = None) -> None:
         if alpha is not None and not 0 < alpha < 1:
-            raise InputError(f"The rate of false alarms must lie between 0 and 1, got {alpha}.")
+            raise InputError(f"The rate of false alarms must be between 0 and 1, got {alpha}.")
         self._novelty, self._alpha = novelty, alpha
         self._place = np.arange(len(novelty.trained))
         self._each = np.zeros((len(EXPONENTS), *novelty.trained.shape))

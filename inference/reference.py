@@ -40,10 +40,10 @@ def bin_edges(samples: ArrayLike, B: int, value_range: ValueRange = "global") ->
         Edges, shape (B + 1,) or (K, B + 1).
 
     Raises:
-        ValueError: The range is named otherwise, or B is below 1.
+        ValueError: `value_range` is unknown, or B is below 1.
     """
     if value_range not in ("global", "taxel") or B < 1:
-        raise ValueError(f"There must be a bin or more over a global or taxel range, got {B} and {value_range!r}.")
+        raise ValueError(f"B must be at least 1 and value_range global or taxel, got {B} and {value_range!r}.")
     samples = np.asarray(samples, dtype=np.float64)
     columns = [samples] if value_range == "global" else [samples[:, :, k] for k in range(samples.shape[2])]
     edges = []
@@ -75,7 +75,7 @@ def bin_index(samples: ArrayLike, edges: ArrayLike) -> NDArray[np.intp]:
     if edges.ndim != 1 or len(edges) < 2 or not np.all(np.diff(edges) > 0):
         raise ValueError(f"edges must be at least two increasing numbers, got shape {edges.shape}.")
     if np.isnan(samples).any():
-        raise ValueError("A sample is NaN and belongs to no bin.")
+        raise ValueError("Samples must not be NaN.")
     return np.clip(np.searchsorted(edges, samples, side="right") - 1, 0, len(edges) - 2)
 
 
@@ -225,7 +225,7 @@ def update(prior: ArrayLike, log_likelihood: ArrayLike) -> tuple[NDArray[np.floa
     prior, log_likelihood = _pair(prior, log_likelihood)
     possible = (prior > 0) & (log_likelihood > -np.inf)
     if not possible.any():
-        raise ZeroEvidenceError("The tap is impossible under every class that is still believed in.")
+        raise ZeroEvidenceError("The tap is impossible under every class with nonzero belief.")
     largest = log_likelihood[possible].max()
     joint = np.zeros(prior.shape)
     joint[possible] = prior[possible] * np.exp(log_likelihood[possible] - largest)
@@ -334,7 +334,7 @@ def update_log(log_prior: ArrayLike, log_likelihood: ArrayLike) -> tuple[NDArray
     log_joint = log_prior + log_likelihood
     log_evidence = float(_log_sum(log_joint))
     if log_evidence == -np.inf:
-        raise ZeroEvidenceError("The tap is impossible under every class that is still believed in.")
+        raise ZeroEvidenceError("The tap is impossible under every class with nonzero belief.")
     return log_joint - log_evidence, log_evidence
 
 
@@ -403,7 +403,9 @@ def _trained(trained: ArrayLike | None, believed: NDArray[np.bool_]) -> NDArray[
     """Which classes belief may be in."""
     trained = np.ones(believed.shape, dtype=bool) if trained is None else np.asarray(trained, dtype=bool)
     if trained.shape != believed.shape or (believed & ~trained).any():
-        raise ValueError(f"There is belief of shape {believed.shape} outside the trained classes {trained.shape}.")
+        raise ValueError(
+            f"Belief of shape {believed.shape} must be zero outside the trained classes of shape {trained.shape}."
+        )
     return trained
 
 

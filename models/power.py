@@ -62,7 +62,7 @@ def parse_power_choice(text: str) -> str | float:
     except InputError as error:
         if text.startswith(LEARNED):
             raise
-        raise InputError(f"{str(error).rstrip('.')}; {LEARNED} finds one.") from None
+        raise InputError(f"{str(error).rstrip('.')}; {LEARNED} estimates it.") from None
 
 
 def learned_taps(power: str | float) -> int | None:
@@ -76,5 +76,5 @@ def learned_taps(power: str | float) -> int | None:
     matched = re.fullmatch(f"{LEARNED}(?::([0-9]{{1,6}}))?", power)
     taps = int(matched[1] or TAPS) if matched else 0
     if not taps:
-        raise InputError(f"The power must be {LEARNED}, or {LEARNED}: and a number of taps, got {power!r}.")
+        raise InputError(f"The power must be {LEARNED}, or {LEARNED}:N with a number of taps N, got {power!r}.")
     return taps

@@ -44,7 +44,7 @@ class Setting(Checked, frozen=True, kw_only=True):
         SettingError: A value is out of range.
     """
 
-    model: Annotated[str, wanted("a model of the catalogue")] = "histogram"
+    model: Annotated[str, wanted("the name of a measurement model")] = "histogram"
     fit: FitSettings = FitSettings()
     where_cell: str | None = None
     what_cell: str | None = None
@@ -57,7 +57,7 @@ class Setting(Checked, frozen=True, kw_only=True):
         try:
             split_name(self.model)
         except InputError:
-            raise SettingError("model", f"must be a model of the catalogue, got {self.model!r}.") from None
+            raise SettingError("model", f"must be the name of a measurement model, got {self.model!r}.") from None
         if learned_taps(self.fit.power) is not None:
             raise SettingError("power", f"must be J, JK, none or a positive number, got {self.fit.power!r}.")
 
@@ -133,8 +133,8 @@ class Setting(Checked, frozen=True, kw_only=True):
             same = value == wanted if isinstance(value, str) else math.isclose(value, float(wanted), rel_tol=_CLOSE)
             if not same:
                 raise InputError(
-                    f"{path} was fitted with {key} {_printed(value)} and the setting {setting_path} says "
-                    f"{_printed(wanted)}; perceive with a model of this setting, or take another setting."
+                    f"{path} was fitted with {key} {_printed(value)}, but the setting {setting_path} has "
+                    f"{_printed(wanted)}; use a model fitted with this setting, or another setting."
                 )
 
 
@@ -147,7 +147,7 @@ def load_setting(path: str | Path) -> Setting:
     """
     values = read_object(path, "setting")
     if values.pop("format", None) != FORMAT:
-        raise InputError(f"{path} is not a setting: its key format is not {FORMAT}.")
+        raise InputError(f"{path}: not a setting file: key 'format' is not {FORMAT}.")
     if missing := [key for key in KEYS if key not in values]:
         raise InputError(f"{path}: missing key {missing[0]!r}.")
     if unknown := [key for key in values if key not in KEYS]:

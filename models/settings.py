@@ -22,7 +22,7 @@ def wanted(description: str, **limits: Any) -> Meta:
 
 
 _Probability = Annotated[float, wanted("a number from 0 to 1", ge=0, le=1)]
-_Spread = Annotated[float, wanted("a number, 0 or more", ge=0, le=_LARGEST)]
+_Spread = Annotated[float, wanted("a number of at least 0", ge=0, le=_LARGEST)]
 
 
 class SettingError(InputError):
@@ -84,8 +84,8 @@ class FitSettings(Checked, frozen=True, kw_only=True):
         seed: Random seed of fits that draw random numbers.
     """
 
-    bins: Annotated[int, wanted("a whole number from 1 to 65536", ge=1, le=65536)] = 100
-    pseudocount: Annotated[float, wanted("a number of counts, 0 or more", ge=0, le=_LARGEST)] = 0.01
+    bins: Annotated[int, wanted("an integer from 1 to 65536", ge=1, le=65536)] = 100
+    pseudocount: Annotated[float, wanted("a number of at least 0", ge=0, le=_LARGEST)] = 0.01
     power: Annotated[str | float, wanted("J, JK, none, learned or a positive number")] = "J"
     saturation: Annotated[float, wanted("a positive number of taps", gt=0, le=_LARGEST)] | None = None
     value_range: ValueRange = "global"
@@ -94,7 +94,7 @@ class FitSettings(Checked, frozen=True, kw_only=True):
     unconverged: bool = False
     gain_sd: _Spread | None = None
     offset_sd: _Spread | None = None
-    seed: Annotated[int, wanted("a whole number, 0 or more", ge=0)] = 0
+    seed: Annotated[int, wanted("an integer of at least 0", ge=0)] = 0
 
     def __post_init__(self) -> None:
         """Checks every value."""
@@ -128,9 +128,9 @@ class PlaySettings(Checked, frozen=True, kw_only=True):
     threshold: _Probability = 0.95
     border: Border = "uniform"
     theta_x: _Probability = 0.0
-    fixation: Annotated[int, wanted("a class index from 0", ge=0)] | None = None
+    fixation: Annotated[int, wanted("a position index from 0", ge=0)] | None = None
     passive: bool = False
-    deadline: Annotated[int, wanted("a whole number of taps from 1 to 1000000", ge=1, le=10**6)] = 100
+    deadline: Annotated[int, wanted("an integer from 1 to 1000000", ge=1, le=10**6)] = 100
 
     @property
     def move_threshold(self) -> float:
@@ -168,7 +168,7 @@ class Division(Checked, frozen=True, kw_only=True):
         """
         for option, value in (("--split", self.split), ("--train", self.train), ("--test", self.test)):
             if value is not None:
-                raise InputError(f"{option} divides one file; {reason}.")
+                raise InputError(f"{option} splits one file; {reason}.")
 
 
 @cache
@@ -185,4 +185,4 @@ def _description(kind: Any) -> str:
     options = get_args(kind)
     if type(None) in options:
         return f"{_description(options[0])} or none"
-    return f"one of {', '.join(options)}" if options else {str: "a text", bool: "true or false"}[kind]
+    return f"one of {', '.join(options)}" if options else {str: "text", bool: "true or false"}[kind]

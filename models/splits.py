@@ -84,7 +84,7 @@ def split(
     if method not in METHODS:
         raise InputError(f"--split must be one of {', '.join(METHODS)}, got {method!r}.")
     if named and method != "sessions":
-        raise InputError(f"--train and --test name sessions and do not go with --split {method}.")
+        raise InputError(f"--train and --test cannot be combined with --split {method}.")
     if method == "sessions":
         return _by_sessions(taps, sessions, train_sessions, test_sessions)
     if method == "leave-one-session-out":
@@ -153,7 +153,7 @@ def _by_sessions(taps: TapSet, sessions: list[int], train: Sequence[int] | None,
         train = [s for s in sessions if s not in test]
     both = sorted(set(train) & set(test))
     if both:
-        raise InputError(f"Session {both[0]} cannot both train and test.")
+        raise InputError(f"Session {both[0]} cannot be in both --train and --test.")
     for verb, side in (("train with", train), ("test", test)):
         if not side:
             raise InputError(f"No tap left to {verb}: the data have {_listed(sessions)}.")

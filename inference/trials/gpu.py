@@ -179,9 +179,7 @@ class ArrayPlayer:
         try:
             self._device = jax.devices(platform)[0]
         except RuntimeError as error:
-            raise InputError(
-                "There is no GPU that JAX can use here (--device gpu needs one, and the jax package built for it)."
-            ) from error
+            raise InputError("JAX finds no GPU; --device gpu requires one and a jax package built for it.") from error
         self._saturates = bool(table.saturation < rule.deadline)
         self.at_once, self._slots, self._rule = _AT_ONCE[platform], _SLOTS[platform], rule
         trained = holes(table.trained)

@@ -127,8 +127,8 @@ def refuse_impossible(sequences: Iterable[Sequences]) -> None:
         impossible += int((other | np.isneginf(part.log_likelihood)).all(axis=1).sum())
     if impossible:
         raise InputError(
-            f"The power cannot be learned: {impossible} sequences of left-out taps are impossible under their own "
-            "class; a --pseudocount above 0 makes every tap possible."
+            f"The power cannot be learned: {impossible} sequences of held-out taps are impossible under their own "
+            "class; use a --pseudocount above 0."
         )
 
 

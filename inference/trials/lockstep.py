@@ -124,7 +124,7 @@ def play(
         InputError: An argument is out of range.
     """
     if deadline < 1:
-        raise InputError(f"Trials need a deadline of at least one tap, got {deadline}.")
+        raise InputError(f"deadline must be at least 1 tap, got {deadline}.")
     plan = checked_plan(plan, table.pool)
     (L, M), hypotheses = table.pool.nearest.shape, table.log_prior.shape[1]
     refuse_border(border_number(border), hypotheses, M)

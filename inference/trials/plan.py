@@ -48,14 +48,14 @@ def plan_trials(
         InputError: No class with a test tap is left, there are no trials, or the seed or a stream is out of range.
     """
     if trials < 1:
-        raise InputError(f"There must be at least one trial, got {trials}.")
+        raise InputError(f"trials must be at least 1, got {trials}.")
     if not 0 <= first_stream <= draws.MOST_STREAM - trials:
-        raise InputError(f"Streams must lie between 0 and {draws.MOST_STREAM}, got {first_stream} and following.")
+        raise InputError(f"Streams must be from 0 to {draws.MOST_STREAM}, got {first_stream} and following.")
     cells = np.argwhere(pool.count > 0)
     if where is not None:
         cells = cells[cells[:, 0] == where]
     if not len(cells):
-        raise InputError(f"There is no test tap in where class {where} to start from.")
+        raise InputError(f"Position {where} has no test tap to start from.")
     stream = first_stream + np.arange(trials)
     word = _start_words(seed, first_stream, trials)
     start = cells[draws.below(word, np.uint64(len(cells))).astype(np.intp)]
@@ -99,10 +99,8 @@ def checked_plan(plan: TrialPlan, pool: TapPool) -> TrialPlan:
     inside = (plan.where >= 0) & (plan.where < L) & (plan.what >= 0) & (plan.what < M)
     if not inside.all():
         i = int(inside.argmin())
-        raise InputError(
-            f"Trial {i} starts in class ({plan.where[i]}, {plan.what[i]}), and there are {L} x {M} (where, what)."
-        )
+        raise InputError(f"Trial {i} starts in class ({plan.where[i]}, {plan.what[i]}), outside the {L} x {M} classes.")
     empty = pool.nearest[plan.where, plan.what] < 0
     if empty.any():
-        raise InputError(f"Trial {int(empty.argmax())} holds object {plan.what[empty][0]}, of which there is no tap.")
+        raise InputError(f"Trial {int(empty.argmax())} uses object {plan.what[empty][0]}, which has no test tap.")
     return plan

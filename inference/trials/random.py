@@ -23,7 +23,7 @@ def key(seed: int) -> tuple[np.uint64, np.uint64]:
         InputError: It is not a whole number from 0 to 2^64 - 1.
     """
     if int(seed) != seed or not 0 <= seed <= MOST_SEED:
-        raise InputError(f"The seed must be a whole number from 0 to {MOST_SEED}, got {seed}.")
+        raise InputError(f"The seed must be an integer from 0 to {MOST_SEED}, got {seed}.")
     word = np.uint64(int(seed))
     return word & LOW, word >> HALF
 

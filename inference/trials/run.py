@@ -43,7 +43,7 @@ def checked_thresholds(thresholds: Sequence[float] | None) -> tuple[float, ...]:
     checked = tuple(sorted(map(float, thresholds)))
     if not checked or not all(0 <= theta <= 1 for theta in checked) or len(set(checked)) < len(checked):
         given = ",".join(f"{theta:g}" for theta in thresholds)
-        raise InputError(f"--thresholds needs different numbers from 0 to 1, got {given!r}.")
+        raise InputError(f"--thresholds must be distinct numbers from 0 to 1, got {given!r}.")
     return checked
 
 
@@ -112,7 +112,7 @@ def make_rule(thresholds: ArrayLike, play: PlaySettings, seed: int) -> Rule:
     """
     thresholds = np.atleast_1d(np.asarray(thresholds, dtype=np.float64))
     if not len(thresholds) or np.isnan(thresholds).any():
-        raise InputError("Trials need one threshold or more, and none that is NaN.")
+        raise InputError("thresholds must have at least one value, and no NaN.")
     never = np.where(thresholds >= 1, np.inf, thresholds)
     column = np.argsort(never, kind="stable")
     return Rule(never[column], column, play.move_threshold, border_number(play.border), play.deadline, *draws.key(seed))
@@ -126,24 +126,24 @@ def make_player(table: TapTable, rule: Rule, device: str = "cpu") -> Player:
             each other, or the border is `prior` and the model carries a state.
     """
     if not ((table.log_likelihood < np.inf).all() and (table.log_prior < np.inf).all()):
-        raise InputError("The table of log-likelihoods or the prior holds NaN or +inf.")
+        raise InputError("The table of log-likelihoods or the prior contains NaN or +inf.")
     (L, M), hypotheses = table.pool.nearest.shape, table.log_prior.shape[-1]
     if table.log_prior.shape != table.log_likelihood.shape[1:] or len(table.log_prior) != L or hypotheses % M:
         raise InputError(
-            f"The prior has shape {table.log_prior.shape}, log-likelihoods of a tap {table.log_likelihood.shape[1:]}, "
-            f"and the taps lie in {L} x {M} classes (where, what)."
+            f"Shapes do not match: prior {table.log_prior.shape}, log-likelihoods of a tap "
+            f"{table.log_likelihood.shape[1:]}, classes ({L}, {M})."
         )
     check_saturation(table.saturation)
     refuse_border(rule.border, hypotheses, M)
     if device == "cpu":
         return LoopPlayer(table, rule)
     if rule.fresh:
-        raise InputError(f"Trials on fresh taps are played on the cpu only, not on {device!r}.")
+        raise InputError(f"Trials on fresh taps require device cpu, got {device!r}.")
     if device in ("gpu", "xla-cpu"):
         from .gpu import ArrayPlayer  # noqa: PLC0415 - JAX takes half a second to import
 
         return ArrayPlayer(table, rule, "cpu" if device == "xla-cpu" else device)
-    raise InputError(f"The device must be cpu, gpu or xla-cpu, got {device!r}.")
+    raise InputError(f"device must be cpu, gpu or xla-cpu, got {device!r}.")
 
 
 class LoopPlayer:

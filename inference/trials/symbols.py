@@ -55,15 +55,15 @@ def quantised(model: TapModel, symbols: int, seed: int, taps: int = 1000, starts
         InputError: Less than one symbol, tap or start is asked for, or a class of the model was not trained.
     """
     if symbols < 1 or starts < 1:
-        raise InputError(f"A tap is at least one symbol, found from one start, got {symbols} and {starts}.")
+        raise InputError(f"symbols and starts must be at least 1, got {symbols} and {starts}.")
     if not model.trained.all():
-        raise InputError("A model whose taps become symbols must have been trained in all classes.")
+        raise InputError("Symbols require a model with training taps in all classes.")
     session = draw_session(model, taps, seed)
     where, what = session.indices(model.grid)
     posterior = np.exp(model.log_likelihood(session.taps))
     L, M = model.grid.shape
     if posterior.shape[1:] != (L, M):
-        raise InputError("Taps of models with states of the session do not become symbols.")
+        raise InputError("Symbols require a model without states.")
     posterior = posterior.reshape(-1, L * M) / posterior.sum(axis=(1, 2))[:, np.newaxis]
     chance = generator(seed, Purpose.SYMBOLS)
     channels = []

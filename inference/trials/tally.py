@@ -108,7 +108,7 @@ def tally_trials(
         InputError: An argument is out of range, or there is no such device.
     """
     if trials < 1:
-        raise InputError(f"There must be at least one trial, got {trials}.")
+        raise InputError(f"trials must be at least 1, got {trials}.")
     rule = make_rule(thresholds, play, seed)
     player = make_player(table, rule, device)
     piece = partial(_piece, table, player, rule, seed, fixation, where)

@@ -140,7 +140,7 @@ def _positions(parts: Parts, passive: bool) -> NDArray[np.intp]:
         return np.arange(parts.grid.L)
     there = np.all([part.table.pool.count.sum(axis=1) > 0 for part in parts.parts], axis=0)
     if not there.any():
-        raise InputError("No position has a tap in every part of the training taps, so passive trials compare nothing.")
+        raise InputError("Passive trials need a position with taps in every part of the training taps; there is none.")
     return np.flatnonzero(there)
 
 

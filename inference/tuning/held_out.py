@@ -113,8 +113,8 @@ def held_out(
         known = model.trained_with(fold.test)
         if 2 * known > len(fold.test):
             raise InputError(
-                f"Of the {len(fold.test)} taps left out to {fold.name}, {known} stand among the others, so nothing is "
-                "held out."
+                f"{known} of the {len(fold.test)} taps held out to {fold.name} also occur in the training taps; remove "
+                "the duplicates."
             )
         usable = model.usable(fold.test)
         parts.append(HeldOut(fold.name, model, usable, tap_table(model, usable)))

@@ -84,12 +84,12 @@ class Learner:
             InputError: There is no such method, no pair, one twice, or a threshold that is never or always crossed.
         """
         if method not in METHODS:
-            raise InputError(f"The learner must be one of {', '.join(METHODS)}, got {method!r}.")
+            raise InputError(f"--learner must be one of {', '.join(METHODS)}, got {method!r}.")
         for name, values in (("fixation point", fixations), ("threshold", thresholds)):
             if not len(values) or len(set(values)) < len(values):
-                raise InputError(f"Learning needs at least one {name} and none twice, got {list(values)}.")
+                raise InputError(f"Learning needs at least one {name} and no duplicates, got {list(values)}.")
         if not all(0 < theta < 1 for theta in thresholds):
-            raise InputError(f"Thresholds to learn from must lie between 0 and 1, got {list(thresholds)}.")
+            raise InputError(f"Candidate thresholds must be between 0 and 1, got {list(thresholds)}.")
         fixation, theta = (np.array(column) for column in zip(*product(fixations, thresholds), strict=True))
         nothing = np.zeros(len(theta))
         return cls(
@@ -112,9 +112,9 @@ class Learner:
         mine, others = ({"learner": one.method, "seed": str(one.seed), **one.setup} for one in (self, other))
         for name in dict.fromkeys((*mine, *others)):
             if mine.get(name) != others.get(name):
-                raise InputError(f"the {name} was {mine.get(name)}, and {others.get(name)} is asked for")
+                raise InputError(f"the {name} was {mine.get(name)}, not {others.get(name)}")
         if self.fixation.tolist() != other.fixation.tolist() or self.theta.tolist() != other.theta.tolist():
-            raise InputError("the fixation points or thresholds were others than are asked for")
+            raise InputError("the candidate fixation points or thresholds were different")
 
 
 def choose(learner: Learner) -> int:
@@ -177,7 +177,7 @@ def beliefs(learner: Learner) -> tuple[Floats, Floats]:
         InputError: It has been told of less than two episodes.
     """
     if learner.episodes < _FEWEST:
-        raise InputError(f"At least {_FEWEST} episodes are needed to know a cost, got {learner.episodes}.")
+        raise InputError(f"At least {_FEWEST} episodes are needed to estimate a cost, got {learner.episodes}.")
     mean, scale, freedom = _posterior(learner)
     return mean, scale * np.sqrt(freedom / (freedom - 2.0))
 
@@ -236,11 +236,11 @@ def load_learner(path: str | Path) -> Learner:
     """
     values = read_object(path, "learner")
     if values.get("format") != FORMAT:
-        raise InputError(f"{path} is no learner: its key format is not {FORMAT}.")
+        raise InputError(f"{path}: not a learner file: key 'format' is not {FORMAT}.")
     try:
         file = msgspec.convert({name: value for name, value in values.items() if name != "format"}, _LearnedFile)
     except msgspec.ValidationError as error:
-        raise InputError(f"{path} is no whole learner: {error}.") from error
+        raise InputError(f"{path}: damaged learner file: {error}.") from error
     learner = Learner(
         method=file.method,
         seed=file.seed,
@@ -250,7 +250,7 @@ def load_learner(path: str | Path) -> Learner:
     shapes = {getattr(learner, name).shape for name in _COLUMNS}
     finite = all(np.isfinite(column).all() for column in (learner.theta, learner.mean, learner.squares))
     if len(shapes) != 1 or not finite or not len(learner.theta):
-        raise InputError(f"{path} is no whole learner: the length of a list is wrong, or a number is not finite.")
+        raise InputError(f"{path}: damaged learner file: a list has the wrong length, or a number is not finite.")
     return learner
 
 

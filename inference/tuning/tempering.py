@@ -60,11 +60,11 @@ class LearnedPower(NamedTuple):
     def sentence(self) -> str:
         """How it was learned."""
         how = ", left out in turn" if self.in_turn else ""
-        end = {LEAST: ", the least tried,", MOST: ", the most tried,"}.get(self.power, "")
+        end = {LEAST: ", the lowest tried,", MOST: ", the highest tried,"}.get(self.power, "")
         return (
-            f"Power {self.power:.4g}{end} learned on {_listed(self.sessions)}{how}: the highest mean log belief "
+            f"Power {self.power:.4g}{end} learned on {_listed(self.sessions)}{how}: it has the highest mean log belief "
             f"in the true class, {self.score.max():.3g}, after {self.taps} tap{'s' * (self.taps > 1)} of a class, or "
-            "all that it has."
+            "fewer if it has fewer."
         )
 
 
@@ -93,12 +93,12 @@ class LearnedSaturation(NamedTuple):
     @property
     def sentence(self) -> str:
         """How it was learned."""
-        limit = "no limit" if np.isinf(self.saturation) else f"the evidence of {self.saturation:.3g} taps at most"
+        limit = "no cap" if np.isinf(self.saturation) else f"a cap of {self.saturation:.3g} taps"
         numbers = ", ".join(map(str, self.contacts))
         return (
-            f"Power {self.power:.4g} and {limit} learned on {_listed(self.sessions)}: the highest mean log belief in "
-            f"the true class, {self.score.mean():.3g}, over sequences of {numbers} taps of a class; the best power "
-            f"without a limit, {self.constant_power:.4g}, has {self.constant_score.mean():.3g}."
+            f"Power {self.power:.4g} and {limit} learned on {_listed(self.sessions)}: they have the highest mean log "
+            f"belief in the true class, {self.score.mean():.3g}, over sequences of {numbers} taps of a class; the best "
+            f"power without a cap, {self.constant_power:.4g}, has {self.constant_score.mean():.3g}."
         )
 
 
@@ -147,7 +147,7 @@ def learn_power(name: str, taps: TapSet, grid: ClassGrid, settings: FitSettings,
     sessions = np.unique(taps.session).tolist()
     if len(sessions) < 2:
         raise InputError(
-            f"A learned power needs two training sessions or more, to leave each out in turn, and there is session "
+            f"A learned power needs at least two training sessions, as each is left out in turn; got session "
             f"{sessions[0]} only."
         )
     _check_length(n)
@@ -159,7 +159,7 @@ def learn_power(name: str, taps: TapSet, grid: ClassGrid, settings: FitSettings,
             used.append(session)
             sequences.append(Sequences.draw(JudgedSession.by(model, left_out), n, _generator(seed, n, session)))
     if not used:
-        raise InputError("A learned power needs classes with taps in two training sessions or more, and there is none.")
+        raise InputError("A learned power needs at least one class with taps in two training sessions.")
     return _best(sequences, tuple(used), n)
 
 
@@ -207,7 +207,7 @@ def learn_saturation(
     """
     contacts = tuple(dict.fromkeys(int(n) for n in contacts))
     if not contacts:
-        raise InputError("A saturation is learned from one number of contacts or more, got none.")
+        raise InputError("contacts must have at least one number of taps.")
     for n in contacts:
         _check_length(n)
     sessions, judged = _judged(model, held_out)
@@ -312,7 +312,7 @@ def _judged(model: TapModel, held_out: Sequence[TapSet]) -> tuple[tuple[int, ...
             sessions.append(session)
             judged.append(JudgedSession.by(model, usable.select(usable.session == session)))
     if not judged:
-        raise InputError("No held-out tap belongs to a trained class, so that nothing can be learned from them.")
+        raise InputError("No held-out tap belongs to a trained class, so nothing can be learned.")
     return tuple(sessions), judged
 
 
@@ -338,7 +338,7 @@ def _best(sequences: list[Sequences], sessions: tuple[int, ...], n: int) -> Lear
 
 def _check_length(n: int) -> None:
     if n < 1:
-        raise InputError(f"A power is learned after one tap or more, got {n}.")
+        raise InputError(f"taps must be at least 1, got {n}.")
 
 
 def _generator(seed: int, n: int, session: int) -> np.random.Generator:

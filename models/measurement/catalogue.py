@@ -32,7 +32,9 @@ def fit_model(name: str, taps: TapSet, grid: ClassGrid, settings: FitSettings, t
     with one_blas_thread():
         fitted = measurement_model(kind).fit(taps, grid, settings, trained_on)
     if not (fitted.convergence.converged or settings.unconverged):
-        raise NotConvergedError(f"{name} did not converge: {fitted.convergence.sentence} --allow-unconverged uses it.")
+        raise NotConvergedError(
+            f"{name} did not converge: {fitted.convergence.sentence} Use it anyway with --allow-unconverged."
+        )
     return with_shared_gain(fitted, taps, grid, settings.gain_sd, settings.offset_sd) if in_states else fitted
 
 
@@ -42,7 +44,7 @@ def _checked(settings: FitSettings, taps: TapSet) -> FitSettings:
         return settings
     edges, K = np.asarray(settings.edges, dtype=np.float64), taps.dataset.sizes["taxel"]
     if edges.shape[:-1] not in {(), (K,)} or edges.ndim == 0 or edges.shape[-1] < 2:
-        raise InputError(f"Edges of B bins have shape (B + 1,) or ({K}, B + 1), got {edges.shape}.")
+        raise InputError(f"edges must have shape (B + 1,) or ({K}, B + 1), got {edges.shape}.")
     if not (np.isfinite(edges).all() and (np.diff(edges) > 0).all()):
-        raise InputError("Edges of bins must be finite and increase.")
+        raise InputError("edges must be finite and increase.")
     return settings.changed(edges=edges, bins=edges.shape[-1] - 1)

@@ -52,7 +52,7 @@ def posterior_draws(
             f"A {model.name} model without a pseudocount has no posterior to draw from: its prior is improper."
         )
     if min(chains, draws) < 1:
-        raise InputError(f"At least one draw and one chain are needed, got {draws} and {chains}.")
+        raise InputError(f"draws and chains must be at least 1, got {draws} and {chains}.")
     used = model.usable(taps)
     kept: dict[str, NDArray[np.float32]] = {}
     log_likelihood = np.empty((chains, draws, len(used)), dtype=np.float32)

@@ -197,7 +197,7 @@ def fit(
         InputError: No tap lies in the grid, or an argument is out of range.
     """
     if bins < 1:
-        raise InputError(f"A histogram needs at least one bin, got bins={bins}.")
+        raise InputError(f"bins must be at least 1, got {bins}.")
     if not (np.isfinite(pseudocount) and pseudocount >= 0):
         raise InputError(f"The pseudocount must be finite and not negative, got {pseudocount}.")
     K = taps.dataset.sizes["taxel"]

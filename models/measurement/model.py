@@ -189,12 +189,12 @@ class TapModel(ABC):
         """
         self._check_shape(taps)
         if not np.isfinite(taps).all():
-            raise InputError("A sample is NaN or infinite and belongs to no bin.")
+            raise InputError("Samples must not be NaN or infinite.")
 
     def _check_shape(self, taps: NDArray[np.floating]) -> None:
         J, K = self.preprocessing.samples, self.K
         if taps.shape[-2:] != (J, K):
-            raise InputError(f"The model knows taps of {J} samples and {K} taxels, got shape {taps.shape}.")
+            raise InputError(f"Taps must have {J} samples and {K} taxels as in the model, got shape {taps.shape}.")
 
     def log_likelihood(self, taps: ArrayLike, out: Any = None) -> NDArray[np.float64]:
         """Log P(z | where, hypothesis) of taps, -inf under untrained classes; Eq. 1.
@@ -216,7 +216,7 @@ class TapModel(ABC):
         shape = (len(taps), *self.form.shape)
         out = np.empty(shape) if out is None else out
         if out.shape != shape:
-            raise InputError(f"The log-likelihoods have shape {shape}, those to be written to have {out.shape}.")
+            raise InputError(f"out must have shape {shape}, got {out.shape}.")
         self.prepared.log_likelihood(taps, self.edges, self.exponent, out)
         return out
 
@@ -228,7 +228,7 @@ class TapModel(ABC):
         """
         differences = self.preprocessing.differences(preprocessing, "in the model", "in the taps")
         if differences:
-            raise InputError(f"The taps were prepared otherwise than the model's: {'; '.join(differences)}.")
+            raise InputError(f"The taps and the model differ in preprocessing: {'; '.join(differences)}.")
 
     def trained_with(self, taps: "TapSet") -> int:
         """How many of these taps trained it, so far as it knows; see `training.training_taps`."""
@@ -243,7 +243,7 @@ class TapModel(ABC):
         self.check_taps(taps.preprocessing)
         known = self.known(taps)
         if not known.any():
-            raise InputError("No tap is left: none belongs to a class with a training tap.")
+            raise InputError("No tap left: none belongs to a class with training taps.")
         return taps.select(known)
 
     def known(self, taps: "TapSet") -> NDArray[np.bool_]:

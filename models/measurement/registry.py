@@ -35,7 +35,7 @@ def split_name(name: str) -> tuple[str, bool]:
     elif not colon:
         kind = PAPER
     if kind not in KINDS:
-        raise InputError(f"There is no model {name!r}; there are {', '.join(NAMES)}, and session: before any other.")
+        raise InputError(f"Unknown model {name!r}; choose from {', '.join(NAMES)} and session:NAME.")
     return kind, in_states
 
 

@@ -64,8 +64,8 @@ def state_grid(gain_sd: float, offset_sd: float, gains: int = GAINS, offsets: in
     """
     if not (np.isfinite([gain_sd, offset_sd]).all() and min(gain_sd, offset_sd) >= 0 and min(gains, offsets) >= 1):
         raise InputError(
-            "The spread of gains and offsets between sessions must not be negative and needs a point or more, got "
-            f"{gain_sd} and {offset_sd} with {gains} and {offsets} points."
+            f"gain_sd and offset_sd must not be negative, got {gain_sd} and {offset_sd}; gains and offsets must be at "
+            f"least 1, got {gains} and {offsets}."
         )
     z_gain, z_offset = _points(gains, gain_sd), _points(offsets, offset_sd)
     gain, offset = (axis.ravel() for axis in np.meshgrid(z_gain, z_offset, indexing="ij"))

@@ -108,7 +108,7 @@ class Story:
         known = Taps(used.taps.astype(np.float64), where, what, grid.shape, used.where)
         likelihood_exponent(settings.power, *known.samples.shape[1:])
         if settings.bins < 1:
-            raise InputError(f"Probabilities of bins need at least one bin, got bins={settings.bins}.")
+            raise InputError(f"bins must be at least 1, got {settings.bins}.")
         self.check(self.name, known)
         edges = bin_edges(used.taps, settings.bins, settings.value_range) if settings.edges is None else settings.edges
         scaling = Scaling.of(known, edges)

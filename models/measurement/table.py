@@ -55,7 +55,7 @@ class TableModel(TapModel):
         Raises:
             InputError: Always; netCDF files hold fitted models.
         """
-        raise InputError("A given table has no such file: netCDF files hold fitted models.")
+        raise InputError("A TableModel cannot be saved; netCDF files contain fitted models only.")
 
     @cached_property
     def trained(self) -> NDArray[np.bool_]:

@@ -105,7 +105,7 @@ def test_a_fit_that_did_not_converge_needs_consent(command, tmp_path, taps_file,
 
     assert (refused.code, allowed.code, written) == (2, 0, False)
     assert "matrix-normal did not converge" in refused.err
-    assert "--allow-unconverged uses it." in refused.err
+    assert "Use it anyway with --allow-unconverged." in refused.err
     assert "Warning: the fit did not converge." in allowed.out
     with xr.open_datatree(tmp_path / "model.nc", engine="h5netcdf") as tree:
         assert tree.attrs["converged"] == "False"
@@ -228,22 +228,22 @@ def test_crosscheck_leaves_numpyro_out_where_the_border_is_no_kernel(command, ta
         (["fit", "TAPS", "--out", "OUT"], "must end in .nc"),
         (["fit", "TAPS", "--out", "NOWHERE"], "no folder"),
         (["fit", "TAPS", "--out", "MODEL", "--power", "K"], "power must be J, JK, none or a positive number, got 'K'"),
-        (["fit", "TAPS", "--out", "MODEL", "--power", "K"], "got 'K'; learned finds one"),
+        (["fit", "TAPS", "--out", "MODEL", "--power", "K"], "got 'K'; learned estimates it"),
         (["fit", "TAPS", "--out", "MODEL", "--power", "learned:0"], "a number of taps, got 'learned:0'"),
-        (["fit", "TAPS", "--out", "MODEL", "--power", "learned"], "needs two training sessions or more"),
+        (["fit", "TAPS", "--out", "MODEL", "--power", "learned"], "needs at least two training sessions"),
         (["fit", "TAPS", "--out", "MODEL", "--simulations", "19"], "--simulations requires --power learned"),
         (["fit", "TAPS", "--out", "MODEL", "--power", "learned", "--simulations", "5"], "must be 0 or at least 19"),
-        (["fit", "TAPS", "--out", "MODEL", "--model", "gauss"], "no model 'gauss'; there are histogram, gaussian"),
-        (["fit", "TAPS", "--out", "MODEL", "--fit", "nuts"], "fit of a histogram is exact"),
-        (["fit", "TAPS", "--out", "MODEL", "--gain-sd", "0.1"], "go with session models only, and not with histogram"),
-        (["crosscheck", "TAPS", "--model", "profile:session"], "There is no model 'profile:session'"),
+        (["fit", "TAPS", "--out", "MODEL", "--model", "gauss"], "Unknown model 'gauss'; choose from histogram"),
+        (["fit", "TAPS", "--out", "MODEL", "--fit", "nuts"], "fit of the histogram model is exact"),
+        (["fit", "TAPS", "--out", "MODEL", "--gain-sd", "0.1"], "require a session model, got histogram"),
+        (["crosscheck", "TAPS", "--model", "profile:session"], "Unknown model 'profile:session'"),
         (["crosscheck", "TAPS", "--model", "session", "--border", "prior"], "border 'prior' does not support models"),
-        (["reproduce", "--data", "TAPS", "--out", "OUT", "--model", "student:x"], "There is no model 'student:x'"),
+        (["reproduce", "--data", "TAPS", "--out", "OUT", "--model", "student:x"], "Unknown model 'student:x'"),
         (
             ["reproduce", "--data", "TAPS", "--out", "OUT", "--model", "session", "--border", "prior"],
             "border 'prior' does not support models that carry a state",
         ),
-        (["reproduce", "--data", "TAPS", "--out", "OUT", "--power", "learned"], "needs two training sessions or more"),
+        (["reproduce", "--data", "TAPS", "--out", "OUT", "--power", "learned"], "needs at least two training sessions"),
         (["fit", "TAPS", "--out", "MODEL", "--saturation", "0"], "saturation must be a positive number of taps"),
         (["reproduce", "--data", "TAPS", "--out", "OUT", "--saturation", "-1"], "saturation must be a positive"),
         (["fit", "TAPS", "--out", "MODEL", "--where-cell", "3kg"], "(--where-cell) '3kg' cannot be converted"),
@@ -260,7 +260,7 @@ def test_crosscheck_leaves_numpyro_out_where_the_border_is_no_kernel(command, ta
         (["reproduce", "--data", "TAPS", "--out", "FULL"], "already exists; set force (--force)"),
         (["reproduce", "--data", "TAPS", "--out", "OUT", "--fixation", "3"], "must be an index from 0"),
         (["reproduce", "--data", "TAPS", "--out", "OUT", "--thresholds", "a"], "--thresholds must be numbers"),
-        (["reproduce", "--data", "TAPS", "--out", "OUT", "--thresholds", "1.5"], "--thresholds needs different"),
+        (["reproduce", "--data", "TAPS", "--out", "OUT", "--thresholds", "1.5"], "--thresholds must be distinct"),
         (["reproduce", "--data", "TAPS", "--out", "OUT", "--theta-x", "2"], "--theta-x must be a number from 0 to 1"),
         (["reproduce", "--data", "TAPS", "--out", "OUT", "--border", "clamp", "--power", "-1"], "power"),
         (["reproduce", "--split", "parity", "--out", "OUT"], "--split goes with recorded taps only"),

@@ -92,7 +92,7 @@ def test_any_fitted_model_perceives(command, folder, session, name):
 
     assert decisions[0] == decisions[1] == decisions[2]
     assert unknown.code == 2
-    assert "--unknown needs a fitted histogram model" in unknown.err
+    assert "--unknown requires a fitted histogram model" in unknown.err
     assert prior.code == (2 if name == "session" else 0)
 
 
@@ -359,11 +359,11 @@ def test_unknown_says_what_it_promises(command, folder):
     said = " ".join(late.out.split())
 
     assert late.code == 0
-    assert "With 95% confidence over the training taps, at most 0.1 of the episodes at any trained object" in said
+    assert "With 95% confidence over the training taps, at most a fraction 0.1 of episodes at a trained object" in said
     assert re.search(r"after \d\d taps at the earliest, as a class has only 5 calibration taps, half of its", said)
-    assert re.search(r"after 10 with \d+ in each class\.", said)
+    assert re.search(r"; \d+ in each class would allow it after 10 taps\.", said)
     assert refused.code == 2
-    assert "--unknown 0.1 is not possible within the --deadline of 5 taps: it can come after" in refused.err
+    assert "--unknown 0.1 is not possible within the --deadline of 5 taps: the answer is possible after" in refused.err
 
 
 def test_unknown_needs_a_model_that_can_tell(command, folder):

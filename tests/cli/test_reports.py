@@ -77,7 +77,7 @@ def test_a_study_refuses_with_the_sentence_of_the_command(taps):
         st.compare(*taps, models=["histogram", "histogram"])
     with pytest.raises(st.InputError, match="--permutations must be 99 or more, got 7"):
         st.audit(*taps, permutations=7)
-    with pytest.raises(st.InputError, match="--thresholds needs different numbers"):
+    with pytest.raises(st.InputError, match="--thresholds must be distinct numbers"):
         st.trials(st.fit(taps[0]), taps[1], 10, thresholds=[0.5, 0.5])
     with pytest.raises(st.InputError, match="--preset goes with simulated taps only"):
         st.reproduce(*taps, preset="paper")

@@ -192,8 +192,8 @@ def test_a_single_trial_has_a_wide_interval(files, command):
         (("--start", 16), "--start must be an index from 0 to 15, got 16"),
         (("--fixation", 99), "fixation point must be an index from 0 to 15, got 99"),
         (("--thresholds", "high"), "--thresholds must be numbers such as 0.5,0.9,0.99, got 'high'"),
-        (("--thresholds", "1.5"), "--thresholds needs different numbers from 0 to 1, got '1.5'"),
-        (("--thresholds", "0.9,0.9"), "--thresholds needs different numbers from 0 to 1, got '0.9,0.9'"),
+        (("--thresholds", "1.5"), "--thresholds must be distinct numbers from 0 to 1, got '1.5'"),
+        (("--thresholds", "0.9,0.9"), "--thresholds must be distinct numbers from 0 to 1, got '0.9,0.9'"),
         (("--test", "7"), "--test: no session 7"),
         (("--out", "here.txt"), "here.txt"),
     ],
@@ -215,7 +215,7 @@ def test_without_a_gpu_the_sentence_says_what_is_needed(files, command):
     done = command("trials", folder / "model.nc", folder / "taps.nc", "--device", "gpu")
 
     assert done.code == 2
-    assert "--device gpu needs one" in done.err
+    assert "--device gpu requires one" in done.err
 
 
 @pytest.mark.slow

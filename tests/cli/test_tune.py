@@ -208,7 +208,7 @@ def test_what_was_learned_is_kept_when_it_is_interrupted(recorded, tmp_path):
         (("--thresholds", "0.5,x"), "--thresholds must be numbers"),
         (("--online", 9, "--thresholds", "0.5,1"), "must lie between 0 and 1"),
         (("--power", "learned"), "power"),
-        (("--model", "guess"), "a model of the catalogue"),
+        (("--model", "guess"), "the name of a measurement model"),
     ],
 )
 def test_nonsense_is_refused_in_a_sentence(call, recorded, tmp_path, words, said):
@@ -245,15 +245,17 @@ def test_what_was_learned_for_other_pairs_is_not_gone_on_with(call, recorded, tm
     words = (recorded, "--out", tmp_path / "setting.json", "--force", "--online", 4, "--state", state, *COMMON)
     assert call(*words, "--thresholds", "0.6,0.9").exit_code == 0
     before = state.read_bytes()
-    assert "the fixation points or thresholds were others" in str(call(*words, "--thresholds", "0.6,0.8").exception)
+    assert "the candidate fixation points or thresholds were different" in str(
+        call(*words, "--thresholds", "0.6,0.8").exception
+    )
     same = (*words, "--thresholds", "0.6,0.9")
     for more, said in (
-        (("--seed", 1), "the seed was 0, and 1 is asked for"),
-        (("--cost-error", 10), "the cost of an error was 50 taps, and 10 taps"),
+        (("--seed", 1), "the seed was 0, not 1"),
+        (("--cost-error", 10), "the cost of an error was 50 taps, not 10 taps"),
         (("--wrong",), "the kind of error was"),
-        (("--deadline", 19), "the deadline was 20, and 19"),
-        (("--border", "clamp"), "the border was uniform, and clamp"),
-        (("--rig", f"replay:{recorded}"), "the rig was held-out taps, and replay:"),
+        (("--deadline", 19), "the deadline was 20, not 19"),
+        (("--border", "clamp"), "the border was uniform, not clamp"),
+        (("--rig", f"replay:{recorded}"), "the rig was held-out taps, not replay:"),
         (("--train", "0"), "the training data was"),
     ):
         assert said in str(call(*same, *more).exception)

@@ -166,20 +166,20 @@ def test_parts_train_the_model_of_all_taps(taps, labels, first_only):
     "arguments", [{}, {"model": "profile", "edges": EDGES}, {"edges": EDGES, "power": "learned"}], ids=str
 )
 def test_parts_are_refused_where_all_taps_are_needed_at_once(taps, labels, arguments):
-    with pytest.raises(InputError, match="partial_fit needs model='histogram' with given edges"):
+    with pytest.raises(InputError, match="partial_fit requires model='histogram' with given edges"):
         TapClassifier(**arguments).partial_fit(taps.taps, labels, classes=labels)
 
 
 def test_parts_must_go_together(taps, labels):
     classifier = TapClassifier(edges=EDGES)
-    with pytest.raises(InputError, match="first call of partial_fit needs all classes"):
+    with pytest.raises(InputError, match="first call of partial_fit requires classes"):
         classifier.partial_fit(taps.taps, labels)
     with pytest.raises(InputError, match="'rod 2 mm' is not among the classes"):
         classifier.partial_fit(taps.taps, labels, classes=["rod 4 mm", "rod 6 mm"])
     classifier.partial_fit(taps.taps, labels, classes=labels)
     with pytest.raises(InputError, match="must stay those of the first call"):
         classifier.partial_fit(taps.taps, labels, classes=["rod 2 mm"])
-    with pytest.raises(InputError, match="edges have changed"):
+    with pytest.raises(InputError, match="edges differ from those of earlier calls"):
         classifier.set_params(edges=EDGES + 1).partial_fit(taps.taps, labels)
     with pytest.raises(ValueError, match="features"):
         classifier.partial_fit(taps.taps[:, 1:], labels)
@@ -191,7 +191,7 @@ def test_wrong_taps_are_refused(taps, labels):
         classifier.predict(taps.taps)
     with pytest.raises(InputError, match="three axes"):
         classifier.fit(taps.taps[:, 0], labels)
-    with pytest.raises(InputError, match="no model 'histgram'"):
+    with pytest.raises(InputError, match="Unknown model 'histgram'"):
         TapClassifier("histgram").fit(taps.taps, labels)
     with pytest.raises(InputError, match="bins must be"):
         TapClassifier(bins=0).fit(taps.taps, labels)
@@ -225,4 +225,4 @@ except ImportError as error:
 """
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
 
-    assert done.stdout == "TapClassifier needs scikit-learn: pip install 'solidtouch[sklearn]'.\n"
+    assert done.stdout == "TapClassifier requires scikit-learn: pip install 'solidtouch[sklearn]'.\n"

@@ -383,11 +383,11 @@ def test_an_impossible_tap_is_a_typed_error_in_a_sequence(make_model):
 @pytest.mark.parametrize(
     ("tap", "message"),
     [
-        (np.zeros((4, 2)), "5 samples and 2 taxels, got shape"),
-        (np.zeros((5, 3)), "5 samples and 2 taxels, got shape"),
-        (np.zeros((5, 1)), "5 samples and 2 taxels, got shape"),
-        (np.zeros(5), "5 samples and 2 taxels, got shape"),
-        (np.full((5, 2), np.nan), "A sample is NaN"),
+        (np.zeros((4, 2)), "5 samples and 2 taxels as in the model, got shape"),
+        (np.zeros((5, 3)), "5 samples and 2 taxels as in the model, got shape"),
+        (np.zeros((5, 1)), "5 samples and 2 taxels as in the model, got shape"),
+        (np.zeros(5), "5 samples and 2 taxels as in the model, got shape"),
+        (np.full((5, 2), np.nan), "Samples must not be NaN"),
     ],
     ids=["samples", "taxels", "one taxel", "flat", "NaN"],
 )

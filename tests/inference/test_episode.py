@@ -181,7 +181,7 @@ def test_a_sensor_that_prepares_its_taps_otherwise_is_refused(model, engine, tap
     """Before the first tap, with the difference in words."""
     sensor = ScriptedSensor(model, taps)
     sensor.preprocessing = Preprocessing(samples=model.preprocessing.samples, rate_hz=40.0)
-    with pytest.raises(InputError, match=r"otherwise than the model's: rate_hz is None in the model and 40\.0 in"):
+    with pytest.raises(InputError, match=r"differ in preprocessing: rate_hz is None in the model and 40\.0 in"):
         perceive(sensor, engine, 0.9, passive())
 
     assert sensor.done == []
@@ -195,7 +195,7 @@ def test_arguments_are_checked_before_the_first_step(model, engine, taps):
     with pytest.raises(InputError, match="NaN"):
         steps(sensor, engine, np.nan, passive())
     sensor.preprocessing = Preprocessing(samples=3)
-    with pytest.raises(InputError, match="otherwise"):
+    with pytest.raises(InputError, match="differ in preprocessing"):
         steps(sensor, engine, 0.9, passive())
 
     assert sensor.done == []

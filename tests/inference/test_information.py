@@ -202,8 +202,11 @@ def test_chunks_change_nothing(pool, rng, monkeypatch, about, chunk):
             "about must be one of joint, where, what, got 'which'",
         ),
         (lambda _: shifted(np.ones((L, M)), [1], "wall"), "border must be one of uniform, .*, got 'wall'"),
-        (lambda _: tap_outcomes(np.zeros((0, L, M))), r"a tap or more, .* got shape \(0, 4, 3\)"),
-        (lambda _: tap_outcomes(np.zeros((L, M))), r"axes \(tap, where, what\), got shape \(4, 3\)"),
+        (lambda _: tap_outcomes(np.zeros((0, L, M))), r"at least one tap, got shape \(0, 4, 3\)"),
+        (
+            lambda _: tap_outcomes(np.zeros((L, M))),
+            r"axes \(tap, where, what\) and at least one tap, got shape \(4, 3\)",
+        ),
         (lambda _: tap_outcomes(np.full((2, L, M), np.nan)), r"NaN or \+inf"),
         (lambda _: tap_outcomes(np.full((2, L, M), np.inf)), r"NaN or \+inf"),
     ],

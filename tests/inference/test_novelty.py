@@ -164,7 +164,7 @@ def test_a_file_without_scores_is_a_model_that_cannot_tell(make_model, tmp_path)
 
     assert model.novelty is None
     assert not can_tell(model)
-    with pytest.raises(InputError, match="no novelty scores for --unknown; fit it again"):
+    with pytest.raises(InputError, match="no novelty scores, which --unknown requires; fit it again"):
         Novelty(model)
 
 
@@ -196,7 +196,7 @@ def test_too_few_scores_are_refused(make_model):
     model = source.with_scores(train)
 
     assert not can_tell(model)
-    with pytest.raises(InputError, match="has 4 novelty scores and --unknown needs 5"):
+    with pytest.raises(InputError, match="has 4 novelty scores, but --unknown requires 5"):
         Novelty(model)
 
 
@@ -208,7 +208,7 @@ def test_other_models_cannot_tell(make_taps, name):
     model = replace(fit_model(name, taps, taps.grid(), FitSettings(bins=9)).model, novelty=scores)
 
     assert not can_tell(model)
-    with pytest.raises(InputError, match=f"--unknown needs a fitted histogram model, and this one is {name}"):
+    with pytest.raises(InputError, match=f"--unknown requires a fitted histogram model, got {name}"):
         Novelty(model)
 
 
@@ -294,7 +294,7 @@ def test_a_constant_sensor_is_usual(make_taps):
 
 def test_taps_of_another_size_are_refused(calibrated):
     _, model = calibrated
-    with pytest.raises(InputError, match="taps of 20 samples and 3 taxels"):
+    with pytest.raises(InputError, match="must have 20 samples and 3 taxels"):
         Novelty(model).misfit(np.zeros((4, 3)))
 
 
@@ -468,7 +468,7 @@ def test_a_decision_waits_while_the_bets_win(calibrated):
 
 @pytest.mark.parametrize("alpha", [0.0, 1.0, -1.0, float("nan")])
 def test_a_rate_outside_0_to_1_is_refused(calibrated, alpha):
-    with pytest.raises(InputError, match="rate of false alarms must lie between 0 and 1"):
+    with pytest.raises(InputError, match="rate of false alarms must be between 0 and 1"):
         UnknownTest(Novelty(calibrated[1]), alpha)
 
 
@@ -481,11 +481,11 @@ def test_the_promise_says_how_soon_and_what_would_be_enough(calibrated):
 
     assert promise.fewest == 12
     assert rich.soonest <= 10 < poor.soonest
-    assert "after 10 with" in poor.sentence
-    assert f"after 10 with {rich.needed} in each class" in poor.power
+    assert "in each class would allow it after 10 taps" in poor.sentence
+    assert f"{rich.needed} in each class would allow it after 10 taps" in poor.power
     assert "half of its training taps." in rich.sentence
-    assert "at most 0.05 of the episodes at any trained object" in rich.sentence
-    assert "never" in Promise(0.05, 0, None, 8).power
+    assert "at most a fraction 0.05 of episodes at a trained object" in rich.sentence
+    assert "impossible" in Promise(0.05, 0, None, 8).power
 
 
 def test_an_alarm_comes_as_soon_as_promised(calibrated):

@@ -42,7 +42,7 @@ def test_a_constant_range_is_widened(value, margin):
 
 @pytest.mark.parametrize(("bins", "value_range"), [(0, "global"), (4, "all")])
 def test_edges_that_cannot_be_are_refused(bins, value_range):
-    with pytest.raises(ValueError, match="a bin or more over a global or taxel range"):
+    with pytest.raises(ValueError, match="B must be at least 1 and value_range global or taxel"):
         reference.bin_edges(TRAIN.samples, bins, value_range)
 
 

@@ -25,7 +25,7 @@ def check_times(name: str, taps: Taps) -> None:
         InputError: There is one sample per tap, or on average less than two taps per class.
     """
     if taps.samples.shape[1] == 1:
-        raise InputError(f"{name} needs more than one sample per tap; gaussian and profile-mvn do with one.")
+        raise InputError(f"{name} needs more than one sample per tap; use gaussian or profile-mvn for one.")
     _check_repeats(name, taps)
 
 
@@ -36,7 +36,7 @@ def check_taxels(name: str, taps: Taps) -> None:
         InputError: There is one taxel, or on average less than two taps per class.
     """
     if taps.samples.shape[2] == 1:
-        raise InputError(f"{name} needs more than one taxel to correlate.")
+        raise InputError(f"{name} needs more than one taxel.")
     _check_repeats(name, taps)
 
 
@@ -48,10 +48,7 @@ def check_places(name: str, taps: Taps) -> None:
     """
     places = len(np.unique(taps.place))
     if places < FEWEST_PLACES:
-        raise InputError(
-            f"{name} needs {FEWEST_PLACES} positions or more to draw curves through, and there "
-            f"{'is' if places == 1 else 'are'} {places}."
-        )
+        raise InputError(f"{name} needs at least {FEWEST_PLACES} positions, got {places}.")
     _check_repeats(name, taps)
 
 
@@ -59,7 +56,4 @@ def _check_repeats(name: str, taps: Taps) -> None:
     _, M = taps.shape
     classes = len(np.unique(taps.where * M + taps.what))
     if len(taps.where) < 2 * classes:
-        raise InputError(
-            f"{name} needs two taps per class or more, to see how taps of one class differ, and there are "
-            f"{len(taps.where)} for {classes} classes."
-        )
+        raise InputError(f"{name} needs at least two taps per class, got {len(taps.where)} taps for {classes} classes.")

@@ -50,7 +50,7 @@ def bin_edges(samples: NDArray[np.floating], bins: int, value_range: str) -> NDA
         InputError: The range is named otherwise.
     """
     if value_range not in ("global", "taxel"):
-        raise InputError(f"The range must be global or taxel, got {value_range!r}.")
+        raise InputError(f"value_range must be global or taxel, got {value_range!r}.")
     low, high = samples.min(axis=0).min(axis=0), samples.max(axis=0).max(axis=0)  # axis by axis is faster
     if value_range == "global":
         low, high = low.min(), high.max()
@@ -99,7 +99,7 @@ def count_taps(samples: NDArray[np.floating], edges: NDArray[np.float64]) -> Ite
         part = samples[start : start + step]
         found = cells[: len(part)]
         if not find(_plain(part.reshape(len(part), J * K)), *layout, found):
-            raise InputError("A sample is NaN or infinite and belongs to no bin.")
+            raise InputError("Samples must not be NaN or infinite.")
         count(found, held, *counts)
         yield slice(start, start + len(part)), counts._replace(first=counts.first[: len(part) + 1])
 

@@ -344,7 +344,7 @@ def _open_edges(edges: NDArray[np.float64], K: int) -> tuple[NDArray[np.float64]
 
 def _known_bins(taps: NDArray[np.floating], edges: NDArray[np.float64]) -> NDArray[np.intp]:
     if not np.isfinite(taps).all():
-        raise InputError("A sample is NaN or infinite and belongs to no bin.")
+        raise InputError("Samples must not be NaN or infinite.")
     return find_bins(taps, edges)
 
 

@@ -109,7 +109,7 @@ def test_a_cell_whose_power_cannot_be_learned_fails_with_the_reason(make_study):
     """One training session leaves none to be left out."""
     cell, effort, data = first_cell(make_study('power = ["learned"]'))
 
-    assert "two training sessions or more" in try_cell(cell, effort, data).traceback
+    assert "at least two training sessions" in try_cell(cell, effort, data).traceback
 
 
 def test_one_trial_has_no_standard_error(make_study):

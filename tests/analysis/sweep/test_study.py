@@ -27,8 +27,11 @@ IN_GRID = {
     "an empty axis": ("seed = []", "grid.seed: expected `array` of length >= 1"),
     "no bins": ("bins = [0]", "grid.bins"),
     "a value twice": ("bins = [10, 10]", "grid.bins: 10 stands there twice"),
-    "an unknown model": ('model = ["gauss"]', "grid.model: There is no model 'gauss'; .*histogram.*session"),
-    "a model in two states": ('model = ["session:session"]', "grid.model: There is no model"),
+    "an unknown model": (
+        'model = ["gauss"]',
+        "grid.model: Unknown model 'gauss'; choose from histogram, .*session:NAME",
+    ),
+    "a model in two states": ('model = ["session:session"]', "grid.model: Unknown model 'session:session'"),
     "a model with a state and the border prior": (
         'model = ["profile", "session:profile"]\nborder = ["clamp", "prior"]',
         "grid.border: prior does not go with session:profile",

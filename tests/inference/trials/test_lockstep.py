@@ -260,7 +260,7 @@ def test_trials_in_which_no_class_is_left_end():
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        ({"deadline": 0}, "deadline of at least one tap, got 0"),
+        ({"deadline": 0}, "deadline must be at least 1 tap, got 0"),
         ({"seed": -1}, "seed must be"),
     ],
 )

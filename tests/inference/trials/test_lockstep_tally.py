@@ -75,5 +75,5 @@ def test_a_record_is_decided_at_every_threshold(table):
 
 @pytest.mark.parametrize(("trials", "thresholds"), [(0, [0.5]), (5, []), (5, [np.nan])])
 def test_what_makes_no_sense_is_refused(table, trials, thresholds):
-    with pytest.raises(InputError, match="must be a trial and thresholds that are numbers"):
+    with pytest.raises(InputError, match="trials must be at least 1 and thresholds not NaN"):
         tally_policy(table, thresholds, trials, passive())

@@ -160,7 +160,7 @@ def test_fresh_trials_end_where_a_class_is_used_up(table, plan, play):
 
 
 def test_fresh_trials_are_played_on_the_processor_only(table, plan):
-    with pytest.raises(InputError, match="on fresh taps are played on the cpu only, not on 'xla-cpu'"):
+    with pytest.raises(InputError, match="on fresh taps require device cpu, got 'xla-cpu'"):
         run_trials(table, plan, THETAS, play=PlaySettings(theta_x=0.0), fresh=True, device="xla-cpu")
 
 
@@ -407,16 +407,16 @@ def test_joined_plans_stand_behind_one_another(table):
 
 def test_plans_without_trials_or_taps_are_refused(table):
     """The message says which."""
-    with pytest.raises(InputError, match="at least one trial, got 0"):
+    with pytest.raises(InputError, match="trials must be at least 1, got 0"):
         plan_trials(table.pool, 0, 0)
-    with pytest.raises(InputError, match="no test tap in where class 1"):
+    with pytest.raises(InputError, match="Position 1 has no test tap"):
         plan_trials(tap_pool([0, 2], [0, 0], (3, 1)), 5, 0, where=1)
 
 
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        ({"where": [0, 5]}, r"Trial 1 starts in class \(5, 1\), and there are 5 x 3"),
+        ({"where": [0, 5]}, r"Trial 1 starts in class \(5, 1\), outside the 5 x 3 classes"),
         ({"what": [-1, 1]}, r"Trial 0 starts in class \(0, -1\)"),
         ({"where": [0]}, "columns of a plan differ in shape"),
     ],
@@ -429,7 +429,7 @@ def test_plans_that_cannot_be_played_are_refused(table, change, message):
 
 def test_objects_without_a_tap_are_refused():
     table = TapTable(np.zeros((1, 1, 2)), tap_pool([0], [0], (1, 2)), np.log([[0.5, 0.5]]))
-    with pytest.raises(InputError, match="Trial 2 holds object 1, of which there is no tap"):
+    with pytest.raises(InputError, match="Trial 2 uses object 1, which has no test tap"):
         run_trials(
             table, TrialPlan(*np.array([[0] * 3, [0, 0, 1], [0] * 3, [0] * 3])), (0.5,), play=PlaySettings(theta_x=0.0)
         )
@@ -440,18 +440,18 @@ def test_objects_without_a_tap_are_refused():
 def test_tables_of_what_is_no_likelihood_are_refused(table, plan, part, value):
     wrong = getattr(table, part).copy()
     wrong.flat[3] = value
-    with pytest.raises(InputError, match="holds NaN or"):
+    with pytest.raises(InputError, match="contains NaN or"):
         run_trials(table._replace(**{part: wrong}), plan, THETAS, play=PlaySettings(theta_x=0.0))
 
 
 @pytest.mark.parametrize("seed", [-1, 2**64, 0.5])
 def test_seeds_out_of_range_are_refused(table, plan, seed):
-    with pytest.raises(InputError, match="seed must be a whole number from 0 to 18446744073709551615"):
+    with pytest.raises(InputError, match="seed must be an integer from 0 to 18446744073709551615"):
         run_trials(table, plan, THETAS, play=PlaySettings(theta_x=0.0), seed=seed)
 
 
 def test_streams_out_of_range_are_refused(table):
-    with pytest.raises(InputError, match="Streams must lie between 0 and"):
+    with pytest.raises(InputError, match="Streams must be from 0 to"):
         plan_trials(table.pool, 2, 0, first_stream=2**63 - 2)
     assert plan_trials(table.pool, 2, 2**64 - 1, first_stream=2**63 - 3).stream[1] == 2**63 - 2
 
@@ -459,8 +459,8 @@ def test_streams_out_of_range_are_refused(table):
 @pytest.mark.parametrize(
     ("more", "message"),
     [
-        ({"thresholds": ()}, "one threshold or more"),
-        ({"thresholds": (0.5, np.nan)}, "none that is NaN"),
+        ({"thresholds": ()}, "thresholds must have at least one value"),
+        ({"thresholds": (0.5, np.nan)}, "and no NaN"),
         ({"device": "tpu"}, "device must be cpu, gpu or xla-cpu, got 'tpu'"),
         ({"workers": 0}, "workers must be at least 1, got 0"),
     ],

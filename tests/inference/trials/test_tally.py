@@ -120,9 +120,9 @@ def test_only_one_start_can_be_asked_for(table):
 
 
 def test_bad_arguments_are_refused(table):
-    with pytest.raises(InputError, match="at least one trial, got 0"):
+    with pytest.raises(InputError, match="trials must be at least 1, got 0"):
         tally_trials(table, THETAS, 0, play=PlaySettings(theta_x=0.0))
-    with pytest.raises(InputError, match="no test tap in where class 9"):
+    with pytest.raises(InputError, match="Position 9 has no test tap"):
         tally_trials(table, THETAS, 5, play=PlaySettings(theta_x=0.0), where=9)
 
 

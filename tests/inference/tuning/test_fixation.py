@@ -77,7 +77,7 @@ def test_every_part_is_met_by_a_model_without_its_taps():
 def test_taps_that_stand_in_two_sessions_are_not_held_out():
     taps = planted(2, sessions=1)
     again = TapSet(taps.dataset.assign_coords(session=("tap", np.ones(len(taps), np.int64))))
-    with pytest.raises(InputError, match="nothing is held out"):
+    with pytest.raises(InputError, match="also occur in the training taps"):
         held_out(concatenate([taps, again]), GRID, fitted)
 
 

@@ -199,9 +199,9 @@ def test_bad_arguments_are_refused():
         Learner.new("gp", FIXATIONS, THETA)
     with pytest.raises(InputError, match="at least one fixation point"):
         Learner.new("thompson", (), THETA)
-    with pytest.raises(InputError, match="threshold and none twice"):
+    with pytest.raises(InputError, match="threshold and no duplicates"):
         Learner.new("thompson", FIXATIONS, (0.9, 0.9))
-    with pytest.raises(InputError, match="must lie between 0 and 1"):
+    with pytest.raises(InputError, match="must be between 0 and 1"):
         Learner.new("thompson", FIXATIONS, (0.9, 1.0))
     learner = Learner.new("thompson", FIXATIONS, THETA)
     with pytest.raises(InputError, match="must be a number, got nan"):
@@ -214,21 +214,21 @@ def test_bad_arguments_are_refused():
 @pytest.mark.parametrize(
     ("change", "said"),
     [
-        ({"format": 2}, "its key format is not 1"),
-        ({"method": "ucb"}, "no whole learner: .*ucb"),
-        ({"method": "gp", "smoothness": {"fixation": 1.0}}, "no whole learner: .*'gp'"),
-        ({"count": [1]}, "the length of a list is wrong"),
-        ({"count": [-1] * 12}, "no whole learner: .*count"),
-        ({"count": [1.5] * 12}, "no whole learner: .*count"),
-        ({"count": [10**30] * 12}, "no whole learner: .*count"),
-        ({"seed": 1e400}, "no whole learner: .*seed"),
-        ({"seed": -1}, "no whole learner: .*seed"),
-        ({"mean": "none"}, "no whole learner: .*mean"),
+        ({"format": 2}, "key 'format' is not 1"),
+        ({"method": "ucb"}, "damaged learner file: .*ucb"),
+        ({"method": "gp", "smoothness": {"fixation": 1.0}}, "damaged learner file: .*'gp'"),
+        ({"count": [1]}, "a list has the wrong length"),
+        ({"count": [-1] * 12}, "damaged learner file: .*count"),
+        ({"count": [1.5] * 12}, "damaged learner file: .*count"),
+        ({"count": [10**30] * 12}, "damaged learner file: .*count"),
+        ({"seed": 1e400}, "damaged learner file: .*seed"),
+        ({"seed": -1}, "damaged learner file: .*seed"),
+        ({"mean": "none"}, "damaged learner file: .*mean"),
         ({"mean": [float("nan")] * 12}, "a number is not finite"),
         ({"squares": [float("inf")] * 12}, "a number is not finite"),
-        ({"squares": [-1.0] * 12}, "no whole learner: .*squares"),
-        ({"smoothness": "rough"}, "no whole learner: .*smoothness"),
-        ({"setup": None}, "no whole learner: .*setup"),
+        ({"squares": [-1.0] * 12}, "damaged learner file: .*squares"),
+        ({"smoothness": "rough"}, "damaged learner file: .*smoothness"),
+        ({"setup": None}, "damaged learner file: .*setup"),
     ],
 )
 def test_a_file_that_holds_no_learner_is_refused(tmp_path, change, said):

@@ -160,7 +160,7 @@ def test_what_has_no_tables_is_refused(make_taps, kind, why):
 def test_given_tables_have_no_netcdf_file(tmp_path, make_model):
     read, _ = written(tmp_path, make_model(untrained=[(0, 0)]))
 
-    with pytest.raises(InputError, match=r"netCDF files hold fitted models"):
+    with pytest.raises(InputError, match=r"A TableModel cannot be saved"):
         read.save(tmp_path / "a.nc")
 
 

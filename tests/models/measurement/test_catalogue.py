@@ -247,11 +247,11 @@ def test_smooth_takes_the_mean_over_places_in_a_class():
 
 
 def test_places_are_counted():
-    """Two are no curve; the sentence agrees in number."""
-    with pytest.raises(InputError, match="smooth needs 3 positions or more to draw curves through, and there are 2"):
+    """Two are no curve."""
+    with pytest.raises(InputError, match="smooth needs at least 3 positions, got 2"):
         fit_model("smooth", taps_of(L=2), taps_of(L=2).grid(), SETTINGS)
     taps = Taps(np.zeros((3, 2, 2)), np.zeros(3, int), np.zeros(3, int), (1, 1), place=np.zeros(3))
-    with pytest.raises(InputError, match="and there is 1"):
+    with pytest.raises(InputError, match="at least 3 positions, got 1"):
         check_places("smooth", taps)
 
 
@@ -259,7 +259,7 @@ def test_places_are_counted():
 def test_single_taps_say_nothing_of_differences(name):
     """The sentence gives both numbers."""
     taps = taps_of(repeats=1)
-    with pytest.raises(InputError, match=rf"{name} needs two taps per class or more.* there are {L * M} for {L * M}"):
+    with pytest.raises(InputError, match=rf"{name} needs at least two taps per class, got {L * M} taps for {L * M}"):
         fit_model(name, taps, taps.grid(), SETTINGS)
 
 
@@ -267,7 +267,7 @@ def test_single_taps_say_nothing_of_differences(name):
 def test_single_samples_of_single_taps_say_nothing_of_differences(name):
     """For models without times."""
     taps = taps_of(repeats=1, J=1)
-    with pytest.raises(InputError, match=f"{name} with one sample per tap needs two taps per class"):
+    with pytest.raises(InputError, match=f"{name} with one sample per tap needs at least two taps per class"):
         fit_model(name, taps, taps.grid(), SETTINGS)
 
 
@@ -275,7 +275,7 @@ def test_single_samples_of_single_taps_say_nothing_of_differences(name):
 @pytest.mark.parametrize(
     ("settings", "message"),
     [
-        ({"bins": 0}, "bins must be a whole number from 1 to 65536, got 0"),
+        ({"bins": 0}, "bins must be an integer from 1 to 65536, got 0"),
         ({"power": "K"}, "power must be J, JK, none or a positive number, got 'K'"),
         ({"value_range": "all"}, "value_range must be one of global, taxel, got 'all'"),
     ],

@@ -89,5 +89,5 @@ def test_an_improper_posterior_has_no_draws(taps):
 
 @pytest.mark.parametrize(("chains", "draws"), [(0, 3), (2, 0)])
 def test_there_is_a_draw_and_a_chain_at_least(fitted, taps, chains, draws):
-    with pytest.raises(InputError, match=f"needed, got {draws} and {chains}"):
+    with pytest.raises(InputError, match=f"at least 1, got {draws} and {chains}"):
         posterior_draws(fitted["gaussian"], taps, chains, draws, 0)

@@ -186,10 +186,10 @@ def test_duplicated_samples_leave_the_likelihood_unchanged(make_model, draw_samp
 @pytest.mark.parametrize(
     ("samples", "message"),
     [
-        (np.zeros((3, 4, 2)), r"5 samples and 2 taxels, got shape \(3, 4, 2\)"),
-        (np.zeros((3, 5, 1)), "5 samples and 2 taxels, got shape"),
+        (np.zeros((3, 4, 2)), r"5 samples and 2 taxels as in the model, got shape \(3, 4, 2\)"),
+        (np.zeros((3, 5, 1)), "5 samples and 2 taxels as in the model, got shape"),
         (np.zeros((5, 2)), r"three axes \(tap, sample, taxel\), got shape \(5, 2\)"),
-        (np.full((1, 5, 2), np.nan), "A sample is NaN"),
+        (np.full((1, 5, 2), np.nan), "Samples must not be NaN"),
     ],
 )
 def test_other_samples_are_refused(make_model, samples, message):
@@ -243,7 +243,7 @@ def test_other_powers_are_not_learned(power):
     "power", ["learned:", "learned:0", "learned:-3", "learned:2.5", "learned20", "learned:1234567"]
 )
 def test_a_learned_power_has_a_number_of_taps(power):
-    with pytest.raises(InputError, match=f"must be learned, or learned: and a number of taps, got '{power}'"):
+    with pytest.raises(InputError, match=f"must be learned, or learned:N with a number of taps N, got '{power}'"):
         parse_power_choice(power)
 
 
@@ -361,7 +361,7 @@ def test_usable_taps_are_those_of_trained_classes(taps, grid):
 
     assert model.trained[where, what].all()
     assert len(where) == len(taps) * 10 // 12
-    with pytest.raises(InputError, match="No tap is left"):
+    with pytest.raises(InputError, match="No tap left: none belongs"):
         model.usable(taps.select((taps.what == 0) & (taps.where == 0)))
 
 
@@ -379,7 +379,7 @@ def test_taps_prepared_otherwise_are_refused(make_taps, taps, grid):
 @pytest.mark.parametrize(
     ("more", "message"),
     [
-        ({"bins": 0}, "at least one bin, got bins=0"),
+        ({"bins": 0}, "bins must be at least 1, got 0"),
         ({"pseudocount": -0.1}, "pseudocount must be finite and not negative, got -0.1"),
         ({"pseudocount": np.nan}, "pseudocount must be finite and not negative, got nan"),
         ({"pseudocount": np.inf}, "pseudocount must be finite and not negative, got inf"),

@@ -36,7 +36,7 @@ def test_every_model_says_what_it_relaxes():
 def test_unknown_names_are_refused():
     """The message lists those that there are."""
     for name in ("histo", "session:", "session:session", "session:histo", "", "sessions", "profile:session"):
-        with pytest.raises(InputError, match=f"There is no model '{name}'; there are histogram, gaussian"):
+        with pytest.raises(InputError, match=f"Unknown model '{name}'; choose from histogram, gaussian"):
             split_name(name)
     assert split_name("session") == ("histogram", True)
     assert split_name("session:profile") == ("profile", True)

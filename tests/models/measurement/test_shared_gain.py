@@ -63,7 +63,7 @@ def test_what_does_not_vary_takes_one_point(spread, points, left):
 
 @pytest.mark.parametrize("arguments", [(-0.1, 0.1), (0.1, -0.1), (np.nan, 0.1), (0.1, np.inf), (0.1, 0.1, 0)])
 def test_spreads_below_0_are_refused(arguments):
-    with pytest.raises(InputError, match="must not be negative and needs a point or more, got"):
+    with pytest.raises(InputError, match="gain_sd and offset_sd must not be negative, got"):
         state_grid(*arguments)
 
 

@@ -68,7 +68,7 @@ def test_a_nan_is_in_no_bin(rng):
     bins = find_bins(samples, np.linspace(0, 1, 5))
 
     assert np.argwhere(bins < 0).tolist() == [[1, 2, 1]]
-    with pytest.raises(InputError, match="A sample is NaN or infinite and belongs to no bin"):
+    with pytest.raises(InputError, match="Samples must not be NaN or infinite"):
         list(count_taps(samples, np.linspace(0, 1, 5)))
 
 
@@ -127,5 +127,5 @@ def test_log_likelihoods_can_be_written_to_a_store(make_model, draw_samples):
 
     assert model.log_likelihood(samples, store) is store
     np.testing.assert_array_equal(store[:], model.log_likelihood(samples))
-    with pytest.raises(InputError, match=r"have shape \(6, 3, 4\), those to be written to have \(5, 3, 4\)"):
+    with pytest.raises(InputError, match=r"out must have shape \(6, 3, 4\), got \(5, 3, 4\)"):
         model.log_likelihood(samples, np.empty((5, 3, 4)))

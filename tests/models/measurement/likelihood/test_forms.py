@@ -303,7 +303,7 @@ def test_nan_among_taps_is_refused(rng, N):
     """Whether looked up or not."""
     taps = rng.normal(size=(N, J, K))
     taps[-1, 1, 2] = np.nan
-    with pytest.raises(InputError, match="A sample is NaN"):
+    with pytest.raises(InputError, match="Samples must not be NaN"):
         independent_form(rng).prepare(np.zeros((L, H), bool)).log_likelihood(
             taps, np.linspace(-1, 1, B + 1), 1.0, np.empty((N, L, H))
         )
@@ -328,7 +328,7 @@ def test_own_probabilities_of_a_table_are_a_loop(rng):
 def test_nan_belongs_to_no_bin(rng, make):
     """Neither form gives it a probability."""
     taps = np.full((1, J, K), np.nan)
-    with pytest.raises(InputError, match="A sample is NaN"):
+    with pytest.raises(InputError, match="Samples must not be NaN"):
         make(rng).own(taps, np.linspace(-1, 1, B + 1), np.zeros(1, int), np.zeros(1, int))
 
 
