@@ -1,4 +1,4 @@
-"""The measurement models as a classifier of scikit-learn, which is an optional dependency."""
+"""Measurement models as a scikit-learn classifier; scikit-learn is an optional dependency."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -20,7 +20,7 @@ from .tuning.tempering import fit_tempered
 
 
 class _Absent:
-    """Base class where scikit-learn is missing: the classifier can be looked at, as `import *` does, but not made."""
+    """Base class without scikit-learn: the classifier can be imported and inspected, but not created."""
 
     def __new__(cls, *_: Any, **__: Any) -> Self:
         raise ImportError("TapClassifier requires scikit-learn: pip install 'solidtouch[sklearn]'.")
@@ -36,7 +36,7 @@ except ImportError:
 
 
 class TapClassifier(ClassifierMixin, BaseEstimator):  # pyright: ignore[reportGeneralTypeIssues]
-    """Classifier of single taps with the conventions of scikit-learn, which it needs (`solidtouch[sklearn]`).
+    """Classifier of single taps with the conventions of scikit-learn, which it requires (`solidtouch[sklearn]`).
 
     `X` has shape (N, J, K): taps, samples, taxels. `y` has one label per tap, its object. Positions are not modelled:
     all taps of a label train the same distribution. To tell positions apart, put them into the labels, or use `fit`.
@@ -115,7 +115,7 @@ class TapClassifier(ClassifierMixin, BaseEstimator):  # pyright: ignore[reportGe
         return self
 
     def partial_fit(self, X: ArrayLike, y: ArrayLike, classes: ArrayLike | None = None) -> Self:
-        """Adds training taps; the model is that of `fit` with all taps given so far.
+        """Adds training taps; the model equals that of `fit` on all taps given so far.
 
         Args:
             X: Samples, shape (N, J, K).
@@ -168,13 +168,13 @@ class TapClassifier(ClassifierMixin, BaseEstimator):  # pyright: ignore[reportGe
         return self.classes_[best]
 
     def __sklearn_tags__(self) -> Any:
-        """Taps have three axes."""
+        """Tags of the estimator: taps have three axes."""
         tags = super().__sklearn_tags__()
         tags.input_tags.two_d_array, tags.input_tags.three_d_array = False, True
         return tags
 
     def _taps(self, X: Any, y: Any = "no_validation", *, reset: bool) -> Any:
-        """Checked taps, with their labels where these are given."""
+        """Checked taps, and their labels if given."""
         checked: Any = validate_data(self, X, y, reset=reset, allow_nd=True)
         taps = checked if isinstance(y, str) else checked[0]
         if taps.ndim != 3:
@@ -189,7 +189,7 @@ class TapClassifier(ClassifierMixin, BaseEstimator):  # pyright: ignore[reportGe
     def _fitted(
         self, taps: NDArray[np.floating], what: ArrayLike, classes: Sequence[Any] | NDArray[Any], session: Any
     ) -> TapModel:
-        """The model of taps with indices of their labels."""
+        """Model fitted to taps with label indices."""
         settings = {name: getattr(self, name) for name in FitSettings.__struct_fields__ if hasattr(self, name)}
         labelled = TapSet.from_arrays(
             taps,
@@ -205,7 +205,7 @@ class TapClassifier(ClassifierMixin, BaseEstimator):  # pyright: ignore[reportGe
 
 
 def _joined(first: Any, second: Any) -> HistogramModel:
-    """The histograms of the training taps of both; refused where the bins differ."""
+    """Histogram model of the training taps of two models with the same bins."""
     if not np.array_equal(first.edges, second.edges):
         raise InputError("The bin edges differ from those of earlier calls.")
     counts = first.counts + second.counts

@@ -1,4 +1,4 @@
-"""Bets against taps being of a class that have mean 1 at most given the taps that calibrate, with stated confidence.
+"""Bets against a class, with expected gain at most 1 given the calibration taps, at a stated confidence.
 
 n taps of a class calibrate, and j of them misfit it at least as much as a new tap. The usual p-value, (1 + j)/(n + 1),
 is honest on average over calibration sets and not given one: where these n happen to fit well, every episode sees too
@@ -14,25 +14,25 @@ from numpy.typing import NDArray
 from scipy.stats import beta
 
 CONFIDENCE = 0.95
-"""With which all bounds of all classes hold, over the drawing of the calibration taps."""
+"""Confidence with which the bounds of all classes hold together, over the draw of the calibration taps."""
 EXPONENTS = (np.arange(10) + 0.5) / 10
-"""Small ones bet on few very unusual taps, large ones on many rather unusual ones."""
+"""Exponents of the bets; small ones suit few very unusual taps, large ones many slightly unusual taps."""
 
 
 def ranks(n: int) -> NDArray[np.intp]:
-    """The ranks with a bound, 1, 2, 4, ... up to half of n calibration taps, but 1 at least if there is a tap."""
+    """Ranks with a bound: 1, 2, 4, ... up to half of n calibration taps, and at least 1 if there is a tap."""
     return 2 ** np.arange(int(np.log2(max(n // 2, 1))) + 1) if n else np.empty(0, dtype=np.intp)
 
 
 def upper_bounds(n: int, classes: int, confidence: float = CONFIDENCE) -> NDArray[np.float64]:
-    """U_r at the `ranks` of n calibration taps, increasing; with the confidence those of all classes hold together."""
+    """Increasing bounds U_r at the `ranks` of n calibration taps; all classes hold together at the confidence."""
     r = ranks(n)
     error = (1 - confidence ** (1 / classes)) / max(len(r), 1)
     return beta.isf(error, r, n + 1 - r)
 
 
 def log_bets(bounds: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Logarithm of what a tap in each step of its bounds wins.
+    """Log gain of a tap in each step of its bounds.
 
     Args:
         bounds: U_r, increasing, shape (R,).
@@ -45,12 +45,12 @@ def log_bets(bounds: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def log_mixture(log_wealth: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Logarithm of the mean wealth over the exponents, which are the first axis."""
+    """Log of the mean wealth over the exponents, the first axis."""
     return np.logaddexp.reduce(log_wealth, axis=0) - np.log(len(EXPONENTS))
 
 
 def soonest(log_bet: NDArray[np.float64], alpha: float, most: int = 1000) -> int | None:
-    """Fewest taps after which bets that always win have multiplied up to 1 / alpha, `None` for more than `most`.
+    """Fewest taps after which bets that always win reach 1 / alpha; `None` if more than `most`.
 
     Args:
         log_bet: What the most unusual tap wins, shape (A,).
@@ -63,7 +63,7 @@ def soonest(log_bet: NDArray[np.float64], alpha: float, most: int = 1000) -> int
 
 
 def calibration_needed(taps: int, classes: int, alpha: float) -> int:
-    """Fewest calibration taps of each class with which an alarm can come within so many taps."""
+    """Fewest calibration taps per class for which an alarm is possible within a number of taps."""
     n = 1
     while soonest(log_bets(upper_bounds(n, classes))[:, 0], alpha, taps) is None:
         n += 1

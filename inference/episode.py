@@ -20,10 +20,10 @@ DEADLINE = 100
 
 
 class Step(NamedTuple):
-    """One tap, what is believed after it and what comes next.
+    """One tap, the belief after it, and the decision or move that follows.
 
     Attributes:
-        number: Of the tap, counted from 1.
+        number: Number of the tap, counted from 1.
         tap: Its samples, shape (J, K).
         arrived: The move really made before it, 0 before the first.
         log_predicted: Log belief before the tap, summed over the states of the episode, shape (L, M).
@@ -61,17 +61,17 @@ class Step(NamedTuple):
 
     @property
     def where(self) -> int:
-        """The most probable where class, at the place of this tap."""
+        """Index of the most probable position at the time of this tap."""
         return int(np.argmax(self.where_marginal))
 
     @property
     def what(self) -> int:
-        """The most probable what class."""
+        """Index of the most probable object."""
         return int(np.argmax(self.what_marginal))
 
 
 class Episode(NamedTuple):
-    """What happened; tap t counts from 0 and `log_beliefs[t]` is the belief after it, before the move that follows.
+    """Result of an episode; tap t counts from 0, and `log_beliefs[t]` is the belief after it, before the next move.
 
     Attributes:
         log_beliefs: Log belief after every tap, shape (T, L, M).
@@ -104,7 +104,7 @@ class Episode(NamedTuple):
 
     @property
     def taps(self) -> int:
-        """Reaction time: the number of taps made."""
+        """Reaction time: number of taps."""
         return len(self.log_beliefs)
 
 
@@ -118,7 +118,7 @@ def perceive(
     chance: Iterator[float] | None = None,
     watch: Watch | None = None,
 ) -> Episode:
-    """Taps until the stopping rule ends it; `steps` to the end.
+    """Episode of taps until the stopping rule ends it; runs `steps` to the end.
 
     >>> import solidtouch as st
     >>> model = st.fit(st.simulate("paper", seed=4))
@@ -152,7 +152,7 @@ def steps(
     chance: Iterator[float] | None = None,
     watch: Watch | None = None,
 ) -> Iterator[Step]:
-    """An episode tap by tap; Fig. 2 of the paper.
+    """Iterator over the steps of an episode; Fig. 2 of the paper.
 
     After each tap come the update (Eq. 3, 4), the stop test (Eq. 7) and, if it goes on, the move (Eq. 8, 10) with the
     shift of the belief (Eq. 9). The stop test comes first because the shift may change the what marginal. The belief
@@ -175,11 +175,11 @@ def steps(
         stop: Threshold theta_W on the what belief, of which 1 or more never stops, or another stopping rule.
         move: Control strategy.
         deadline: Taps after which the episode ends.
-        doubt: Told each tap and the move really made before it; while it answers yes nothing is decided.
+        doubt: Called with each tap and the actual move before it; no decision is made while it returns True.
         chance: Numbers in [0, 1), one for each move that is chosen. The same numbers on the same taps give the same
             episode; by default every episode has those of a generator seeded 0.
-        watch: Says the `"gain"` of the next tap, for rules that look ahead, see `expected_gain.gain_watch`; the move is
-            then chosen before the stop test.
+        watch: Returns the `"gain"` of the next tap, for rules that look ahead, see `expected_gain.gain_watch`; the
+            move is then chosen before the stop test.
 
     Raises:
         InputError: The deadline is below one tap, the threshold is NaN, or the sensor's preprocessing, step or number
@@ -206,7 +206,7 @@ def _made(
     chance: Iterator[float],
     watch: Watch | None,
 ) -> Iterator[Step]:
-    """The steps, with arguments as those of `steps` once they are checked."""
+    """Iterator over the steps, for checked arguments of `steps`."""
     arrived = 0
     for number in range(1, deadline + 1):
         tap = sensor.tap()
@@ -249,14 +249,14 @@ def _made(
 
 
 def _moment(belief: NDArray[np.float64], number: int, delta: int | None, watch: Watch | None) -> Moment:
-    """What a stopping rule sees of a belief (L, M)."""
+    """Input of a stopping rule from a belief (L, M)."""
     gain = np.asarray(np.nan) if watch is None else watch(belief[np.newaxis], np.array([delta]))["gain"][0]
     where_belief = np.asarray(reference.where_marginal(belief).max())
     return Moment(reference.what_marginal(belief), where_belief, np.asarray(number), gain)
 
 
 def collect(made: Iterator[Step]) -> Episode:
-    """The episode that these steps were; there must be at least one."""
+    """Episode from its steps, at least one."""
     whole = list(made)
     last = whole[-1]
     return Episode(

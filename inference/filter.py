@@ -1,4 +1,4 @@
-"""The belief of one episode, tap by tap and move by move, for programs that have a loop of their own."""
+"""Belief of one episode, tap by tap and move by move, for custom loops."""
 
 from typing import TYPE_CHECKING
 
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 
 def engine_of(model: TapModel | Engine, border: Border | None = None) -> Engine:
-    """The compiled engine of a model, with border `uniform` if none is given; an engine is returned as it is.
+    """Compiled engine of a model, by default with border `uniform`; an engine is returned unchanged.
 
     Raises:
         InputError: As `make_engine`; or a border is given with an engine.
@@ -31,7 +31,7 @@ def engine_of(model: TapModel | Engine, border: Border | None = None) -> Engine:
 
 
 class Filter:
-    """Where the finger is and what it touches, as far as the taps so far tell; Eq. 1 to 6 and 9.
+    """Belief about position and object from the taps so far; Eq. 1 to 6 and 9.
 
     What is carried from tap to tap is the belief over all hypotheses of the model; what is read is that belief after
     `saturation`, summed over the states of the episode.
@@ -56,7 +56,7 @@ class Filter:
         taps: How many taps there were.
 
     Raises:
-        InputError: There is no such border, it does not go with the model, or an engine has one; the threshold is NaN.
+        InputError: The border is unknown, not supported by the model, or set for an engine; the threshold is NaN.
     """
 
     def __init__(self, model: TapModel | Engine, *, border: Border | None = None, stop: float = 0.95) -> None:
@@ -65,11 +65,11 @@ class Filter:
         self.reset()
 
     def reset(self) -> None:
-        """Forgets all taps: a new episode begins."""
+        """Discards all taps and starts a new episode."""
         self._carried, self._what, self.taps = self.engine.model.log_prior, None, 0
 
     def update(self, tap: ArrayLike) -> float:
-        """Takes one more tap in.
+        """Updates the belief with a tap.
 
         Args:
             tap: Prepared samples, shape (J, K).
@@ -90,7 +90,7 @@ class Filter:
         return log_evidence
 
     def move(self, delta: int) -> None:
-        """Shifts the belief by a commanded move of so many where classes; Eq. 9.
+        """Shifts the belief by a commanded move in positions; Eq. 9.
 
         The end of the range does not cut it short; what lies beyond is left to the border.
 
@@ -103,7 +103,7 @@ class Filter:
 
     @property
     def log_hypotheses(self) -> NDArray[np.float64]:
-        """Log belief in every hypothesis as it is read, shape (L, H)."""
+        """Log belief in every hypothesis after the saturation, shape (L, H)."""
         return np.array(temper(self._carried, share(self.taps, self.engine.model.saturation)))
 
     @property
@@ -113,14 +113,14 @@ class Filter:
 
     @property
     def log_states(self) -> NDArray[np.float64]:
-        """Log belief in the states of the episode, shape (S,); one zero for a model without."""
+        """Log belief in the states of the episode, shape (S,); one zero for a model without states."""
         hypotheses, M = self.log_hypotheses, self.engine.model.grid.M
         L, H = hypotheses.shape
         return np.zeros(1) if H == M else np.logaddexp.reduce(hypotheses.reshape(L, H // M, M), axis=(0, 2))
 
     @property
     def belief(self) -> "xr.DataArray":
-        """Belief in every class, dims (where, what), which sums to one."""
+        """Belief in every class, dims (where, what), normalised."""
         import xarray as xr  # noqa: PLC0415
 
         return xr.DataArray(np.exp(self.log_belief), self.engine.model.grid.coords(), ("where", "what"), name="belief")

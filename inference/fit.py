@@ -1,4 +1,4 @@
-"""One call from training taps to a fitted model, its exponent learned where that is asked for."""
+"""Fits a measurement model to training taps, and learns its power if requested."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -17,7 +17,7 @@ from .tuning.tempering import fit_tempered
 def fit(
     taps: TapSet | Sequence[TapSet], model: str = "histogram", *, grid: ClassGrid | None = None, **settings: Any
 ) -> TapModel:
-    """A measurement model of the catalogue, fitted to training taps.
+    """Measurement model fitted to training taps.
 
     The model is all that is kept; `solidtouch fit` also writes draws from the posterior and how the fit converged.
 
@@ -34,7 +34,7 @@ def fit(
             `"learned"`, which leaves out each training session in turn.
 
     Raises:
-        InputError: There is no such model or setting, one is out of range or not for this model, or the taps cannot
+        InputError: A model or setting is unknown, out of range or not for this model, or the taps cannot
             carry the model.
         NotConvergedError: The fit did not converge, and `unconverged` was not set.
     """
@@ -50,7 +50,7 @@ def fit(
 
 
 def check_used(model: str, settings: FitSettings) -> None:
-    """Refuses settings that a model would ignore.
+    """Checks that a model uses all settings that are given.
 
     Raises:
         InputError: There is one, or there is no such model.

@@ -1,4 +1,4 @@
-"""How much the next tap is expected to tell after each of several moves.
+"""Expected information from the next tap after each of several moves.
 
 The tap to come is taken for one of a pool of known taps, with the probabilities that the measurement model gives them
 in each class. The information expected of it is that between the tap and the classes under the belief after the move,
@@ -25,7 +25,7 @@ _TINY = np.finfo(np.float64).tiny
 
 
 class TapOutcomes(NamedTuple):
-    """The taps that may come, N of them, and how likely each is.
+    """Possible outcomes of the next tap, N taps with weights.
 
     Attributes:
         given: P(tap | class), sum over the taps one, shape (L, M, N); zero where no tap is possible.
@@ -41,7 +41,7 @@ class TapOutcomes(NamedTuple):
 
 
 def tap_outcomes(log_likelihood: ArrayLike, trained: Mask | None = None) -> TapOutcomes:
-    """The taps of a pool as outcomes of the next tap.
+    """Taps of a pool as possible outcomes of the next tap.
 
     Args:
         log_likelihood: log P(z | class) of each tap, shape (N, L, M), -inf where it is impossible.
@@ -68,7 +68,7 @@ def tap_outcomes(log_likelihood: ArrayLike, trained: Mask | None = None) -> TapO
 
 
 def moves_to_all(beliefs: ArrayLike) -> NDArray[np.intp]:
-    """The moves from where the sensor most probably is to every where class, shape (..., L), of beliefs (..., L, M)."""
+    """Moves from the most probable position to every position, shape (..., L), for beliefs (..., L, M)."""
     where_belief = np.asarray(beliefs, dtype=np.float64).sum(axis=-1)
     return np.arange(where_belief.shape[-1]) - where_belief.argmax(axis=-1)[..., np.newaxis]
 
@@ -101,7 +101,7 @@ def shifted(
 
 
 def information(outcomes: TapOutcomes, beliefs: ArrayLike, about: About = "joint") -> NDArray[np.float64]:
-    """What the next tap is expected to tell about the where and the what class together, or one of them, in nats.
+    """Expected information from the next tap about position and object, or one of them, in nats.
 
     Belief in classes under which no tap is possible is left out and the rest normalised; with no belief left there is
     nothing to be told. Rounding leaves about 1e-14, and what it makes negative is returned as zero.
@@ -137,7 +137,7 @@ def information_of_moves(
     border: Border = "uniform",
     about: About = "joint",
 ) -> NDArray[np.float64]:
-    """What a tap after each of several moves is expected to tell, in nats.
+    """Expected information from a tap after each of several moves, in nats.
 
     Args:
         outcomes: The taps that may come.
@@ -156,21 +156,21 @@ def information_of_moves(
 
 
 def believable(beliefs: NDArray[np.float64], possible: NDArray[np.bool_]) -> NDArray[np.float64]:
-    """Beliefs (S, L, M) in possible classes only, of sum one or, where nothing is left, zero."""
+    """Beliefs (S, L, M) restricted to possible classes, with sum one, or zero if nothing is left."""
     kept = np.where(possible & (beliefs >= _NEGLIGIBLE), beliefs, 0.0)
     total = kept.sum(axis=(1, 2), keepdims=True)
     return kept / np.where(total > 0, total, 1.0)
 
 
 def _joint(outcomes: TapOutcomes, beliefs: NDArray[np.float64], _: About) -> NDArray[np.float64]:
-    """I(tap; where, what) of beliefs (S, L, M)."""
+    """I(tap; where, what) for beliefs (S, L, M)."""
     flat = beliefs.reshape(len(beliefs), -1)
     tap = flat @ outcomes.given.reshape(flat.shape[1], -1)
     return _entropy(tap) - flat @ outcomes.entropy.ravel()
 
 
 def _of_one(outcomes: TapOutcomes, beliefs: NDArray[np.float64], about: About) -> NDArray[np.float64]:
-    """I(tap; where) or I(tap; what) of beliefs (S, L, M), as H(tap) + H(class) - H(tap, class)."""
+    """I(tap; where) or I(tap; what) for beliefs (S, L, M), as H(tap) + H(class) - H(tap, class)."""
     axis = 0 if about == "where" else 1
     total = _entropy(beliefs.sum(axis=2 - axis))
     tap = np.zeros((len(beliefs), outcomes.given.shape[-1]))
@@ -182,5 +182,5 @@ def _of_one(outcomes: TapOutcomes, beliefs: NDArray[np.float64], about: About) -
 
 
 def _entropy(p: NDArray[np.float64]) -> NDArray[np.float64]:
-    """-sum p log p over the last of two axes, of numbers that need not sum to one."""
+    """-sum p log p over the last of two axes, for numbers that need not sum to one."""
     return -np.einsum("ij,ij->i", p, np.log(np.maximum(p, _TINY)))

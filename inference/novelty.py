@@ -1,4 +1,4 @@
-"""Whether taps are unlike anything the model was trained on: a p-value for each tap, and a test over an episode.
+"""Novelty of taps: a p-value for each tap, and a sequential test over an episode.
 
 The p-value of a tap under a class is the share of all calibration taps (`models.measurement.novelty`) that misfit
 their own class as much, after the mean misfit of each class is taken off. It holds its level on average over classes
@@ -26,13 +26,13 @@ from ..models.measurement.novelty import FEWEST, centres, misfits, own_excess, s
 from .conformal_bets import CONFIDENCE, EXPONENTS, calibration_needed, log_bets, log_mixture, soonest, upper_bounds
 
 FLAGGED = 0.01
-"""A p-value below which a single tap is called unusual."""
+"""P-value below which a single tap is called unusual."""
 EASY = 10
-"""Taps after which an alarm should be possible."""
+"""Number of taps after which an alarm should be possible."""
 
 
 class Promise(NamedTuple):
-    """What the calibration taps of a model allow to promise of the answer "unknown".
+    """Guarantee for the answer "unknown" from the calibration taps of a model.
 
     Attributes:
         alpha: False alarms at most, as a fraction of the episodes at each object.
@@ -48,7 +48,7 @@ class Promise(NamedTuple):
 
     @property
     def sentence(self) -> str:
-        """The promise, and how soon the answer can come."""
+        """The guarantee, and when the answer is possible."""
         return (
             f"With {CONFIDENCE:.0%} confidence over the training taps, at most a fraction {self.alpha:.3g} of episodes "
             f"at a trained object end in `unknown`, if taps are distributed like those; {self.power}."
@@ -56,7 +56,7 @@ class Promise(NamedTuple):
 
     @property
     def power(self) -> str:
-        """How soon the answer can come, and what would make it sooner where that is late."""
+        """When the answer is possible, and what would allow it earlier if that is late."""
         when = "impossible" if self.soonest is None else f"possible after {self.soonest} taps at the earliest"
         late = self.soonest is None or self.soonest > EASY
         more = f"; {self.needed} in each class would allow it after {EASY} taps" if late else ""
@@ -66,7 +66,7 @@ class Promise(NamedTuple):
 
 
 class Novelty:
-    """P-values of taps under the classes of a fitted model, and bets against these.
+    """P-values of taps under the classes of a fitted model, and bets against the classes.
 
     Args:
         model: A histogram model without states, fitted with its novelty scores.
@@ -101,7 +101,7 @@ class Novelty:
         self._set_bets(scores.misfit, scores.cell)
 
     def _set_bets(self, misfit: NDArray[np.float64], cell: NDArray[np.intp]) -> None:
-        """Thresholds of the misfit of each class, falling, and what a tap above each of them wins."""
+        """Sets the falling misfit thresholds of each class, and the gain of a tap above each."""
         self._n = np.bincount(cell, minlength=len(self._known))
         classes = int(np.sum(self._n > 0))
         bounds = {n: upper_bounds(n, classes) for n in np.unique(self._n).tolist()}
@@ -117,7 +117,7 @@ class Novelty:
 
     @property
     def trained(self) -> NDArray[np.bool_]:
-        """Which classes have training taps, shape (L, M)."""
+        """Mask of the classes with training taps, shape (L, M)."""
         return self._model.trained
 
     def misfit(self, taps: ArrayLike) -> NDArray[np.float64]:
@@ -146,7 +146,7 @@ class Novelty:
         return (1 + n - np.searchsorted(self._own, excess, side="left")) / (n + 1)
 
     def log_bets(self, misfit: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Logarithm of what taps win against each class, shape (A, ..., L, M), from their misfits, shape (..., L, M).
+        """Log gain of taps against each class, shape (A, ..., L, M), from their misfits (..., L, M).
 
         Classes without a calibration tap win nothing, as nothing is known of their misfits.
         """
@@ -156,7 +156,7 @@ class Novelty:
         return won.reshape(len(won), *misfit.shape)
 
     def promise(self, alpha: float) -> Promise:
-        """What can be promised of false alarms at this rate."""
+        """Guarantee at a rate of false alarms."""
         calibrated = self._n[self._model.trained.ravel()]
         weakest = self._log_bet[:, self._model.trained.ravel(), 0].min(axis=1)
         needed = calibration_needed(EASY, int(np.sum(self._n > 0)), alpha)
@@ -164,7 +164,7 @@ class Novelty:
 
 
 class UnknownTest:
-    """Whether the taps of an episode, all together, are unlike the training taps.
+    """Sequential test whether the taps of an episode differ from the training taps.
 
     Args:
         novelty: P-values and bets of single taps.
@@ -191,16 +191,16 @@ class UnknownTest:
 
     @property
     def unknown(self) -> bool:
-        """Whether the taps so far are unlike the training taps."""
+        """Whether the taps so far reject all hypotheses."""
         return self._alpha is not None and bool(self.log_wealth.min() >= -np.log(self._alpha))
 
     @property
     def doubtful(self) -> bool:
-        """Whether the bets are winning against every hypothesis, so that a decision had better wait for more taps."""
+        """Whether the bets are winning against every hypothesis, so a decision should wait for more taps."""
         return self._alpha is not None and bool(self.log_wealth.min() > 0)
 
     def add(self, tap: ArrayLike, arrived: int) -> bool:
-        """One more tap.
+        """Adds a tap.
 
         Args:
             tap: Prepared samples, shape (J, K).
@@ -215,7 +215,7 @@ class UnknownTest:
         return self.follow(self._novelty.misfit(tap), arrived)
 
     def follow(self, misfit: NDArray[np.float64], arrived: int) -> bool:
-        """`add` from the misfits of the tap, shape (L, M)."""
+        """Adds a tap given by its misfits, shape (L, M)."""
         self._place += arrived
         inside = (self._place >= 0) & (self._place < len(self._place))
         place = self._place[inside]
@@ -230,10 +230,10 @@ class UnknownTest:
 
 
 def can_tell(model: TapModel) -> bool:
-    """Whether a model was fitted with enough novelty scores for p-values."""
+    """Whether a model has enough novelty scores for p-values."""
     return _is_plain(model) and model.novelty is not None and len(model.novelty.misfit) >= FEWEST
 
 
 def _is_plain(model: TapModel) -> TypeGuard[HistogramModel]:
-    """Whether it is a histogram without states."""
+    """Whether it is a histogram model without states."""
     return isinstance(model, HistogramModel) and len(model.states.gain) == 1

@@ -1,4 +1,4 @@
-"""From raw taps to beliefs, decisions and moves by `reference` alone: the route that shares no fitted number.
+"""Independent route from raw taps to beliefs, decisions and moves by `reference` alone, for checks.
 
 Every other route starts from a fitted model: its counts, edges, exponent, prior and trained classes. This one starts
 from the samples of the training taps and their class labels, and does each step by an equation of `reference`, so an
@@ -17,7 +17,7 @@ from .reference import Border, Power, ValueRange
 
 
 class Options(NamedTuple):
-    """What a user chooses.
+    """Options of the route.
 
     Attributes:
         bins: Number of bins.
@@ -37,7 +37,7 @@ class Options(NamedTuple):
 
 
 class LabelledTaps(NamedTuple):
-    """Taps as recorded and prepared.
+    """Taps with labels, as recorded and preprocessed.
 
     Attributes:
         samples: Shape (N, J, K).
@@ -51,7 +51,7 @@ class LabelledTaps(NamedTuple):
 
 
 class Decision(NamedTuple):
-    """The end of a trial at one threshold.
+    """End of a trial at one threshold.
 
     Attributes:
         taps: Reaction time.
@@ -74,7 +74,7 @@ class Decision(NamedTuple):
 
 @dataclass(frozen=True)
 class RawFilter:
-    """The paper's filter, learned from raw taps.
+    """The paper's filter, trained on raw taps.
 
     Attributes:
         options: What the user chose.
@@ -92,7 +92,7 @@ class RawFilter:
 
     @classmethod
     def learn(cls, taps: LabelledTaps, shape: tuple[int, int], options: Options) -> Self:
-        """Eq. 2 from training taps; those outside the grid of `shape` (L, M) are left out."""
+        """Trained filter by Eq. 2; taps outside the grid of `shape` (L, M) are left out."""
         inside = (taps.where >= 0) & (taps.what >= 0)
         samples, where, what = (part[inside] for part in taps)
         edges = reference.bin_edges(samples, options.bins, options.value_range)
@@ -112,7 +112,7 @@ class RawFilter:
         return reference.update_log(log_belief, reference.tap_log_likelihood(bins, self.log_prob, self.exponent))
 
     def shift(self, log_belief: NDArray[np.float64], delta: int) -> NDArray[np.float64]:
-        """Log belief (L, M) after a move by `delta` where classes; Eq. 9."""
+        """Log belief (L, M) after a move by `delta` positions; Eq. 9."""
         return reference.shift_log(log_belief, delta, self.options.border, self.trained)
 
     def trial(
@@ -124,7 +124,7 @@ class RawFilter:
         thresholds: Sequence[float],
         deadline: int,
     ) -> list[Decision]:
-        """One trial of active perception on recorded taps, its end at every threshold; Eq. 7, 8 and 10.
+        """Decisions of a trial of active perception on recorded taps, at every threshold; Eq. 7, 8 and 10.
 
         Args:
             taps: Test taps.
@@ -165,12 +165,12 @@ class RawFilter:
 
 
 def _nearest_with_tap(taps: LabelledTaps, where: int, what: int) -> int:
-    """The where class nearest to `where` in which the object has a tap, the lower of two."""
+    """Position nearest to `where` with a tap of the object, the lower of two."""
     places = np.unique(taps.where[taps.what == what])
     return min((place for place in places.tolist() if place >= 0), key=lambda place: (abs(place - where), place))
 
 
 def _pick(taps: LabelledTaps, where: int, what: int, uniform: float) -> NDArray[np.floating]:
-    """The tap of a class that a number in [0, 1) picks, all as likely, in the order of the recording."""
+    """Tap of a class that a uniform number in [0, 1) selects, in recorded order."""
     own = np.flatnonzero((taps.where == where) & (taps.what == what))
     return taps.samples[own[int(uniform * len(own))]]

@@ -58,7 +58,7 @@ def bin_edges(samples: ArrayLike, B: int, value_range: ValueRange = "global") ->
 
 
 def bin_index(samples: ArrayLike, edges: ArrayLike) -> NDArray[np.intp]:
-    """The histogram bin b(s) of each sample; text below Eq. 2.
+    """Histogram bin b(s) of each sample; text below Eq. 2.
 
     Args:
         samples: Sensor values, any shape.
@@ -80,7 +80,7 @@ def bin_index(samples: ArrayLike, edges: ArrayLike) -> NDArray[np.intp]:
 
 
 def exponent(power: Power, J: int, K: int) -> float:
-    """The exponent of the likelihood product: 1/J as printed in Eq. 1, or another choice.
+    """Exponent of the likelihood product: 1/J as printed in Eq. 1, or another choice.
 
     Args:
         power: `"J"` for 1/J, `"JK"` for 1/(J K), `"none"` for 1, or the exponent itself.
@@ -158,7 +158,7 @@ def histogram_counts(
 
 
 def trained_classes(counts: ArrayLike) -> NDArray[np.bool_]:
-    """Which classes have a training tap, shape (L, M), from counts of shape (L, M, K, B)."""
+    """Mask of the classes with a training tap, shape (L, M), from counts of shape (L, M, K, B)."""
     return np.asarray(counts).sum(axis=(2, 3)) > 0
 
 
@@ -244,7 +244,7 @@ def what_marginal(belief: ArrayLike) -> NDArray[np.float64]:
 
 
 def what_decision(belief: ArrayLike, threshold: float) -> int | None:
-    """The decided what class, or `None` while no marginal exceeds the threshold theta_W; Eq. 7.
+    """Decided object, or `None` while no marginal exceeds the threshold theta_W; Eq. 7.
 
     The comparison is strict and ties go to the lowest index. A threshold of 1 or more never fires, whatever
     rounding makes of a marginal.
@@ -253,7 +253,7 @@ def what_decision(belief: ArrayLike, threshold: float) -> int | None:
 
 
 def where_decision(belief: ArrayLike, threshold: float) -> int | None:
-    """The decided where class, or `None` while no marginal exceeds the threshold theta_X; Eq. 8.
+    """Decided position, or `None` while no marginal exceeds the threshold theta_X; Eq. 8.
 
     theta_X = 0 always decides (active perception), theta_X = 1 never does (passive perception).
     """
@@ -263,7 +263,7 @@ def where_decision(belief: ArrayLike, threshold: float) -> int | None:
 def shift(
     belief: ArrayLike, delta: int, border: Border = "uniform", trained: ArrayLike | None = None
 ) -> NDArray[np.float64]:
-    """The belief after the sensor moved by `delta` where classes; Eq. 9.
+    """Belief after a move of the sensor by `delta` positions; Eq. 9.
 
     Belief about class l becomes belief about l + delta. The paper assumes what falls outside the range to be
     "uniformly distributed", and that every object was trained at every position. Here belief is lost if it would land
@@ -312,12 +312,12 @@ def shift(
 
 
 def fixation_move(where_index: int, fixation_index: int) -> int:
-    """The move Delta(x_MAP) = x_fixed - x_MAP in where classes; Eq. 10."""
+    """Move Delta(x_MAP) = x_fixed - x_MAP in positions; Eq. 10."""
     return fixation_index - where_index
 
 
 def update_log(log_prior: ArrayLike, log_likelihood: ArrayLike) -> tuple[NDArray[np.float64], float]:
-    """`update` on log beliefs, which no sequence is too long for; Eq. 3 and 4.
+    """`update` for log beliefs, for sequences of any length; Eq. 3 and 4.
 
     Args:
         log_prior: Log belief before the tap, shape (L, M).
@@ -341,7 +341,7 @@ def update_log(log_prior: ArrayLike, log_likelihood: ArrayLike) -> tuple[NDArray
 def shift_log(
     log_belief: ArrayLike, delta: int, border: Border = "uniform", trained: ArrayLike | None = None
 ) -> NDArray[np.float64]:
-    """`shift` on log beliefs; Eq. 9.
+    """`shift` for log beliefs; Eq. 9.
 
     Args:
         log_belief: Log of the joint belief, shape (L, M), -inf in untrained classes.
@@ -378,7 +378,7 @@ def shift_log(
 
 
 def saturated(log_belief: ArrayLike, taps: int, limit: float) -> NDArray[np.float64]:
-    """What is read from a belief after some taps if they count for `limit` at most; not in the paper.
+    """Belief after some taps with their evidence capped at `limit` taps; not in the paper.
 
     The belief to the power min(1, limit / taps), normalised.
 
@@ -400,7 +400,7 @@ def _check_border(border: str) -> None:
 
 
 def _trained(trained: ArrayLike | None, believed: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """Which classes belief may be in."""
+    """Mask of the classes that may have belief."""
     trained = np.ones(believed.shape, dtype=bool) if trained is None else np.asarray(trained, dtype=bool)
     if trained.shape != believed.shape or (believed & ~trained).any():
         raise ValueError(
@@ -410,7 +410,7 @@ def _trained(trained: ArrayLike | None, believed: NDArray[np.bool_]) -> NDArray[
 
 
 def _targets(trained: NDArray[np.bool_], delta: int, border: str) -> list[tuple[int, int | None]]:
-    """Each trained position of one object and where its belief comes to lie, `None` where it is lost."""
+    """Each trained position of one object and the position that its belief moves to, `None` if it is lost."""
     L, places = len(trained), np.flatnonzero(trained)
     targets: dict[int, int | None] = {}
     for l in places.tolist():

@@ -1,4 +1,4 @@
-"""The likelihood of a tap under every form of measurement model, in plain NumPy and SciPy.
+"""Likelihood of a tap under every form of measurement model, in plain NumPy and SciPy.
 
 Written for reading: loops where the formulas of `models.measurement.likelihood.forms` have sums, all places and
 hypotheses at once. The compiled loops of `models.measurement.likelihood.innovations` and the distribution of
@@ -17,11 +17,11 @@ from . import reference
 def log_likelihood(
     tap: NDArray[np.floating], form: Form, edges: NDArray[np.float64], exponent: float
 ) -> NDArray[np.float64]:
-    """Log P(z | where, hypothesis) of one tap, shape (L, H); Eq. 1 with the probability that the form gives.
+    """Log P(z | where, hypothesis) of one tap, shape (L, H); Eq. 1 with the probability of the form.
 
     Args:
         tap: Prepared samples, shape (J, K).
-        form: Of the model.
+        form: Form of the model.
         edges: Bin edges, shape (B + 1,) or (K, B + 1).
         exponent: Power of the likelihood.
     """
@@ -43,7 +43,7 @@ def _log_mixture(tap: NDArray[np.float64], form: GaussianForm, edges: NDArray[np
 
 
 def innovations(tap: NDArray[np.float64], form: GaussianForm, q: int) -> NDArray[np.float64]:
-    """What each sample deviates by from its forecast by those before it, under Gaussian q; shape (L, H, J, K).
+    """Prediction errors of the samples given the previous ones, under Gaussian q; shape (L, H, J, K).
 
     It is u_jk = sum_{k' <= k} W_kk' sum_{i <= j} V_k'ji r_ik' with the residuals r.
     """
@@ -65,7 +65,7 @@ def innovations(tap: NDArray[np.float64], form: GaussianForm, q: int) -> NDArray
 
 
 def log_normal_interval(lower: NDArray[np.float64], upper: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Log of the probability that a standard normal lies between `lower` and `upper`, arrays of one shape."""
+    """Log probability of a standard normal between `lower` and `upper`, arrays of one shape."""
     mirrored = lower + upper > 0  # both distribution functions are then small, and their logs exact
     low, high = np.where(mirrored, -upper, lower), np.where(mirrored, -lower, upper)
     log_high = log_ndtr(high)
@@ -75,7 +75,7 @@ def log_normal_interval(lower: NDArray[np.float64], upper: NDArray[np.float64]) 
 def _bin_of_each_sample(
     tap: NDArray[np.float64], edges: NDArray[np.float64]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Lower and upper edge of the bin that holds each sample, both (J, K); the end bins reach to infinity."""
+    """Lower and upper bin edge of each sample, both (J, K); end bins extend to infinity."""
     J, K = tap.shape
     index = reference.tap_bins(tap, edges)
     lower, upper = np.empty((J, K)), np.empty((J, K))

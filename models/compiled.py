@@ -1,4 +1,4 @@
-"""Loops compiled to machine code by numba, kept on disk between runs where a folder for that can be written."""
+"""Loops compiled to machine code by numba, cached on disk if the cache folder is writable."""
 
 from collections.abc import Callable
 from typing import Any
@@ -10,7 +10,7 @@ _OPTIONS: dict[str, Any] = {"nogil": True, "fastmath": {"reassoc", "contract", "
 
 
 def compiled[F: Callable[..., Any]](function: F) -> F:
-    """The function compiled on its first call, without the interpreter's lock.
+    """Decorated function, compiled on its first call, that releases the interpreter's lock.
 
     Functions that call each other belong in one file: the copy on disk is not renewed when a callee elsewhere changes.
     """

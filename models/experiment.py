@@ -15,7 +15,7 @@ def load_experiment(data: Sequence[TapSource], division: Division | None = None)
     """Split and class grid of an experiment on recorded taps.
 
     Args:
-        data: One tap set to split, or two, TRAIN and TEST; each as it is or as its file.
+        data: One tap set to split, or two, TRAIN and TEST; each a tap set or its file.
         division: Grouping and division of the taps.
 
     Returns:

@@ -143,7 +143,7 @@ class ClassGrid:
         )
 
     def untouched(self, touched: NDArray[np.bool_]) -> tuple[str, ...]:
-        """Names of the classes (L, M) that are not touched: whole objects, whole positions, then single cells."""
+        """Names of the classes that are not in mask (L, M): whole objects, whole positions, then single cells."""
         objects, positions = ~touched.any(axis=0), ~touched.any(axis=1)
         names = [self.what_name[m] for m in np.flatnonzero(objects)]
         names += [self.where_label(l) for l in np.flatnonzero(positions).tolist()]

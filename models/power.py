@@ -1,4 +1,4 @@
-"""The root in Eq. 1 of the paper, how much the samples of one tap count; and how much the taps of an episode do."""
+"""Exponent of the likelihood in Eq. 1, and the cap on an episode's evidence."""
 
 import math
 import re
@@ -6,9 +6,9 @@ import re
 from .errors import InputError
 
 LEARNED = "learned"
-"""As a power: to be learned from training sessions left out in turn; `learned:N` says after how many taps."""
+"""Power to be learned from training sessions; `learned:N` maximises beliefs after N taps."""
 TAPS = 20
-"""Taps after which a learned power is judged where nothing else is said."""
+"""Default number of taps for a learned power."""
 
 
 def likelihood_exponent(power: str | float, J: int, K: int) -> float:
@@ -25,7 +25,7 @@ def likelihood_exponent(power: str | float, J: int, K: int) -> float:
 
 
 def check_saturation(saturation: float) -> None:
-    """Refuses what is no number of taps.
+    """Checks that a saturation is a positive number of taps.
 
     Raises:
         InputError: It is NaN or not above 0; infinity stands for no limit.
@@ -35,7 +35,7 @@ def check_saturation(saturation: float) -> None:
 
 
 def parse_power(text: str) -> str | float:
-    """A power as written on a command line.
+    """Power from its text on a command line.
 
     Raises:
         InputError: It is neither J, JK, none nor a positive number.
@@ -52,7 +52,7 @@ def parse_power(text: str) -> str | float:
 
 
 def parse_power_choice(text: str) -> str | float:
-    """A power as written on a command line where one is fitted: also `learned`, or `learned:N`.
+    """Power from its text on a command line, including `learned` and `learned:N`.
 
     Raises:
         InputError: It is none of these.
@@ -66,7 +66,7 @@ def parse_power_choice(text: str) -> str | float:
 
 
 def learned_taps(power: str | float) -> int | None:
-    """After how many taps a power that is to be learned is judged; `None` for other powers.
+    """Number of taps N of a learned power; `None` for other powers.
 
     Raises:
         InputError: It begins with `learned` and ends in no number of taps.

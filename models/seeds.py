@@ -12,7 +12,7 @@ import numpy as np
 
 @unique
 class Purpose(IntEnum):
-    """What random numbers are for; the first number of the spawn key. Values never change and are never reused."""
+    """Purpose of random numbers, the first number of the spawn key. Values never change and are never reused."""
 
     # hardware: keys are session and number of the rod, stream or run
     SENSOR = 0

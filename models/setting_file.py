@@ -1,4 +1,4 @@
-"""A setting: everything that a person chooses for perception beside the taps, as a file.
+"""Setting file: all options of perception apart from the taps.
 
 The file is JSON, one object with the keys of `KEYS`, and none is missing, so that it says what was done without this
 software's defaults.
@@ -30,7 +30,7 @@ _CLOSE = 1e-6  # numbers that differ by less in proportion are the same
 
 
 class Setting(Checked, frozen=True, kw_only=True):
-    """How to perceive.
+    """Options of perception.
 
     Attributes:
         model: Measurement model of the catalogue.
@@ -63,7 +63,7 @@ class Setting(Checked, frozen=True, kw_only=True):
 
     @classmethod
     def of(cls, **values: Any) -> "Setting":
-        """The setting with these values of the file, and defaults for the others.
+        """Setting with these values of the file, and defaults for the others.
 
         Raises:
             SettingError: A value is out of range.
@@ -71,7 +71,7 @@ class Setting(Checked, frozen=True, kw_only=True):
         return cls().changed(**values)
 
     def changed(self, **values: Any) -> Self:
-        """The setting with other values, named as in the file.
+        """Setting with other values, named as in the file.
 
         Raises:
             SettingError: A value is out of range.
@@ -80,12 +80,12 @@ class Setting(Checked, frozen=True, kw_only=True):
         return super().changed(fit=self.fit.changed(**fit), play=self.play.changed(**play), **values)
 
     def values(self) -> dict[str, Any]:
-        """The values of the file, by key."""
+        """Values of the file, by key."""
         owners = {key: self.fit if key in _FIT else self.play if key in _PLAY else self for key in KEYS}
         return {key: getattr(owner, key) for key, owner in owners.items()}
 
     def save(self, path: str | Path, force: bool = False) -> None:
-        """Writes the setting, complete or not at all.
+        """Writes the setting, atomically.
 
         Args:
             path: The file.
@@ -99,7 +99,7 @@ class Setting(Checked, frozen=True, kw_only=True):
             temporary.write_text(text + "\n", encoding="utf-8")
 
     def check_model(self, model: TapModel, path: str | Path, setting_path: str | Path) -> None:
-        """Whether a fitted model is the one that the setting speaks of, as far as both tell.
+        """Checks that a fitted model matches the setting.
 
         Args:
             model: The fitted model.
@@ -139,7 +139,7 @@ class Setting(Checked, frozen=True, kw_only=True):
 
 
 def load_setting(path: str | Path) -> Setting:
-    """The setting in a file.
+    """Setting from a file.
 
     Raises:
         InputError: The file is missing or no setting, a key is missing or unknown, or a value is wrong; the message

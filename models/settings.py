@@ -1,4 +1,4 @@
-"""Settings records: how taps are divided, how a measurement model is fitted, how episodes are played with it."""
+"""Settings records: division of taps, fit of a measurement model, and play of episodes."""
 
 import math
 import sys
@@ -17,7 +17,7 @@ _LARGEST = sys.float_info.max
 
 
 def wanted(description: str, **limits: Any) -> Meta:
-    """Limits of a value, with the words by which a message describes them."""
+    """Limits of a value, and their description for messages."""
     return Meta(**limits, extra={"wanted": description})
 
 
@@ -26,7 +26,7 @@ _Spread = Annotated[float, wanted("a number of at least 0", ge=0, le=_LARGEST)]
 
 
 class SettingError(InputError):
-    """A value of a settings record that is out of range.
+    """A value of a settings record is out of range.
 
     Attributes:
         name: Name of the field, with which the message begins.
@@ -39,14 +39,14 @@ class SettingError(InputError):
 
 
 class Checked(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """A record that checks its values against their types when it is made; NumPy's numbers become Python's.
+    """Record that checks its values against their types; NumPy numbers become Python numbers.
 
     Raises:
         SettingError: A value is out of range.
     """
 
     def changed(self, **values: Any) -> Self:
-        """The record with other values."""
+        """Record with other values."""
         return msgspec.structs.replace(self, **values)
 
     def __post_init__(self) -> None:
@@ -62,7 +62,7 @@ class Checked(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
 
 
 class FitSettings(Checked, frozen=True, kw_only=True):
-    """How a measurement model is fitted.
+    """Settings for the fit of a measurement model.
 
     >>> FitSettings(bins=50).changed(power="JK").bins
     50
@@ -106,12 +106,12 @@ class FitSettings(Checked, frozen=True, kw_only=True):
 
     @property
     def limit(self) -> float:
-        """The saturation as a number, infinity where there is no limit."""
+        """Saturation as a number, infinity for no limit."""
         return math.inf if self.saturation is None else self.saturation
 
 
 class PlaySettings(Checked, frozen=True, kw_only=True):
-    """How episodes and trials are played; the defaults are the paper's as far as it states them.
+    """Settings for episodes and trials; the defaults are the paper's as far as it states them.
 
     >>> PlaySettings(theta_x=0.3).move_threshold, PlaySettings(passive=True).move_threshold
     (0.3, 1.0)
@@ -134,12 +134,12 @@ class PlaySettings(Checked, frozen=True, kw_only=True):
 
     @property
     def move_threshold(self) -> float:
-        """Belief in a position needed for a move, 1 where the sensor stays in place."""
+        """Belief in a position required for a move; 1 for passive episodes."""
         return 1.0 if self.passive else self.theta_x
 
 
 class Division(Checked, frozen=True, kw_only=True):
-    """How recorded taps are grouped into classes and divided into training and test taps.
+    """Settings for grouping recorded taps into classes and splitting them into training and test taps.
 
     >>> Division(where_cell="2mm", split="sessions", test="2").where_cell
     '2mm'
@@ -161,7 +161,7 @@ class Division(Checked, frozen=True, kw_only=True):
     training_taps: bool = False
 
     def refuse_split(self, reason: str) -> None:
-        """Refuses options that divide one file.
+        """Checks that no option is given that splits one file.
 
         Raises:
             InputError: One is given; the message ends with the reason.
@@ -177,7 +177,7 @@ def _fields(record: type[Struct]) -> tuple[msgspec.structs.FieldInfo, ...]:
 
 
 def _description(kind: Any) -> str:
-    """What a type allows, for a message."""
+    """Description of the values that a type allows, for messages."""
     if hasattr(kind, "__value__"):
         return _description(kind.__value__)
     if hasattr(kind, "__metadata__"):

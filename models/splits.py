@@ -93,7 +93,7 @@ def split(
 
 
 def untrained(parts: Split, keep: bool = False) -> Split:
-    """The split without test taps that are training taps of their fold; its warning names them.
+    """Split without test taps that are training taps of their fold; its warning lists them.
 
     Args:
         parts: The split.

@@ -68,7 +68,7 @@ def without_training(
 
 
 def untrained_taps(taps: TapSet, training: NDArray[np.uint64], keep: bool = False) -> tuple[TapSet, str]:
-    """The same for a model that may not name the taps that trained it; the sentence says whether it is a warning."""
+    """As `without_training`, for models that may not list their training taps; with the kind of message."""
     if not len(training):
         return taps, "Note: the model does not name the taps that trained it, so none are left out."
     rest, sentence = without_training(taps, training, keep)

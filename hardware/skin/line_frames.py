@@ -34,7 +34,7 @@ class LineReading:
 
 @dataclass(frozen=True, slots=True)
 class Comment:
-    """What the sensor says of itself, without the `#`."""
+    """A comment line of the sensor, without the `#`."""
 
     text: str
 

@@ -111,7 +111,7 @@ def _known_after(_: RiskProblem, moves: Floats, alphas: Floats) -> Floats:
 
 
 def _best_per_symbol(problem: RiskProblem, moves: Floats, alphas: Floats) -> Floats:
-    """The same if the class before is known, and the symbol."""
+    """As `_known_after`, if the class before and the symbol are known."""
     after = np.einsum("dij,jms,ajm->adims", moves, problem.channel, alphas)
     return after.min(axis=0).sum(axis=-1)
 

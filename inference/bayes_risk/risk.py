@@ -168,7 +168,7 @@ def _mean(level: Level, value: Floats) -> Floats:
 
 
 def _leaves(problem: RiskProblem, level: Level, leaf: Leaf) -> Floats:
-    """The same at the last level, without stored children."""
+    """As `_mean`, at the last level, without stored children."""
     moved = _after_moves(problem, level)
     step = max(1, _CHUNK // problem.channel.size)
     parts = [

@@ -145,7 +145,7 @@ def _predict(log_belief: jax.Array, where_kernel: jax.Array, redraws_what: jax.A
 def _predict_around(
     log_belief: jax.Array, where_kernel: jax.Array, redrawn: jax.Array, vacated: jax.Array, M: int
 ) -> jax.Array:
-    """The same through a `HoleKernel`."""
+    """As `_predict`, through a `HoleKernel`."""
     before = log_belief.reshape(len(log_belief), -1, M)
     kept = jnp.where(redrawn[:, None], -jnp.inf, before)
     drawn = logsumexp(jnp.where(redrawn[:, None], before, -jnp.inf), axis=(0, 2), keepdims=True)
@@ -322,7 +322,7 @@ def _sequence(arguments: tuple, prefixes: jax.Array) -> tuple[jax.Array, jax.Arr
 def _kernels(
     model: TapModel, deltas: Sequence[int], border: Border
 ) -> tuple[list[NDArray[np.float64]], list[NDArray[np.float64]]]:
-    """Of each move p(where' | ...) and p(what' | where, what), as `tap_sequence` takes them."""
+    """Kernels p(where' | ...) and p(what' | where, what) of each move, in the form of `tap_sequence`."""
     if model.trained.all():
         kernels = [move_kernel(model.grid.L, delta, border) for delta in deltas]
         return [kernel.where for kernel in kernels], [_what_kernel(kernel, model.grid.M) for kernel in kernels]

@@ -61,7 +61,7 @@ def _lost(beliefs: Floats, leaves: NDArray[np.bool_], logs: bool) -> Floats:
 
 
 def _around(beliefs: Floats, deltas: Integers, border: Border, trained: Mask, logs: bool) -> Floats:
-    """The same on a grid with holes."""
+    """As `shift_all`, on a grid with holes."""
     after = np.empty((*deltas.shape, *trained.shape))
     for delta in np.unique(deltas):
         row, move = np.nonzero(deltas == delta)

@@ -1,4 +1,4 @@
-"""Trials on fresh taps that ran out of them: what they would have come to on further taps lies between two endings.
+"""Trials that ran out of fresh taps: bounds on their outcome with further taps.
 
 A trial that has had all stored taps of a class is decided as at the deadline. On taps that nobody recorded it would
 have gone on, and how it would have ended cannot be known: at best right, after hardly another tap; at worst for what is
@@ -18,7 +18,7 @@ ENDINGS = ("_at_best", "_at_worst")
 
 
 class Farthest(NamedTuple):
-    """Which decision errs most for each true class.
+    """Decision with the largest error for each true class.
 
     Attributes:
         where: Shape (L,).
@@ -30,12 +30,12 @@ class Farthest(NamedTuple):
 
     @classmethod
     def among(cls, L: int, M: int) -> Self:
-        """Where all errors are alike: the next class."""
+        """Result if all errors are equal: the next class."""
         return cls(*((np.arange(n) + 1) % n for n in (L, M)))
 
     @classmethod
     def on(cls, grid: ClassGrid) -> Self:
-        """On a grid."""
+        """Result on a grid."""
         where, what = (
             error(*np.indices((n, n))).argmax(axis=0)
             for error, n in ((grid.where_error, grid.L), (grid.what_error, grid.M))
@@ -45,7 +45,7 @@ class Farthest(NamedTuple):
 
 
 def endings(trials: Trials, plan: TrialPlan, deadline: int, farthest: Farthest) -> tuple[Trials, Trials]:
-    """The trials with those that were cut short at their best, and with those at their worst.
+    """Trials with the truncated ones at their best, and at their worst.
 
     Args:
         trials: On fresh taps.

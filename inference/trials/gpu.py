@@ -1,4 +1,4 @@
-"""Trials as arrays on whatever JAX finds, above all a GPU: the same decisions as the compiled loops.
+"""Trials as arrays on a JAX device, such as a GPU, with the same decisions as the compiled loops.
 
 Trials occupy a fixed number of slots. A slot whose trial has decided at every threshold takes the next one at the end
 of a round, so nobody waits for the slowest, and nothing comes back to the host before all have ended. Beliefs are log
@@ -38,7 +38,7 @@ def update(log_belief: jax.Array, log_likelihood: jax.Array) -> tuple[jax.Array,
 def shift(
     log_belief: jax.Array, delta: jax.Array, border: int, states: int = 1, trained: jax.Array | None = None
 ) -> jax.Array:
-    """Log belief (L, S M) after a move by `delta` where classes; Eq. 9, borders as in `kernel.shift`, S is `states`.
+    """Log belief (L, S M) after a move by `delta` positions; Eq. 9, borders as in `kernel.shift`, S is `states`.
 
     On a grid with holes belief stays in `trained` classes, shape (L, M); `None` for a full grid, which is faster.
     """
@@ -100,7 +100,7 @@ def _shift_around(log_belief: jax.Array, delta: jax.Array, border: int, trained:
 
 
 def temper(log_belief: jax.Array, share: jax.Array) -> jax.Array:
-    """What is read from a log belief (L, S M): the belief to the power `share`, normalised; see `saturation`."""
+    """Log belief (L, S M) to the power `share`, normalised; see `saturation`."""
     return jnp.where(share < 1, _normalised(share * log_belief), log_belief)
 
 
@@ -125,7 +125,7 @@ class _Tables(NamedTuple):
 
 
 class _Plan(NamedTuple):
-    """The trials to play."""
+    """Trials to play."""
 
     where: jax.Array
     what: jax.Array
@@ -222,7 +222,7 @@ class ArrayPlayer:
 def _play(
     tables: _Tables, plan: _Plan, slots: int, border: int, deadline: int, moving: bool, saturates: bool
 ) -> _Record:
-    """The decisions of all trials of a plan."""
+    """Decisions of all trials of a plan."""
     n, H = len(plan.where), len(tables.thresholds)
     step = jax.vmap(partial(_tap, tables, plan, border=border, deadline=deadline, moving=moving, saturates=saturates))
     fresh = jax.vmap(partial(_fresh, tables, plan))
@@ -305,7 +305,7 @@ def _tap(
 def _decide(
     tables: _Tables, slot: _Slot, where: jax.Array, what: jax.Array, deadline: int, none_left: jax.Array
 ) -> _Slot:
-    """Notes the thresholds that are crossed for the first time, or all others at the deadline or with no class left."""
+    """Records thresholds crossed for the first time, or all others at the deadline or with no class left."""
     order = jnp.arange(len(tables.thresholds))
     above = (what.max() > tables.thresholds) & ~none_left
     reached = jnp.where(none_left | (slot.tap == deadline - 1), len(order), above.sum())
@@ -319,7 +319,7 @@ def _decide(
 def _move(
     tables: _Tables, slot: _Slot, where: jax.Array, fixation: jax.Array, held: jax.Array, border: int, states: int
 ) -> _Slot:
-    """Eq. 8 to 10; the true class is clipped to the range, the belief shifts by what was commanded."""
+    """Eq. 8 to 10; the true position is clipped to the range, the belief shifts by the commanded move."""
     delta = jnp.where(where.max() > tables.theta_x, fixation - where.argmax(), 0)
     commanded = slot.at + delta
     reached = jnp.clip(commanded, 0, len(where) - 1)
@@ -333,7 +333,7 @@ def _move(
 
 
 def _word(key: tuple[jax.Array, jax.Array], stream: jax.Array, tap: jax.Array) -> jax.Array:
-    """The random word of a tap, as `trials.random.words` has it."""
+    """Random word of a tap, as in `trials.random.words`."""
     stream, tap = stream.astype(jnp.uint64), tap.astype(jnp.uint64)
     block = kernel.philox(
         tap // np.uint64(draws.PER_BLOCK), kernel.TAPS, stream & kernel.LOW, stream >> kernel.HALF, *key

@@ -1,4 +1,4 @@
-"""Sequences of taps of one class, and how well beliefs after them tell it at each exponent of the likelihood."""
+"""Sequences of taps of one class, and the log belief in the true class at each exponent of the likelihood."""
 
 import math
 from collections.abc import Iterable, Sequence
@@ -20,7 +20,7 @@ _NOTHING = 45.0  # nats below the most probable class, where one adds nothing to
 
 
 class JudgedSession(NamedTuple):
-    """Taps of one session as a model sees them.
+    """Log-likelihoods of the taps of one session.
 
     Attributes:
         log_likelihood: At power 1, shape (N, L, S M).
@@ -36,7 +36,7 @@ class JudgedSession(NamedTuple):
 
     @classmethod
     def by(cls, model: TapModel, taps: TapSet) -> Self:
-        """Taps of trained classes."""
+        """Session of taps of trained classes."""
         return cls(model.log_likelihood(taps.taps) / model.exponent, *taps.indices(model.grid), model)
 
 
@@ -44,7 +44,7 @@ class Sequences(NamedTuple):
     """Q sequences; C = L S M classes and states.
 
     Attributes:
-        log_likelihood: Of the sums over their taps at power 1, shape (Q, C).
+        log_likelihood: Log-likelihood of the sums over their taps at power 1, shape (Q, C).
         group: What belief is asked in: the class in whatever state, shape (C,).
         true: The group that is true, shape (Q,).
         weight: How many taps each stands for, shape (Q,).
@@ -61,7 +61,7 @@ class Sequences(NamedTuple):
 
     @classmethod
     def draw(cls, judged: JudgedSession, n: int, generator: np.random.Generator, again: bool = False) -> Self:
-        """Sequences of n taps; a class with fewer gives all it has, or some `again`."""
+        """Sequences of n taps; a class with fewer gives all of them, or repeats some with `again`."""
         _, where, what, model = judged
         (L, H), M = judged.log_likelihood.shape[1:], model.grid.M
         values = judged.log_likelihood.reshape(len(where), L * H)
@@ -87,11 +87,11 @@ class Sequences(NamedTuple):
 
 
 def mean_log_belief(sequences: Sequence[Sequences], exponent: float, power: float | None = None) -> float:
-    """Mean log belief in the true class; all sessions together, each tap with the same weight.
+    """Mean log belief in the true class over all sessions, each tap with the same weight.
 
     Args:
-        sequences: Of each session.
-        exponent: Of the likelihood.
+        sequences: Sequences of each session.
+        exponent: Exponent of the likelihood.
         power: At which beliefs are read; `None` for that of each sequence.
     """
     total = weight = 0.0
@@ -104,11 +104,11 @@ def mean_log_belief(sequences: Sequence[Sequences], exponent: float, power: floa
 
 
 def log_beliefs(sequences: Sequences, exponent: float = 1.0) -> Floats:
-    """Log beliefs in what is true after each sequence, shape (Q,); NaN where no class is left.
+    """Log belief in the true class after each sequence, shape (Q,); NaN if no class is left.
 
     Args:
-        sequences: Of one session.
-        exponent: Of the likelihood.
+        sequences: Sequences of one session.
+        exponent: Exponent of the likelihood.
     """
     found = np.empty(len(sequences.true))
     _log_beliefs(*sequences, exponent, found)
@@ -116,7 +116,7 @@ def log_beliefs(sequences: Sequences, exponent: float = 1.0) -> Floats:
 
 
 def refuse_impossible(sequences: Iterable[Sequences]) -> None:
-    """Ends where a sequence cannot be.
+    """Checks that every sequence is possible under its own class.
 
     Raises:
         InputError: One is impossible under its own class.
@@ -135,7 +135,7 @@ def refuse_impossible(sequences: Iterable[Sequences]) -> None:
 def without_replacement(
     group: NDArray[np.intp], n: int, draws: int, generator: np.random.Generator
 ) -> NDArray[np.intp]:
-    """Sequences of n different taps: disjoint parts of a shuffled group, again and again.
+    """Sequences of n different taps: disjoint parts of repeatedly shuffled groups.
 
     So taps are used about equally often, which scatters less than draws of their own. Shuffles take turns, and their
     number is even: every second sequence is of every second one. Of large groups no shuffle is used up.
@@ -144,7 +144,7 @@ def without_replacement(
         group: The taps, n of them at least.
         n: Taps of a sequence.
         draws: How many sequences there are at least.
-        generator: Of the shuffles.
+        generator: Random generator of the shuffles.
 
     Returns:
         Shape (Q, n).
@@ -166,7 +166,7 @@ def _log_beliefs(
     exponent: float,
     out: Floats,
 ) -> None:
-    """See `log_beliefs`; the arrays of `Sequences`, their weights unused."""
+    """Compiled `log_beliefs`, from the arrays of `Sequences` without their weights."""
     joint = np.empty(log_likelihood.shape[1])
     for q in range(len(true)):
         top = mine = -np.inf

@@ -1,4 +1,4 @@
-"""The belief update and whole trials compiled for speed.
+"""Compiled belief update and trials.
 
 A belief is carried unnormalised and without a floor, as scaled numbers z 2^(-256 k): a class whose z gets small goes
 one unit down in k and no longer counts in the marginals, but is carried on, so that it can come back after any
@@ -35,7 +35,7 @@ UNIFORM, UNIFORM_WHAT, PRIOR, CLAMP, CIRCULAR = range(5)
 """Borders, in the order of `reference.BORDERS`."""
 
 TAPS, STARTS, CHANCE = np.uint64(0), np.uint64(1), np.uint64(2)
-"""What random numbers are for; each purpose has numbers of its own."""
+"""Purposes of random numbers, each with its own numbers."""
 
 LOW, HALF = np.uint64(0xFFFFFFFF), np.uint64(32)
 _ROUNDS = 10
@@ -61,7 +61,7 @@ _philox = compiled(philox)  # here and not beside the other uses of it: see `com
 
 @compiled
 def multiply(z: Floats, on: Floats, row: Floats, where: Floats, what: Floats) -> float:
-    """Multiplies a belief with a tap's likelihoods and sums up its marginals; Eq. 3 to 6, not normalised.
+    """Multiplies a belief by the likelihoods of a tap and sums its marginals; Eq. 3 to 6, not normalised.
 
     Args:
         z: Belief, changed in place.
@@ -92,12 +92,12 @@ def multiply(z: Floats, on: Floats, row: Floats, where: Floats, what: Floats) ->
 
 @compiled
 def temper(z: Floats, k: Integers, total: float, share: float, where: Floats, what: Floats) -> float:
-    """Sums up the marginals of a belief to the power `share`, not normalised; the belief stays as it is.
+    """Sums the marginals of a belief to the power `share`, not normalised; the belief is unchanged.
 
     Args:
         z: Belief.
         k: Its units.
-        total: Of the belief.
+        total: Total of the belief.
         share: The power, above 0.
         where: Receives the marginal over what, shape (L,).
         what: Receives the marginal over where, one number per row.
@@ -124,7 +124,7 @@ def temper(z: Floats, k: Integers, total: float, share: float, where: Floats, wh
 
 @compiled
 def settle(z: Floats, k: Integers, on: Floats) -> float:
-    """Brings the largest classes to k = 0 and a total near 1, and every other one to a z above 2^-256.
+    """Rescales: the largest classes to k = 0, the total to about 1, all other z to above 2^-256.
 
     Returns:
         The smallest z above 0; 0 if every class is impossible.
@@ -170,7 +170,7 @@ def settle(z: Floats, k: Integers, on: Floats) -> float:
 
 @compiled
 def add(z1: float, k1: int, z2: float, k2: int) -> tuple[float, int]:
-    """The sum of two scaled numbers."""
+    """Sum of two scaled numbers."""
     if z1 == 0 or (z2 > 0 and k2 < k1):
         z1, k1, z2, k2 = z2, k2, z1, k1
     if z2 == 0 or k2 - k1 > _NOTHING:
@@ -180,7 +180,7 @@ def add(z1: float, k1: int, z2: float, k2: int) -> tuple[float, int]:
 
 @compiled
 def total_of(z: Floats, k: Integers, on: Floats, m0: int, m1: int, l0: int, l1: int) -> tuple[float, int]:
-    """The sum of a block of classes, as a scaled number."""
+    """Sum of a block of classes, as a scaled number."""
     value, unit = 0.0, 0
     for m in range(m0, m1):
         for l in range(l0, l1):
@@ -196,7 +196,7 @@ def total_of(z: Floats, k: Integers, on: Floats, m0: int, m1: int, l0: int, l1: 
 
 @compiled
 def largest(values: Floats, n: int) -> int:
-    """The index of the largest of the first n values, the first of equal ones."""
+    """Index of the largest of the first n values, the first of equal ones."""
     best = values[0]
     for i in range(1, n):
         best = max(best, values[i])
@@ -210,7 +210,7 @@ def largest(values: Floats, n: int) -> int:
 def shift(
     z: Floats, k: Integers, on: Floats, delta: int, border: int, M: int, total: float, old_z: Floats, old_k: Integers
 ) -> float:
-    """Moves a belief by `delta` where classes; Eq. 9, borders as in `reference.shift`.
+    """Moves a belief by `delta` positions; Eq. 9, borders as in `reference.shift`.
 
     A move does not change the state of the episode: `UNIFORM` redraws the object within each. `PRIOR` knows no states.
 
@@ -221,7 +221,7 @@ def shift(
         delta: Where classes moved, not 0.
         border: One of the numbers above.
         M: Objects, of each state.
-        total: Of the belief.
+        total: Total of the belief.
         old_z: Room for L numbers.
         old_k: Room for L integers.
 
@@ -268,7 +268,7 @@ def shift(
 
 @compiled
 def _lands(trained: Flags, m: int, place: int) -> bool:
-    """Whether a place lies in the range and is trained for an object."""
+    """Whether a position is in the range and trained for an object."""
     return 0 <= place < trained.shape[1] and trained[m, place]
 
 
@@ -295,7 +295,7 @@ def shift_around(
         border: Number of the border.
         trained: Which classes belief may be in, shape (M, L).
         nearest: The nearest trained position of the object, shape (M, L).
-        total: Of the belief.
+        total: Total of the belief.
         old_z: Room for L numbers.
         old_k: Room for L integers.
 
@@ -369,7 +369,7 @@ def play(
     last: int,
     trials: Trials,
 ) -> None:
-    """Plays trials `first` to `last` - 1 of a plan and decides them at every threshold.
+    """Plays trials `first` to `last` - 1 of a plan and records their decisions at every threshold.
 
     Args:
         table: The test taps.

@@ -1,4 +1,4 @@
-"""Trials under any control strategy, all of them in step, and what every tap left behind.
+"""Trials under any control strategy, all in lockstep, with a record of every tap.
 
 The compiled trials of `trials.run` know the strategies of the paper. Here a strategy is asked for the moves of all
 trials at once, which suits those that multiply beliefs with large tables. Trials have the random numbers of
@@ -31,7 +31,7 @@ type Integers = NDArray[np.int64]
 
 
 class Record(NamedTuple):
-    """What every tap of n trials left behind, at most T of each; behind the last tap its values are repeated.
+    """Record of every tap of n trials, at most T each; after the last tap its values are repeated.
 
     Attributes:
         what_marginal: P(w_m) after the tap, shape (n, T, M).
@@ -69,12 +69,12 @@ class Record(NamedTuple):
 
     @property
     def what_belief(self) -> Floats:
-        """Belief in it, shape (n, T)."""
+        """Belief in the most probable object, shape (n, T)."""
         return self.what_marginal.max(axis=-1)
 
 
 class _Running(NamedTuple):
-    """Trials still under way; all arrays have one row for each."""
+    """Trials in progress; all arrays have one row per trial."""
 
     row: Integers
     log_belief: Floats
@@ -84,7 +84,7 @@ class _Running(NamedTuple):
     substituted: Integers
 
     def keep(self, which: NDArray[np.bool_]) -> "_Running":
-        """Some of the trials."""
+        """Selected trials."""
         return _Running(
             self.row[which],
             self.log_belief[which],
@@ -116,9 +116,9 @@ def play(
         border: Reading of Eq. 9.
         deadline: Taps of a trial at most.
         enough: A trial ends when the belief in an object exceeds this; 1 goes on to the deadline.
-        seed: Of the draws of taps and of the numbers that strategies at random get.
+        seed: Random seed of the draws of taps and of the numbers that strategies at random get.
         watch: Asked after every tap.
-        progress: Told how many more trials have ended.
+        progress: Called with the number of trials since the last call.
 
     Raises:
         InputError: An argument is out of range.
@@ -184,14 +184,14 @@ def updated(log_belief: Floats, log_likelihood: Floats) -> tuple[Floats, NDArray
 
 
 def drawn_taps(table: TapTable, at: Integers, held: Integers, word: NDArray[np.uint64]) -> Integers:
-    """The test tap of each trial's class that a random word picks, as `run_trials` does; shape (n,)."""
+    """Test tap of each trial's class selected by a random word, as in `run_trials`; shape (n,)."""
     pool = table.pool
     number = draws.below(word, pool.count[at, held].astype(np.uint64)).astype(np.int64)
     return pool.order[pool.first[at, held] + number]
 
 
 def shifted(log_belief: Floats, delta: Integers, border: Border, M: int, trained: Mask | None = None) -> Floats:
-    """`Engine.shift` of n log beliefs (n, L, S M), each by its own move (n,), in each state apart.
+    """`Engine.shift` of n log beliefs (n, L, S M), each by its own move (n,), separately for each state.
 
     Belief stays in `trained` classes (L, M); default all.
     """
@@ -214,7 +214,7 @@ def shift_beliefs(log_belief: Floats, delta: Integers, border: Border, trained: 
 
 
 def _moved(state: _Running, delta: Integers, held: Integers, table: TapTable, border: Border) -> _Running:
-    """Sensors after their moves, which end at the ends of the range, and beliefs shifted by what was commanded."""
+    """Sensors after their moves, limited to the range, and beliefs shifted by the commanded moves."""
     L, M = table.pool.nearest.shape
     reached = np.clip(state.at + delta, 0, L - 1)
     at = table.pool.nearest[reached, held]
@@ -265,7 +265,7 @@ def _write_watched(record: Record, row: Integers, t: int, seen: Mapping[str, Flo
 
 
 def _filled(record: Record) -> Record:
-    """The record up to the longest trial, with last values repeated."""
+    """Record up to the longest trial, with last values repeated."""
     T = int(record.length.max())
     last = np.minimum(np.arange(T), record.length[:, np.newaxis] - 1)
 

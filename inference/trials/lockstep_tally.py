@@ -1,4 +1,4 @@
-"""Trials in step counted as compiled ones are, in the memory of a few hundred."""
+"""Counts of trials in lockstep, in constant memory."""
 
 from collections.abc import Callable
 
@@ -20,7 +20,7 @@ _AT_ONCE = 500  # trials
 
 
 def trials_of(record: Record, thresholds: ArrayLike) -> Trials:
-    """Recorded trials as `trials.run.run_trials` has them: decided at every threshold theta_W, shape (H,)."""
+    """Recorded trials in the form of `trials.run.run_trials`, decided at every threshold theta_W, shape (H,)."""
     columns = []
     rows = np.arange(len(record.length))
     for threshold in np.atleast_1d(np.asarray(thresholds, dtype=np.float64)):
@@ -47,7 +47,7 @@ def tally_policy(
     seed: int = 0,
     progress: Callable[[Tally], None] | None = None,
 ) -> Tally:
-    """`tally.tally_trials` under any control strategy.
+    """`tally.tally_trials` for any control strategy.
 
     Args:
         table: Test taps.
@@ -58,8 +58,8 @@ def tally_policy(
         first_stream: Random stream of the first trial; the others follow.
         border: Reading of Eq. 9.
         deadline: Taps after which the most probable classes are taken.
-        seed: Of the starts, the draws of taps and the numbers that strategies at random get.
-        progress: Told the counts so far, several times.
+        seed: Random seed of the starts, the draws of taps and the numbers that strategies at random get.
+        progress: Called with the counts so far, several times.
 
     Raises:
         InputError: An argument is out of range.

@@ -1,4 +1,4 @@
-"""The test taps that trials are played on, and plans of trials, each of which depends on its random stream only."""
+"""Test taps and plans of trials, each of which depends only on its random stream."""
 
 from collections.abc import Sequence
 from functools import lru_cache
@@ -16,7 +16,7 @@ from .records import TapTable, TrialPlan
 
 
 def tap_table(model: TapModel, taps: TapSet) -> TapTable:
-    """The log-likelihoods of test taps and their pool.
+    """Log-likelihoods of test taps and their pool.
 
     Args:
         model: The fitted measurement model.
@@ -39,7 +39,7 @@ def plan_trials(
     Args:
         pool: The test taps.
         trials: Number of trials.
-        seed: Of the starting classes.
+        seed: Random seed of the starting classes.
         fixation: Class that the sensor aims for.
         where: Start in this where class only; `None` for any.
         first_stream: Random stream of the first trial; the others follow.
@@ -65,29 +65,29 @@ def plan_trials(
 
 @lru_cache(maxsize=512)
 def _start_words(seed: int, first_stream: int, trials: int) -> NDArray[np.uint64]:
-    """The random words that choose where trials start; resamples of every model and policy ask for the same ones."""
+    """Random words that select the start of trials; the same for resamples of every model and policy."""
     word = draws.words(seed, first_stream + np.arange(trials), kernel.STARTS, 0, 1)[:, 0]
     word.flags.writeable = False
     return word
 
 
 def join_plans(plans: Sequence[TrialPlan]) -> TrialPlan:
-    """Several plans behind one another."""
+    """Several plans joined in order."""
     return TrialPlan(*(np.concatenate(parts) for parts in zip(*plans, strict=True)))
 
 
 def trial_uniforms(seed: int, stream: int, taps: int) -> NDArray[np.float64]:
-    """The random numbers of a trial, one per tap; number u picks tap floor(u * count) of the class."""
+    """Random numbers of a trial, one per tap; number u selects tap floor(u * count) of the class."""
     return draws.uniform(draws.words(seed, stream, kernel.TAPS, 0, taps)[0])
 
 
 def trial_chances(seed: int, stream: int, taps: int) -> NDArray[np.float64]:
-    """The random numbers that a control strategy gets in a trial, one after each tap."""
+    """Random numbers for the control strategy in a trial, one after each tap."""
     return draws.uniform(draws.words(seed, stream, kernel.CHANCE, 0, taps)[0])
 
 
 def checked_plan(plan: TrialPlan, pool: TapPool) -> TrialPlan:
-    """The plan in the form that compiled loops take.
+    """Plan in the form of the compiled loops.
 
     Raises:
         InputError: Its columns differ in length, or it names a class that is not there or an object without a tap.

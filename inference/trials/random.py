@@ -1,4 +1,4 @@
-"""Random numbers that belong to a trial and a tap, not to the order of the work.
+"""Counter-based random numbers by trial and tap, independent of the order of computation.
 
 The counter of the generator (`kernel.philox`) holds the number of the block, what the numbers are for and the stream
 of the trial, its key is the seed, so any processor can make any number at any time.
@@ -17,7 +17,7 @@ MOST_SEED, MOST_STREAM = 2**64 - 1, 2**63 - 1
 
 
 def key(seed: int) -> tuple[np.uint64, np.uint64]:
-    """The two key words of a seed.
+    """Two key words of a seed.
 
     Raises:
         InputError: It is not a whole number from 0 to 2^64 - 1.
@@ -48,10 +48,10 @@ def words(seed: int, stream: ArrayLike, purpose: np.uint64, first: int, count: i
 
 
 def below(word: Any, count: Any) -> Any:
-    """A number from 0 to `count` - 1 from a 32-bit word, all as likely to within count / 2^32."""
+    """Integer from 0 to `count` - 1 from a 32-bit word, uniform to within count / 2^32."""
     return (word * count) >> HALF
 
 
 def uniform(word: Any) -> Any:
-    """A number in [0, 1) from a 32-bit word, with which `floor(u * count)` is `below(word, count)`."""
+    """Number in [0, 1) from a 32-bit word, such that `floor(u * count)` is `below(word, count)`."""
     return word / 2.0**32

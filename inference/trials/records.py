@@ -1,4 +1,4 @@
-"""What goes into trials and what comes out, as records of arrays that compiled loops take as well."""
+"""Inputs and outputs of trials, as records of arrays for compiled loops."""
 
 from typing import NamedTuple
 
@@ -9,7 +9,7 @@ from ...hardware.pool import TapPool
 
 
 class TapTable(NamedTuple):
-    """Test taps as perception sees them.
+    """Test taps with their log-likelihoods.
 
     Attributes:
         log_likelihood: log P(z | class) of every tap, shape (N, L, S M): hypothesis s M + m is object m in state s of
@@ -17,7 +17,7 @@ class TapTable(NamedTuple):
         pool: Which taps belong to which class; its arrays have the shape (L, M).
         log_prior: Log belief before the first tap, shape (L, S M).
         saturation: How many taps' evidence a sequence of them carries at most, see `saturation`.
-        session: Of each tap, shape (N,); `None` where all are of one.
+        session: Session of each tap, shape (N,); `None` where all are of one.
         given_trained: Which classes belief may move into, shape (L, M); `None` for those with a prior above 0.
     """
 
@@ -30,7 +30,7 @@ class TapTable(NamedTuple):
 
     @property
     def trained(self) -> NDArray[np.bool_]:
-        """Which classes belief may move into, shape (L, M)."""
+        """Mask of the classes that may have belief, shape (L, M)."""
         if self.given_trained is not None:
             return self.given_trained
         L, M = self.pool.nearest.shape
@@ -38,7 +38,7 @@ class TapTable(NamedTuple):
 
 
 class TrialPlan(NamedTuple):
-    """What distinguishes the trials, n of them.
+    """Plan of n trials.
 
     Attributes:
         where: Class in which the sensor starts, shape (n,).
@@ -54,7 +54,7 @@ class TrialPlan(NamedTuple):
 
 
 class Rule(NamedTuple):
-    """How trials move and stop, in the form that compiled loops take.
+    """Moving and stopping of trials, in the form of the compiled loops.
 
     Attributes:
         thresholds: theta_W in increasing order, infinity for those that never stop, shape (H,).
@@ -109,7 +109,7 @@ class Trials(NamedTuple):
 
 
 class Likelihoods(NamedTuple):
-    """Likelihoods of N taps over the largest of each, as scaled numbers z 2^(-256 k).
+    """Likelihoods of N taps relative to the largest of each, as scaled numbers z 2^(-256 k).
 
     Attributes:
         rows: z, 0 where the tap is impossible, shape (N, S M, L).
@@ -125,7 +125,7 @@ class Likelihoods(NamedTuple):
 
 
 class ScaledBelief(NamedTuple):
-    """A belief over its largest class, as scaled numbers.
+    """Belief relative to its largest class, as scaled numbers.
 
     Attributes:
         z: Shape (S M, L).
@@ -139,7 +139,7 @@ class ScaledBelief(NamedTuple):
 
 
 class Classes(NamedTuple):
-    """Which classes belief may be in.
+    """Mask of the classes that may have belief.
 
     Attributes:
         holes: Whether some may hold none.

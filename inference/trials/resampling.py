@@ -1,4 +1,4 @@
-"""What trials would give if the study were repeated: the same trials on other selections of the test taps.
+"""Sampling variation of trials: the same trials on other selections of the test taps.
 
 Drawn anew would be the sessions where several test, else the taps of the one. Models, policies and thresholds that are
 given the same taps get the same selections and the same random numbers, so their differences pair. The model, and so
@@ -40,19 +40,19 @@ type Floats = NDArray[np.float64]
 RESAMPLES = 100
 CONFIDENCE = 0.95
 FEW = 10
-"""Taps of a class below which intervals are not known to hold, see docs/explanation/intervals.md."""
+"""Fewest taps per class with reliable intervals, see docs/explanation/intervals.md."""
 _FEW_SESSIONS, _FEW_FREEDOM = 4, 10.0
 RESAMPLE_TRIALS = 2000
 USED_UP = 0.05
-"""Share of trials that the stored taps end, above which there are too few of them."""
+"""Fraction of trials ended by a lack of stored taps, above which there are too few taps."""
 USED_UP_SELECTED = 0.005
-"""The same in selections of three quarters of the taps, above which intervals are too wide, see the same page."""
+"""As `USED_UP`, in selections of three quarters of the taps, above which intervals are too wide; same page."""
 _LEAST_FREEDOM = 4.0  # where the chance of trials hides that of taps, how well either is known is not known itself
 _DEFINED = 0.95  # of the resamples: an interval from fewer would be that of the lucky ones
 
 
 class Spread(NamedTuple):
-    """How resamples turn into intervals.
+    """Converts resamples to intervals.
 
     Attributes:
         factor: By which deviations of resamples are enlarged. NaN where there is one tap of a class and one session,
@@ -75,16 +75,16 @@ class Spread(NamedTuple):
 
     @property
     def tells(self) -> bool:
-        """Whether there are intervals at all."""
+        """Whether intervals exist."""
         return bool(np.isfinite(self.factor))
 
     def whole(self, samples: Floats) -> Floats:
-        """The resamples among samples, without the estimate and halves."""
+        """Resamples among samples, without the estimate and halves."""
         last = samples.shape[-1]
         return samples[..., 1 : last if self.noise is None else 1 + (last - 1) // 3]
 
     def center(self, samples: Floats) -> Floats:
-        """The mean of the resamples that are finite; 0 where none is."""
+        """Mean of the finite resamples; 0 if there is none."""
         return _moments(self.whole(samples))[0]
 
     def interval(
@@ -144,7 +144,7 @@ class Spread(NamedTuple):
         return ends[0], ends[1]
 
     def per_error(self, samples: Floats, least: float, most: float) -> Floats:
-        """What one more error changes a mean by, as far as resamples tell; 0 where they are without errors.
+        """Change of a mean by one more error, as far as resamples show; 0 if they have no errors.
 
         Args:
             samples: As of `interval`.
@@ -154,7 +154,7 @@ class Spread(NamedTuple):
         return _per_value(self._variance(samples)[0], self.center(samples), least, most)
 
     def margin(self, samples: Floats, tail: float) -> Floats:
-        """How far from the estimate the quantity lies on one side in all but a share `tail` of the studies.
+        """Distance from the estimate that one side exceeds in a fraction `tail` of studies only.
 
         Args:
             samples: As of `interval`.
@@ -164,7 +164,7 @@ class Spread(NamedTuple):
         return np.sqrt(variance) * stdtrit(freedom, 1 - tail)
 
     def _variance(self, samples: Floats) -> tuple[Floats, Floats]:
-        """Of an estimate, by the taps and as its trials do, and its degrees of freedom, each of shape (...).
+        """Variance of an estimate, from the taps and their trials, and its degrees of freedom, each of shape (...).
 
         Where the resamples' own trials are known, it is a difference of two variances from R resamples each, of
         halves' sums and differences, which are independent (Satterthwaite 1946).
@@ -188,12 +188,12 @@ class Spread(NamedTuple):
 def _score(
     value: Floats, variance: Floats, quantile: Floats, center: Floats, least: ArrayLike, most: ArrayLike
 ) -> tuple[Floats, Floats]:
-    """Ends of the interval of a quantity between a least and a greatest value, which may be infinite.
+    """Ends of the score interval of a quantity between a least and a greatest value, which may be infinite.
 
     Args:
         value: The estimate.
-        variance: Of the quantity at `center`, from which it is known how it grows.
-        quantile: Of Student's t.
+        variance: Variance of the quantity at `center`, which determines how it grows.
+        quantile: Quantile of Student's t.
         center: Mean of the resamples.
         least: Least possible value.
         most: Greatest possible value.
@@ -207,14 +207,14 @@ def _score(
 
 
 def _per_value(variance: Floats, at: Floats, least: ArrayLike, most: ArrayLike) -> Floats:
-    """How the variance of a proportion or a count grows with its value; 0 where that is at an end."""
+    """Growth of the variance of a proportion or count with its value; 0 at either end of its range."""
     above = np.subtract(at, least)
     value = above * (1 - above / np.subtract(most, least))
     return np.divide(variance, value, out=np.zeros(np.shape(value)), where=value > 0)
 
 
 def _moments(drawn: Floats) -> tuple[Floats, Floats]:
-    """Mean and variance of what is finite, over the last axis."""
+    """Mean and variance of the finite values over the last axis."""
     finite = np.isfinite(drawn)
     count = np.maximum(finite.sum(axis=-1), 1)
     mean = np.where(finite, drawn, 0.0).sum(axis=-1) / count
@@ -224,7 +224,7 @@ def _moments(drawn: Floats) -> tuple[Floats, Floats]:
 
 
 def share_beyond(independent: ArrayLike) -> Floats:
-    """The upper end of the interval of a proportion of which no case was seen in so many independent ones.
+    """Upper end of the interval of a proportion without a case in a number of independent trials.
 
     Three over their number is the familiar rule for an upper end alone; this is that of a two-sided interval.
     """
@@ -242,7 +242,7 @@ def widened(
     least: float = 0.0,
     opened: bool = False,
 ) -> tuple[Floats, Floats]:
-    """The interval of a mean error; where resamples have not a single error, or errors only, wide enough for that.
+    """Interval of a mean error, widened if resamples have no errors or errors only.
 
     Likewise of a mean number of taps, where every decision takes one.
 
@@ -267,7 +267,7 @@ def widened(
 
 
 def spread(table: TapTable, *, noise: float | None = None, thinned: bool = False) -> Spread:
-    """How resamples of a table turn into intervals.
+    """Spread of the resamples of a table.
 
     Args:
         table: Test taps.
@@ -288,7 +288,7 @@ def spread(table: TapTable, *, noise: float | None = None, thinned: bool = False
 
 
 def resamples_in_words(sessions: int, thinned: bool = True) -> str:
-    """What resamples are made of, to go behind "resamples" or "selections of the test taps".
+    """Description of the resamples, to follow "resamples" or "selections of the test taps".
 
     Args:
         sessions: That are drawn, see `selections.session_sizes`.
@@ -300,7 +300,7 @@ def resamples_in_words(sessions: int, thinned: bool = True) -> str:
 
 
 def taps_per_class(pool: TapPool) -> int:
-    """Taps of a class, the median over those that have some."""
+    """Median number of taps per class, over classes with taps."""
     return max(1, int(np.median(pool.count[pool.count > 0])))
 
 
@@ -312,15 +312,15 @@ def too_few(
     freedom: float | None = None,
     decisions: str = "decisions",
 ) -> str:
-    """Why intervals may be off, in a sentence; empty where they hold.
+    """Reason why intervals may be inaccurate, as a sentence; empty if they are reliable.
 
     Args:
-        taps: Of a class.
+        taps: Number of taps per class.
         used_up: Share of the trials that ended because all taps of a class were drawn.
         selected: That share in `thinned_pools`.
-        sessions: That would be drawn anew, see `selections.session_sizes`.
+        sessions: Number that would be drawn anew, see `selections.session_sizes`.
         freedom: See `Spread`; that of sessions of one size unless said.
-        decisions: Whose, in words.
+        decisions: Name of the decisions, for the sentence.
     """
     unequal = " of unequal sizes" if sessions >= _FEW_SESSIONS else ""
     few_sessions = (sessions - 1 if freedom is None else freedom) < _FEW_SESSIONS - 1
@@ -353,12 +353,12 @@ def too_few(
 
 
 def too_few_in(pool: TapPool, how: Spread, used_up: Floats) -> str:
-    """`too_few` of trials of which all taps of a class ended such shares, samples as of `Spread.interval`."""
+    """`too_few` for trials with the fraction ended by stored taps, samples as in `Spread.interval`."""
     return too_few(taps_per_class(pool), float(used_up[0]), float(how.center(used_up)), how.sessions, how.freedom)
 
 
 class ResampledTrials(NamedTuple):
-    """What came of trials on the test taps, and of trials on each resample of them, by name.
+    """Results of trials on the test taps and on each resample, by name.
 
     Attributes:
         samples: With one more axis: of the taps as they are first, then of each resample the mean of both halves of its
@@ -371,7 +371,7 @@ class ResampledTrials(NamedTuple):
 
 
 def no_endings(_: Trials, __: TrialPlan) -> Sequence[Trials]:
-    """Trials count as they were decided."""
+    """Counts trials as they were decided."""
     return ()
 
 
@@ -392,7 +392,7 @@ def play_resamples(
     progress: Callable[[int], None] | None = None,
     endings: Callable[[Trials, TrialPlan], Sequence[Trials]] = no_endings,
 ) -> ResampledTrials:
-    """What comes of trials on the test taps, and of trials on each resample of them.
+    """Results of trials on the test taps, and on each resample.
 
     Args:
         table: Test taps.
@@ -402,12 +402,12 @@ def play_resamples(
         play: As in `run_trials`.
         fixation: Class that the sensor aims for.
         where: Start in this where class only, or the nearest with a tap in the resample; `None` for any.
-        seed: Of starts, draws and resamples.
+        seed: Random seed of starts, draws and resamples.
         fresh: Whether no tap is drawn twice in a trial; resamples are `thinned_pools` then, else `resampled_pools`.
         resamples: How many.
         resample_trials: On each of them, at most `trials`; an even number, at least 2, is played.
         workers: Threads; `None` for as many as there are cores. Changes the speed only.
-        progress: Told how many more trials were played, of `planned_trials`.
+        progress: Called with the number of trials since the last call, of `planned_trials`.
         endings: What else the trials on the test taps might have come to, see `cut_short.endings`.
 
     Returns:
@@ -449,7 +449,7 @@ def _half(trials: int, resample_trials: int) -> int:
 
 
 def _layered(estimate: Floats, halves: list[list[Floats]]) -> Floats:
-    """The estimate, the resamples, and their halves along a last axis."""
+    """Estimate, resamples and their halves along a last axis."""
     if not halves:
         return np.asarray(estimate)[..., np.newaxis]
     parts = np.stack([np.stack(pair, axis=-1) for pair in halves], axis=-2)  # (..., R, 2)
@@ -457,17 +457,17 @@ def _layered(estimate: Floats, halves: list[list[Floats]]) -> Floats:
 
 
 def trial_noise(trials: int, resample_trials: int = RESAMPLE_TRIALS) -> float:
-    """Variance by the sampling of `trials` trials, relative to that on a resample, see `Spread`."""
+    """Variance from the sampling of `trials` trials, relative to that on a resample, see `Spread`."""
     return 2 * _half(trials, resample_trials) / trials
 
 
 def planned_trials(trials: int, resamples: int = RESAMPLES, resample_trials: int = RESAMPLE_TRIALS) -> int:
-    """How many trials `play_resamples` plays."""
+    """Number of trials that `play_resamples` plays."""
     return trials + resamples * 2 * _half(trials, resample_trials)
 
 
 def _start(pool: TapPool, where: int | None) -> int | None:
-    """The where class to start in: a resample of sessions may lack the one that is wanted."""
+    """Initial position, or `None` if a resample of sessions lacks it."""
     if where is None or not 0 <= where < len(pool.count):
         return where
     held = np.flatnonzero(pool.count.any(axis=1))

@@ -1,4 +1,4 @@
-"""Very many perception episodes from a table of tap log-likelihoods.
+"""Large numbers of perception episodes from a table of tap log-likelihoods.
 
 Moves do not depend on the threshold theta_W, so one trajectory answers every threshold at once: it runs until the
 slowest threshold is crossed, and each threshold takes the first tap at which its belief is exceeded.
@@ -33,7 +33,7 @@ _PIECES = 8  # of each thread at least, so that all end together
 
 
 def checked_thresholds(thresholds: Sequence[float] | None) -> tuple[float, ...]:
-    """Belief thresholds in increasing order; `THRESHOLDS` where none are given.
+    """Increasing belief thresholds; `THRESHOLDS` by default.
 
     Raises:
         InputError: One is given twice or lies outside 0 to 1.
@@ -51,7 +51,7 @@ class Player(Protocol):
     """Plays trials of one table under one rule."""
 
     at_once: int
-    """How many trials it is best given at a time."""
+    """Recommended number of trials per call."""
 
     def __call__(self, plan: TrialPlan, first: int, last: int, trials: Trials) -> None:
         """Plays rows `first` to `last` - 1 of a plan and fills in these rows of `trials`."""
@@ -70,7 +70,7 @@ def run_trials(
     workers: int | None = None,
     progress: Callable[[int], None] | None = None,
 ) -> Trials:
-    """Plays the planned trials and decides each at every threshold.
+    """Decisions of the planned trials at every threshold.
 
     Agrees trial by trial with `episode.perceive` on a `ReplayRig` that is given `trial_uniforms`. Trials in which no
     class is left are counted in `Trials.no_class_left` and end nothing else.
@@ -80,7 +80,7 @@ def run_trials(
         plan: The trials.
         thresholds: theta_W, shape (H,), any order; 1 or more never stops.
         play: How they are played; their thresholds are `thresholds` and their fixation points those of the plan.
-        seed: Of the draws of taps.
+        seed: Random seed of the draws of taps.
         fresh: Whether no tap is drawn twice in a trial, see `Rule.fresh`; on the processor only.
         device: `"cpu"` for compiled loops, `"gpu"` or `"xla-cpu"` for arrays on what JAX finds.
         workers: Threads on the processor; `None` for as many as it has cores. Changes the speed only.
@@ -105,7 +105,7 @@ def run_trials(
 
 
 def make_rule(thresholds: ArrayLike, play: PlaySettings, seed: int) -> Rule:
-    """The rule of trials from what a user says.
+    """Rule of trials from settings.
 
     Raises:
         InputError: An argument is out of range.
@@ -119,10 +119,10 @@ def make_rule(thresholds: ArrayLike, play: PlaySettings, seed: int) -> Rule:
 
 
 def make_player(table: TapTable, rule: Rule, device: str = "cpu") -> Player:
-    """What plays trials on a device.
+    """Player of trials on a device.
 
     Raises:
-        InputError: There is no such device, the table holds a value that is no log-likelihood or its parts do not fit
+        InputError: The device is unknown, the table holds a value that is no log-likelihood or its parts do not fit
             each other, or the border is `prior` and the model carries a state.
     """
     if not ((table.log_likelihood < np.inf).all() and (table.log_prior < np.inf).all()):
@@ -147,7 +147,7 @@ def make_player(table: TapTable, rule: Rule, device: str = "cpu") -> Player:
 
 
 class LoopPlayer:
-    """Trials one after the other in compiled loops.
+    """Plays trials one after the other in compiled loops.
 
     Attributes:
         at_once: How many trials it is best given at a time.
@@ -160,19 +160,19 @@ class LoopPlayer:
         self.at_once = max(1, min(_AT_ONCE, _TAPS_AT_ONCE // rule.deadline))
 
     def on(self, pool: TapPool) -> "LoopPlayer":
-        """The same on another selection of the same taps, whose likelihoods are not prepared again."""
+        """Player on another selection of the same taps, without preparing the likelihoods again."""
         other = copy(self)
         other._pool = pool
         return other
 
     def __call__(self, plan: TrialPlan, first: int, last: int, trials: Trials) -> None:
-        """See `Player`."""
+        """As `Player`."""
         known = self._likelihoods, self._pool, self._prior, self._classes, self._saturation
         kernel.play(*known, plan, self._rule, first, last, trials)
 
 
 def empty_trials(n: int, H: int) -> Trials:
-    """Room for n trials at H thresholds."""
+    """Empty record of n trials at H thresholds."""
 
     def integers() -> NDArray[np.int64]:
         return np.zeros((n, H), dtype=np.int64)

@@ -1,4 +1,4 @@
-"""Selections of the test taps, which tell how much a result varies with them: what `resampling` plays on."""
+"""Selections of the test taps for `resampling`, which show the sampling variation of results."""
 
 from collections.abc import Callable, Iterator
 from typing import NamedTuple, Self
@@ -17,7 +17,7 @@ _LOST = 10  # there must be so many classes for each that only one session holds
 
 
 def resampled_pools(table: TapTable, resamples: int, seed: int) -> Iterator[TapPool]:
-    """The pool of a table as it is, then resamples of the taps of each class with replacement.
+    """Pool of a table, then resamples of the taps of each class with replacement.
 
     Where several sessions test, see `session_sizes`, each is left out in turn instead. Where most classes have several
     taps, classes of one are left out in half of the resamples, see `uncaught`.
@@ -25,13 +25,13 @@ def resampled_pools(table: TapTable, resamples: int, seed: int) -> Iterator[TapP
     Args:
         table: Test taps; only their classes and sessions matter.
         resamples: How many.
-        seed: Of the resamples.
+        seed: Random seed of the resamples.
     """
     return _pools(table, resamples, seed, _Group.drawn)
 
 
 def thinned_pools(table: TapTable, resamples: int, seed: int) -> Iterator[TapPool]:
-    """The pool of a table as it is, then selections of it that leave out a quarter of the taps of each class.
+    """Pool of a table, then selections without a quarter of the taps of each class.
 
     Where a quarter of a number is no whole one, one more is left out so often that the number left out for each that
     stays is 1/3 on average. Where most classes have several taps, classes of one are left out in half of the
@@ -40,13 +40,13 @@ def thinned_pools(table: TapTable, resamples: int, seed: int) -> Iterator[TapPoo
     Args:
         table: Test taps; only their classes and sessions matter.
         resamples: How many.
-        seed: Of the selections.
+        seed: Random seed of the selections.
     """
     return _pools(table, resamples, seed, _Group.thinned)
 
 
 def session_sizes(table: TapTable) -> NDArray[np.intp]:
-    """How many taps each session has that would be drawn anew if a study were repeated.
+    """Number of taps of each session that a repeated study would redraw.
 
     These are the sessions that test, if they hold the same classes. Where less than nine tenths of the classes remain
     without one of them, sessions cannot be told from classes, and taps count as drawn, all as of one session.
@@ -61,14 +61,14 @@ def session_sizes(table: TapTable) -> NDArray[np.intp]:
 
 
 def sessions_drawn(table: TapTable) -> int:
-    """How many sessions would be drawn anew; 1 where only taps are, see `session_sizes`."""
+    """Number of sessions that a repeated study would redraw; 1 if only taps, see `session_sizes`."""
     return len(session_sizes(table))
 
 
 def _pools(
     table: TapTable, resamples: int, seed: int, select: Callable[["_Group", np.random.Generator], NDArray[np.intp]]
 ) -> Iterator[TapPool]:
-    """The pool of a table, then what `select` takes of its taps, or all sessions but one."""
+    """Pool of a table, then `select` of its taps, or all sessions but one."""
     yield table.pool
     taps, cell = _in_classes(table)
     sessions, drawn = _sessions_apart(table, taps), sessions_drawn(table)
@@ -82,7 +82,7 @@ def _pools(
 
 
 def _left_out(size: NDArray[np.intp], generator: np.random.Generator) -> NDArray[np.intp]:
-    """How many of groups of these sizes are left out; 1/3 for each that stays on average."""
+    """Number of groups of these sizes to leave out; on average 1/3 for each that stays."""
     fewer = size // 4
     least, more = fewer / (size - fewer), (fewer + 1) / np.maximum(size - fewer - 1, 1)
     chance = np.where(_alone(size), _DROPPED, (LEFT_OUT - least) / (more - least) * (size > 1))
@@ -90,12 +90,12 @@ def _left_out(size: NDArray[np.intp], generator: np.random.Generator) -> NDArray
 
 
 def _alone(size: NDArray[np.intp]) -> NDArray[np.bool_]:
-    """Which classes have one tap; none where most have no more, as then nothing tells how taps vary."""
+    """Mask of classes with a single tap; empty if most classes have no more, as tap variation is then unknown."""
     return (size == 1) & (np.median(size) > 1)
 
 
 def uncaught(table: TapTable, factor: float) -> tuple[float, float]:
-    """How many times the variance of a mean over classes is that of its resamples, enlarged, and its freedom.
+    """Ratio of the variance of a mean over classes to that of its resamples, and its degrees of freedom.
 
     A class of one tap does not vary by itself. It is left out in half of the resamples instead: the mean over classes
     then varies with how such classes differ from the others, that is by their taps and more, a quarter as much as it
@@ -120,7 +120,7 @@ def uncaught(table: TapTable, factor: float) -> tuple[float, float]:
 
 
 class _Group(NamedTuple):
-    """Taps class by class.
+    """Taps grouped by class.
 
     Attributes:
         first: Where each class begins among them, shape (classes,).
@@ -134,12 +134,12 @@ class _Group(NamedTuple):
 
     @classmethod
     def of_taps(cls, cell: NDArray[np.intp]) -> Self:
-        """Of taps in the order of their classes (n,)."""
+        """Group of taps sorted by class (n,)."""
         _, first, of, size = np.unique(cell, return_index=True, return_inverse=True, return_counts=True)
         return cls(first, size, of)
 
     def drawn(self, generator: np.random.Generator) -> NDArray[np.intp]:
-        """As many of each class as there are, with replacement."""
+        """Resample with replacement, class by class."""
         selected = self.first[self.of] + (generator.random(len(self.of)) * self.size[self.of]).astype(np.intp)
         alone = _alone(self.size)
         if not alone.any():
@@ -154,7 +154,7 @@ class _Group(NamedTuple):
 
 
 def _in_classes(table: TapTable) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-    """Taps class by class, and their classes."""
+    """Taps sorted by class, and their classes."""
     pool = table.pool
     count = pool.count.ravel()
     cell = np.repeat(np.arange(len(count)), count)
@@ -163,7 +163,7 @@ def _in_classes(table: TapTable) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
 
 
 def _sessions_apart(table: TapTable, taps: NDArray[np.intp]) -> list[NDArray[np.intp]]:
-    """The places of the taps of each session among these."""
+    """Indices of the taps of each session among these."""
     session = sessions_of(table)[taps]
     return [np.flatnonzero(session == s) for s in np.unique(session)]
 

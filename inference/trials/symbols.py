@@ -1,4 +1,4 @@
-"""Taps of a fitted model as a few symbols, so that what can be computed for symbols can be computed for it.
+"""Taps of a fitted model quantised to a few symbols, for exact computations.
 
 Taps drawn from the model are sorted into groups that say nearly the same about the class. The symbol of a tap is its
 group, and the channel is how often each class gives each symbol among the very taps that trials are then played on: as
@@ -24,7 +24,7 @@ _TINY = np.finfo(np.float64).tiny
 
 
 class TapSymbols(NamedTuple):
-    """Taps as symbols, S of them.
+    """Quantised taps, S symbols.
 
     Attributes:
         channel: P(symbol | class), shape (L, M, S).
@@ -38,7 +38,7 @@ class TapSymbols(NamedTuple):
 
 
 def quantised(model: TapModel, symbols: int, seed: int, taps: int = 1000, starts: int = 1) -> TapSymbols:
-    """Taps drawn from a model as symbols.
+    """Quantised taps drawn from a model.
 
     Groups are found as k-means finds them, with the relative entropy between what a tap and what its group say about
     the class in place of the distance; each round raises the information that is kept, and of several starts the one is
@@ -47,8 +47,8 @@ def quantised(model: TapModel, symbols: int, seed: int, taps: int = 1000, starts
     Args:
         model: Measurement model; it must be right about the taps that are drawn from it, so without the paper's root.
         symbols: How many, at most.
-        seed: Of the taps and the groups.
-        taps: Of each class.
+        seed: Random seed of the taps and the groups.
+        taps: Number of taps per class.
         starts: From how many random groups to begin.
 
     Raises:
@@ -81,7 +81,7 @@ def quantised(model: TapModel, symbols: int, seed: int, taps: int = 1000, starts
 
 
 def _groups(posterior: Floats, symbols: int, generator: np.random.Generator) -> NDArray[np.intp]:
-    """Group of each tap from P(class | tap), shape (N, C); groups are counted without gaps."""
+    """Group of each tap from P(class | tap), shape (N, C); group numbers have no gaps."""
     mean = posterior[_spread_out(posterior, symbols, generator)]
     group = np.full(len(posterior), -1)
     for _ in range(_ROUNDS):
@@ -95,7 +95,7 @@ def _groups(posterior: Floats, symbols: int, generator: np.random.Generator) -> 
 
 
 def _spread_out(posterior: Floats, symbols: int, generator: np.random.Generator) -> list[int]:
-    """Taps to begin with, each drawn in proportion to how far it is from those before, as in k-means++."""
+    """Initial taps, each drawn in proportion to its distance from the previous ones, as in k-means++."""
     own = (posterior * np.log(np.maximum(posterior, _TINY))).sum(axis=1)
     chosen = [int(generator.integers(len(posterior)))]
     distance = np.full(len(posterior), np.inf)
@@ -109,7 +109,7 @@ def _spread_out(posterior: Floats, symbols: int, generator: np.random.Generator)
 
 
 def _kept(channel: Floats, posterior: Floats) -> float:
-    """Information of symbols over that of taps, one class as likely as another."""
+    """Information of symbols relative to that of taps, for uniform classes."""
     given = channel.reshape(-1, channel.shape[-1])
     symbol = given.mean(axis=0)
     of_symbols = (given * np.log(np.maximum(given, _TINY) / symbol)).sum() / len(given)

@@ -1,4 +1,4 @@
-"""Any number of trials in the memory of a few: only counts are kept, and they can be looked at on the way.
+"""Counts of any number of trials in constant memory, with interim results.
 
 Counts of pieces add up, so it does not matter how the trials were cut and who played them.
 """
@@ -20,7 +20,7 @@ from .run import Player, empty_trials, make_player, make_rule
 
 
 class Tally(NamedTuple):
-    """Counts of decided trials at H thresholds, in the order in which these were given.
+    """Counts of decided trials at H thresholds, in the given order.
 
     Attributes:
         what: How often each object (axis 1) was taken for each (axis 2), shape (H, M, M).
@@ -44,12 +44,12 @@ class Tally(NamedTuple):
 
     @property
     def trials(self) -> int:
-        """How many were counted."""
+        """Number of trials."""
         return int(self.taps[0].sum())
 
     @classmethod
     def empty(cls, H: int, L: int, M: int, longest: int = 0) -> Self:
-        """No trials."""
+        """Tally without trials."""
 
         def counts(*shape: int) -> NDArray[np.int64]:
             return np.zeros((H, *shape), dtype=np.int64)
@@ -66,7 +66,7 @@ class Tally(NamedTuple):
         )
 
     def plus(self, other: Self) -> Self:
-        """Both together."""
+        """Sum of two tallies."""
         if self.taps.shape[1] < other.taps.shape[1]:
             return other.plus(self)
         other = other._replace(taps=_padded(other.taps, self.taps.shape[1]))
@@ -87,7 +87,7 @@ def tally_trials(
     workers: int | None = None,
     progress: Callable[[Tally], None] | None = None,
 ) -> Tally:
-    """Plays trials that start anywhere and counts how they end; memory does not depend on their number.
+    """Counts of trials from random starts, in constant memory.
 
     They are those of `plan_trials` and `run_trials` with the same arguments.
 
@@ -99,10 +99,10 @@ def tally_trials(
         fixation: Class that the sensor aims for.
         where: Start in this where class only; `None` for any.
         first_stream: Random stream of the first trial; the others follow.
-        seed: Of the starts and the draws of taps.
+        seed: Random seed of the starts and the draws of taps.
         device: As in `run_trials`.
         workers: As in `run_trials`.
-        progress: Told the counts so far, several times.
+        progress: Called with the counts so far, several times.
 
     Raises:
         InputError: An argument is out of range, or there is no such device.
@@ -136,7 +136,7 @@ def _piece(
 
 
 def tally(trials: Trials, plan: TrialPlan, shape: tuple[int, int]) -> Tally:
-    """The counts of decided trials.
+    """Counts of decided trials.
 
     Args:
         trials: n trials at H thresholds.

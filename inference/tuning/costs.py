@@ -1,4 +1,4 @@
-"""What an episode costs, from any rig and from very many trials at once.
+"""Costs of episodes, on any rig and for many trials at once.
 
 The cost is in taps: those made, and `cost_error` more for each unit of decision error. To know it somebody has to say
 which object it was.
@@ -36,7 +36,7 @@ def episode_cost(
     play: PlaySettings = PlaySettings(),
     chance: Iterator[float] | None = None,
 ) -> float:
-    """The cost of one episode on any rig.
+    """Cost of one episode on any rig.
 
     Args:
         sensor: The rig, before the object.
@@ -72,7 +72,7 @@ def trial_costs(
     seed: int = 0,
     first_stream: int = 0,
 ) -> NDArray[np.float64]:
-    """The costs of trials with every arm, each on the same starts and random numbers.
+    """Costs of trials with every arm, with the same starts and random numbers.
 
     Args:
         table: Taps that did not train the model.
@@ -83,7 +83,7 @@ def trial_costs(
         trials: How many, n.
         wrong: Whether errors are P(wrong) even where objects have sizes.
         play: As in `run_trials`.
-        seed: Of starts and draws of taps.
+        seed: Random seed of starts and draws of taps.
         first_stream: Random stream of the first trial; the others follow.
 
     Returns:
@@ -107,7 +107,7 @@ def trial_costs(
 def held_out_costs(
     parts: Parts, learner: Learner, episodes: int, cost_error: float, **options: Any
 ) -> NDArray[np.float64]:
-    """The costs of a learner's next episodes with every arm, played on held-out taps of each part in turn.
+    """Costs of a learner's next episodes with every arm, on held-out taps of each part in turn.
 
     Args:
         parts: Training taps and models that have not seen them.

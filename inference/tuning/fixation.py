@@ -1,4 +1,4 @@
-"""The fixation point that training taps recommend: the expected decision error at every position, and its choice.
+"""Fixation point from training taps: expected decision error at every position, and the choice.
 
 At each position trials are played on taps that did not train their model, either such as aim for it or passive ones
 that stand there. Trials of all positions have the same random numbers, so positions are compared trial by trial.
@@ -30,7 +30,7 @@ TRIALS = 1000
 
 
 class FixationChoice(NamedTuple):
-    """What is known of every position.
+    """Errors at every position and the chosen fixation point.
 
     Attributes:
         errors: Mean error in each part, NaN at positions that were not tried, shape (F, L).
@@ -39,7 +39,7 @@ class FixationChoice(NamedTuple):
         excess: By how much it exceeds the least, each of shape (L,).
         best: The position with the least error.
         alike: Positions that are no worse by more than a standard error, shape (L,).
-        chosen: Of these the one nearest to the middle.
+        chosen: The one of these nearest to the middle.
     """
 
     errors: Floats
@@ -60,15 +60,15 @@ def choose_fixation(
     seed: int = 0,
     progress: Callable[[int], None] | None = None,
 ) -> FixationChoice:
-    """The fixation point from the error at each position.
+    """Fixation point chosen by the error at each position.
 
     Args:
         parts: Training taps and models that have not seen them.
         play: How trials are played: passive ones stand at the position, active ones begin anywhere and aim for it.
         wrong: Whether errors are P(wrong) even where objects have sizes.
         trials: At each position in each part.
-        seed: Of the trials.
-        progress: Told how many more trials have ended.
+        seed: Random seed of the trials.
+        progress: Called with the number of trials since the last call.
 
     Raises:
         InputError: No position has taps in all parts, or a setting is out of range.
@@ -105,10 +105,10 @@ def choice(
     resampled: Floats | None = None,
     might_be: Sequence[Floats] = (),
 ) -> FixationChoice:
-    """The choice from the outcomes of trials.
+    """Fixation point from the outcomes of trials.
 
     Args:
-        errors: Of n trials at each of P positions in each of F parts, shape (F, P, n).
+        errors: Errors of n trials at each of P positions in each of F parts, shape (F, P, n).
         taps: Reaction times, likewise.
         tried: The positions, shape (P,).
         L: Number of positions of the grid.
@@ -135,7 +135,7 @@ def choice(
 
 
 def _positions(parts: Parts, passive: bool) -> NDArray[np.intp]:
-    """Positions that trials are played at."""
+    """Positions to play trials at."""
     if not passive:
         return np.arange(parts.grid.L)
     there = np.all([part.table.pool.count.sum(axis=1) > 0 for part in parts.parts], axis=0)
@@ -154,7 +154,7 @@ def _active_plan(pool: TapPool, tried: NDArray[np.intp], trials: int, seed: int,
 
 
 def _spread(values: Floats, tried: NDArray[np.intp], L: int) -> Floats:
-    """Values of some positions among NaN for the others."""
+    """Values of some positions, NaN for the others."""
     whole = np.full((*values.shape[:-1], L), np.nan)
     whole[..., tried] = values
     return whole

@@ -1,4 +1,4 @@
-"""Training taps behind models that have not seen them, for choices that are made before any test tap.
+"""Training taps with models that did not train on them, for choices without test taps.
 
 Each session is left out in turn and met by the model of the others. A single session is divided within each class,
 in turn by recorded order, and either part is met by the model of the other; that shows less than a new session would.
@@ -33,15 +33,15 @@ from ..trials.selections import resampled_pools
 type Floats = NDArray[np.float64]
 CONFIDENCE = 0.95
 RESAMPLES = 40
-"""Of the taps of halves."""
+"""Number of resamples of the taps of halves."""
 
 
 class HeldOut(NamedTuple):
-    """Taps and the model that they did not train.
+    """Taps and a model that they did not train.
 
     Attributes:
         name: What the part is called.
-        model: Of all other taps.
+        model: Model of all other taps.
         taps: Those of classes that it knows.
         table: Their log-likelihoods.
     """
@@ -53,13 +53,13 @@ class HeldOut(NamedTuple):
 
 
 class Parts(NamedTuple):
-    """All training taps, each of them held out once.
+    """All training taps, each held out once.
 
     Attributes:
         grid: The classes.
         parts: F of them.
         by_session: Whether they are sessions rather than the halves of one.
-        sentence: What was left out, in words.
+        sentence: Description of what was left out.
     """
 
     grid: ClassGrid
@@ -69,7 +69,7 @@ class Parts(NamedTuple):
 
 
 class Estimate(NamedTuple):
-    """A mean over parts.
+    """Mean over parts.
 
     Attributes:
         mean: Shape (...).
@@ -90,13 +90,13 @@ def held_out(
     fit: Callable[[TapSet, ClassGrid], TapModel],
     progress: Callable[[int], None] | None = None,
 ) -> Parts:
-    """Divides training taps and fits a model to all but each part.
+    """Parts of training taps, each with a model fitted to all others.
 
     Args:
         taps: The training taps.
         grid: The classes.
         fit: Gives the model of taps.
-        progress: Told how many more models are fitted.
+        progress: Called with the number of models fitted since the last call.
 
     Raises:
         InputError: A single session has no class with two taps, no tap of a part is of a class of the others, or most
@@ -136,7 +136,7 @@ def over_parts(
     """Mean over trials and parts.
 
     Args:
-        values: Of n trials in each of F parts, shape (F, ..., n).
+        values: Values of n trials in each of F parts, shape (F, ..., n).
         resampled: Where parts are halves of a session: the same mean on each of R resamples of their taps, see
             `resampled_means`, shape (R, ...). Where they are sessions, `None`; the standard error then is that of
             their mean, and at least that of the trials' own chance.
@@ -161,7 +161,7 @@ def over_parts(
 def excess_over_parts(
     values: Floats, chosen: int, resampled: Floats | None = None, endings: Sequence[Floats] = ()
 ) -> Estimate:
-    """By how much values exceed those of the chosen option, arguments as of `over_parts`, shape (F, options, n)."""
+    """Mean excess over the chosen option, arguments as in `over_parts`, shape (F, options, n)."""
     apart = [one - other[:, [chosen]] for one, other in zip(endings, endings[::-1], strict=True)]
     for one in apart:
         one[:, chosen] = 0.0
@@ -172,13 +172,13 @@ def excess_over_parts(
 def resampled_means(
     parts: Parts, play: Callable[[TapTable, int], Sequence[Floats]], trials: int, seed: int
 ) -> list[Floats] | None:
-    """What `over_parts` needs where parts are halves of one session; `None` where they are sessions.
+    """Resampled means for `over_parts` if parts are halves of one session; `None` if they are sessions.
 
     Args:
         parts: The parts.
         play: Plays trials on a table, from a random stream on, and gives values of the trials, each of shape (..., n).
         trials: Random streams that it takes.
-        seed: Of the resamples.
+        seed: Random seed of the resamples.
 
     Returns:
         Means over trials and parts for each of what `play` gives, shape (R, ...), their deviations enlarged as
@@ -202,7 +202,7 @@ def _enlarged(values: Floats, factor: float) -> Floats:
 
 
 def decision_error(grid: ClassGrid, decided: ArrayLike, true: ArrayLike, wrong: bool = False) -> Floats:
-    """Errors of decisions about objects: in the unit of their sizes, or 1 and 0 where `wrong` or they have none."""
+    """Errors of decided objects: in the unit of their sizes, or 0 and 1 with `wrong` or without sizes."""
     if wrong:
         return (np.asarray(decided) != np.asarray(true)).astype(np.float64)
     return grid.what_error(decided, true)

@@ -1,4 +1,4 @@
-"""Learning on line, from what episodes cost, where to fixate and when to stop.
+"""Online learning of the fixation point and threshold from the costs of episodes.
 
 A pair of fixation point and threshold is an arm of a bandit: an episode is played with one of them, its cost is told,
 and the next arm is chosen by what all costs so far say. This is how Lepora, Martinez-Hernandez, Pezzulo and Prescott,
@@ -42,11 +42,11 @@ _PRIOR_SPREAD = 4.0  # and that of its variance
 
 @dataclass(frozen=True, eq=False)
 class Learner:
-    """What has been learned so far.
+    """State of a learner.
 
     Attributes:
-        method: Of `METHODS`.
-        seed: Of what is drawn.
+        method: One of `METHODS`.
+        seed: Random seed.
         fixation: Fixation point of each arm, shape (A,).
         theta: Its threshold, shape (A,).
         count: Episodes played with it, shape (A,).
@@ -66,7 +66,7 @@ class Learner:
 
     @property
     def episodes(self) -> int:
-        """Episodes so far."""
+        """Number of episodes so far."""
         return int(self.count.sum())
 
     @classmethod
@@ -78,10 +78,10 @@ class Learner:
         seed: int = 0,
         setup: Mapping[str, str] | None = None,
     ) -> Self:
-        """A learner that knows nothing, with an arm for each pair.
+        """New learner, with an arm for each pair.
 
         Raises:
-            InputError: There is no such method, no pair, one twice, or a threshold that is never or always crossed.
+            InputError: The method is unknown, pairs are missing or repeated, or a threshold is not between 0 and 1.
         """
         if method not in METHODS:
             raise InputError(f"--learner must be one of {', '.join(METHODS)}, got {method!r}.")
@@ -104,7 +104,7 @@ class Learner:
         )
 
     def check_like(self, other: Self) -> None:
-        """Refuses another learner than one of the same kind, arms and setup.
+        """Checks that another learner has the same method, arms and setup.
 
         Raises:
             InputError: Something differs; the message says what.
@@ -118,7 +118,7 @@ class Learner:
 
 
 def choose(learner: Learner) -> int:
-    """The arm of the next episode."""
+    """Arm of the next episode."""
     rng = generator(learner.seed, Purpose.ARM, learner.episodes)
     if learner.episodes < _FEWEST:
         return int(rng.integers(len(learner.theta)))
@@ -127,7 +127,7 @@ def choose(learner: Learner) -> int:
 
 
 def told(learner: Learner, arm: int, cost: float) -> Learner:
-    """The learner after an episode.
+    """Learner after an episode.
 
     Args:
         learner: Before it.
@@ -153,7 +153,7 @@ def learn(
     cost: Callable[[int, int], float],
     heard: Callable[[Learner, int, float], None] | None = None,
 ) -> Learner:
-    """The learner after more episodes.
+    """Learner after more episodes.
 
     Args:
         learner: Before them.
@@ -200,7 +200,7 @@ def interval(learner: Learner, arm: int, level: float) -> tuple[float, float]:
 
 
 def recommended(learner: Learner) -> int:
-    """The arm to keep: the one of which mean plus standard deviation of the cost is lowest.
+    """Recommended arm: the lowest mean plus standard deviation of the cost.
 
     An arm that was lucky in few episodes is none, and with the deviation it does not look like one.
 
@@ -212,7 +212,7 @@ def recommended(learner: Learner) -> int:
 
 
 def save_learner(learner: Learner, path: str | Path, force: bool = False) -> None:
-    """Writes a learner as JSON, complete or not at all.
+    """Writes a learner as JSON, atomically.
 
     Raises:
         InputError: The file cannot be written, or exists and `force` is not set.
@@ -229,7 +229,7 @@ def save_learner(learner: Learner, path: str | Path, force: bool = False) -> Non
 
 
 def load_learner(path: str | Path) -> Learner:
-    """The learner in a file, exactly as it was.
+    """Learner from a file, exactly as saved.
 
     Raises:
         InputError: The file is missing or holds no learner.
@@ -258,7 +258,7 @@ type _Count = Annotated[int, msgspec.Meta(ge=0, lt=1 << 53)]
 
 
 class _LearnedFile(msgspec.Struct, forbid_unknown_fields=True):
-    """What such a file holds beside its format."""
+    """Content of a learner file, besides its format."""
 
     method: Method
     seed: _Count
@@ -281,7 +281,7 @@ _COLUMNS: dict[str, Any] = {
 
 
 def _posterior(learner: Learner) -> tuple[Floats, Floats, Floats]:
-    """Mean, scale and degrees of freedom of Student's distribution of each arm's mean cost."""
+    """Mean, scale and degrees of freedom of Student's t for each arm's mean cost."""
     n, total = learner.count, learner.episodes
     centre = float(n @ learner.mean) / total
     spread = float(learner.squares.sum() + n @ (learner.mean - centre) ** 2) / total

@@ -1,4 +1,4 @@
-"""The root of the likelihood learned from taps: how much one tap should count, and how much many taps together.
+"""Power of the likelihood and cap on an episode's evidence, learned from taps.
 
 The samples of a tap are not as independent as a model says, and its taps share a session, so a belief at power 1 is
 too sure. Each training session is left out in turn and the model fitted to the others. The power is the exponent under
@@ -38,7 +38,7 @@ _STEP, _FINEST = 0.1, 1e-3  # first and last step of the search for the best pai
 
 
 class LearnedPower(NamedTuple):
-    """What was learned.
+    """A learned power.
 
     Attributes:
         power: The exponent.
@@ -58,7 +58,7 @@ class LearnedPower(NamedTuple):
 
     @property
     def sentence(self) -> str:
-        """How it was learned."""
+        """How it was learned, as a sentence."""
         how = ", left out in turn" if self.in_turn else ""
         end = {LEAST: ", the lowest tried,", MOST: ", the highest tried,"}.get(self.power, "")
         return (
@@ -69,7 +69,7 @@ class LearnedPower(NamedTuple):
 
 
 class LearnedSaturation(NamedTuple):
-    """What was learned of single taps and of many.
+    """A learned power with a saturation.
 
     Attributes:
         power: The exponent of a tap.
@@ -92,7 +92,7 @@ class LearnedSaturation(NamedTuple):
 
     @property
     def sentence(self) -> str:
-        """How it was learned."""
+        """How it was learned, as a sentence."""
         limit = "no cap" if np.isinf(self.saturation) else f"a cap of {self.saturation:.3g} taps"
         numbers = ", ".join(map(str, self.contacts))
         return (
@@ -105,14 +105,14 @@ class LearnedSaturation(NamedTuple):
 def fit_tempered(
     name: str, taps: TapSet, grid: ClassGrid, settings: FitSettings, trained_on: str = ""
 ) -> tuple[Fitted, LearnedPower | None]:
-    """Fits a model of the catalogue, its power first learned where the settings ask for that.
+    """Fitted model, with its power learned first if the settings request this.
 
     Args:
-        name: Of the model.
+        name: Name of the model.
         taps: Training taps.
         grid: The classes.
         settings: How; a power that is learned becomes the model's, and `trained_on` says how.
-        trained_on: Which taps these are, in words.
+        trained_on: Description of the training taps.
 
     Raises:
         InputError: As `fit_model` and `learn_power`.
@@ -126,19 +126,19 @@ def fit_tempered(
 
 
 def learn_power(name: str, taps: TapSet, grid: ClassGrid, settings: FitSettings, n: int, seed: int) -> LearnedPower:
-    """The exponent with the highest mean log belief in the true class of left-out taps.
+    """Exponent with the highest mean log belief in the true class of held-out taps.
 
     The sequences are of one class and session, without replacement; a class with fewer taps in a session gives them
     all. Where several exponents are equally good, the smallest is taken. Under a saturation, beliefs are judged as
     they are read.
 
     Args:
-        name: Of the model.
+        name: Name of the model.
         taps: Training taps of two sessions or more.
         grid: The classes.
         settings: How to fit; the power is ignored.
         n: Taps of a sequence.
-        seed: Of the sequences.
+        seed: Random seed of the sequences.
 
     Raises:
         InputError: There are less than two sessions, none has a class that the others have too, left-out taps are
@@ -164,7 +164,7 @@ def learn_power(name: str, taps: TapSet, grid: ClassGrid, settings: FitSettings,
 
 
 def best_power(model: TapModel, held_out: Sequence[TapSet], n: int, seed: int) -> LearnedPower:
-    """The exponent with the highest mean log belief in the true class of taps that did not train the model.
+    """Exponent with the highest mean log belief in the true class of taps that did not train the model.
 
     As `learn_power`, for a model that is fitted already: whatever its own power is, the exponent is that of its
     likelihood at power 1.
@@ -173,7 +173,7 @@ def best_power(model: TapModel, held_out: Sequence[TapSet], n: int, seed: int) -
         model: The fitted model.
         held_out: Taps of one session or more; sequences are of one session each.
         n: Taps of a sequence; a class with fewer in a session gives them all.
-        seed: Of the sequences.
+        seed: Random seed of the sequences.
 
     Raises:
         InputError: There is no tap of a trained class, taps are impossible under their own class or were prepared
@@ -189,7 +189,7 @@ def best_power(model: TapModel, held_out: Sequence[TapSet], n: int, seed: int) -
 def learn_saturation(
     model: TapModel, held_out: Sequence[TapSet], contacts: Sequence[int] = CONTACTS, seed: int = 0
 ) -> LearnedSaturation:
-    """The exponent and the saturation with the highest mean log belief in the true class of held-out taps.
+    """Exponent and saturation with the highest mean log belief in the true class of held-out taps.
 
     The mean is taken over the taps, then over the numbers of contacts, each with the same weight. Sequences are of one
     class and session, without replacement as long as the class has enough taps in the session; longer ones are drawn
@@ -200,7 +200,7 @@ def learn_saturation(
         model: The fitted model; the exponent is that of its likelihood at power 1, whatever its own power is.
         held_out: Taps that did not train it, of one session or more.
         contacts: Numbers of taps of a sequence.
-        seed: Of the sequences.
+        seed: Random seed of the sequences.
 
     Raises:
         InputError: As `best_power`, or there is no number of contacts.
@@ -241,7 +241,7 @@ def _best_pair(
     scores: Callable[[float, float], NDArray[np.float64]],
     contacts: Sequence[int],
 ) -> tuple[float, float, float]:
-    """The best exponent with its saturation, and the best exponent without one.
+    """Best exponent with its saturation, and best exponent without one.
 
     What counts is nearly the product of exponent and share alone, exactly so where the prior is flat. So the curve of
     each number of contacts is drawn once and read for all pairs, and the search around the best pair is exact.
@@ -252,7 +252,7 @@ def _best_pair(
     exponents, limits = np.geomspace(LEAST, MOST, 2 * _POINTS), np.geomspace(1.0, most, _LIMITS)
 
     def read(limit: float) -> NDArray[np.float64]:
-        """The mean of the curves at every exponent."""
+        """Mean of the curves at every exponent."""
         shares = [share(n, limit) for n in contacts]
         each = [np.interp(np.log(exponents * s), np.log(products), c) for s, c in zip(shares, curves, strict=True)]
         return np.mean(each, axis=0)
@@ -262,7 +262,7 @@ def _best_pair(
     ends = np.log([[LEAST, 1.0], [MOST, most]])
 
     def climb(limited: bool, *start: float) -> tuple[float, float]:
-        """The best exponent with its saturation, or with none."""
+        """Best exponent with its saturation, or without."""
 
         def mean(point: NDArray[np.float64]) -> float:
             exponent, limit = np.exp(point.clip(*ends)).tolist()
@@ -281,7 +281,7 @@ def _best_pair(
 def _climb(
     height: Callable[[NDArray[np.float64]], float], point: NDArray[np.float64], axes: int
 ) -> NDArray[np.float64]:
-    """A point from which no small step along the first axes leads higher; steps are halved until they are `_FINEST`."""
+    """Local maximum by steps along the first axes, halved down to `_FINEST`."""
     step, top = _STEP, height(point)
     while step > _FINEST:
         around = [point + sign * step * np.eye(len(point))[axis] for axis in range(axes) for sign in (-1, 1)]
@@ -295,7 +295,7 @@ def _climb(
 
 
 def _usable(model: TapModel, taps: TapSet) -> TapSet | None:
-    """The taps of trained classes, if there are any."""
+    """Taps of trained classes, if any."""
     known = model.known(taps)
     return taps.select(known) if known.any() else None
 

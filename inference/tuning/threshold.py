@@ -1,4 +1,4 @@
-"""The belief threshold that training taps recommend for a price of errors in taps.
+"""Belief threshold from training taps, for a cost of errors in taps.
 
 An episode costs its taps and `cost_error` taps for each unit of decision error. Higher thresholds buy fewer errors with
 more taps; the one with the least mean cost on held-out taps is taken, the lowest of equal ones. The price says which
@@ -27,7 +27,7 @@ _DEAREST = 1e9  # taps for an error of 1
 
 
 class ThresholdChoice(NamedTuple):
-    """What is known of every threshold.
+    """Costs of every threshold and the chosen one.
 
     Attributes:
         theta: The thresholds, increasing, shape (H,).
@@ -69,7 +69,7 @@ def choose_threshold(
     seed: int = 0,
     progress: Callable[[int], None] | None = None,
 ) -> ThresholdChoice:
-    """The threshold with the least mean cost.
+    """Threshold with the lowest mean cost.
 
     Args:
         parts: Training taps and models that have not seen them.
@@ -78,8 +78,8 @@ def choose_threshold(
         play: How trials are played.
         wrong: Whether errors are P(wrong) even where objects have sizes.
         trials: In each part; all thresholds share them.
-        seed: Of the trials.
-        progress: Told how many more trials have ended.
+        seed: Random seed of the trials.
+        progress: Called with the number of trials since the last call.
 
     Raises:
         InputError: The price is negative, or a setting is out of range.
@@ -131,7 +131,7 @@ def choose_threshold(
 
 
 def check_cost(cost_error: float) -> float:
-    """The price of an error in taps, if it is one.
+    """Checked cost of an error in taps.
 
     Raises:
         InputError: It is negative, no number, or so large that taps no longer count.

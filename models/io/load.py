@@ -61,7 +61,7 @@ def taps_of(source: TapSource) -> TapSet:
 
 
 def names_of(sources: Sequence[TapSource]) -> list[str]:
-    """What messages and pages call tap sets: their paths, or numbers from 1 where they have no file."""
+    """Names of tap sets for messages and pages: their paths, or numbers from 1 without files."""
     return [f"taps {n}" if isinstance(source, TapSet) else str(source) for n, source in enumerate(sources, 1)]
 
 

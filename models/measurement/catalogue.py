@@ -1,4 +1,4 @@
-"""Any measurement model fitted by its name, see `registry`."""
+"""Fits any measurement model by name, see `registry`."""
 
 import numpy as np
 
@@ -14,18 +14,18 @@ from .shared_gain import with_shared_gain
 
 
 def fit_model(name: str, taps: TapSet, grid: ClassGrid, settings: FitSettings, trained_on: str = "") -> Fitted:
-    """Fits a model.
+    """Fitted measurement model, with its posterior and convergence.
 
     Args:
-        name: Of the model.
+        name: Name of the model.
         taps: Training taps.
         grid: The classes.
         settings: How.
-        trained_on: Which taps these are, in words.
+        trained_on: Description of the training taps.
 
     Raises:
-        InputError: There is no such model, the taps cannot carry it, or an argument is out of range.
-        NotConvergedError: The fit did not converge, and this was not allowed.
+        InputError: The model is unknown, the taps are not sufficient, or an argument is out of range.
+        NotConvergedError: The fit did not converge, and `unconverged` is not set.
     """
     kind, in_states = split_name(name)
     settings = _checked(settings, taps)
@@ -39,7 +39,7 @@ def fit_model(name: str, taps: TapSet, grid: ClassGrid, settings: FitSettings, t
 
 
 def _checked(settings: FitSettings, taps: TapSet) -> FitSettings:
-    """The settings, the number of bins taken from edges where these are given."""
+    """Settings with valid edges, and with the number of bins that these define."""
     if settings.edges is None:
         return settings
     edges, K = np.asarray(settings.edges, dtype=np.float64), taps.dataset.sizes["taxel"]

@@ -1,4 +1,4 @@
-"""Draws from the posterior of a fitted model, and what they say of the training taps: the input of ArviZ.
+"""Draws from the posterior of a fitted model and pointwise log probabilities of the training taps, for ArviZ.
 
 The parameters of one draw after the other become a form, so that memory holds the draws in single precision and little
 else. Every draw has random numbers of its own, so it does not matter which of them are made at the same time.
@@ -31,7 +31,7 @@ def posterior_draws(
     seed: int,
     progress: Callable[[int], None] | None = None,
 ) -> Draws:
-    """Draws of the parameters and the log probability of every training tap under its own class at power 1.
+    """Draws of the parameters, and the log probability of each training tap under its own class at power 1.
 
     In a model with states a tap has the mean of its probabilities over the states before it.
 
@@ -39,9 +39,9 @@ def posterior_draws(
         fitted: The model and its posterior.
         taps: Training taps; those outside its classes are left out.
         chains: How many chains to sort the draws into; all draws are independent.
-        draws: Of each chain.
-        seed: Of the draws.
-        progress: Told how many draws more are done.
+        draws: Number of draws per chain.
+        seed: Random seed of the draws.
+        progress: Called with the number of draws since the last call.
 
     Raises:
         InputError: The model has no posterior, or less than one draw is asked for.
@@ -73,9 +73,9 @@ def drawn(fitted: Fitted, taps: TapSet, draws: int, seed: int) -> Iterator[tuple
 
     Args:
         fitted: The model and its posterior, which must be there.
-        taps: Of classes that it knows.
+        taps: Taps of trained classes.
         draws: How many.
-        seed: Of the draws.
+        seed: Random seed of the draws.
     """
     model, posterior = fitted.model, fitted.posterior
     if posterior is None:

@@ -1,4 +1,4 @@
-"""The story of gains and offsets that differ between taps, between sessions, and between classes of a session.
+"""Model of gains and offsets that vary between taps, between sessions, and between classes within a session.
 
 A tap `i` of class `c` in session `r` is the mean tap of its class times a gain plus an offset. Both have the parts
 
@@ -22,18 +22,18 @@ from jax.scipy.linalg import solve_triangular
 from numpy.typing import NDArray
 
 COMPONENTS = ("session", "mounting", "tap")
-"""Standard deviations that the story draws: common to a session, of a class in a session, of a tap."""
+"""Components of variance: between sessions, between classes of a session, between taps."""
 
 PRIOR_SD = 0.2
-"""Scale of the half-normal priors of all three: gains differ by 20 % or so, and offsets by 20 % of the signal."""
+"""Scale of the half-normal priors of all components: about 20 % for gains, 20 % of the signal for offsets."""
 
 
 class GainCells(NamedTuple):
-    """What is sufficient of values of taps in R sessions and C classes.
+    """Sufficient statistics of values of taps in R sessions and C classes.
 
     Attributes:
         taps: How many, shape (R, C); cells may be empty.
-        mean: Of the values of the taps of a cell, shape (Q, R, C) for Q quantities; 0 in an empty cell.
+        mean: Mean of the values of the taps of a cell, shape (Q, R, C) for Q quantities; 0 in an empty cell.
         square: Sum of squared deviations from it, shape (Q, R, C).
         error: Variance of the error of a single tap of the cell, shape (Q, R, C).
     """
@@ -45,7 +45,7 @@ class GainCells(NamedTuple):
 
 
 def components(cells: GainCells) -> None:
-    """Standard deviations of what sessions, classes of a session, and taps add to values of taps."""
+    """Standard deviations between sessions, between classes of a session, and between taps."""
     sd: dict[str, Any] = {}
     with numpyro.plate("quantity", len(cells.mean)):
         for name in COMPONENTS:
@@ -59,7 +59,7 @@ def components(cells: GainCells) -> None:
 
 
 def means_log_density(mean: Any, present: Any, session_sd: Any, variance: Any) -> Any:
-    """Log density of the cell means, up to a constant, levels and what is common to a session integrated out.
+    """Log density of cell means up to a constant, with levels and session effects integrated out.
 
     Given the parts common to the sessions, what is left of a class under a flat level is quadratic in them; so they are
     integrated out by completing a square of R by R.
@@ -68,7 +68,7 @@ def means_log_density(mean: Any, present: Any, session_sd: Any, variance: Any) -
         mean: Shape (Q, R, C).
         present: Which cells have a tap, shape (R, C).
         session_sd: Standard deviation of what is common to a session, shape (Q,).
-        variance: Of a cell mean around level and session, shape (Q, R, C).
+        variance: Variance of a cell mean around level and session, shape (Q, R, C).
 
     Returns:
         Shape (Q,).

@@ -1,4 +1,4 @@
-"""`gaussian`: samples of a class and taxel are normal; exchangeable as in the paper, but without bins."""
+"""`gaussian`: normal samples for each class and taxel; exchangeable as in the paper, but without bins."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,7 +16,7 @@ from .story import Story
 
 
 def story(taps: Taps, prior: CellPrior) -> None:
-    """Samples of a class and taxel are normal, whatever their time; exchangeable as in the paper, but without bins.
+    """Generative model: normal samples for each class and taxel, at any time.
 
     The variances of all classes of a taxel come from one inverse gamma distribution.
     """
@@ -31,7 +31,7 @@ def story(taps: Taps, prior: CellPrior) -> None:
 
 
 def fit(taps: Taps, prior: CellPrior | None = None) -> CellPosterior:
-    """Exact posterior of `story`; samples of all times count alike."""
+    """Exact posterior of `story`; samples of all times are pooled."""
     moments = Moments.of(taps)
     J = taps.samples.shape[1]
     mean = moments.mean.mean(axis=2, keepdims=True)
@@ -42,13 +42,13 @@ def fit(taps: Taps, prior: CellPrior | None = None) -> CellPosterior:
 
 
 def form(parameters: Parameters, frame: Measure) -> TableForm:
-    """`story` on the bins."""
+    """Likelihood of bins under `story`."""
     lower, upper = standardised(parameters["level"], np.sqrt(parameters["variance"]), frame)
     return TableForm(log_normal_mass(lower, upper))
 
 
 def integrated(posterior: CellPosterior, frame: Measure, unseen: Unseen, _: np.random.Generator) -> NDArray[np.float64]:
-    """Every sample forecast from the training taps and the samples before it in its tap."""
+    """Log probability of taps with each sample predicted from the training taps and the previous samples of its tap."""
     taps, edges, own = unseen
     samples, below, above = bin_gaps(taps, edges)
     centre, unit = frame.scaling

@@ -37,7 +37,7 @@ from .novelty import novelty_scores
 def histogram_model(
     bins: ArrayLike, where: ArrayLike, what: ArrayLike, shape: tuple[int, int, int, int], pseudocount: float
 ) -> None:
-    """Bins of taps of known class; Eq. 1 at power 1 with a Dirichlet prior on every histogram of Eq. 2.
+    """NumPyro model of the bins of taps of known class: Eq. 1 at power 1, Dirichlet priors on the histograms of Eq. 2.
 
     The posterior is Dirichlet again, with the counts added, and its mean is Eq. 2 with the pseudocount.
 
@@ -74,7 +74,7 @@ class HistogramModel(TapModel):
 
     @cached_property
     def trained(self) -> NDArray[np.bool_]:
-        """Which classes have a training tap, shape (L, M)."""
+        """Mask of the classes with a training tap, shape (L, M)."""
         return self.counts.sum(axis=(2, 3)) > 0
 
     @cached_property
@@ -92,11 +92,11 @@ class HistogramModel(TapModel):
 
     @cached_property
     def plain_form(self) -> TableForm:
-        """The log tables."""
+        """Log tables of the histograms."""
         return TableForm(self.log_prob)
 
     def form_of(self, parameters: Parameters) -> TableForm:
-        """Other log tables."""
+        """Log tables of other histograms."""
         return TableForm(parameters["log_prob"])
 
     def integrated(
@@ -108,7 +108,7 @@ class HistogramModel(TapModel):
         gain: float,
         offset: float,
     ) -> NDArray[np.float64]:
-        """Dirichlet-multinomial; in a state the concentration of the bins is moved between them as probability is."""
+        """Dirichlet-multinomial log probability; in a state, concentrations are moved between bins like probability."""
         alpha = posterior.concentration
         if (gain, offset) != (1.0, 0.0):
             total = alpha.sum(axis=-1, keepdims=True)
@@ -132,21 +132,21 @@ class HistogramModel(TapModel):
 
     @property
     def kind(self) -> str:
-        """What the registry calls it."""
+        """Name in the registry."""
         return "histogram"
 
     @property
     def name(self) -> str:
-        """What the registry calls it: in states `session` alone."""
+        """Name in the registry; `session` with several states."""
         return self.kind if len(self.states.gain) == 1 else "session"
 
     @property
     def dims(self) -> dict[str, tuple[str, ...]]:
-        """Those of the log tables."""
+        """Dims of the log tables."""
         return {"log_prob": ("where", "what", "taxel", "bin")}
 
     def groups(self) -> dict[str, xr.Dataset]:
-        """With its counts, which say all, and for readers the probabilities."""
+        """Groups of the file, with counts, and with probabilities for other readers."""
         groups = super().groups()
         bins = self.dims["log_prob"]
         own = {"counts": (bins, self.counts), "probabilities": (bins, self.probabilities)}
@@ -156,7 +156,7 @@ class HistogramModel(TapModel):
         }
 
     def with_scores(self, taps: TapSet) -> "HistogramModel":
-        """With the scores of its training taps, if it has one state."""
+        """Model with the novelty scores of its training taps; unchanged with several states."""
         if len(self.states.gain) > 1:
             return self
         B, value_range = self.counts.shape[-1], "global" if self.edges.ndim == 1 else "taxel"
@@ -175,7 +175,7 @@ def fit(
     edges: NDArray[np.float64] | None = None,
     trained_on: str = "",
 ) -> HistogramModel:
-    """The histograms of training taps; Eq. 2.
+    """Histograms of training taps; Eq. 2.
 
     Args:
         taps: Training taps.
@@ -188,7 +188,7 @@ def fit(
         saturation: How many taps' evidence an episode carries at most, see `inference.belief`.
         value_range: Whether bins span the range of all taxels together or of each.
         edges: Bin edges to use instead, shape (B + 1,) or (K, B + 1).
-        trained_on: Which taps these are, in words, for the model's file.
+        trained_on: Description of the training taps, for the model's file.
 
     Returns:
         The fitted model, with the untrained classes by name.
@@ -225,7 +225,7 @@ def fit(
 
 
 def trim(grid: ClassGrid, taps: Sequence[TapSet]) -> tuple[ClassGrid, tuple[str, ...]]:
-    """The grid without classes that no tap belongs to, and their names.
+    """Grid without the classes that have no tap, and their names.
 
     Objects without any tap are dropped; where classes only at both ends of the range, so that one class stays one
     step. Empty cells between others stay and are left out by `fit`, as impossible classes.
@@ -268,14 +268,14 @@ class HistogramPosterior(NamedTuple):
     """Dirichlet posterior of the histograms; exact.
 
     Attributes:
-        concentration: Of every bin, shape (L, M, K, B).
+        concentration: Concentration of every bin, shape (L, M, K, B).
     """
 
     concentration: NDArray[np.float64]
 
     @classmethod
     def of(cls, model: HistogramModel) -> "HistogramPosterior":
-        """That of a fitted histogram model; without a pseudocount it is improper.
+        """Posterior of a fitted histogram model; improper without a pseudocount.
 
         Raises:
             InputError: There is no pseudocount.
@@ -285,26 +285,26 @@ class HistogramPosterior(NamedTuple):
         return cls(model.counts.astype(np.float64) + model.pseudocount)
 
     def point(self) -> Parameters:
-        """Eq. 2."""
+        """Log probabilities by Eq. 2."""
         total = self.concentration.sum(axis=-1, keepdims=True)
         return {"log_prob": np.log(self.concentration / total)}
 
     def draw(self, generator: np.random.Generator) -> Parameters:
-        """Log probabilities of the bins; many lie far below the range of plain numbers."""
+        """Draw of the log probabilities of bins; many are far below the range of plain numbers."""
         alpha = self.concentration
         log_gamma = np.log(generator.standard_gamma(alpha + 1)) - generator.standard_exponential(alpha.shape) / alpha
         return {"log_prob": log_gamma - np.logaddexp.reduce(log_gamma, axis=-1, keepdims=True)}
 
     def convergence(self) -> Convergence:
-        """Exact."""
+        """Convergence: always exact."""
         return EXACT
 
     def leave_out(self, taps: NDArray[np.floating], edges: NDArray[np.float64], own: NDArray[np.intp]) -> "LeftOut":
-        """Log probability of each training tap given all others of its class; counts of the tap are subtracted.
+        """Log probability of each training tap given all others of its class, by subtraction of its counts.
 
         Args:
             taps: The training taps, shape (N, J, K).
-            edges: Of the bins.
+            edges: Edges of the bins.
             own: Class l M + m of each, shape (N,).
         """
         K, B = self.concentration.shape[2:]
@@ -325,7 +325,7 @@ class HistogramPosterior(NamedTuple):
 
 
 class LeftOut(NamedTuple):
-    """Log probability of each tap given all others, shape (N,) both.
+    """Log probability of each tap given all others, shape (N,) each.
 
     Attributes:
         integrated: Over the posterior.
@@ -337,12 +337,12 @@ class LeftOut(NamedTuple):
 
 
 class _Histogram(NamedTuple):
-    """The paper's model as the registry knows it."""
+    """The paper's model as an entry of the registry."""
 
     row: Row = Row("nothing", "one histogram per class and taxel, as in the paper")
 
     def fit(self, taps: TapSet, grid: ClassGrid, settings: FitSettings, trained_on: str = "") -> Fitted:
-        """`fit` with the posterior; without a pseudocount there is none, as its prior is improper."""
+        """Fit with its posterior, which is `None` without a pseudocount, as the prior is improper."""
         model = fit(
             taps,
             grid,
@@ -359,7 +359,7 @@ class _Histogram(NamedTuple):
     def read(
         self, attributes: Mapping[str, Any], data: xr.Dataset, _: xr.Dataset, common: dict[str, Any]
     ) -> HistogramModel:
-        """The model in the groups of a file, see `MeasurementModel.read`."""
+        """Model from the groups of a file, see `MeasurementModel.read`."""
         model = HistogramModel(counts=data["counts"].values, pseudocount=float(attributes["pseudocount"]), **common)
         shape = model.counts.shape
         fits = len(shape) == 4 and model.edges.shape in ((shape[3] + 1,), (shape[2], shape[3] + 1))

@@ -1,4 +1,4 @@
-"""`matrix-normal`: one covariance in time times one across taxels, by coordinate ascent on a factorised posterior.
+"""`matrix-normal`: covariances in time and across taxels, by coordinate ascent on a factorised posterior.
 
 Given the covariance across taxels that in time has a Wishart posterior of its precision, and the other way round; each
 is updated with what is expected of the other until nothing changes ("flip-flop"; Dutilleul, Journal of Statistical
@@ -32,7 +32,7 @@ _MOST_FREEDOM = 1e4  # of the distribution that the taxel precisions of all clas
 
 
 class KroneckerPrior(NamedTuple):
-    """Wishart priors of two precision matrices, and a normal one of the means.
+    """Wishart priors of two precision matrices, and a normal prior of the means.
 
     Attributes:
         time_freedom: Degrees of freedom in time.
@@ -50,7 +50,7 @@ class KroneckerPrior(NamedTuple):
 
 
 def story(taps: Taps, prior: KroneckerPrior) -> None:
-    """Residuals are correlated in time, alike in all classes, and across taxels, as each class has it.
+    """Generative model: residuals correlated in time, equally in all classes, and across taxels, per class.
 
     The covariance of two samples is the product of one in time (J, J) and one across taxels (K, K). One Wishart
     distribution holds the taxel precisions of all classes.
@@ -73,7 +73,7 @@ def story(taps: Taps, prior: KroneckerPrior) -> None:
 
 
 class KroneckerPosterior(NamedTuple):
-    """Wishart posteriors of both precisions.
+    """Factorised Wishart posterior of both precisions.
 
     Attributes:
         time_freedom: Degrees of freedom in time.
@@ -82,7 +82,7 @@ class KroneckerPosterior(NamedTuple):
         taxel_scale: Expected sums of squares across taxels, shape (L, M, K, K).
         level: Expected means, shape (L, M, J, K).
         strength: Taps that they are worth, shape (L, M).
-        prior: Of precisions and means.
+        prior: Prior of precisions and means.
         rounds: How many rounds it took.
         change: Largest change of the covariance in time in the last one, relative to its variances.
     """
@@ -98,18 +98,18 @@ class KroneckerPosterior(NamedTuple):
     change: float
 
     def point(self) -> dict[str, NDArray[np.float64]]:
-        """Expected means, and covariances with the expected precisions, the one in time scaled to trace J."""
+        """Expected means, and covariances from expected precisions, the one in time scaled to trace J."""
         time = self.time_scale / self.time_freedom
         unit = np.trace(time) / len(time)
         taxel = self.taxel_scale / self.taxel_freedom[..., None, None]
         return {"level": self.level, "time_covariance": time / unit, "taxel_covariance": taxel * unit}
 
     def convergence(self) -> Convergence:
-        """Whether the last round changed anything."""
+        """Convergence of the coordinate ascent."""
         return ascent(self.rounds, self.change, _STILL)
 
     def draw(self, generator: np.random.Generator) -> dict[str, NDArray[np.float64]]:
-        """Parameters from the posterior, scaled likewise."""
+        """Draw of the parameters, scaled as in `point`."""
         time = _inverse_wishart(self.time_scale, np.asarray(self.time_freedom), generator)
         taxel = _inverse_wishart(self.taxel_scale, self.taxel_freedom, generator)
         rows, columns = np.linalg.cholesky(time), np.linalg.cholesky(taxel)
@@ -120,12 +120,12 @@ class KroneckerPosterior(NamedTuple):
 
 
 def weak_prior(J: int, K: int) -> KroneckerPrior:
-    """A prior that expects independent samples of variance 1 in units of `Scaling`, and says little; flat means."""
+    """Weak prior that expects independent samples of variance 1 in units of `Scaling`; flat means."""
     return KroneckerPrior(J + 2.0, (J + 2.0) * np.eye(J), K + 2.0, (K + 2.0) * np.eye(K), 0.0)
 
 
 def fit(taps: Taps, prior: KroneckerPrior | None = None) -> KroneckerPosterior:
-    """Factorised posterior of `story`; without a prior that of the taxels is estimated."""
+    """Factorised posterior of `story`; without a given prior, that of the taxels is estimated."""
     moments, (L, M), (_, J, K) = Moments.of(taps), taps.shape, taps.samples.shape
     known, own = prior, taps.where * M + taps.what
     prior = known or weak_prior(J, K)
@@ -164,7 +164,7 @@ def fit(taps: Taps, prior: KroneckerPrior | None = None) -> KroneckerPosterior:
 
 
 def _estimated(prior: KroneckerPrior, scale: NDArray[np.float64], freedom: NDArray[np.float64]) -> KroneckerPrior:
-    """The prior under which taxel precisions with Wishart posteriors are most probable in expectation.
+    """Empirical-Bayes prior of the taxel precisions.
 
     The weak prior counts as one class more, without which few classes would confirm themselves.
 
@@ -196,7 +196,7 @@ def _log_det(matrices: NDArray[np.float64]) -> NDArray[np.float64]:
 def _rows(
     moments: Moments, own: NDArray[np.intp], strength: float
 ) -> tuple[NDArray[np.float64], NDArray[np.intp], NDArray[np.float64]]:
-    """Matrices (n, J, K) whose squares add up to those around the expected means, their classes, and the freedom."""
+    """Residual matrices (n, J, K), their classes, and the degrees of freedom."""
     count = moments.taps.ravel()
     if not strength:
         return moments.residual, own, np.maximum(count - 1, 0.0)
@@ -216,7 +216,7 @@ def _whitened(time: NDArray[np.float64], rows: NDArray[np.float64]) -> NDArray[n
 def _inverse_wishart(
     scale: NDArray[np.float64], freedom: NDArray[np.float64], generator: np.random.Generator
 ) -> NDArray[np.float64]:
-    """Covariances (..., D, D) whose precisions are Wishart with these degrees of freedom; Bartlett's decomposition."""
+    """Inverse Wishart draws of covariances (..., D, D); Bartlett's decomposition."""
     D = scale.shape[-1]
     factor = np.tril(generator.standard_normal(scale.shape), -1)
     diagonal = np.sqrt(generator.chisquare(freedom[..., None] - np.arange(D)))
@@ -228,12 +228,12 @@ def _inverse_wishart(
 
 
 def arguments(_: Taps, posterior: KroneckerPosterior) -> tuple[Any, ...]:
-    """The prior that the fit estimated."""
+    """Arguments of `story`: the prior that the fit estimated."""
     return (posterior.prior,)
 
 
 def parameters_of(sites: Sites) -> Sites:
-    """Covariances from precisions, the one in time scaled to trace J."""
+    """Parameters from draws: covariances from precisions, the one in time scaled to trace J."""
     time = np.linalg.inv(sites["time"])
     unit = np.trace(time, axis1=-2, axis2=-1) / time.shape[-1]
     taxel = np.linalg.inv(sites["taxel"])
@@ -245,7 +245,7 @@ def parameters_of(sites: Sites) -> Sites:
 
 
 def given(parameters: Parameters, _: NDArray[np.float64]) -> Given:
-    """Precisions; any prior."""
+    """`story` at fixed precisions, with any prior."""
     J, K = parameters["level"].shape[-2:]
     prior = KroneckerPrior(J + 1.0, np.eye(J), K + 1.0, np.eye(K), 1.0)
     precisions = {name: np.linalg.inv(parameters[f"{name}_covariance"]) for name in ("time", "taxel")}
@@ -253,7 +253,7 @@ def given(parameters: Parameters, _: NDArray[np.float64]) -> Given:
 
 
 def form(parameters: Parameters, frame: Measure) -> GaussianForm:
-    """`story` on the bins: V and W from the Cholesky factors of both covariances."""
+    """Likelihood of bins under `story`: V and W from the Cholesky factors of both covariances."""
     time, time_variance = _unit_triangular(parameters["time_covariance"])
     taxel, taxel_variance = _unit_triangular(parameters["taxel_covariance"])
     variance = time_variance[:, None] * taxel_variance[:, :, None, :]
@@ -261,7 +261,7 @@ def form(parameters: Parameters, frame: Measure) -> GaussianForm:
 
 
 def _unit_triangular(covariance: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Unit lower triangular matrices that whiten covariances (..., D, D), and the variances then left (..., D)."""
+    """Unit lower triangular matrices that whiten covariances (..., D, D), and the remaining variances (..., D)."""
     root = np.linalg.cholesky(covariance)
     diagonal = np.diagonal(root, axis1=-2, axis2=-1)
     return np.tril(np.linalg.inv(root) * diagonal[..., :, None]), diagonal**2
@@ -270,7 +270,7 @@ def _unit_triangular(covariance: NDArray[np.float64]) -> tuple[NDArray[np.float6
 def integrated(
     posterior: KroneckerPosterior, frame: Measure, unseen: Unseen, generator: np.random.Generator
 ) -> NDArray[np.float64]:
-    """Forecasts wider by the uncertainty of the means, averaged over draws of both covariances."""
+    """Predictions widened by the uncertainty of the means, averaged over draws of both covariances."""
     taps, edges, own = unseen
     inflation = np.sqrt(1 + 1 / np.maximum(posterior.strength, 1.0))[..., None, None]
 

@@ -1,4 +1,4 @@
-"""What every measurement model can do, whatever it assumes, and what it can do once fitted.
+"""Interface of all measurement models, before and after a fit.
 
 A model gives the likelihood of a tap under each class through its form (see `forms`). Everything behind it, engines,
 trials, sweeps and comparisons, knows models by this file only.
@@ -37,12 +37,12 @@ if TYPE_CHECKING:
     from .novelty import NoveltyScores
 
 FORMAT = 2
-"""Of the files of fitted models."""
+"""Format number of model files."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class TapModel(ABC):
-    """A fitted measurement model: all that perception needs to know of the training data.
+    """A fitted measurement model; all that perception needs from the training data.
 
     Attributes:
         grid: The classes.
@@ -51,7 +51,7 @@ class TapModel(ABC):
         power: Root of the likelihood in Eq. 1: `"J"`, `"JK"`, `"none"` or an exponent.
         preprocessing: How the taps were prepared.
         left_out: Names of the classes without a training tap.
-        trained_on: Which taps trained it, in words.
+        trained_on: Description of the training taps.
         version: Version of this software that fitted it.
         novelty: How badly the training taps fit their classes; without it no tap can be called new.
         training: Digests of the training taps, see `tap_digests`; none where a file of an older version has none.
@@ -87,30 +87,30 @@ class TapModel(ABC):
     @property
     @abstractmethod
     def kind(self) -> str:
-        """What the registry calls it, apart from its states."""
+        """Name in the registry, without states."""
 
     @property
     @abstractmethod
     def dims(self) -> dict[str, tuple[str, ...]]:
-        """Dims of its parameters, and of draws of them, by name."""
+        """Dims of the parameters, and of their draws, by name."""
 
     @property
     def name(self) -> str:
-        """What the registry calls it: in states `session:` and the kind."""
+        """Name in the registry; `session:` and the kind with several states."""
         return self.kind if len(self.states.gain) == 1 else f"session:{self.kind}"
 
     @cached_property
     @abstractmethod
     def trained(self) -> NDArray[np.bool_]:
-        """Which classes have a training tap, or get what they need from others, shape (L, M)."""
+        """Mask of the classes with training taps, or with parameters from other classes, shape (L, M)."""
 
     @cached_property
     @abstractmethod
     def plain_form(self) -> "Form":
-        """The probability of a tap's bins under each class in the state of gain 1 and offset 0, at power 1."""
+        """Likelihood form in the state of gain 1 and offset 0, at power 1."""
 
     def form_of(self, parameters: "Parameters") -> "Form":  # noqa: ARG002
-        """What other values of its parameters mean, as `plain_form`.
+        """Likelihood form of other parameters, as `plain_form`.
 
         Raises:
             TypeError: It has no parameters.
@@ -126,15 +126,15 @@ class TapModel(ABC):
         gain: float,  # noqa: ARG002
         offset: float,  # noqa: ARG002
     ) -> NDArray[np.float64]:
-        """Log probability in one state of the bins of taps (N, J, K), each given the training taps, shape (N,).
+        """Predictive log probability in one state of the bins of taps (N, J, K), shape (N,).
 
         Args:
-            posterior: Of its parameters.
+            posterior: Posterior of its parameters.
             taps: Taps that did not train it.
             own: Their classes.
-            generator: Of draws from the posterior.
-            gain: Of the state.
-            offset: Of the state.
+            generator: Random generator of draws from the posterior.
+            gain: Gain of the state.
+            offset: Offset of the state.
 
         Raises:
             TypeError: It has no posterior.
@@ -143,12 +143,12 @@ class TapModel(ABC):
 
     @cached_property
     def form(self) -> "Form":
-        """The probability of a tap's bins under each where class and hypothesis, at power 1."""
+        """Likelihood form over positions and hypotheses, at power 1."""
         return in_states(self.plain_form, self.states, self.edges)
 
     @cached_property
     def prepared(self) -> "PreparedTable | PreparedGaussian":
-        """The form ready for taps, in which untrained classes are impossible."""
+        """Precomputed form; untrained classes are impossible."""
         return self.form.prepare(np.isneginf(self.log_prior))
 
     @property
@@ -164,11 +164,11 @@ class TapModel(ABC):
 
     @cached_property
     def exponent(self) -> float:
-        """The exponent that `power` stands for."""
+        """Exponent of the likelihood, from `power`."""
         return likelihood_exponent(self.power, self.preprocessing.samples, self.K)
 
     def bins(self, taps: ArrayLike) -> NDArray[np.intp]:
-        """The histogram bin of every sample, the shape of `taps` (..., J, K); those beyond the edges in end bins.
+        """Histogram bin of each sample, in the shape of `taps` (..., J, K); values beyond the edges in end bins.
 
         Raises:
             InputError: As `check_samples`.
@@ -178,7 +178,7 @@ class TapModel(ABC):
         return find_bins(taps, self.edges)
 
     def check_samples(self, taps: NDArray[np.floating]) -> None:
-        """Refuses samples that the model cannot speak about.
+        """Checks the shape and values of samples.
 
         Args:
             taps: Prepared samples, shape (..., J, K).
@@ -197,7 +197,7 @@ class TapModel(ABC):
             raise InputError(f"Taps must have {J} samples and {K} taxels as in the model, got shape {taps.shape}.")
 
     def log_likelihood(self, taps: ArrayLike, out: Any = None) -> NDArray[np.float64]:
-        """Log P(z | where, hypothesis) of taps, -inf under untrained classes; Eq. 1.
+        """Log-likelihoods of taps, shape (N, L, H), -inf for untrained classes; Eq. 1.
 
         Args:
             taps: Prepared samples, shape (N, J, K); also a memory-mapped array.
@@ -221,7 +221,7 @@ class TapModel(ABC):
         return out
 
     def check_taps(self, preprocessing: "Preprocessing") -> None:
-        """Refuses taps that were prepared otherwise.
+        """Checks that taps were preprocessed as the training taps.
 
         Raises:
             InputError: The records differ; the message says how.
@@ -231,11 +231,11 @@ class TapModel(ABC):
             raise InputError(f"The taps and the model differ in preprocessing: {'; '.join(differences)}.")
 
     def trained_with(self, taps: "TapSet") -> int:
-        """How many of these taps trained it, so far as it knows; see `training.training_taps`."""
+        """Number of these taps that trained the model, as far as known; see `training.training_taps`."""
         return int(training_taps(taps, self.training).sum())
 
     def usable(self, taps: "TapSet") -> "TapSet":
-        """The taps whose class was trained.
+        """Taps whose class was trained.
 
         Raises:
             InputError: There is none, or the taps were prepared otherwise.
@@ -247,18 +247,18 @@ class TapModel(ABC):
         return taps.select(known)
 
     def known(self, taps: "TapSet") -> NDArray[np.bool_]:
-        """Which taps are of a class that was trained, shape (N,)."""
+        """Mask of the taps whose class was trained, shape (N,)."""
         where, what = taps.indices(self.grid)
         known = (where >= 0) & (what >= 0)
         known[known] = self.trained[where[known], what[known]]
         return known
 
     def with_scores(self, taps: "TapSet") -> "TapModel":  # noqa: ARG002 - histograms alone can use them
-        """The model with the novelty scores of its training taps, where its kind knows them."""
+        """Model with the novelty scores of its training taps, if its kind supports them."""
         return self
 
     def groups(self) -> dict[str, xr.Dataset]:
-        """The groups of its file but draws and how the fit ended, see `model_file`; kinds add what is their own.
+        """Groups of its file, except draws and convergence, see `model_file`; models add their own.
 
         Raises:
             InputError: Files hold no such model.
@@ -293,7 +293,7 @@ class TapModel(ABC):
         return {"/": xr.Dataset(attrs=attributes), "constant_data": xr.Dataset(data, self.grid.coords())}
 
     def to_datatree(self) -> xr.DataTree:
-        """The model as it stands in its file, labelled.
+        """The model as a labelled tree of datasets, as in its file.
 
         Raises:
             InputError: Files hold no such model.
@@ -301,7 +301,7 @@ class TapModel(ABC):
         return xr.DataTree.from_dict(self.groups())
 
     def save(self, path: str | Path, force: bool = False) -> None:
-        """Writes the model as netCDF, complete or not at all; see `model_file`.
+        """Writes the model as netCDF, atomically; see `model_file`.
 
         Raises:
             InputError: The file cannot be written, or exists and `force` is not set.
@@ -310,11 +310,11 @@ class TapModel(ABC):
 
 
 class Fitted(NamedTuple):
-    """A fit.
+    """Result of a fit.
 
     Attributes:
         model: What decides.
-        posterior: Of its parameters; `None` where the prior is improper, a histogram without pseudocount.
+        posterior: Posterior of its parameters; `None` where the prior is improper, a histogram without pseudocount.
         convergence: How it was found.
     """
 
@@ -324,7 +324,7 @@ class Fitted(NamedTuple):
 
 
 class Row(NamedTuple):
-    """What a model assumes less than the paper.
+    """Difference of a model from the paper's assumptions.
 
     Attributes:
         relaxes: Which assumption of the paper it does without.
@@ -336,15 +336,15 @@ class Row(NamedTuple):
 
 
 class MeasurementModel(Protocol):
-    """A model before it is fitted, as the registry knows it."""
+    """A measurement model before its fit, as an entry of the registry."""
 
     @property
     def row(self) -> Row:
-        """What it assumes less than the paper."""
+        """Difference from the paper's assumptions."""
         ...
 
     def fit(self, taps: "TapSet", grid: "ClassGrid", settings: "FitSettings", trained_on: str = "") -> Fitted:
-        """The model of training taps; `trained_on` says in words which these are.
+        """Model fitted to training taps; `trained_on` describes them.
 
         Raises:
             InputError: The taps cannot carry it, or an argument is out of range.
@@ -354,10 +354,10 @@ class MeasurementModel(Protocol):
     def read(
         self, attributes: Mapping[str, Any], data: xr.Dataset, parameters: xr.Dataset, common: dict[str, Any], /
     ) -> TapModel:
-        """The model in the groups of a file, see `TapModel.groups`.
+        """Model from the groups of a file, see `TapModel.groups`.
 
         Args:
-            attributes: Of the file.
+            attributes: Attributes of the file.
             data: Group `constant_data`.
             parameters: Group `parameters`.
             common: What all models have, as arguments.

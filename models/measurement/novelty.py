@@ -1,4 +1,4 @@
-"""How badly a tap fits a class, and how badly training taps fit classes that were learned from other training taps.
+"""Misfit of taps to classes, and misfits of held-out training taps as a reference for novelty.
 
 The likelihood does not detect novel taps: samples without contact are likely under every class. The misfit compares it
 with the best that any histograms could reach: it is the divergence of the tap's own histograms from those of the class,
@@ -23,17 +23,17 @@ if TYPE_CHECKING:
     from ..taps import TapSet
 
 FEWEST = 5
-"""Scores of a class below which the mean of all scores stands for its own."""
+"""Minimum number of scores of a class; with fewer, the mean of all classes is used."""
 _PSEUDOCOUNT = 0.01  # stands in for none, under which most misfits would be infinite
 
 
 class NoveltyScores(NamedTuple):
-    """How badly calibration taps fit their own class.
+    """Misfits of calibration taps to their own class.
 
     Attributes:
         reference: Occupation numbers of the reference taps, shape (L, M, K, B).
         edges: Bin edges of these, shape (B + 1,) or (K, B + 1).
-        misfit: Of calibration taps to the reference of their own class in nats, shape (n,).
+        misfit: Misfit of calibration taps to the reference of their own class in nats, shape (n,).
         cell: Their class as l M + m, shape (n,).
     """
 
@@ -44,7 +44,7 @@ class NoveltyScores(NamedTuple):
 
 
 def smoothed(occupation: NDArray[np.floating | np.integer], pseudocount: float) -> NDArray[np.float64]:
-    """Eq. 2 for misfits, bins on the last axis, where no pseudocount is replaced by a small one."""
+    """Eq. 2 for misfits, bins on the last axis; a small pseudocount replaces a missing one."""
     raised = occupation + (pseudocount or _PSEUDOCOUNT)
     return raised / raised.sum(axis=-1, keepdims=True)
 
@@ -52,7 +52,7 @@ def smoothed(occupation: NDArray[np.floating | np.integer], pseudocount: float) 
 def misfit(
     counts: NDArray[np.floating], occupation: NDArray[np.floating | np.integer], pseudocount: float
 ) -> NDArray[np.float64]:
-    """Divergence of the histograms of taps from those of classes, sum over k of KL(h_k / J || P_k), in nats.
+    """Divergence of tap histograms from class histograms, sum over k of KL(h_k / J || P_k), in nats.
 
     That is 1/J of the logarithm by which histograms of the tap's own would be likelier (Eq. 1).
 
@@ -69,7 +69,7 @@ def misfit(
 
 
 def misfits(share: NDArray[np.floating], log_prob: NDArray[np.floating]) -> NDArray[np.float64]:
-    """`misfit` of every tap to every class.
+    """Misfit of each tap to each class.
 
     Args:
         share: Samples of a tap in each bin as a fraction of J, shape (n, K B).
@@ -84,7 +84,7 @@ def misfits(share: NDArray[np.floating], log_prob: NDArray[np.floating]) -> NDAr
 def novelty_scores(
     taps: "TapSet", grid: "ClassGrid", bins: int, value_range: Literal["global", "taxel"], pseudocount: float
 ) -> NoveltyScores:
-    """The reference and the scores of the calibration taps.
+    """Reference and scores of the calibration taps.
 
     Args:
         taps: The training taps; those outside the grid are left out.
@@ -113,7 +113,7 @@ def novelty_scores(
 
 
 def calibrating(cell: NDArray[np.intp], session: NDArray[np.integer]) -> NDArray[np.bool_]:
-    """Which taps calibrate: in each class every second session from the first on, or every second tap of one session.
+    """Mask of calibration taps: in each class every second session, or every second tap of a single session.
 
     Whole sessions are held out where a class has several, so that misfits include what changes between sessions.
 
@@ -133,7 +133,7 @@ def calibrating(cell: NDArray[np.intp], session: NDArray[np.integer]) -> NDArray
 
 
 def centres(misfits: NDArray[np.float64], cell: NDArray[np.intp], cells: int) -> NDArray[np.float64]:
-    """Mean root misfit of each class, of all where it has few scores; shape (cells,)."""
+    """Mean root misfit of each class, or of all classes if it has few scores; shape (cells,)."""
     root = np.sqrt(misfits)
     n = np.bincount(cell, minlength=cells)
     mean = np.bincount(cell, root, cells) / np.maximum(n, 1)
@@ -141,7 +141,7 @@ def centres(misfits: NDArray[np.float64], cell: NDArray[np.intp], cells: int) ->
 
 
 def own_excess(misfits: NDArray[np.float64], cell: NDArray[np.intp]) -> NDArray[np.float64]:
-    """Each root misfit above the mean of the others of its class, so that it is on a par with that of a new tap."""
+    """Root misfit of each tap minus the mean of the others of its class, comparable with that of a new tap."""
     root = np.sqrt(misfits)
     n = np.bincount(cell)[cell]
     others = (np.bincount(cell, root)[cell] - root) / np.maximum(n - 1, 1)

@@ -1,4 +1,4 @@
-"""Log probability of new taps under their own classes, integrated over the posterior of a model or at one point.
+"""Log probability of new taps under their own classes, integrated over the posterior or at a point estimate.
 
 Levels and variances of cells are integrated exactly, which makes forecasts Student's t; what cells share is integrated
 by averaging over draws. Averaging over draws of everything would not do: a tap has hundreds of samples, and the mean of
@@ -13,7 +13,7 @@ from .model import Fitted
 
 
 def plug_in(fitted: Fitted, taps: NDArray[np.floating], own: Own) -> NDArray[np.float64]:
-    """Log probability of the bins of taps (N, J, K) at the parameters with which the model decides, shape (N,)."""
+    """Log probability of the bins of taps (N, J, K) at the point estimate, shape (N,)."""
     model = fitted.model
     return OwnTaps(taps, own, model.edges, model.states).log_probability(model.plain_form)
 
@@ -21,13 +21,13 @@ def plug_in(fitted: Fitted, taps: NDArray[np.floating], own: Own) -> NDArray[np.
 def integrated(
     fitted: Fitted, taps: NDArray[np.floating], own: Own, generator: np.random.Generator
 ) -> NDArray[np.float64]:
-    """Log probability of the bins of taps (N, J, K), each given the training taps, shape (N,).
+    """Predictive log probability of the bins of taps (N, J, K), given the training taps, shape (N,).
 
     Args:
         fitted: A fit with a posterior.
         taps: Taps that did not train it.
         own: Their classes.
-        generator: Of the draws.
+        generator: Random generator of the draws.
     """
     model, posterior = fitted.model, fitted.posterior
     if posterior is None:

@@ -1,4 +1,4 @@
-"""`profile`: every class and taxel has a mean and a variance for each time of a tap."""
+"""`profile`: a mean and a variance for each class, taxel and time."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,7 +15,7 @@ from .story import Story
 
 
 def story(taps: Taps, prior: CellPrior) -> None:
-    """Every class and taxel has a mean and a variance for each time of a tap; residuals are independent.
+    """Generative model: a mean and a variance for each class, taxel and time; independent residuals.
 
     The variances of all classes and times of a taxel come from one inverse gamma distribution.
     """
@@ -38,13 +38,13 @@ def fit(taps: Taps, prior: CellPrior | None = None) -> CellPosterior:
 
 
 def form(parameters: Parameters, frame: Measure) -> GaussianForm:
-    """`story` on the bins."""
+    """Likelihood of bins under `story`."""
     J = parameters["level"].shape[2]
     return chain_form(parameters["level"][None], parameters["variance"], np.eye(J)[None], NO_TAXEL, frame)
 
 
 def integrated(posterior: CellPosterior, frame: Measure, unseen: Unseen, _: np.random.Generator) -> NDArray[np.float64]:
-    """Forecasts with levels and variances integrated out."""
+    """Predictions with levels and variances integrated out."""
     return cells_integrated(form, posterior.point(), posterior.cells, frame, unseen)
 
 

@@ -1,4 +1,4 @@
-"""`profile-ar`: `profile`, each sample forecast from the one before it.
+"""`profile-ar`: `profile` with each sample predicted from the previous one.
 
 Given the slopes in time the cells have a posterior in closed form, so the slopes are summed over a fine grid.
 """
@@ -23,7 +23,7 @@ _GRID, _REACH = 101, 8.0  # points, and standard deviations to either side of th
 
 
 def story(taps: Taps, prior: CellPrior) -> None:
-    """As `profile`, but each sample is forecast from the one before it, with one slope per taxel for all classes."""
+    """Generative model: `profile` with each sample predicted from the previous one, with one slope per taxel."""
     from .fits.story_parts import cells, dist, jnp, numpyro, plates
 
     (L, M), (N, J, K) = taps.shape, taps.samples.shape
@@ -39,13 +39,13 @@ def story(taps: Taps, prior: CellPrior) -> None:
 
 
 class ArPosterior(NamedTuple):
-    """Slopes on a grid, cells given the slopes.
+    """Posterior of slopes on a grid, and of cells given the slopes.
 
     Attributes:
         rho: Grid of slopes of each taxel, shape (K, G).
         weight: Their probabilities, shape (K, G).
         series: Sums from which the cells follow.
-        prior: Of the cells.
+        prior: Prior of the cells.
     """
 
     rho: NDArray[np.float64]
@@ -59,11 +59,11 @@ class ArPosterior(NamedTuple):
         return {"rho": rho, **self.cells(rho).point()}
 
     def convergence(self) -> Convergence:
-        """Exact."""
+        """Convergence: always exact."""
         return EXACT_CELLS
 
     def draw(self, generator: np.random.Generator) -> dict[str, NDArray[np.float64]]:
-        """Parameters from the posterior, slopes spread evenly between grid points."""
+        """Draw of the parameters; slopes are uniform between grid points."""
         cumulative = self.weight.cumsum(axis=1)
         index = (cumulative < generator.random((len(self.rho), 1)) * cumulative[:, -1:]).sum(axis=1)
         step = self.rho[:, 1] - self.rho[:, 0]
@@ -72,16 +72,16 @@ class ArPosterior(NamedTuple):
         return {"rho": rho, **self.cells(rho).draw(generator)}
 
     def cells(self, rho: NDArray[np.float64]) -> Cells:
-        """The cells given the slopes, shape (K,)."""
+        """Posterior of the cells given the slopes, shape (K,)."""
         return self.series.cells(rho, self.prior)
 
 
 class Series(NamedTuple):
-    """Sums over the taps of each class that any slope in time needs; shapes (L, M, J, K) but for the number of taps.
+    """Sufficient statistics for any slope in time, per class; shapes (L, M, J, K), except for the number of taps.
 
     Attributes:
         taps: How many, shape (L, M, 1, 1).
-        mean: Of the samples.
+        mean: Mean of the samples.
         before: Mean of the samples before them, 0 for the first.
         square: Squared deviations.
         square_before: Those of the samples before.
@@ -97,7 +97,7 @@ class Series(NamedTuple):
 
     @classmethod
     def of(cls, taps: Taps) -> "Series":
-        """Those of training taps."""
+        """Statistics of training taps."""
         moments, (L, M) = Moments.of(taps), taps.shape
         product = np.zeros_like(moments.residual)
         product[:, 1:] = moments.residual[:, 1:] * moments.residual[:, :-1]
@@ -112,7 +112,7 @@ class Series(NamedTuple):
         )
 
     def innovations(self, rho: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Mean and squared deviations of samples minus slope times the one before; rho has shape (K,)."""
+        """Mean and squared deviations of samples minus slope times the previous one; rho has shape (K,)."""
         square = self.square - 2 * rho * self.product + rho**2 * self.square_before
         return self.mean - rho * self.before, np.maximum(square, 0.0)
 
@@ -139,7 +139,7 @@ def fit(taps: Taps, prior: CellPrior | None = None) -> ArPosterior:
 
 
 def _on_grid(series: Series, prior: CellPrior, K: int) -> ArPosterior:
-    """Slopes on a grid that reaches as far as they are probable."""
+    """Grid of slopes over their probable range."""
     low, high = np.full((K, 1), -1.0), np.full((K, 1), 1.0)
     rho, weight = low, high
     for _ in range(4):
@@ -155,14 +155,14 @@ def _on_grid(series: Series, prior: CellPrior, K: int) -> ArPosterior:
 
 
 def _delayed(values: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Values (..., J, K) one sample later, 0 at first."""
+    """Values (..., J, K) delayed by one sample, 0 at first."""
     later = np.zeros_like(values)
     later[..., 1:, :] = values[..., :-1, :]
     return later
 
 
 def form(parameters: Parameters, frame: Measure) -> GaussianForm:
-    """`story` on the bins: V is 1 on the diagonal and -rho below it."""
+    """Likelihood of bins under `story`: V is 1 on the diagonal and -rho below it."""
     level, rho = parameters["level"], parameters["rho"]
     J, K = level.shape[2:]
     time = np.tile(np.eye(J), (K, 1, 1))
@@ -177,7 +177,7 @@ def form(parameters: Parameters, frame: Measure) -> GaussianForm:
 def integrated(
     posterior: ArPosterior, frame: Measure, unseen: Unseen, generator: np.random.Generator
 ) -> NDArray[np.float64]:
-    """Forecasts with levels and variances integrated out, averaged over draws of the slopes."""
+    """Predictions with levels and variances integrated out, averaged over draws of the slopes."""
     return slopes_integrated(form, posterior, "rho", frame, unseen, generator)
 
 

@@ -1,4 +1,4 @@
-"""`profile-mvn`: `profile`, each sample forecast from those of other taxels at its time.
+"""`profile-mvn`: `profile` with each sample predicted from other taxels at the same time.
 
 Slopes and cells have a factorised posterior by coordinate ascent (Bishop, "Pattern Recognition and Machine Learning",
 ch. 10).
@@ -26,7 +26,7 @@ _SETTLING = 10  # rounds after which the prior of the variances stays as it is
 
 
 def story(taps: Taps, prior: CellPrior, typical: Any, tightness: Any) -> None:
-    """As `profile`, but each sample is forecast from those of the taxels before it at the same time.
+    """Generative model: `profile` with each sample predicted from the preceding taxels at the same time.
 
     The slopes are those of the modified Cholesky factor of the covariance across taxels, one factor per class; those of
     all classes are normal around the typical ones, so that a class with few taps keeps to what the others do.
@@ -46,15 +46,15 @@ def story(taps: Taps, prior: CellPrior, typical: Any, tightness: Any) -> None:
 
 
 class MvnPosterior(NamedTuple):
-    """Slopes and cells independent of each other.
+    """Factorised posterior of slopes and cells.
 
     Attributes:
         slope: Expected slopes from earlier to later taxels, strictly lower triangular, shape (L, M, K, K).
         root: Cholesky factors of the covariance of each row of slopes, shape (L, M, K, K, K).
-        mean: Of the samples, shape (L, M, J, K).
+        mean: Mean of the samples, shape (L, M, J, K).
         scatter: Products of deviations of taxels, shape (L, M, J, K, K).
         taps: How many, shape (L, M, 1, 1).
-        prior: Of the cells.
+        prior: Prior of the cells.
         typical: Expected slopes of all classes, shape (K, K).
         tightness: One over the variance of slopes among classes.
         rounds: How many rounds it took.
@@ -73,11 +73,11 @@ class MvnPosterior(NamedTuple):
     change: float
 
     def point(self) -> dict[str, NDArray[np.float64]]:
-        """Expected parameters, those of the cells with the scatter expected over the slopes."""
+        """Expected parameters; cells with the expected scatter over the slopes."""
         return {"slope": self.slope, **self.cells(self.slope, _uncertain(self.root, self.scatter)).point()}
 
     def convergence(self) -> Convergence:
-        """Whether the last round changed anything."""
+        """Convergence of the coordinate ascent."""
         return ascent(self.rounds, self.change, _STILL)
 
     def draw(self, generator: np.random.Generator) -> dict[str, NDArray[np.float64]]:
@@ -87,7 +87,7 @@ class MvnPosterior(NamedTuple):
         return {"slope": slope, **self.cells(slope).draw(generator)}
 
     def cells(self, slope: NDArray[np.float64], extra: NDArray[np.float64] | float = 0.0) -> Cells:
-        """The cells given slopes; `extra` is added to the squared deviations."""
+        """Posterior of the cells given slopes; `extra` is added to the squared deviations."""
         factor = np.eye(slope.shape[-1]) - slope
         mean = np.einsum("lmki,lmji->lmjk", factor, self.mean)
         square = _squares(factor, self.scatter) + extra
@@ -99,7 +99,7 @@ def fit(taps: Taps, prior: CellPrior | None = None) -> MvnPosterior:
 
     Args:
         taps: Scaled training taps.
-        prior: Of the cells, with levels expected at 0; default an estimated one.
+        prior: Prior of the cells, with levels expected at 0; default an estimated one.
 
     Raises:
         ValueError: The prior expects levels elsewhere.
@@ -131,13 +131,13 @@ def fit(taps: Taps, prior: CellPrior | None = None) -> MvnPosterior:
 
 
 def _uncertain(root: NDArray[np.float64], scatter: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Squared deviations expected beside those at the expected slopes, shape (L, M, J, K)."""
+    """Expected squared deviations due to the uncertainty of the slopes, shape (L, M, J, K)."""
     covariance = root @ root.swapaxes(-1, -2)
     return np.einsum("lmkxy,lmjxy->lmjk", covariance, scatter, optimize=True)
 
 
 def _scatter(residual: NDArray[np.float64], own: NDArray[np.intp], groups: int) -> NDArray[np.float64]:
-    """Products of the residuals (N, J, K) of taxels summed over the taps of each class, shape (groups, J, K, K)."""
+    """Scatter of residuals (N, J, K) across taxels, summed per class, shape (groups, J, K, K)."""
     _, J, K = residual.shape
     scatter = np.zeros((groups, J, K, K))
     for c in np.unique(own):
@@ -153,7 +153,7 @@ def _slope_rows(
     tightness: float,
     used: NDArray[np.bool_],
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Expected slopes (L, M, K, K) and the Cholesky factors of their covariances (L, M, K, K, K)."""
+    """Expected slopes (L, M, K, K) and Cholesky factors of their covariances (L, M, K, K, K)."""
     L, M, _, K = precision.shape
     slope, root = np.zeros((L, M, K, K)), np.zeros((L, M, K, K, K))
     for k in range(1, K):
@@ -171,7 +171,7 @@ def _slope_rows(
 def _shared(
     slope: NDArray[np.float64], root: NDArray[np.float64], used: NDArray[np.bool_]
 ) -> tuple[NDArray[np.float64], float]:
-    """Mean of the slopes over classes (K, K), and one over their expected variance around it."""
+    """Mean of the slopes over classes (K, K), and their expected precision around it."""
     K = slope.shape[-1]
     typical = slope[used].mean(axis=0)
     variance = (slope[used] - typical) ** 2 + (root[used] ** 2).sum(axis=-1)
@@ -180,19 +180,19 @@ def _shared(
 
 
 def _squares(factor: NDArray[np.float64], scatter: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Squared deviations of the innovations, diagonal of W S W', shape (L, M, J, K)."""
+    """Squared deviations of the innovations, the diagonal of W S W', shape (L, M, J, K)."""
     half = np.einsum("lmki,lmjix->lmjkx", factor, scatter, optimize=True)
     return np.maximum((half * factor[:, :, None]).sum(axis=-1), 0.0)
 
 
 def arguments(taps: Taps, posterior: MvnPosterior) -> tuple[Any, ...]:
-    """The prior that the fit estimated."""
+    """Arguments of `story`: the prior that the fit estimated."""
     pairs = np.tril_indices(taps.samples.shape[2], -1)
     return posterior.prior, posterior.typical[pairs], posterior.tightness
 
 
 def parameters_of(sites: Sites) -> Sites:
-    """Pairs of taxels as strictly lower triangular matrices."""
+    """Parameters from draws: pairs of taxels as strictly lower triangular matrices."""
     K = sites["level"].shape[-1]
     slope = np.zeros((*sites["slope"].shape[:-1], K, K))
     slope[..., *np.tril_indices(K, -1)] = sites["slope"]
@@ -200,13 +200,13 @@ def parameters_of(sites: Sites) -> Sites:
 
 
 def given(parameters: Parameters, _: NDArray[np.float64]) -> Given:
-    """Slopes of pairs; any prior."""
+    """`story` at fixed slopes of pairs, with any prior."""
     pairs = np.tril_indices(parameters["slope"].shape[-1], -1)
     return Given({**parameters, "slope": parameters["slope"][..., *pairs]}, lambda *_: (ANY_CELLS, 0.0, np.ones(())))
 
 
 def form(parameters: Parameters, frame: Measure) -> GaussianForm:
-    """`story` on the bins: W is 1 minus the slopes."""
+    """Likelihood of bins under `story`: W is 1 minus the slopes."""
     level, slope = parameters["level"], parameters["slope"]
     J, K = level.shape[2:]
     factor = np.eye(K) - slope
@@ -217,7 +217,7 @@ def form(parameters: Parameters, frame: Measure) -> GaussianForm:
 def integrated(
     posterior: MvnPosterior, frame: Measure, unseen: Unseen, generator: np.random.Generator
 ) -> NDArray[np.float64]:
-    """Forecasts with levels and variances integrated out, averaged over draws of the slopes."""
+    """Predictions with levels and variances integrated out, averaged over draws of the slopes."""
     return slopes_integrated(form, posterior, "slope", frame, unseen, generator)
 
 

@@ -1,4 +1,4 @@
-"""All measurement models by name.
+"""Registry of measurement models by name.
 
 A model is one file of this folder, whose `MODEL` holds all that is known of it: its story, its fits, what its
 parameters mean for the bins of a tap, and what it refuses. A further model is a file more and its name here. Files are
@@ -16,17 +16,17 @@ if TYPE_CHECKING:
 PAPER = "histogram"
 """The paper's model."""
 KINDS = (PAPER, "gaussian", "student", "profile", "profile-ar", "profile-mvn", "matrix-normal", "smooth")
-"""Names of the models, each that of a file with a minus for an underscore; the paper's first."""
+"""Names of the models, each a file name with a minus for an underscore; the paper's first."""
 SESSION = "session"
 NAMES = (*KINDS, SESSION)
-"""Names of the models and of `session`, which holds the paper's; `session:` and another name holds that."""
+"""Names of the models and `session`, short for `session:histogram`; `session:` may precede any other name."""
 
 
 def split_name(name: str) -> tuple[str, bool]:
-    """The kind of model in a name, and whether it is wrapped in states.
+    """Kind of a model name, and whether it has states.
 
     Raises:
-        InputError: There is no such model.
+        InputError: The model is unknown.
     """
     wrapper, colon, kind = name.partition(":")
     in_states = wrapper == SESSION
@@ -40,15 +40,15 @@ def split_name(name: str) -> tuple[str, bool]:
 
 
 def measurement_model(kind: str) -> "MeasurementModel":
-    """The model of a name without `session`."""
+    """Model of a name without `session`."""
     return import_module(f".{kind.replace('-', '_')}", __package__).MODEL
 
 
 def row(name: str) -> "Row":
-    """What a model assumes less than the paper.
+    """Difference of a model from the paper's assumptions.
 
     Raises:
-        InputError: There is no such model.
+        InputError: The model is unknown.
     """
     kind, in_states = split_name(name)
     return import_module(".shared_gain", __package__).ROW if in_states else measurement_model(kind).row

@@ -1,4 +1,4 @@
-"""Samples in units in which every taxel looks alike, so that one prior serves any sensor."""
+"""Scaling of samples to common units for all taxels, so that one prior suits any sensor."""
 
 from typing import NamedTuple, Self
 
@@ -9,7 +9,7 @@ from .fits.priors import Taps
 
 
 class Scaling(NamedTuple):
-    """Each taxel's origin and unit.
+    """Origin and unit of each taxel.
 
     Attributes:
         centre: Mean of all training samples of a taxel, shape (K,).
@@ -21,18 +21,18 @@ class Scaling(NamedTuple):
 
     @classmethod
     def of(cls, taps: Taps, edges: NDArray[np.float64]) -> Self:
-        """That of training taps, given in their own unit."""
+        """Scaling of training taps, in their own unit."""
         moments = Moments.of(taps)
         within = moments.square.sum(axis=(0, 1, 2)) / max(moments.freedom * taps.samples.shape[1], 1.0)
         return cls(taps.samples.mean(axis=(0, 1)), np.maximum(np.sqrt(within), least_deviation(edges, len(within))))
 
     def scaled(self, taps: Taps) -> Taps:
-        """Taps in these units."""
+        """Taps in scaled units."""
         return taps._replace(samples=(taps.samples - self.centre) / self.unit)
 
 
 def least_deviation(edges: NDArray[np.float64], K: int) -> NDArray[np.float64]:
-    """What no sample is known better than, the standard deviation of a uniform draw from a bin, shape (K,).
+    """Lower bound of standard deviations: that of a uniform draw from a bin, shape (K,).
 
     A taxel that always rested on one value in training would otherwise rule out every class once it moves a little.
     """
@@ -56,7 +56,7 @@ class Moments(NamedTuple):
 
     @classmethod
     def of(cls, taps: Taps) -> Self:
-        """Those of taps of known class."""
+        """Moments of taps of known class."""
         (L, M), (_, J, K) = taps.shape, taps.samples.shape
         own = taps.where * M + taps.what
         count = np.bincount(own, minlength=L * M).astype(np.float64)
@@ -67,7 +67,7 @@ class Moments(NamedTuple):
 
     @property
     def freedom(self) -> float:
-        """Degrees of freedom within the classes."""
+        """Degrees of freedom within classes."""
         return float(np.maximum(self.taps - 1, 0).sum())
 
 

@@ -1,4 +1,4 @@
-"""The model `session`: any other under an unknown gain and offset that all taps of one presentation share.
+"""`session`: any other model with an unknown gain and offset that all taps of an episode share.
 
 Nobody knows at test time what the gain of the sensor is that day. It is one of S states on a grid, enumerated beside
 where and what: the belief is carried over (where, what, state), and decisions take the sum over states (see `states`).
@@ -19,7 +19,7 @@ from .states import States
 
 ROW = Row("independence of taps", "any other under a gain and offset that all taps of an episode share")
 GAINS, OFFSETS = 7, 3
-"""Points of the grid."""
+"""Number of grid points for gains and for offsets."""
 _REACH = 2.0  # standard deviations to which the grid reaches
 _GAIN_SD, _OFFSET_BINS = 0.05, 0.5  # where a single training session says nothing
 _LEAST_GAIN = 1e-3
@@ -29,7 +29,7 @@ _FLAT = 0.1  # signal over noise below which taps say nothing of a gain
 def with_shared_gain(
     fitted: Fitted, taps: TapSet, grid: ClassGrid, gain_sd: float | None, offset_sd: float | None
 ) -> Fitted:
-    """A fit under gains and offsets that all taps of an episode share.
+    """Fitted model with gains and offsets that all taps of an episode share.
 
     Args:
         fitted: Any fit.
@@ -51,7 +51,7 @@ def with_shared_gain(
 
 
 def state_grid(gain_sd: float, offset_sd: float, gains: int = GAINS, offsets: int = OFFSETS) -> States:
-    """A grid of gains around 1 and offsets around 0 with normal weights.
+    """Grid of gains around 1 and offsets around 0 with normal weights.
 
     Args:
         gain_sd: Standard deviation of the logarithm of the gain between sessions; 0 keeps it at 1.
@@ -78,7 +78,7 @@ def _points(number: int, sd: float) -> NDArray[np.float64]:
 
 
 def session_spread(taps: TapSet, grid: ClassGrid, edges: NDArray[np.float64]) -> tuple[float, float]:
-    """How much log gain and offset differ between sessions of training taps, as standard deviations.
+    """Standard deviations of log gain and offset between sessions of training taps.
 
     The mean taps of the classes in each session are regressed on those in all others. Where that says nothing, as with
     a single session, 5 % and half a bin stand in.
@@ -111,7 +111,7 @@ def session_spread(taps: TapSet, grid: ClassGrid, edges: NDArray[np.float64]) ->
 def _shared_means(
     own: NDArray[np.intp], samples: NDArray[np.float64], this: NDArray[np.bool_], classes: int
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], float] | None:
-    """Mean taps, flat, of the classes that a session and the others have, and the noise variance of the latter.
+    """Flattened mean taps of the classes shared by a session and the others, and the noise variance of the latter.
 
     `None` where there are no such classes, or no class with two taps in the others to tell noise by.
     """
@@ -126,14 +126,14 @@ def _shared_means(
 
 
 def _line(mean: NDArray[np.float64], rest: NDArray[np.float64], noise: float) -> tuple[float, float]:
-    """Slope and intercept of means over others, which have this noise variance; unnoticed it would flatten the line."""
+    """Slope and intercept of means against others with this noise variance, which would bias the slope otherwise."""
     signal = float(rest.var()) - noise
     slope = float(((mean - mean.mean()) * (rest - rest.mean())).mean()) / signal if signal > _FLAT * noise else 1.0
     return slope, float(mean.mean() - slope * rest.mean())
 
 
 def _class_means(own: NDArray[np.intp], samples: NDArray[np.float64], classes: int) -> NDArray[np.float64]:
-    """Mean tap of each class, 0 where there is none, shape (classes, J, K)."""
+    """Mean tap of each class, 0 for classes without taps, shape (classes, J, K)."""
     count = np.bincount(own, minlength=classes)
     return sum_by(own, samples, classes) / np.maximum(count, 1)[:, None, None]
 

@@ -1,4 +1,4 @@
-"""`smooth`: `profile` with mean curves over position as Gaussian processes on a basis of sines.
+"""`smooth`: `profile` with mean curves over position as Gaussian processes in a sine basis.
 
 The kernel is squared exponential; on an interval it is well approximated by sines whose weights are independent with
 variances from its spectral density (Solin and Sarkka, Statistics and Computing 30 (2020) 419). Weights and variances
@@ -27,7 +27,7 @@ from .scaling import sum_by
 from .story import Story
 
 LENGTHS = tuple(np.geomspace(0.11, 1.6, 8))
-"""Length scales to choose from, in units of half the range of positions."""
+"""Candidate length scales, in units of half the range of positions."""
 _MOST = 24  # basis functions; enough for the shortest length scale
 _BORDER = 1.5  # half width of the interval of the sines, in the same unit
 _ROUNDS, _STILL = 300, 1e-3  # rounds at most, and the relative change at which they end
@@ -37,7 +37,7 @@ _SUB_PLACES = 4  # in a class whose taps lie at different places, over which the
 
 
 class CurvePrior(NamedTuple):
-    """A Gaussian process over position on a basis of D functions.
+    """Gaussian process over position in a basis of D functions.
 
     Attributes:
         basis: Basis functions at the position of each tap, shape (N, D).
@@ -53,7 +53,7 @@ class CurvePrior(NamedTuple):
 
 
 def story(taps: Taps, prior: CurvePrior) -> None:
-    """As `profile`, but the mean of an object at a time and taxel is a smooth curve over the position of the tap.
+    """Generative model: `profile` with mean curves that are smooth in the position of the tap.
 
     The curve is a Gaussian process with squared exponential kernel on a basis of sines, so the classes of an object
     share their taps, and positions between them have a mean too.
@@ -73,7 +73,7 @@ def story(taps: Taps, prior: CurvePrior) -> None:
 
 
 class Basis(NamedTuple):
-    """Sines over position.
+    """Sine basis over position.
 
     Attributes:
         centre: Middle of the positions.
@@ -87,13 +87,13 @@ class Basis(NamedTuple):
 
     @classmethod
     def of(cls, place: NDArray[np.float64]) -> Self:
-        """That of the positions of training taps."""
+        """Basis for the positions of training taps."""
         distinct = np.unique(place)
         half = 0.5 * float(distinct[-1] - distinct[0])
         return cls(float(distinct[0]) + half, half, min(_MOST, 2 * len(distinct) + 4))
 
     def at(self, place: NDArray[np.float64]) -> NDArray[np.float64]:
-        """The functions at positions (...), shape (..., D)."""
+        """Basis functions at positions (...), shape (..., D)."""
         x = (np.asarray(place)[..., None] - self.centre) / self.half
         return np.sin(self.frequency * (x + _BORDER)) / np.sqrt(_BORDER)
 
@@ -116,7 +116,7 @@ class CurvePosterior(NamedTuple):
         root: Cholesky factors of their covariances, shape (M, J, K, D, D).
         a: Shape of the variances, shape (L, M, 1, 1).
         b: Their rate, shape (L, M, J, K).
-        prior: Of the variances.
+        prior: Prior of the variances.
         width: Prior standard deviation of the weights, shape (D, K).
         length: Length scale in units of the positions.
         rounds: How many rounds it took.
@@ -139,7 +139,7 @@ class CurvePosterior(NamedTuple):
         return {"weight": self.weight, "variance": self.b / np.maximum(self.a - 1, 0.5 * self.a)}
 
     def convergence(self) -> Convergence:
-        """Whether the last round changed anything."""
+        """Convergence of the coordinate ascent."""
         return ascent(self.rounds, self.change, _STILL)
 
     def draw(self, generator: np.random.Generator) -> dict[str, NDArray[np.float64]]:
@@ -150,7 +150,7 @@ class CurvePosterior(NamedTuple):
 
 
 class _Sums(NamedTuple):
-    """Sums over the taps of each class; n taps, Gram matrices (L, M, D, D), products (L, M, D, J, K), squares."""
+    """Sufficient statistics per class; n taps, Gram matrices (L, M, D, D), products (L, M, D, J, K), squares."""
 
     taps: NDArray[np.float64]
     gram: NDArray[np.float64]
@@ -158,12 +158,12 @@ class _Sums(NamedTuple):
     square: NDArray[np.float64]
 
     def at_times(self, times: slice) -> Self:
-        """Those of some of the times."""
+        """Statistics at some of the times."""
         return self._replace(product=self.product[..., times, :], square=self.square[..., times, :])
 
 
 def fit(taps: Taps) -> CurvePosterior:
-    """Factorised posterior of `story` from taps at three different positions or more."""
+    """Factorised posterior of `story`, from taps at three or more positions."""
     basis = Basis.of(taps.place)
     sums = _sums(taps, basis.at(taps.place))
     few = sums.at_times(slice(None, None, -(-taps.samples.shape[1] // _TIMES)))
@@ -186,7 +186,7 @@ def _sums(taps: Taps, basis: NDArray[np.float64]) -> _Sums:
 
 
 def _ascend(sums: _Sums, basis: Basis, length: float, most: int) -> tuple[float, CurvePosterior]:
-    """The lower bound of the log evidence, and the posterior at one length scale after `most` rounds or less."""
+    """Lower bound of the log evidence, and the posterior at one length scale, after at most `most` rounds."""
     K = sums.square.shape[-1]
     taps, density = sums.taps[..., None, None], basis.density(length)
     used = np.maximum(sums.taps, 1)[..., None, None]
@@ -263,17 +263,17 @@ def _bound(
 
 
 def arguments(taps: Taps, posterior: CurvePosterior) -> tuple[Any, ...]:
-    """The Gaussian process that the fit found, at the positions of the taps."""
+    """Arguments of `story`: the Gaussian process of the fit, at the positions of the taps."""
     return (CurvePrior(posterior.basis.at(taps.place), posterior.width, posterior.prior.a, posterior.prior.b),)
 
 
 def parameters_of(sites: Sites) -> Sites:
-    """The basis as the last axis of the weights."""
+    """Parameters from draws, with the basis as the last axis of the weights."""
     return {**sites, "weight": np.moveaxis(sites["weight"], 2, -1)}
 
 
 def given(parameters: Parameters, basis: NDArray[np.float64]) -> Given:
-    """The basis as the first axis of the weights; curves at each of the places in a class."""
+    """`story` at fixed parameters, with the basis as the first axis; curves at each position in a class."""
     import jax.numpy as jnp
 
     K, D = parameters["weight"].shape[-2:]
@@ -287,7 +287,7 @@ def given(parameters: Parameters, basis: NDArray[np.float64]) -> Given:
 
 
 def form(parameters: Parameters, frame: Measure) -> GaussianForm:
-    """`story` on the bins, at each of Q places in a class, all as likely."""
+    """Likelihood of bins under `story`: a mixture over Q equally probable positions in a class."""
     J = parameters["weight"].shape[1]
     mean = np.einsum("qld,mjkd->qlmjk", frame.basis, parameters["weight"], optimize=True)
     return chain_form(mean, parameters["variance"], np.eye(J)[None], NO_TAXEL, frame)
@@ -296,7 +296,7 @@ def form(parameters: Parameters, frame: Measure) -> GaussianForm:
 def integrated(
     posterior: CurvePosterior, frame: Measure, unseen: Unseen, _: np.random.Generator
 ) -> NDArray[np.float64]:
-    """Student's t with the uncertainty of the curve at each place added to the variance."""
+    """Student's t predictions with the uncertainty of the curve at each position added to the variance."""
     parts = []
     curves = form(posterior.point(), frame)
     noise = posterior.b / posterior.a
@@ -311,7 +311,7 @@ def integrated(
 def basis_in_classes(
     posterior: CurvePosterior, taps: TapSet, grid: ClassGrid, where: NDArray[np.intp]
 ) -> NDArray[np.float64]:
-    """Basis functions at one place in each class, or at several where its taps lie at several; shape (Q, L, D)."""
+    """Basis functions at the positions of taps in each class, one or several; shape (Q, L, D)."""
     several = any(len(np.unique(taps.where[where == l])) > 1 for l in np.unique(where))
     if grid.where_edges is None or not several:
         return posterior.basis.at(grid.where_value[None])
@@ -320,7 +320,7 @@ def basis_in_classes(
 
 
 def between(trained: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """Classes between trained ones of the same object, shape (L, M)."""
+    """Mask of classes between trained ones of the same object, shape (L, M)."""
     before = np.maximum.accumulate(trained, axis=0)
     behind = np.maximum.accumulate(trained[::-1], axis=0)[::-1]
     return before & behind

@@ -1,4 +1,4 @@
-"""Hypotheses that say more than where and what: each object under each of S states that last for an episode.
+"""Hypotheses beyond position and object: each object in each of S states that last for an episode.
 
 A state is something unknown that all taps of an episode share, such as the gain of the sensor that day. The belief is
 carried over where and hypothesis, shape (L, H) with H = S M; hypothesis s M + m is object m in state s. Without states
@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 
 class States(NamedTuple):
-    """What may have happened to the samples of a whole episode: they were multiplied by a gain, then an offset added.
+    """Gains and offsets that may apply to all samples of an episode: multiplied by a gain, then shifted by an offset.
 
     Attributes:
         gain: Shape (S,).

@@ -1,4 +1,4 @@
-"""Models other than the paper's: a generative story in NumPyro with what goes with it, and the story once fitted.
+"""Measurement models given by generative models in NumPyro, before and after a fit.
 
 A file of a model holds a `Story`. The story itself is one function of 10 to 25 lines that says how the samples of taps
 of known class come about, and nothing else. Plates carry the letters of the axes: `L` where classes, `M` what classes,
@@ -51,10 +51,10 @@ def _as_they_are(parameters: Parameters, _: NDArray[np.float64]) -> Given:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Story:
-    """A measurement model: its story, and what fits and engines ask of it.
+    """A measurement model given by a generative model, with its fits and likelihood.
 
     Attributes:
-        name: Of the model.
+        name: Name of the model.
         row: What it assumes less than the paper.
         story: In NumPyro, called with `Taps` and the arguments.
         dims: Dims of its parameters by name.
@@ -94,7 +94,7 @@ class Story:
     own_threads: bool = False
 
     def fit(self, taps: TapSet, grid: ClassGrid, settings: FitSettings, trained_on: str = "") -> Fitted:
-        """The model of training taps.
+        """Model fitted to training taps.
 
         Raises:
             InputError: The taps cannot carry it, or an argument is out of range.
@@ -138,7 +138,7 @@ class Story:
     def _posterior(
         self, scaled: Taps, used: TapSet, grid: ClassGrid, settings: FitSettings
     ) -> tuple[Posterior, NDArray[np.float64]]:
-        """The posterior and the basis, which is that of the fast fit by chains too."""
+        """Posterior and basis; for chains too, the basis is that of the fast fit."""
         posterior = self.closed(scaled)
         basis = _NO_BASIS if self.basis is None else self.basis(posterior, used, grid, scaled.where)
         if settings.method == "nuts":
@@ -146,7 +146,7 @@ class Story:
         return posterior, basis
 
     def sample(self, taps: Taps, arguments: tuple[Any, ...], seed: int) -> SamplePosterior:
-        """The posterior by NUTS from scaled training taps, given what the story takes beside them."""
+        """Posterior by NUTS from scaled training taps, given the other arguments of the generative model."""
         from .fits import nuts
 
         shared = {name for name, dims in self.dims.items() if "where" not in dims}
@@ -156,7 +156,7 @@ class Story:
         )
 
     def parameters_of(self, sites: Sites) -> Sites:
-        """Parameters of all draws, from sites with chain and draw in front."""
+        """Parameters of all draws, from sites with leading axes chain and draw."""
         return {name: sites[name] for name in self.dims} if self.parameters is None else self.parameters(sites)
 
     def read(
@@ -166,7 +166,7 @@ class Story:
         parameters: xr.Dataset,
         common: dict[str, Any],
     ) -> "ParametricModel":
-        """The model in the groups of a file, see `MeasurementModel.read`."""
+        """Model from the groups of a file, see `MeasurementModel.read`."""
         model = ParametricModel(
             story=self,
             scaling=Scaling(data["centre"].values, data["unit"].values),
@@ -183,7 +183,7 @@ class Story:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class ParametricModel(TapModel):
-    """A story at fitted parameters; see `TapModel` for what all have in common.
+    """A generative model at fitted parameters, see `TapModel`.
 
     Attributes:
         story: Its story, and what is known of it.
@@ -201,7 +201,7 @@ class ParametricModel(TapModel):
 
     @property
     def kind(self) -> str:
-        """Name of its story."""
+        """Name of the generative model."""
         return self.story.name
 
     @property
@@ -211,21 +211,21 @@ class ParametricModel(TapModel):
 
     @cached_property
     def trained(self) -> NDArray[np.bool_]:
-        """Which classes it can speak about, shape (L, M)."""
+        """Mask of the classes with parameters, shape (L, M)."""
         return self.covered
 
     @property
     def frame(self) -> Measure:
-        """What its form needs beside parameters."""
+        """Constants of the likelihood form besides parameters."""
         return Measure(self.scaling, self.edges, self.basis)
 
     @property
     def dims(self) -> dict[str, tuple[str, ...]]:
-        """Those of its story."""
+        """Dims of the parameters."""
         return dict(self.story.dims)
 
     def groups(self) -> dict[str, xr.Dataset]:
-        """With its parameters and what they are measured in."""
+        """Groups of the file, with parameters and their scaling."""
         groups = super().groups()
         own: dict[str, Any] = {
             "centre": ("taxel", self.scaling.centre),
@@ -242,11 +242,11 @@ class ParametricModel(TapModel):
 
     @cached_property
     def plain_form(self) -> Form:
-        """What the parameters mean for bins."""
+        """Likelihood form of the parameters."""
         return self.form_of(self.parameters)
 
     def form_of(self, parameters: Parameters) -> Form:
-        """What other parameters would mean for bins."""
+        """Likelihood form of other parameters."""
         return self.story.form(parameters, self.frame)
 
     def integrated(
@@ -258,7 +258,7 @@ class ParametricModel(TapModel):
         gain: float,
         offset: float,
     ) -> NDArray[np.float64]:
-        """By the story where it can, else averaged over draws."""
+        """Predictive log probability, by the model itself or averaged over draws."""
         # Taps in the state of gain 1 and offset 0; bins go with them, so probabilities stay those of the same bins.
         taps, edges = (taps - offset) / gain, (self.edges - offset) / gain
         if self.story.integrated is not None and not isinstance(posterior, SamplePosterior):

@@ -22,7 +22,7 @@ _SITES = ("freedom", "level", "scale")
 
 
 def story(taps: Taps) -> None:
-    """As `gaussian` with heavier tails: Student's t, its degrees of freedom shared by all classes of a taxel.
+    """Generative model: `gaussian` with Student's t samples; degrees of freedom per taxel, shared by all classes.
 
     Locations are normal and scales log-normal around what is typical of the taxel; the classes share the width of both.
     No scale counts for less than `taps.least`, as a taxel at rest would have an unbounded density.
@@ -46,7 +46,7 @@ def story(taps: Taps) -> None:
 
 
 class StudentPosterior(NamedTuple):
-    """Normal posterior of the unconstrained parameters, all independent.
+    """Factorised normal posterior of the unconstrained parameters.
 
     Attributes:
         expected: Medians by name.
@@ -69,7 +69,7 @@ class StudentPosterior(NamedTuple):
         return self.expected
 
     def convergence(self) -> Convergence:
-        """Whether the loss stands still."""
+        """Convergence of the loss."""
         sentence = (
             f"Variational inference, {self.rounds} steps; the mean loss of the last {_WINDOW} differs by "
             f"{self.change:.2g} nats per tap from that of the {_WINDOW} before (at most {_STILL:g})."
@@ -112,7 +112,7 @@ def fit(taps: Taps) -> StudentPosterior:
 
 
 def _start(taps: Taps) -> dict[str, NDArray[np.float64]]:
-    """Where the search begins: moments of each class and taxel."""
+    """Initial values: moments of each class and taxel."""
     moments, J = Moments.of(taps), taps.samples.shape[1]
     level = moments.mean.mean(axis=2, keepdims=True)
     square = (moments.square + moments.taps[..., None, None] * (moments.mean - level) ** 2).sum(axis=2, keepdims=True)
@@ -122,7 +122,7 @@ def _start(taps: Taps) -> dict[str, NDArray[np.float64]]:
 
 
 def form(parameters: Parameters, frame: Measure) -> TableForm:
-    """`story` on the bins."""
+    """Likelihood of bins under `story`."""
     lower, upper = standardised(parameters["level"], parameters["scale"], frame)
     return TableForm(log_student_mass(lower, upper, parameters["freedom"][:, None]))
 

@@ -1,4 +1,4 @@
-"""A measurement model whose probabilities are given, not fitted: one table over the bins per class and taxel."""
+"""Measurement model with given, not fitted, probabilities: one table over the bins per class and taxel."""
 
 from dataclasses import dataclass
 from functools import cached_property
@@ -14,7 +14,7 @@ from .model import TapModel
 
 @dataclass(frozen=True, eq=False, repr=False)
 class TableModel(TapModel):
-    """Tables P_k(b | class) in place of the histograms of Eq. 2; Eq. 1 is the same.
+    """Given tables P_k(b | class) instead of the histograms of Eq. 2; Eq. 1 is unchanged.
 
     It has no file of its own kind; what it was made from is kept instead.
 
@@ -41,16 +41,16 @@ class TableModel(TapModel):
 
     @property
     def kind(self) -> str:
-        """It is none of the catalogue's."""
+        """Name of the model, which is not in the registry."""
         return "table"
 
     @property
     def dims(self) -> dict[str, tuple[str, ...]]:
-        """None: it has no file."""
+        """Empty, as it has no file."""
         return {}
 
     def groups(self) -> NoReturn:
-        """None.
+        """Always raises, as it has no file.
 
         Raises:
             InputError: Always; netCDF files hold fitted models.
@@ -59,12 +59,12 @@ class TableModel(TapModel):
 
     @cached_property
     def trained(self) -> NDArray[np.bool_]:
-        """Which classes have a probability above zero, shape (L, M)."""
+        """Mask of the classes with a probability above zero, shape (L, M)."""
         return self.probabilities.any(axis=(2, 3))
 
     @cached_property
     def plain_form(self) -> TableForm:
-        """The log tables; flat for impossible classes, which the prior leaves out."""
+        """Log tables; flat for impossible classes, which have prior 0."""
         tables = np.where(self.trained[:, :, np.newaxis, np.newaxis], self.probabilities, 1.0)
         with np.errstate(divide="ignore"):
             return TableForm(np.log(tables))

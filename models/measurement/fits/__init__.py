@@ -1,5 +1,5 @@
-"""What models share to find their parameters from training taps.
+"""Shared methods to estimate the parameters of models from training taps.
 
-Start with `priors`, what a story takes; `cells` are levels and variances in closed form, `nuts` samples any story. What
-one model alone needs is in its file.
+Start with `priors`, the arguments of generative models; `cells` fits levels and variances in closed form, `nuts`
+samples any model. Code for a single model is in its file.
 """

@@ -1,4 +1,4 @@
-"""Posteriors of cells, each a class at a time and taxel with a level and a variance, as several models share them.
+"""Posteriors of cells shared by several models; a cell is a class, time and taxel with a level and a variance.
 
 Given what the cells share, each is a normal regression with conjugate prior, so its posterior is normal-inverse-gamma
 in closed form (Gelman et al., "Bayesian Data Analysis", 3rd ed., sec. 3.3 and 14.2). The prior of the variances, which
@@ -17,9 +17,9 @@ from .convergence import EXACT_CELLS, Convergence
 from .priors import CellPrior, Given, Taps
 
 CELL = ("where", "what", "sample", "taxel")
-"""Dims of a number for every cell."""
+"""Dims of one number per cell."""
 ANY_CELLS = CellPrior(0.0, 1.0, 1.0, 1.0)
-"""Where parameters are given and their own density does not count."""
+"""Placeholder prior for given parameters, whose own density does not matter."""
 _LEAST = 1e-4  # of the variances that a prior expects, in units of `Scaling`
 
 
@@ -75,7 +75,7 @@ def cell_posterior(
 
 
 def estimated_prior(freedom: NDArray[np.float64], square: NDArray[np.float64]) -> CellPrior:
-    """The inverse gamma prior of each taxel under which its cells' squares are most probable; flat for the levels.
+    """Empirical-Bayes inverse gamma prior of the variances of each taxel; flat for the levels.
 
     Args:
         freedom: Degrees of freedom of each cell, broadcast over (L, M, J, K); cells without any are ignored.
@@ -91,7 +91,7 @@ def estimated_prior(freedom: NDArray[np.float64], square: NDArray[np.float64]) -
 
 
 def _most_probable(freedom: NDArray[np.float64], half: NDArray[np.float64]) -> tuple[float, float]:
-    """Shape and rate from half the degrees of freedom and half the squares of cells."""
+    """Shape and rate of the most probable prior, from half the degrees of freedom and half the squares of cells."""
 
     def loss(x: NDArray[np.float64]) -> float:
         a, b = np.exp(x[0]), np.exp(x[1]) * np.exp(x[0])
@@ -120,7 +120,7 @@ class CellPosterior(NamedTuple):
         return self.cells.point()
 
     def convergence(self) -> Convergence:
-        """Exact."""
+        """Convergence: always exact."""
         return EXACT_CELLS
 
     def draw(self, generator: np.random.Generator) -> dict[str, NDArray[np.float64]]:
@@ -129,10 +129,10 @@ class CellPosterior(NamedTuple):
 
 
 def prior_of_cells(_: Taps, posterior: Any) -> tuple[CellPrior]:
-    """What stories of cells take beside taps: the prior that the fit in closed form estimated."""
+    """Prior argument of the cell models: the prior that the closed-form fit estimated."""
     return (posterior.prior,)
 
 
 def given_cells(parameters: Parameters, _: NDArray[np.float64]) -> Given:
-    """A story of cells at its parameters."""
+    """Cell model at fixed parameters."""
     return Given(parameters, lambda *_: (ANY_CELLS,))

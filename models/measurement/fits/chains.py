@@ -1,4 +1,4 @@
-"""Draws of Markov chains as a posterior, with the diagnostics that chains allow."""
+"""Posterior given by Markov chain draws, with convergence diagnostics."""
 
 from typing import NamedTuple
 
@@ -11,11 +11,11 @@ from .convergence import Convergence
 type Sites = dict[str, NDArray[np.float64]]
 
 R_HAT, ESS = 1.05, 100.0
-"""A chain fit with a larger R-hat, or a smaller effective sample size, of any parameter did not converge."""
+"""Limits of convergence: largest R-hat and smallest effective sample size of any parameter."""
 
 
 class SamplePosterior(NamedTuple):
-    """Draws of all parameters.
+    """Posterior given by draws of all parameters.
 
     Attributes:
         samples: By name, shapes (chain, draw, ...).
@@ -26,7 +26,7 @@ class SamplePosterior(NamedTuple):
     stats: dict[str, float]
 
     def point(self) -> Parameters:
-        """Means."""
+        """Posterior means."""
         return {name: values.mean(axis=(0, 1)) for name, values in self.samples.items()}
 
     def convergence(self) -> Convergence:

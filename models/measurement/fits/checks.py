@@ -1,4 +1,4 @@
-"""Which training taps can carry which model."""
+"""Checks that training taps are sufficient for a model."""
 
 import numpy as np
 
@@ -9,7 +9,7 @@ FEWEST_PLACES = 3
 
 
 def check_cells(name: str, taps: Taps) -> None:
-    """For models without times: samples of a class must differ somehow.
+    """Checks the taps of a model without times: samples of a class must vary.
 
     Raises:
         InputError: There is one sample per tap, and on average less than two taps per class.
@@ -19,7 +19,7 @@ def check_cells(name: str, taps: Taps) -> None:
 
 
 def check_times(name: str, taps: Taps) -> None:
-    """For models with a profile in time.
+    """Checks the taps of a model with a profile in time.
 
     Raises:
         InputError: There is one sample per tap, or on average less than two taps per class.
@@ -30,7 +30,7 @@ def check_times(name: str, taps: Taps) -> None:
 
 
 def check_taxels(name: str, taps: Taps) -> None:
-    """For models that correlate taxels.
+    """Checks the taps of a model with correlated taxels.
 
     Raises:
         InputError: There is one taxel, or on average less than two taps per class.
@@ -41,7 +41,7 @@ def check_taxels(name: str, taps: Taps) -> None:
 
 
 def check_places(name: str, taps: Taps) -> None:
-    """For models of curves over position.
+    """Checks the taps of a model of curves over position.
 
     Raises:
         InputError: There are less than three positions, or on average less than two taps per class.

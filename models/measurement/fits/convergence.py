@@ -1,4 +1,4 @@
-"""Whether the way to a posterior converged."""
+"""Convergence of a fit."""
 
 from typing import NamedTuple
 
@@ -9,11 +9,11 @@ from ...errors import InputError
 
 
 class NotConvergedError(InputError):
-    """A fit did not converge, and nobody said that this may be."""
+    """A fit did not converge, and `unconverged` was not set."""
 
 
 class Convergence(NamedTuple):
-    """How a fit ended.
+    """Convergence of a fit.
 
     Attributes:
         converged: Whether it may be used; always where the posterior is exact.
@@ -31,11 +31,11 @@ EXACT_CELLS = Convergence(True, "The posterior is exact, given the prior of the 
 
 
 def ascent(rounds: int, change: float, still: float) -> Convergence:
-    """How coordinate ascent on a factorised posterior ended.
+    """Convergence of coordinate ascent on a factorised posterior.
 
     Args:
         rounds: How many it took.
-        change: Of the last one.
+        change: Change by the last round.
         still: The change that counts as none.
     """
     sentence = (

@@ -1,4 +1,4 @@
-"""Posteriors by NUTS: any story as it stands, for data small enough, with the diagnostics that chains allow.
+"""Posteriors by NUTS, for any generative model on small data, with convergence diagnostics.
 
 Hoffman and Gelman, JMLR 15 (2014) 1593. A fit in closed form is faster and exact or nearly so; this one is there for
 stories that have none and, beside fits that approximate, shows what that costs.
@@ -30,13 +30,13 @@ def sample_story(
     warm_up: int = WARM_UP,
     draws: int = DRAWS,
 ) -> SamplePosterior:
-    """Draws from the posterior of a story.
+    """Posterior draws of a generative model.
 
     Args:
-        story: Of a model.
+        story: Generative model.
         arguments: Taps and priors.
         convert: From the sites of the story, with chain and draw in front, to the parameters of its form.
-        seed: Of the chains.
+        seed: Random seed of the chains.
         chains: How many.
         warm_up: Draws of each that are thrown away.
         draws: Draws of each that are kept.
@@ -66,7 +66,7 @@ def _worst(diagnostic: xr.Dataset, pick: Callable[[NDArray[np.float64]], float])
 
 
 def trained_only(taps: Taps, shared: Container[str] = ()) -> tuple[Taps, Callable[[Sites], Sites]]:
-    """Taps with the classes that have any as the only ones, and what spreads their parameters over the grid again.
+    """Taps relabelled to the trained classes only, and a function that maps parameters back to the grid.
 
     A flat level of a class without a tap would run away. Such classes get the parameters of the first one.
 

@@ -1,4 +1,4 @@
-"""What is known of a model's parameters after training."""
+"""Interface of the posterior of a model's parameters."""
 
 from typing import Protocol
 
@@ -9,16 +9,16 @@ from .convergence import Convergence
 
 
 class Posterior(Protocol):
-    """The distribution of a model's parameters given the training taps."""
+    """Distribution of a model's parameters given the training taps."""
 
     def point(self) -> Parameters:
-        """One value of each parameter, with which the model decides."""
+        """Point estimate of each parameter, used for decisions."""
         ...
 
     def draw(self, generator: np.random.Generator) -> Parameters:
-        """Parameters from the posterior."""
+        """A draw of the parameters."""
         ...
 
     def convergence(self) -> Convergence:
-        """How it was found."""
+        """Convergence of the fit."""
         ...

@@ -1,4 +1,4 @@
-"""What stories take: taps, priors, and the parameters of a fitted model."""
+"""Arguments of generative models: taps, priors, and the parameters of a fitted model."""
 
 from collections.abc import Callable, Mapping
 from typing import Any, NamedTuple
@@ -28,7 +28,7 @@ class Taps(NamedTuple):
 
 
 class CellPrior(NamedTuple):
-    """Normal-inverse-gamma prior of the level and variance of a cell, a class at a time and taxel.
+    """Normal-inverse-gamma prior of the level and variance of a cell: a class, time and taxel.
 
     Attributes:
         level: Expected level, broadcast over (L, M, J, K).
@@ -44,12 +44,12 @@ class CellPrior(NamedTuple):
 
 
 def no_arguments(*_: Any) -> tuple[Any, ...]:
-    """For stories that take nothing but taps."""
+    """Arguments of a generative model that takes taps only: none."""
     return ()
 
 
 class Given(NamedTuple):
-    """A story at the parameters of a fitted model.
+    """Generative model at the parameters of a fitted model.
 
     Attributes:
         sites: Values of its sites by name.

@@ -1,4 +1,4 @@
-"""What several stories are written with; a story imports it when it runs, as JAX and NumPyro take seconds to load."""
+"""Building blocks of generative models; imported only when one runs, as JAX and NumPyro take seconds to load."""
 
 from typing import Any
 
@@ -10,7 +10,7 @@ from .priors import CellPrior
 
 
 def cells(prior: CellPrior) -> tuple[Any, Any]:
-    """Level and variance of every cell of the plates around it."""
+    """Level and variance of every cell of the surrounding plates."""
     variance: Any = numpyro.sample("variance", dist.InverseGamma(prior.a, prior.b))
     flat = dist.ImproperUniform(dist.constraints.real, (), ())
     known = dist.Normal(prior.level, jnp.sqrt(variance / (prior.strength or 1.0)))
@@ -18,7 +18,7 @@ def cells(prior: CellPrior) -> tuple[Any, Any]:
 
 
 class plates:  # noqa: N801 - used like numpyro.plate
-    """Several plates as one context, each a name, a size and a dim."""
+    """Nested NumPyro plates from names, sizes and dims."""
 
     def __init__(self, *plates: tuple[str, int, int]) -> None:
         self._plates = [numpyro.plate(name, size, dim=dim) for name, size, dim in plates]

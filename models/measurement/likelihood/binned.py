@@ -1,4 +1,4 @@
-"""The distribution of a tap's bins under Gaussians, in JAX.
+"""Distribution of a tap's bins under Gaussians, in JAX.
 
 The same law as `innovations`, by other formulas: far out, the probability of an interval is a density times a
 continued fraction, so that neither tail loses digits.
@@ -16,7 +16,7 @@ _HALF_LOG_TWO_PI = 0.9189385332046727
 
 
 class BinnedTap(dist.Distribution):
-    """The bins into which the samples of a tap fall, under a mixture of Gaussians over the whole tap.
+    """Distribution of the bins of a tap's samples, under a mixture of Gaussians over the whole tap.
 
     The law is that of `forms.GaussianForm` for one class: each sample is normal given those before it in time and,
     within one time, in taxels, and its bin has the probability of that normal over the bin.
@@ -56,7 +56,7 @@ class BinnedTap(dist.Distribution):
         super().__init__((), loc.shape[1:], validate_args=validate_args)
 
     def log_prob(self, value: ArrayLike, intermediates: object = None) -> jax.Array:  # noqa: ARG002
-        """Log probability of the bins that hold the samples `value`, shape (J, K)."""
+        """Log probability of the bins that contain the samples `value`, shape (J, K)."""
         samples = jnp.asarray(value)
         lower, upper = bin_of(samples, self.edges)
         innovation = samples - self.loc
@@ -71,7 +71,7 @@ class BinnedTap(dist.Distribution):
 
 
 def bin_of(samples: jax.Array, edges: jax.Array) -> tuple[jax.Array, jax.Array]:
-    """Lower and upper edge of the bin of every sample (J, K), of the same shape; the end bins reach to infinity."""
+    """Lower and upper bin edge of each sample, both of shape (J, K); end bins extend to infinity."""
     edges = jnp.broadcast_to(edges, (samples.shape[1], edges.shape[-1]))
     inner = jax.vmap(lambda row, column: jnp.searchsorted(row[1:-1], column, side="right"))(edges, samples.T).T
     open_edges = edges.at[:, 0].set(-jnp.inf).at[:, -1].set(jnp.inf)
@@ -80,7 +80,7 @@ def bin_of(samples: jax.Array, edges: jax.Array) -> tuple[jax.Array, jax.Array]:
 
 
 def log_interval(a: jax.Array, b: jax.Array) -> jax.Array:
-    """Log of the probability that a standard normal lies between a and b > a."""
+    """Log probability of a standard normal between a and b > a."""
     mirrored = a + b < 0  # to the side where distribution functions are small and exact
     a, b = jnp.where(mirrored, -b, a), jnp.where(mirrored, -a, b)
     far = a > _FAR
@@ -95,7 +95,7 @@ def log_interval(a: jax.Array, b: jax.Array) -> jax.Array:
 
 
 def _tail_over_density(z: jax.Array) -> jax.Array:
-    """Probability that a standard normal exceeds z over its density at z, by Laplace's continued fraction."""
+    """Upper tail probability of a standard normal over its density at z, by Laplace's continued fraction."""
     fraction = z
     for n in range(_DEPTH, 0, -1):
         fraction = z + n / fraction

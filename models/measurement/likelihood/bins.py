@@ -1,4 +1,4 @@
-"""Bins of sample values and how often the samples of a tap fall into each; text around Eq. 2 of the paper."""
+"""Bins of sample values and histograms of taps; text around Eq. 2 of the paper."""
 
 from collections.abc import Iterator
 from typing import NamedTuple
@@ -27,7 +27,7 @@ class SparseCounts(NamedTuple):
 
 
 class _Layout(NamedTuple):
-    """Edges as `counting.find` takes them: `low` and `scale` of each taxel, `lower` and `upper` of each cell."""
+    """Edges as `counting.find` requires them: `low` and `scale` of each taxel, `lower` and `upper` of each cell."""
 
     low: NDArray[np.float64]
     scale: NDArray[np.float64]
@@ -63,7 +63,7 @@ def bin_edges(samples: NDArray[np.floating], bins: int, value_range: str) -> NDA
 
 
 def find_bins(samples: NDArray[np.floating], edges: NDArray[np.float64]) -> NDArray[np.intp]:
-    """The bin of every sample (..., K): half-open, the last closed, outside clipped to the end bins; -1 for NaN."""
+    """Bin of each sample (..., K): half-open, the last closed; values outside in the end bins; -1 for NaN."""
     from .counting import find
 
     K = samples.shape[-1]
@@ -76,7 +76,7 @@ def find_bins(samples: NDArray[np.floating], edges: NDArray[np.float64]) -> NDAr
 
 
 def count_taps(samples: NDArray[np.floating], edges: NDArray[np.float64]) -> Iterator[tuple[slice, SparseCounts]]:
-    """The histograms of taps, in chunks that memory holds however many taps there are.
+    """Histograms of taps, in chunks of limited memory.
 
     Args:
         samples: Shape (N, J, K).
@@ -115,7 +115,7 @@ def tap_counts(bins: NDArray[np.intp], B: int) -> Iterator[NDArray[np.float64]]:
 
 
 def _plain(samples: NDArray[np.floating]) -> NDArray[np.floating]:
-    """The samples as compiled loops take them; those in single precision stay so."""
+    """Samples in the layout of the compiled loops; single precision is kept."""
     return np.require(samples, np.float32 if samples.dtype == np.float32 else np.float64, ["C", "W"])
 
 

@@ -1,4 +1,4 @@
-"""Bins, histograms and log-likelihoods of many taps as compiled loops; Eq. 1 and 2.
+"""Compiled loops for bins, histograms and log-likelihoods of many taps; Eq. 1 and 2.
 
 A tap occupies few of all bins, so its histogram is kept as a list of occupied cells k B + b with their counts, and
 the product of histograms with a table takes these cells only. An impossible cell at -inf then needs no care, as it is
@@ -16,7 +16,7 @@ _COLUMNS = 128  # of a table at a time, so that they stay in cache
 
 @compiled
 def search(value, lower, first, last):
-    """The cell of a value by bisection from `first` to `last`; -1 for NaN."""
+    """Cell of a value by bisection from `first` to `last`; -1 for NaN."""
     if np.isnan(value):
         return -1
     while last > first:
@@ -30,7 +30,7 @@ def search(value, lower, first, last):
 
 @compiled
 def find(samples, low, scale, lower, upper, cells):
-    """Writes the cell k B + b of every sample: guessed as if all bins were equally wide, looked up where that is wrong.
+    """Writes the cell k B + b of each sample: guessed for equal bins, corrected by bisection.
 
     Args:
         samples: Shape (n, J K), the taxel running faster.
@@ -71,7 +71,7 @@ def find(samples, low, scale, lower, upper, cells):
 
 @compiled
 def count(cells, held, first, cell, times):
-    """Lists the occupied cells of taps and how many samples each holds.
+    """Lists the occupied cells of taps and the number of samples in each.
 
     Args:
         cells: Cell of each sample of n taps, shape (n, J K).
@@ -96,7 +96,7 @@ def count(cells, held, first, cell, times):
 
 @compiled
 def multiply(first, cell, times, table, factor, out):
-    """Writes `factor` times the product of histograms with a table to `out`.
+    """Writes `factor` times the product of histograms and a table to `out`.
 
     Args:
         first: Lists of n taps, with `cell` and `times` as `count` writes them.

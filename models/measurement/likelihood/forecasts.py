@@ -1,4 +1,4 @@
-"""Log probability of new taps with parameters integrated out, as far as several models share it."""
+"""Predictive log probability of new taps with parameters integrated out, shared by several models."""
 
 from collections.abc import Callable
 from typing import Any, NamedTuple
@@ -13,7 +13,7 @@ from .shapes import Measure, Parameters
 from .true_class import Own
 
 DRAWS = 16
-"""Draws of what cells share."""
+"""Number of draws of shared parameters."""
 
 
 class Unseen(NamedTuple):
@@ -21,7 +21,7 @@ class Unseen(NamedTuple):
 
     Attributes:
         taps: Shape (N, J, K).
-        edges: Of the bins.
+        edges: Edges of the bins.
         own: Their classes.
     """
 
@@ -37,7 +37,7 @@ def cells_integrated(
     frame: Measure,
     unseen: Unseen,
 ) -> NDArray[np.float64]:
-    """Log probability of the bins of taps with level and variance of every cell integrated out, shape (N,)."""
+    """Log probability of the bins of taps, levels and variances of cells integrated out, shape (N,)."""
     variance = cells.b / cells.a * (1 + 1 / np.maximum(cells.strength, 1.0))
     return student_mass(form({**parameters, "variance": variance}, frame), 0, 2 * cells.a, unseen)
 
@@ -50,7 +50,7 @@ def slopes_integrated(
     unseen: Unseen,
     generator: np.random.Generator,
 ) -> NDArray[np.float64]:
-    """The same, averaged over draws of the slopes, the parameter of that name, given which cells are conjugate."""
+    """As `cells_integrated`, averaged over draws of the slopes, given which cells are conjugate."""
 
     def one() -> NDArray[np.float64]:
         slope = posterior.draw(generator)[slopes]
@@ -61,7 +61,7 @@ def slopes_integrated(
 
 
 def student_mass(form: GaussianForm, q: int, freedom: NDArray[np.float64], unseen: Unseen) -> NDArray[np.float64]:
-    """Log probability of the bins of taps with Student's t in place of each normal of Gaussian `q`, shape (N,)."""
+    """Log probability of the bins of taps, with Student's t for each normal of Gaussian `q`, shape (N,)."""
     taps, edges, own = unseen
     samples, below, above = bin_gaps(taps, edges)
     innovation = form.innovations(samples, *own, q)
@@ -71,10 +71,10 @@ def student_mass(form: GaussianForm, q: int, freedom: NDArray[np.float64], unsee
 
 
 def over_draws(one: Callable[[], NDArray[np.float64]]) -> NDArray[np.float64]:
-    """Log of the mean of probabilities, each with a draw of its own."""
+    """Log of the mean probability over draws."""
     return log_mean([one() for _ in range(DRAWS)])
 
 
 def log_mean(parts: list[NDArray[np.float64]]) -> NDArray[np.float64]:
-    """Log of the mean of probabilities."""
+    """Log of the mean of exponentials."""
     return np.logaddexp.reduce(parts, axis=0) - np.log(len(parts))

@@ -1,4 +1,4 @@
-"""The two forms in which every measurement model gives the probability of a tap's bins.
+"""The two forms of the likelihood of a tap's bins: tables and Gaussians.
 
 Whatever a model assumes, a tap is judged by the probability of the bins into which its samples fall, so that discrete
 and continuous models are on one measure. In a `TableForm` the samples are exchangeable and independent. In a
@@ -26,7 +26,7 @@ _FEW = 1 << 13  # samples whose log masses under one class take no longer than t
 
 
 class TableForm(NamedTuple):
-    """Independent samples with one distribution over the bins per taxel; the product in Eq. 1 at power 1.
+    """Independent samples with one distribution over the bins per taxel; the product of Eq. 1 at power 1.
 
     Attributes:
         log_prob: log P_k(b | hypothesis), shape (L, H, K, B).
@@ -40,7 +40,7 @@ class TableForm(NamedTuple):
         return self.log_prob.shape[0], self.log_prob.shape[1]
 
     def in_state(self, gain: float, offset: float, edges: NDArray[np.float64]) -> Self:
-        """The distributions of `gain` times a sample plus `offset`.
+        """Form of `gain` times a sample plus `offset`.
 
         Within a bin samples are taken for uniform. Where the range moves inwards, the bins left empty at its ends get
         the density of the end bin, so that no sample becomes impossible by the state alone.
@@ -58,7 +58,7 @@ class TableForm(NamedTuple):
         return type(self)(moved - np.logaddexp.reduce(moved, axis=-1, keepdims=True))
 
     def prepare(self, impossible: NDArray[np.bool_]) -> "PreparedTable":
-        """What stays the same from tap to tap; `impossible` hypotheses, shape (L, H), have likelihood 0."""
+        """Precomputed form; hypotheses in the mask `impossible`, shape (L, H), have likelihood 0."""
         L, H, K, B = self.log_prob.shape
         table = self.log_prob.reshape(L * H, K * B).T.copy()
         table[:, impossible.ravel()] = -np.inf
@@ -80,7 +80,7 @@ class TableForm(NamedTuple):
         J: int,
         generator: np.random.Generator,
     ) -> NDArray[np.float64]:
-        """Taps of `J` samples under hypotheses (N,), each sample in the middle of its bin, shape (N, J, K).
+        """Taps of `J` samples under hypotheses (N,), at the centres of their bins, shape (N, J, K).
 
         Raises:
             InputError: A hypothesis has no distribution.
@@ -93,7 +93,7 @@ class TableForm(NamedTuple):
     def sample_bins(
         self, where: NDArray[np.intp], what: NDArray[np.intp], J: int, generator: np.random.Generator
     ) -> NDArray[np.uint32]:
-        """The bins of taps as `sample` gives them, shape (N, J, K); raises as that does."""
+        """Bins of taps as in `sample`, shape (N, J, K); raises as `sample`."""
         cumulative = np.exp(self.log_prob).cumsum(axis=-1)
         if not (cumulative[where, what, :, -1] > 0).all():
             raise InputError("A tap cannot be drawn from a class without a distribution.")
@@ -111,7 +111,7 @@ def _draw(
     uniform: NDArray[np.float64],
     bins: NDArray[np.uint32],
 ) -> None:
-    """Bins in which random numbers (N, K, J) fall by cumulative distributions (C, K, B), into `bins`, (N, J, K).
+    """Writes bins (N, J, K) for random numbers (N, K, J) under cumulative distributions (C, K, B).
 
     Numbers in each of B equal parts of the whole are searched from the bin in which the part before begins: starting
     one part early leaves room for rounding.
@@ -138,13 +138,13 @@ def _draw(
 
 
 class GaussianForm(NamedTuple):
-    """A mixture of Q Gaussians over all samples of a tap, each with a Cholesky factor in time and one across taxels.
+    """Mixture of Q Gaussians over all samples of a tap, with Cholesky factors in time and across taxels.
 
     With the residuals r of a tap (J, K), time V_k and taxel W, the innovations are
     u_jk = sum_{k' <= k} W_kk' sum_{i <= j} V_k'ji r_ik', independent and normal with standard deviation `scale`.
 
     Attributes:
-        mean: Of the samples, shape (Q, L, H, J, K).
+        mean: Mean of the samples, shape (Q, L, H, J, K).
         scale: Standard deviation of each sample given those before it, shape (Q, L, H, J, K).
         time: V, unit lower triangular, shape (G, J, J) with G = 1 for all taxels or G = K for each.
         taxel: W, unit lower triangular, shape (L, H, K, K), or (1, 1, 0, 0) for independent taxels.
@@ -163,7 +163,7 @@ class GaussianForm(NamedTuple):
         return self.mean.shape[1], self.mean.shape[2]
 
     def in_state(self, gain: float, offset: float) -> Self:
-        """The distribution of `gain` times a tap plus `offset`."""
+        """Form of `gain` times a tap plus `offset`."""
         return self._replace(mean=gain * self.mean + offset, scale=gain * self.scale)
 
     def whitened_mean(self) -> NDArray[np.float64]:
@@ -173,7 +173,7 @@ class GaussianForm(NamedTuple):
         return np.einsum("kji,...ik->...jk", self.time, self.mean)
 
     def prepare(self, impossible: NDArray[np.bool_]) -> "PreparedGaussian":
-        """What stays the same from tap to tap; `impossible` hypotheses, shape (L, H), have likelihood 0."""
+        """Precomputed form; hypotheses in the mask `impossible`, shape (L, H), have likelihood 0."""
         mean = self.whitened_mean()
         Q, L, H, J, K = mean.shape
         return PreparedGaussian(
@@ -199,7 +199,7 @@ class GaussianForm(NamedTuple):
     def innovations(
         self, taps: NDArray[np.floating], where: NDArray[np.intp], what: NDArray[np.intp], q: int = 0
     ) -> NDArray[np.float64]:
-        """What each sample of taps (N, J, K) deviates by from its forecast under hypotheses (N,), shape (N, J, K)."""
+        """Prediction errors of the samples of taps (N, J, K) under hypotheses (N,), shape (N, J, K)."""
         residual = taps - self.mean[q, where, what]
         time = np.broadcast_to(self.time, (residual.shape[2], *self.time.shape[1:]))
         white = np.einsum("kji,nik->njk", time, residual, optimize=True)
@@ -228,7 +228,7 @@ class GaussianForm(NamedTuple):
 
 
 class PreparedTable(NamedTuple):
-    """A `TableForm` ready for taps.
+    """Precomputed `TableForm`.
 
     Attributes:
         table: Log probabilities from cells to hypotheses, shape (K B, L H).
@@ -255,7 +255,7 @@ class PreparedTable(NamedTuple):
 
 
 class PreparedGaussian(NamedTuple):
-    """A `GaussianForm` ready for taps, with C = L H.
+    """Precomputed `GaussianForm`, with C = L H.
 
     Attributes:
         mean: Whitened in time, shape (Q, C, J, K).
@@ -276,7 +276,7 @@ class PreparedGaussian(NamedTuple):
     def log_likelihood(
         self, taps: NDArray[np.floating], edges: NDArray[np.float64], exponent: float, out: NDArray[np.float64]
     ) -> None:
-        """As `PreparedTable.log_likelihood`; independent samples are looked up where taps outnumber bins."""
+        """As `PreparedTable.log_likelihood`; uses tables for independent samples if taps outnumber bins."""
         (J, K), (L, H), B = taps.shape[1:], self.impossible.shape, edges.shape[-1] - 1
         blocks = range(0, len(taps), max(1, _ROOM // (J * K + L * H)))
         if len(taps) > B * len(blocks) and not self.taxel.shape[-1] and (self.time == np.eye(J)).all():
@@ -290,7 +290,7 @@ class PreparedGaussian(NamedTuple):
             out[start : start + len(part)] = np.where(self.impossible, -np.inf, log_likelihood)
 
     def _looked_up(self, taps: NDArray[np.floating], edges: NDArray[np.float64]) -> NDArray[np.float64]:
-        """As `_part` for independent samples: log masses of all bins are computed once for all taps."""
+        """As `_part` for independent samples, with the log masses of all bins computed once."""
         from .innovations import independent_log_masses
 
         bins = _known_bins(taps, edges).transpose(1, 2, 0).astype(np.uint32, order="C")
@@ -315,7 +315,7 @@ type Form = TableForm | GaussianForm
 def bin_gaps(
     taps: NDArray[np.floating], edges: NDArray[np.float64]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
-    """Samples in double precision, and the edges of their bins minus them; end bins reach to infinity.
+    """Samples in double precision, and distances to the edges of their bins; end bins extend to infinity.
 
     Args:
         taps: Shape (..., J, K).
@@ -335,7 +335,7 @@ def bin_gaps(
 
 
 def _open_edges(edges: NDArray[np.float64], K: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Lower and upper edges of the bins of each taxel, both of shape (K, B); end bins reach to infinity."""
+    """Lower and upper bin edges of each taxel, both of shape (K, B); end bins extend to infinity."""
     edges = np.broadcast_to(edges, (K, edges.shape[-1]))
     lower, upper = edges[:, :-1].copy(), edges[:, 1:].copy()
     lower[:, 0], upper[:, -1] = -np.inf, np.inf
@@ -349,14 +349,14 @@ def _known_bins(taps: NDArray[np.floating], edges: NDArray[np.float64]) -> NDArr
 
 
 def _in_bins(values: NDArray[np.float64], edges: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Values (...) in numbers of bins from the lowest edge; end bins set the scale beyond them."""
+    """Values (...) in units of bins from the lowest edge; end bins set the scale beyond the edges."""
     width = np.diff(edges)
     inside = np.interp(values, edges, np.arange(len(edges)))
     return inside + np.minimum(values - edges[0], 0.0) / width[0] + np.maximum(values - edges[-1], 0.0) / width[-1]
 
 
 def in_states(form: Form, states: States, edges: NDArray[np.float64]) -> Form:
-    """A form over objects (L, M) in every state, over hypotheses (L, S M)."""
+    """Form over hypotheses (L, S M) from one over objects (L, M) and S states."""
     if len(states.gain) == 1 and states.gain[0] == 1 and states.offset[0] == 0:
         return form
     pairs = zip(states.gain.tolist(), states.offset.tolist(), strict=True)

@@ -1,4 +1,4 @@
-"""Probability of the bins of many taps under Gaussian models, as compiled loops.
+"""Compiled loops for the probability of the bins of many taps under Gaussian models.
 
 A Gaussian over the samples of a tap is a chain of forecasts: each sample is normal given those before it, in the order
 of time and, within one time, of the taxels. Whitening gives all of its innovations at once, sample minus forecast, and
@@ -21,7 +21,7 @@ _SMALL = 1e-150  # products above it can take one more factor without leaving th
 
 @compiled
 def log_tail(z):
-    """Log of the probability that a standard normal exceeds z, for z above 5 or so; Abramowitz and Stegun 26.2.12."""
+    """Log upper tail probability of a standard normal, for z above about 5; Abramowitz and Stegun 26.2.12."""
     s = 1 / (z * z)
     series = 1 - s * (1 - 3 * s * (1 - 5 * s * (1 - 7 * s)))
     return -0.5 * z * z - math.log(z) - _HALF_LOG_TWO_PI + math.log(series)
@@ -29,7 +29,7 @@ def log_tail(z):
 
 @compiled
 def log_interval(a, b):
-    """Log of the probability that a standard normal lies between a and b > a, both far on one side of 0."""
+    """Log probability of a standard normal between a and b > a, both far on one side of 0."""
     if a < 0:
         a, b = -b, -a
     near = log_tail(a)
@@ -41,7 +41,7 @@ def log_interval(a, b):
 
 @compiled
 def interval_mass(a, b):
-    """Probability that a standard normal lies between a and b > a; 0 far out, where `log_interval` knows it."""
+    """Probability of a standard normal between a and b > a; 0 far out, where `log_interval` is needed."""
     if a > _FAR or b < -_FAR:
         return 0.0
     if a + b > 0:  # on the side where the tails are small, nothing is lost in the difference
@@ -51,7 +51,7 @@ def interval_mass(a, b):
 
 @compiled
 def whiten_time(tap, time, out):
-    """Multiplies the samples of each taxel with a unit lower triangular matrix.
+    """Multiplies the samples of each taxel by a unit lower triangular matrix.
 
     Args:
         tap: Shape (J, K).
@@ -114,7 +114,7 @@ def tap_log_mass(whitened, below, above, mean, taxel, scale, innovation):
 
 @compiled
 def class_log_masses(taps, below, above, mean, taxel, scale, time, log_weight, out):
-    """Log probability of the bins of every tap under every class, a class being a mixture of Q Gaussians.
+    """Log probability of the bins of every tap under every class, each a mixture of Q Gaussians.
 
     Args:
         taps: Shape (n, J, K).
@@ -143,11 +143,11 @@ def class_log_masses(taps, below, above, mean, taxel, scale, time, log_weight, o
 
 @compiled
 def independent_log_masses(c, bins, lower, upper, mean, scale, log_weight, out):
-    """`class_log_masses` of taps with independent samples under class c, each bin's log mass computed only once.
+    """`class_log_masses` for class c with independent samples; the log mass of a bin is computed once.
 
     Args:
         c: The class.
-        bins: Of all samples, shape (J, K, n).
+        bins: Bins of all samples, shape (J, K, n).
         lower: Lower edge of each bin, -inf for the first of a taxel, shape (K, B).
         upper: Upper edge of each bin, inf for the last of a taxel, shape (K, B).
         mean: Shape (Q, C, J, K).
@@ -176,7 +176,7 @@ def independent_log_masses(c, bins, lower, upper, mean, scale, log_weight, out):
 
 @compiled
 def own_log_masses(taps, below, above, own, mean, taxel, scale, time, log_weight, out):
-    """`class_log_masses` of every tap under its own class `own`, shape (n,), only; `out` has shape (n,)."""
+    """`class_log_masses` of each tap under its own class `own`, shape (n,); `out` has shape (n,)."""
     n, J, K = taps.shape
     Q = len(mean)
     whitened, innovation, parts = np.empty((J, K)), np.empty(K), np.empty(Q)

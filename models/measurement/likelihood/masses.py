@@ -1,4 +1,4 @@
-"""Log probability of intervals under normal and Student's t distributions, without loss in the tails."""
+"""Log probability of intervals under normal and Student's t distributions, accurate in the tails."""
 
 from typing import Any
 
@@ -8,12 +8,12 @@ from scipy.special import log_ndtr, stdtr
 
 
 def log_normal_mass(lower: ArrayLike, upper: ArrayLike) -> NDArray[np.float64]:
-    """Log probability that a standard normal lies between `lower` and `upper`, arrays that broadcast."""
+    """Log probability of a standard normal between `lower` and `upper`, arrays that broadcast."""
     return _log_mass(lower, upper, log_ndtr)
 
 
 def log_student_mass(lower: ArrayLike, upper: ArrayLike, freedom: ArrayLike) -> NDArray[np.float64]:
-    """The same for Student's t with `freedom` degrees of freedom."""
+    """Log probability of Student's t with `freedom` degrees of freedom, as `log_normal_mass`."""
 
     def log_cdf(x: NDArray[np.float64]) -> NDArray[np.float64]:
         with np.errstate(divide="ignore"):

@@ -1,4 +1,4 @@
-"""From the parameters of stories to the forms that give probabilities of bins, as far as several models share it.
+"""Likelihood forms from the parameters of generative models, shared by several models.
 
 Parameters are in units of `Scaling`, forms in those of the samples.
 """
@@ -18,7 +18,7 @@ NO_TAXEL = np.zeros((1, 1, 0, 0))
 
 
 class Measure(NamedTuple):
-    """What a form needs beside parameters.
+    """Scaling, bin edges and other constants of a form.
 
     Attributes:
         scaling: Origin and unit of each taxel.
@@ -34,7 +34,7 @@ class Measure(NamedTuple):
 def standardised(
     level: NDArray[np.float64], scale: NDArray[np.float64], frame: Measure
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Edges of the bins in standard deviations from the level (L, M, 1, K), both (L, M, K, B); end bins are open."""
+    """Bin edges in standard deviations from the level (L, M, 1, K), both (L, M, K, B); end bins are open."""
     centre, unit = frame.scaling
     K = len(unit)
     edges = (np.broadcast_to(frame.edges, (K, frame.edges.shape[-1])) - centre[:, None]) / unit[:, None]
@@ -52,7 +52,7 @@ def chain_form(
     taxel: NDArray[np.float64],
     frame: Measure,
 ) -> GaussianForm:
-    """A form from scaled means (Q, L, M, J, K) and innovation variances (L, M, J, K), V and W."""
+    """Form from scaled means (Q, L, M, J, K), innovation variances (L, M, J, K), V and W."""
     centre, unit = frame.scaling
     Q = len(mean)
     scale = np.broadcast_to(np.maximum(np.sqrt(variance) * unit, least_deviation(frame.edges, len(unit))), mean.shape)

@@ -1,4 +1,4 @@
-"""The likelihood of taps from the generative stories, at the parameters of a fitted model.
+"""Likelihood of taps from the generative model at fitted parameters.
 
 The stories give densities of exact samples, fitted models the probabilities of their bins
 (docs/reference/models.md). Here a story is run by NumPyro at the fitted parameters, and its distribution of every
@@ -32,7 +32,7 @@ _AT_ONCE = 1 << 22  # samples under classes that one step holds
 
 
 class Binned(NamedTuple):
-    """Samples and the bins that hold them, in the units of the story; shape (..., J, K) all.
+    """Samples and their bin edges, in the units of the generative model; shape (..., J, K) each.
 
     Attributes:
         samples: Exact values, from which later samples are forecast.
@@ -46,7 +46,7 @@ class Binned(NamedTuple):
 
 
 class InBin(dist.Distribution):
-    """The bin of a sample that is normal or Student's t.
+    """Distribution of the bin of a normal or Student's t sample.
 
     Args:
         base: Distribution of the sample given those before it.
@@ -63,7 +63,7 @@ class InBin(dist.Distribution):
         super().__init__(np.broadcast_shapes(base.batch_shape, lower.shape))
 
     def log_prob(self, value: ArrayLike, intermediates: object = None) -> jax.Array:  # noqa: ARG002
-        """Log probability of the bin that holds the sample; its edges say which."""
+        """Log probability of the bin of the sample, given by its edges."""
         scale = jnp.maximum(self.base.scale, self.least)
         lower, upper = (self.lower - self.base.loc) / scale, (self.upper - self.base.loc) / scale
         right = lower + upper > 0  # mirrored to the side where distribution functions are small and exact
@@ -80,7 +80,7 @@ class InBin(dist.Distribution):
 
 
 class _Censored(Messenger):
-    """Has the story observe bins in place of samples."""
+    """Handler that makes a generative model observe bins instead of samples."""
 
     def __init__(self, story: Callable[..., Any], taps: Binned, least: jax.Array) -> None:
         self._taps, self._least = taps, least
@@ -92,7 +92,7 @@ class _Censored(Messenger):
 
 
 def _given_those_before(fn: Any, samples: jax.Array) -> Any:
-    """The distribution of each sample (n, J, K) given those before it in time and, within one time, in taxels."""
+    """Distribution of each sample (n, J, K) given earlier times and, at the same time, earlier taxels."""
     while isinstance(fn, dist.ExpandedDistribution | dist.Independent):
         fn = fn.base_dist
     if not isinstance(fn, dist.MatrixNormal):
@@ -107,7 +107,7 @@ def _given_those_before(fn: Any, samples: jax.Array) -> Any:
 
 
 def log_likelihoods(model: TapModel, taps: NDArray[np.floating]) -> NDArray[np.float64]:
-    """Log probability of the bins of taps under every class at power 1 by the model's story, shape (N, L, H).
+    """Log-likelihoods of taps under every class at power 1 from the generative model, shape (N, L, H).
 
     Classes without a training tap have one too, which means nothing.
 
@@ -122,14 +122,14 @@ def log_likelihoods(model: TapModel, taps: NDArray[np.floating]) -> NDArray[np.f
 
 
 def _given(model: ParametricModel) -> Given:
-    """The story of a model at its parameters."""
+    """Generative model at fitted parameters."""
     given = model.story.given(model.parameters, model.basis)
     sites: Any = {name: jnp.asarray(values) for name, values in given.sites.items()}
     return given._replace(sites=sites)
 
 
 def _told(model: ParametricModel, given: Given, samples: Any, own: Any, place: Any) -> Callable[[], Any]:
-    """The story of taps (n, J, K) of known class l M + m, shape (n,), at one place in the class."""
+    """Log probability of taps (n, J, K) of known class l M + m, shape (n,), at one position in the class."""
     L, M = model.grid.shape
     taps = Taps(samples, own // M, own % M, (L, M), least=_least(model))
     sites: Any = given.sites
@@ -138,7 +138,7 @@ def _told(model: ParametricModel, given: Given, samples: Any, own: Any, place: A
 
 
 def _by_samples(model: ParametricModel, taps: NDArray[np.floating]) -> NDArray[np.float64]:
-    """As `log_likelihoods`; a state takes its offset and gain off the samples and edges."""
+    """As `log_likelihoods`; a state's offset and gain are removed from samples and edges."""
     centre, unit = (jnp.asarray(part) for part in model.scaling)
     given, (L, M) = _given(model), model.grid.shape
     least, held = jnp.asarray(_least(model)), _held(model, taps)
@@ -164,7 +164,7 @@ def _by_samples(model: ParametricModel, taps: NDArray[np.floating]) -> NDArray[n
 
 
 def _by_bins(model: TapModel, taps: NDArray[np.floating]) -> NDArray[np.float64]:
-    """As `log_likelihoods` for models whose samples are exchangeable, each bin with one probability."""
+    """As `log_likelihoods`, for exchangeable samples with one probability per bin."""
     plain = _bin_log_prob(model)
     L, M, K, B = plain.shape
     bins = jnp.asarray(model.bins(taps))
@@ -207,8 +207,8 @@ def in_state(log_prob: jax.Array, edges: jax.Array, gain: Any, offset: Any) -> j
     Args:
         log_prob: Log probability of the bins of a sample, shape (C, K, B).
         edges: Shape (K, B + 1).
-        gain: Of the state.
-        offset: Of the state.
+        gain: Gain of the state.
+        offset: Offset of the state.
     """
     moved = gain * edges + offset
     lower = moved.at[:, 0].min(edges[:, 0])[:, :-1]
@@ -244,18 +244,18 @@ def _bin_log_prob(model: TapModel) -> jax.Array:
 
 
 def _held(model: TapModel, taps: ArrayLike) -> Binned:
-    """Samples with the edges of their bins."""
+    """Samples with their bin edges."""
     samples = jnp.asarray(np.asarray(taps, dtype=np.float64))
     lower, upper = jax.vmap(bin_of, (0, None))(samples, jnp.asarray(model.edges))
     return Binned(samples, lower, upper)
 
 
 def _scaled(taps: Binned, gain: float, offset: float, centre: jax.Array, unit: jax.Array) -> Binned:
-    """Before gain and offset, in the units of the story."""
+    """Values before gain and offset, in the units of the generative model."""
     return Binned(*(((part - offset) / gain - centre) / unit for part in taps))
 
 
 def _least(model: ParametricModel) -> NDArray[np.float64]:
-    """Standard deviation of a uniform draw from a bin, in the units of the story, shape (K,)."""
+    """Standard deviation of a uniform draw from a bin, in the units of the generative model, shape (K,)."""
     width = (model.edges[..., -1] - model.edges[..., 0]) / (model.edges.shape[-1] - 1)
     return np.broadcast_to(width, model.scaling.unit.shape) / np.sqrt(12.0) / model.scaling.unit

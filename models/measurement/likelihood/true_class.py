@@ -1,4 +1,4 @@
-"""Log probability of taps under their own classes, for one form after another."""
+"""Log probability of taps under their own classes, for several forms in turn."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -9,16 +9,16 @@ from .forms import Form, TableForm, bin_gaps
 from .innovations import own_log_masses
 
 type Own = tuple[NDArray[np.intp], NDArray[np.intp]]
-"""Where and what class of each tap, both of shape (N,)."""
+"""Position and object index of each tap, both of shape (N,)."""
 
 
 class OwnTaps:
-    """Taps of known class, ready for many forms.
+    """Taps of known class, prepared for several forms.
 
     Args:
         taps: Shape (N, J, K).
         own: Their classes.
-        edges: Of the bins.
+        edges: Edges of the bins.
         states: Over which probabilities are summed.
     """
 
@@ -29,10 +29,10 @@ class OwnTaps:
         self._bins = find_bins(taps, edges)
 
     def log_probability(self, form: Form) -> NDArray[np.float64]:
-        """Log probability of the bins of every tap under its class, shape (N,).
+        """Log probability of the bins of each tap under its class, shape (N,).
 
         Args:
-            form: Of the model in the state of gain 1 and offset 0.
+            form: Form of the model in the state of gain 1 and offset 0.
         """
         parts = [
             log_prior + self._plain(in_one_state(form, gain, offset, self._edges))
@@ -51,7 +51,7 @@ class OwnTaps:
 
 
 def in_one_state(form: Form, gain: float, offset: float, edges: NDArray[np.float64]) -> Form:
-    """The form in one state."""
+    """Form in one state."""
     if gain == 1 and offset == 0:
         return form
     return form.in_state(gain, offset, edges) if isinstance(form, TableForm) else form.in_state(gain, offset)
