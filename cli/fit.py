@@ -114,7 +114,7 @@ def _beside(model: str, fitted: "Fitted", taps: "TapSet", settings: "FitSettings
     from .shared.progress import bars
 
     with bars() as progress:
-        counted = progress("Learning powers of a right model", simulations)
+        counted = progress("Learning powers of simulated data", simulations)
         return learned_beside(model, fitted.model, taps, settings, n, simulations, counted).sentence
 
 

@@ -46,7 +46,7 @@ def tap_pool(where: ArrayLike, what: ArrayLike, shape: tuple[int, int]) -> TapPo
     _, M = shape
     inside = np.flatnonzero((where >= 0) & (what >= 0))
     if not len(inside):
-        raise InputError("No tap lies inside the class grid.")
+        raise InputError("No tap belongs to a class of the grid.")
     return pool_of(inside, where[inside] * M + what[inside], shape)
 
 

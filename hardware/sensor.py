@@ -74,7 +74,7 @@ def check_step(step: ArrayLike, grid: ClassGrid, name: str = "The sensor") -> No
     wrong = ~(np.abs(apart - step) <= _ROUNDING * step)
     if wrong.any():
         l = wrong.argmax()
-        raise InputError(f"{name} moves in steps of {step[l]:g}, and the model's classes lie {apart[l]:g} apart.")
+        raise InputError(f"{name} moves in steps of {step[l]:g}, but the model's positions are {apart[l]:g} apart.")
 
 
 def check_class(grid: ClassGrid, where: int, what: int) -> None:

@@ -100,7 +100,7 @@ class Episode(NamedTuple):
     def __repr__(self) -> str:
         end = "decided" if self.stopped else "undecided"
         taps = f"{self.taps} tap{'s' * (self.taps != 1)}"
-        return f"<Episode of {taps}: {end}, object {self.what} in where class {self.where}>"
+        return f"<Episode of {taps}: {end}, object {self.what} at position {self.where}>"
 
     @property
     def taps(self) -> int:
@@ -124,7 +124,7 @@ def perceive(
     >>> model = st.fit(st.simulate("paper", seed=4))
     >>> rig = st.SimulatedRig("paper", seed=4, session=1, position_mm=2.3, what=1)
     >>> st.perceive(rig, model, stop=0.95, move=st.fixation(7))
-    <Episode of 7 taps: decided, object 1 in where class 7>
+    <Episode of 7 taps: decided, object 1 at position 7>
 
     Args:
         sensor: Where taps come from.

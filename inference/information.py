@@ -122,7 +122,7 @@ def information(outcomes: TapOutcomes, beliefs: ArrayLike, about: About = "joint
     beliefs = np.asarray(beliefs, dtype=np.float64)
     L, M, N = outcomes.given.shape
     if beliefs.shape[-2:] != (L, M):
-        raise InputError(f"The taps tell {L} x {M} classes apart, the beliefs have shape {beliefs.shape}.")
+        raise InputError(f"The taps have {L} x {M} classes, but the beliefs have shape {beliefs.shape}.")
     rows = believable(beliefs.reshape(-1, L, M), outcomes.possible)
     expected = _joint if about == "joint" else _of_one
     step = max(1, _CHUNK // N)

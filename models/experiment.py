@@ -40,7 +40,7 @@ def load_experiment(data: Sequence[TapSource], division: Division | None = None)
         for verb, side in (("train with", fold.train), ("test", fold.test)):
             if not np.any(np.minimum(*side.indices(grid)) >= 0):
                 names = names_of(data)
-                raise InputError(f"No tap left to {verb}: none of {names[-1]} falls into a class of {names[0]}.")
+                raise InputError(f"No tap left to {verb}: none of {names[-1]} belongs to a class of {names[0]}.")
     return untrained(parts, division.training_taps), grid
 
 

@@ -110,7 +110,7 @@ class Emulation:
             return self.objects.index(what)
         if isinstance(what, int) and not isinstance(what, bool) and 0 <= what < len(self.objects):
             return what
-        raise InputError(f"Unknown object {what!r}; choose from {', '.join(self.objects)}, or a number from 0.")
+        raise InputError(f"Unknown object {what!r}; choose from {', '.join(self.objects)}, or an index from 0.")
 
     def _switch_on(self, name: str, parameters: dict[str, Any]) -> None:
         try:

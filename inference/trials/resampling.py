@@ -325,28 +325,28 @@ def too_few(
     unequal = " of unequal sizes" if sessions >= _FEW_SESSIONS else ""
     few_sessions = (sessions - 1 if freedom is None else freedom) < _FEW_SESSIONS - 1
     reasons = (
-        (taps == 1 and sessions == 1, "There is one test tap of most classes, too few for an interval."),
+        (taps == 1 and sessions == 1, "Most classes have a single test tap, too few for an interval."),
         (
             used_up > USED_UP,
-            f"There are too few test taps: {used_up:.0%} of the {decisions} were made because the {taps} or so of "
-            "a class were used up, not because the belief was high enough; intervals hold whatever these would come to "
-            "on further taps, and so are wide.",
+            f"Too few test taps: {used_up:.0%} of the {decisions} were forced because the taps of a class, about "
+            f"{taps}, were used up before the belief was high enough; intervals cover any outcome of further taps, so "
+            "they are wide.",
         ),
         (
             sessions > 1 and few_sessions,
-            f"There are too few test sessions, {sessions}{unequal}, to know well how sessions differ, so intervals are "
+            f"Too few test sessions, {sessions}{unequal}, to estimate the variation between sessions, so intervals are "
             "wide.",
         ),
         (sessions > 1, ""),
-        (taps < FEW, f"There are too few test taps, {taps} or so of each class: intervals are rough."),
+        (taps < FEW, f"Too few test taps, about {taps} per class: intervals are rough."),
         (
             freedom is not None and freedom < _FEW_FREEDOM,
-            "There is one test tap of some classes, too few to know how these vary, so intervals are wide.",
+            "Some classes have a single test tap, too few to estimate their variation, so intervals are wide.",
         ),
         (
             selected > USED_UP_SELECTED,
-            f"There are too few test taps for these intervals: where a quarter of them is left out, {selected:.1%} of "
-            f"the {decisions} are made because the taps of a class are used up, so intervals may be too wide.",
+            f"Too few test taps for these intervals: without a quarter of them, {selected:.1%} of the {decisions} are "
+            "forced because the taps of a class are used up, so intervals may be too wide.",
         ),
     )
     return next((sentence for holds, sentence in reasons if holds), "")

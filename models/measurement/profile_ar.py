@@ -183,7 +183,7 @@ def integrated(
 
 MODEL = Story(
     name="profile-ar",
-    row=Row("independence in time", "profile, each sample forecast from the one before"),
+    row=Row("independence in time", "profile, each sample predicted from the previous one"),
     story=story,
     dims={"rho": ("taxel",), "level": CELL, "variance": CELL},
     positive=("variance",),

@@ -223,7 +223,7 @@ def integrated(
 
 MODEL = Story(
     name="profile-mvn",
-    row=Row("independence of taxels", "profile, each sample forecast from other taxels at its time"),
+    row=Row("independence of taxels", "profile, each sample predicted from other taxels at the same time"),
     story=story,
     dims={"slope": ("where", "what", "taxel", "from_taxel"), "level": CELL, "variance": CELL},
     positive=("variance",),

@@ -17,7 +17,7 @@ from .model import Fitted, Row
 from .scaling import sum_by
 from .states import States
 
-ROW = Row("independence of taps", "any other under a gain and offset that all taps of an episode share")
+ROW = Row("independence of taps", "any other with a gain and offset shared by all taps of an episode")
 GAINS, OFFSETS = 7, 3
 """Number of grid points for gains and for offsets."""
 _REACH = 2.0  # standard deviations to which the grid reaches

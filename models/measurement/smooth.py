@@ -328,7 +328,7 @@ def between(trained: NDArray[np.bool_]) -> NDArray[np.bool_]:
 
 MODEL = Story(
     name="smooth",
-    row=Row("independence of neighbouring positions", "profile, its means smooth curves over position"),
+    row=Row("independence of neighbouring positions", "profile with means as smooth curves over position"),
     story=story,
     dims={"weight": ("what", "sample", "taxel", "basis"), "variance": CELL},
     positive=("variance",),

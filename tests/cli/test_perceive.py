@@ -379,7 +379,7 @@ def test_a_rig_with_other_steps_is_refused(command, tmp_path, session):
     done = command("perceive", tmp_path / "model.nc", "--engine", "numpy")
 
     assert done.code == 2
-    assert "moves in steps of 1, and the model's classes lie 2 apart" in done.err
+    assert "moves in steps of 1, but the model's positions are 2 apart" in done.err
 
 
 @pytest.fixture(scope="module")
@@ -408,7 +408,7 @@ def test_a_grid_that_no_step_divides_is_refused(command, session, tmp_path):
     done = command("perceive", tmp_path / "model.nc", "--engine", "numpy")
 
     assert done.code == 2
-    assert "moves in steps of 1, and the model's classes lie 0.8 apart" in done.err
+    assert "moves in steps of 1, but the model's positions are 0.8 apart" in done.err
 
 
 @pytest.mark.parametrize("engine", ["numpy", "filter"])

@@ -238,7 +238,7 @@ def test_one_test_tap_of_a_class_gives_no_interval(command, tmp_path, make_taps)
     summary = summary_of(tmp_path / "run")
 
     assert done.code == 0
-    assert summary["interval"] == "There is one test tap of most classes, too few for an interval."
+    assert summary["interval"] == "Most classes have a single test tap, too few for an interval."
     assert " ".join(done.out.split()).count(summary["interval"]) == 1
     assert {row["what_error_low"] for row in summary["results"]} == {None}
     assert {row["joint_high"] for row in summary["accuracy"]} == {None}

@@ -147,7 +147,7 @@ def test_intervals_are_over_taps_and_not_over_trials(files, command, tmp_path):
         "without a quarter of each class" in words
     )
     assert "not how another session would differ; the model stays." in words
-    assert "too few test taps" in words
+    assert "Too few test taps" in words
     assert words.endswith("This concerns theta 0.999.")
 
 

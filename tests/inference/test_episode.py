@@ -204,8 +204,8 @@ def test_arguments_are_checked_before_the_first_step(model, engine, taps):
 @pytest.mark.parametrize(
     ("step", "said"),
     [
-        (2.0, r"The sensor moves in steps of 2, and the model's classes lie 1\.5 apart"),
-        ([1.5, 1.5, 1.0, 1.5], "moves in steps of 1, and"),
+        (2.0, r"The sensor moves in steps of 2, but the model's positions are 1\.5 apart"),
+        ([1.5, 1.5, 1.0, 1.5], "moves in steps of 1, but"),
         ([1.5, 1.5], "The sensor has 3 positions, the model 5"),
         (np.nan, "steps of nan"),
     ],

@@ -195,7 +195,7 @@ def test_chunks_change_nothing(pool, rng, monkeypatch, about, chunk):
     [
         (
             lambda outcomes: information(outcomes, np.ones((M, L))),
-            r"4 x 3 classes apart, the beliefs have shape \(3, 4",
+            r"4 x 3 classes, but the beliefs have shape \(3, 4",
         ),
         (
             lambda outcomes: information(outcomes, np.ones((L, M)), "which"),

@@ -117,7 +117,7 @@ def on_fresh_taps(summary: ReproductionSummary) -> str:
     ]
     head = ["threshold", "policy", "object (mm)", "position (mm)", "taps"]
     few = headline["few"] or ""
-    return f"{table(head, lines)}\n\n{few and f'At threshold {headline["theta"]:g} {few[0].lower()}{few[1:]}'}".strip()
+    return f"{table(head, lines)}\n\n{few and f'At threshold {headline["theta"]:g}: {few}'}".strip()
 
 
 def joint(row: AccuracyRow) -> str:

@@ -230,7 +230,7 @@ def _bin_log_prob(model: TapModel) -> jax.Array:
     if isinstance(model, HistogramModel):
         return jnp.log(jnp.asarray(model.probabilities))
     if not isinstance(model, ParametricModel):
-        raise TypeError(f"A model of type {type(model).__name__} has no story.")
+        raise TypeError(f"A model of type {type(model).__name__} has no generative model.")
     K, (L, M) = model.K, model.grid.shape
     edges = np.broadcast_to(model.edges, (K, model.edges.shape[-1]))
     B = edges.shape[1] - 1

@@ -362,7 +362,7 @@ def test_a_recording_of_one_split_has_resamples_of_taps_as_units(tmp_path, make_
     assert (two.number_of_units, three.number_of_units) == (RESAMPLES, 3)
     assert (three.folds, three.resamples) == (3, 0)
     assert "40 resamples of the test taps within class and session" in two.units
-    assert "too few test taps, 7 or so of each class" in two.units
+    assert "Too few test taps, about 7 per class" in two.units
     study = sensitivity_study(two, settings("pseudocount", "high-pass", trials=100), no_progress)
     assert np.isfinite(study.default["active", "taps"].low)
     assert [choice.name for choice in study.catalogue.choices] == ["pseudocount"]

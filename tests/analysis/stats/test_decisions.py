@@ -164,15 +164,15 @@ def test_too_few_taps_are_named(played):
 
     assert share > 0.05
     passive, _active = too_few_taps(curves, 0.999)
-    assert passive.startswith("At threshold 0.999: There are too few test taps: ")
+    assert passive.startswith("At threshold 0.999: Too few test taps: ")
     assert f"{share:.0%} of the passive decisions of" in passive
-    assert "the most of all models, were made because the 6 or so of a class were used up" in passive
-    assert all("6 or so of each class: intervals are rough" in sentence for sentence in too_few_taps(curves, 0.4))
+    assert "the most of all models, were forced because the taps of a class, about 6, were used up" in passive
+    assert all("about 6 per class: intervals are rough" in sentence for sentence in too_few_taps(curves, 0.4))
     more = curves.assign_attrs(taps_per_class=30)
     assert too_few_taps(more, 0.4) == []
     more["used_up_selected"].loc[{"policy": "active", "theta": 0.4, "model": more.model[-1]}] = 0.02
     (active,) = too_few_taps(more, 0.4)
-    assert active.startswith("At threshold 0.4: There are too few test taps for these intervals: ")
+    assert active.startswith("At threshold 0.4: Too few test taps for these intervals: ")
     assert f"2.0% of the active decisions of {more.model[-1].item()}, the most of all models," in active
 
 

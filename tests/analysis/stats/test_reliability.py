@@ -513,7 +513,7 @@ def test_the_headline_says_the_numbers_of_the_dataset(data):
     assert said["all trials"]["wrong"][0] == at.wrong.sel(counted="all", what=EVERYTHING).item()
     assert said["each"]["rod 2"]["wrong"][0] == at.wrong.sel(counted="all", what="rod 2").item()
     assert said["used_up"] == data.used_up.sel(setting=(data.policy == "active") & (data.theta == 0.9)).item() > 0
-    assert "too few test taps" in said["few"]
+    assert "Too few test taps" in said["few"]
     assert np.array(said["confusion"]).sum() == TRIALS
     json.dumps(said, allow_nan=False)
 

@@ -59,11 +59,11 @@ def test_a_nonlinear_statistic_keeps_its_value(table, rng):
 
 def test_few_taps_are_said(make_taps):
     few, enough = (make_taps(repeats=repeats, sessions=1) for repeats in (6, 20))
-    assert "too few test taps, 6 or so of each class" in resampled_sentence(few, few.grid())
+    assert "Too few test taps, about 6 per class" in resampled_sentence(few, few.grid())
     assert resampled_sentence(enough, enough.grid()).endswith("not another session or recording.")
     several = make_taps(repeats=3, sessions=2)
     assert "the 2 test sessions, each left out in turn" in resampled_sentence(several, several.grid())
-    assert "too few test sessions, 2" in resampled_sentence(several, several.grid())
+    assert "Too few test sessions, 2" in resampled_sentence(several, several.grid())
 
 
 def test_one_tap_of_a_class_gives_the_estimate_as_the_only_unit():

@@ -160,28 +160,26 @@ def test_deviations_are_enlarged_by_the_number_of_draws():
 
 def test_too_few_taps_are_said():
     """Below ten of a class, where more than one trial in twenty used them up, or one in two hundred of a selection."""
-    assert (
-        spread(table_of()).few
-        == too_few(4)
-        == "There are too few test taps, 4 or so of each class: intervals are rough."
-    )
-    assert too_few(9).startswith("There are too few test taps, 9")
+    assert spread(table_of()).few == too_few(4) == "Too few test taps, about 4 per class: intervals are rough."
+    assert too_few(9).startswith("Too few test taps, about 9")
     assert too_few(10) == too_few(10, 0.05) == ""
-    assert too_few(10, 0.06).startswith("There are too few test taps: 6% of the decisions were made because the 10")
+    assert too_few(10, 0.06).startswith(
+        "Too few test taps: 6% of the decisions were forced because the taps of a class, about 10"
+    )
     assert too_few(10, 0.06) == too_few(10, 0.06, 0.5)
     assert too_few(9, 0.0, 0.5) == too_few(9)
-    assert too_few(1, sessions=3).startswith("There are too few test sessions, 3, to know well")
+    assert too_few(1, sessions=3).startswith("Too few test sessions, 3, to estimate")
     assert too_few(1, 0.0, 0.5, sessions=4) == ""
     assert too_few(2, 0.06, sessions=2) == too_few(2, 0.06)
-    assert too_few(1, 0.06) == too_few(1) == "There is one test tap of most classes, too few for an interval."
-    assert "sessions, 7 of unequal sizes, to know well" in too_few(1, sessions=7, freedom=1.1)
+    assert too_few(1, 0.06) == too_few(1) == "Most classes have a single test tap, too few for an interval."
+    assert "sessions, 7 of unequal sizes, to estimate" in too_few(1, sessions=7, freedom=1.1)
     assert too_few(1, sessions=7, freedom=3.0) == ""
-    assert too_few(12, freedom=9.0).startswith("There is one test tap of some classes")
+    assert too_few(12, freedom=9.0).startswith("Some classes have a single test tap")
     assert too_few(12, freedom=10.0) == too_few(12, freedom=np.inf) == ""
     lone = table_of(count=np.array([[20, 20, 20], [20, 1, 1]]))
     assert spread(lone).few == too_few(20, freedom=spread(lone).freedom) != ""
     assert too_few(10, 0.05, 0.005) == ""
-    assert "a quarter of them is left out, 0.6% of the decisions are" in too_few(10, 0.05, 0.006)
+    assert "without a quarter of them, 0.6% of the decisions are forced" in too_few(10, 0.05, 0.006)
     assert "0.6% of the passive decisions are" in too_few(10, 0.05, 0.006, decisions="passive decisions")
     assert "6% of the passive decisions were" in too_few(10, 0.06, decisions="passive decisions")
 
