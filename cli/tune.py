@@ -32,7 +32,9 @@ def tune(
     data: Data,
     out: Annotated[Path, Option(help="Setting file to write, such as setting.json, for `perceive --setting`.")],
     cost_error: Annotated[float, Option("--cost-error", metavar="TAPS", help="Cost of an error of 1, in taps.")] = 50.0,
-    wrong: Annotated[bool, Option("--wrong", help="Count wrong decisions, even if objects have sizes.")] = False,
+    wrong: Annotated[
+        bool, Option("--wrong", help="Measure errors as wrong decisions, even if objects have sizes.")
+    ] = False,
     target_error: Annotated[
         float | None,
         Option("--target-error", metavar="P", help="Choose the lowest threshold with this P(wrong) in a new session."),

@@ -55,4 +55,4 @@ def parse_sessions(text: str | None, option: str) -> list[int] | None:
     try:
         return [int(part) for part in text.split(",")]
     except ValueError:
-        raise InputError(f"{option} needs session numbers such as 0,1, got {text!r}.") from None
+        raise InputError(f"{option} must be session numbers such as 0,1, got {text!r}.") from None

@@ -218,7 +218,7 @@ def parse_length(text: str, unit: str, option: str) -> float:
     except ValueError:
         number = 0.0
     if match is None or not number > 0 or not np.isfinite(number):
-        raise InputError(f"{option} needs a positive length such as 3mm, got {text!r}.")
+        raise InputError(f"{option} must be a positive length such as 3mm, got {text!r}.")
     given, wanted = match[2], unit.split(maxsplit=1)[0].rstrip(",;") if unit else ""
     if not given or given == wanted:
         return number

@@ -229,7 +229,7 @@ def test_crosscheck_leaves_numpyro_out_where_the_border_is_no_kernel(command, ta
         (["fit", "TAPS", "--out", "NOWHERE"], "no folder"),
         (["fit", "TAPS", "--out", "MODEL", "--power", "K"], "power must be J, JK, none or a positive number, got 'K'"),
         (["fit", "TAPS", "--out", "MODEL", "--power", "K"], "got 'K'; learned estimates it"),
-        (["fit", "TAPS", "--out", "MODEL", "--power", "learned:0"], "a number of taps, got 'learned:0'"),
+        (["fit", "TAPS", "--out", "MODEL", "--power", "learned:0"], "a number of taps N, got 'learned:0'"),
         (["fit", "TAPS", "--out", "MODEL", "--power", "learned"], "needs at least two training sessions"),
         (["fit", "TAPS", "--out", "MODEL", "--simulations", "19"], "--simulations requires --power learned"),
         (["fit", "TAPS", "--out", "MODEL", "--power", "learned", "--simulations", "5"], "must be 0 or at least 19"),

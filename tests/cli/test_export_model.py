@@ -115,7 +115,7 @@ def test_a_setting_of_another_model_is_refused(model, tmp_path, command):
     done = command("export-model", model, "--format", "json", "--setting", tmp_path / "other.json")
 
     assert done.code == 2
-    assert "was fitted with bins 100 and the setting" in done.err
+    assert "was fitted with bins 100, but the setting" in done.err
 
 
 def test_a_file_is_replaced_by_force_only(make_taps, tmp_path, command):

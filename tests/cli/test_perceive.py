@@ -467,9 +467,9 @@ def test_options_come_from_a_setting(command, fine, tmp_path):
 @pytest.mark.parametrize(
     ("changes", "said"),
     [
-        ({"power": "J"}, "was fitted with power 0.03 and the setting"),
-        ({"saturation": None}, "was fitted with saturation 3 and the setting"),
-        ({"model": "gaussian"}, "was fitted with model histogram and the setting"),
+        ({"power": "J"}, "was fitted with power 0.03, but the setting"),
+        ({"saturation": None}, "was fitted with saturation 3, but the setting"),
+        ({"model": "gaussian"}, "was fitted with model histogram, but the setting"),
     ],
 )
 def test_a_model_of_another_setting_is_refused(command, fine, tmp_path, changes, said):

@@ -221,7 +221,7 @@ def test_a_disk_that_gets_full_stops_a_collection_that_can_go_on(bench, command)
     assert is_off(bench)
     kept = len(read_rig("a.mcap").taps)
     assert 0 < kept < TAPS
-    assert f"a.mcap holds {kept} of {TAPS} taps" in " ".join(done.err.split())
+    assert f"a.mcap: {kept} of {TAPS} taps recorded" in " ".join(done.err.split())
     assert command(*words("collect", None), "--resume").code == 0
     assert [tap.label.trial for tap in read_rig("a.mcap").taps] == list(range(TAPS))
 

@@ -206,7 +206,7 @@ def test_what_was_learned_is_kept_when_it_is_interrupted(recorded, tmp_path):
         (("--cost-error", 1e300), "cost of an error must be a number of taps"),
         (("--split", "leave-one-session-out"), "has no one training part"),
         (("--thresholds", "0.5,x"), "--thresholds must be numbers"),
-        (("--online", 9, "--thresholds", "0.5,1"), "must lie between 0 and 1"),
+        (("--online", 9, "--thresholds", "0.5,1"), "must be between 0 and 1"),
         (("--power", "learned"), "power"),
         (("--model", "guess"), "the name of a measurement model"),
     ],

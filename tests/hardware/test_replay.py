@@ -54,7 +54,7 @@ def test_nearest_class_is_the_lower_of_two_equally_near():
 
 def test_a_pool_without_a_tap_is_refused():
     """Taps that all lie outside the grid are no pool."""
-    with pytest.raises(InputError, match="No tap lies inside"):
+    with pytest.raises(InputError, match="No tap belongs to a class of the grid"):
         tap_pool([-1, 0], [0, -1], (5, 3))
 
 

@@ -189,9 +189,9 @@ def test_files_and_options_that_do_not_go_together_are_refused(make_taps, tmp_pa
         ([a, b], {"split": "halves"}, "--split splits one file"),
         ([a, b], {"train": "0"}, "--train splits one file"),
         ([a, b], {"test": "0"}, "--test splits one file"),
-        ([a, far], {}, r"No tap left to test: none of .*far\.nc falls into a class of .*a\.nc"),
-        ([a], {"test": "one"}, "--test needs session numbers such as 0,1, got 'one'"),
-        ([a], {"train": ""}, "--train needs session numbers"),
+        ([a, far], {}, r"No tap left to test: none of .*far\.nc belongs to a class of .*a\.nc"),
+        ([a], {"test": "one"}, "--test must be session numbers such as 0,1, got 'one'"),
+        ([a], {"train": ""}, "--train must be session numbers"),
     ):
         with pytest.raises(InputError, match=message):
             load_experiment(data, Division(**options))

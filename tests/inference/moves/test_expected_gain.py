@@ -211,7 +211,10 @@ def test_where_nothing_is_gained_the_mover_stays(rng, border):
         (lambda _: checked_loss(np.full((M, M), np.nan), M), "finite and not negative"),
         (lambda o: expected_gain(o, np.ones((M, L)), [0], np.eye(M)), r"taps have 4 x 3 classes, .* shape \(3, 4\)"),
         (lambda o: expected_gain(o, np.ones((L, M)), [0], np.eye(M), "wall"), "border must be one of"),
-        (lambda _: representative_outcomes(np.zeros((L, M))), r"axes .tap, where, what., got shape \(4, 3\)"),
+        (
+            lambda _: representative_outcomes(np.zeros((L, M))),
+            r"axes .tap, where, what. and at least one tap, got shape \(4, 3\)",
+        ),
         (lambda _: representative_outcomes(np.full((2, L, M), np.nan)), r"NaN or \+inf"),
         (lambda o: risk_mover(o, np.eye(M), step_cost=-1), "cost of a move must be at least 0, got -1"),
         (lambda o: gain_watch(o, np.eye(M), step_cost=np.nan), "cost of a move must be at least 0"),

@@ -178,7 +178,7 @@ def test_a_learned_table_moves_an_episode(make_taps):
     [
         ({"loss": "cost"}, "loss must be one of error, log, got 'cost'"),
         ({"taps": 0}, "at least 1 tap after the move .* got 0"),
-        ({"trials": 0}, "at least one trial"),
+        ({"trials": 0}, "trials must be at least 1"),
     ],
 )
 def test_what_makes_no_sense_is_refused(table, change, message):
