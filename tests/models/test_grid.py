@@ -131,7 +131,7 @@ def test_lengths_are_converted(text, unit, expected):
 
 @pytest.mark.parametrize("text", ["", "mm", "-3mm", "0mm", "1.2.3mm", "nan", "inf", "1e999mm"])
 def test_what_is_no_positive_length_is_refused(text):
-    with pytest.raises(InputError, match="--w needs a positive length"):
+    with pytest.raises(InputError, match="--w must be a positive length"):
         parse_length(text, "mm", "--w")
 
 

@@ -197,9 +197,9 @@ def test_cells_group_positions_and_sizes(make_taps):
     ("where", "what", "message"),
     [
         ("3 N", None, r"\(--where-cell\) '3 N' cannot be converted to 'mm'"),
-        ("-3mm", None, r"\(--where-cell\) needs a positive length"),
+        ("-3mm", None, r"\(--where-cell\) must be a positive length"),
         ("0.5mm", None, "leaves a cell without a position"),
-        (None, "wide", r"\(--what-cell\) needs a positive length"),
+        (None, "wide", r"\(--what-cell\) must be a positive length"),
     ],
 )
 def test_widths_that_mean_nothing_are_refused(where, what, message, make_taps):

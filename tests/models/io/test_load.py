@@ -82,7 +82,7 @@ def test_foreign_files_are_refused_by_name(suffix, content, tmp_path):
     path = tmp_path / f"taps{suffix}"
     path.write_bytes(content)
 
-    with pytest.raises(InputError, match=r"taps\.(nc|npz|mat|csv)(:| cannot| is)"):
+    with pytest.raises(InputError, match=rf"taps\{suffix}: "):
         load_taps(path)
 
 
