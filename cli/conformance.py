@@ -115,7 +115,7 @@ def check(
     from .shared.progress import bars
 
     if (command is None) == (answers is None):
-        raise InputError("check needs either --command PROGRAM or --answers DIR.")
+        raise InputError("Give either --command PROGRAM or --answers DIR.")
     with bars() as progress:
         if answers is not None:
             report = run_files(answers, case or (), precision=precision, without=without or (), progress=progress)
@@ -134,7 +134,7 @@ def check(
 
 
 def _printed(report: "ConformanceReport", verbose: bool) -> bool:
-    """Prints the verdicts; whether all pass."""
+    """Whether all cases pass; prints the verdicts."""
     print("\n".join(report.lines(verbose)))
     return report.passed
 

@@ -113,7 +113,7 @@ def perceive(
     seed: Seed = 0,
     force: Force = False,
 ) -> None:
-    """Perceives an object by tapping: which it is and where it is touched, live."""
+    """Perceive an object and its position by tapping, and show the belief after each tap."""
     from ..hardware.named_rigs import check_training_taps
 
     check_training_taps(training_taps, rig)

@@ -36,7 +36,7 @@ def sweep(
     ] = 300.0,
     retry_failed: Annotated[bool, typer.Option("--retry-failed", help="Run cells again that failed before.")] = False,
 ) -> None:
-    """Runs all cells of STUDY that are not done yet and writes each as it finishes; exit code 1 if some failed."""
+    """Run all unfinished cells of STUDY and save each as it finishes; exit code 1 if some failed."""
     with loading():
         from rich.console import Console
 
@@ -59,7 +59,7 @@ def sweep(
         except BaseException:
             if heard:
                 store = out or study.with_suffix(".zarr")
-                say(f"{store} holds {heard[-1].counts}; the same command goes on with the rest.")
+                say(f"{store}: {heard[-1].counts}; run the same command to continue.")
             raise
     print("\n".join(report.sentences))
     if report.found.failed:

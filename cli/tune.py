@@ -128,16 +128,16 @@ def tune(
             print(report.sentence)
         if targets is not None:
             report.save_targets(targets, trials, seed, force)
-            print(f"The table of targets is {targets}")
+            print(f"Table of targets saved to {targets}")
     if model_file is not None:
         save_model(report.model, model_file, force)
-        print(f"The model of all training taps is {model_file}")
+        print(f"Model of all training taps saved to {model_file}")
     report.save(out, force)
-    print(f"The setting is {out}")
+    print(f"Setting saved to {out}")
 
 
 def _print_note(sentence: str) -> None:
-    """Prints what begins with `Note:` or `Warning:` on standard error."""
+    """Prints a sentence, on standard error if it begins with `Note:` or `Warning:`."""
     print(sentence, file=sys.stderr if sentence.startswith(("Note:", "Warning:")) else sys.stdout)
 
 
@@ -166,4 +166,4 @@ def _check_words(context: Context, online: int | None, rig: str | None, target_e
     if online is not None and given(context, "by"):
         raise InputError("--by cannot be combined with --online.")
     if target_error is not None and given(context, "cost_error"):
-        raise InputError("--target-error asks for an error whatever it costs and does not go with --cost-error.")
+        raise InputError("--target-error cannot be combined with --cost-error.")

@@ -1,4 +1,4 @@
-"""Rigs by name, simulated, recorded or real, each before one object after the other: `--rig` of live commands."""
+"""Rigs by name for live commands: `--rig` simulated, recorded or real, placed at one object after another."""
 
 import re
 from collections.abc import Callable, Iterator, Sequence
@@ -30,17 +30,17 @@ _SIMULATED, _REPLAY, _PRESET, _SESSION = "simulated", "replay:", "paper", 1000  
 
 
 def check_training_taps(keep: bool, rig: str | None) -> None:
-    """Refuses `--training-taps` where no recorded taps are played.
+    """Checks that `--training-taps` is used with recorded taps only.
 
     Raises:
         InputError: The rig does not replay a file.
     """
     if keep and not (rig or "").startswith(_REPLAY):
-        raise InputError("--training-taps goes with --rig replay:FILE only.")
+        raise InputError("--training-taps requires --rig replay:FILE.")
 
 
 def objects(grid: ClassGrid, what: str | None) -> list[str]:
-    """The table of objects of a recording: those of the model, and one that it does not know if it is named."""
+    """Objects of a recording: those of the model, and the named one if it is new."""
     names = [name for members in grid.what_members for name in members]
     new = what is not None and not what.isdecimal() and what not in (*names, *grid.what_name)
     return [*names, what] if new and what is not None else names
@@ -242,7 +242,7 @@ def _real(rig: str, grid: ClassGrid, wish: Wish, home: bool, journal: Journal | 
 
 
 def _object(sensor: Rig, grid: ClassGrid, wish: Wish, episode: int) -> str | None:
-    """The object of an episode: one that the emulator has, or what a person says it is.
+    """Name of the object of an episode: one of the emulator, or that of `--object`.
 
     Raises:
         InputError: The object is unknown.
@@ -256,7 +256,7 @@ def _object(sensor: Rig, grid: ClassGrid, wish: Wish, episode: int) -> str | Non
 
 
 def _stepping(settings: RigSettings, grid: ClassGrid) -> RigSettings:
-    """A simulated rig whose moves are in steps of a finer grid, where it can make them."""
+    """Settings of a simulated rig with the steps of a finer grid, if the rig supports them."""
     steps = np.diff(grid.where_value)
     if not len(steps) or np.ptp(steps) > _ROUNDING * steps[0] or settings.position_spread_mm < settings.cell_mm:
         return settings

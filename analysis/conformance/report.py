@@ -216,7 +216,7 @@ def run_files(
         InputError: There is no such folder, case or quantity.
     """
     if not Path(folder).is_dir():
-        raise InputError(f"--answers {folder} is no folder.")
+        raise InputError(f"--answers {folder}: not a folder.")
     asked = _asked(precision, without)
     title = f"Conformance of answers in {folder}"
     return _report(title, names, asked, progress, lambda chosen, told: check_answers(Path(folder), chosen, asked, told))
@@ -294,7 +294,7 @@ def _asked(precision: Precision, without: Sequence[str], timeout: float = 10.0) 
     known = [name for name in QUANTITIES if name not in FIT]
     for name in without:
         if name not in known:
-            raise InputError(f"--without {name}: it must be one of {', '.join(known)}.")
+            raise InputError(f"--without must be one of {', '.join(known)}, got {name!r}.")
     return Asked(precision, tuple(without), timeout)
 
 

@@ -44,7 +44,7 @@ class SweepReport(Report):
         if not self.found.failed:
             return [counted]
         causes = (f"Failed with: {cause}" for cause in self.found.causes)
-        return [counted, *causes, "The tracebacks are in the store; --retry-failed tries these cells again."]
+        return [counted, *causes, "The tracebacks are in the store; run these cells again with --retry-failed."]
 
     @property
     def results(self) -> xr.Dataset:
@@ -122,7 +122,7 @@ def sweep(
         out: Zarr store to write or to resume; `None` for the name of the study file with `.zarr`.
         workers: Processes on this machine; `None` for one per core. One is this process itself.
         scheduler: Address of a Dask scheduler, to run on its cluster instead.
-        patience: Seconds to wait for a scheduler and workers that are gone.
+        patience: Seconds to wait for a lost scheduler or lost workers.
         retry_failed: Whether to retry cells that failed before.
         progress: Told the name and size of every stage; gives the function that counts what is done.
         hear: Given the numbers of cells, at the start and after every cell.
@@ -132,7 +132,7 @@ def sweep(
         InputError: The study, its data or the store cannot be used.
     """
     if scheduler is not None and workers is not None:
-        raise InputError("--workers goes without --scheduler, whose cluster has workers of its own.")
+        raise InputError("--workers cannot be combined with --scheduler; the cluster has its own workers.")
     path = Path(study)
     store = path.with_suffix(".zarr") if out is None else Path(out)
     counted: list[Callable[[int], None]] = []

@@ -189,7 +189,7 @@ def tune_online(
         home: Whether to home the stage of a rig.toml first.
         training_taps: Whether `"replay:FILE"` also plays taps that trained the model.
         state: File of the learner, to write and to resume.
-        cost_error: Taps that an error of 1 is worth, in the unit of errors.
+        cost_error: Cost of an error of 1, in taps.
         wrong: Whether errors are P(wrong) even where objects have sizes to be wrong by.
         thresholds: Belief thresholds to choose from; `None` for eight.
         model: The measurement model, see docs/reference/models.md.
@@ -209,7 +209,7 @@ def tune_online(
     check_training_taps(training_taps, named)
     for option, given in (("--object", what is not None), ("--home", home)):
         if given and named is None:
-            raise InputError(f"{option} goes with --rig only.")
+            raise InputError(f"{option} requires --rig.")
     if episodes < _FEWEST:
         raise InputError(f"--online must be at least {_FEWEST}, got {episodes}.")
     price = Price(cost_error, wrong)
@@ -247,7 +247,7 @@ def tune_online(
     finally:
         if state is not None and last.episodes > known.episodes:
             save_learner(last, state, force=True)
-            note(f"{state} holds {last.episodes} episodes; with the same options --online N adds N more.")
+            note(f"{state}: {last.episodes} episodes saved; the same options with --online N add N more.")
     return OnlineTuningReport(training, last, setting)
 
 
@@ -279,7 +279,7 @@ def _live(
         held = -1 if name is None else int(grid.what_index([name])[0])
         if name is None or held < 0:
             names = ", ".join(grid.what_name)
-            raise InputError(f"Learning needs to know which object is there, one of {names}; --object says it.")
+            raise InputError(f"The true object is unknown; name it with --object, one of {names}.")
         objects.append(name)
         pair = int(known.fixation[arm]), float(known.theta[arm])
         return episode_cost(sensor, engine, held, *pair, price.cost_error, wrong=price.wrong, play=play)
@@ -296,7 +296,7 @@ def _untrained(model: TapModel, keep: bool, note: Callable[[str], object], taps:
 
 
 def _resumed(path: Path, new: Learner) -> Learner:
-    """What a file holds if it is there, and fits.
+    """Learner of a file that exists and matches, else the new one.
 
     Raises:
         InputError: It cannot be written, or is that of another learner.
@@ -308,12 +308,12 @@ def _resumed(path: Path, new: Learner) -> Learner:
     try:
         known.check_like(new)
     except InputError as error:
-        raise InputError(f"{path} was learned otherwise: {error}.") from error
+        raise InputError(f"{path} was learned with other options: {error}.") from error
     return known
 
 
 def _setup(rig: str | Rig | None, setting: Setting, price: Price, taps: TapSet) -> dict[str, str]:
-    """What costs depend on beside fixation point and threshold; the object may change from call to call."""
+    """Everything else that costs depend on; the object may change from call to call."""
     free = ("threshold", "fixation", "passive", "note")
     chosen = {name.replace("_", " "): str(value) for name, value in setting.values().items() if name not in free}
     digest = np.bitwise_xor.reduce(tap_digests(taps.taps))

@@ -170,13 +170,13 @@ def test_a_rig_of_the_caller_is_learned_on(taps, tmp_path):
     st.tune_online(*taps, **options, rig=bench, hear=heard.append)
 
     assert [episode.what for episode in heard] == (names * 6)[:6]
-    with pytest.raises(st.InputError, match="the rig was bench, and held-out taps is asked for"):
+    with pytest.raises(st.InputError, match="the rig was bench, not held-out taps"):
         st.tune_online(*taps, **options)
-    with pytest.raises(st.InputError, match="Learning needs to know which object is there, one of"):
+    with pytest.raises(st.InputError, match="The true object is unknown; name it with --object, one of"):
         st.tune_online(*taps, episodes=6, rig=nobody_knows)
     with pytest.raises(st.InputError, match="--online must be at least 2, got 1"):
         st.tune_online(*taps, episodes=1)
-    with pytest.raises(st.InputError, match="--home goes with --rig only"):
+    with pytest.raises(st.InputError, match="--home requires --rig"):
         st.tune_online(*taps, rig=bench, home=True)
-    with pytest.raises(st.InputError, match="--training-taps goes with --rig replay:FILE only"):
+    with pytest.raises(st.InputError, match="--training-taps requires --rig replay:FILE"):
         st.tune_online(*taps, rig="simulated", training_taps=True)

@@ -185,7 +185,7 @@ def test_what_was_learned_is_kept_when_it_is_interrupted(recorded, tmp_path):
             )
         assert load_learner(state).episodes == 3
         assert [episode.number for episode in ended] == [1, 2, 3]
-        assert said[-1] == f"{state} holds 3 episodes; with the same options --online N adds N more."
+        assert said[-1] == f"{state}: 3 episodes saved; the same options with --online N add N more."
 
 
 @pytest.mark.parametrize(

@@ -192,10 +192,10 @@ def test_single_precision_has_wider_tolerances():
     [
         (lambda: st.conformance.cases("y"), "--case y: there is no such case"),
         (lambda: st.conformance.run(right, ["y"]), "--case y: there is no such case"),
-        (lambda: st.conformance.run(right, without=["belief"]), "--without belief: it must be one of log_likelihood"),
+        (lambda: st.conformance.run(right, without=["belief"]), "--without must be one of log_likelihood"),
         (lambda: st.conformance.run(right, precision="half"), "--precision half: it must be one of double, single"),
         (lambda: st.conformance.run_engine("gpu"), "--engine gpu: it must be one of numpy, numpyro, montecarlo"),
-        (lambda: st.conformance.run_files("/no/such"), "--answers /no/such is no folder"),
+        (lambda: st.conformance.run_files("/no/such"), "--answers /no/such: not a folder"),
     ],
 )
 def test_what_is_not_there_is_refused(call, sentence):
