@@ -181,12 +181,7 @@ def inspect(
     what_cell: WhatCell = None,
 ) -> None:
     """Print sizes, ranges and data-quality warnings of a tap set."""
-    from rich.console import Console
+    from ..analysis.inspect.report import inspect as study
+    from .shared.report import show_page
 
-    from ..analysis.inspect.page import inspection_page
-    from ..analysis.inspect.run import inspect as inspect_taps
-    from ..analysis.page.terminal import show
-    from ..models.io.load import load_taps
-
-    taps = load_taps(data)
-    show(inspection_page(inspect_taps(taps, taps.grid(where_cell, what_cell)), str(data)), Console())
+    show_page(study(data, where_cell, what_cell))

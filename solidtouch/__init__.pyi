@@ -3,6 +3,10 @@ from .analysis.audit.report import AuditReport as AuditReport
 from .analysis.audit.report import audit as audit
 from .analysis.compare.report import ComparisonReport as ComparisonReport
 from .analysis.compare.report import compare as compare
+from .analysis.correctness.report import CrossCheckReport as CrossCheckReport
+from .analysis.correctness.report import crosscheck as crosscheck
+from .analysis.inspect.report import InspectionReport as InspectionReport
+from .analysis.inspect.report import inspect as inspect
 from .analysis.reproduce.report import ReproductionReport as ReproductionReport
 from .analysis.reproduce.report import reproduce as reproduce
 from .analysis.sensitivity.report import SensitivityReport as SensitivityReport
@@ -17,6 +21,8 @@ from .analysis.tuning.online import OnlineTuningReport as OnlineTuningReport
 from .analysis.tuning.online import tune_online as tune_online
 from .analysis.tuning.report import TuningReport as TuningReport
 from .analysis.tuning.report import tune as tune
+from .analysis.validation.report import ValidationReport as ValidationReport
+from .analysis.validation.report import validate as validate
 from .hardware.replay import ReplayRig as ReplayRig
 from .hardware.sensor import TouchSensor as TouchSensor
 from .hardware.simulator.presets import PRESETS as PRESETS

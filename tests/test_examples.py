@@ -24,7 +24,7 @@ SHOWN_BY_OTHERS = {
     *("InputError", "NotConvergedError", "ZeroEvidenceError"),
     *("Episode", "Step"),  # results of `perceive` and `steps`
     "PRESETS",
-    *("audit", "compare", "reproduce", "sensitivity", "strategies"),  # studies, which take minutes: see api.md
+    *("audit", "compare", "reproduce", "sensitivity", "strategies", "validate"),  # minutes: see api.md
     *(name for name in solidtouch.__all__ if name.endswith("Report")),  # their results
 }
 PAGES = sorted(

@@ -1,5 +1,5 @@
-"""Simulation-based calibration, the checks of `validate`, and the cross-check as printed.
+"""`crosscheck`, simulation-based calibration, and the checks of both that `validate` runs.
 
-Start at `validate`, then `sbc`. The cross-check itself is in `analysis.experiment`, as `reproduce` runs it too.
-No recorded data: the truth must be known.
+Start at `report` (cross-check) and `sbc` (calibration). The comparison of one model is in `analysis.experiment`, as
+`reproduce` runs it too.
 """

@@ -7,8 +7,8 @@ number of taps and at stopping; what is not so is an error of the software. `sta
 Reference: Talts et al., "Validating Bayesian inference algorithms with simulation-based calibration" (2018).
 """
 
-from collections.abc import Callable, Mapping, Sequence
-from typing import TYPE_CHECKING, NamedTuple
+from collections.abc import Callable, Mapping
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,11 +18,8 @@ from ...models import seeds
 from ...models.errors import InputError
 from ...models.measurement.histogram import HistogramModel
 from ...models.measurement.model import TapModel
-from ..stats.uniformity import PRECISION, Factor, JudgedBeliefs, error_factor, judge, p_values, rejected
+from ..stats.uniformity import Factor, JudgedBeliefs, error_factor, judge, p_values, rejected
 from .sbc_chain import ACTIVE, PASSIVE, Beliefs, Checkpoints, World, engine_beliefs
-
-if TYPE_CHECKING:
-    from rich.console import Console
 
 ENGINES = ("numpy", "numpyro", "filter")
 DEVICES = ("cpu", "xla-cpu")
@@ -183,48 +180,3 @@ def quantities(beliefs: Beliefs, w: int) -> dict[str, tuple[NDArray[np.float64],
         "where": (joint.sum(axis=2), where),
         "joint": (joint.reshape(len(joint), -1), where * M + what),
     }
-
-
-def render(result: Calibration, console: "Console") -> None:
-    """Prints a line per route and policy, what fails, and a verdict."""
-    from rich.table import Table  # noqa: PLC0415
-
-    table = Table("route", "policy", "trials", "wrong over 1 - belief", "at", "tests", "least p x tests", "")
-    failed = result.failed
-    for route, policy in dict.fromkeys((row.route, row.policy) for row in result.rows):
-        part = result.part(route=route, policy=policy)
-        fails = sum(row.route == route and row.policy == policy for row, _ in failed)
-        last = [row for row in part.rows if row.quantity == "what"][-1]
-        table.add_row(
-            route,
-            policy,
-            str(last.n),
-            told_factor(last.factor),
-            last.moment,
-            str(part.tests),
-            told_p(part.least),
-            "ok" if not fails else f"{fails} FAIL",
-        )
-    console.print(table)
-    console.print(*sentences(result), sep="\n", highlight=False)
-
-
-def told_factor(factor: Factor) -> str:
-    """A factor with its interval."""
-    return f"{factor.value:.2f} [{factor.low:.2f}, {factor.high:.2f}]"
-
-
-def told_p(p: float, equal: str = "") -> str:
-    """A p-value down to where rounding begins to matter."""
-    return f"{equal}{p:.2g}" if p >= PRECISION else f"< {PRECISION:g}"
-
-
-def sentences(result: Calibration) -> Sequence[str]:
-    """The verdict, and the tests that fail, smallest p first."""
-    failed = sorted(result.failed, key=lambda pair: pair[0].p[pair[1]])
-    shown = [
-        f"{row.route}, {row.policy}, {row.moment}: {test} of {row.quantity}, p {told_p(row.p[test], '= ')}."
-        for row, test in failed[:5]
-    ]
-    verdict = "Beliefs are right as often as they say" if not failed else "Beliefs are NOT right as often as they say"
-    return [*shown, f"{verdict}: {len(failed)} of {result.tests} tests fail (level {result.level:g} for all together)."]

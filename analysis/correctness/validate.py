@@ -5,7 +5,7 @@ from collections.abc import Callable, Iterator
 from ...hardware.simulator.presets import preset
 from ...hardware.simulator.session import simulate_session
 from ...models.measurement.histogram import fit
-from ..experiment.crosscheck import CrossCheck, crosscheck
+from ..experiment.crosscheck import CrossCheck, crosscheck_model
 from ..experiment.sources import right_model
 from ..page.stages import Check, Progress, timed_check
 from .sbc import LEVEL, SHORT, calibrate
@@ -40,7 +40,7 @@ def _routes(progress: Progress, seed: int) -> tuple[str, bool]:
     train, test = (simulate_session(preset("paper"), seed, session) for session in (0, 1))
     model = fit(train, train.grid())
     advance = progress("Cross-check", _EPISODES)
-    found = crosscheck(
+    found = crosscheck_model(
         model,
         model.usable(test),
         train=train,

@@ -111,7 +111,7 @@ class _Trace(NamedTuple):
     log_evidence: NDArray[np.float64]
 
 
-def crosscheck(
+def crosscheck_model(
     model: TapModel,
     taps: TapSet,
     *,

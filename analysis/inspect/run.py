@@ -49,7 +49,7 @@ class Inspection:
     warnings: tuple[str, ...]
 
 
-def inspect(taps: TapSet, grid: ClassGrid) -> Inspection:
+def inspect_taps(taps: TapSet, grid: ClassGrid) -> Inspection:
     """The facts about a tap set, its taps counted in the classes of `grid`."""
     sessions = np.unique(taps.session)
     low, high = taxel_ranges(taps.taps)

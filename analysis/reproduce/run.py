@@ -12,7 +12,7 @@ from ...inference.trials.resampling import RESAMPLES
 from ...models.measurement.histogram import trim
 from ...models.seeds import data_set_seed
 from ...models.splits import Fold, Split
-from ..experiment.crosscheck import crosscheck
+from ..experiment.crosscheck import crosscheck_model
 from ..experiment.policies import combined
 from ..experiment.settings import check_settings
 from ..experiment.study import Study, planned, study
@@ -66,7 +66,7 @@ def run_experiment(request: Request, progress: Progress) -> Results:
         ]
     first = studies[0]
     with clock.stage("Cross-checking engines", request.episodes) as advance:
-        check = crosscheck(
+        check = crosscheck_model(
             first.model,
             first.test,
             train=folds[0].train,

@@ -29,11 +29,16 @@ def command_line() -> str:
     return shlex.join(["solidtouch", *sys.argv[1:]])
 
 
-def show_report(report: "Report", folder: Path) -> None:
-    """Prints the summary of a report and its path."""
+def show_page(report: "Report") -> None:
+    """Prints the summary of a report."""
     from rich.console import Console
 
     from ...analysis.page.terminal import show
 
     show(report.page, Console())
+
+
+def show_report(report: "Report", folder: Path) -> None:
+    """Prints the summary of a report and its path."""
+    show_page(report)
     print(f"Report saved to {folder / 'report.html'}")

@@ -148,7 +148,7 @@ def compared(monkeypatch):
         seen.append(model.name)
         return agreeing(model.name not in differ)
 
-    monkeypatch.setattr("solidtouch.analysis.experiment.crosscheck.crosscheck", compare)
+    monkeypatch.setattr("solidtouch.analysis.correctness.report.crosscheck_model", compare)
     return seen, differ
 
 

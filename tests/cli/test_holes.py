@@ -4,7 +4,7 @@ import json
 
 import numpy as np
 import pytest
-from solidtouch.analysis.experiment.crosscheck import crosscheck
+from solidtouch.analysis.experiment.crosscheck import crosscheck_model
 from solidtouch.inference.reference import BORDERS
 from solidtouch.inference.trials.plan import plan_trials, tap_table
 from solidtouch.inference.trials.run import run_trials
@@ -106,4 +106,4 @@ def test_all_routes_agree_on_a_recorded_set_with_holes(shared_data, name):
     grid, _ = trim(taps.grid(), [fold.train])
     model = fit(fold.train, grid)
 
-    assert crosscheck(model, model.usable(fold.test), episodes=3, length=10, sequence_taps=5).passed
+    assert crosscheck_model(model, model.usable(fold.test), episodes=3, length=10, sequence_taps=5).passed

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 import xarray as xr
 from matplotlib.figure import Figure
+from solidtouch.analysis.page.stages import Check
 
 import solidtouch as st
 
@@ -99,6 +100,75 @@ def test_trials_are_labelled(taps):
     )
     assert heard[-1].tally.trials == found.tally.trials == 300
     assert "300 of 300 trials, active" in repr(found)
+
+
+@pytest.fixture
+def files(taps, tmp_path, monkeypatch):
+    """The taps as files, and a terminal as wide as a report in print."""
+    monkeypatch.setenv("COLUMNS", "110")
+    paths = [tmp_path / f"{name}.nc" for name in ("train", "test")]
+    for part, path in zip(taps, paths, strict=True):
+        part.save(path)
+    return paths
+
+
+def test_an_inspection_prints_what_the_command_does(files, command):
+    done = command("inspect", files[0], "--where-cell", "2mm")
+    report = st.inspect(files[0], where_cell="2mm")
+
+    assert done.code == 0
+    assert done.out.rstrip() == repr(report)
+    assert report.counts.dims == ("session", "where", "what")
+    assert int(report.counts.sum()) == len(st.load_taps(files[0]))
+    assert report.taxels["low"].attrs["units"] == report.found.units
+    np.testing.assert_array_equal(report.taxels["high"], report.found.high)
+    assert not report.taxels["constant"].any()
+    assert all(sentence[:40] in repr(report) for sentence in report.warnings)
+
+
+@pytest.mark.parametrize("names", [["histogram"], ["histogram", "gaussian"]])
+def test_a_crosscheck_prints_what_the_command_does(files, command, monkeypatch, names):
+    monkeypatch.setattr("solidtouch.cli.crosscheck.NAMES", names)
+    short = ("--episodes", 1, "--length", 3, "--sequence-taps", 2, "--seed", 5)
+    done = command("crosscheck", *files, *short, "--model", names[0] if len(names) == 1 else "all")
+    report = st.crosscheck(*files, models=names, episodes=1, length=3, sequence_taps=2, seed=5)
+
+    assert done.code == 0
+    assert done.out.rstrip() == repr(report)
+    assert report.passed
+    assert report.differences["largest"].dims == ("model", "routes", "quantity")
+    for name, check in report.found.items():
+        for row in check.rows:
+            at = report.differences.sel(model=name, routes=row.routes, quantity=row.quantity)
+            assert (float(at["largest"]), float(at["allowed"]), bool(at["passed"])) == (row.largest, row.allowed, True)
+        assert int(report.differences["allowed"].sel(model=name).notnull().sum()) == len(check.rows)
+
+
+def test_a_crosscheck_of_models_that_cannot_be_fitted_says_why(make_taps):
+    taps = make_taps(J=1)
+    with pytest.raises(st.InputError, match="profile needs more than one sample per tap"):
+        st.crosscheck(taps, models=["profile"])
+    with pytest.raises(st.InputError, match=r"No model could be checked\. profile: .*one sample.* profile-ar: "):
+        st.crosscheck(taps, models=["profile", "profile-ar"])
+
+
+def test_a_validation_prints_what_the_command_does(command, monkeypatch):
+    """With checks that take no time."""
+    monkeypatch.setenv("COLUMNS", "110")
+    routes, engine = (Check(name, "each other", "nothing differs", True, 1.0) for name in ("all routes", "engine"))
+    beliefs = Check("beliefs", "truth", "3 of 9 tests fail", False, 2.0)
+    place = "solidtouch.analysis.validation.report"
+    monkeypatch.setattr(f"{place}.check_routes", lambda _progress, _seed: routes)
+    monkeypatch.setattr(f"{place}.check_engines", lambda _progress: [engine])
+    monkeypatch.setattr(f"{place}.check_beliefs", lambda _progress, _seed: [beliefs])
+    for words, options in (((), {}), (("--verbose",), {"seconds": True})):
+        done, report = command("validate", *words), st.validate(**options)
+        assert done.code == 1
+        assert done.out.rstrip() == repr(report)
+        assert ("seconds" in done.out) == bool(options)
+    assert repr(report).endswith("1 of 3 checks FAILED: beliefs.")
+    assert report.checks["seconds"].values.tolist() == [1.0, 1.0, 2.0]
+    assert report.checks["passed"].sel(check="beliefs").item() is report.passed is False
 
 
 def test_tuning_chooses_what_the_command_does(taps, command, tmp_path):

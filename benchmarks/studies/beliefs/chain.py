@@ -17,17 +17,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from solidtouch.analysis.correctness.sbc import (
-    ARRAYS,
-    LEVEL,
-    POLICIES,
-    ROUTES,
-    Calibration,
-    calibrate,
-    judged,
-    told_factor,
-    told_p,
-)
+from solidtouch.analysis.correctness.page import told_factor, told_p
+from solidtouch.analysis.correctness.sbc import ARRAYS, LEVEL, POLICIES, ROUTES, Calibration, calibrate, judged
 from solidtouch.analysis.correctness.sbc_chain import ACTIVE, Checkpoints, World
 from solidtouch.analysis.experiment.sources import right_model
 from solidtouch.analysis.stats.uniformity import JudgedBeliefs, error_factor

@@ -8,10 +8,12 @@ import numpy as np
 import pytest
 from rich.console import Console
 from scipy.stats import binom
-from solidtouch.analysis.correctness.sbc import ARRAYS, POLICIES, ROUTES, Calibration, CalibrationRow, calibrate, render
+from solidtouch.analysis.correctness.page import calibration_page
+from solidtouch.analysis.correctness.sbc import ARRAYS, POLICIES, ROUTES, Calibration, CalibrationRow, calibrate
 from solidtouch.analysis.correctness.sbc_arrays import array_beliefs
 from solidtouch.analysis.correctness.sbc_chain import ACTIVE, PASSIVE, Checkpoints, World, engine_beliefs
 from solidtouch.analysis.experiment.sources import right_model
+from solidtouch.analysis.page.terminal import show
 from solidtouch.analysis.stats.uniformity import (
     Factor,
     count_p,
@@ -289,7 +291,7 @@ def result_of(*p: float) -> Calibration:
 )
 def test_the_verdict_is_printed(p, verdict):
     out = StringIO()
-    render(result_of(*p), Console(file=out, width=140))
+    show(calibration_page(result_of(*p)), Console(file=out, width=140))
 
     assert verdict in out.getvalue()
     assert ("1 taps: rank of what, p < 1e-12" in out.getvalue()) == (min(p) < 1e-12)

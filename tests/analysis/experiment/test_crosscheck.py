@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from solidtouch.analysis.experiment import trial_check
-from solidtouch.analysis.experiment.crosscheck import STORY, crosscheck
+from solidtouch.analysis.experiment.crosscheck import STORY, crosscheck_model
 from solidtouch.hardware.simulator.model_rig import draw_taps
 from solidtouch.inference.engines import compiled as bayes
 from solidtouch.inference.engines import engine as numpy_engine
@@ -31,7 +31,7 @@ def with_taps(model, n=4):
 
 
 def run(case, **more):
-    return crosscheck(*case, **({"episodes": 2, "length": LENGTH, "sequence_taps": SEQUENCE} | more))
+    return crosscheck_model(*case, **({"episodes": 2, "length": LENGTH, "sequence_taps": SEQUENCE} | more))
 
 
 def failed(check):

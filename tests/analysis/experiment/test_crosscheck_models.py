@@ -5,7 +5,7 @@ from itertools import product
 
 import numpy as np
 import pytest
-from solidtouch.analysis.experiment.crosscheck import STORY, crosscheck
+from solidtouch.analysis.experiment.crosscheck import STORY, crosscheck_model
 from solidtouch.inference import reference_models as plain
 from solidtouch.inference.engines import enumeration
 from solidtouch.inference.engines.engine import make_engine
@@ -119,7 +119,7 @@ def test_prior_does_not_go_with_states(models, name, engine, message):
 @pytest.mark.parametrize("name", NAMES)
 def test_all_routes_agree_on_every_model(models, taps, name):
     """The whole sequence too, and trials on both devices."""
-    check = crosscheck(models[name], taps, episodes=2, length=LENGTH, sequence_taps=SEQUENCE)
+    check = crosscheck_model(models[name], taps, episodes=2, length=LENGTH, sequence_taps=SEQUENCE)
 
     assert failed(check) == set()
     assert check.passed
@@ -154,18 +154,18 @@ def test_an_error_of_a_millionth_in_one_engine_is_found(models, taps, monkeypatc
     with monkeypatch.context() as patch:
         right = enumeration.touch_tables
         patch.setattr(enumeration, "touch_tables", lambda m: right(m)._replace(form=bent(m.form)))
-        assert failed(crosscheck(model, taps, **sizes)) == {"numpy, numpyro"}
+        assert failed(crosscheck_model(model, taps, **sizes)) == {"numpy, numpyro"}
 
     wrong = replace(model)
     wrong.__dict__["prepared"] = bent(model.form).prepare(np.isneginf(model.log_prior))
-    found = failed(crosscheck(wrong, taps, **sizes))
+    found = failed(crosscheck_model(wrong, taps, **sizes))
     assert "numpy, filter" in found
     assert "numpy, numpyro" not in found
 
     if name != "histogram":
         right_likelihood = plain.log_likelihood
         monkeypatch.setattr(plain, "log_likelihood", lambda tap, form, *more: right_likelihood(tap, bent(form), *more))
-        assert {"numpy, numpyro", "numpy, filter"} <= failed(crosscheck(model, taps, **sizes))
+        assert {"numpy, numpyro", "numpy, filter"} <= failed(crosscheck_model(model, taps, **sizes))
 
 
 def test_an_error_that_all_engines_share_is_found(models, taps):
@@ -173,7 +173,7 @@ def test_an_error_that_all_engines_share_is_found(models, taps):
     for name in ("gaussian", "profile-mvn"):
         wrong = replace(models[name])
         wrong.__dict__["plain_form"] = bent(wrong.plain_form)
-        check = crosscheck(wrong, taps, episodes=1, length=LENGTH, sequence_taps=0, border="prior")
+        check = crosscheck_model(wrong, taps, episodes=1, length=LENGTH, sequence_taps=0, border="prior")
 
         assert failed(check) == {STORY}
 
@@ -188,6 +188,6 @@ def test_a_route_that_leaks_between_states_is_found(models, taps, monkeypatch):
             return np.log(0.999999 * belief + 1e-6 * np.roll(belief, M, axis=1))
 
     monkeypatch.setattr(enumeration.NumpyroEngine, "shift", leaking)
-    check = crosscheck(models["session"], taps, episodes=1, length=LENGTH, sequence_taps=0)
+    check = crosscheck_model(models["session"], taps, episodes=1, length=LENGTH, sequence_taps=0)
 
     assert failed(check) == {"numpy, numpyro"}

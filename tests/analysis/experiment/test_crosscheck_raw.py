@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from solidtouch.analysis.experiment.crosscheck import STORY, crosscheck
+from solidtouch.analysis.experiment.crosscheck import STORY, crosscheck_model
 from solidtouch.analysis.experiment.settings import ExperimentSettings
 from solidtouch.inference import raw, reference
 from solidtouch.models.experiment import load_experiment
@@ -39,7 +39,7 @@ def check(taps, *, train=True, settings=None, change=None, **more):
     parts = [taps.select(taps.session == session) for session in (0, 1)]
     fitted = settings.fitted(parts[0], taps.grid())
     fitted = fitted if change is None else change(fitted)
-    return crosscheck(
+    return crosscheck_model(
         fitted, fitted.usable(parts[1]), train=parts[0] if train else None, settings=settings, **(SIZES | more)
     )
 
@@ -111,7 +111,7 @@ def test_a_learned_exponent_is_taken_over(make_taps):
     parts = made.select(made.session < 2), made.select(made.session == 2)
     settings = fitted_by(bins=8, power="learned:2")
     fitted = settings.fitted(parts[0], made.grid())
-    found = crosscheck(fitted, fitted.usable(parts[1]), train=parts[0], settings=settings, **SIZES)
+    found = crosscheck_model(fitted, fitted.usable(parts[1]), train=parts[0], settings=settings, **SIZES)
 
     assert found.passed
     assert "takes the learned exponent" in " ".join(found.notes)
@@ -302,7 +302,7 @@ def test_recorded_taps(shared_data, name, more):
     fold = parts.folds[0]
     grid: ClassGrid = trim(grid, [fold.train])[0]
     fitted = ExperimentSettings().fitted(fold.train, grid)
-    found = crosscheck(
+    found = crosscheck_model(
         fitted, fitted.usable(fold.test), train=fold.train, episodes=2, length=4, sequence_taps=0, border="clamp"
     )
 

@@ -7,20 +7,20 @@ import pytest
 from rich.console import Console
 from solidtouch.analysis.experiment.suspicions import constant_taxels, in_blocks, recorded_order, saturated_taxels
 from solidtouch.analysis.inspect.page import inspection_page
-from solidtouch.analysis.inspect.run import count_taps, inspect
+from solidtouch.analysis.inspect.run import count_taps, inspect_taps
 from solidtouch.analysis.page.terminal import show
 from solidtouch.models.io.load import load_taps
 
 
 def warnings_of(taps, **cells):
-    return " ".join(inspect(taps, taps.grid(**cells)).warnings)
+    return " ".join(inspect_taps(taps, taps.grid(**cells)).warnings)
 
 
 def test_good_data_give_no_warning(make_taps):
     """Two sessions, every cell filled with seven distinct taps in each, classes interleaved, all taxels alive."""
     taps = make_taps()
 
-    assert inspect(taps, taps.grid()).warnings == ()
+    assert inspect_taps(taps, taps.grid()).warnings == ()
 
 
 def test_counts_are_per_session_and_class(make_taps):
@@ -180,7 +180,7 @@ def test_constant_taxels_are_dead_and_not_saturated(make_taps):
 
 def shown(taps, width=100, **cells):
     console = Console(file=io.StringIO(), width=width)
-    show(inspection_page(inspect(taps, taps.grid(**cells)), "a.nc"), console)
+    show(inspection_page(inspect_taps(taps, taps.grid(**cells)), "a.nc"), console)
     assert isinstance(console.file, io.StringIO)
     return console.file.getvalue()
 
@@ -242,5 +242,5 @@ def test_uneven_positions_are_named(make_taps):
     even = make_taps(L=3)
     uneven = make_taps(L=3, where_value=None, where=even.where**2)
 
-    assert "unevenly spaced, by 2.25 to 6.75 mm" in " ".join(inspect(uneven, uneven.grid()).warnings)
-    assert "unevenly" not in " ".join(inspect(even, even.grid()).warnings)
+    assert "unevenly spaced, by 2.25 to 6.75 mm" in " ".join(inspect_taps(uneven, uneven.grid()).warnings)
+    assert "unevenly" not in " ".join(inspect_taps(even, even.grid()).warnings)

@@ -1,0 +1,52 @@
+"""Checks of this installation: what `solidtouch.validate` does and returns."""
+
+from dataclasses import dataclass
+
+import xarray as xr
+
+from ..conformance.validate import check_engines
+from ..correctness.validate import check_beliefs, check_routes
+from ..page.labelled import labelled
+from ..page.page import Page
+from ..page.report import Report
+from ..page.stages import Check, Progress, no_progress
+from .page import validation_page
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class ValidationReport(Report):
+    """Whether this installation computes what it should.
+
+    Attributes:
+        found: All checks.
+        seconds: Whether the printed table shows how long each took.
+    """
+
+    found: tuple[Check, ...]
+    seconds: bool = False
+
+    def _page(self) -> Page:
+        return validation_page(self.found, self.seconds)
+
+    @property
+    def passed(self) -> bool:
+        """Whether every check passed."""
+        return all(check.passed for check in self.found)
+
+    @property
+    def checks(self) -> xr.Dataset:
+        """Reference, result and duration of each check, dim check."""
+        rows = ({"check": check.name, **check._asdict()} for check in self.found)
+        return labelled(rows, ["check"], {"seconds": "s"}).drop_vars("name")
+
+
+def validate(seed: int = 0, *, seconds: bool = False, progress: Progress = no_progress) -> ValidationReport:
+    """Cross-check, conformance and a short calibration, in a minute or two.
+
+    Args:
+        seed: Random seed of simulated taps and drawn episodes.
+        seconds: Whether the printed table shows how long each check took.
+        progress: Told the name and size of every stage; gives the function that counts what is done.
+    """
+    found = check_routes(progress, seed), *check_engines(progress), *check_beliefs(progress, seed)
+    return ValidationReport(found, seconds)
