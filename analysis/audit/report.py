@@ -5,6 +5,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import ClassVar
 
+import xarray as xr
+
 from ...inference.moves.control import check_fixation
 from ...models.errors import InputError
 from ...models.io.load import TapSource, names_of
@@ -21,6 +23,15 @@ from .record import AuditedData, AuditSummary
 from .remedies import BASELINE, Remedy
 from .run import Audit, AuditSettings, audit_taps
 from .summary import summarise
+from .tables import (
+    after_taps_table,
+    calibration_table,
+    causes_table,
+    checks_table,
+    independence_table,
+    leakage_table,
+    remedies_table,
+)
 
 FEWEST_PERMUTATIONS, FEWEST_TRIALS = 99, 100
 
@@ -46,6 +57,47 @@ class AuditReport(StudyReport):
     def verdict(self) -> list[str]:
         """What was found, in sentences."""
         return self.summary["verdict"]["sentences"]
+
+    @property
+    def calibration(self) -> xr.Dataset:
+        """Miscalibration of decisions of all objects and each beside what a right model gives, with p-values, dim what.
+
+        The attribute `verdict` says how beliefs compare with outcomes.
+        """
+        return calibration_table(self.summary)
+
+    @property
+    def causes(self) -> xr.Dataset | None:
+        """Shares in the variance of evidence, dim cause; `None` where evidence cannot be judged."""
+        return causes_table(self.summary)
+
+    @property
+    def independence(self) -> xr.Dataset:
+        """Tests of the independence of taxels and of samples in time, dim test."""
+        return independence_table(self.summary)
+
+    @property
+    def checks(self) -> xr.Dataset:
+        """Statistics of taps beside those of replicates from the fitted model, dim statistic."""
+        return checks_table(self.summary)
+
+    @property
+    def leakage(self) -> xr.Dataset:
+        """Accuracy of classes inferred without touch, dims quantity and source, and the verdict on each quantity."""
+        return leakage_table(self.summary)
+
+    @property
+    def after_taps(self) -> xr.Dataset:
+        """Scores of beliefs after some taps, dims taps and what."""
+        return after_taps_table(self.summary)
+
+    @property
+    def remedies(self) -> xr.Dataset:
+        """What each remedy gains, and its errors at the reaction time of the present setting, dim remedy.
+
+        The present setting comes first; `<name>_difference` is the change from it.
+        """
+        return remedies_table(self.summary)
 
     @property
     def model(self) -> TapModel:

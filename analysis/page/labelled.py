@@ -1,5 +1,10 @@
-"""Rows of numbers, as JSON files hold them, as labelled data sets."""
+"""Rows of numbers, as JSON files hold them, as labelled data sets.
 
+All reports name alike: `taps_low` and `taps_high` are the 95 % interval of `taps`, `taps_least` and `taps_most` the
+interval that holds together with all others, `taps_difference` is the change from a reference.
+"""
+
+from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
@@ -10,7 +15,7 @@ _FILL: dict[type, Any] = {bool: False, str: ""}
 
 
 def labelled(
-    rows: Iterable[Mapping[str, Any]], dims: Sequence[str], units: Mapping[str, str] | None = None, **attributes: Any
+    rows: Iterable[Mapping[str, Any]], dims: Sequence[str], units: Mapping[str, str] | None = None
 ) -> xr.Dataset:
     """Data set of rows, with the columns that name a row as dimensions.
 
@@ -21,17 +26,22 @@ def labelled(
     Args:
         rows: Names and values; nested values are left out.
         dims: Columns that become dimensions, their labels in order of appearance.
-        units: Units by quantity, also for its bounds and differences such as `taps_low` and `taps_difference`.
-        attributes: Attributes of the data set.
+        units: See `with_units`.
 
     Returns:
         A variable for each other column; where there is no row or no number it is NaN, False or empty.
+
+    Raises:
+        ValueError: Two rows have the same labels.
     """
-    rows = [row for row in rows if all(dim in row for dim in dims)]
+    rows = [*rows]
     labels = {dim: list(dict.fromkeys(row[dim] for row in rows)) for dim in dims}
     at = tuple(np.array([labels[dim].index(row[dim]) for row in rows], dtype=np.intp) for dim in dims)
+    if len(set(zip(*at, strict=True))) < len(rows):
+        raise ValueError(f"Two rows have the same {', '.join(dims)}.")
     shape = tuple(map(len, labels.values()))
-    data = xr.Dataset(coords=labels, attrs=attributes)
+    whole = len(rows) == np.prod(shape)
+    data = xr.Dataset(coords=labels)
     for name in dict.fromkeys(key for row in rows for key in row if key not in dims):
         found = [row.get(name) for row in rows]
         column = [value.item() if isinstance(value, np.generic) else value for value in found]
@@ -39,13 +49,52 @@ def labelled(
         if kinds <= {bool, str, int, float}:
             fill = next((_FILL[kind] for kind in kinds if kind in _FILL), np.nan)
             known = np.array([fill if value is None else value for value in column])
-            values = np.full(shape, fill, dtype=known.dtype)
+            values = np.full(shape, fill, dtype=np.result_type(known, np.min_scalar_type(fill)))
             values[at] = known
-            data[name] = tuple(dims), values, _unit(name, units or {})
+            data[name] = tuple(dims), values.astype(known.dtype) if whole else values
+    return with_units(data, units or {})
+
+
+def with_units(data: xr.Dataset, units: Mapping[str, str]) -> xr.Dataset:
+    """A copy with units as attributes.
+
+    Args:
+        data: Variables and coordinates.
+        units: Units by quantity, also for what begins with its name, such as `taps_low` and `taps_difference`.
+    """
+    data = data.copy()
+    for name, variable in data.variables.items():
+        known = [quantity for quantity in units if f"{name}_".startswith(f"{quantity}_")]
+        if known:
+            variable.attrs["units"] = units[max(known, key=len)]
     return data
 
 
-def _unit(name: str, units: Mapping[str, str]) -> dict[str, str]:
-    """The attributes of a variable: the unit of the quantity that its name begins with."""
-    known = [quantity for quantity in units if name == quantity or name.startswith(f"{quantity}_")]
-    return {"units": units[max(known, key=len)]} if known else {}
+def bounded(name: str, triple: Sequence[float | None] | None) -> dict[str, float | None]:
+    """A value with the ends of its interval, as columns of a row; none where there is no value."""
+    return dict(zip((name, f"{name}_low", f"{name}_high"), triple or (None, None, None), strict=True))
+
+
+def distinct(names: Iterable[str]) -> list[str]:
+    """The same names, numbered from the second of equal ones on.
+
+    >>> distinct(["taps", "other", "taps"])
+    ['taps', 'other', 'taps (2)']
+    """
+    seen: Counter[str] = Counter()
+    found = []
+    for name in names:
+        seen[name] += 1
+        found.append(f"{name} ({seen[name]})" if seen[name] > 1 else name)
+    return found
+
+
+def source_units(sources: Iterable[Mapping[str, Any]]) -> dict[str, str]:
+    """Units of errors, ways and taps; errors have none where sources of data do not share it."""
+    shared = {"taps": "taps"}
+    sources = [*sources]
+    for quantity, key in (("what_error", "what_unit"), ("where_error", "where_unit"), ("way", "where_unit")):
+        units = {str(source[key]) for source in sources}
+        if len(units) == 1:
+            shared[quantity] = units.pop()
+    return shared

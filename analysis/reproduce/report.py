@@ -21,6 +21,7 @@ from .record import ReproductionSummary
 from .results import Request, Results
 from .run import run_experiment, simulated_split
 from .summary import results_tree, summarise
+from .tables import decisions_table, places_table
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -44,6 +45,25 @@ class ReproductionReport(StudyReport):
     def passed(self) -> bool:
         """Whether all ways of computing the belief agree."""
         return self.found.check.passed
+
+    @property
+    def decisions(self) -> xr.Dataset:
+        """Errors and reaction times, dims policy and theta; `<name>_difference` is passive less active.
+
+        Variables that begin with `fresh_` hold on fresh taps, of which none is drawn twice in a trial.
+        """
+        return decisions_table(self.found, self.summary)
+
+    @property
+    def positions(self) -> xr.Dataset:
+        """Errors and reaction times of passive perception at each position, dims where and theta."""
+        return places_table(self.found.by_position, "where", self.summary)
+
+    @property
+    def fixations(self) -> xr.Dataset | None:
+        """Errors and reaction times for each fixation point, dims fixation and theta; `None` where none can be used."""
+        found = self.found.by_fixation
+        return None if found is None else places_table(found, "fixation", self.summary)
 
     @property
     def tree(self) -> xr.DataTree:

@@ -3,6 +3,8 @@
 from dataclasses import dataclass
 from typing import ClassVar
 
+import xarray as xr
+
 from ...models.errors import InputError
 from ...models.io.load import TapSource
 from ...models.settings import Division
@@ -15,6 +17,7 @@ from .page import sensitivity_page
 from .record import SensitivitySummary
 from .run import Sensitivity, SensitivitySettings, sensitivity_study
 from .summary import summarise
+from .tables import defaults_table, effects_table, pairs_table
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -33,6 +36,27 @@ class SensitivityReport(StudyReport):
 
     def _page(self) -> Page:
         return sensitivity_page(self.summary)
+
+    @property
+    def defaults(self) -> xr.Dataset:
+        """Errors, reaction times and miscalibration of the defaults, dims source and policy.
+
+        `<name>_advantage` is passive less active, dim source.
+        """
+        return defaults_table(self.summary)
+
+    @property
+    def effects(self) -> xr.Dataset:
+        """What each option changes from the default, dims source, choice, option and policy.
+
+        `<name>_advantage` is passive less active under the option. NaN where an option is of another choice.
+        """
+        return effects_table(self.summary)
+
+    @property
+    def pairs(self) -> xr.Dataset:
+        """What pairs of options change in the object error, beyond the sum of both, dims source, first and second."""
+        return pairs_table(self.summary)
 
 
 def sensitivity(

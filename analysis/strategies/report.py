@@ -4,6 +4,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import ClassVar
 
+import xarray as xr
+
 from ...models.errors import InputError
 from ...models.io.load import TapSource
 from ...models.settings import Division
@@ -18,6 +20,7 @@ from .regret import TRIALS, RegretSettings, regret_study
 from .regret_summary import summarise_regret
 from .run import StrategySettings, StrategyStudy, strategy_study
 from .summary import summarise
+from .tables import at_threshold_table, curves_tree, equal_taps_table, regret_table, rules_table, trust_table
 
 DATA = "ideal", "paper", "nodrift", "broken", RIGHT
 """Presets that strategies are compared on."""
@@ -39,6 +42,49 @@ class StrategiesReport(StudyReport):
 
     def _page(self) -> Page:
         return strategies_page(self.summary)
+
+    @property
+    def curves(self) -> xr.DataTree:
+        """Errors, reaction times and ways, dims source, power, rule and strategy.
+
+        Groups by what a stopping rule is set with, each with a dim of its own: `theta`, `taps` (dim number_of_taps) and
+        `cost`.
+        """
+        return curves_tree(self.summary)
+
+    @property
+    def equal_taps(self) -> xr.Dataset:
+        """Errors and ways at equal mean numbers of taps, dims source, power, rule, strategy and taps.
+
+        `<name>_difference` is what they differ from the fixation point.
+        """
+        return equal_taps_table(self.summary)
+
+    @property
+    def at_threshold(self) -> xr.Dataset:
+        """Reaction times and ways less those of the fixation point, at the threshold `theta` of its attributes.
+
+        Dims source, power and strategy.
+        """
+        return at_threshold_table(self.summary)
+
+    @property
+    def rules(self) -> xr.Dataset:
+        """Stopping rules with the fixation point, dims source, power, rule and taps.
+
+        `<name>_difference` is what they differ from the paper's rule.
+        """
+        return rules_table(self.summary)
+
+    @property
+    def trust(self) -> xr.Dataset:
+        """Miscalibration and information about the object after five taps, dims source, power and strategy."""
+        return trust_table(self.summary)
+
+    @property
+    def regret(self) -> xr.Dataset | None:
+        """Cost beyond that of the exact rule or a bound, dims case, tap_cost, strategy and kind; `None` if left out."""
+        return regret_table(self.summary)
 
 
 def strategies(

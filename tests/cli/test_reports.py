@@ -102,6 +102,34 @@ def test_trials_are_labelled(taps):
     assert "300 of 300 trials, active" in repr(found)
 
 
+def test_a_reproduction_is_labelled():
+    """With the numbers of its summary, on stored and on fresh taps."""
+    report = st.reproduce(data_sets=2, trials=10, thresholds=[0.9, 0.5], episodes=1, sequence_taps=0, seed=1)
+    decisions, summary = report.decisions, report.summary
+    shown = [("", row) for row in (*summary["results"], *summary["differences"])]
+    shown += [("fresh_", row) for row in summary["headline"]["fresh"]["rows"]]
+    for prefix, row in shown:
+        differs = "_difference" if row["policy"] == "passive - active" else ""
+        at = decisions.sel(theta=row["theta"]) if differs else decisions.sel(theta=row["theta"], policy=row["policy"])
+        for name in ("what_error", "where_error", "taps"):
+            for end in ("", "_low", "_high"):
+                assert float(at[f"{prefix}{name}{differs}{end}"]) == row[f"{name}{end}"]
+    assert decisions["fresh_what_error_difference_low"].attrs["units"] == summary["units"]["what"]
+    assert decisions["taps"].attrs["units"] == "taps"
+
+    tree = report.tree
+    for table, dim, group in (
+        (report.positions, "where", "passive/by_position"),
+        (report.fixations, "fixation", "active/by_fixation"),
+    ):
+        assert table is not None
+        assert table["what_error_low"].dims == (dim, "theta")
+        assert table[dim].attrs["units"] == table["where_error"].attrs["units"] == summary["units"]["where"]
+        np.testing.assert_array_equal(table["taps_high"], tree[group]["taps_high"])
+        assert not tree[group]["taps_high"].attrs
+    assert float(report.fixations["fixation"][summary["fixation"]["index"]]) == summary["fixation"]["value"]
+
+
 @pytest.fixture
 def files(taps, tmp_path, monkeypatch):
     """The taps as files, and a terminal as wide as a report in print."""

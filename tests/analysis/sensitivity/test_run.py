@@ -81,6 +81,40 @@ def rows(summary):
     }
 
 
+def test_tables_hold_the_numbers_of_the_summary(summary):
+    """Under names that say what is a difference; a second source of the same name is another."""
+    report = SensitivityReport((), {**summary, "sources": [summary["sources"][0]] * 2})
+    (source, _), ends = report.summary["sources"], ("", "_low", "_high", "_least", "_most")
+    effects, defaults = report.effects, report.defaults
+    assert effects["source"].values.tolist() == defaults["source"].values.tolist() == ["small rig", "small rig (2)"]
+
+    for (choice, option), row in rows(summary).items():
+        at = effects.sel(source="small rig (2)", choice=choice, option=option)
+        assert at["verdict"].item() == row["verdict"]
+        assert float(at["stopped"]) == row["stopped"]
+        for end in ends:
+            found = [
+                *(at[f"{name}_difference{end}"] for name in ("what_error", "where_error", "taps")),
+                *(at[f"factor_ratio{end}"], at[f"what_error_at_equal_taps_difference{end}"]),
+                at[f"taps_advantage{end}"],
+            ]
+            names = *(f"active_{name}" for name in ("what_error", "where_error", "taps", "factor")), "equal_taps"
+            values = [row[f"{name}{end}"] for name in (*names, "advantage_taps")]
+            actual = [float(value.sel(policy="active") if "policy" in value.dims else value) for value in found]
+            np.testing.assert_array_equal(actual, np.array(values, dtype=float))
+    for row in source["default"]:
+        at = defaults.sel(source="small rig", policy=row["policy"])
+        np.testing.assert_array_equal([at[f"taps{end}"] for end in ends], [row[f"taps{end}"] for end in ends])
+    gain = source["advantage"]["what_error"]
+    assert float(defaults["what_error_advantage_low"].sel(source="small rig")) == gain["value_low"]
+    for pair in source["pairs"]:
+        first, second = (f"{one['choice']}: {one['option']}" for one in (pair["first"], pair["second"]))
+        at = report.pairs.sel(source="small rig", first=first, second=second)
+        assert (float(at["beyond_high"]), bool(at["sure"])) == (pair["beyond_high"], pair["sure"])
+    assert effects["what_error_difference_low"].attrs["units"] == source["what_unit"]
+    assert effects["taps_difference"].attrs["units"] == "taps"
+
+
 def test_the_default_as_an_option_changes_exactly_nothing(study, summary):
     for (choice, _), found in zip(study.catalogue.options, study.effects, strict=True):
         if choice.name == "no choice":

@@ -31,6 +31,7 @@ from solidtouch.analysis.strategies.regret_cases import (
     world,
 )
 from solidtouch.analysis.strategies.regret_summary import summarise_regret
+from solidtouch.analysis.strategies.report import StrategiesReport
 from solidtouch.analysis.strategies.run import BASE, STRATEGIES, StrategySettings
 from solidtouch.analysis.strategies.summary import summarise
 from solidtouch.inference.bayes_risk.exact_cost import course, expected_cost
@@ -212,6 +213,14 @@ def test_the_page_shows_every_price(summary):
     assert "#regret-section" in page
     assert "#trust-section" not in page
     assert whole["findings"] == summary["findings"]
+    table = StrategiesReport((), whole).regret
+    assert table is not None
+    for case in summary["cases"]:
+        for row in case["prices"]:
+            at = table.sel(case=f"{case['name']}, {'exact' if case['exact'] else 'bound'}", tap_cost=case["tap_cost"])
+            one = at.sel(strategy=row["strategy"], kind=row["kind"])
+            assert (float(one["regret"]), one["rule"].item()) == (row["regret"], row["rule"])
+            assert bool(one["best"]) == row["best"]
     without = render_page(strategies_page({**whole, "regret": None}))
     assert "regret-section" not in without
 

@@ -183,6 +183,40 @@ def test_the_page_shows_every_strategy_and_rule(summary):
     assert STORED_ONLY in summary["rules"]
 
 
+def test_tables_hold_the_numbers_of_the_summary(summary):
+    """Curves by what a rule is set with, all else by the keys of the summary."""
+    report, (source,) = StrategiesReport((), summary), summary["sources"]
+    levels = {"theta": "theta", "taps": "number_of_taps", "cost": "cost"}
+    for power in source["powers"]:
+        at = {"source": source["name"], "power": power["power"]}
+        for family in power["families"]:
+            name, level = family["parameter"], levels[family["parameter"]]
+            curves = report.curves[name].to_dataset()
+            for strategy, points in power["curves"][family["name"]].items():
+                one = curves.sel({**at, "rule": family["name"], "strategy": strategy})
+                for end in ("what_error", "what_error_high", "taps_low", "way", "factor"):
+                    expected = np.array([point[end] for point in points], dtype=float)
+                    np.testing.assert_array_equal(one[end].sel({level: [point["level"] for point in points]}), expected)
+        for rule, found in power["equal"].items():
+            for row in found:
+                one = report.equal_taps.sel({**at, "rule": rule, "strategy": row["strategy"], "taps": row["taps"]})
+                for end in ("what_error", "what_error_difference", "what_error_difference_least"):
+                    np.testing.assert_array_equal(one[end], np.array(row[end], dtype=float))
+        for row in power["rules"]:
+            one = report.rules.sel({**at, "rule": row["rule"], "taps": row["taps"]})
+            np.testing.assert_array_equal(one["given_up"], np.array(row["given_up"], dtype=float))
+        for row in power["trust"]:
+            one = report.trust.sel({**at, "strategy": row["strategy"]})
+            np.testing.assert_array_equal(one["factor_ratio_low"], np.array(row["factor_ratio_low"], dtype=float))
+        for row in power["shown"]:
+            one = report.at_threshold.sel({**at, "strategy": row["strategy"]})
+            np.testing.assert_array_equal(one["way_difference_high"], np.array(row["way_difference_high"], dtype=float))
+    assert report.at_threshold.attrs["theta"] == summary["theta"]
+    assert report.equal_taps["what_error_difference_low"].attrs["units"] == source["what_unit"]
+    assert report.trust["told_low"].attrs["units"] == "nats"
+    assert report.regret is None
+
+
 @pytest.mark.slow
 def test_the_folder_holds_page_numbers_and_figures(summary, tmp_path):
     """All of them or nothing."""
