@@ -20,6 +20,7 @@ from .shared.options import (
     parse_thresholds,
     spelled_out,
 )
+from .shared.report import show_page
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -106,13 +107,9 @@ class _Shown:
         return self
 
     def __exit__(self, *error: object) -> None:
-        from rich.console import Console
-
-        from ..analysis.page.terminal import show
-
         self._live.stop()
         if self.report is not None:
-            show(self.report.page, Console())
+            show_page(self.report)
 
     def stage(self, name: str, total: int) -> "Callable[[int], None]":
         """Starts a progress bar; returns the function that advances it."""

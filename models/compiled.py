@@ -4,9 +4,11 @@ from collections.abc import Callable
 from typing import Any
 
 import numba
+from numba.extending import intrinsic
 
 # Sums may be taken in another order and products fused, which vector instructions need; NaN and infinity stay exact.
 _OPTIONS: dict[str, Any] = {"nogil": True, "fastmath": {"reassoc", "contract", "nsz"}, "error_model": "numpy"}
+_intrinsic: Any = intrinsic
 
 
 def compiled[F: Callable[..., Any]](function: F) -> F:
@@ -19,3 +21,9 @@ def compiled[F: Callable[..., Any]](function: F) -> F:
         return njit(cache=True, **_OPTIONS)(function)
     except RuntimeError:  # neither beside the file nor in the user's cache folder can anything be written
         return njit(**_OPTIONS)(function)
+
+
+@_intrinsic
+def ones(_: Any, word: Any) -> Any:
+    """The number of bits of a word that are one, for compiled loops."""
+    return word(word), lambda _context, builder, _signature, words: builder.ctpop(words[0])

@@ -1,6 +1,7 @@
 """Where things stand: class names, circles of imports, sizes of folders and their heads."""
 
 import ast
+import sys
 from collections import Counter
 from graphlib import TopologicalSorter
 from pathlib import Path
@@ -63,3 +64,87 @@ def test_a_folder_says_what_is_inside(folder):
 
     assert len(head.body) == 1
     assert 1 < len((ast.get_docstring(head) or "").splitlines()) <= MOST_LINES
+
+
+EVERYWHERE = {"numpy", "scipy", "xarray", "msgspec"}
+"""Packages that any file may import."""
+EDGES = {
+    "arviz": (
+        "analysis/audit/components.py",
+        "analysis/compare/taps.py",
+        "models/measurement/fits/nuts.py",
+    ),
+    "arviz_plots": ("analysis/audit/figures_checks.py",),
+    "arviz_stats": ("analysis/compare/taps.py",),
+    "dask": ("analysis/sweep/dask.py",),
+    "distributed": ("analysis/sweep/dask.py",),
+    "h5py": ("models/io/mat.py", "models/io/model_file.py", "models/taps.py"),
+    "jax": (
+        "analysis/audit/components.py",
+        "analysis/conformance/routes.py",
+        "analysis/correctness/sbc_arrays.py",
+        "inference/engines/enumeration.py",
+        "inference/trials/gpu.py",
+        "models/measurement/**/*.py",
+        "models/touch.py",
+    ),
+    "jinja2": ("analysis/page/html.py",),
+    "lazy_loader": ("solidtouch/__init__.py",),
+    "markupsafe": ("analysis/page/html.py",),
+    "matplotlib": (
+        "analysis/*/figure*_*.py",
+        "analysis/*/figures.py",
+        "analysis/page/page.py",
+        "analysis/page/report.py",
+    ),
+    "mcap": ("hardware/recording/recording.py", "models/io/rig_reader.py"),
+    "mpmath": ("analysis/conformance/exact.py",),
+    "numba": ("models/compiled.py",),
+    "numpyro": (
+        "analysis/audit/components.py",
+        "inference/engines/enumeration.py",
+        "models/measurement/**/*.py",
+        "models/touch.py",
+    ),
+    "pandas": ("models/io/csv_rows.py",),
+    "rich": ("analysis/live/*.py", "analysis/page/terminal.py", "cli/**/*.py"),
+    "serial": ("hardware/link/port.py",),
+    "sklearn": ("inference/classifier.py",),
+    "threadpoolctl": ("models/threads.py",),
+    "typer": ("cli/*.py", "cli/shared/options.py"),
+    "zarr": ("analysis/sweep/store.py",),
+}
+"""The files that may import any other package, wherever in a file and for types alone as well."""
+
+
+def packages(path):
+    """Packages from elsewhere that a file imports."""
+    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+        if isinstance(node, ast.Import):
+            yield from (alias.name.partition(".")[0] for alias in node.names)
+        elif isinstance(node, ast.ImportFrom) and not node.level:
+            yield str(node.module).partition(".")[0]
+
+
+def test_packages_from_elsewhere_are_imported_where_they_belong():
+    """And every place where one belongs imports it."""
+    found = {
+        (package, path.relative_to(ROOT))
+        for path in modules((*PACKAGES, "solidtouch"))
+        for package in packages(path)
+        if package not in EVERYWHERE | sys.stdlib_module_names
+    }
+    allowed = {(package, pattern) for package, patterns in EDGES.items() for pattern in patterns}
+    matches = {
+        (package, path): {one for one in allowed if one[0] == package and path.full_match(one[1])}
+        for package, path in found
+    }
+
+    assert {f"{path} imports {package}" for (package, path), by in matches.items() if not by} == set()
+    assert set().union(*matches.values()) == allowed
+
+
+def test_an_import_anywhere_in_a_file_counts(tmp_path):
+    code = "from . import rich\ndef late():\n    import jax.numpy\n    from serial.tools import x\n"
+    (tmp_path / "late.py").write_text(code)
+    assert set(packages(tmp_path / "late.py")) == {"jax", "serial"}

@@ -8,7 +8,7 @@ from ..page.figure_confusion import confusion
 from ..page.numbers import bounded, factor, interval, number, percent
 from ..page.page import Block, Brief, Cautions, Listing, Note, Page, Picture, Section, Table, Verbatim
 from . import figures, figures_reliability
-from .checks import figure_checks
+from .figures_checks import figure_checks
 from .record import (
     AuditSummary,
     BesideRecord,

@@ -5,7 +5,7 @@ from typing import Any
 
 import xarray as xr
 
-from ..page.labelled import bounded, labelled
+from ..page.labelled import interval_columns, labelled
 from .record import AuditSummary, FactorRecord, RemedyRow, VarianceRecord
 from .variance.causes import suspect_part
 
@@ -17,7 +17,7 @@ def calibration_table(summary: AuditSummary) -> xr.Dataset:
     rows = (
         {
             "what": name,
-            **bounded("factor", part["factor"]),
+            **interval_columns("factor", part["factor"]),
             "unbounded": part["unbounded"],
             "right_factor": part["beside"]["median"],
             "right_factor_low": part["beside"]["low"],
@@ -63,7 +63,7 @@ def leakage_table(summary: AuditSummary) -> xr.Dataset:
     told = summary["first_cause"]["evidence"]["leakage"]["told"]
     common = "quantity", "verdict", "chance"
     rows = (
-        {"quantity": row["quantity"], "source": source, **bounded("accuracy", triple)}
+        {"quantity": row["quantity"], "source": source, **interval_columns("accuracy", triple)}
         for row in told
         for source, triple in row.items()
         if source not in common
@@ -75,7 +75,7 @@ def leakage_table(summary: AuditSummary) -> xr.Dataset:
 def after_taps_table(summary: AuditSummary) -> xr.Dataset:
     """Scores of beliefs after some taps, dims taps and what."""
     rows = (
-        {"taps": row["taps"], "what": what} | _all_bounded(scores)
+        {"taps": row["taps"], "what": what} | _all_columns(scores)
         for row in summary["miscalibration"]["evidence"]["after_taps"]
         for what, scores in row.items()
         if isinstance(scores, Mapping)
@@ -99,15 +99,15 @@ def remedies_table(summary: AuditSummary) -> xr.Dataset:
 def _remedy(row: RemedyRow) -> dict[str, Any]:
     return {
         "remedy": row["name"],
-        **bounded("log_score", row["log_score"]),
-        **bounded("gain", row["gain"]),
+        **interval_columns("log_score", row["log_score"]),
+        **interval_columns("gain", row["gain"]),
         "sure_gain": row["sure_gain"],
-        **bounded("gain_per_tap", row["gain_per_tap"]),
-        **bounded("what_error", row["error"]),
-        **bounded("what_error_difference", row["error_change"]),
-        **bounded("where_error_difference", row["where_error_change"]),
+        **interval_columns("gain_per_tap", row["gain_per_tap"]),
+        **interval_columns("what_error", row["error"]),
+        **interval_columns("what_error_difference", row["error_change"]),
+        **interval_columns("where_error_difference", row["where_error_change"]),
         "taps": row["taps"],
-        **bounded("factor", row["factor"]),
+        **interval_columns("factor", row["factor"]),
         "unbounded": row["unbounded"],
         "stopped": row["stopped"],
         "worthwhile": row.get("worthwhile", False),
@@ -115,8 +115,10 @@ def _remedy(row: RemedyRow) -> dict[str, Any]:
     }
 
 
-def _all_bounded(scores: Mapping[str, Sequence[float | None]]) -> dict[str, float | None]:
-    return {column: value for name, triple in scores.items() for column, value in bounded(name, triple).items()}
+def _all_columns(scores: Mapping[str, Sequence[float | None]]) -> dict[str, float | None]:
+    return {
+        column: value for name, triple in scores.items() for column, value in interval_columns(name, triple).items()
+    }
 
 
 def _cause_p(variance: VarianceRecord) -> dict[str, float | None]:

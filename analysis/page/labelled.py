@@ -70,7 +70,7 @@ def with_units(data: xr.Dataset, units: Mapping[str, str]) -> xr.Dataset:
     return data
 
 
-def bounded(name: str, triple: Sequence[float | None] | None) -> dict[str, float | None]:
+def interval_columns(name: str, triple: Sequence[float | None] | None) -> dict[str, float | None]:
     """A value with the ends of its interval, as columns of a row; none where there is no value."""
     return dict(zip((name, f"{name}_low", f"{name}_high"), triple or (None, None, None), strict=True))
 

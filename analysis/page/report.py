@@ -2,7 +2,6 @@
 
 from abc import ABC, abstractmethod
 from functools import cached_property
-from io import StringIO
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
 
@@ -59,13 +58,9 @@ class Report(ABC):
         return drawn
 
     def __repr__(self) -> str:
-        from rich.console import Console  # noqa: PLC0415 - a page is written without it
+        from .terminal import as_text  # noqa: PLC0415 - a page is written without it
 
-        from .terminal import show  # noqa: PLC0415
-
-        text = StringIO()
-        show(self.page, Console(file=text, width=_WIDTH))
-        return text.getvalue().rstrip()
+        return as_text(self.page, _WIDTH)
 
     def _repr_html_(self) -> str:
         return render_brief(self.page)

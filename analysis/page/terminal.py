@@ -1,6 +1,7 @@
 """The gist of a page in a terminal: its blocks that are marked as brief, under the titles of their sections."""
 
 from collections.abc import Iterator, Sequence
+from io import StringIO
 
 from rich import box
 from rich.console import Console, RenderableType
@@ -13,13 +14,21 @@ from .page import Brief, Cautions, Listing, Note, Page, Section, Table, briefs, 
 _WIDEST = 500  # characters
 
 
-def show(page: Page, console: Console) -> None:
+def show(page: Page, console: Console | None = None) -> None:
     """Prints what is brief; a table that is too wide for the console even so keeps its numbers whole."""
+    console = console or Console()
     for one in gist(page):
         if isinstance(one, RichTable):
             needed = console.measure(one, options=console.options.update(width=_WIDEST)).minimum
             one.width = needed if needed > console.width else None
         console.print(one, highlight=False, crop=False)
+
+
+def as_text(page: Page, width: int) -> str:
+    """What is brief as lines of at most so many characters."""
+    text = StringIO()
+    show(page, Console(file=text, width=width))
+    return text.getvalue().rstrip()
 
 
 def gist(page: Page) -> Iterator[RenderableType]:

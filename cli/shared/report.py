@@ -31,11 +31,9 @@ def command_line() -> str:
 
 def show_page(report: "Report") -> None:
     """Prints the summary of a report."""
-    from rich.console import Console
-
     from ...analysis.page.terminal import show
 
-    show(report.page, Console())
+    show(report.page)
 
 
 def show_report(report: "Report", folder: Path) -> None:

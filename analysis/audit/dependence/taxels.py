@@ -16,11 +16,10 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import xarray as xr
-from numba.extending import intrinsic
 from numpy.typing import ArrayLike, NDArray
 from scipy.stats import rankdata
 
-from ....models.compiled import compiled
+from ....models.compiled import compiled, ones
 from ....models.errors import InputError
 from .permutation import (
     Floats,
@@ -52,7 +51,6 @@ _NO_DISTANCE = 1e-9
 _WORD = 32  # taps of a mask that lie in one number
 _SIDE_BY_SIDE = 64  # permutations whose masks fill vector registers together
 _SUMS = 1 << 16  # sums of terms worth a table, which the cache holds
-_intrinsic: Any = intrinsic
 
 
 class _Prepared(NamedTuple):
@@ -280,12 +278,6 @@ def _tables(values: Floats) -> _Prepared | None:
     return _Prepared(statistic, varies)
 
 
-@_intrinsic
-def _ones(_: Any, word: Any) -> Any:
-    """The number of bits that are one."""
-    return word(word), lambda _context, builder, _signature, words: builder.ctpop(words[0])
-
-
 @compiled
 def _put_masks(columns: NDArray[np.uint8], permutation: NDArray[np.int32], mask: NDArray[np.uint32]) -> None:
     """Writes which permuted taps (K, P, n) are in each bin: bit i % 32 of word i // 32 of (K, S, bins, words, P)."""
@@ -346,7 +338,7 @@ def _table_sums(
                             for w in range(words):
                                 one, other = mask[k, s, c // bins, w], mask[m, s, c % bins, w]
                                 for p in range(here):
-                                    index[p] += place * _ones(one[p] & other[p])
+                                    index[p] += place * ones(one[p] & other[p])
                             if c % cells == cells - 1:
                                 for p in range(here):
                                     found[p] += sums[index[p]]

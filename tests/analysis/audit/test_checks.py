@@ -5,7 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import xarray as xr
-from solidtouch.analysis.audit.checks import audit_checks, count_replicates, figure_checks, summarise_checks
+from solidtouch.analysis.audit.checks import audit_checks, count_replicates, summarise_checks
+from solidtouch.analysis.audit.figures_checks import figure_checks
 from solidtouch.hardware.simulator.model_rig import draw_session
 from solidtouch.models.errors import InputError
 from solidtouch.models.measurement.histogram import HistogramModel, fit

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from solidtouch.analysis.page.labelled import bounded, labelled, source_units, with_units
+from solidtouch.analysis.page.labelled import interval_columns, labelled, source_units, with_units
 
 
 def test_rows_fill_a_grid_and_missing_ones_are_empty():
@@ -58,5 +58,5 @@ def test_sources_with_different_units_share_none():
 
 
 def test_a_value_without_an_interval_has_empty_columns():
-    assert bounded("n", [1, 0, 2]) == {"n": 1, "n_low": 0, "n_high": 2}
-    assert bounded("n", None) == {"n": None, "n_low": None, "n_high": None}
+    assert interval_columns("n", [1, 0, 2]) == {"n": 1, "n_low": 0, "n_high": 2}
+    assert interval_columns("n", None) == {"n": None, "n_low": None, "n_high": None}
