@@ -22,6 +22,7 @@ from .shared.options import (
     parse_thresholds,
     spelled_out,
 )
+from .shared.report import show_page
 
 _Theta = Annotated[float, Option("--theta", help="Threshold at which fixation points are compared.")]
 
@@ -90,9 +91,6 @@ def tune(
     """
     _check_words(context, online, rig, target_error)
     with loading():
-        from rich.console import Console
-
-        from ..analysis.page.terminal import show
         from ..analysis.tuning.online import tune_online
         from ..analysis.tuning.report import tune as study
         from ..hardware.named_rigs import check_training_taps
@@ -110,7 +108,7 @@ def tune(
         told: dict[str, Any] = {"progress": progress, "note": _print_note}
         if online is None:
             report = study(*data, **common, **told, target_error=target_error, by=by, trials=trials)
-            show(report.page, Console())
+            show_page(report)
         else:
             report = tune_online(
                 *data,

@@ -10,6 +10,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import pytest
+from solidtouch.analysis.audit.report import AuditReport
 from solidtouch.cli.main import run
 from solidtouch.hardware.simulator.presets import preset
 from solidtouch.hardware.simulator.session import simulate_session
@@ -114,6 +115,20 @@ def test_the_terminal_says_what_the_page_says(three):
     for row in three.summary["remedy"]["evidence"]["ranking"]:
         assert row["name"] in printed
     assert str(three.folder / "report.html") in three.out.replace("\n", "")
+
+
+@pytest.mark.slow
+def test_tables_hold_the_numbers_of_the_file(three):
+    evidence, report = three.summary["remedy"]["evidence"], AuditReport(None, three.summary)
+    for row in evidence["ranking"]:
+        at = report.remedies.sel(remedy=row["name"])
+        assert [float(at[f"gain{end}"]) for end in ("", "_low", "_high")] == row["gain"]
+        assert bool(at["worthwhile"]) == row["worthwhile"]
+    for row in three.summary["first_cause"]["evidence"]["predictive_checks"]:
+        assert float(report.checks["p"].sel(statistic=row["statistic"])) == row["p"]
+    assert report.calibration["factor"].sizes == {"what": 4}
+    assert float(report.leakage["chance"].sel(quantity="what")) == pytest.approx(1 / 3)
+    assert report.after_taps.sizes["what"] == 4
 
 
 @pytest.mark.slow
