@@ -47,14 +47,8 @@ class CrossCheckReport(Report):
     @property
     def differences(self) -> xr.Dataset:
         """Largest and allowed differences, dims model, routes and quantity; `allowed` is NaN where none is compared."""
-        return labelled(
-            (
-                {"model": name, **row._asdict(), "passed": row.passed}
-                for name, check in self.found.items()
-                for row in check.rows
-            ),
-            ("model", "routes", "quantity"),
-        )
+        rows = ({"model": name, **row._asdict()} for name, check in self.found.items() for row in check.rows)
+        return labelled(rows, ("model", "routes", "quantity"))
 
 
 def crosscheck(
