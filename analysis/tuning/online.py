@@ -42,7 +42,7 @@ from ..stats.metrics import CONFIDENCE
 from .run import Price, check_objects, check_price
 from .training import TunedReport, training_data
 
-_THRESHOLDS = (0.5, 0.7, 0.8, 0.9, 0.95, 0.975, 0.99, 0.995)
+ONLINE_THRESHOLDS = (0.5, 0.7, 0.8, 0.9, 0.95, 0.975, 0.99, 0.995)
 _FEWEST = 2  # episodes before a cost is known
 
 type Rig = Callable[[int], tuple[TouchSensor, str | None]]
@@ -214,7 +214,7 @@ def tune_online(
         raise InputError(f"--online must be at least {_FEWEST}, got {episodes}.")
     price = Price(cost_error, wrong)
     setting = Setting(model=model, fit=fit, where_cell=division.where_cell, what_cell=division.what_cell, play=play)
-    theta = _THRESHOLDS if thresholds is None else checked_thresholds(thresholds)
+    theta = ONLINE_THRESHOLDS if thresholds is None else checked_thresholds(thresholds)
     training = training_data(data, division, model, fit.changed(seed=seed), progress)
     check_objects(training.grid)
     check_price(price, training.sessions)

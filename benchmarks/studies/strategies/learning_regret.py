@@ -104,7 +104,7 @@ def regrets(
     for method in METHODS:
         arms: list[int] = []
         start = Learner.new(method, fixations, thresholds, seed)
-        after = learn(start, episodes, lambda t, a: float(costs[a, t]), lambda _, arm, kept=arms: kept.append(arm))
+        after = learn(start, episodes, lambda t, a: float(costs[a, t]), lambda _, arm, paid, own=arms: own.append(arm))  # noqa: ARG005
         kept = float(prices.mean[recommended(after)]) - prices.least
         lost[method] = Lost(np.cumsum(prices.mean[arms] - prices.least), kept)
     any_arm = float(prices.mean.mean()) - prices.least

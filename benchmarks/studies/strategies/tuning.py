@@ -16,7 +16,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from solidtouch.analysis.tuning.run import ONLINE_THRESHOLDS, Price, Tuning, tune_parts
+from solidtouch.analysis.tuning.online import ONLINE_THRESHOLDS
+from solidtouch.analysis.tuning.run import Price, Tuning, tune_parts
 from solidtouch.hardware.simulator.presets import preset
 from solidtouch.hardware.simulator.session import simulate_session
 from solidtouch.inference.moves.control import default_fixation
