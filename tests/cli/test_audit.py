@@ -321,7 +321,7 @@ def test_an_interrupted_audit_leaves_nothing(command, files, tmp_path, monkeypat
     def stop(*_: object) -> None:
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("solidtouch.analysis.audit.page.write_page", stop)
+    monkeypatch.setattr("solidtouch.analysis.page.report.write_page", stop)
     done = command("audit", *files[:3], *QUICK, "--out", tmp_path / "audit")
     assert done.code == 130
     assert list(tmp_path.iterdir()) == []

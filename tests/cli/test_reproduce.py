@@ -145,8 +145,9 @@ def test_a_setting_is_reproduced(command, tmp_path, make_taps):
     assert summary["grid"]["L"] == 8
     assert len(summary["options"]["thresholds"]) == 14
     assert summary["crosscheck"]["passed"]
+    saved = json.loads((tmp_path / "setting.json").read_text())
     for name in ("model", "power", "saturation", "bins", "value_range", "border", "theta_x", "fixation", "deadline"):
-        assert summary["options"][name] == getattr(setting, name)
+        assert summary["options"][name] == saved[name]
 
     words = (
         "--model",

@@ -320,4 +320,4 @@ def test_without_emulator_only_a_named_object_is_known(tmp_path, monkeypatch, mo
     assert "p.mcap: 1 presses of an unknown object, not convertible to a tap set" in unnamed.out
     assert "q.mcap: 1 taps" in named.out
     refused = command("convert", "p.mcap", "p.nc")
-    assert (refused.code, "no accepted tap with a label" in refused.err) == (2, True)
+    assert (refused.code, "no accepted, labelled tap" in refused.err) == (2, True)

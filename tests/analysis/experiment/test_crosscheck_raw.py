@@ -292,8 +292,8 @@ def test_an_error_in_the_recursion_of_the_route_is_found(taps, monkeypatch, step
         ("icub_grasp", {}),
         pytest.param("braille_icub", {}, marks=pytest.mark.slow),
         pytest.param("eflesh_grid", {}, marks=pytest.mark.slow),
-        pytest.param("barrett_boxes", {"method": "leave-one-session-out"}, marks=pytest.mark.slow),
-        pytest.param("barrett_ballcyl", {"method": "leave-one-session-out"}, marks=pytest.mark.slow),
+        pytest.param("barrett_boxes", {"split": "leave-one-session-out"}, marks=pytest.mark.slow),
+        pytest.param("barrett_ballcyl", {"split": "leave-one-session-out"}, marks=pytest.mark.slow),
     ],
 )
 def test_recorded_taps(shared_data, name, more):
