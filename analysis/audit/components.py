@@ -23,6 +23,7 @@ from ...models.errors import InputError
 from ...models.measurement.scaling import sum_by
 from ...models.seeds import Purpose, derived_seed
 from ...models.threads import one_blas_thread
+from ..page.numbers import spanned
 
 if TYPE_CHECKING:
     from ...models.measurement.gain_variance import GainCells
@@ -132,7 +133,7 @@ def variance_components(
     components = _summarise(data, cells, gains)
     if all_classes == len(gains.used):
         return components
-    chosen = f"Variance components are those of {len(gains.used)} of {all_classes} classes."
+    chosen = f"Variance components were estimated from {len(gains.used)} of {all_classes} classes."
     return components._replace(sentences=(chosen, *components.sentences))
 
 
@@ -346,11 +347,11 @@ def _summarise(data: xr.DataTree, cells: "GainCells", gains: TapGains) -> Compon
     )
     converged = bool(worst_r <= _R_HAT and least_ess >= _ESS and diverged <= CHAINS * DRAWS // 100)
     chains = (
-        f"NUTS, {CHAINS} chains of {DRAWS} draws: worst R-hat {worst_r:.3f} (at most {_R_HAT:g}), least effective "
+        f"NUTS, {CHAINS} chains of {DRAWS} draws: worst R-hat {worst_r:.3f} (at most {_R_HAT:g}), smallest effective "
         f"sample size {least_ess:.0f} (at least {_ESS:.0f}), {diverged} divergences."
     )
     if not converged:
-        chains = f"The chains did not converge, so intervals are not to be trusted. {chains}"
+        chains = f"The chains did not converge, so the intervals are unreliable. {chains}"
     sentences = (*_sentences(summary, rho, effective, cells, gains), chains)
     return Components(data, summary, rho, effective, converged, sentences)
 
@@ -381,15 +382,15 @@ def _sentences(
     told, R = _told(cells), int((cells.taps > 0).any(axis=1).sum())
     left_out = int((~gains.used).sum())
     if left_out:
-        yield f"{left_out} of {len(gains.used)} classes have a mean tap that does not stand out of the noise: left out."
+        yield f"{left_out} of {len(gains.used)} classes were left out because their mean tap does not exceed the noise."
     if not gains.scatter:
-        yield "There is one taxel, so noise cannot be told from what differs between taps."
+        yield "With one taxel, noise cannot be separated from differences between taps."
     if R == 1:
-        yield "There is one session: what differs between sessions cannot be told."
+        yield "With one session, differences between sessions cannot be estimated."
     elif not told["session"]:
-        yield "Less than two classes have taps in more than one session: what differs between sessions cannot be told."
+        yield "Differences between sessions cannot be estimated: fewer than two classes have taps in several sessions."
     if not told["tap"]:
-        yield "No class has two taps in one session: taps cannot be told from mounting."
+        yield "Differences between taps cannot be separated from mounting: no class has two taps in one session."
     for quantity, unit in (("gain", "%"), ("offset", "")):
         row, factor = summary.sel(quantity=quantity), 100.0 if unit else 1.0
         parts = [
@@ -405,16 +406,16 @@ def _sentences(
             yield f"Standard deviation of the {quantity}: {', '.join(parts)}."
     if all(told.values()):
         yield (
-            f"Of the variance of the gain {_range(rho.sel(quantity='gain'), 100.0, '%')} is shared by the taps of a "
-            f"class in one session, so 20 of them are worth {_range(effective.sel(n=20), 1.0, '')} independent ones."
+            f"The taps of a class in one session share {_range(rho.sel(quantity='gain'), 100.0, '%')} of the variance "
+            f"of the gain, so 20 taps are worth {_range(effective.sel(n=20), 1.0, '')} independent ones."
         )
     if told["session"] and R == 2:
-        yield "There are two sessions, one difference, so the interval of what is common to a session is wide."
+        yield "With two sessions, the interval of the variance between sessions is wide."
 
 
 def _range(row: xr.Dataset, factor: float, unit: str) -> str:
     mean, low, high = (float(row[name]) * factor for name in ("mean", "low", "high"))
-    return f"{mean:.2g}{' ' if unit else ''}{unit} ({low:.2g} to {high:.2g})"
+    return spanned(mean, low, high, unit)
 
 
 def _untold(gains: TapGains) -> Components:
@@ -428,7 +429,7 @@ def _untold(gains: TapGains) -> Components:
     lost = np.full(len(SEQUENCES), np.nan)
     effective = xr.Dataset(dict.fromkeys(three, ("n", lost)), {"n": list(SEQUENCES)})
     sentence = (
-        f"None of {len(gains.used)} mean taps varies enough against its noise to tell a gain from an offset: variance "
-        "components cannot be told."
+        f"Variance components cannot be estimated: none of {len(gains.used)} mean taps varies enough, relative to its "
+        "noise, to separate a gain from an offset."
     )
     return Components(None, summary, rho, effective, True, (sentence,))

@@ -75,14 +75,14 @@ def plot_causes(axes: Axes, split: xr.Dataset, named: str | None) -> Axes:
     axes.axvline(0, color="black", linewidth=0.6)
     for i, part in enumerate(parts):
         if not np.isfinite(share[i]):
-            axes.annotate("cannot be told", (0, i), xytext=(4, 0), textcoords="offset points", va="center")
+            axes.annotate("not estimable", (0, i), xytext=(4, 0), textcoords="offset points", va="center")
             continue
         kind = "other" if not is_cause(part) else "first" if part == named else _kind(split["share_sure"].values[i])
         axes.barh(i, share[i], height=0.7, color=_BAR_COLOURS[kind])
         if np.isfinite([low[i], high[i]]).all():
             axes.plot([low[i], high[i]], [i, i], color="black", linewidth=0.8)
         at = np.nanmax([share[i], high[i], 0.0])
-        axes.annotate(f"{share[i]:.0f} %", (at, i), xytext=(4, 0), textcoords="offset points", va="center")
+        axes.annotate(f"{share[i]:.0f}%", (at, i), xytext=(4, 0), textcoords="offset points", va="center")
     axes.set_yticks(range(len(parts)), [fill(part_words(part), _WRAP) for part in parts])
     axes.set_ylim(len(parts) - 0.4, -0.6)
     axes.set_xlim(*_padded(np.concatenate([low, high, share, [0.0]])))
@@ -295,7 +295,7 @@ def plot_factors(axes: Axes, values: Sequence[Interval]) -> Axes:
     axes.xaxis.set_major_locator(FixedLocator(_spread_marks(marks)))
     axes.xaxis.set_major_formatter(StrMethodFormatter("{x:g}"))
     axes.xaxis.set_minor_locator(NullLocator())
-    axes.set_xlabel("miscalibration factor\nwrong / mean (1 - belief)")
+    axes.set_xlabel("miscalibration factor\nwrong / mean (1 − belief)")
     return axes
 
 
@@ -333,7 +333,7 @@ def plot_told(axes: Axes, told: xr.Dataset) -> Axes:
             _dot(axes, i, value, low, high, ACTIVE if source in _TOUCHES else DECIDED)
     axes.plot(float(told["chance"]), told.sizes["source"], "|", color="grey", markersize=8)
     axes.set_xlim(0, 1.02)
-    axes.set_xlabel("fraction right after one tap")
+    axes.set_xlabel("fraction correct after one tap")
     axes.tick_params(axis="y", length=0)
     axes.spines["left"].set_visible(False)
     return axes
@@ -380,7 +380,7 @@ def _error_changes(measured: Measured) -> tuple[list[Interval], str]:
     if not _changed(changes) and _changed(places):
         name, changes = "where_error", places
     unit = measured.played[name].attrs.get("units", "")
-    quantity = "change of the error" if name == "what_error" else "change of the position error"
+    quantity = "change of object error" if name == "what_error" else "change of position error"
     label = f"change of {unit}" if unit == "P(wrong)" else axis_label(quantity, unit)
     taps = f"{measured.taps:.3g}"
     return changes, f"{label}\nat {taps} tap{'s' * (taps != '1')} on average"
@@ -425,11 +425,11 @@ def _map_key(figure: Figure, dependence: xr.Dataset) -> None:
     alpha = float(dependence.attrs.get("alpha", np.nan))
     keys = {
         f"dependent, false discovery rate {alpha:.0%}": Patch(facecolor="black"),
-        "not shown to be": Patch(facecolor=_SPARED),
+        "not significant": Patch(facecolor=_SPARED),
     }
     off = ~np.eye(dependence.sizes["taxel"], dtype=bool)
     if np.isnan(dependence["effect"].values[:, off]).any():
-        keys["dead taxel, or not tested"] = _hatched((0, 0), 1)
+        keys["constant taxel or not tested"] = _hatched((0, 0), 1)
     figure.legend(list(keys.values()), list(keys), loc="outside lower center", ncols=len(keys))
 
 
@@ -438,7 +438,7 @@ def _cause_key(axes: Axes) -> None:
     from matplotlib.colors import to_rgba  # noqa: PLC0415
     from matplotlib.patches import Patch  # noqa: PLC0415
 
-    words = {"first": "named first", "there": "a cause", "perhaps": "may be none", "other": "no cause by itself"}
+    words = {"first": "main cause", "there": "cause", "perhaps": "not significant", "other": "not a cause"}
     seen = {patch.get_facecolor() for patch in axes.patches}
     keys = [
         Patch(facecolor=_BAR_COLOURS[kind], label=word)
@@ -451,6 +451,10 @@ def _cause_key(axes: Axes) -> None:
 def _change_key(figure: Figure) -> None:
     from matplotlib.lines import Line2D  # noqa: PLC0415
 
-    words = {"surely better than as it is": TRUE, "surely worse": DECIDED, "not told apart": "grey"}
+    words = {
+        "significantly better than the current setting": TRUE,
+        "significantly worse": DECIDED,
+        "not significant": "grey",
+    }
     keys = [Line2D([], [], color=colour, marker="o", markersize=4, label=word) for word, colour in words.items()]
     figure.legend(handles=keys, loc="outside lower center", ncols=len(keys))

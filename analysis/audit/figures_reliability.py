@@ -94,7 +94,7 @@ def guarantee_factors(data: xr.Dataset) -> Figure:
     for panel, letter, policy in zip(axes[0], "AB", shown, strict=False):
         plot_promises(panel, data.sel(policy=policy))
         label_panel(panel, letter if len(shown) > 1 else "", policy)
-    axes[0, 0].set_ylabel("wrong over promised")
+    axes[0, 0].set_ylabel("wrong / bound")
     _key(figure, axes[0, 0])
     return figure
 
@@ -128,7 +128,7 @@ def plot_curves(axes: Axes, data: xr.Dataset) -> Axes:
             color=colour,
             linewidth=0.4,
         )
-    axes.set(xlabel="belief in the decision", ylabel="fraction right", xlim=(0, 1.02), ylim=(0, 1.02))
+    axes.set(xlabel="belief in the decision", ylabel="fraction correct", xlim=(0, 1.02), ylim=(0, 1.02))
     return axes
 
 
@@ -160,15 +160,15 @@ def plot_factor(axes: Axes, data: xr.Dataset) -> Axes:
     _log_factor(axes, data)
     look: dict[str, Any] = {"color": PASSIVE, "markersize": 5, "linestyle": "none", "zorder": 3, "clip_on": False}
     if none.any():
-        words = "0, no decision was wrong"
+        words = "0: no wrong decision"
         axes.plot(taps[none], value[none], marker="v", markerfacecolor="white", label=words, **look)
     if beyond.any():
         top = axes.get_ylim()[1]
         axes.vlines(taps[beyond], np.minimum(low[beyond], top), top, color=PASSIVE, linewidth=0.6)
         axes.plot(taps[beyond], np.full(beyond.sum(), top), marker="^", label=f"over {MOST_FACTOR:g}", **look)
     if np.isnan(factor).all():
-        axes.text(0.5, 0.6, "neither errors nor doubts", ha="center", transform=axes.transAxes)
-    axes.set(xlabel="taps", ylabel="wrong / mean (1 - belief)")
+        axes.text(0.5, 0.6, "no errors and no doubt", ha="center", transform=axes.transAxes)
+    axes.set(xlabel="taps", ylabel="wrong / mean (1 − belief)")
     _taps_axis(axes, taps)
     return axes
 
@@ -185,9 +185,9 @@ def plot_wrong(axes: Axes, data: xr.Dataset) -> Axes:
     x = 1 - data["theta"].values
     axes.set_xscale("log")
     axes.set_yscale("log")
-    axes.plot(x, x, color="grey", linewidth=0.8, linestyle=":", label="1 - threshold")
+    axes.plot(x, x, color="grey", linewidth=0.8, linestyle=":", label="1 − threshold")
     together = data.sel(what=EVERYTHING)
-    axes.plot(x, _shown(together["doubt"].values), color="grey", linewidth=0.8, linestyle="--", label="1 - belief")
+    axes.plot(x, _shown(together["doubt"].values), color="grey", linewidth=0.8, linestyle="--", label="1 − belief")
     named = data.sizes["what"] <= _NAMED + 1
     for name, style in _objects(data):
         axes.plot(x, _shown(data["wrong"].sel(what=name).values), label=name if named else None, **style)
@@ -284,7 +284,7 @@ def plot_times(axes: Axes, result: TargetError) -> Axes:
 
 
 def _chosen_label(result: TargetError) -> str:
-    return "chosen" if result.reachable else "lowest, wanted is out of reach"
+    return "chosen" if result.reachable else "lowest; the target is not reachable"
 
 
 def _objects(data: xr.Dataset) -> list[tuple[str, dict[str, Any]]]:

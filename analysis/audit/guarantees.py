@@ -199,12 +199,12 @@ def exceeded(
 def guarantee_sentence(data: xr.Dataset) -> str:
     """What is promised, what the intervals mean and what counts as exceeded, in three sentences."""
     return (
-        "With a right model, power none and border clamp at most 1 - theta of the stopped trials are wrong, and of "
-        f"each {data.attrs['decides']} at most (M - 1) (1 - theta) / theta stop for another. Intervals are "
-        f"{CONFIDENCE:.0%} jackknife intervals from trials on the test taps without a quarter of each class, or "
-        "without one session in turn where several test. A promise counts as exceeded where the interval lies above 1 "
-        "and a right model on as many taps exceeds it by so much in less than "
-        f"{LEVEL:.0%} of its data sets, after Holm over all objects."
+        "For a correct model with power none and border clamp, at most 1 − theta of the stopped trials are wrong, and "
+        f"for each {data.attrs['decides']} at most (M − 1) (1 − theta) / theta of the trials stop for another one. "
+        f"Intervals are {CONFIDENCE:.0%} jackknife intervals, leaving out a quarter of the test taps of each class, "
+        "or one test session at a time if there are several. A bound counts as exceeded if the interval lies above 1 "
+        f"and a correct model on as many taps exceeds it by as much in less than {LEVEL:.0%} of its data sets "
+        "(Holm-adjusted over all objects)."
     )
 
 

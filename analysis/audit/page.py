@@ -42,12 +42,12 @@ def audit_page(audit: Audit, summary: AuditSummary) -> Page:
         audit: What came out, for the figures.
         summary: See `summary.summarise`.
     """
-    assumed = "The filter multiplies samples, taxels and taps as if they were independent given the class."
+    assumed = "The model treats samples, taxels and taps as independent given the class."
     sections = [
         Section("Verdict", [*_verdict(summary)], "verdict"),
-        Section("Where it fails", [*_where(audit, summary)], "where"),
-        Section("What it costs", [*_cost(audit, summary)], "cost"),
-        Section("What to do", [*_remedy(audit, summary)], "remedy"),
+        Section("Dependence in the taps", [*_where(audit, summary)], "where"),
+        Section("Cost in decisions", [*_cost(audit, summary)], "cost"),
+        Section("Remedies", [*_remedy(audit, summary)], "remedy"),
         Section("Provenance", [*_provenance(summary)], "provenance"),
     ]
     return Page(summary["title"], [f"{assumed} {summary['parts']}", Verbatim(summary["command"])], sections)
@@ -66,12 +66,16 @@ def _where(audit: Audit, summary: AuditSummary) -> Iterator[Block]:
     if audit.split is not None and variance is not None and variance["classes"]:
         yield from _variance(audit.split, variance, summary["first_cause"]["name"] or "")
     else:
-        yield f"The variance of evidence cannot be split: {evidence['no_variance'] or 'no class has taps enough.'}"
+        yield (
+            "The variance of the evidence cannot be decomposed: "
+            f"{evidence['no_variance'] or 'no class has enough taps.'}"
+        )
     leaks = Picture(
         "leakage",
-        "What is inferred without touch",
-        "Accuracy after one tap from samples before contact where they are known, from subtracted offsets, which the "
-        "filter never sees, from whole taps, and from taps less their level before contact, beside chance.",
+        "Classification without touch",
+        "Accuracy after one tap from whole taps, from samples before contact where these are known, from the "
+        "subtracted offsets (which the model never sees) and from taps minus their level before contact, compared "
+        "with chance; lines are 95% intervals.",
         partial(figures.leakage, audit.leakage),
     )
     yield Section("Without touch", [Listing(evidence["leakage"]["sentences"]), leaks])
@@ -81,40 +85,38 @@ def _where(audit: Audit, summary: AuditSummary) -> Iterator[Block]:
     checks = Picture(
         "checks",
         "Posterior predictive checks of the naive-Bayes model",
-        "Statistics of all taps (lines, orange where they differ) and of taps drawn from histograms fitted to them.",
+        "Statistics of the taps (vertical lines, orange where they lie outside all replicates) and of replicates "
+        "drawn from histograms fitted to them.",
         partial(figure_checks, audit.checks),
     )
     made = (
-        "The same statistics of taps drawn from histograms that were fitted to these taps: what the naive-Bayes model "
-        "does not make lies outside."
+        "Each statistic is computed for the taps and for replicates drawn from histograms fitted to them. A value "
+        "outside the replicates shows a property that the naive-Bayes model does not reproduce."
     )
-    yield Section("Taps that the model would make", [made, checks])
+    yield Section("Posterior predictive checks", [made, checks])
 
 
 def _variance(split: "xr.Dataset", variance: VarianceRecord, cause: str) -> Iterator[Block]:
     said = (
-        "The evidence of a tap is its log-likelihood ratio for its own class against the nearest rival. Were samples "
-        f"and taps independent, the variance of the evidence of {variance['taps']} taps of one class and session would "
-        "be the first row; the others say what comes on top. The design effect of a single tap, observed over "
-        f"independent variance, is {interval(variance['sizes'][0], 'value')} (median over {variance['classes']} "
-        "classes)."
+        "The evidence of a tap is its log-likelihood ratio for its own class against the nearest rival. The first row "
+        f"is the variance that the evidence of {variance['taps']} taps of one class and session would have if samples "
+        "and taps were independent; the other rows are what dependence adds. The design effect of a single tap "
+        f"(observed variance ratio to independent samples) is {interval(variance['sizes'][0], 'value')} (median over "
+        f"{variance['classes']} classes)."
     )
     if variance["session_p"] is not None:
-        said += (
-            f" Exchanging taps between sessions gives p = {number(variance['session_p'], 2)} for no difference between "
-            "them."
-        )
+        said += f" A permutation test of no difference between sessions gives p = {number(variance['session_p'], 2)}."
     if variance["covariate_p"] is not None:
-        course = "the position inside a class" if variance["covariate"] == "place" else "the order of taps"
+        course = "the position within a class" if variance["covariate"] == "place" else "the order of taps"
         said += (
-            f" Exchanging taps within sessions gives p = {number(variance['covariate_p'], 2)} for nothing that goes "
-            f"with {course}."
+            f" A permutation test within sessions of no association with {course} gives p = "
+            f"{number(variance['covariate_p'], 2)}."
         )
     yield said
     yield Listing([_suspect(row) for row in variance["suspects"]])
     yield Brief(
         Table(
-            ["part", "share of the variance", "over that of independent samples"],
+            ["part", "share of the variance", "ratio to independent samples"],
             [[part["words"], interval(part, "share"), number(part["ratio"], 2)] for part in variance["parts"]],
             f"Variance of the evidence of {variance['taps']} taps",
         ),
@@ -122,30 +124,30 @@ def _variance(split: "xr.Dataset", variance: VarianceRecord, cause: str) -> Iter
     )
     yield Picture(
         "causes",
-        "What makes evidence vary",
-        f"Shares of the variance of the evidence of {variance['taps']} taps of one class and session, "
-        "with 95 % intervals over classes; pale bars may be none.",
+        "Causes of the variance of the evidence",
+        f"Shares of the variance of the evidence of {variance['taps']} taps of one class and session, with 95% "
+        "intervals over classes; pale bars are not significant.",
         partial(figures.causes, _seen(split), cause),
     )
     sizes = [(size["words"], interval(size, "value")) for size in variance["sizes"][2:]]
-    yield Table((), sizes, "How large disturbances are, by the covariance of samples")
+    yield Table((), sizes, "Size of disturbances, from the covariance of samples")
 
 
 def _suspect(row: SuspectRow) -> str:
     if row["p"] is None:
         said = (
-            "not tested: it hardly varies within classes and sessions, or there are too few taps, so its effect cannot "
-            "be told from that of sessions."
+            "not tested, because it hardly varies within classes and sessions or there are too few taps; its effect "
+            "cannot be distinguished from that of sessions."
         )
     else:
         said = (
-            f"p = {number(row['p'], 2)} for nothing in evidence that goes with it from tap to tap, beyond any slow "
-            "course."
+            f"p = {number(row['p'], 2)} for no association with the evidence from tap to tap, after removing slow "
+            "trends."
         )
     if (row["follows_order"] or 0.0) > 0.5:
         said += (
             f" It follows the order of taps ({percent(row['follows_order'])} of its variance within sessions), so its "
-            "effect can hardly be told from drift."
+            "effect can hardly be distinguished from drift."
         )
     return f"“{row['name']}”: {said}"
 
@@ -154,25 +156,26 @@ def _taxels(audit: Audit, found: TaxelsRecord) -> Iterator[Block]:
     sessions = (
         "and sessions"
         if found["within_sessions"]
-        else "(each session has one tap of a class, so that taps were exchanged between sessions and dependence may be "
-        "that of sessions)"
+        else "(permuted between sessions, because each session has one tap per class; dependence may be that of "
+        "sessions)"
     )
-    dead = f" Taxels without any change were skipped: {', '.join(map(str, found['dead']))} of {found['taxels']}."
+    dead = f" Constant taxels were skipped: {', '.join(map(str, found['dead']))} of {found['taxels']}."
     yield (
-        f"Within classes {sessions}, at fixed sample, so that the course of a press does not count. The mean absolute "
-        "effect stands beside that of permuted taps. “p, taxels may drift” has the null that taxels are independent of "
-        "each other, each with any slow course along the session: contrasts of three neighbouring taps, which leave "
-        "nothing of a line, were permuted, so what taxels share slowly does not count. “p, taps exchangeable” has the "
-        "null that the taps of a class and session come in no particular order, so taxels that are independent but "
-        "drift reject it too. Pairs are those that survive a false discovery rate of 5 % by contrasts, where there are "
-        "any." + dead * bool(found["dead"])
+        f"Tests are within classes {sessions} and at a fixed sample, so the time course of a press does not count. "
+        "The mean absolute effect is compared with that of permuted taps. “p, taxels may drift” tests the null "
+        "hypothesis that taxels are independent of each other but may each drift slowly along the session: contrasts "
+        "of three neighbouring taps, which cancel linear trends, were permuted. “p, taps exchangeable” tests the null "
+        "hypothesis that the order of the taps of a class and session is arbitrary, so independent taxels that drift "
+        "reject it too. Pairs are those significant at a false discovery rate of 5% (by contrasts where these exist)."
+        + dead
+        * bool(found["dead"])
     )
     heads = ["test", "mean absolute effect", "permuted", "pairs found", "p, taxels may drift", "p, taps exchangeable"]
     yield Table([*heads, "permutations"], [_taxel_test(test) for test in found["tests"]])
     yield Picture(
         "taxels",
         "Dependence of taxels at the same sample, within class",
-        "Effect sizes of three tests below the diagonal; above it, pairs that survive a false discovery rate of 5 %.",
+        "Effect sizes of three tests below the diagonal; above it, pairs significant at a false discovery rate of 5%.",
         partial(figures.taxel_map, audit.taxels),
     )
 
@@ -194,19 +197,18 @@ def _taxel_test(test: TaxelTest) -> list[str]:
 
 def _times(audit: Audit, found: TimesRecord) -> Iterator[Block]:
     if found["reason"]:
-        yield f"Nothing to test: {found['reason']}."
+        yield f"Not tested: {found['reason']}."
     else:
         yield (
-            "Samples of a taxel without the mean tap of their class: the correlation of neighbours is "
-            f"{_triple(found['lag1'])} (p = {number(found['p'].get('lag1'), 2)}); the {found['samples']} samples of a "
-            f"tap have a mean that varies as that of {_triple(found['effective_samples'])} independent ones, and all "
-            f"values of a tap together are worth {_triple(found['effective_values'])} independent ones of "
-            f"{found['values']}."
+            "Residuals of each taxel from the mean tap of its class: neighbouring samples have a correlation of "
+            f"{_triple(found['lag1'])} (p = {number(found['p'].get('lag1'), 2)}); the mean of the {found['samples']} "
+            f"samples of a tap varies like that of {_triple(found['effective_samples'])} independent samples, and the "
+            f"{found['values']} values of a tap are worth {_triple(found['effective_values'])} independent values."
         )
     yield Picture(
         "times",
         "Dependence of samples, within class",
-        "Autocorrelation and partial autocorrelation of what is left of a taxel without the mean tap of its class.",
+        "Autocorrelation and partial autocorrelation of the residuals of each taxel from the mean tap of its class.",
         partial(figures.times, audit.times, audit.parts.train.preprocessing.rate_hz),
     )
 
@@ -225,7 +227,7 @@ def _components(found: ComponentsRecord) -> Iterator[Block]:
         if row["mean"] is not None
     ]
     heads = ["quantity", "component", "mean", "R-hat", "effective draws"]
-    yield Table(heads, rows, "Standard deviations by a hierarchical model, with 90 % intervals", words={1})
+    yield Table(heads, rows, "Standard deviations from a hierarchical model, with 90% intervals", words={1})
 
 
 def _cost(audit: Audit, summary: AuditSummary) -> Iterator[Block]:
@@ -233,42 +235,47 @@ def _cost(audit: Audit, summary: AuditSummary) -> Iterator[Block]:
     rest, judged = cost["at_stopping"], cost["judged"]
     yield (
         f"At threshold {rest['theta']}, {rest['policy']}, {percent(rest['stopped'])} of the trials stop, "
-        f"{_triple(rest['wrong'])} of these are wrong, and the mean of 1 - belief is {_triple(rest['doubt'])}: the "
-        f"miscalibration factor is **{factor(rest['factor'])}**, 1 where beliefs are right. Of all decisions it is "
-        f"**{factor(judged['factor'], judged['unbounded'])}**; a right model on {judged['taps']} taps per class gives "
-        f"{_beside(judged['beside'])}. Wrong decisions over 1 - threshold: {_triple(rest['over_promise'])}. "
-        f"{cost['intervals']}"
+        f"{_triple(rest['wrong'])} of these are wrong, and the mean of 1 − belief is {_triple(rest['doubt'])}: the "
+        "miscalibration factor (wrong decisions over mean 1 − belief; 1 if calibrated) is "
+        f"**{factor(rest['factor'])}**. Over all decisions it is **{factor(judged['factor'], judged['unbounded'])}**; "
+        f"a correct model on {judged['taps']} taps per class gives {_beside(judged['beside'])}. The ratio of wrong "
+        f"decisions to 1 − threshold is {_triple(rest['over_promise'])}. {cost['intervals']}"
     )
     yield _decisions(cost)
     yield cost["guarantee_sentence"]
     yield Table(
-        ["measuring sessions", "taps of each class and session", "factor of a right model, at most", "found from"],
+        [
+            "measuring sessions",
+            "taps of each class and session",
+            "largest factor of a correct model",
+            "detectable factor",
+        ],
         [
             [
                 str(row["sessions"]),
                 str(row["taps"]),
                 number(row["right"], 2),
-                "never: too few wrong decisions" if row["detectable"] is None else number(row["detectable"], 2),
+                "none: too few wrong decisions" if row["detectable"] is None else number(row["detectable"], 2),
             ]
             for row in cost["enough"]
         ],
-        "What would be enough: how many times as often wrong as a right model decisions must be, to be found with 80 % "
-        "probability. Sessions count by their taps here; those that differ need more of them",
+        "Detectable miscalibration: factor, relative to a correct model, that is detected with 80% probability. Only "
+        "the number of taps in the sessions counts here; sessions that differ require more of them",
     )
     yield _lost(summary)
     yield from _cost_pictures(audit, summary)
     scores = ("wrong", "doubt", "calibration_error", "log_loss", "brier")
     yield Table(
-        ["taps", "wrong", "mean of 1 - belief", "calibration error", "log loss (nat)", "Brier score"],
+        ["taps", "wrong", "mean 1 − belief", "calibration error", "log loss (nat)", "Brier score"],
         [[str(row["taps"]), *(_triple(row["all"][name]) for name in scores)] for row in cost["after_taps"]],
-        "After fixed numbers of taps, passive",
+        "Passive perception after fixed numbers of taps",
         dense=True,
     )
     yield Picture(
         "after_taps",
-        "Beliefs and outcomes after a number of taps",
-        "Fraction of right decisions against their belief, passive; calibration error and Brier score; "
-        "miscalibration factor, a triangle at an end of its axis where it is 0 or over 1000.",
+        "Calibration after fixed numbers of taps",
+        "Passive perception. A: fraction of correct decisions against belief. B: calibration error and Brier score. "
+        "C: miscalibration factor; a triangle at the end of the axis marks 0 or more than 1000.",
         partial(figures_reliability.reliability_after_taps, audit.measured.reliability),
     )
 
@@ -281,7 +288,7 @@ def _decisions(cost: CostEvidence) -> Table:
         own = judged if name == "all" else judged["each"][name]
         promise = cost["exceeded"][name]
         kept = "**yes**" if promise["exceeded"] else "no"
-        kept += f"; a right model: {_beside(promise['beside'])}" if promise["beside"] else ""
+        kept += f"; correct model: {_beside(promise['beside'])}" if promise["beside"] else ""
         rows.append(
             [
                 name,
@@ -294,12 +301,12 @@ def _decisions(cost: CostEvidence) -> Table:
                 factor(guarantees["as used"].get(name)),
             ]
         )
-    heads = [rest["decides"], "wrong", "mean of 1 - belief", "factor", "a right model gives"]
+    heads = [rest["decides"], "wrong", "mean 1 − belief", "factor", "correct model"]
     return Table(
-        [*heads, "wrong over promised, power none and border clamp", "promise exceeded", "as used"],
+        [*heads, "wrong / bound, power none and border clamp", "bound exceeded", "as used"],
         rows,
-        f"All decisions and those for each {rest['decides']}; in brackets beside a right model where 95 % of its data "
-        "sets lie",
+        f"All decisions and decisions for each {rest['decides']}; brackets of the correct model hold 95% of its data "
+        "sets",
         words={6},
         dense=True,
     )
@@ -308,12 +315,12 @@ def _decisions(cost: CostEvidence) -> Table:
 def _lost(summary: AuditSummary) -> str:
     less, time = summary["miscalibration"]["evidence"]["lost"], summary["remedy"]["evidence"]["reaction_time"]
     if not less["model"]:
-        return f"No model below errs surely less at the same mean reaction time of {number(time)} taps."
-    more = f", or {number(less['taps'], 2)} taps at the same error" if (less["taps"] or 0) > 0 else ""
+        return f"No model below has a significantly lower error at the same mean reaction time of {number(time)} taps."
+    more = f", or needs {number(less['taps'], 2)} fewer taps for the same error" if (less["taps"] or 0) > 0 else ""
     return (
-        f"Against “{less['model']}”, the best of the models below at the same mean reaction time of {number(time)} "
-        f"taps, {_triple([less['error'], less['low'], less['high']])} {summary['units']['what']} of error are "
-        f"lost{more}."
+        f"The best model below, “{less['model']}”, has an error lower by "
+        f"{_triple([less['error'], less['low'], less['high']])} {summary['units']['what']} at the same mean reaction "
+        f"time of {number(time)} taps{more}."
     )
 
 
@@ -321,15 +328,16 @@ def _cost_pictures(audit: Audit, summary: AuditSummary) -> Iterator[Picture]:
     cost, theta = summary["miscalibration"]["evidence"], summary["threshold"]
     yield Picture(
         "at_stopping",
-        "Wrong decisions at stopping",
-        "Against the threshold, of all objects, with a 95 % interval in grey, and of each; dotted what the threshold "
-        "promises, dashed what beliefs say.",
+        "Error rate at stopping",
+        "Fraction of wrong decisions among stopped trials against the threshold: all objects (black, 95% interval in "
+        "grey) and each object; dotted 1 − threshold, dashed mean 1 − belief.",
         partial(figures_reliability.reliability_at_stopping, audit.measured.reliability),
     )
     yield Picture(
         "guarantees",
-        "Promises of the stopping rule",
-        "By what factor they are exceeded, with power none and border clamp and as used; at most 1 for a right model.",
+        "Error rate relative to the bound of the stopping rule",
+        "Wrong decisions over the bound that the stopping rule guarantees for a correct model (at most 1), with power "
+        "none and border clamp (filled) and with the settings in use (hollow).",
         partial(figures_reliability.guarantee_factors, audit.guarantees),
     )
     if audit.grid.M > 1:
@@ -337,34 +345,33 @@ def _cost_pictures(audit: Audit, summary: AuditSummary) -> Iterator[Picture]:
         tables = {at["policy"]: at["confusion"] for at in both}
         yield Picture(
             "confusion",
-            "Which object is taken for which",
-            f"Share of decisions at threshold {theta:g}; rows are the true objects.",
+            "Confusion of objects",
+            f"Fraction of decisions at threshold {theta:g}; each row is a true object.",
             partial(confusion, tables.get("passive"), tables.get("active"), list(audit.grid.what_name), theta),
         )
 
 
 def _remedy(audit: Audit, summary: AuditSummary) -> Iterator[Block]:
     remedy, theta = summary["remedy"]["evidence"], summary["threshold"]
-    used_up = f" at threshold {remedy['compared_at']}, as above its trials use up the test taps"
+    used_up = f" at threshold {remedy['compared_at']} (higher thresholds use up the test taps)"
     yield (
-        "Every remedy gives up one assumption; models other than the histogram come with an exponent of their own, "
-        "tuned like that of the remedy “exponent” on sessions that neither trained nor measure, so what they gain "
-        "beyond it is theirs. They are ranked by what they buy per tap: the gain in the mean log belief in the true "
-        f"object over {remedy['taps']} taps. Errors are compared at the mean reaction time that the setting as it is "
-        f"needs{used_up * (remedy['compared_at'] < theta)}, {number(remedy['reaction_time'])} taps, "
-        f"{remedy['policy']}; there is none where a remedy is never as slow or as fast. A remedy surely helps if its "
-        "gain is above zero at a level that holds for all of them together, which is stricter than the 95 % "
-        "intervals, and its error is not surely more than a tenth larger. What is tuned for the model in use stands "
-        "below beside what a right model gives on as many taps, fitted and tuned in the same way; exponents of other "
-        "models are not compared, as simulating those models takes minutes (`solidtouch fit --model NAME --power "
-        "learned --simulations 19` compares that of any model)."
+        "Each remedy drops one assumption. Models other than the histogram have their own exponent, tuned on the "
+        "tuning sessions like the remedy “exponent”, so any gain beyond that remedy is due to the model. Remedies are "
+        f"ranked by the gain in mean log belief in the true object per tap, over {remedy['taps']} taps. Errors are "
+        f"compared at the mean reaction time of the current setting{used_up * (remedy['compared_at'] < theta)}, "
+        f"{number(remedy['reaction_time'])} taps, {remedy['policy']}; a dash means that a remedy does not reach this "
+        "reaction time. A remedy is significant if its gain is above zero at a level adjusted for all remedies "
+        "together (stricter than the 95% intervals) and its error is not significantly more than a tenth larger. "
+        "Tuned values of the current model are listed below with those of a correct model, fitted and tuned in the "
+        "same way on as many taps. Exponents of other models are not compared, because simulating them takes minutes; "
+        "`solidtouch fit --model NAME --power learned --simulations 19` does so for any model."
     )
     yield Brief(_remedies(summary), columns=(0, 1, 3, 6, 7))
     yield Picture(
         "remedies",
-        "What remedies buy",
-        f"Gain in log score per tap over {audit.measured.n} taps, change of the error at the same mean reaction time, "
-        "and miscalibration at the threshold, with 95 % intervals.",
+        "Effect of the remedies",
+        f"Gain in log score per tap over {audit.measured.n} taps, change of the error at the same mean reaction time "
+        "and miscalibration at the threshold, with 95% intervals.",
         partial(figures.remedies, audit.measured),
     )
     yield Listing(
@@ -374,23 +381,24 @@ def _remedy(audit: Audit, summary: AuditSummary) -> Iterator[Block]:
             for row in remedy["ranking"]
         ]
     )
-    yield Brief(Listing([f"**{row['name']}** is not possible here: {row['reason']}" for row in remedy["refused"]]))
+    yield Brief(Listing([f"**{row['name']}** is not available: {row['reason']}" for row in remedy["refused"]]))
     yield Listing([f"**threshold**: {_threshold(remedy['threshold'], theta)}"])
     if audit.target is not None:
         yield Brief(f"**{audit.target.sentence}**")
         yield Picture(
             "target_error",
-            "The threshold for the wanted error",
-            "Errors and reaction times of the tuning sessions against the threshold, and what a new one is to expect.",
+            "Threshold for the target error",
+            "Errors and reaction times of the tuning sessions against the threshold, with prediction intervals for a "
+            "new session.",
             partial(figures_reliability.wanted_error, audit.target),
         )
     rig, recorded = (
         ("", "") if summary["simulated"] else (" --rig replay:TAPS", " (or the `rig.toml` that recorded them)")
     )
     yield (
-        "The chosen setting is in `setting.json`, its model, fitted to the training taps, in `model.nc`: "
-        f"`solidtouch perceive model.nc --setting setting.json{rig}`{recorded}, or "
-        "`solidtouch reproduce --data TRAIN TEST --setting setting.json`."
+        "`setting.json` holds the chosen setting and `model.nc` its model, fitted to the training taps: `solidtouch "
+        f"perceive model.nc --setting setting.json{rig}`{recorded}, or `solidtouch reproduce --data TRAIN TEST "
+        "--setting setting.json`."
     )
 
 
@@ -398,7 +406,7 @@ def _remedies(summary: AuditSummary) -> Table:
     remedy, unit = summary["remedy"]["evidence"], summary["units"]["what"]
     chosen = summary["remedy"]["chosen"]
     error = "P(wrong)" if unit == "P(wrong)" else f"error ({unit})"
-    heads = ["remedy", "gain per tap (nat)", error, "change", "taps", "stop", "factor", "surely helps", "still assumes"]
+    heads = ["remedy", "gain per tap (nat)", error, "change", "taps", "stop", "factor", "significant", "still assumes"]
     rows = [
         [
             f"**{row['name']}** (chosen)" if row["name"] == chosen else row["name"],
@@ -419,18 +427,18 @@ def _threshold(other: ThresholdRecord, theta: float) -> str:
     """What another threshold does, chosen on the tuning taps."""
     if other["reached"]:
         said = (
-            f"on the tuning taps {number(other['threshold'], 4)} errs as rarely as {theta} promises "
+            f"on the tuning taps threshold {number(other['threshold'], 4)} has the error rate that {theta} promises "
             f"({percent(other['target'])})"
         )
     else:
         said = (
-            f"on the tuning taps no threshold errs as rarely as {theta} promises ({percent(other['target'])}); "
-            f"{number(other['threshold'], 6)} errs least, {percent(other['tuned'])}"
+            f"on the tuning taps no threshold has the error rate that {theta} promises ({percent(other['target'])}); "
+            f"the lowest is {percent(other['tuned'])}, at {number(other['threshold'], 4)}"
         )
     return (
-        f"{said}. On the measuring taps it errs in {percent(other['error'])} of the trials after "
-        f"{number(other['taps'])} taps, where {theta} errs in {percent(other['before'])} after "
-        f"{number(other['taps_before'])}."
+        f"{said}. On the measuring taps {percent(other['error'])} of its decisions are wrong after "
+        f"{number(other['taps'])} taps, compared with {percent(other['before'])} after {number(other['taps_before'])} "
+        f"taps at {theta}."
     )
 
 
@@ -438,7 +446,7 @@ def _provenance(summary: AuditSummary) -> Iterator[Block]:
     files = ", ".join(f"{name}: {taps}" for name, taps in summary["files"].items())
     yield f"{files}. Seed {summary['seed']}, solidtouch {summary['version']}."
     times = [(stage, str(seconds)) for stage, seconds in summary["elapsed_s"].items()]
-    yield Table((), times, "Seconds per stage")
+    yield Table((), times, "Time spent (s)")
 
 
 def _beside(row: BesideRecord) -> str:

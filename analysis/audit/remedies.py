@@ -21,7 +21,7 @@ from ...models.settings import FitSettings
 from ...models.taps import TapSet
 from ..stats.right_exponent import SIMULATIONS, Tuned, beside_right_model, simulate_tuned
 
-BASELINE = "as it is"
+BASELINE = "current setting"
 EXPONENT = "exponent"
 FALLING = "falling exponent"
 FINER = "finer grid"
@@ -69,17 +69,17 @@ MODELS = {
     "time-indexed": (
         "profile",
         "a mean and a variance for each time of a tap",
-        "samples independent given their times, taxels and taps independent",
+        "samples independent given their time, taxels and taps independent",
     ),
     "taxel covariance": (
         "profile-mvn",
-        "each sample forecast from the other taxels at its time",
+        "each sample predicted from the other taxels at the same time",
         "times and taps independent",
     ),
     "session state": (
         "session",
-        "an unknown gain and offset of the session, enumerated exactly",
-        "samples and taxels independent, sessions alike but for one gain and offset",
+        "an unknown gain and offset of the session, marginalised exactly",
+        "samples and taxels independent, sessions equal except for one gain and offset",
     ),
 }
 """Remedies that are models of the catalogue: which, what it does, and what it still assumes."""
@@ -117,7 +117,7 @@ def make_remedies(
         InputError: The setting as it is cannot be fitted.
     """
     base = _fit(setting, train, grid)
-    remedies = [Remedy(BASELINE, "nothing changed", _assumes(setting), setting, base, grid, "")]
+    remedies = [Remedy(BASELINE, "no change", _assumes(setting), setting, base, grid, "")]
     refused: list[RefusedRemedy] = []
     advance(1)
 
@@ -131,14 +131,14 @@ def make_remedies(
     def exponent() -> Remedy:
         learned = best_power(base, tune, n, seed)
         chosen = setting.changed(power=learned.power)
-        title = "evidence counts less, by one exponent for all numbers of taps"
+        title = "likelihoods are raised to one exponent for all numbers of taps"
         return Remedy(EXPONENT, title, _assumes(setting), chosen, _powered(base, chosen), grid, learned.sentence)
 
     def falling() -> Remedy:
         learned = learn_saturation(base, tune, seed=seed)
         limit = None if np.isinf(learned.saturation) else float(learned.saturation)
         chosen = setting.changed(power=learned.power, saturation=limit)
-        title = "an exponent that falls with the number of taps: a sequence never counts more than so many taps"
+        title = "an exponent that decreases with the number of taps, so a sequence counts as a limited number of taps"
         assumes = "samples and taxels independent, taps dependent to the same degree everywhere"
         return Remedy(FALLING, title, assumes, chosen, _powered(base, chosen), grid, learned.sentence)
 
@@ -152,7 +152,7 @@ def make_remedies(
     def finer() -> Remedy:
         cell, fine = _finer(train, grid, setting)
         chosen = setting.changed(where_cell=cell, fixation=_same_place(setting.play.fixation, grid, fine))
-        title = f"where classes half as wide, {cell}"
+        title = f"position classes half as wide, {cell}"
         return Remedy(FINER, title, _assumes(setting), chosen, _fit(chosen, train, fine), fine, "")
 
     attempt(EXPONENT, exponent)
@@ -247,11 +247,11 @@ def _finer(train: TapSet, grid: ClassGrid, setting: Setting) -> tuple[str, Class
         InputError: Classes have no width, or their taps do not lie at several places.
     """
     if grid.where_edges is None or grid.L < 2:
-        raise InputError("There are no where classes with a width that could be halved.")
+        raise InputError("Position classes have no width to halve.")
     where, _ = train.indices(grid)
     several = [len(np.unique(train.where[where == l])) for l in np.unique(where[where >= 0])]
     if np.median(several) < _FINER:
-        raise InputError("Taps of one where class all lie at the same place, so that finer classes would be empty.")
+        raise InputError("Taps of each position class lie at the same position, so finer classes would be empty.")
     width = float(np.diff(grid.where_edges).mean()) / _FINER
     cell = f"{width:.6g}{grid.where_unit.partition(' ')[0].rstrip(',;')}"
     return cell, trim(train.grid(cell, setting.what_cell), [train])[0]

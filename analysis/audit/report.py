@@ -190,7 +190,7 @@ def _about(
     """The data in words."""
     warnings = []
     if dropped:
-        warnings.append(f"Left out for want of a training tap: {', '.join(f'“{name}”' for name in dropped)}.")
+        warnings.append(f"Left out, because they have no training tap: {', '.join(f'“{name}”' for name in dropped)}.")
     if unused:
         warnings.append(f"{unused} measuring taps of classes without a training tap were left out.")
     return {

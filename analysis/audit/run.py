@@ -171,7 +171,7 @@ def audit_taps(parts: AuditParts, grid: ClassGrid, settings: AuditSettings, prog
     taps = _inside(parts.all_taps, grid)
     stratum, by_session = strata(taps, grid)
     some = evenly(stratum, MOST_TAPS)
-    with clock.stage("Looking for leakage", 1) as advance:
+    with clock.stage("Checking for leakage", 1) as advance:
         known = [parts.train] if parts.halved else [parts.train, *parts.tune]
         leaks = leakage(concatenate(known), parts.measure, grid, seed, settings.pre)
         advance(1)
@@ -188,17 +188,17 @@ def audit_taps(parts: AuditParts, grid: ClassGrid, settings: AuditSettings, prog
         advance(1)
     with clock.stage("Fitting remedies", count_remedies()) as advance:
         remedies, refused = make_remedies(parts.train, parts.tune, grid, setting, SEQUENCE, seed, advance)
-    with clock.stage("Tuning on taps of a right model", RIGHT_EXPONENTS) as advance:
+    with clock.stage("Tuning on taps of a correct model", RIGHT_EXPONENTS) as advance:
         remedies = beside_right(remedies, parts.train, parts.tune, SEQUENCE, seed, advance)
     base = remedies[0]
-    with clock.stage("Splitting the variance of evidence", 2) as advance:
+    with clock.stage("Decomposing the variance", 2) as advance:
         split, no_split, p = _split(parts, grid, base, settings, suspects)
         advance(2)
     with clock.stage("Checking predictions", count_replicates(taps)) as advance:
         checks = audit_checks(taps, _histograms(base.model), seed, progress=advance)
     with clock.stage("Measuring remedies", count_measurements(remedies)) as advance:
         measured = measure(remedies, parts.measure, SEQUENCE, settings.trials, seed, advance)
-    with clock.stage("Checking promises", 1) as advance:
+    with clock.stage("Checking error bounds", 1) as advance:
         promised, broken = _promises(base, parts.measure, grid, settings, measured.policy)
         advance(1)
     with clock.stage("Tuning thresholds", 2) as advance:
@@ -251,7 +251,7 @@ def _enough(base: Remedy, measured: Measured, settings: AuditSettings, clock: St
     """What other designs could detect, where data are not enough; the last stage."""
     if calibration(measured.judged) != NOT_ENOUGH:
         return []
-    with clock.stage("Asking what data would be enough", 1) as advance:
+    with clock.stage("Estimating detectable miscalibration", 1) as advance:
         found = enough(
             base.model,
             measured.table,

@@ -56,11 +56,11 @@ from .verdict import (
 _SIZE_WORDS = {
     "design_effect": "design effect of the evidence of a tap, median over classes",
     "sequence_effect": "the same of a sequence, all classes",
-    "gain_sd": "spread of the strength of taps, relative",
-    "timing_sd": "spread of the moment of contact (samples)",
-    "common_sd": "noise common to taxels",
+    "gain_sd": "relative spread of tap strength",
+    "timing_sd": "spread of the time of contact (samples)",
+    "common_sd": "noise shared by taxels",
     "noise_sd": "noise of single taxels",
-    "lasting_sd": "of that, what lasts to the next sample",
+    "lasting_sd": "correlation of that noise from sample to sample",
 }
 
 
@@ -78,7 +78,7 @@ def summarise(audit: Audit, settings: AuditSettings, about: AuditedData) -> Audi
     cause = first_cause(audit.leakage, audit.split, audit.session_p, audit.samples_per_bin, state)
     titles = {remedy.name: remedy.title for remedy in audit.remedies}
     unit = audit.grid.what_error_unit
-    within = "other taps of the session that trains" if audit.parts.of_one_session else MEASURING
+    within = "other taps of the training session" if audit.parts.of_one_session else MEASURING
     sentences = verdict(cause, measured, setting.play.threshold, titles, unit, within)
     sentences[0] += _other_sessions(audit)
     if audit.leakage.unjudged:
@@ -193,13 +193,13 @@ def _other_sessions(audit: Audit) -> str:
     """What the tuning sessions say of errors, where they are others than the measuring one, or that there is none."""
     errors = audit.recalibrated.tuning
     if audit.parts.of_one_session:
-        return " There is one session, so none of this says how beliefs are on another day."
+        return " There is one session, so calibration on another day is unknown."
     if audit.parts.halved:
         return ""
     span = f"{min(errors):.1%}" + f" to {max(errors):.1%}" * (len(errors) > 1)
     who = "the tuning session" if len(errors) == 1 else f"the {len(errors)} tuning sessions"
-    held = "; intervals hold how other taps of one session would differ, not other sessions"
-    return f" In {who} {span} are wrong{held * (None not in audit.measured.judged.factor)}."
+    held = "; intervals cover other taps of these sessions, not other sessions"
+    return f" In {who}, {span} of the decisions are wrong{held * (None not in audit.measured.judged.factor)}."
 
 
 def _leakage(leaks: Leakage) -> LeakageRecord:

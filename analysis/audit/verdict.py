@@ -1,18 +1,18 @@
-"""What an audit says in words: a verdict, the first cause, and the remedy to choose.
+"""The verdict of an audit in sentences: calibration of beliefs, main cause of dependence and recommended remedy.
 
-Nothing here is measured. A fault is a miscalibration factor above what a right model gives on as many taps, by a Monte
-Carlo test at 5 % for both directions together: decisions are more often wrong than they are believed to be. Only a
-fault asks for a remedy.
-One is chosen if its gain in log score is surely above zero, at a level that holds for all remedies together, and if it
-does not surely err more at the reaction time of the setting as it is; of several, the one that buys most per tap.
+Beliefs are overconfident if the miscalibration factor is above that of a correct model on as many taps, by a two-sided
+Monte Carlo test at 5%. Only overconfidence calls for a remedy. A remedy is recommended if its gain in log score is
+significantly above zero, adjusted for all remedies together, and its error at the reaction time of the current setting
+is not significantly larger; of several, the one with the largest gain per tap.
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Literal, NamedTuple
 
 import numpy as np
 import xarray as xr
 
+from ..page.numbers import factor_ends, number, spanned
 from ..stats.right_model import LEVEL
 from .leakage.run import Leakage
 from .remedy_scores import BeliefEvidence, Measured, Scored
@@ -24,27 +24,26 @@ type Calibration = Literal["overconfident", "right", "cautious", "not enough dat
 NOT_ENOUGH: Calibration = "not enough data to tell"
 MEASURING = "the measuring session"
 
-_LITTLE, _MUCH = 0.01, 99.0  # factors beyond which their size says nothing
 _WIDE = 4.0  # ratio of the ends of an interval around 1 that leaves everything open
-_WORSE = 0.1  # of the error as it is: what a remedy may add to it
+_WORSE = 0.1  # of the error of the current setting: the increase that a remedy may cause
 _TEST_LEVEL = 0.01  # as sure as causes without a test of their own have to be, see `causes`
 LEAKAGE, SPARSE = "leakage", "few samples"
 CAUSE_WORDS = {
-    LEAKAGE: "classes are inferred without touch",
-    SPARSE: "histograms hold too few samples",
+    LEAKAGE: "leakage (classes are inferred without touch)",
+    SPARSE: "too few samples per histogram bin",
     **CAUSES,
 }
-"""All that can be named first, in words."""
+"""Possible main causes, as they are printed."""
 _FOLLOWS = 0.5  # of the variance of a suspect within sessions, from which on it follows the order of taps
 _SPARSE = 10.0  # samples per bin that a training histogram uses, below which sampling alone makes beliefs too sure
 
 
 class Cause(NamedTuple):
-    """What is named first.
+    """The main cause of dependence.
 
     Attributes:
         name: A key of `CAUSE_WORDS`, `causes.suspect_part` of a suspect, or `None`.
-        sentence: It in words, with numbers.
+        sentence: The same as a sentence, with numbers.
     """
 
     name: str | None
@@ -70,12 +69,12 @@ def calibration(judged: BeliefEvidence) -> Calibration:
 
 
 def ranking(measured: Measured) -> list[Scored]:
-    """Remedies by what they buy per tap, the best first; the setting as it is is none."""
+    """Remedies by gain per tap, the best first, without the current setting."""
     return sorted(measured.scores[1:], key=lambda score: -(score.gain or (-np.inf,))[0])
 
 
 def worthwhile(measured: Measured, score: Scored) -> bool:
-    """Whether a remedy surely buys something and does not surely err more."""
+    """Whether a remedy has a significant gain and no significantly larger error."""
     base = measured.scores[0].error
     allowed = _WORSE * base[0] if base is not None else 0.0
     worse = score.error_change is not None and score.error_change[1] > allowed
@@ -83,7 +82,7 @@ def worthwhile(measured: Measured, score: Scored) -> bool:
 
 
 def recommended(measured: Measured) -> str | None:
-    """The remedy to choose; `None` where nothing has to be repaired or nothing surely helps."""
+    """The recommended remedy; `None` where none is needed or none is significant."""
     if calibration(measured.judged) != "overconfident":
         return None
     return next((score.name for score in ranking(measured) if worthwhile(measured, score)), None)
@@ -92,10 +91,10 @@ def recommended(measured: Measured) -> str | None:
 def first_cause(
     leakage: Leakage, split: xr.Dataset | None, session_p: float, samples_per_bin: float, state: Calibration
 ) -> Cause:
-    """What to look at first.
+    """The main cause of dependence.
 
-    Leakage where it explains what whole taps tell; else the cause with the largest share of the variance of evidence
-    that is surely there; else, where beliefs are too sure all the same, histograms of too few samples.
+    Leakage where it explains the accuracy of whole taps; else the significant cause with the largest share of the
+    variance of the evidence; else, where beliefs are overconfident, histograms of too few samples.
 
     Args:
         leakage: Of the training and measuring taps.
@@ -106,7 +105,7 @@ def first_cause(
     """
     if leakage.explained:
         return Cause(
-            LEAKAGE, f"{next(iter(leakage.sentences))} Recording classes in mixed order comes before any remedy."
+            LEAKAGE, f"{next(iter(leakage.sentences))} Record the classes in random order before applying any remedy."
         )
     name = None if split is None else largest_cause(split, _unsupported(split, session_p))
     if name is not None and split is not None:
@@ -114,8 +113,8 @@ def first_cause(
     if state == "overconfident" and samples_per_bin < _SPARSE:
         return Cause(
             SPARSE,
-            f"Histograms have {samples_per_bin:.0f} samples in each bin that they use, so that they are themselves in "
-            "error; more training taps, or a larger --pseudocount, come before any remedy of dependence.",
+            f"Histograms have only {samples_per_bin:.0f} samples per occupied bin, so they are imprecise. Add "
+            "training taps or increase --pseudocount before applying a remedy for dependence.",
         )
     return Cause(None, _nothing_sentence(split))
 
@@ -131,7 +130,7 @@ def _unsupported(split: xr.Dataset, session_p: float) -> list[str]:
 
 
 def cause_words(name: str | None) -> str:
-    """A cause in words."""
+    """A cause as it is printed."""
     return "nothing" if name is None else CAUSE_WORDS.get(name) or part_words(name)
 
 
@@ -141,9 +140,10 @@ def _share_sentence(split: xr.Dataset, name: str) -> str:
     alone = float(split["share"].sel(part="independent"))
     effect = float(split["sequence_effect"])
     return (
-        f"First of all {part_words(name)}: {share:.0%} ({low:.0%} to {high:.0%}) of the variance of the evidence of "
-        f"{n} taps come from that, {alone:.0%} from what independent samples would have; the whole is {effect:.3g} "
-        "times what independence says." + (_followers(split) if name == "order" else "")
+        f"Main cause of dependence: {part_words(name)}. It accounts for "
+        f"{spanned(100 * share, 100 * low, 100 * high, '%')} of the variance of the evidence of {n} taps; independent "
+        f"samples would account for {alone:.0%}. The variance is {effect:.2g} times that of independent samples."
+        + (_followers(split) if name == "order" else "")
     )
 
 
@@ -152,22 +152,23 @@ def _followers(split: xr.Dataset) -> str:
     follows = zip(split.attrs["suspects"], split.attrs["suspect_follows_order"], strict=True)
     names = [f"“{name}”" for name, share in follows if share > _FOLLOWS]
     verb = "follows" if len(names) == 1 else "follow"
-    return f" {', '.join(names)} {verb} that order, and cannot be told from drift here." if names else ""
+    return f" {', '.join(names)} {verb} that order and cannot be distinguished from drift here." if names else ""
 
 
 def _nothing_sentence(split: xr.Dataset | None) -> str:
     if split is None or not split.attrs["classes"]:
-        return "There are not enough taps per class, with evidence that varies, to say what makes it vary."
+        return "The causes of dependence cannot be estimated: too few classes have enough taps with varying evidence."
     low, value, high = (float(split[f"sequence_effect{end}"]) for end in ("_low", "", "_high"))
     if not tells(split):
         return (
-            "There are not enough taps to say what makes evidence vary: shares of its variance scatter beyond 0 and 1."
+            "The causes of dependence cannot be estimated from these taps: the estimated shares of the variance are "
+            "not between 0 and 1."
         )
-    told = f"{value:.2f} ({low:.2f} to {high:.2f}) times what independent samples would have"
+    told = f"{spanned(value, low, high)} times that of independent samples"
     n = int(split.attrs["taps"])
     if split.attrs["classes"] < FEWEST_CLASSES or (low <= 1 and high > _WIDE):
-        return f"There are not enough data to tell: the variance of the evidence of {n} taps is {told}."
-    return f"No cause of dependence is surely there: the variance of the evidence of {n} taps is {told}."
+        return f"Too few data to identify a cause of dependence: the variance of the evidence of {n} taps is {told}."
+    return f"No cause of dependence is significant: the variance of the evidence of {n} taps is {told}."
 
 
 def verdict(
@@ -176,12 +177,12 @@ def verdict(
     """The verdict, sentence by sentence.
 
     Args:
-        cause: What comes first.
-        measured: What remedies buy.
+        cause: The main cause of dependence.
+        measured: Effects of the remedies.
         theta: The threshold.
-        titles: Of remedies, by name.
-        unit: Of errors.
-        within: What decisions were made on.
+        titles: Titles of remedies, by name.
+        unit: Unit of errors.
+        within: Name of the taps that decisions were made on.
     """
     state = calibration(measured.judged)
     sentences = [_calibration_sentence(state, measured, theta, within), cause.sentence]
@@ -191,10 +192,11 @@ def verdict(
         sentences.append(_remedy_sentence(scores[name], measured, theta, titles[name], unit))
     elif state == "overconfident":
         sentences.append(
-            "None of the remedies surely helps on these taps; the table of remedies says by how much each may."
+            "No remedy is recommended: none improves these taps significantly. The table of remedies lists their "
+            "effects."
         )
     elif state == "not enough data to tell":
-        sentences.append("Nothing is recommended: whether anything has to be repaired cannot be told from these taps.")
+        sentences.append("No remedy is recommended: these taps are too few to decide whether one is needed.")
     else:
         sentences.append(_unneeded_sentence(measured, titles))
     return sentences
@@ -204,40 +206,33 @@ def _calibration_sentence(state: Calibration, measured: Measured, theta: float, 
     judged, beside = measured.judged, measured.judged.beside
     value = judged.factor[0]
     if value is None or judged.wrong is None:
-        return f"Whether beliefs are right cannot be judged: no decision at threshold {theta:g} leaves any doubt."
+        return f"Calibration cannot be assessed: at threshold {theta:g} every decision has belief 1."
     beginning = {
         "overconfident": "Beliefs are overconfident",
         "cautious": "Beliefs are cautious",
-        "right": "Beliefs are as right as they say",
-        "not enough data to tell": "There are not enough data to judge whether beliefs are right",
+        "right": "Beliefs are calibrated",
+        "not enough data to tell": "Too few data to assess the calibration of beliefs",
     }[state]
     told = (
         f"{beginning}: in {within} at threshold {theta:g}, {measured.policy}, {judged.wrong:.1%} of the decisions are "
         "wrong, "
     )
     if np.isinf(value):
-        told += "although all beliefs are 1 and leave no doubt, so the factor is infinite"
+        told += "although all beliefs are 1, so the miscalibration factor is infinite"
     else:
-        told += f"{_times(value)}{_ends(judged.factor)} times as often as the beliefs say"
-    told += f"; a right model on {judged.taps} tap{'s' * (judged.taps > 1)} per class "
+        told += f"{_times(judged.factor)} times as often as the beliefs imply"
+    told += f"; a correct model on {judged.taps} tap{'s' * (judged.taps > 1)} per class "
     if np.isnan(beside.median):
         told += "makes no wrong decision"
     else:
-        told += f"gives {_times(beside.median)} ({_times(beside.low)} to {_times(beside.high)})"
+        told += f"gives {_times((beside.median, beside.low, beside.high))}"
     return f"{told}. {judged.few}".strip()
 
 
-def _ends(factor: tuple[float | None, float | None, float | None]) -> str:
-    """The interval of a factor, if there is one."""
-    _, low, high = factor
-    return "" if low is None or high is None else f" ({_times(low)} to {_times(high)})"
-
-
-def _times(factor: float) -> str:
-    """A factor to two digits, without those that nobody believes."""
-    if 0 < factor < _LITTLE:
-        return f"less than {_LITTLE:g}"
-    return f"{factor:.2g}" if factor < _MUCH else f"more than {_MUCH:.0f}"
+def _times(factor: Sequence[float | None]) -> str:
+    """A factor with its interval, if there is one, for a sentence."""
+    value, low, high = factor_ends(factor)
+    return f"{value} ({low} to {high})" if low else value
 
 
 def _remedy_sentence(score: Scored, measured: Measured, theta: float, title: str, unit: str) -> str:
@@ -248,35 +243,39 @@ def _remedy_sentence(score: Scored, measured: Measured, theta: float, title: str
         for one in ranking(measured)
         if one.name != score.name and worthwhile(measured, one) and one.gain is not None and one.gain[2] > gain
     ]
-    close = f" Close to it come {', '.join(near)}." if near else ""
+    close = f" Its interval also contains the gain of {', '.join(near)}." if near else ""
     told = (
-        f"The remedy that buys most per tap is “{score.name}” ({title}): {gain / n:.2g} nats of log score per tap "
-        f"({low / n:.2g} to {high / n:.2g}, over {n} tap{'s' * (n > 1)})"
+        f"Recommended remedy: “{score.name}” ({title}). It gains {spanned(gain / n, low / n, high / n)} nats of log "
+        f"score per tap over {n} tap{'s' * (n > 1)}"
     )
     if score.error_change is not None and score.error is not None:
         change, c_low, c_high = score.error_change
-        lower = "" if measured.theta == theta else f" at threshold {measured.theta:g}, where the test taps suffice"
+        lower = (
+            ""
+            if measured.theta == theta
+            else f" at threshold {measured.theta:g} (the highest at which the test taps suffice)"
+        )
         told += (
-            f"; at the {measured.taps:.1f} taps that decisions take as it is{lower}, the error changes by "
-            f"{change:+.2g} {unit} ({c_low:+.2g} to {c_high:+.2g}) to {score.error[0]:.3g}"
+            f"; at {measured.taps:.1f} taps, the mean reaction time of the current setting{lower}, it changes the "
+            f"object error by {spanned(change, c_low, c_high)} {unit}, to {number(score.error[0], 2)} {unit}"
         )
     if score.taps is not None and score.factor[0] is not None:
         told += (
-            f"; at threshold {theta:g} it takes {score.taps:.1f} taps, with a factor of {_times(score.factor[0])}"
-            f"{_ends(score.factor)}"
+            f"; at threshold {theta:g} it takes {score.taps:.1f} taps, with a miscalibration factor of "
+            f"{_times(score.factor)}"
         )
     if score.factor[1] is not None and score.factor[1] > max(1.0, measured.judged.beside.high):
-        return told + ". Beliefs stay overconfident with it." + close
+        return told + ". Beliefs remain overconfident with it." + close
     return told + "." + close
 
 
 def _unneeded_sentence(measured: Measured, titles: Mapping[str, str]) -> str:
     helps = [score for score in ranking(measured) if worthwhile(measured, score)]
     if not helps:
-        return "Nothing is recommended: nothing has to be repaired, and no remedy surely buys anything."
+        return "No remedy is needed, and none has a significant gain."
     best = helps[0]
     gain = (best.gain or (0.0,))[0] / measured.n
     return (
-        f"Nothing has to be repaired. “{best.name}” ({titles[best.name]}) would still buy {gain:.2g} nats of log score "
-        "per tap."
+        f"No remedy is needed. “{best.name}” ({titles[best.name]}) would still gain {number(gain, 2)} nats of log "
+        "score per tap."
     )

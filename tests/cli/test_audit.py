@@ -264,7 +264,7 @@ def test_little_data_give_a_page_all_the_same(name, tmp_path):
         assert "same session" in " ".join(done.summary["warnings"])
         first = done.summary["verdict"]["sentences"][0]
         alone = len(paths) == 1
-        assert ("in other taps of the session that trains" in first) is alone
+        assert ("in other taps of the training session" in first) is alone
         assert ("There is one session, so none of this says" in first) is alone
 
 

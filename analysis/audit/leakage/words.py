@@ -64,29 +64,26 @@ def leakage_sentences(
 
 def unjudged_sentence(before: Before) -> str:
     """Why nothing can be said, and what would help."""
-    begins = "Whether classes are inferred without touch cannot be judged: taps may begin in contact"
+    begins = "Leakage cannot be assessed: taps may begin in contact"
     if before.known == "contact":
         return (
-            f"{begins}, since classes part from the second sample on, before the trigger level is reached; {OPTION} N "
-            "says that the first N samples precede contact."
+            f"{begins}, because classes differ from the second sample on, before the trigger level is reached. If the "
+            f"first N samples precede contact, use {OPTION} N."
         )
     if before.lead.kind == "stretch":
         n = before.lead.samples
-        return (
-            f"{begins}. Classes do not part in the first {n} samples; if those are known to precede contact, "
-            f"{OPTION} {n} has it judged."
-        )
+        return f"{begins}. Classes do not differ in the first {n} samples; if these precede contact, use {OPTION} {n}."
     if len(before.lead.change) == 1:
         return f"{begins}, with one sample per tap."
-    return f"{begins}; {OPTION} N says that the first N samples of each tap precede contact."
+    return f"{begins}. If the first N samples of each tap precede contact, use {OPTION} N."
 
 
 def _of_former_taps(told: xr.Dataset, names: list[str], before: Before, former: float) -> str:
     numbers = "; ".join(f"the {_OBJECTS[name]} {_compared(told.sel(quantity=name), before)}" for name in names)
     return (
-        f"Samples before contact separate classes, but not without touch ({numbers}): the high-pass remembers "
-        f"{former:.1f} s, so they hold the former taps, which were of the same class or of its neighbour. A tap "
-        "then carries part of what several carry, and less after a move."
+        f"Samples before contact separate classes because they hold traces of earlier taps ({numbers}): the high-pass "
+        f"filter remembers {former:.1f} s, and earlier taps were of the same or a neighbouring class. A tap then "
+        "repeats part of the information of earlier taps, and carries less after a move."
     )
 
 
@@ -105,19 +102,19 @@ def _finding(at: xr.Dataset, verdict: Verdict, before: Before) -> str:
     match verdict:
         case "yes":
             return (
-                f"Without touch the {name} is inferred as well as with it, or nearly ({numbers}): {_share(at)} of the "
-                f"accuracy of whole taps above chance. The accuracy of the {name} on these taps is no evidence of "
-                "touch."
+                f"The {name} is inferred without touch almost as well as with it ({numbers}): {_share(at)} of the "
+                f"accuracy of whole taps above chance. The accuracy of the {name} on these taps is therefore not "
+                "evidence of touch."
             )
         case "mostly" | "partly":
             return (
-                f"Without touch the {name} is {verdict} inferred ({numbers}): {_share(at)} of the accuracy of whole "
+                f"The {name} is {verdict} inferred without touch ({numbers}): {_share(at)} of the accuracy of whole "
                 "taps above chance."
             )
         case "nothing to explain":
-            return f"Whole taps infer the {name} no better than chance ({numbers}), so there is nothing to explain."
+            return f"Leakage of the {name} does not matter: whole taps infer it no better than chance ({numbers})."
         case "not enough data":
-            return f"There are not enough test taps to say whether the {name} is inferred without touch ({numbers})."
+            return f"Leakage of the {name} cannot be assessed: there are too few test taps ({numbers})."
         case _:
             return f"The {name} is not inferred without touch ({numbers})."
 
@@ -138,8 +135,11 @@ def _tared(at: xr.Dataset, before: Before) -> str:
     level = "the first sample" if before.samples == 1 else f"the mean of {_first(before)}"
     beginning = f"With {level} of each tap subtracted, whole taps infer the {name} "
     if low > 0:
-        return f"{beginning}less well ({numbers}; {low:.2f} to {high:.2f} lost): part of it hung on the level before."
-    return f"{beginning}about as well ({numbers}), so it does not hang on the level before alone."
+        return (
+            f"{beginning}less well ({numbers}; {low:.2f} to {high:.2f} lost), so part of the accuracy depends on the "
+            "level before contact."
+        )
+    return f"{beginning}about as well ({numbers}), so the accuracy does not depend on the level before contact alone."
 
 
 def _offset_sentences(told: xr.Dataset) -> Iterator[str]:
@@ -152,13 +152,12 @@ def _offset_sentences(told: xr.Dataset) -> Iterator[str]:
     for name in apart:
         at = told.sel(quantity=name)
         yield (
-            f"The offsets that were subtracted differ between classes: they infer the {_OBJECTS[name]} "
-            f"({_number(at, OFFSET)}, chance {float(at['chance']):.2f}). The filter never sees them, so they explain "
-            "none of its accuracy; they are evidence that classes were recorded in blocks, or under conditions that "
-            "lasted."
+            f"The subtracted offsets differ between classes: they predict the {_OBJECTS[name]} "
+            f"({_number(at, OFFSET)}, chance {float(at['chance']):.2f}). The model never sees them, so they do not "
+            "explain its accuracy; they suggest that classes were recorded in blocks or under lasting conditions."
         )
     if not apart:
-        yield "The offsets that were subtracted do not differ between classes."
+        yield "The subtracted offsets do not differ between classes."
 
 
 def _before_sentence(before: Before) -> str:
@@ -166,19 +165,19 @@ def _before_sentence(before: Before) -> str:
     samples = "The first sample" if n == 1 else f"The first {n} samples"
     match before.known:
         case "press":
-            return f"{samples} of each tap came before the press, so before contact."
+            return f"{samples} of each tap precede the press and therefore contact."
         case "contact":
-            return f"{samples} of each tap came before the trigger level was reached, and classes do not part in them."
+            return f"{samples} of each tap precede the trigger level, and classes do not differ in them."
         case _:
             return f"{samples} of each tap {'precedes' if n == 1 else 'precede'} contact, as {OPTION} says."
 
 
 def _block_sentences(blocks: dict[str, dict[str, bool]]) -> Iterator[str]:
-    names = {"what": "object", "where": "position", "joint": "(where, what) cell"}
+    names = {"what": "object", "where": "position", "joint": "(position, object) class"}
     quantities = list(next(iter(blocks.values())))
     found = {name: [side for side, of in blocks.items() if of[name]] for name in quantities}
     for name, sides in found.items():
         if sides:
-            yield f"Recorded in blocks: in {', '.join(sides)} the taps of each {names[name]} follow one another."
+            yield f"Recorded in blocks: in {', '.join(sides)} the taps of each {names[name]} are consecutive."
     if not any(found.values()):
         yield "Classes were not recorded in blocks."

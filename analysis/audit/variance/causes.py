@@ -39,20 +39,20 @@ from .split import EvidenceMoments, covariate_p, evidence_moments, responses_to
 from .suspects import Suspect, suspicion
 
 CAUSES = {
-    "session": "sessions differ",
-    "place": "the position inside a class varies",
-    "order": "drift, or an unlabelled condition that follows the order of taps",
-    "gain": "taps differ in strength",
-    "timing": "taps differ in timing",
-    "common": "taxels share noise",
-    "noise": "the noise of a taxel lasts from sample to sample",
+    "session": "differences between sessions",
+    "place": "position within a class",
+    "order": "drift or an unlabelled condition",
+    "gain": "variation of tap strength",
+    "timing": "variation of tap timing",
+    "common": "noise shared by taxels",
+    "noise": "noise correlated in time",
 }
 """Causes by name, in words."""
 PART_WORDS = {
     "independent": "independent samples",
     **CAUSES,
-    "serial": "neighbouring taps have more in common than distant ones",
-    "rest": "what is left",
+    "serial": "correlation of neighbouring taps",
+    "rest": "remainder",
 }
 """Parts of the variance of evidence in words: what independent samples would have, the causes, and the rest."""
 PARTS = tuple(PART_WORDS)

@@ -44,10 +44,10 @@ def test_causes_stand_in_the_order_of_their_shares():
     assert [bar.get_width() for bar in axes.patches[:4]] == pytest.approx([50, 40, 30, 5])
     assert "evidence of 7 taps (%)" in axes.get_xlabel()
     assert [text.get_text() for text in axes.get_legend().get_texts()] == [
-        "named first",
-        "a cause",
-        "may be none",
-        "no cause by itself",
+        "main cause",
+        "cause",
+        "not significant",
+        "not a cause",
     ]
 
 
@@ -69,7 +69,7 @@ def test_a_cause_that_cannot_be_told_is_last_and_says_so():
     figure.canvas.draw()
 
     assert words(axes)[-1] == PART_WORDS["timing"]
-    assert "cannot be told" in [text.get_text() for text in axes.texts]
+    assert "not estimable" in [text.get_text() for text in axes.texts]
     assert len(axes.patches) == len(PARTS) - 1
     assert figures.causes(split * np.nan) is None
 
@@ -96,7 +96,7 @@ def test_maps_show_effects_below_the_diagonal_and_survivors_above_it(K, dead):
         assert below.get_array().max() <= high
         assert -low == high if test == "rank" else low == 0
     key = [text.get_text() for text in figure.legends[0].get_texts()]
-    assert ("dead taxel, or not tested" in key) == bool(dead)
+    assert ("constant taxel or not tested" in key) == bool(dead)
     assert "dependent, false discovery rate 5%" in key
 
 
@@ -153,7 +153,7 @@ def measured(*scores: Scored, unit: str = "mm") -> SimpleNamespace:
     return SimpleNamespace(scores=list(scores), n=5, taps=8.25, played=played)
 
 
-BASE = scored("as it is", factor=(20.0, 10.0, np.inf))
+BASE = scored("current setting", factor=(20.0, 10.0, np.inf))
 BETTER = scored("better", (1.0, 0.5, 1.5), (-0.5, -0.7, -0.3), factor=(1.1, 0.9, 1.4))
 WORSE = scored("worse", (-1.0, -1.5, -0.5), (0.5, 0.3, 0.7), factor=(0.0, 0.0, 0.2))
 SAME = scored("same", (0.1, -0.5, 0.5))
@@ -165,10 +165,10 @@ def test_remedies_share_rows_with_the_setting_as_it_is_on_top():
     figure.canvas.draw()
     gain, error, factor = figure.axes
 
-    assert words(gain) == ["as it is", "better", "worse", "same"]
+    assert words(gain) == ["current setting", "better", "worse", "same"]
     assert gain.get_ylim()[0] > gain.get_ylim()[1]
     assert gain.get_xlabel() == "gain in log score\nafter 5 taps (nats per tap)"
-    assert error.get_xlabel() == "change of the error (mm)\nat 8.25 taps on average"
+    assert error.get_xlabel() == "change of object error (mm)\nat 8.25 taps on average"
     dots = [(line.get_xdata()[0], line.get_color()) for line in gain.lines if line.get_marker() == "o"]
     assert dots == [(0, ACTIVE), (0.2, TRUE), (-0.2, DECIDED), (0.02, "grey")]
     dots = [(line.get_xdata()[0], line.get_color()) for line in error.lines if line.get_marker() == "o"]
@@ -227,7 +227,7 @@ def test_where_no_object_can_be_wrong_the_position_error_is_shown():
     remedy = scored("finer grid", (0.1, -0.1, 0.2), zero, (-0.2, -0.3, -0.1))
     _, error, _ = figures.remedies(measured(BASE, remedy)).axes
 
-    assert error.get_xlabel().startswith("change of the position error (cm)")
+    assert error.get_xlabel().startswith("change of position error (cm)")
     assert [line.get_xdata()[0] for line in error.lines if line.get_marker() == "o"] == [0, -0.2]
 
 
@@ -288,4 +288,4 @@ def test_without_anything_before_contact_no_verdict_is_given():
     (axes,) = figures.leakage(leakage(taps, taps, taps.grid())).axes
 
     assert words(axes) == ["whole taps", "chance"]
-    assert axes.get_xlabel() == "fraction right after one tap"
+    assert axes.get_xlabel() == "fraction correct after one tap"

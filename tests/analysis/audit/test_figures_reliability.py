@@ -106,7 +106,7 @@ def test_a_factor_of_0_is_an_open_mark_at_the_lower_end(factor, zeros):
     bars = np.concatenate([path.vertices for path in axes.collections[0].get_paths()])
 
     assert marks(axes, "v") == [[taps, 0.01] for taps in zeros]
-    assert ("C: 0, no decision was wrong" in key(figure)) == bool(zeros)
+    assert ("C: 0: no wrong decision" in key(figure)) == bool(zeros)
     assert ("0.01 or less" in ticks) == bool(zeros)
     assert "1" in ticks
     assert low < np.nanmin(np.maximum(factor, 0.01))
@@ -147,7 +147,7 @@ def test_where_no_factor_is_known_the_panel_says_why():
     """Without marks."""
     _, axes = factor_panel(*np.full((3, 3), np.nan))
 
-    assert [text.get_text() for text in axes.texts] == ["neither errors nor doubts"]
+    assert [text.get_text() for text in axes.texts] == ["no errors and no doubt"]
     assert not marks(axes, "v")
 
 
@@ -158,10 +158,10 @@ def test_the_wrong_fraction_of_each_object_has_a_line():
     axes = figure_reliability.reliability_at_stopping(data).axes[0]
     lines = {line.get_label(): line for line in axes.get_lines()}
 
-    assert {"rod 0", "rod 1", "rod 2", EVERYTHING, "1 - belief", "1 - threshold"} <= set(lines)
+    assert {"rod 0", "rod 1", "rod 2", EVERYTHING, "1 − belief", "1 − threshold"} <= set(lines)
     stopping = data.isel(setting=slice(0, 3)).sel(counted="stopped", what=EVERYTHING)
     np.testing.assert_allclose(lines[EVERYTHING].get_ydata(), np.maximum(stopping.wrong, 1e-4))
-    np.testing.assert_allclose(lines["1 - belief"].get_ydata(), stopping.doubt)
+    np.testing.assert_allclose(lines["1 − belief"].get_ydata(), stopping.doubt)
     assert axes.get_yticklabels()[0].get_text() == "0.0001 or less"
 
 
@@ -169,7 +169,7 @@ def test_the_wrong_fraction_of_each_object_has_a_line():
     ("error", "target", "label"),
     [
         (np.zeros((5, 7)), 0.2, "chosen"),
-        (np.full((6, 7), 0.5) + 0.1 * np.arange(6)[:, None], 0.2, "lowest, wanted is out of reach"),
+        (np.full((6, 7), 0.5) + 0.1 * np.arange(6)[:, None], 0.2, "lowest; the target is not reachable"),
     ],
 )
 def test_the_chosen_threshold_is_marked(error, target, label, tmp_path):

@@ -111,7 +111,7 @@ def test_what_taps_do_not_allow_is_refused_with_a_reason(make_taps):
     assert list(reasons) == ["time-indexed", "taxel covariance", FINER]
     assert "more than one sample" in reasons["time-indexed"]
     assert "more than one taxel" in reasons["taxel covariance"]
-    assert "no where classes with a width" in reasons[FINER]
+    assert "Position classes have no width" in reasons[FINER]
     assert sum(told) == count_remedies()
 
 
@@ -120,7 +120,7 @@ def test_places_that_do_not_vary_need_no_finer_grid():
     centred = replace(RIG, position_spread_mm=0.0)
     sets = [simulate_session(centred, 1, session) for session in range(2)]
     _, refused = make_remedies(sets[0], sets[1:], sets[0].grid(), SETTING, TAPS, 0, lambda _: None)
-    assert [(item.name, "all lie at the same place" in item.reason) for item in refused] == [(FINER, True)]
+    assert [(item.name, "lie at the same position" in item.reason) for item in refused] == [(FINER, True)]
 
 
 def test_a_remedy_compared_with_itself_gains_nothing(made, sessions):

@@ -57,7 +57,7 @@ def test_what_intervals_hold_is_said_where_there_are_any(factor, held):
         measured=SimpleNamespace(judged=SimpleNamespace(factor=factor)),
     )
     said = _other_sessions(audit)
-    assert said.startswith(" In the 2 tuning sessions 10.0% to 25.0% are wrong")
+    assert said.startswith(" In the 2 tuning sessions, 10.0% to 25.0% of the decisions are wrong")
     assert said.endswith("not other sessions.") == held
     assert ("intervals" in said) == held
 

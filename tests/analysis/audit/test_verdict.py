@@ -84,7 +84,7 @@ def score(name, gain=0.5, sure=0.1, change=(-0.1, -0.2, 0.0), error=0.4, factor=
     )
 
 
-BASE = score("as it is", None, None, None, error=1.0)
+BASE = score("current setting", None, None, None, error=1.0)
 
 
 AS_IT_IS = judged()
@@ -200,38 +200,41 @@ def test_what_is_named_first(arguments, name):
     assert cause.name == name
     assert cause_words(name) == ("nothing" if name is None else CAUSE_WORDS.get(name, "“grip”"))
     if name == "leakage":
-        assert cause.sentence.startswith("Offsets tell all. Recording classes in mixed order")
+        assert cause.sentence.startswith("Offsets tell all. Record the classes in random order")
     elif name in CAUSES:
-        assert cause.sentence.startswith(f"First of all {CAUSES[name]}: ")
+        assert cause.sentence.startswith(f"Main cause of dependence: {CAUSES[name]}. It accounts for ")
 
 
 def test_the_sentence_of_a_cause_has_its_numbers():
     cause = first_cause(Leak(), split(gain=0.5, independent=0.3), 0.5, 50.0, "overconfident")
     assert "50% (40% to 60%) of the variance of the evidence of 10 taps" in cause.sentence
-    assert "30% from what independent samples would have" in cause.sentence
-    assert "the whole is 2 times what independence says" in cause.sentence
+    assert "independent samples would account for 30%" in cause.sentence
+    assert "The variance is 2 times that of independent samples." in cause.sentence
 
 
 def test_a_suspect_that_follows_the_order_is_said_to():
     """Where the order is named first: the two cannot be told apart."""
     suspects = [("grip", 0.4, 0.9), ("warmth", 0.4, 0.6), ("speed", 0.4, 0.1)]
     sentence = first_cause(Leak(), split(suspects=suspects, order=0.5), 0.5, 50.0, "right").sentence
-    assert sentence.startswith("First of all drift, or an unlabelled condition that follows the order of taps: 50%")
-    assert sentence.endswith("“grip”, “warmth” follow that order, and cannot be told from drift here.")
+    assert sentence.startswith("Main cause of dependence: drift or an unlabelled condition. It accounts for 50%")
+    assert sentence.endswith("“grip”, “warmth” follow that order and cannot be distinguished from drift here.")
     other = first_cause(Leak(), split(suspects=suspects, gain=0.5), 0.5, 50.0, "right").sentence
     assert "follow" not in other
 
 
 NOTHING = {
-    "no classes": (split(classes=0), "There are not enough taps per class"),
-    "no split": (None, "There are not enough taps per class"),
+    "no classes": (split(classes=0), "The causes of dependence cannot be estimated: too few classes"),
+    "no split": (None, "The causes of dependence cannot be estimated: too few classes"),
     "wide": (
         split(effect=(2.0, 0.9, 4.1)),
-        "There are not enough data to tell: the variance of the evidence of 10 taps",
+        "Too few data to identify a cause of dependence: the variance of the evidence of 10 taps",
     ),
-    "few classes": (split(classes=3), "There are not enough data to tell: the variance of the evidence of 10 taps"),
-    "narrow": (split(effect=(1.1, 0.9, 1.4)), "No cause of dependence is surely there: the variance of the evidence"),
-    "effect without cause": (split(effect=(6.0, 3.0, 9.0)), "No cause of dependence is surely there"),
+    "few classes": (
+        split(classes=3),
+        "Too few data to identify a cause of dependence: the variance of the evidence of 10 taps",
+    ),
+    "narrow": (split(effect=(1.1, 0.9, 1.4)), "No cause of dependence is significant: the variance of the evidence"),
+    "effect without cause": (split(effect=(6.0, 3.0, 9.0)), "No cause of dependence is significant"),
 }
 
 
@@ -246,35 +249,35 @@ WORDS = {
         ((3.0, 2.0, 5.0), ABOVE, {}),
         [
             "Beliefs are overconfident: in the measuring session at threshold 0.95, active, 30.0% of the decisions",
-            "The remedy that buys most per tap is",
+            "Recommended remedy: “remedy” (what it does).",
         ],
     ),
     "overconfident, nothing helps": (
         ((3.0, 2.0, 5.0), ABOVE, {"sure": -1.0}),
-        ["Beliefs are overconfident:", "None of the remedies surely helps"],
+        ["Beliefs are overconfident:", "No remedy is recommended: none improves these taps significantly."],
     ),
     "unknown": (
         ((3.0, 0.5, 9.0), WITHIN, {}),
-        ["There are not enough data to judge whether beliefs are right:", "Nothing is recommended: whether anything"],
+        ["Too few data to assess the calibration of beliefs:", "No remedy is recommended: these taps are too few"],
     ),
     "no doubt": (
         ((None, None, None), UNTESTED, {}),
-        ["Whether beliefs are right cannot be judged:", "Nothing is recommended: whether anything"],
+        ["Calibration cannot be assessed:", "No remedy is recommended: these taps are too few"],
     ),
     "right, though more could be had": (
         ((1.0, 0.7, 1.5), WITHIN, {}),
         [
-            "Beliefs are as right as they say:",
-            "Nothing has to be repaired. “remedy” (what it does) would still buy 0.05",
+            "Beliefs are calibrated:",
+            "No remedy is needed. “remedy” (what it does) would still gain 0.05",
         ],
     ),
     "right, nothing to be had": (
         ((1.0, 0.7, 1.5), WITHIN, {"sure": -1.0}),
-        ["Beliefs are as right as they say:", "Nothing is recommended: nothing has to be repaired"],
+        ["Beliefs are calibrated:", "No remedy is needed, and none has a significant gain."],
     ),
     "cautious": (
         ((0.5, 0.2, 0.8), BELOW, {"sure": -1.0}),
-        ["Beliefs are cautious:", "Nothing is recommended: nothing has to be repaired"],
+        ["Beliefs are cautious:", "No remedy is needed, and none has a significant gain."],
     ),
 }
 
@@ -289,8 +292,8 @@ def test_the_verdict_in_words(given, words):
     assert cause == "The cause."
     assert last.startswith(words[1])
     if factor[0] is not None:
-        assert f"{factor[0]:.2g} ({factor[1]:.2g} to {factor[2]:.2g}) times as often" in first
-        assert first.endswith("; a right model on 20 taps per class gives 1.1 (0.6 to 1.9).")
+        assert f"{factor[0]:.1f} ({factor[1]:.1f} to {factor[2]:.1f}) times as often" in first
+        assert first.endswith("; a correct model on 20 taps per class gives 1.1 (0.6 to 1.9).")
 
 
 @pytest.mark.parametrize(
@@ -303,7 +306,7 @@ def test_mistakes_without_a_doubt_are_said_to_be_some(median, beside):
     first = verdict(Cause(None, ""), measured(score("remedy"), judged=endless), 0.95, TITLES, "mm")[0]
     assert first == (
         "Beliefs are overconfident: in the measuring session at threshold 0.95, active, 30.0% of the decisions are "
-        "wrong, although all beliefs are 1 and leave no doubt, so the factor is infinite; a right model on 20 taps per "
+        "wrong, although all beliefs are 1, so the miscalibration factor is infinite; a correct model on 20 taps per "
         f"class {beside}"
     )
 
@@ -315,14 +318,14 @@ def test_an_infinite_end_leaves_a_factor_that_can_be_told():
     assert factor == (0.64, 0.05, np.inf)
     assert factor_of(found | {"factor": [0.64, None, None]}) == (0.64, None, None)
     first = verdict(Cause(None, ""), measured(score("remedy"), judged=judged(factor)), 0.95, TITLES, "mm")[0]
-    assert "0.64 (0.05 to more than 99) times as often" in first
+    assert "0.6 (0.1 to >99) times as often" in first
     little = judged((0.5, 0.0002, 2.0))
-    assert "0.5 (less than 0.01 to 2) times" in verdict(Cause(None, ""), measured(judged=little), 0.9, TITLES, "mm")[0]
+    assert "0.5 (0.0 to 2.0) times" in verdict(Cause(None, ""), measured(judged=little), 0.9, TITLES, "mm")[0]
 
 
 def test_the_verdict_says_what_decisions_were_made_on():
-    told = verdict(Cause(None, ""), measured(), 0.95, TITLES, "mm", "other taps of the session that trains")[0]
-    assert "overconfident: in other taps of the session that trains at threshold 0.95, active" in told
+    told = verdict(Cause(None, ""), measured(), 0.95, TITLES, "mm", "other taps of the training session")[0]
+    assert "overconfident: in other taps of the training session at threshold 0.95, active" in told
 
 
 def test_the_sentence_of_a_remedy_has_its_numbers():
@@ -330,23 +333,27 @@ def test_the_sentence_of_a_remedy_has_its_numbers():
     remedies = measured(score("remedy", 0.5, change=(-0.1, -0.2, -0.05)))
     last = verdict(Cause(None, ""), remedies, 0.95, TITLES, "mm")[-1]
     for words in (
-        "“remedy” (what it does): 0.05 nats of log score per tap (0.03 to 0.07, over 10 taps)",
-        "at the 6.5 taps that decisions take as it is, the error changes by -0.1 mm (-0.2 to -0.05) to 0.4",
-        "at threshold 0.95 it takes 7.5 taps, with a factor of 1 (0.7 to 1.3).",
+        "“remedy” (what it does). It gains 0.050 (0.030 to 0.070) nats of log score per tap over 10 taps",
+        "at 6.5 taps, the mean reaction time of the current setting, it changes the object error by −0.10 (−0.20 to "
+        "−0.05) mm, to 0.4 mm",
+        "at threshold 0.95 it takes 7.5 taps, with a miscalibration factor of 1.0 (0.7 to 1.3).",
     ):
         assert words in last
-    assert "stay overconfident" not in last
+    assert "remain overconfident" not in last
     lower = measured(score("remedy", 0.5, change=(-0.1, -0.2, -0.05)), theta=0.8)
     said = (
-        "at the 6.5 taps that decisions take as it is at threshold 0.8, where the test taps suffice, the error changes"
+        "at 6.5 taps, the mean reaction time of the current setting at threshold 0.8 (the highest at which the test "
+        "taps suffice)"
     )
     assert said in verdict(Cause(None, ""), lower, 0.95, TITLES, "mm")[-1]
     for low, stays in ((1.8, False), (2.0, True)):  # a right model gives up to 1.9
         worse = measured(score("remedy", factor=(2.5, low, 3.0)))
         said = verdict(Cause(None, ""), worse, 0.95, TITLES, "mm")[-1]
-        assert said.endswith("Beliefs stay overconfident with it.") == stays
+        assert said.endswith("Beliefs remain overconfident with it.") == stays
     bare = measured(score("remedy", change=None, error=None, factor=(None, None, None)), n=1)
-    assert verdict(Cause(None, ""), bare, 0.95, TITLES, "mm")[-1].endswith("(0.3 to 0.7, over 1 tap).")
+    assert verdict(Cause(None, ""), bare, 0.95, TITLES, "mm")[-1].endswith(
+        "(0.30 to 0.70) nats of log score per tap over 1 tap."
+    )
 
 
 def test_too_few_taps_are_named():
@@ -354,5 +361,8 @@ def test_too_few_taps_are_named():
     first = verdict(Cause(None, ""), measured(judged=judged(few="There are too few.", median=np.nan)), 0.95, {}, "mm")[
         0
     ]
-    told = "(2 to 5) times as often as the beliefs say; a right model on 20 taps per class makes no wrong decision."
+    told = (
+        "(2.0 to 5.0) times as often as the beliefs imply; a correct model on 20 taps per class makes no wrong "
+        "decision."
+    )
     assert first.endswith(f"{told} There are too few.")
