@@ -121,7 +121,7 @@ def detectable_factor(
     """
     factors = np.asarray(factors, dtype=np.float64)
     if factors.ndim != 1 or len(factors) < 2 or not (np.isfinite(factors) & (factors >= 0)).all():
-        raise InputError("A detectable factor needs two factors or more of a right model, none negative.")
+        raise InputError("A detectable factor requires two or more non-negative factors of a correct model.")
     mean, variance = float(factors.mean()), float(factors.var(ddof=1))
     if not mean > 0 or not variance > 0:
         return np.inf

@@ -10,6 +10,7 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from ..page.figure_style import DECIDED, TRUE, TWO_COLUMNS, label_panel, new_figure, styled
+from ..page.numbers import number
 from .checks import summarise_checks
 
 if TYPE_CHECKING:
@@ -82,8 +83,8 @@ def plot_observed(axes: Axes, check: xr.Dataset, values: NDArray[np.float64]) ->
     axes.set_yticks([])
     axes.spines["left"].set_visible(False)
     axes.locator_params(axis="x", nbins=4)
-    expected = f"{float(check['low']):.2g} to {float(check['high']):.2g}"
-    axes.set_xlabel(f"{check['label'].values!s}\n{seen:.2g}, replicates {expected}")
+    expected = f"{number(float(check['low']), 2)} to {number(float(check['high']), 2)}"
+    axes.set_xlabel(f"{check['label'].values!s}\n{number(seen, 2)}, replicates {expected}")
     return axes
 
 
@@ -119,7 +120,7 @@ def _key(figure: Figure) -> None:
 
     keys = {
         "replicates": Line2D([], [], color="black", linewidth=0.8),
-        "observed, outside all replicates": Line2D([], [], **_line(differs=True)),
-        "observed, not told from them": Line2D([], [], **_line(differs=False)),
+        "observed, outside the replicates": Line2D([], [], **_line(differs=True)),
+        "observed, within the replicates": Line2D([], [], **_line(differs=False)),
     }
     figure.legend(list(keys.values()), list(keys), loc="outside lower center", ncols=3)

@@ -192,7 +192,7 @@ def _about(
     if dropped:
         warnings.append(f"Left out, because they have no training tap: {', '.join(f'“{name}”' for name in dropped)}.")
     if unused:
-        warnings.append(f"{unused} measuring taps of classes without a training tap were left out.")
+        warnings.append(f"{unused} measuring taps were left out because their classes have no training tap.")
     return {
         "title": f"Audit of the naive-Bayes assumption: {', '.join(Path(name).name for name in names_of(data))}",
         "files": {

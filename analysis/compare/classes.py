@@ -184,8 +184,8 @@ def class_scores(
 def class_interval_sentence() -> str:
     """What the intervals of `class_scores` mean, in a sentence."""
     return (
-        f"Intervals are {CONFIDENCE:.0%} jackknife intervals from the test taps without a quarter of each class, or "
-        "without one session in turn where several test, the same for all models."
+        f"Intervals are {CONFIDENCE:.0%} jackknife intervals, leaving out a quarter of the test taps of each class, "
+        "or one test session at a time if there are several, the same for all models."
     )
 
 

@@ -44,13 +44,13 @@ _LABELS = {
     "brier_what": "Brier score, object",
     "calibration_what": "calibration error, object",
     "calibration_where": "calibration error, position",
-    "accuracy_joint": "fraction right, class",
-    "accuracy_where": "fraction right, position",
-    "accuracy_what": "fraction right, object",
-    "what_error": "what error",
-    "where_error": "where error",
+    "accuracy_joint": "fraction correct, class",
+    "accuracy_where": "fraction correct, position",
+    "accuracy_what": "fraction correct, object",
+    "what_error": "object error",
+    "where_error": "position error",
     "what_wrong": "P(wrong object)",
-    "miscalibration": "P(wrong) / mean (1 - belief)",
+    "miscalibration": "P(wrong) / mean (1 − belief)",
 }
 _SPREAD = 0.2  # of the models at one number of contacts, as the logarithm of the number
 _TICKS = 15
@@ -158,9 +158,9 @@ def plot_differences(
     axes.axhline(0, color="black", linewidth=0.8)
     others = data.sel(model=[model for model in data["model"].values if model != data.attrs["reference"]])
     _dots(axes, others, f"{name}_difference", dim, joined=False)
-    axes.set_ylabel(f"{_label(data, name)}\nless that of {data.attrs['reference']}")
+    axes.set_ylabel(f"{_label(data, name)}\n− that of {data.attrs['reference']}")
     if not data.sizes[dim]:
-        axes.text(0.5, 0.5, "no reaction time in common", ha="center", va="bottom", transform=axes.transAxes)
+        axes.text(0.5, 0.5, "no common reaction time", ha="center", va="bottom", transform=axes.transAxes)
     if name.startswith("log_score"):
         chance = None if grid is None else _chance(name, grid)
         reach = np.inf if chance is None else -_WORSE * chance

@@ -37,7 +37,7 @@ def plot_sessions_left_out(axes: Axes, means: xr.Dataset) -> Axes:
     styles = model_styles(names, means.attrs.get("reference", names[0]))
     for kind, offset, filled, label in (
         ("integrated", -0.16, True, "integrated over the posterior"),
-        ("plug_in", 0.16, False, "at one value of the parameters"),
+        ("plug_in", 0.16, False, "plug-in parameters"),
     ):
         if kind not in means:
             continue
@@ -54,7 +54,7 @@ def plot_sessions_left_out(axes: Axes, means: xr.Dataset) -> Axes:
     axes.axvline(0, color=OTHERS, linewidth=0.6, zorder=0)
     axes.set_yticks(range(len(names)), names)
     axes.invert_yaxis()
-    axes.set_xlabel(f"log probability per tap less that of {means.attrs.get('reference', names[0])} (nat)")
+    axes.set_xlabel(f"log probability per tap − that of {means.attrs.get('reference', names[0])} (nat)")
     axes.legend(loc="lower left", bbox_to_anchor=(0, 1), ncols=2)
     return axes
 
@@ -95,7 +95,7 @@ def plot_pareto(axes: Axes, left_out: xr.Dataset) -> Axes:
     axes.axvline(good_k, color=OTHERS, linewidth=0.8, linestyle="--", zorder=0)
     axes.set_yticks(range(len(names)), names)
     axes.invert_yaxis()
-    axes.set_xlabel("Pareto k of the training taps: median, middle half and 95 %")
+    axes.set_xlabel("Pareto k of the training taps: median, central 50% and 95%")
     return axes
 
 

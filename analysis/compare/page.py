@@ -6,7 +6,7 @@ from functools import partial
 import numpy as np
 import xarray as xr
 
-from ..page.numbers import bounded, in_brackets, interval, number, percent
+from ..page.numbers import bounded, factor_of, in_brackets, interval, number, percent
 from ..page.page import Block, Brief, Cautions, Listing, Note, Page, Picture, Section, Table, Verbatim
 from . import figures, figures_taps
 from .record import ClassRow, ComparisonSummary, EqualTapsRow, RankCell, TapRow
@@ -58,8 +58,8 @@ def _intro(summary: ComparisonSummary) -> Iterator[Block]:
     if summary["simulated"]:
         yield Note(
             [
-                "**These data are simulated.** What predicts or decides best here says something about the simulator; "
-                "a real sensor may rank the models otherwise."
+                "**These data are simulated.** Ranks of the models refer to the simulator; a real sensor may rank "
+                "them differently."
             ]
         )
     refused = [f"{row['name']} was left out: {row['reason']}" for row in summary["refused"]]
@@ -73,28 +73,28 @@ def _findings(summary: ComparisonSummary) -> Iterator[Block]:
     yield Brief(Listing(summary["findings"]))
     titles = [level["title"] + in_brackets(level["unit"]) for level in summary["levels"]]
     rows = [[row["name"], *map(rank, row["levels"])] for row in summary["ranks"]]
-    yield Brief(Table(["model", *titles], rows, "Rank of each model, 1 for the best, and what it is ranked by"))
+    yield Brief(Table(["model", *titles], rows, "Rank of each model (1 is best), with the ranked quantity in brackets"))
     yield (
-        "Taps: mean log probability of a tap’s bins under its own class, sessions left out, integrated over the "
-        "posterior, at power 1. Classes: mean log belief in the true (where, what). Decisions: mean error at a "
-        "reaction time that all models reach or, where there is none, most of them. Near ranks may be ties: the "
-        "intervals below tell."
+        "Taps: mean log probability of a tap’s bins under its own class, for left-out sessions, integrated over the "
+        "posterior, at power 1. Classes: mean log belief in the true (position, object) class. Decisions: mean object "
+        "error at the longest mean reaction time reached by all models or, if there is none, by most. Adjacent ranks "
+        "may be ties; see the intervals below."
     )
 
 
 def _taps(comparison: Comparison, summary: ComparisonSummary) -> Iterator[Block]:
     yield (
-        f"{summary['sessions']} Values are means per tap in nats, of probabilities of the same bins for all models, at "
-        "power 1 whatever the power of decisions. Integrated: over the posterior of the parameters. Plug-in: at the "
-        "parameters with which the model decides. Intervals are 95 % bootstrap intervals that take the taps of one "
-        "session and class as a unit; the difference to the best with its standard error, for which taps are "
-        "independent, and the weight of stacking are ArviZ’s (`az.compare`)."
+        f"{summary['sessions']} Values are mean log probabilities per tap, in nats, of the same bins for all models, "
+        "at power 1. Integrated: over the posterior of the parameters. Plug-in: at the parameters used for decisions. "
+        "Intervals are 95% bootstrap intervals with the taps of one session and class as units. The difference from "
+        "the best model with its standard error (assuming independent taps) and the stacking weight are computed by "
+        "ArviZ (`az.compare`)."
     )
     if comparison.left_out_sessions is not None:
-        less = f"less {summary['reference']}"
+        less = f"− {summary['reference']}"
         yield Brief(
             Table(
-                ["model", "integrated", less, "plug-in", less, "less the best ± SE", "weight"],
+                ["model", "integrated", less, "plug-in", less, "− best ± SE", "weight"],
                 [
                     [
                         row["name"],
@@ -107,14 +107,14 @@ def _taps(comparison: Comparison, summary: ComparisonSummary) -> Iterator[Block]
                     ]
                     for row in summary["taps"]
                 ],
-                "Sessions left out, log probability of their taps (nat per tap)",
+                "Log probability of the taps of left-out sessions (nat per tap)",
             ),
             columns=(0, 1, 2, 3, 6),
         )
         yield Picture(
             "sessions",
-            "Sessions left out",
-            "Mean log probability of a tap’s bins less that of the reference model, with 95 % intervals.",
+            "Prediction of left-out sessions",
+            "Mean log probability of a tap’s bins minus that of the reference model, with 95% intervals.",
             partial(figures_taps.sessions_left_out, comparison.left_out_sessions),
         )
     if comparison.left_out_taps is not None:
@@ -125,8 +125,8 @@ def _single_taps(left_out: xr.Dataset, summary: ComparisonSummary) -> Iterator[B
     rows = [row for row in summary["taps"] if "psis" in row]
     yield Table(
         [
-            *("model", "by importance sampling", "taps with too large a k", "may be ranked"),
-            *("exactly, integrated", "exactly, plug-in"),
+            *("model", "importance sampling", "taps with k too large", "ranked"),
+            *("exact, integrated", "exact, plug-in"),
         ],
         [
             [
@@ -139,18 +139,17 @@ def _single_taps(left_out: xr.Dataset, summary: ComparisonSummary) -> Iterator[B
             ]
             for row in rows
         ],
-        "Single training taps left out",
+        "Log probability of single left-out training taps (nat per tap)",
     )
     yield (
-        f"Importance sampling (PSIS-LOO, {summary['draws']} draws) cannot leave out a tap that carries much of what is "
-        f"known of its class, which its Pareto k shows: above {number(rows[0]['good_k'], 2)} with so many draws it is "
-        "not to be trusted, and a model with such a tap is not ranked by it. For the histogram leaving out a tap is a "
-        "subtraction of counts, exact."
+        f"Importance sampling (PSIS-LOO, {summary['draws']} draws) is unreliable for a tap with a Pareto k above "
+        f"{number(rows[0]['good_k'], 2)}, that is, a tap with a large influence on the posterior of its class; models "
+        "with such taps are not ranked by it. For the histogram, leaving out a tap is exact (a subtraction of counts)."
     )
     yield Picture(
         "pareto",
-        "Where importance sampling can leave out a tap",
-        "Pareto k of the training taps; beyond the dashed line the estimate of a tap is not to be trusted.",
+        "Reliability of importance sampling",
+        "Pareto k of the training taps; to the right of the dashed line the estimate for a tap is unreliable.",
         partial(figures_taps.pareto, left_out),
     )
 
@@ -160,10 +159,11 @@ def _checks(comparison: Comparison, summary: ComparisonSummary) -> Iterator[Bloc
     if not checks or comparison.checks is None:
         return
     yield (
-        "Each statistic shows something that some models leave out. Given are its value in the training taps and the "
-        "mean of replicates drawn from each fitted model; in brackets the share of replicates at or above the observed "
-        "value, which is near 0 or 1 where a model does not make such taps. A share near 0 or 1 with values that lie "
-        "close together says little: estimated means scatter twice in replicates, once in the fit and once in the taps."
+        "Each statistic tests an assumption of some models. The table gives its value in the training taps and its "
+        "mean in replicates drawn from each fitted model; in brackets the fraction of replicates at or above the "
+        "observed value, which is near 0 or 1 if the model does not reproduce the statistic. A fraction near 0 or 1 "
+        "is weak evidence if both values are close, because replicates contain the sampling error of the fit as well "
+        "as that of the taps."
     )
     yield Table(
         ["statistic", "tests", "observed", *(model["name"] for model in checks[0]["models"])],
@@ -189,19 +189,19 @@ def _checks(comparison: Comparison, summary: ComparisonSummary) -> Iterator[Bloc
 
 def _classes(comparison: Comparison, summary: ComparisonSummary) -> Iterator[Block]:
     yield (
-        "Beliefs after fixed numbers of taps of one class and session, the same sequences for all models, without "
-        f"moves or stopping. {summary['class_interval']}"
+        "Beliefs after fixed numbers of taps of one class and session, without moves or stopping; all models see the "
+        f"same sequences. {summary['class_interval']}"
     )
     scores = {"log belief in the true class (nat)": "log_score_joint"}
     others = {}
     if comparison.grid.M > 1:
-        others |= {"Brier score, what": "brier_what", "calibration error, what": "calibration_what"}
-        others |= {"what right": "accuracy_what"}
+        others |= {"Brier score, object": "brier_what", "calibration error, object": "calibration_what"}
+        others |= {"object correct": "accuracy_what"}
     if comparison.grid.L > 1:
-        others |= {"where right": "accuracy_where"}
+        others |= {"position correct": "accuracy_where"}
     for n in summary["contacts"]:
         yield Table(
-            ["model", *scores, f"less {summary['reference']}", *others],
+            ["model", *scores, f"− {summary['reference']}", *others],
             [
                 [
                     row["name"],
@@ -217,14 +217,14 @@ def _classes(comparison: Comparison, summary: ComparisonSummary) -> Iterator[Blo
         )
     yield Picture(
         "classes",
-        "Beliefs after a number of taps",
-        "Scores of beliefs against the number of taps of one class, with 95 % intervals.",
+        "Beliefs after fixed numbers of taps",
+        "Scores of beliefs against the number of taps of one class, with 95% intervals.",
         partial(figures.class_scores, comparison.classes, comparison.grid),
     )
     yield Picture(
         "class_differences",
-        "Beliefs, differences",
-        "The same, less the score of the reference model on the same sequences.",
+        "Beliefs relative to the reference model",
+        "The same scores minus those of the reference model on the same sequences.",
         partial(figures.class_differences, comparison.classes, comparison.grid),
     )
 
@@ -232,13 +232,13 @@ def _classes(comparison: Comparison, summary: ComparisonSummary) -> Iterator[Blo
 def _decisions(comparison: Comparison, summary: ComparisonSummary) -> Iterator[Block]:
     yield (
         f"{summary['trials']} trials of each model and policy, from the same starts and with the same random numbers. "
-        f"{summary['decision_interval']} Errors are compared at equal mean reaction times, curve against curve; a "
-        "model has none where its curve does not reach. The miscalibration is the fraction of wrong objects over the "
-        "mean of 1 - belief at the decision, 1 where beliefs are right."
+        f"{summary['decision_interval']} Errors are compared at equal mean reaction times along the curves; a dash "
+        "means that a model does not reach that reaction time. Miscalibration is the fraction of wrong objects over "
+        "the mean of 1 − belief at the decision (1 if calibrated)."
     )
     units = summary["units"]
-    what = "P(wrong)" if units["what"] == "P(wrong)" else f"what error ({units['what']})"
-    where = "where error" + in_brackets(units["where"])
+    what = "P(wrong)" if units["what"] == "P(wrong)" else f"object error ({units['what']})"
+    where = "position error" + in_brackets(units["where"])
     errors = {what: "what_error"} if comparison.grid.M > 1 else {}
     errors |= {where: "where_error"} if comparison.grid.L > 1 else {}
     for policy in ("passive", "active"):
@@ -250,7 +250,7 @@ def _decisions(comparison: Comparison, summary: ComparisonSummary) -> Iterator[B
                     *(interval(row, name) for name in (*errors.values(), "taps")),
                     percent(row["stopped_fraction"]),
                     percent(row["used_up"]),
-                    interval(row, "miscalibration"),
+                    factor_of(row, "miscalibration"),
                 ]
                 for row in summary["decisions"]
                 if (row["policy"], row["theta"]) == (policy, summary["shown_theta"])
@@ -261,19 +261,19 @@ def _decisions(comparison: Comparison, summary: ComparisonSummary) -> Iterator[B
     yield Picture(
         "decisions",
         "Errors against reaction time",
-        "Mean errors against mean reaction times, one point per threshold; bands are 95 % intervals.",
+        "Mean errors against mean reaction times, one point per threshold; bands are 95% intervals.",
         partial(figures.decision_curves, comparison.curves, comparison.grid),
     )
     yield Picture(
         "decision_differences",
-        "Errors at equal reaction times, differences",
-        "Error less that of the reference model at the same mean reaction time, in the same trials.",
+        "Errors at equal reaction times, relative to the reference model",
+        "Error minus that of the reference model at the same mean reaction time, in the same trials.",
         partial(figures.decision_differences, comparison.equal, comparison.grid),
     )
     yield Picture(
         "miscalibration",
-        "Are decisions as right as they believe?",
-        "Fraction of wrong objects over the mean of 1 - belief against the threshold; 1 where beliefs are right.",
+        "Calibration of decisions",
+        "Fraction of wrong objects over the mean of 1 − belief, against the threshold; 1 if calibrated.",
         partial(figures.miscalibration, comparison.curves),
     )
 
@@ -287,7 +287,7 @@ def _at_equal_times(rows: list[EqualTapsRow], policy: str, what: str) -> Table:
 
 def _models(summary: ComparisonSummary) -> Table:
     return Table(
-        ["model", "does without", "and says instead", "power of decisions", "fit", "seconds"],
+        ["model", "assumption dropped", "assumption made instead", "power of decisions", "fit", "seconds"],
         [
             [
                 row["name"],
@@ -306,8 +306,8 @@ def _models(summary: ComparisonSummary) -> Table:
 def _provenance(summary: ComparisonSummary) -> Iterator[Block]:
     grid = summary["grid"]
     yield (
-        f"Seed {summary['seed']}; {summary['test_taps']} test taps of {grid['L']} x {grid['M']} (where, what) classes, "
-        "those that all models know. The same command with the same seed and versions gives the same numbers."
+        f"Seed {summary['seed']}; {summary['test_taps']} test taps of {grid['L']} x {grid['M']} (position, object) "
+        "classes, those known to all models. The same command with the same seed and versions gives the same numbers."
     )
     yield Section("Versions", [Table((), [*summary["versions"].items()], words={1})])
     times = [(name, number(value)) for name, value in summary["elapsed_s"].items()]

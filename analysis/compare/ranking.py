@@ -6,7 +6,7 @@ from typing import NamedTuple
 import numpy as np
 import xarray as xr
 
-from ..page.numbers import number
+from ..page.numbers import number, spanned
 from .record import RankRow
 from .run import Comparison
 
@@ -49,13 +49,13 @@ def levels(comparison: Comparison) -> list[Criterion]:
     means = comparison.left_out_sessions
     if means is not None and "integrated" in means:
         found.append(
-            _level("taps", "predicts the taps of a session left out best", "nat per tap", True, means, "integrated")
+            _level("taps", "predicts the taps of a left-out session best", "nat per tap", True, means, "integrated")
         )
     contacts = comparison.classes["contacts"].values
     for n in dict.fromkeys((int(contacts[0]), int(contacts[-1]))):
         title = f"class after {n} tap{'s' * (n > 1)}"
         scores = comparison.classes.sel(contacts=n)
-        found.append(_level(title, f"tells the {title} best", "nat", True, scores, "log_score_joint"))
+        found.append(_level(title, f"infers the {title} best", "nat", True, scores, "log_score_joint"))
     unit = comparison.grid.what_error_unit
     for policy in comparison.equal["policy"].values:
         taps = _ranking_time(comparison.equal, str(policy))
@@ -63,8 +63,8 @@ def levels(comparison: Comparison) -> list[Criterion]:
             continue
         at = comparison.equal.sel(policy=policy, taps=taps)
         number_of = f"{taps:g} tap{'s' * (taps != 1)}"
-        title = f"{policy} error at {number_of}"
-        said = f"has the smallest {policy} error at a mean of {number_of}"
+        title = f"{policy} object error at {number_of}"
+        said = f"has the lowest {policy} object error at a mean reaction time of {number_of}"
         found.append(_level(title, said, "" if unit == "P(wrong)" else unit, False, at, "what_error"))
     return [level for level in found if level.values]
 
@@ -91,13 +91,13 @@ def findings(levels: Sequence[Criterion], reference: str) -> list[str]:
         equal = f" (equally good: {', '.join(level.best[1:])})" if len(level.best) > 1 else ""
         sentence = f"{best} {level.said}: {_value(level, best)}{equal}"
         if reference not in level.best and reference in level.values:
-            sentence += f", against {_value(level, reference)} of {reference}{_interval(level, best)}"
+            sentence += f", compared with {_value(level, reference)} for {reference}{_interval(level, best, reference)}"
         first = levels[0].best[0]
         if first not in (*level.best, reference) and first in level.values:
-            sentence += f"; {first}, best at predicting {levels[0].title}, comes to {_value(level, first)}"
+            sentence += f"; {first}, which predicts {levels[0].title} best, has {_value(level, first)}"
         sentences.append(sentence + ".")
     if levels and not set.intersection(*(set(level.best) for level in levels)):
-        sentences.append("The levels do not agree on a best model; the table of ranks shows how the orders differ.")
+        sentences.append("No model is best at all levels; see the table of ranks.")
     return sentences
 
 
@@ -121,13 +121,13 @@ def _ranking_time(equal: xr.Dataset, policy: str) -> float | None:
 
 
 def _value(level: Criterion, name: str) -> str:
-    return f"{number(level.values[name], 4)} {level.unit}".strip()
+    return f"{number(level.values[name])} {level.unit}".strip()
 
 
-def _interval(level: Criterion, name: str) -> str:
+def _interval(level: Criterion, name: str, reference: str) -> str:
     if name not in level.low or name not in level.high:
-        why = "too few test taps" if level.larger else "too near the end of a curve"
+        why = "too few test taps" if level.larger else "too close to the end of a curve"
         return f" ({why} for an interval)"
     low, high = level.low[name], level.high[name]
-    unsure = ", so perhaps none" if low <= 0 <= high else ""
-    return f" (difference {number(low)} to {number(high)}{unsure})"
+    unsure = ", not significant" if low <= 0 <= high else ""
+    return f"; difference {spanned(level.values[name] - level.values[reference], low, high)}{unsure}"

@@ -113,8 +113,8 @@ def compare(
     parts, grid = load_experiment(data, division)
     if len(parts.folds) != 1:
         raise InputError(
-            f"--split {parts.method} makes {len(parts.folds)} training sets; compare takes one, and leaves out each "
-            "session in turn by itself."
+            f"--split {parts.method} makes {len(parts.folds)} training sets; compare requires one and leaves out each "
+            "session by itself."
         )
     fold = parts.folds[0]
     grid, dropped = trim(grid, [fold.train])
@@ -141,9 +141,11 @@ def _described(
     fold = parts.folds[0]
     warnings = [parts.warning] if parts.warning else []
     if dropped:
-        warnings.append(f"Left out for want of a training tap: {', '.join(dropped)}.")
+        warnings.append(f"Left out, because they have no training tap: {', '.join(dropped)}.")
     if test_taps < len(fold.test):
-        warnings.append(f"{len(fold.test) - test_taps} test taps of classes that not all models know were left out.")
+        warnings.append(
+            f"{len(fold.test) - test_taps} test taps were left out because some models do not know their classes."
+        )
     simulated = fold.train.simulated and fold.test.simulated
     if not simulated:
         warnings += fold_suspicions(fold, grid, one_file=len(data) == 1)

@@ -134,7 +134,7 @@ def compare_models(
         known = known_taps(train, grid, np.all([f.model.trained for f in fits.values()], axis=0))
         with clock.stage("Predictive checks", len(fits) * REPLICATES) as advance:
             checks = predictive_checks(fits, known, settings.seed, progress=advance)
-    with clock.stage("Scoring classes", len(fits)) as advance:
+    with clock.stage("Scoring beliefs", len(fits)) as advance:
         tables = _tables(fits, shared, advance)
         classes = class_scores(tables, settings.seed)
     with clock.stage("Playing trials", planned(len(tables), grid, settings.trials)) as advance:
@@ -170,7 +170,7 @@ def compare_models(
 def _check(settings: CompareSettings) -> None:
     """Refuses what would fail only after the work."""
     if len(set(settings.models)) < len(settings.models):
-        raise InputError(f"--models needs different names, got {','.join(settings.models)!r}.")
+        raise InputError(f"--models must name different models, got {','.join(settings.models)!r}.")
     if 0 < settings.draws < _FEWEST_DRAWS:
         raise InputError(f"--draws must be 0, or {_FEWEST_DRAWS} or more to look at tails, got {settings.draws}.")
     in_states = [name for name in settings.models if split_name(name)[1]]

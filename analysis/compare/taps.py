@@ -134,7 +134,7 @@ def session_folds(train: TapSet, test: TapSet, *, one_recording: bool = False) -
         return [SessionFold("TEST", train, test)], sentence
     sessions = np.unique(pooled.session)
     if len(sessions) < 2:
-        return [], "There is one session only, so none can be left out."
+        return [], "No session can be left out, because there is only one."
     groups = np.array_split(sessions, min(len(sessions), MOST_FOLDS))
     folds = []
     for group in groups:
@@ -148,7 +148,7 @@ def session_folds(train: TapSet, test: TapSet, *, one_recording: bool = False) -
         f._replace(train=train) for f, m in zip(folds, is_main, strict=True) if m
     ]
     each = "Each session" if len(groups) == len(sessions) else f"Each of {len(groups)} groups of sessions"
-    return folds, f"{each} of TRAIN and TEST was left out in turn and predicted from the others."
+    return folds, f"{each} of TRAIN and TEST was predicted from the others."
 
 
 def score_fold(fitted: Fitted, fold: SessionFold, seed: int) -> dict[str, TapScores]:

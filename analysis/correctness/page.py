@@ -32,7 +32,7 @@ def _blocks(check: CrossCheck) -> Iterator[Brief]:
     """The comparison of one model."""
     yield Brief(crosscheck_table(check))
     yield Brief(
-        f"{check.episodes} episodes of {check.taps} taps, the first {check.sequence_taps} enumerated as whole "
+        f"{check.episodes} episodes of {check.taps} taps, the first {check.sequence_taps} also enumerated as whole "
         f"sequences: {check.differing_decisions} decisions and {check.differing_moves} moves differ, "
         f"{check.near_ties} near-ties within {NEAR_TIE:g}."
     )
@@ -51,7 +51,7 @@ def _summary(found: Mapping[str, CrossCheck], refused: Mapping[str, str]) -> Ite
 
 def calibration_page(result: Calibration) -> Page:
     """A row for each route and policy, the tests that fail, and a verdict."""
-    head = ["route", "policy", "trials", "wrong over 1 - belief", "at", "tests", "least p x tests", ""]
+    head = ["route", "policy", "trials", "wrong / (1 − belief)", "at", "tests", "least p x tests", ""]
     failed, rows = result.failed, []
     for route, policy in dict.fromkeys((row.route, row.policy) for row in result.rows):
         part = result.part(route=route, policy=policy)
@@ -79,5 +79,5 @@ def sentences(result: Calibration) -> Sequence[str]:
         f"{row.route}, {row.policy}, {row.moment}: {test} of {row.quantity}, p {told_p(row.p[test], '= ')}."
         for row, test in failed[:5]
     ]
-    verdict = "Beliefs are right as often as they say" if not failed else "Beliefs are NOT right as often as they say"
+    verdict = "Beliefs are calibrated" if not failed else "Beliefs are NOT calibrated"
     return [*shown, f"{verdict}: {len(failed)} of {result.tests} tests fail (level {result.level:g} for all together)."]

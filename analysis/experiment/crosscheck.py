@@ -148,7 +148,11 @@ def crosscheck_model(
     generator = seeds.generator(seed, seeds.Purpose.EPISODES)
     names = ("numpy", "numpyro", "filter") if border in KERNEL_BORDERS else ("numpy", "filter")
     engines = [make_engine(name, model, border) for name in names]
-    notes = [] if len(names) == 3 else [f"Border {border} is not a Markov kernel, so the NumPyro routes were left out."]
+    notes = (
+        []
+        if len(names) == 3
+        else [f"The NumPyro routes were left out, because border {border} is not a Markov kernel."]
+    )
     comparison = _Comparison(model.grid.M)
     comparison.add_story(model, taps)
     raw = None if train is None else _raw_filter(model, train, settings or ExperimentSettings(), border, notes)
@@ -177,8 +181,8 @@ def crosscheck_model(
         comparison.add_trials(f"numpy, {name} trials", differences)
     if ended:
         notes.append(
-            f"{ended} of {episodes} episodes end early, before a tap that is impossible under every class still "
-            f"believed in. {impossible_cause(model)}"
+            f"{ended} of {episodes} episodes end early, before a tap that is impossible under every remaining class. "
+            f"{impossible_cause(model)}"
         )
     return CrossCheck(
         comparison.rows(),

@@ -18,8 +18,8 @@ from ...models.taps import TapSet, concatenate
 from ...models.training import without_training
 
 _HALVED = (
-    "Taps that tune and taps that measure are the odd and the even ones of the same session, so what is tuned suits "
-    "that session better than it would a new one."
+    "Tuning and measuring taps are the odd and even taps of the same session, so tuned values fit that session better "
+    "than a new one."
 )
 
 
@@ -68,7 +68,7 @@ def load_parts(data: Sequence[TapSource], division: Division | None = None) -> t
     division = division or Division()
     taps = [taps_of(source) for source in data]
     if not taps:
-        raise InputError("Give the taps to train, tune and measure with: one tap set, two or more.")
+        raise InputError("Taps to train, tune and measure with are missing; pass one tap set or more.")
     grid = taps[0].grid(division.where_cell, division.what_cell)
     names = [Path(name).name for name in names_of(data)]
     return audit_parts(taps, names, grid, division.training_taps), grid
@@ -93,7 +93,7 @@ def audit_parts(
         InputError: There is none, they do not fit together, or one of the parts would hold no tap of a class.
     """
     if not taps:
-        raise InputError("An audit needs a file of taps or several.")
+        raise InputError("An audit requires at least one file of taps.")
     warnings = []
     check_alike(taps, names)
     parts, session_names = numbered(taps, names)
@@ -127,7 +127,7 @@ def audit_parts(
     _check(grid, train, tune, measure)
     copies = np.isin(tap_digests(measure.taps), np.concatenate([tap_digests(other.taps) for other in tune])).sum()
     if copies:
-        warnings.append(f"{copies} of the {len(measure)} measuring taps stand among the tuning taps too.")
+        warnings.append(f"{copies} of the {len(measure)} measuring taps are also tuning taps.")
     return AuditParts(train, tune, measure, session_names, description, tuple(warnings), halved)
 
 
@@ -143,8 +143,8 @@ def _of_one(
             train,
             (tune,),
             measure,
-            f"There is one session, {names[0]}: within each class half of the taps train, a quarter tunes and a "
-            "quarter measures.",
+            f"There is one session, {names[0]}: within each class half of the taps are for training, a quarter for "
+            "tuning and a quarter for measuring.",
             True,
         )
     if len(sessions) == 2:
@@ -173,8 +173,8 @@ def _halves(taps: TapSet, grid: ClassGrid) -> tuple[TapSet, TapSet]:
     odd: NDArray[np.bool_] = rank % 2 == 0
     if odd.all():
         raise InputError(
-            "The taps that tune and those that measure cannot be told apart: no class has two taps in the session that "
-            "is to be halved; a third file or session would do."
+            "Tuning and measuring taps cannot be separated: no class has two taps in the session to be halved. Add a "
+            "third file or session."
         )
     return taps.select(odd), taps.select(~odd)
 
@@ -182,10 +182,10 @@ def _halves(taps: TapSet, grid: ClassGrid) -> tuple[TapSet, TapSet]:
 def _check(grid: ClassGrid, train: TapSet, tune: Sequence[TapSet], measure: TapSet) -> None:
     trained = _own(train, grid)
     if not (trained >= 0).any():
-        raise InputError("There is no tap to train with: none falls into a class of the first file.")
+        raise InputError("No tap to train with: none belongs to a class of the first file.")
     for verb, part in (("measure", measure), *(("tune with", part) for part in tune)):
         if not np.isin(_own(part, grid), trained[trained >= 0]).any():
-            raise InputError(f"There is no tap to {verb}: none belongs to a class with a training tap.")
+            raise InputError(f"No tap to {verb}: none belongs to a class with a training tap.")
 
 
 def _own(taps: TapSet, grid: ClassGrid) -> NDArray[np.intp]:

@@ -75,7 +75,7 @@ def simulated_source(name: str, data_sets: int, seed: int) -> Source:
     first = load(0, settings.highpass_hz)
     grid = first.train.grid()
     units = (
-        f"Units are {data_sets} simulated data sets, each with a sensor, a training and a test session of its own."
+        f"Units are {data_sets} simulated data sets, each with its own sensor, training session and test session."
         if data_sets > 1
         else f"There is one simulated data set. {resampled_sentence(first.test, grid)}"
     )

@@ -46,7 +46,7 @@ def _uneven(grid: ClassGrid) -> Iterator[str]:
     if len(steps) and steps.max() > 1.5 * steps.min():
         yield (
             f"Positions are unevenly spaced, by {steps.min():g} to {steps.max():g} {grid.where_unit}".rstrip()
-            + ": moves are counted in classes, so equal moves are of unequal length."
+            + ": moves are counted in classes, so equal moves differ in length."
         )
 
 
@@ -61,7 +61,7 @@ def _empty(cells: NDArray[np.intp], grid: ClassGrid) -> Iterator[str]:
     holes = np.argwhere(~filled & objects & positions[:, np.newaxis])
     if len(holes):
         names = _named([_cell_name(grid, l, m) for l, m in holes])
-        yield f"{len(holes)} of {filled.size} (where, what) cells have no tap: {names}."
+        yield f"{len(holes)} of {filled.size} (position, object) classes have no tap: {names}."
 
 
 def _sessions(
@@ -72,8 +72,8 @@ def _sessions(
     if len(sessions) == 1:
         if alone:
             yield (
-                "There is one session only: whether what is learned holds on another day cannot be seen, "
-                "and training and test taps share whatever drifts slowly."
+                "There is only one session: generalisation to another day cannot be assessed, and training and test "
+                "taps share slow drift."
             )
         return
     missing = [
@@ -82,7 +82,7 @@ def _sessions(
         for number in sorted(set(sessions.tolist()) - set(session[cells == cell].tolist()))
     ]
     if missing:
-        yield f"Some cells have no tap in some sessions: {_named(missing)}."
+        yield f"Some classes have no tap in some sessions: {_named(missing)}."
 
 
 def _few(taps: TapSet, cells: NDArray[np.intp], inside: NDArray[np.bool_], grid: ClassGrid) -> Iterator[str]:
@@ -91,38 +91,35 @@ def _few(taps: TapSet, cells: NDArray[np.intp], inside: NDArray[np.bool_], grid:
     session = taps.session[inside]
     distinct = np.unique(np.stack([cells, session, content]), axis=1)
     if distinct.shape[1] < len(cells):
-        yield f"{len(cells) - distinct.shape[1]} taps are exact copies of another one of their class and session."
+        yield f"{len(cells) - distinct.shape[1]} taps are exact copies of another tap of the same class and session."
     per_session = np.unique(distinct[:2], axis=1, return_counts=True)[1]
     if len(per_session) and per_session.max() == 1:
-        yield (
-            "Single contact only: nothing can accumulate over distinct contacts of one session "
-            "(each class has one tap in each session)."
-        )
+        yield ("Each class has one tap per session, so evidence cannot accumulate over distinct contacts of a session.")
     filled, counts = np.unique(distinct[0], return_counts=True)
     few = filled[counts < FEW]
     if len(few):
         names = [
             f"{_cell_name(grid, *np.unravel_index(cell, grid.shape))}: {counts[filled == cell][0]}" for cell in few
         ]
-        yield f"{len(few)} of {len(filled)} filled cells have fewer than {FEW} distinct taps ({_named(names)})."
+        yield f"{len(few)} of {len(filled)} classes with taps have fewer than {FEW} distinct taps ({_named(names)})."
 
 
 def _blocks(taps: TapSet, where: NDArray[np.intp], what: NDArray[np.intp], grid: ClassGrid) -> Iterator[str]:
     """Sessions in which the taps of a class follow one another, for objects, positions and their pairs."""
     pair = np.where((where >= 0) & (what >= 0), where * grid.M + what, -1)
     found: dict[str, list[int]] = {}
-    for name, classes in (("object", what), ("position", where), ("(where, what) cell", pair)):
+    for name, classes in (("object", what), ("position", where), ("(position, object) class", pair)):
         for session in np.unique(taps.session).tolist():
             chosen = taps.session == session
             order = recorded_order(taps.trial[chosen])
             if in_blocks(classes[chosen][order]):
                 found.setdefault(name, []).append(session)
     for name, sessions in found.items():
-        if name == "(where, what) cell" and len(found) > 1:
+        if name == "(position, object) class" and len(found) > 1:
             continue  # follows from the blocks of objects or positions in most recordings
         yield (
-            f"Recorded in blocks: in session {', '.join(map(str, sessions))} the taps of each {name} follow one "
-            f"another, so a slow drift of the sensor can tell the {name}s apart before any contact."
+            f"Recorded in blocks: in session {', '.join(map(str, sessions))} the taps of each {name} are consecutive, "
+            f"so slow sensor drift alone can reveal the {name}."
         )
 
 
@@ -155,11 +152,11 @@ def in_blocks(classes: ArrayLike) -> bool:
 def _taxels(taps: TapSet) -> Iterator[str]:
     constant, saturated = constant_taxels(taps.taps), saturated_taxels(taps.taps)
     if constant:
-        yield f"{len(constant)} of {taps.taps.shape[2]} taxels are dead (one value throughout): {_named(constant)}."
+        yield f"{len(constant)} of {taps.taps.shape[2]} taxels are constant: {_named(constant)}."
     if saturated:
         yield (
-            f"{len(saturated)} of {taps.taps.shape[2]} taxels stay long at an extreme that is not their idle level "
-            f"and may be saturated: {_named(saturated)}."
+            f"{len(saturated)} of {taps.taps.shape[2]} taxels may be saturated (they stay at an extreme that is not "
+            f"their idle level): {_named(saturated)}."
         )
 
 

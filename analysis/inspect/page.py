@@ -18,7 +18,7 @@ def inspection_page(inspection: Inspection, title: str = "") -> Page:
         title: What was inspected.
     """
     overview = Table((), [*overview_lines(inspection)], title, words={1})
-    found = Cautions(inspection.warnings) if inspection.warnings else "Nothing that may mislead was found."
+    found = Cautions(inspection.warnings) if inspection.warnings else "No data-quality warnings."
     return Page(title, [Brief(overview), Brief(_counts(inspection)), Brief(found)], [])
 
 
@@ -30,10 +30,10 @@ def overview_lines(inspection: Inspection) -> Iterator[tuple[str, str]]:
     yield "what", f"{len(inspection.what_label)} ({_condensed(inspection.what_label)})"
     yield "where", f"{len(inspection.where_label)} ({_condensed(inspection.where_label)})"
     if inspection.where_unit:
-        yield "unit of where", inspection.where_unit
+        yield "unit of position", inspection.where_unit
     yield "values", _range(inspection)
     chosen = ", ".join(f"{name} {value}" for name, value in inspection.preprocessing.items())
-    yield "preprocessing", chosen or "none known, taps were imported as they are"
+    yield "preprocessing", chosen or "unknown; taps were imported unchanged"
     yield from ((name, text) for name, text in inspection.attributes.items() if text)
 
 

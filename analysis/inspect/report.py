@@ -65,7 +65,7 @@ def inspect(data: TapSource, where_cell: str | None = None, what_cell: str | Non
     >>> int(report.counts.sel(session=0, where=3.0, what="8 mm rod"))
     40
     >>> [sentence.partition(":")[0] for sentence in report.warnings]
-    ['There is one session only', 'Recorded in blocks']
+    ['There is only one session', 'Recorded in blocks']
 
     Args:
         data: A tap set or its file.

@@ -124,7 +124,7 @@ def picture(seen: Seen, width: int = 100, rows: int = 20) -> Group:
         lines.append(Text(" " * (side + _CELL * (seen.fixation // per_column) + 2) + "▲ fixation point", no_wrap=True))
     unit = grid.where_unit.split(",", maxsplit=1)[0] or "no unit"
     share = "" if per_column == 1 else f", {per_column} classes each, the first named"
-    legend = f"Belief in percent, · below 0.5; columns: where ({unit}){share}."
+    legend = f"Belief in percent, · below 0.5; columns: position ({unit}){share}."
     head = [Text(seen.heading, style="bold")] if seen.heading else []
     return Group(*head, *lines, Text(legend, style="italic"), *_words(seen))
 
@@ -195,11 +195,11 @@ def _novelty(p: float | None) -> str:
 def _next(seen: Seen) -> str:
     step = seen.step
     if seen.unknown:
-        return "unknown: nothing that the model knows"
+        return "unknown: unlike every object of the model"
     if step.no_class_left:
         return (
-            "no class left: this tap is impossible under every class still believed in; before it "
-            f"{seen.what_name} was the most probable"
+            f"no class left: this tap is impossible under every remaining class; {seen.what_name} was the most "
+            "probable before"
         )
     if step.gave_up:
         return f"given up: no decision, {seen.what_name} is the most probable"
@@ -207,7 +207,7 @@ def _next(seen: Seen) -> str:
         return f"decided: {seen.what_name}"
     if step.move is None:
         return f"deadline: {seen.what_name} is the most probable"
-    doubted = "doubtful whether it is anything known, " if step.what_marginal.max() > seen.theta else ""
+    doubted = "possibly unlike every object of the model, " if step.what_marginal.max() > seen.theta else ""
     return doubted + (f"move {step.move:+d}" if step.move else "stay")
 
 

@@ -34,7 +34,7 @@ def confusion(passive: ArrayLike | None, active: ArrayLike | None, labels: Seque
     """
     tables = {name: table for name, table in (("passive", passive), ("active", active)) if table is not None}
     if not tables:
-        raise ValueError("There is neither a passive nor an active confusion table to draw.")
+        raise ValueError("passive and active are both None: there is no confusion table to draw.")
     width = TWO_COLUMNS if len(tables) > 1 else ONE_COLUMN + 0.4
     figure, axes = new_figure(width, 3.5, 1, len(tables), sharey=True)
     image = None
@@ -43,7 +43,7 @@ def confusion(passive: ArrayLike | None, active: ArrayLike | None, labels: Seque
         label_panel(panel, letter if len(tables) > 1 else "", f"{name}, threshold {theta:g}")
     axes[0, 0].set_ylabel("true")
     if len(labels) > _NUMBERS_UP_TO and image is not None:
-        figure.colorbar(image, ax=list(axes[0]), shrink=0.7, label="fraction of the row")
+        figure.colorbar(image, ax=list(axes[0]), shrink=0.7, label="fraction of decisions")
     return figure
 
 

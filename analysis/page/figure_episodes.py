@@ -101,7 +101,7 @@ def trajectories(passive: ArrayLike, active: ArrayLike, grid: ClassGrid, fixatio
         label_panel(panel, letter, name)
     mark_fixation(axes[0, 1], grid, fixation)
     axes[0, 0].set_ylabel(axis_label("position", grid.where_unit))
-    note = "Lines on one position are spread by up to a quarter of a class; a dot ends each."
+    note = "Lines at the same position are offset by up to a quarter of a class; dots mark decisions."
     figure.supxlabel(note, fontsize=7)
     return figure
 

@@ -72,7 +72,7 @@ def rounded(value: float, low: float, high: float) -> tuple[str, str, str]:
     (('0.43', '0.40', '0.46'), ('1240', '1011', '1500'), ('1', '1', '1'))
     """
     half = (high - low) / 2
-    if not half > 1e-9 * max(abs(low), abs(high)):
+    if not math.isfinite(half) or not half > 1e-9 * max(abs(low), abs(high)):
         return number(value), number(low), number(high)
     places = decimals(half)
     return fixed(value, places), fixed(low, places), fixed(high, places)
@@ -110,6 +110,15 @@ def factor(values: Sequence[float | None] | None, unbounded: bool = False) -> st
         return _MISSING
     value, low, high = factor_ends(values)
     return f"{value} [{low}, {high}]" if low else value
+
+
+def factor_of(row: Mapping[str, Any], name: str) -> str:
+    """A factor of a row with its bounds.
+
+    >>> factor_of({"ratio": 1.23, "ratio_low": 0.5, "ratio_high": 4.1}, "ratio")
+    '1.2 [0.5, 4.1]'
+    """
+    return factor([row.get(name + suffix) for suffix in ("", "_low", "_high")])
 
 
 def factor_ends(values: Sequence[float | None]) -> tuple[str, str, str]:

@@ -50,11 +50,11 @@ class Report(ABC):
         pictures = {picture.name: picture for picture in self.page.pictures}
         if name not in pictures:
             known = ", ".join(pictures) or "none"
-            raise InputError(f"There is no figure {name!r}; the figures of this report are {known}.")
+            raise InputError(f"The report has no figure {name!r}; its figures are {known}.")
         with drawn_into(figure):
             drawn = pictures[name].draw()
         if drawn is None:
-            raise InputError(f"The figure {name!r} has nothing to show.")
+            raise InputError(f"The figure {name!r} is empty.")
         return drawn
 
     def __repr__(self) -> str:

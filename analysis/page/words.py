@@ -5,11 +5,10 @@ from collections.abc import Sequence
 from importlib.metadata import version
 
 STORED = (
-    "Stored taps: test taps are drawn with replacement up to the deadline, as in the paper, so long trials see the "
-    "same taps again."
+    "Stored taps: test taps are drawn with replacement up to the deadline, as in the paper, so long trials repeat taps."
 )
 """What trials that draw with replacement estimate."""
-STORED_ONLY = f"{STORED} Errors on fresh taps, of which none is drawn twice in a trial, differ."
+STORED_ONLY = f"{STORED} Errors on fresh taps (each drawn at most once per trial) differ."
 """The same where fresh taps are not played."""
 
 

@@ -31,7 +31,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-_QUANTITIES = {"what_error": "what error", "where_error": "where error", "taps": "reaction time"}
+_QUANTITIES = {"what_error": "object error", "where_error": "position error", "taps": "reaction time"}
 _POLICIES: dict[str, dict[str, Any]] = {
     "passive": {"color": PASSIVE, "marker": "s", "markersize": 2.6},
     "active": {"color": ACTIVE, "marker": "o"},
@@ -104,7 +104,7 @@ def acuity(passive: xr.Dataset | None, active: xr.Dataset | None) -> Figure:
     """
     curves = {name: data for name, data in (("passive", passive), ("active", active)) if data is not None}
     if not curves:
-        raise ValueError("There is neither a passive nor an active curve to draw.")
+        raise ValueError("passive and active are both None: there is no curve to draw.")
     names = [name for name in ("what_error", "where_error") if all(name in data for data in curves.values())]
     figure, axes = new_figure(TWO_COLUMNS if len(names) > 1 else ONE_COLUMN, 4.4, 2, len(names), sharey="col")
     for column, name in enumerate(names):
@@ -169,7 +169,7 @@ def plot_contacts(axes: Axes, accuracy: xr.Dataset, grid: ClassGrid) -> Axes:
         band(axes, n, accuracy, name, _SERIES[name]["color"])
         axes.axhline(1 / size, color=_SERIES[name]["color"], linewidth=0.8, linestyle=":")
     axes.plot([], [], color="grey", linewidth=0.8, linestyle=":", label="chance")
-    axes.set(xlabel="contacts", ylabel="fraction right", ylim=(0, 1.02))
+    axes.set(xlabel="contacts", ylabel="fraction correct", ylim=(0, 1.02))
     if n[-1] > 20 * n[0]:
         axes.set_xscale("log")
     axes.set_xticks(n[:: -(-len(n) // 10)], [f"{value:g}" for value in n[:: -(-len(n) // 10)]])

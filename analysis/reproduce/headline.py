@@ -15,11 +15,11 @@ STILL = 1.1
 """Mean taps to a decision below which passive and active perception are reported as not comparable."""
 
 _FRESH = (
-    "Fresh taps: no test tap is drawn twice in a trial. One that has had all test taps of a class is decided there, "
-    "and intervals hold whatever it would come to on further ones."
+    "Fresh taps: each test tap is drawn at most once per trial. A trial that uses up the test taps of a class decides "
+    "there; intervals cover any outcome of further taps."
 )
 
-_ENOUGH = "Fresh taps at threshold {:g}, the highest of those played at which the test taps suffice."
+_ENOUGH = "Threshold {:g} is the highest of those played at which the fresh test taps suffice."
 
 _QUANTITIES = [name for name in metrics.QUANTITIES for name in (name, f"{name}_low", f"{name}_high")]
 
@@ -82,7 +82,7 @@ def still(curves: dict[str, xr.Dataset]) -> str | None:
     if not taps < STILL:
         return None
     return (
-        f"Decisions take {taps:.2f} taps on average, so the finger has hardly moved: passive and active perception "
+        f"Decisions take {taps:.2f} taps on average, so the finger hardly moves and passive and active perception "
         f"{'cannot' if taps == 1 else 'can hardly'} differ."
     )
 

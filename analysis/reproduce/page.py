@@ -13,7 +13,7 @@ from . import figures
 from .record import ErrorRow, ReproductionSummary
 from .results import Request, Results
 
-_BAND = "The band is the 95 % interval at the highest threshold."
+_BAND = "The band is the 95% interval at the highest threshold."
 _LISTS = (("Options", "options", 10), ("Versions", "versions", 10), ("Time spent (s)", "elapsed_s", 3))
 _RATES = ("stopped_fraction", "clamped_fraction", "substituted_fraction")
 
@@ -28,13 +28,13 @@ def report_page(summary: ReproductionSummary, check: CrossCheck, drawn: Iterable
     """
     theta = number(summary["headline"]["theta"], 10)
     sections = (
-        Section("What was run", [*_run(summary)], "run"),
+        Section("Method", [*_run(summary)], "run"),
         Section(f"Passive and active at threshold {theta}", [*_headline(summary)], "headline"),
-        Section("Beside the paper", [*_paper(summary)], "paper"),
+        Section("Comparison with the paper", [*_paper(summary)], "paper"),
         Section("Figures", [*drawn], "figures"),
         Section("Results", [*_results(summary)], "results"),
-        Section("Accuracy over contacts", [*_accuracy(summary)], "contacts"),
-        Section("Agreement of the engines", [*_crosscheck(check)], "crosscheck"),
+        Section("Accuracy against contacts", [*_accuracy(summary)], "contacts"),
+        Section("Cross-check of the engines", [*_crosscheck(check)], "crosscheck"),
         Section("Provenance", [*_provenance(summary)], "provenance"),
     )
     return Page(summary["title"], [], [section for section in sections if section.blocks])
@@ -46,9 +46,8 @@ def _run(summary: ReproductionSummary) -> Iterator[Block]:
     if summary["simulated"]:
         yield Note(
             [
-                "**These data are simulated.** The simulator’s settings were chosen so that it comes near the paper’s "
-                "headline errors. Where the numbers below agree with the paper, that shows the calibration at work; it "
-                "is no evidence that the paper’s results are right or that a real sensor would do the same."
+                "**These data are simulated.** The simulator was calibrated to the paper’s headline errors, so "
+                "agreement below is not evidence for the paper or for a real sensor."
             ]
         )
     yield Brief(Cautions([*summary["warnings"], *summary["skipped"]]))
@@ -63,16 +62,16 @@ def _run(summary: ReproductionSummary) -> Iterator[Block]:
 def _grid(summary: ReproductionSummary) -> str:
     grid, fixation = summary["grid"], summary["fixation"]
     sentences = [
-        f"{_classes(grid['L'], 'where', grid['where'])} times {_classes(grid['M'], 'what', grid['what'])}; "
+        f"{_classes(grid['L'], 'position', grid['where'])} and {_classes(grid['M'], 'object', grid['what'])}; "
         f"{grid['K']} taxels, {grid['J']} samples per tap."
     ]
     if fixation:
         sentences.append(
-            f"Active perception moves to where class {fixation['index']} (counted from 0), "
-            f"{number(fixation['value'], 10)} {summary['units']['where']}."
+            f"The fixation point is {number(fixation['value'], 10)} {summary['units']['where']} (position class "
+            f"{fixation['index']}, counted from 0)."
         )
     if grid["left_out"]:
-        sentences.append(f"Left out, without a training tap: “{'”, “'.join(grid['left_out'])}”.")
+        sentences.append(f"Left out, because they have no training tap: “{'”, “'.join(grid['left_out'])}”.")
     return " ".join(sentences)
 
 
@@ -89,7 +88,7 @@ def _headline(summary: ReproductionSummary) -> Iterator[Block]:
     few = f"**{headline['few']}**" if headline["few"] and headline["few"] != summary["interval"] else ""
     yield Brief(" ".join(filter(None, (*(side["meaning"] for side in sides.values()), few, summary["interval"]))))
     if summary["differences"]:
-        yield "Passive and active trials have the same starts and random numbers, so differences are paired."
+        yield "Differences are paired: passive and active trials have the same starts and random numbers."
 
 
 def _paper(summary: ReproductionSummary) -> Iterator[Block]:
@@ -99,7 +98,7 @@ def _paper(summary: ReproductionSummary) -> Iterator[Block]:
         [row["quantity"], row["unit"], number(row["paper"]), interval(row, "ours"), row["source"]]
         for row in summary["paper"]
     ]
-    yield Table(["quantity", "unit", "paper", "here [interval]", "source in the paper"], rows, words={4})
+    yield Table(["quantity", "unit", "paper", "this run [95% interval]", "section of the paper"], rows, words={4})
     yield summary["interval"]
 
 
@@ -116,11 +115,12 @@ def _results(summary: ReproductionSummary) -> Iterator[Block]:
         "Passive minus active",
     )
     yield (
-        "Stopped by threshold: share of trials that decided before the deadline. Clamped: share in which the end of "
-        "the range cut a move short before the decision. Substituted: share in which a move led to a class without a "
-        "test tap, so that the nearest class with one was used. "
-        + "No class left: share that ended undecided with a tap that was impossible under every class still believed "
-        "in. " * none_left + "Reaction times include the trials that the deadline ended."
+        "Stopped by threshold: fraction of trials that decided before the deadline. Clamped: fraction in which the "
+        "end of the range shortened a move before the decision. Substituted: fraction in which a move led to a class "
+        "without a test tap and the nearest class with one was used. "
+        + "No class left: fraction that ended undecided with a tap that was impossible under every remaining class. "
+        * none_left
+        + "Reaction times include trials ended by the deadline."
     )
 
 
@@ -133,7 +133,7 @@ def _policy_table(summary: ReproductionSummary, policy: str) -> Table:
         [number(row["theta"], 10), *_errors_and_taps(row), *(percent(row[name]) for name in _RATES)] for row in shown
     ]
     if summary["units"]["what"] not in ("", "P(wrong)"):
-        heads.insert(2, "what, P(wrong)")
+        heads.insert(2, "P(wrong object)")
         for cells, row in zip(rows, shown, strict=True):
             cells.insert(2, "–" if row["what_wrong"] is None else f"{row['what_wrong']:.3f}")
     if any(row["no_class_left_fraction"] for row in shown):
@@ -147,8 +147,8 @@ def _accuracy(summary: ReproductionSummary) -> Iterator[Block]:
     if not summary["accuracy"]:
         return
     yield (
-        "Fraction of right decisions after a given number of contacts of one class, drawn without replacement. A class "
-        f"counts where it has that many distinct test taps. {summary['interval']}"
+        "Fraction of correct decisions after a given number of contacts of one class, drawn without replacement, over "
+        f"the classes with enough distinct test taps. {summary['interval']}"
     )
     kinds = ("joint", "where", "what")
     rows = [
@@ -160,10 +160,10 @@ def _accuracy(summary: ReproductionSummary) -> Iterator[Block]:
 
 def _crosscheck(check: CrossCheck) -> Iterator[Block]:
     yield (
-        "The same episodes were computed by independent routes; "
-        f"{'all differences are within the limits' if check.passed else 'differences exceed the limits'} "
-        f"({check.episodes} episodes of {check.taps} taps each). Differing decisions: {check.differing_decisions}, "
-        f"differing moves: {check.differing_moves}, near-ties counted apart: {check.near_ties}."
+        f"Independent implementations computed the same {check.episodes} episodes of {check.taps} taps; "
+        f"{'all differences are within the limits' if check.passed else 'differences exceed the limits'}. Differing "
+        f"decisions: {check.differing_decisions}, differing moves: {check.differing_moves}, near-ties (not counted): "
+        f"{check.near_ties}."
     )
     yield crosscheck_table(check)
 
@@ -185,8 +185,8 @@ def _provenance(summary: ReproductionSummary) -> Iterator[Block]:
 
 def _heads(summary: ReproductionSummary) -> list[str]:
     what, where = summary["units"]["what"], summary["units"]["where"]
-    error = "what" if what == "P(wrong)" else "what error"
-    return [error + in_brackets(what), "where error" + in_brackets(where), "reaction time (taps)"]
+    error = "object" if what == "P(wrong)" else "object error"
+    return [error + in_brackets(what), "position error" + in_brackets(where), "reaction time (taps)"]
 
 
 def _errors_and_taps(row: ErrorRow) -> list[str]:
@@ -202,9 +202,9 @@ def pictures(request: Request, results: Results) -> Iterator[Picture]:
     yield _pressure(request, results)
     yield Picture(
         "fig4",
-        "Beliefs during single sequences",
-        "Belief in every class against the number of taps, a clear (A) and an ambiguous (B) passive sequence; "
-        "grey lines are all other classes.",
+        "Beliefs in single sequences",
+        "Belief in each class against the number of taps in a clear (A) and an ambiguous (B) passive sequence; grey: "
+        "all other classes.",
         partial(figures.beliefs, *results.cases, results.grid),
     )
     yield from _active_pictures(request, results)
@@ -213,15 +213,16 @@ def pictures(request: Request, results: Results) -> Iterator[Picture]:
     if results.grid.M > 1:
         yield Picture(
             "confusion",
-            "Which object is taken for which",
-            f"Share of decisions at threshold {theta:g}; rows are the true objects, cells below 0.005 are blank.",
+            "Confusion of objects",
+            f"Fraction of decisions at threshold {theta:g}; each row is a true object, cells below 0.005 are blank.",
             partial(figures.confusion, *results.confusions, list(results.grid.what_name), theta),
         )
     if max(results.grid.shape) > 1:
         yield Picture(
             "contacts",
             "Accuracy after a fixed number of contacts",
-            "Share of right answers after n taps of the same class, without moves or stopping, with 95 % intervals.",
+            "Fraction of correct decisions after n taps of the same class, without moves or stopping, with 95% "
+            "intervals.",
             partial(figures.contacts, results.accuracy_dataset, results.grid),
         )
 
@@ -235,7 +236,7 @@ def _pressure(request: Request, results: Results) -> Picture:
     return Picture(
         "fig3",
         "Taps of one object",
-        f"The training taps on {train.what_name[shown]} of session {session} in order of position.",
+        f"Training taps on {train.what_name[shown]} in session {session}, in order of position.",
         partial(figures.pressure, taps, shown),
     )
 
@@ -247,7 +248,7 @@ def _active_pictures(request: Request, results: Results) -> Iterator[Picture]:
     yield Picture(
         "fig5_passive",
         "Passive perception by sensing position",
-        "Errors and reaction time against the position where the sensor stays, one curve per threshold. " + _BAND,
+        "Errors and reaction time against the sensing position, one curve per threshold. " + _BAND,
         partial(figures.errors_by_position, results.by_position),
     )
     yield Picture(
@@ -278,6 +279,6 @@ def _acuity(results: Results) -> Picture:
     return Picture(
         "fig7",
         title,
-        f"Errors against the belief threshold and the mean reaction time, bands and bars are 95 % intervals{note}",
+        f"Errors against the belief threshold and the mean reaction time; bands and bars are 95% intervals{note}",
         partial(figures.acuity, curves["passive"], curves.get("active")),
     )

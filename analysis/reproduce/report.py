@@ -144,4 +144,4 @@ def _check_kind(data: Sequence[TapSource], preset: str | None, data_sets: int | 
     }
     for option, value in (simulated_only if data else recorded_only).items():
         if value is not None:
-            raise InputError(f"{option} goes with {'simulated' if data else 'recorded'} taps only.")
+            raise InputError(f"{option} requires {'simulated' if data else 'recorded'} taps.")

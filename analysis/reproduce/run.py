@@ -39,7 +39,9 @@ def simulated_split(name: str, data_sets: int, seed: int, progress: Progress = n
         train, test = (simulate_session(settings, own, session) for session in (0, 1))
         folds.append(Fold(train, test, f"data set {d}"))
         advance(1)
-    return Split(tuple(folds), "sessions", "In every simulated data set session 0 trains and session 1 tests.")
+    return Split(
+        tuple(folds), "sessions", "In each simulated data set, session 0 is for training and session 1 for testing."
+    )
 
 
 def run_experiment(request: Request, progress: Progress) -> Results:

@@ -153,22 +153,22 @@ def _what_was_run(request: Request, results: Results) -> list[str]:
     settings, grid = request.settings, results.grid
     sets = len(results.studies)
     return [
-        f"{_model(settings)} was fitted to training taps of {grid.L} x {grid.M} "
-        f"(where, what) classes and tested on other taps, {sets} data set{'s' * (sets > 1)} in all. A trial draws "
-        "test taps of one object where the finger stands, with replacement as in the paper or, on fresh taps, none "
-        "twice, and Bayes' rule accumulates the joint belief until the belief in one object exceeds the threshold.",
+        f"{_model(settings)} was fitted to training taps of {grid.L} x {grid.M} (position, object) classes and tested "
+        f"on other taps, in {sets} data set{'s' * (sets > 1)}. A trial draws test taps of one object at the current "
+        "position, with replacement as in the paper (stored taps) or without (fresh taps). Bayes' rule updates the "
+        "joint belief until the belief in one object exceeds the threshold.",
         f"Passive: {settings.trials} trials at each sensing position. "
         + (
-            "Active: the same trials, with the same objects and random numbers, start at each position and move to the "
-            f"fixation point {grid.where_label(results.fixation)}; about {settings.trials} of them go to each other "
-            "fixation point. "
+            "Active: the same trials, with the same objects and random numbers, start at each position and move to "
+            f"the fixation point {grid.where_label(results.fixation)}; about {settings.trials} trials move to each "
+            "other fixation point. "
             if can_act(grid)
             else ""
         )
-        + f"All thresholds are read off the same trials. After {settings.play.deadline} taps the most probable classes "
-        "are taken. "
+        + f"All thresholds are evaluated on the same trials. After {settings.play.deadline} taps the most probable "
+        "classes are chosen. "
         + (
-            "Object errors are shares of wrong decisions, position errors distances between classes."
+            "Object errors are fractions of wrong decisions, position errors are distances between classes."
             if grid.what_value is None
             else "Errors are distances between classes."
         ),
@@ -179,10 +179,10 @@ def _what_was_run(request: Request, results: Results) -> list[str]:
 def _model(settings: ExperimentSettings) -> str:
     """The measurement model, in words."""
     kind, in_states = split_name(settings.model)
-    words = f"A histogram model of {settings.fit.bins} bins"
+    words = f"A histogram model with {settings.fit.bins} bins"
     if kind != PAPER:
         words = f"The model {kind} ({row(kind).how}; likelihoods over {settings.fit.bins} bins)"
-    return words + " under a gain and offset that all taps of an episode share" * in_states
+    return words + " with a gain and offset shared by all taps of an episode" * in_states
 
 
 def _learned(request: Request, results: Results) -> list[str]:
@@ -192,8 +192,8 @@ def _learned(request: Request, results: Results) -> list[str]:
         return []
     powers = ", ".join(f"{part.model.exponent:.3g}" for part in results.studies)
     return [
-        f"The root of the likelihood was learned on training sessions left out in turn, for beliefs after {taps} "
-        f"tap{'s' * (taps > 1)}: {powers}."
+        "The exponent of the likelihood was learned by leaving out one training session at a time, for beliefs after "
+        f"{taps} tap{'s' * (taps > 1)}: {powers}."
     ]
 
 
@@ -204,17 +204,18 @@ def _warnings(request: Request, results: Results) -> list[str]:
         sentences += _suspicions(request, results.grid)
     dropped = sum(part.dropped for part in results.studies)
     if dropped:
-        sentences.append(f"Test taps of classes without a training tap were left out: {dropped}.")
+        sentences.append(f"{dropped} test taps were left out because their classes have no training tap.")
     substituted = [part for part in (results.stored.passive, results.stored.fixations) if part is not None]
     if any(float(part["substituted_fraction"].max()) > 0 for part in substituted):
         sentences.append(
-            "Some moves led to a class without a test tap; the nearest class with one was used, as the table counts."
+            "Some moves led to a class without a test tap; the nearest class with one was used (see “trials "
+            "substituted” in the tables)."
         )
     none_left = max(float(part["no_class_left_fraction"].max()) for part in substituted)
     if none_left > 0:
         sentences.append(no_class_left_sentence(none_left, results.studies[0].model))
     if not results.check.passed:
-        sentences.append("The engines disagree: see the cross-check below before using any number.")
+        sentences.append("The engines disagree, so the results are unreliable; see the cross-check.")
     return [*sentences, *results.check.notes]
 
 
@@ -226,8 +227,8 @@ def _repeated_taps(results: Results) -> list[str]:
     few = "only one test tap" if distinct.max() == 1 else f"fewer than {FEW} test taps"
     share = np.mean(distinct < FEW)
     return [
-        f"{'All' if share == 1 else f'{share:.0%} of the'} test classes have {few}, drawn again and again in a trial: "
-        "what is reported after several taps tells of repetition, not of new contacts."
+        f"{'All' if share == 1 else f'{share:.0%} of the'} test classes have {few}, which a trial draws repeatedly; "
+        "results after several taps reflect repetition, not new contacts."
     ]
 
 
@@ -239,10 +240,8 @@ def _suspicions(request: Request, grid: ClassGrid) -> list[str]:
 def _skipped(grid: ClassGrid) -> list[str]:
     if can_act(grid):
         return []
-    reason = (
-        "one where class, so there is nowhere to move" if grid.L == 1 else "one object, so nothing is to be told apart"
-    )
-    return [f"These data have {reason}: active perception and figures 5 and 6 are left out."]
+    reason = "a single position" if grid.L == 1 else "a single object"
+    return [f"Active perception and Figures 5 and 6 are left out, because the data have {reason}."]
 
 
 def results_tree(request: Request, results: Results) -> xr.DataTree:

@@ -186,7 +186,7 @@ def _pointless(choice: Choice, option: Option, grid: ClassGrid, samples: int, si
     changes = option.changes
     reasons = (
         (choice.simulated_only and not simulated, "recorded taps come as they were prepared"),
-        (choice.active_only and 1 in grid.shape, "there is nowhere to move or nothing to tell apart"),
+        (choice.active_only and 1 in grid.shape, "there is one position or one object"),
         ("where_error" in changes and grid.L == 1, "there is one position"),
         (changes.get("where_error") == "start" and 1 in grid.shape, "nothing moves"),
         (changes.get("power") == "none" and samples == 1, "taps of one sample have no root"),
@@ -218,7 +218,8 @@ def _numbers(field_name: str, values: Iterable[float], unit: str = "") -> tuple[
 CHOICES: tuple[Choice, ...] = (
     Choice(
         "root of the likelihood",
-        "Eq. 1 takes the geometric mean over the samples of a tap and the plain product over taxels, without a reason.",
+        "Eq. 1 takes the geometric mean over the samples of a tap but the product over taxels, without giving a "
+        "reason.",
         "2026-11-21-likelihood.md",
         "J-th",
         _options("power", {"J K-th": "JK", "none": "none", "exponent 0.1": 0.1, "exponent 0.005": 0.005}),
@@ -239,7 +240,7 @@ CHOICES: tuple[Choice, ...] = (
     ),
     Choice(
         "number of bins",
-        "100 bins (below Eq. 2), without a reason.",
+        "100 bins (below Eq. 2), without giving a reason.",
         "2026-11-21-likelihood.md",
         "100",
         _numbers("bins", (25, 50, 200)),
@@ -247,7 +248,7 @@ CHOICES: tuple[Choice, ...] = (
     Choice(
         "range of the bins",
         "“Across the full data range” (below Eq. 2), of all taxels or of each; data were “normalized” (sec. 2.3), "
-        "not said how.",
+        "without saying how.",
         "2026-11-21-likelihood.md",
         "all taxels",
         _options("value_range", {"each taxel": "taxel", "standardised taxels": "standardised"}),
@@ -261,7 +262,7 @@ CHOICES: tuple[Choice, ...] = (
     ),
     Choice(
         "border",
-        "Beliefs from outside the range are taken for “uniformly distributed” (below Eq. 9), over what is not said.",
+        "Beliefs from outside the range are “uniformly distributed” (below Eq. 9), without saying over what.",
         "2026-11-21-borders.md",
         "uniform over cells",
         _options(
@@ -281,13 +282,13 @@ CHOICES: tuple[Choice, ...] = (
         "2026-11-21-trials.md",
         "stop, as commanded",
         _options("clamping", {"stop, as moved": "real", "refuse": "refused"}),
-        (("finger off the object", "no tap without contact was recorded, and none can be made up honestly"),),
+        (("finger off the object", "no tap without contact was recorded"),),
         active_only=True,
     ),
     Choice(
         "stop test and move",
-        "Fig. 2 and sec. 2.2 list both and leave open which comes first; it matters where a move changes what is "
-        "believed of the object.",
+        "Fig. 2 and sec. 2.2 list both without their order, which matters where a move changes the belief in the "
+        "object.",
         "2026-11-21-borders.md",
         "stop test first",
         _options("order", {"move first": "after"}),
@@ -295,7 +296,7 @@ CHOICES: tuple[Choice, ...] = (
     ),
     Choice(
         "deadline",
-        "None is named; taps go on until the threshold is crossed (Eq. 7).",
+        "None; taps continue until the threshold is crossed (Eq. 7).",
         "2026-11-21-trials.md",
         "100 taps",
         _numbers("deadline", (20, 50, 200, 400), " taps"),
@@ -325,8 +326,8 @@ CHOICES: tuple[Choice, ...] = (
         active_only=True,
     ),
     Choice(
-        "threshold that is read",
-        "Thresholds from 0.1 to 0.995 of unknown spacing (sec. 3.2); the numbers of sec. 3.3 are the best ones.",
+        "reported threshold",
+        "Thresholds from 0.1 to 0.995 with unknown spacing (sec. 3.2); sec. 3.3 reports the best.",
         "2026-11-21-trials.md",
         "0.95",
         (
@@ -335,12 +336,12 @@ CHOICES: tuple[Choice, ...] = (
             Option(f"best of {len(COARSE)} thresholds", {"read_at": COARSE}),
         ),
         note="The best threshold is that with the least mean object error of a policy, of "
-        f"{' '.join(f'{theta:g}' for theta in THRESHOLDS)}, or of {' '.join(f'{theta:g}' for theta in COARSE)}. It is "
-        "chosen on the test taps on which the error is then told, so that error is a little too good.",
+        f"{' '.join(f'{theta:g}' for theta in THRESHOLDS)}, or of {' '.join(f'{theta:g}' for theta in COARSE)}. "
+        "It is chosen on the same test taps that measure the error, so this error is slightly optimistic.",
     ),
     Choice(
         "drawing of test taps",
-        "Taps are drawn from the class (sec. 3.2); not said whether with replacement.",
+        "Taps are drawn from the class (sec. 3.2), without saying whether with replacement.",
         "2026-11-21-trials.md",
         "with replacement",
         _options("replacement", {"without, then anew": False}),

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..page.figure_style import DECIDED, OTHERS, TRUE, TWO_COLUMNS, axis_label, label_panel, new_figure, styled
+from ..page.numbers import bounded, number
 from .findings import VERDICTS
 from .record import OptionRow, PairRow, SourceNumbers
 
@@ -56,7 +57,7 @@ def forest(source: SourceNumbers) -> Figure:
     axes[0, 0].set_yticks(range(len(rows)), [name for name, _ in rows], fontsize=6.5)
     for label, (_, row) in zip(axes[0, 0].get_yticklabels(), rows, strict=True):
         label.set_fontweight("bold" if row is None else "normal")
-    figure.supxlabel(f"{policy} perception: option less default, calibration option over default", fontsize=8)
+    figure.supxlabel(f"{policy} perception: option − default (calibration: option / default)", fontsize=8)
     _key(figure)
     return figure
 
@@ -119,11 +120,10 @@ def plot_interactions(
         i, j = sorted(map(names.index, _ends(pair)))
         values[j, i] = pair["beyond"]
         low, high = pair["beyond_low"], pair["beyond_high"]
-        interval = "" if low is None else f"\n[{low:.2f}, {high:.2f}]"
         axes.text(
             i,
             j,
-            f"{pair['beyond']:+.2f}{interval}",
+            bounded(pair["beyond"], low, high).replace(" [", "\n["),
             ha="center",
             va="center",
             fontsize=7,
@@ -136,7 +136,7 @@ def plot_interactions(
     image = axes.imshow(shown, cmap="PuOr", norm=scale, aspect="auto")
     ticks = _ticks(bound, reach)
     bar = axes.figure.colorbar(image, ax=axes, label=label, shrink=0.8, ticks=ticks)
-    bar.set_ticklabels([f"{tick:g}" for tick in ticks])
+    bar.set_ticklabels([number(tick) for tick in ticks])
     bar.minorticks_off()
     words = [f"{fill(choice, _WRAP)}:\n{option}" for choice, option in names]
     axes.set_xticks(range(n - 1), words[:-1])
@@ -195,7 +195,7 @@ def _scaled_axis(
     axes.set_xlim(*ends)
     axes.xaxis.set_major_locator(FixedLocator([tick for tick in ticks if ends[0] <= tick <= ends[1]]))
     axes.xaxis.set_minor_locator(NullLocator())
-    axes.xaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+    axes.xaxis.set_major_formatter(FuncFormatter(lambda value, _: number(value)))
     return ends
 
 

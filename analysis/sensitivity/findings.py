@@ -22,14 +22,14 @@ WORDS = {
 VERDICTS = {
     "conclusion": "changes the conclusion",
     "numbers": "changes the numbers",
-    "not decided": "not decided",
+    "not decided": "undecided",
     "nothing": "changes nothing",
 }
 """In words, the gravest first."""
 _VERDICTS_OF_MANY = {
     "conclusion": "change the conclusion",
     "numbers": "change the numbers",
-    "not decided": "are not decided",
+    "not decided": "are undecided",
     "nothing": "change nothing",
 }
 
@@ -47,25 +47,28 @@ def worded_source(source: SourceNumbers) -> SensitivitySource:
 def rules() -> list[str]:
     """How verdicts come about, in sentences."""
     return [
-        "The conclusion is that active perception errs less than passive, in objects and in positions, and takes fewer "
-        "taps, at the same threshold. An option changes it where one of these is sure under the defaults, is not sure "
-        "under the option, and the advantage is surely smaller; reversed means that passive is surely better then. "
-        "Where the advantage is not sure any more but not surely smaller either, it is not shown to be gone.",
-        "An option changes the numbers where an error, a number of taps or the calibration surely changes, and by more "
-        f"than {100 * RELEVANT:g} % of the default's value and {100 * CLASS_FLOOR:g} % of the distance of neighbouring "
-        f"classes or {TAPS_FLOOR:g} taps; calibration by more than a factor of {math.exp(FACTOR_LIMIT):.2f}. "
-        "It changes nothing where every one of them surely changes by less. All else is not decided.",
-        "Options that err less are listed where an error is lower by more than the same limit: surely, or by the 95 % "
-        "interval of this error alone, of which some will be chance. Smaller gains are not listed, however sure.",
-        "Sure is what holds for all intervals of a source together with 95 % (Bonferroni); intervals in brackets are "
-        f"95 % each. Below {FEWEST_UNITS} units nothing is called sure.",
-        "Calibration is P(wrong object) over the mean of 1 - belief, 1 where beliefs are right; its changes are "
-        "factors. Trials, places, objects and random numbers are the same under all options.",
+        "The conclusion is that, at the same threshold, active perception has lower object and position errors than "
+        "passive perception and takes fewer taps. An option changes the conclusion if one of these advantages is "
+        "significant under the defaults but not under the option, and is significantly smaller; “reversed” means that "
+        "passive perception is then significantly better. An advantage that loses significance without being "
+        "significantly smaller does not count as lost.",
+        "An option changes the numbers if an error, a number of taps or the calibration changes significantly and by "
+        f"more than the relevance limit: {100 * RELEVANT:g}% of the default's value, and {100 * CLASS_FLOOR:g}% of "
+        f"the distance between neighbouring classes or {TAPS_FLOOR:g} taps; for calibration a factor of "
+        f"{math.exp(FACTOR_LIMIT):.2f}. It changes nothing if all of them change significantly less than the limit. "
+        "Otherwise it is undecided.",
+        "Options with lower errors are listed if an error is lower by more than this limit, either significantly or "
+        "by its own 95% interval only (some of the latter will be due to chance). Smaller gains are not listed, even "
+        "if significant.",
+        "Significant means at the 5% level for all intervals of a source together (Bonferroni); intervals in brackets "
+        f"are individual 95% intervals. With fewer than {FEWEST_UNITS} units nothing is called significant.",
+        "Calibration is P(wrong object) over the mean of 1 − belief (1 if calibrated); its changes are factors. "
+        "Trials, positions, objects and random numbers are the same under all options.",
         STORED_ONLY,
-        "A trial that meets a tap that no class can have given ends there with what it believed before.",
-        "A dash stands where there is no number: an option whose thresholds never lead to as many taps as the default "
-        "takes, or no wrong decision and so no calibration. A number without brackets has no interval, as it cannot be "
-        "told any more when one of the units is left out.",
+        "A trial that meets a tap impossible under every class ends with the belief before that tap.",
+        "A dash marks a missing number: no threshold of the option leads to as many taps as the default, or no "
+        "decision is wrong and calibration is undefined. A number without brackets has no interval, because it is "
+        "undefined when one of the units is left out.",
     ]
 
 
@@ -77,26 +80,23 @@ def findings(source: SourceNumbers) -> list[str]:
     said = [f"Of {len(rows)} options of {len(source['choices'])} choices {', '.join(counts)}."]
     units = source["number_of_units"]
     if units < FEWEST_UNITS:
-        said.append(
-            f"{units} units decide nothing: nothing is called sure here below {FEWEST_UNITS}, however narrow intervals "
-            "look."
-        )
+        said.append(f"With {units} units no verdict is possible; at least {FEWEST_UNITS} are required.")
     elif "active" in source["policies"]:
         said.append(_conclusion(source))
     faultless = [row["policy"] for row in source["default"] if row["what_error"] == 0]
     if faultless:
         said.append(
-            f"Under the defaults no {' and no '.join(faultless)} decision is wrong here: options can only do harm, and "
-            "intervals of no width say nothing of other data."
+            f"Under the defaults no {' and no '.join(faultless)} decision is wrong, so options can only increase "
+            "errors, and intervals of zero width do not apply to other data."
         )
     said += _near_chance(source)
     for key in ("conclusion", "numbers"):
         names = [choice["name"] for choice in source["choices"] if choice["verdict"] == key]
         if names:
-            said.append(f"Choices of which an option {VERDICTS[key]}: {'; '.join(names)}.")
+            said.append(f"Choices with an option that {VERDICTS[key]}: {'; '.join(names)}.")
     idle = [choice["name"] for choice in source["choices"] if choice["verdict"] == "nothing"]
     if idle:
-        said.append(f"Choices that change nothing, whatever the option: {'; '.join(idle)}.")
+        said.append(f"Choices that change nothing under any option: {'; '.join(idle)}.")
     return said
 
 
@@ -107,14 +107,14 @@ def lists_of(source: SourceNumbers) -> Iterator[OptionList]:
     if any(unsure.values()):
         yield {
             "key": "unsure",
-            "title": "Options under which an advantage of active perception is not sure any more, but not surely "
-            "smaller either",
+            "title": "Options under which an advantage of active perception is no longer significant, without being "
+            "significantly smaller",
             "items": [f"{name}: {listed(lost)}" for name, lost in unsure.items() if lost],
         }
     titles = {
-        "surely": f"Options that {surely(source)} err less than the default, by more than the limit of what matters",
-        "perhaps": "Options that err less by more than that limit, but by their own 95 % interval only; some will be "
-        "chance",
+        "surely": f"Options with {significantly(source)} lower errors than the default, beyond the relevance limit",
+        "perhaps": "Options with errors lower beyond this limit by their own 95% interval only (some will be due to "
+        "chance)",
     }
     for key, title in titles.items():
         items = [
@@ -130,9 +130,9 @@ def options_of(source: SourceNumbers) -> list[tuple[str, OptionRow]]:
     return [(choice["name"], option) for choice in source["choices"] for option in choice["options"]]
 
 
-def surely(source: SourceNumbers) -> str:
+def significantly(source: SourceNumbers) -> str:
     """The word, with what it is limited to."""
-    return f"surely ({source['scope']})" if source["scope"] else "surely"
+    return f"significantly ({source['scope']})" if source["scope"] else "significantly"
 
 
 def _conclusion(source: SourceNumbers) -> str:
@@ -140,11 +140,11 @@ def _conclusion(source: SourceNumbers) -> str:
     rest = [WORDS[name] for name in source["advantage"] if WORDS[name] not in sure]
     if not sure:
         return (
-            f"Active perception is not {surely(source)} better in anything under the defaults, so no option can change "
-            "that."
+            f"Active perception has no {significantly(source)} lower error or number of taps under the defaults, so "
+            "no option can change the conclusion."
         )
-    start = f"Under the defaults active perception is {surely(source)} better in {listed(sure)}"
-    return start + (f", which is not sure of {listed(rest)}." if rest else ".")
+    start = f"Under the defaults active perception is {significantly(source)} better in {listed(sure)}"
+    return start + (f", but not in {listed(rest)}." if rest else ".")
 
 
 def _near_chance(source: SourceNumbers) -> Iterator[str]:
@@ -155,8 +155,8 @@ def _near_chance(source: SourceNumbers) -> Iterator[str]:
         if blind > 0 and min(errors.values()) >= blind:
             told = listed([f"{number(error)} {policy}" for policy, error in errors.items()])
             yield (
-                f"Objects are told no better than without touching under {name}, {option['name']}: the object error "
-                f"({unit}) is {told}, that of always naming the same one {number(blind)}."
+                f"Under {name}, {option['name']}, objects are perceived no better than without touch: the object "
+                f"error ({unit}) is {told}, compared with {number(blind)} for always choosing the same object."
             )
 
 

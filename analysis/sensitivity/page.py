@@ -15,9 +15,9 @@ _ADVANTAGES = ("what_error", "where_error", "taps")
 def sensitivity_page(summary: SensitivitySummary) -> Page:
     """A section for each source of data, and how it is judged."""
     intro = [
-        "What the paper leaves open has a default here. Every other option is run against the defaults on the same "
-        "trials: which of them change the paper's conclusion, which its numbers, which nothing? Results are read at "
-        f"threshold {number(summary['theta'])} where nothing else is said.",
+        "Each choice that the paper leaves open has a default here. This study runs every other option against the "
+        "defaults on the same trials and reports whether it changes the paper's conclusion, its numbers or nothing. "
+        f"Results are at threshold {number(summary['theta'])} unless stated otherwise.",
         Verbatim(summary["command"]),
     ]
     sections = [
@@ -25,7 +25,9 @@ def sensitivity_page(summary: SensitivitySummary) -> Page:
     ]
     versions = ", ".join(f"{name} {version}" for name, version in summary["versions"].items())
     made = f"{summary['trials']} trials of each data set, policy and option; seed {summary['seed']}. {versions}."
-    return Page(summary["title"], intro, [*sections, Section("How it is judged", [*summary["rules"], made], "rules")])
+    return Page(
+        summary["title"], intro, [*sections, Section("Rules of the verdicts", [*summary["rules"], made], "rules")]
+    )
 
 
 def _source(i: int, source: SensitivitySource) -> Iterator[Block]:
@@ -37,17 +39,17 @@ def _source(i: int, source: SensitivitySource) -> Iterator[Block]:
     what, where = in_brackets(source["what_unit"]), in_brackets(source["where_unit"])
     yield _defaults(source, what, where)
     yield (
-        "In brackets are 95 % intervals. What dashes mean, and numbers without brackets, is said in "
-        "[how it is judged](#rules)."
-        + " Objects have no size here: the object error is the share of wrong decisions, P(wrong)."
+        "Brackets are 95% intervals; for dashes and numbers without brackets see the [rules](#rules)."
+        + " Objects have no sizes, so the object error is the fraction of wrong decisions, P(wrong)."
         * (source["what_unit"] == "P(wrong)")
     )
     yield Picture(
         f"forest-{i}",
-        f"What every option is worth: {source['name']}",
-        f"Changes against the default (in brackets), {source['policies'][-1]} perception, choices by the object error "
-        "of their strongest option. Thick lines are 95 % intervals, thin ones hold all together; changes in the grey "
-        "bands do not matter. Axes are linear in the bands and logarithmic beyond.",
+        f"Effects of the options: {source['name']}",
+        f"Changes relative to the default (in brackets) in {source['policies'][-1]} perception; choices in the order "
+        "of the object error of their strongest option. Thick lines are individual 95% intervals, thin lines "
+        "simultaneous ones; changes in the grey bands are below the relevance limit. Axes are linear in the bands and "
+        "logarithmic beyond.",
         partial(figures.forest, source),
     )
     yield Brief(_ranking(source, what), columns=(0, 3, 4, 5))
@@ -57,17 +59,17 @@ def _source(i: int, source: SensitivitySource) -> Iterator[Block]:
         yield Picture(
             f"pairs-{i}",
             f"Pairs of the strongest options: {source['name']}",
-            "Change of the object error by both options beyond the sum of what each changes, with 95 % intervals; bold "
-            "where all intervals together exclude zero. Below zero both together change less than the sum, as where "
-            "errors cannot get much worse than chance; above zero they change more. Colours are linear up to the "
-            "change that does not matter and logarithmic beyond.",
+            "Change of the object error by both options minus the sum of their separate changes, with 95% intervals; "
+            "bold if the simultaneous interval excludes zero. Negative: both together change less than the sum, for "
+            "example because errors cannot exceed chance; positive: more. Colours are linear up to the relevance "
+            "limit and logarithmic beyond.",
             partial(figures.interactions, source),
         )
     left_out = [
         f"{row['choice']}, {row['option']}: {row['reason']}." for row in (*source["not_run"], *source["skipped"])
     ]
     if left_out:
-        yield Listing(left_out, "Not run here")
+        yield Listing(left_out, "Options not run")
 
 
 def _defaults(source: SensitivitySource, what: str, where: str) -> Table:
@@ -75,15 +77,15 @@ def _defaults(source: SensitivitySource, what: str, where: str) -> Table:
     rows = [[row["policy"], *(interval(row, name) for name in names)] for row in source["default"]]
     if source["advantage"]:
         advantages = (interval(source["advantage"][name], "value") for name in _ADVANTAGES)
-        rows.append(["passive less active", *advantages, ""])
+        rows.append(["passive − active", *advantages, ""])
     heads = ["policy", f"object error{what}", f"position error{where}", "taps", "calibration (factor)"]
     return Table(heads, rows, "Under the defaults")
 
 
 def _ranking(source: SensitivitySource, what: str) -> Table:
     last = source["policies"][-1]
-    change = f"its change of the {last} object error{what}"
-    heads = ["choice", "the paper", "default", "strongest option", change, "gravest verdict (of which options)"]
+    change = f"change of {last} object error{what}"
+    heads = ["choice", "the paper", "default", "strongest option", change, "strongest verdict (options)"]
     rows = [
         [
             *(choice[key] for key in ("name", "paper", "default")),
@@ -95,20 +97,20 @@ def _ranking(source: SensitivitySource, what: str) -> Table:
         for option in choice["options"]
         if option["name"] == choice["strongest"]
     ]
-    return Table(heads, rows, "Choices, the strongest first", words={1, 2, 3, 5}, dense=True)
+    return Table(heads, rows, "Choices by the effect of their strongest option", words={1, 2, 3, 5}, dense=True)
 
 
 def _options(source: SensitivitySource, what: str, where: str) -> Table:
     last, active = source["policies"][-1], bool(source["advantage"])
     names = [f"{last}_what_error", "equal_taps", *(f"{last}_{name}" for name in ("where_error", "taps", "factor"))]
-    heads = ["choice", "option", f"object error{what}", f"the same at equal taps{what}", f"position error{where}"]
+    heads = ["choice", "option", f"object error{what}", f"object error at equal taps{what}", f"position error{where}"]
     heads += ["taps", "calibration (factor)"]
-    caption = "All options less the default"
+    caption = "All options minus the default"
     if active:
         names += [f"advantage_{name}" for name in _ADVANTAGES]
         errors = (f"object error{what}", f"position error{where}", "taps")
-        heads += [f"passive less active: {name}" for name in errors]
-        caption += f"; {last} perception, and what is left of its advantage"
+        heads += [f"passive − active: {name}" for name in errors]
+        caption += f": {last} perception and its advantage over passive perception"
     first = {id(choice["options"][0]) for choice in source["choices"]}
     rows = [
         [
@@ -127,10 +129,10 @@ def _impossible(option: OptionRow) -> str:
         return ""
     return (
         f" ({percent(option['impossible_trials'])} of trials met an impossible tap; "
-        f"{percent(option['impossible_taps'])} of taps are so under their own class)"
+        f"{percent(option['impossible_taps'])} of taps are impossible under their own class)"
     )
 
 
 def _verdict(option: OptionRow) -> str:
     of, better = ", ".join(option["of"]), ", ".join(option["better"]["surely"])
-    return VERDICTS[option["verdict"]] + f": {of}" * bool(of) + f"; surely errs less: {better}" * bool(better)
+    return VERDICTS[option["verdict"]] + f": {of}" * bool(of) + f"; significantly lower: {better}" * bool(better)

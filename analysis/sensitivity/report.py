@@ -89,15 +89,13 @@ def sensitivity(
         InputError: The taps or a setting cannot be used.
     """
     if not data_sets and not data:
-        raise InputError("--data-sets 0 needs a file of recorded taps.")
+        raise InputError("--data-sets 0 requires a file of recorded taps.")
     for option, width in (("--where-cell", division.where_cell), ("--what-cell", division.what_cell)):
         if width is not None and not data:
-            raise InputError(
-                f"{option} {width} divides recorded taps, and no file is given; simulated ones keep theirs."
-            )
+            raise InputError(f"{option} {width} requires recorded taps; simulated taps keep their classes.")
     sources = [simulated_source(preset, data_sets, seed)] if data_sets else []
     sources += [recorded_source(taps, division) for taps in data]
     settings = SensitivitySettings(trials=trials, seed=seed, strongest=strongest, workers=workers)
     found = tuple(sensitivity_study(source, settings, progress) for source in sources)
-    described = TitleRecord(title="What the open choices of the paper are worth", command=command)
+    described = TitleRecord(title="Sensitivity to the choices that the paper leaves open", command=command)
     return SensitivityReport(found, summarise(found, settings, described))

@@ -268,7 +268,7 @@ STATISTICS: dict[str, Statistic] = {
     "gain": Statistic("variance with tap strength", "independence within a tap", _strength, (2, 1, 2, 1, 1, 1)),
     "design": Statistic("design effect of evidence", "independence within a tap", _design_effect, (1, 1, 4, 1, 1, 2)),
     "tails": Statistic("residuals beyond 3 SD", "shape of the distribution", _tails, (1, 1, 2, 1, 1, 1)),
-    "place": Statistic("variance with place in class", "one mean per class", _slope_over_place, (1, 1, 3, 2, 1, 1)),
+    "place": Statistic("variance with position in class", "one mean per class", _slope_over_place, (1, 1, 3, 2, 1, 1)),
     "sessions": Statistic("variance between sessions", "independence of taps", _between_sessions, (1, 1, 2, 1, 2, 2)),
 }
 """Checks by name."""

@@ -35,14 +35,14 @@ from .pairing import check_tables, reference_name, with_intervals
 from .ranges import SHARE, Range, ranges
 
 MEANS = {
-    "what_error": "mean error of the object",
-    "where_error": "mean error of the position at the decision",
+    "what_error": "mean object error",
+    "where_error": "mean position error at the decision",
     "taps": "mean reaction time",
     "stopped_fraction": "fraction of trials that cross the threshold before the deadline",
     "doubt": "mean of 1 - belief in the decided object",
     "what_wrong": "fraction of trials that decide for a wrong object",
     "used_up": "fraction of trials that end because the stored taps of a class are used up",
-    "no_class_left": "fraction of trials that end with a tap that is impossible under every class still believed in",
+    "no_class_left": "fraction of trials that end with a tap that is impossible under every remaining class",
 }
 MISCALIBRATION = "fraction of wrong objects over the mean of 1 - belief"
 ERRORS = ("what_error", "where_error", "what_wrong")
@@ -93,7 +93,7 @@ def play_models(
         InputError: The tables do not hold the same taps or are not of this grid, or a setting is out of range.
     """
     if check_tables(tables) != grid.shape:
-        raise InputError(f"The tables hold other classes than the grid of {grid.L} x {grid.M}.")
+        raise InputError(f"The classes of the tables do not match the grid of {grid.L} x {grid.M}.")
     if resamples < 1:
         raise InputError(f"Intervals need at least one resample, got {resamples}.")
     thresholds = np.sort(np.atleast_1d(np.asarray(thresholds, dtype=np.float64)))
@@ -266,11 +266,10 @@ def too_few_taps(curves: xr.Dataset, theta: float) -> list[str]:
 def decision_interval_sentence() -> str:
     """What the intervals of `decision_curves` and `at_equal_taps` mean, in a sentence."""
     return (
-        f"Intervals are {CONFIDENCE:.0%} jackknife intervals: the trials are played again, the same for all models, on "
-        "the test taps without a quarter of each class, or without one session in turn where several test. No trial "
-        "uses a tap twice, so errors are those on fresh taps. A trial that has had all stored taps of a class is "
-        "decided there, and intervals hold whatever it would come to on further ones. They do not hold how models "
-        "fitted to other training taps would differ."
+        f"Intervals are {CONFIDENCE:.0%} jackknife intervals: the same trials are replayed for all models, leaving "
+        "out a quarter of the test taps of each class, or one test session at a time if there are several. Taps are "
+        "fresh: no trial uses a tap twice. A trial that uses up the stored taps of a class decides there; intervals "
+        "cover any outcome of further taps. They do not cover variation between training sets."
     )
 
 

@@ -61,7 +61,7 @@ def evidence(
     """
     train_half, others = halves(train, grid), np.arange(len(train), len(taps))
     if not train_half.any():
-        raise InputError("No class has two training taps, so evidence cannot be judged by taps that it does not share.")
+        raise InputError("The evidence cannot be cross-validated: no class has two training taps.")
     half = np.concatenate([train_half, halves(taps.select(others), grid)]) if len(others) else train_half
     tables = [
         fit(

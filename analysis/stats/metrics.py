@@ -193,22 +193,22 @@ def interval_sentence(data_sets: int, kind: str, spread: Spread = NO_SPREAD) -> 
         spread: How resamples of a single one turn into intervals.
     """
     if data_sets > 1:
-        shared = "; folds share training sessions, which these intervals ignore" if kind == "folds" else ""
+        shared = "; they ignore that folds share training sessions" if kind == "folds" else ""
         return (
-            f"Intervals are {CONFIDENCE:.0%} t-intervals of the mean over {data_sets} {kind}; they hold the spread "
-            f"between data sets as well as that between trials{shared}."
+            f"Intervals are {CONFIDENCE:.0%} t-intervals of the mean over {data_sets} {kind}; they cover the "
+            f"variation between data sets and between trials{shared}."
         )
     if np.isnan(spread.factor):
         return spread.few
     if spread.sessions > 1:
         return (
             f"Intervals are {CONFIDENCE:.0%} jackknife intervals from trials on the test taps "
-            f"{resamples_in_words(spread.sessions)}; they hold how other test sessions would differ for the same model."
+            f"{resamples_in_words(spread.sessions)}; they cover other test sessions, for the same model."
         )
     return (
         f"Intervals are {CONFIDENCE:.0%} intervals from trials on test taps {resamples_in_words(1, thinned=False)}, "
-        f"or, for fresh taps and accuracies, {resamples_in_words(1)}; they hold how other test taps would differ for "
-        "the same model and session, not how another session would differ."
+        f"or, for fresh taps and accuracies, {resamples_in_words(1)}; they cover other test taps of the same session, "
+        "for the same model, but not other sessions."
     )
 
 

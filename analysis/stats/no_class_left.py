@@ -7,10 +7,7 @@ from ...models.measurement.model import TapModel
 def impossible_cause(model: TapModel) -> str:
     """Why a tap can be impossible under every class of a model, in a sentence."""
     if isinstance(model, HistogramModel) and model.pseudocount == 0:
-        return (
-            "Without a pseudocount a sample in an empty bin is impossible; a --pseudocount above 0 makes every tap "
-            "possible."
-        )
+        return "Without a pseudocount, a sample in an empty bin is impossible; use --pseudocount above 0."
     return f"The {model.name} model gives some bins probability 0."
 
 
@@ -22,6 +19,6 @@ def no_class_left_sentence(share: float, model: TapModel) -> str:
         model: The fitted model.
     """
     return (
-        f"No class left: in up to {share:.1%} of the trials a tap was impossible under every class still believed in; "
-        f"they end undecided with what was most probable before that tap. {impossible_cause(model)}"
+        f"No class left: up to {share:.1%} of the trials ended undecided, because a tap was impossible under every "
+        f"remaining class; they count with the classes most probable before that tap. {impossible_cause(model)}"
     )

@@ -29,19 +29,19 @@ def check_tables(tables: Mapping[str, TapTable]) -> tuple[int, int]:
         InputError: There is no table, or two of them cannot be compared.
     """
     if not tables:
-        raise InputError("There is no model to compare.")
+        raise InputError("No model to compare.")
     first, *_ = tables
     pool = tables[first].pool
     L, M = pool.nearest.shape
     for name, table in tables.items():
         same = all(np.array_equal(a, b) for a, b in zip(pool, table.pool, strict=True))
         if not same or len(table.log_likelihood) != len(tables[first].log_likelihood):
-            raise InputError(f"The models {first!r} and {name!r} were given different test taps.")
+            raise InputError(f"The models {first!r} and {name!r} have different test taps.")
         H = table.log_prior.shape[-1]
         if table.log_prior.shape != (L, H) or table.log_likelihood.shape[1:] != (L, H) or not H or H % M:
             raise InputError(
                 f"The table of model {name!r} has likelihoods of shape {table.log_likelihood.shape} and a prior of "
-                f"shape {table.log_prior.shape}, which do not go with {L} x {M} classes."
+                f"shape {table.log_prior.shape}, which do not match {L} x {M} classes."
             )
     return L, M
 
@@ -54,7 +54,7 @@ def reference_name(names: Sequence[str], reference: str | None) -> str:
     """
     reference = names[0] if reference is None else reference
     if reference not in names:
-        raise InputError(f"The reference model {reference!r} is none of the models {', '.join(names)}.")
+        raise InputError(f"The reference model {reference!r} is not one of the models {', '.join(names)}.")
     return reference
 
 

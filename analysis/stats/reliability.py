@@ -62,15 +62,15 @@ taps both are the same."""
 MEANS = {
     "wrong": "fraction of wrong decisions",
     "doubt": "mean of 1 - belief in what was decided",
-    "log_loss": "mean log loss of 'the decision is right'",
-    "brier": "mean Brier score of 'the decision is right'",
+    "log_loss": "mean log loss of 'the decision is correct'",
+    "brier": "mean Brier score of 'the decision is correct'",
     "taps": "mean number of taps",
 }
 RATIOS = {
     "factor": "miscalibration factor, wrong decisions over 1 - belief",
     "over_promise": "wrong decisions over 1 - threshold",
 }
-CALIBRATION = {"calibration_error": "mean distance of belief and fraction right"}
+CALIBRATION = {"calibration_error": "mean distance between belief and fraction correct"}
 _SHARES = ("wrong", "doubt", "brier")
 _SCORES = ("log_loss", "brier")
 _ENOUGH = 0.9  # of the classes must have as many taps as are looked at after
@@ -171,7 +171,9 @@ def reliability(
     if not len(thresholds) or not (thresholds < 1).all():
         raise InputError(f"Reliability at stopping needs thresholds below 1, got {thresholds.tolist()}.")
     if resamples < 1 or min(contacts, default=1) < 1:
-        raise InputError(f"There must be a resample and a tap, got {resamples} and contacts {list(contacts)}.")
+        raise InputError(
+            f"At least one resample and one tap are required, got {resamples} and contacts {list(contacts)}."
+        )
     aim = check_fixation(play.fixation, grid.L) if grid.M > 1 else 0
     plan = plan_trials(subject.table.pool, trials, seed, aim)
     options: dict[str, Any] = {"trials": trials, "fixation": aim, "seed": seed, "resamples": resamples}
@@ -232,9 +234,9 @@ def decided_about(table: TapTable, grid: ClassGrid) -> Subject:
         InputError: The table holds other classes, or there is one object at one place.
     """
     if table.pool.nearest.shape != grid.shape:
-        raise InputError(f"The table holds other classes than the grid of {grid.L} x {grid.M}.")
+        raise InputError(f"The classes of the table do not match the grid of {grid.L} x {grid.M}.")
     if grid.shape == (1, 1):
-        raise InputError("One object at one place leaves nothing to decide.")
+        raise InputError("With one object at one position there is nothing to decide.")
     if grid.M > 1:
         return Subject("object", grid.what_name, table, policies(grid))
     order, first, count, _ = table.pool
@@ -360,10 +362,10 @@ def interval_sentence(data: xr.Dataset) -> str:
     """What the intervals of `reliability` mean, in a sentence."""
     sessions = data.attrs["sessions"]
     return (
-        f"Intervals are {CONFIDENCE:.0%} jackknife intervals: the trials are played again on the test taps "
-        f"{resamples_in_words(sessions)}{'' if sessions > 1 else '; another session may differ by more'}. No "
-        "trial uses a tap twice, so errors are those on fresh taps. One that has had all stored taps of a class is "
-        "decided there, and intervals hold whatever it would come to on further ones."
+        f"Intervals are {CONFIDENCE:.0%} jackknife intervals: the trials are replayed on the test taps "
+        f"{resamples_in_words(sessions)}{'' if sessions > 1 else '; another session may differ by more'}. Taps are "
+        "fresh: no trial uses a tap twice. A trial that uses up the stored taps of a class decides there; intervals "
+        "cover any outcome of further taps."
     )
 
 

@@ -100,10 +100,10 @@ def resampled_sentence(test: TapSet, grid: ClassGrid) -> str:
     few = " " * bool(how.few) + how.few
     if how.sessions > 1:
         return (
-            f"Units are the {how.sessions} test sessions, each left out in turn, so intervals hold how other sessions "
-            f"would differ, not another recording.{few}"
+            f"Units are the {how.sessions} test sessions, left out one at a time, so intervals cover other sessions "
+            f"but not another recording.{few}"
         )
     return (
-        f"Units are {RESAMPLES} resamples of the test taps within class and session, so intervals hold how other taps "
-        f"of these sessions would differ, not another session or recording.{few}"
+        f"Units are {RESAMPLES} resamples of the test taps within class and session, so intervals cover other taps of "
+        f"these sessions but not another session or recording.{few}"
     )

@@ -64,14 +64,14 @@ class Tuned(NamedTuple):
 
     def _beside(self, name: str, one: Beside, shown: Callable[[float], str]) -> str:
         if np.isnan(one.median):
-            return f"{name} {shown(one.value)}; what a right model gives could not be simulated."
+            return f"{name} {shown(one.value)}; a correct model could not be simulated."
         found = (
-            f"the {name.lower()} is lower, by a Monte Carlo test at 5 % (p = {one.below:.2g})"
+            f"the {name.lower()} is lower, by a Monte Carlo test at 5% (p = {one.below:.2g})"
             if outside(one)
-            else "it cannot be told from a right model"
+            else "it does not differ significantly from a correct model"
         )
         return (
-            f"{name} {shown(one.value)}; a right model on {self.taps} training tap{'s' * (self.taps > 1)} per class "
+            f"{name} {shown(one.value)}; a correct model on {self.taps} training tap{'s' * (self.taps > 1)} per class "
             f"gives {shown(one.median)} ({shown(one.low)} to {shown(one.high)}): {found}."
         )
 

@@ -136,8 +136,8 @@ class TargetError(NamedTuple):
             f"{usual.theta:g} has {usual.error:.1%} ({usual.low:.1%} to {usual.high:.1%}) after {usual.taps:.1f} taps"
         )
         if self.reachable:
-            return f"An error of {self.target:g} is reachable at {told}."
-        return f"An error of {self.target:g} is not reachable; the lowest is at {told}."
+            return f"The target error of {self.target:g} is reached at {told}."
+        return f"The target error of {self.target:g} is not reached; the lowest error is at {told}."
 
     def to_dict(self) -> dict[str, Any]:
         """Plain numbers for JSON."""
@@ -181,11 +181,11 @@ def target_error(
     """
     if len(sessions) < FEWEST:
         raise InputError(
-            f"A threshold for a wanted error needs at least {FEWEST} sessions that did not train the model, got "
+            f"A threshold for a target error requires at least {FEWEST} sessions that did not train the model, got "
             f"{len(sessions)}."
         )
     if not 0 < target < 1:
-        raise InputError(f"The wanted error must lie between 0 and 1, got {target}.")
+        raise InputError(f"The target error must lie between 0 and 1, got {target}.")
     if not 0 < play.threshold < 1:
         raise InputError(f"The default threshold must lie between 0 and 1, got {play.threshold}.")
     for number, taps in enumerate(sessions):

@@ -116,14 +116,14 @@ def simulated_bench(name: str, data_sets: int, seed: int) -> StrategyData:
         InputError: There is no such preset, or there are less than two data sets.
     """
     if data_sets < 2:
-        raise InputError(f"Strategies are compared over two data sets or more, got {data_sets}.")
+        raise InputError(f"At least two data sets are required, got {data_sets}.")
     if name == RIGHT:
         load, powers, border = partial(_draw, seed), ("none",), "clamp"
-        units = f"Units are {data_sets} right models, each with taps drawn from it; samples of a tap: {SAMPLES}."
+        units = f"Units are {data_sets} correct models, each with taps drawn from it; samples per tap: {SAMPLES}."
     else:
         preset(name, (RIGHT,))
         load, powers, border = partial(_simulate, name, seed), ("J", "learned", "none"), "uniform"
-        units = f"Units are {data_sets} simulated data sets, each with a sensor and sessions of its own."
+        units = f"Units are {data_sets} simulated data sets, each with its own sensor and sessions."
     grid = right_model(seed).grid if name == RIGHT else simulate_grid(name)
     return StrategyData(f"preset {name}", True, data_sets, load, grid, units, powers, border)
 
@@ -140,7 +140,7 @@ def recorded_bench(data: TapSource, division: Division | None = None) -> Strateg
     """
     (name,), source = names_of([data]), recorded_source(data, division)
     if not can_act(source.grid):
-        raise InputError(f"{name} has a single place or a single object, so there is no move to choose.")
+        raise InputError(f"{name} has a single position or a single object, so there are no moves to compare.")
     sessions = []
     for number in range(source.folds):
         fold = source.load(number, 0.0)
@@ -149,8 +149,8 @@ def recorded_bench(data: TapSource, division: Division | None = None) -> Strateg
             missing = _empty_cells(taps, source.grid)
             if missing:
                 raise InputError(
-                    f"{name} has no {words} tap in {missing} of {source.grid.L * source.grid.M} cells of a fold; "
-                    "strategies are compared where a move can lead to any of them."
+                    f"{name} has no {words} tap in {missing} of {source.grid.L * source.grid.M} classes of a fold; "
+                    "the comparison requires taps of every class, because moves can lead to any of them."
                 )
     powers = ("J", *("learned",) * (min(sessions) > 1), *("none",) * (source.samples > 1))
 

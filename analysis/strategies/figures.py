@@ -45,9 +45,9 @@ _LOOKS: dict[str, dict[str, Any]] = {
 }
 """Strategies: each mark is used once, each colour and line once in a group."""
 _GROUPS = {
-    "without looking ahead": ("passive", "random", "step", "fixation:0.8"),
+    "no look-ahead": ("passive", "random", "step", "fixation:0.8"),
     "one tap ahead": ("info-what", "info-where", "info-joint"),
-    "way counts, table": ("info-what-per-mm", "info-what-per-s", "table"),
+    "travel-aware, table": ("info-what-per-mm", "info-what-per-s", "table"),
 }
 _PANELS = (("what_error", "taps"), ("where_error", "taps"), ("what_error", "way"), ("where_error", "way"))
 """Rows of `curves`: what is shown and what it is shown against."""
@@ -82,7 +82,7 @@ def curves(source: StrategyNumbers) -> Figure:
     for panel, (title, names) in zip(axes[0], groups.items(), strict=True):
         _group_key(panel, title, (BASE, *names), 1 + most)
         _name_strip(panel)
-    for row, label in ((1, "mean number of taps"), (3, axis_label("mean way of the sensor", source["where_unit"]))):
+    for row, label in ((1, "mean number of taps"), (3, axis_label("mean travel of the sensor", source["where_unit"]))):
         axes[row, (len(groups) - 1) // 2].set_xlabel(label)
         for above in axes[row - 1]:
             above.tick_params(labelbottom=False)
@@ -180,7 +180,7 @@ def equal_taps(source: StrategyNumbers) -> Figure:
             found = {row["strategy"]: row for row in first["equal"][family] if row["taps"] == taps}
             _differences(panel, [found[name] for name in names])
             label_panel(panel, letter, f"mean {taps} taps" if family == PAPER else f"{taps} taps each")
-    figure.supxlabel(axis_label("object error less that of the fixation point", source["what_unit"]), fontsize=8)
+    figure.supxlabel(axis_label("object error − that of the fixation point", source["what_unit"]), fontsize=8)
     _interval_key(figure, [row for row in rows if row[_DIFFERENCE] is not None])
     return figure
 
@@ -240,11 +240,11 @@ def _interval_key(figure: Figure, rows: Sequence[Row]) -> None:
     from matplotlib.lines import Line2D  # noqa: PLC0415
 
     black: dict[str, Any] = {"color": ACTIVE, "markersize": 3.8}
-    shown = [Line2D([], [], marker="o", linewidth=1.8, label="95 % interval", **black)]
+    shown = [Line2D([], [], marker="o", linewidth=1.8, label="95% interval", **black)]
     if any(row[f"{_DIFFERENCE}_least"] is not None for row in rows):
-        shown.append(Line2D([], [], linewidth=0.5, label="95 % for all together", **black))
+        shown.append(Line2D([], [], linewidth=0.5, label="95% simultaneous interval", **black))
     if any(row[f"{_DIFFERENCE}_low"] is None for row in rows):
-        words = "no interval: units too few or all alike"
+        words = "no interval: too few or identical units"
         shown.append(Line2D([], [], marker="o", linestyle="none", markerfacecolor="white", label=words, **black))
     figure.legend(handles=shown, loc="outside upper center", ncols=len(shown), columnspacing=2)
 
@@ -297,17 +297,17 @@ def _null_decisions(axes: Axes, drawn: Mapping[str, Points], looks: Mapping[str,
     for place, (rule, points) in enumerate(giving.items()):
         plot_curve(axes, points, "taps", "given_up", looks[rule])
         plot_end(axes, points, "given_up", place, looks[rule])
-    axes.set_ylabel("share of trials")
+    axes.set_ylabel("fraction of trials")
     if not giving:
-        axes.text(0.5, 0.5, "no rule gives up", transform=axes.transAxes, ha="center", **_NOTE)
+        axes.text(0.5, 0.5, "no rule with null decisions", transform=axes.transAxes, ha="center", **_NOTE)
 
 
 def _paper_key(figure: Figure) -> None:
     from matplotlib.lines import Line2D  # noqa: PLC0415
 
     handles = [
-        Line2D([], [], label="what: the paper's rule", **_PAPER_LOOK),
-        Line2D([], [], color=ACTIVE, label="the rule of the panel, in colour"),
+        Line2D([], [], label="what (the paper's rule)", **_PAPER_LOOK),
+        Line2D([], [], color=ACTIVE, label="rule of the panel"),
     ]
     figure.legend(handles=handles, loc="outside upper center", ncols=2, handlelength=2.6)
 
@@ -335,7 +335,7 @@ def trajectories(source: StrategyNumbers) -> Figure:
     reach = high - low or 1.0
     axes[0, 0].set_ylim(low - 0.08 * reach, high + 0.25 * reach)
     figure.supxlabel(
-        "tap (grey: share of trials that make it; strokes at the left: decided with the first)", fontsize=8
+        "tap (grey: fraction of trials that make it; strokes at the left: trials decided at tap 1)", fontsize=8
     )
     figure.supylabel(axis_label("position", source["where_unit"]), fontsize=8)
     return figure
@@ -357,7 +357,7 @@ def plot_paths(axes: Axes, paths: NDArray[np.integer], grid: ClassGrid) -> Axes:
     edges = np.arange(paths.shape[1] + 1) + 0.5
     share = (paths >= 0).mean(axis=0)
     axes.stairs(share, edges, fill=True, color="#e4e4e4", transform=axes.get_xaxis_transform(), zorder=-1)
-    told = f"decided: {(made == 1).sum()} at tap 1, {(made <= LOOK).sum()} by {LOOK}"
+    told = f"decided: {(made == 1).sum()} at tap 1, {(made <= LOOK).sum()} by tap {LOOK}"
     axes.text(0.98, 0.97, told, transform=axes.transAxes, ha="right", va="top", **_NOTE)
     return axes
 

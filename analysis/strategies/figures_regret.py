@@ -24,7 +24,7 @@ _LOOKS: dict[str, dict[str, Any]] = {
     TEST: {"color": "#009e73", "marker": "D"},
 }
 """Kinds of rules, told apart by colour, mark and height in their row."""
-_BEST, _WORST = f"{BASE}, best place", f"{BASE}, worst place"
+_BEST, _WORST = f"{BASE}, best position", f"{BASE}, worst position"
 _ROW = 0.2  # inches
 _APART = 0.2  # kinds in a row
 _LEAST, _MOST = 4e-4, 3.0  # mm, the ends of the axis
@@ -48,9 +48,9 @@ def regret(summary: RegretSummary) -> Figure:
             for y, prices in enumerate(shown(case).values()):
                 plot_prices(panel, prices, y)
             _rows(panel, len(names))
-            label_panel(panel, next(letters), f"{case['name']},\n{case['tap_cost']:g} mm a tap")
+            label_panel(panel, next(letters), f"{case['name']},\n{case['tap_cost']:g} mm per tap")
     _axes(axes[0, 0], names)
-    figure.supxlabel("cost above the exact rule, in the last column above a bound (mm)", fontsize=8)
+    figure.supxlabel("cost above the exact rule; last column: above a bound (mm)", fontsize=8)
     _key(figure)
     return figure
 

@@ -53,9 +53,12 @@ def trust(sources: Sequence[StrategyNumbers]) -> Figure:
             _missing(panel, len(rows) - len(shown))
         label_panel(panel, letter)
     gain, factor, excess = axes[0]
-    gain.set(xlabel="miscalibration,\nfixation", ylabel="P(wrong): fixation less info-what")
+    gain.set(xlabel="miscalibration,\nfixation", ylabel="P(wrong): fixation − info-what")
     factor.set(xlabel="miscalibration,\nfixation", ylabel="miscalibration, info-what")
-    excess.set(xlabel="promised less told,\nfixation (nats)", ylabel="promised less told, info-what (nats)")
+    excess.set(
+        xlabel="expected − gained,\nfixation (nats)",
+        ylabel="expected − gained, info-what (nats)",
+    )
     _trust_key(figure, sources)
     return figure
 
@@ -150,7 +153,7 @@ def _missing(axes: Axes, count: int) -> None:
     axes.text(
         0.98,
         0.02,
-        f"not known: {count}",
+        f"undefined: {count}",
         transform=axes.transAxes,
         ha="right",
         va="bottom",

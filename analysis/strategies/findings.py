@@ -7,7 +7,7 @@ import math
 from collections.abc import Iterable, Mapping, Sequence
 
 from ..experiment.settings import SHOWN_THETA
-from ..page.numbers import number
+from ..page.numbers import bounded, number
 from ..page.page import Row
 from ..page.words import listed
 from .record import CurvePoint, EqualRow, PowerRecord, StrategyNumbers, TrustRow
@@ -19,7 +19,7 @@ LOOK = 5
 PAPER, FIXED = "what", "number of taps"
 """The paper's stopping rule, and the one under which all make the same number of taps."""
 INFORMED = ("info-what", "info-joint")
-RULES = {PAPER: "At equal mean taps by threshold", FIXED: "After equal numbers of taps"}
+RULES = {PAPER: "At equal mean taps (by threshold)", FIXED: "After equal numbers of taps"}
 
 
 def source_findings(source: StrategyNumbers) -> list[str]:
@@ -29,10 +29,10 @@ def source_findings(source: StrategyNumbers) -> list[str]:
     for family, words in RULES.items():
         for quantity, word in (("what_error", "object"), ("where_error", "position")):
             found = (_sure(first["equal"][family], f"{quantity}_difference", sign) for sign in (-1, 1))
-            said.append(f"{words} {_told(f'the {word} error', *map(_named, found))}.")
+            said.append(f"{words}, {_told(f'the {word} error', *map(_named, found))}.")
     ways = {name: _at_theta(first, name)["way"] for name in first["strategies"]}
     far = listed([f"{name} {number(way)}" for name, way in ways.items() if way])
-    return [*said, f"Way of a decision at threshold {SHOWN_THETA:g} in {source['where_unit']}: {far}."]
+    return [*said, f"Mean travel per decision at threshold {SHOWN_THETA:g}, in {source['where_unit']}: {far}."]
 
 
 def findings(sources: Sequence[StrategyNumbers]) -> list[str]:
@@ -48,7 +48,10 @@ def findings(sources: Sequence[StrategyNumbers]) -> list[str]:
             for row in power["trust"]
             if row["strategy"] == name
         ]
-        said.append(f"P(wrong object) of the fixation point less that of {name} after {LOOK} taps: {'; '.join(gains)}.")
+        said.append(
+            f"Difference of P(wrong object) between the fixation point and {name} after {LOOK} taps: "
+            f"{'; '.join(gains)}."
+        )
     return said
 
 
@@ -63,8 +66,9 @@ def better_finding(sources: Sequence[StrategyNumbers]) -> str:
             for name in _sure(source["powers"][0]["equal"][family], "what_error_difference", -1)
         )
     ]
-    what = "surely errs less in the object than the paper's fixation point at equal taps"
-    return f"{listed(found)}: this {what}." if found else f"No strategy {what}, on any of these data."
+    subject = f"{listed(found)}:" if found else "No strategy has"
+    on = "" if found else " on any of these data"
+    return f"{subject} significantly lower object error than the paper's fixation point at equal taps{on}."
 
 
 def random_findings(sources: Sequence[StrategyNumbers]) -> list[str]:
@@ -82,17 +86,15 @@ def _random(name: str, family: str, rows: Sequence[Row]) -> str:
     better = _taps(row for row in known if (row[f"{key}_most"] or 0.0) < 0)
     hoped = _taps(row for row in known if row[f"{key}_high"] < 0 <= (row[f"{key}_most"] or 0.0))
     told = (
-        (worse, "surely more"),
-        (perhaps, "more by their own interval"),
-        (better, "surely less"),
-        (hoped, "less by their own interval"),
+        (worse, "significantly higher object error at {} taps"),
+        (perhaps, "higher object error at {} taps (by individual intervals only)"),
+        (better, "significantly lower object error at {} taps"),
+        (hoped, "lower object error at {} taps (by individual intervals only)"),
     )
-    parts = [f"{words} at {listed(taps)} taps" for taps, words in told if taps]
+    parts = [words.format(listed(taps)) for taps, words in told if taps]
     where = RULES[family][0].lower() + RULES[family][1:]
-    return (
-        f"{name}, {where}: random moves err {', '.join(parts) or 'neither surely more nor less'} than the "
-        "fixation point."
-    )
+    found = ", ".join(parts) or "no significantly different object error"
+    return f"{name}, {where}: random moves have {found} than the fixation point."
 
 
 def _taps(rows: Iterable[Row]) -> list[str]:
@@ -114,12 +116,11 @@ def _named(found: Mapping[str, Sequence[int]]) -> str:
 
 
 def _told(error: str, better: str, worse: str) -> str:
-    """How an error compares with that of the fixation point under strategies that surely differ."""
+    """Strategies whose error differs significantly from that of the fixation point."""
     if not better and not worse:
-        return f"{error} surely differs from that with the fixation point under no strategy"
-    first, second = ("smaller", "larger") if better else ("larger", "smaller")
-    these, others = (better, worse or "no other") if better else (worse, "no other")
-    return f"{error} is surely {first} than with the fixation point under {these}, surely {second} under {others}"
+        return f"no strategy differs significantly from the fixation point in {error}"
+    found = [f"{word} for {names}" for word, names in (("lower", better), ("higher", worse)) if names]
+    return f"{error} is significantly {' and '.join(found)} than with the fixation point"
 
 
 def _at_theta(power: PowerRecord, strategy: str) -> CurvePoint:
@@ -128,5 +129,4 @@ def _at_theta(power: PowerRecord, strategy: str) -> CurvePoint:
 
 
 def _words(row: TrustRow, name: str) -> str:
-    low, high = row[f"{name}_low"], row[f"{name}_high"]
-    return f"{row[name]:.2f}" + (f" [{low:.2f}, {high:.2f}]" if low is not None and high is not None else "")
+    return bounded(row[name], row[f"{name}_low"], row[f"{name}_high"])

@@ -12,7 +12,7 @@ from .findings import FIXED, PAPER
 from .record import RegretSummary, StrategiesSummary, StrategySource
 
 _EQUAL = {
-    PAPER: "At equal mean numbers of taps, by the threshold on the belief in an object",
+    PAPER: "At equal mean numbers of taps, with a threshold on the belief in an object",
     FIXED: "After the same number of taps in every trial",
 }
 _COMPARED = ("what_error", "where_error", "way")
@@ -21,11 +21,11 @@ _COMPARED = ("what_error", "where_error", "way")
 def strategies_page(summary: StrategiesSummary) -> Page:
     """Findings, a section for each kind of data, trust and regret across them, and how it is compared."""
     intro: list[Block] = [
-        "The paper moves to one place and stops at one belief. Here other strategies of moving and rules of stopping "
-        "are played on the same trials and taps. A negative difference is less error than with the paper's fixation "
-        "point.",
+        "The paper moves to a fixation point and stops at a belief threshold. This study compares it with other "
+        "movement strategies and stopping rules on the same trials and taps. A negative difference is a lower error "
+        "than with the paper's fixation point.",
         Verbatim(summary["command"]),
-        Folded("What the strategies and the rules of stopping are", [summary["strategy_words"], summary["rule_words"]]),
+        Folded("Strategies and stopping rules", [summary["strategy_words"], summary["rule_words"]]),
         Brief(Note(summary["findings"])),
     ]
     sections = [
@@ -33,10 +33,10 @@ def strategies_page(summary: StrategiesSummary) -> Page:
         for i, source in enumerate(summary["sources"], 1)
     ]
     if summary["sources"]:
-        sections.append(Section("Where the model is too sure", [*_trust(summary)], "trust-section"))
+        sections.append(Section("Overconfident models", [*_trust(summary)], "trust-section"))
     if summary["regret"]:
         sections.append(Section("Regret", [*_regret(summary["regret"])], "regret-section"))
-    sections.append(Section("How it is compared", [*_rules(summary)], "rules"))
+    sections.append(Section("Method", [*_rules(summary)], "rules"))
     return Page(summary["title"], intro, sections)
 
 
@@ -52,10 +52,10 @@ def _source(i: int, source: StrategySource, theta: float) -> Iterator[Block]:
     )
     yield Picture(
         f"curves-{i}",
-        f"Error against taps and way: {name}",
-        "Object and position errors along the belief thresholds of the paper, against the mean number of taps and "
-        "the mean way of the sensor (linear up to its first number), each group of strategies beside the fixation "
-        "point. Right of each panel stand the last points with their 95 % intervals, in the order of the key; an "
+        f"Error against taps and travel: {name}",
+        "Object and position errors along the belief thresholds of the paper, against the mean number of taps and the "
+        "mean travel of the sensor (linear up to its first number), each group of strategies beside the fixation "
+        "point. Right of each panel stand the last points with their 95% intervals, in the order of the key; an "
         "arrowhead is where one is cut.",
         partial(figures.curves, source),
     )
@@ -63,13 +63,13 @@ def _source(i: int, source: StrategySource, theta: float) -> Iterator[Block]:
     yield Picture(
         f"equal-taps-{i}",
         f"Strategies at equal taps: {name}",
-        "Object error less that of the fixation point, paired, at equal mean numbers of taps. Thick lines are "
-        "95 % intervals, thin ones, where there are any, hold all together; hollow points have none. An arrowhead "
-        "is where a thin line is cut.",
+        "Paired difference of the object error from that of the fixation point, at equal mean numbers of taps. Thick "
+        "lines are individual 95% intervals, thin lines simultaneous ones; hollow points have no interval. Arrowheads "
+        "mark clipped intervals.",
         partial(figures.equal_taps, source),
     )
-    less = "less fixation"
-    heads = ["strategy", "taps", error, less, f"position error{unit}", less, f"way{unit}", less, "null decisions"]
+    less = "− fixation"
+    heads = ["strategy", "taps", error, less, f"position error{unit}", less, f"travel{unit}", less, "null decisions"]
     for family, caption in _EQUAL.items():
         rows = [
             [
@@ -88,18 +88,18 @@ def _source(i: int, source: StrategySource, theta: float) -> Iterator[Block]:
         yield Brief(table, columns=(0, 1, 2, 3)) if family == FIXED else table
     yield Picture(
         f"stopping-{i}",
-        f"Rules of stopping: {name}",
-        "Object error of the trials that answer along the levels of each rule, in colour, and of the paper's, in "
-        "grey, with the fixation point; in the last panel the share of null decisions of the rules that give up. "
-        "Right of each panel stand the last points with their 95 % intervals; an arrowhead is where one is cut.",
+        f"Stopping rules: {name}",
+        "Object error of trials with a decision along the levels of each rule (colour) and of the paper's rule "
+        "(grey), with the fixation point; last panel: fraction of null decisions. The last points are repeated on the "
+        "right with their 95% intervals; arrowheads mark clipped intervals.",
         partial(figures.stopping, source),
     )
     yield Table(
         [
             "rule",
             "taps",
-            f"object error of the answers ({source['what_unit']})",
-            "less the paper's rule",
+            f"object error of decisions ({source['what_unit']})",
+            "− paper's rule",
             "null decisions",
         ],
         [
@@ -112,16 +112,16 @@ def _source(i: int, source: StrategySource, theta: float) -> Iterator[Block]:
             ]
             for row in first["rules"]
         ],
-        "Rules of stopping with the fixation point, at equal mean numbers of taps",
+        "Stopping rules with the fixation point, at equal mean numbers of taps",
         dense=True,
     )
     yield Picture(
         f"trajectories-{i}",
         f"Trajectories: {name}",
         f"Position against taps in {len(next(iter(source['paths'].values())))} trials of one data set up to their "
-        f"decision at threshold {theta:g}, from the same starts. Lines on one position are spread by up "
-        "to a quarter of a class and a dot ends each; strokes at the left are trials that decide with their first "
-        "tap, grey is the share of trials that make a tap, dashed the fixation point.",
+        f"decision at threshold {theta:g}, from the same starts. Lines at the same position are offset by up to a "
+        "quarter of a class, and dots mark decisions; strokes at the left are trials decided at tap 1; grey: fraction "
+        "of trials that make a tap; dashed: the fixation point.",
         partial(figures.trajectories, source),
     )
 
@@ -129,7 +129,7 @@ def _source(i: int, source: StrategySource, theta: float) -> Iterator[Block]:
 def _at_threshold(source: StrategySource, theta: float, error: str, unit: str) -> Table:
     first = source["powers"][0]
     paired = {row["strategy"]: row for row in first["shown"]}
-    heads = ["strategy", error, f"position error{unit}", "taps", "less fixation", f"way{unit}", "less fixation"]
+    heads = ["strategy", error, f"position error{unit}", "taps", "− fixation", f"travel{unit}", "− fixation"]
     rows = [
         [
             name,
@@ -156,15 +156,15 @@ def _at_threshold(source: StrategySource, theta: float, error: str, unit: str) -
 def _trust(summary: StrategiesSummary) -> Iterator[Block]:
     yield Picture(
         "trust",
-        "What is left where the model is too sure",
-        f"After {summary['look']} taps. A: P(wrong object) of the fixation point less that of info-what, against the "
-        "miscalibration of the fixation point. B: miscalibration of both. C: information about the object that the "
-        "model promised beyond what the taps told, of both. On the dashed lines both are alike. With 95 % "
-        "intervals, cut ones with an arrowhead; hollow points lie beyond the axis, and what is not known is counted.",
+        "Effect of overconfidence",
+        f"After {summary['look']} taps. A: difference of P(wrong object) between the fixation point and info-what, "
+        "against the miscalibration of the fixation point. B: miscalibration of both. C: expected minus gained "
+        "information about the object, for both. Dashed: equality. Lines are 95% intervals, clipped at arrowheads; "
+        "hollow points lie beyond the axis; undefined values are counted.",
         partial(trust, summary["sources"]),
     )
-    heads = ["data", "power", "exponent", "strategy", "miscalibration", "over that of fixation"]
-    heads += ["P(wrong): fixation less strategy", "promised (nats)", "told (nats)", "promised less told"]
+    heads = ["data", "power", "exponent", "strategy", "miscalibration", "ratio to fixation"]
+    heads += ["P(wrong): fixation − strategy", "expected (nats)", "gained (nats)", "expected − gained"]
     rows = [
         [
             source["name"],
@@ -180,9 +180,9 @@ def _trust(summary: StrategiesSummary) -> Iterator[Block]:
         for row in power["trust"]
     ]
     yield Table(
-        [*heads, "the same less fixation's", "null decisions"],
+        [*heads, "difference from fixation", "null decisions"],
         rows,
-        f"After {summary['look']} taps, under every root of the likelihood",
+        f"After {summary['look']} taps, for each exponent of the likelihood",
         words={1, 3},
         dense=True,
     )
@@ -190,16 +190,16 @@ def _trust(summary: StrategiesSummary) -> Iterator[Block]:
 
 def _regret(found: RegretSummary) -> Iterator[Block]:
     yield (
-        "How much more strategies cost than they must, where that can be known: in small cases, where the exact rule "
-        "can be computed, and in a larger one, where a cost is known that no strategy stays below."
+        "Cost of the strategies above the minimum, in small cases for which the exact rule can be computed and in a "
+        "larger case for which a lower bound is known."
     )
     yield from found["rules"]
     yield Picture(
         "regret",
-        "Cost above the least possible",
-        "Cost of each strategy under four kinds of stopping rules above that of the exact rule, in the last column "
-        "above a bound that no strategy stays below, with 95 % intervals. Of the fixation points the best and the "
-        "worst with the best threshold. Logarithmic; what is less than the left end is drawn there.",
+        "Cost above the minimum",
+        "Cost of each strategy above that of the exact rule (last column: above a lower bound), for four kinds of "
+        "stopping rules, with 95% intervals. Of the fixation points, the best and the worst with the best threshold "
+        "are shown. Logarithmic axis; values below its left end are drawn there.",
         partial(regret, found),
     )
     for case in found["cases"]:
@@ -217,13 +217,13 @@ def _regret(found: RegretSummary) -> Iterator[Block]:
             case["caption"],
             dense=True,
         )
-        title = f"{case['name']}, {number(case['tap_cost'])} mm a tap"
+        title = f"{case['name']}, {number(case['tap_cost'])} mm per tap"
         yield Section(title, [f"{case['described']}. {case['said']}", table])
 
 
 def _rules(summary: StrategiesSummary) -> Iterator[Block]:
     if summary["sources"]:
         yield from summary["rules"]
-        yield f"{summary['trials']} trials of each data set, strategy and root."
+        yield f"{summary['trials']} trials of each data set, strategy and exponent."
     versions = ", ".join(f"{name} {version}" for name, version in summary["versions"].items())
     yield f"Seed {summary['seed']}. {versions}."

@@ -224,6 +224,6 @@ def drawn_prices(world: PreparedProblem, problem: RiskProblem, name: str, costs:
 
 def lower_bounds(problem: RiskProblem) -> dict[str, float]:
     """Costs that no strategy stays below, by what becomes known to it."""
-    depths = {"the place known after two taps": 2, "the place known after one": 1}
+    depths = {"the position known after two taps": 2, "the position known after one tap": 1}
     bounds = {name: known_place_bound(problem, depth, _GRID_STEPS) for name, depth in depths.items()}
     return bounds | {"QMDP or the fast informed bound after two": alpha_cost_bound(problem, qmdp(problem), 2)}

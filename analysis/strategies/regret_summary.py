@@ -18,15 +18,15 @@ from .regret_cases import KINDS, THRESHOLD, WAY_COST
 NEAR = 0.05
 """Of the least cost, within which a strategy is named as near it."""
 RULES = (
-    f"A millimetre of error costs 1, one of way {WAY_COST:g}, taps as said; the first tap is always made, and who "
-    "stops decides for the rod of least expected error; nobody gives up. Taps are symbols of a right model; the border "
-    "is clamp.",
-    '"Best theta" and "best number" are the threshold and the number of taps, in brackets, that are cheapest for that '
-    "strategy; lookahead and MSPRT are as they come. Where costs are drawn, half of the trials choose thresholds, "
-    "numbers and the strategy in bold, and the other half price them, the same trials for all; errors are those "
-    "expected under the beliefs, which are right here. Intervals are 95 %, normal, over trials.",
-    '"Risk" moves to where the expected error of a decision after one more tap and the cost of the way are least '
-    "together; fixation:0.8 aims for the middle, the lower one of two places.",
+    f"Costs: 1 per millimetre of error, {WAY_COST:g} per millimetre of travel, and the stated cost per tap. The first "
+    "tap is always made, a stopped trial decides for the rod with the smallest expected error, and there are no null "
+    "decisions. Taps are symbols drawn from a correct model; the border is clamp.",
+    '"Best theta" and "best number" are the threshold and the number of taps (in brackets) with the lowest cost for '
+    "that strategy; lookahead and MSPRT are not tuned. Where costs are sampled, half of the trials select thresholds, "
+    "numbers and the strategy in bold, and the other half estimate their costs, with the same trials for all; errors "
+    "are those expected under the beliefs, which are correct here. Intervals are 95% normal intervals over trials.",
+    '"Risk" minimises the expected error of a decision after one more tap plus the cost of travel; fixation:0.8 moves '
+    "to the middle, or the lower of two middle positions.",
 )
 
 
@@ -54,7 +54,7 @@ def _case(found: Regrets) -> RegretCase:
     rows = [_row(price, found) for price in found.prices]
     sizes = np.asarray(grid.what_value).tolist()
     return {
-        "name": f"{grid.L} places, rods {', '.join(f'{size:g}' for size in sizes)} mm",
+        "name": f"{grid.L} positions, rods {', '.join(f'{size:g}' for size in sizes)} mm",
         "exact": case.exact,
         "places": grid.where_value.tolist(),
         "rods": sizes,
@@ -105,9 +105,9 @@ def described(found: Regrets) -> str:
     case, grid = found.world.case, found.world.model.grid
     rods = ", ".join(f"{size:g}" for size in np.asarray(grid.what_value))
     return (
-        f"{grid.L} places {np.diff(grid.where_value).mean():g} mm apart, rods of {rods} mm, {case.samples} "
+        f"{grid.L} positions {np.diff(grid.where_value).mean():g} mm apart, rods of {rods} mm, {case.samples} "
         f"sample{'s' if case.samples > 1 else ''} per tap, {found.world.symbols.channel.shape[2]} symbols that keep "
-        f"{percent(found.world.symbols.kept)} of what a tap tells, {case.taps} taps at most; a tap costs "
+        f"{percent(found.world.symbols.kept)} of the information of a tap, at most {case.taps} taps; a tap costs "
         f"{found.problem.tap_cost:g} mm"
     )
 
@@ -119,7 +119,7 @@ def _exactly(found: Regrets, best: Cost, rows: Sequence[RegretPrice]) -> str:
     way = best.steps * found.problem.class_cost / WAY_COST
     return (
         f"The exact rule costs {found.least:.4f} mm: errors of {best.loss:.3f} mm, {best.taps:.2f} taps, {way:.2f} mm "
-        f"of way. The cheapest, {names} with {alike[0]['kind']}, cost{'' if len(alike) > 1 else 's'} "
+        f"of travel. The cheapest, {names} with {alike[0]['kind']}, cost{'' if len(alike) > 1 else 's'} "
         f"{alike[0]['regret']:.4f} mm or {percent(alike[0]['regret'] / found.least)} more."
     )
 
@@ -132,10 +132,10 @@ def _bounded(found: Regrets, rows: Sequence[RegretPrice]) -> str:
     rivals = [row for row in rows if row["kind"] == best["kind"] and not row["best"]]
     alike = [row["strategy"] for row in rivals if (row["more_low"] or 0.0) <= 0]
     return (
-        f"No strategy costs less than {least:.4f} mm, the bound with {name} ({also}). "
-        f"The cheapest, {_named(best)}, costs {interval(best, 'regret')} mm or {percent(best['regret'] / least)} more, "
-        f"which is the most that any strategy could save. With {best['kind']} all others cost still more"
-        f"{' but ' + listed(alike) if alike else ''}, by paired 95 % intervals of their own."
+        f"No strategy costs less than {least:.4f} mm, the bound with {name} ({also}). The cheapest, {_named(best)}, "
+        f"costs {interval(best, 'regret')} mm or {percent(best['regret'] / least)} more, so no strategy can save more "
+        f"than that. With {best['kind']}, the paired 95% intervals of all "
+        f"others{' except ' + listed(alike) if alike else ''} show a higher cost."
     )
 
 
@@ -146,12 +146,12 @@ def findings(cases: Sequence[RegretCase]) -> list[str]:
     if small:
         near = [name for name in small[0]["strategies"] if all(_near(case, name) for case in small)]
         said.append(
-            f"Regret where the exact rule is known: with the best threshold {listed(near) or 'no strategy'} cost at "
-            f"most {percent(NEAR)} more than it in every case."
+            f"Regret relative to the exact rule: with the best threshold, {listed(near) or 'no strategy'} cost at "
+            f"most {percent(NEAR)} more in every case."
         )
     gaps = [_gap(case) for case in cases if not case["exact"]]
     if gaps:
-        said.append(f"Regret where only a bound is known: {'; '.join(gaps)}. No strategy could save more than that.")
+        said.append(f"Regret relative to a bound: {'; '.join(gaps)}. No strategy can save more than that.")
     return said
 
 
@@ -164,8 +164,8 @@ def _near(case: RegretCase, strategy: str) -> bool:
 def _gap(case: RegretCase) -> str:
     best = next(row for row in case["prices"] if row["best"])
     return (
-        f"at {case['tap_cost']:g} mm a tap {_named(best)} costs {interval(best, 'regret')} mm above it, "
-        f"{percent(best['regret'] / _least(case))}"
+        f"at {case['tap_cost']:g} mm per tap {_named(best)} costs {interval(best, 'regret')} mm "
+        f"({percent(best['regret'] / _least(case))}) more"
     )
 
 

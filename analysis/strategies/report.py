@@ -119,7 +119,7 @@ def strategies(
     """
     regret = TRIALS * bool(presets) if regret is None else regret
     if not presets and not data and not regret:
-        raise InputError("--presets none needs a file of recorded taps, or --regret.")
+        raise InputError("--presets none requires a file of recorded taps, or --regret.")
     if len(set(presets)) < len(presets):
         raise InputError(f"--presets names one twice: {','.join(presets)}.")
     benches = [simulated_bench(name, data_sets, seed) for name in presets]
@@ -128,5 +128,5 @@ def strategies(
     found = tuple(strategy_study(bench, settings, progress) for bench in benches)
     regrets = RegretSettings(regret, seed, workers)
     lost = summarise_regret(regret_study(regrets, progress), regrets) if regret else None
-    described = TitleRecord(title="How to move and when to stop", command=command)
+    described = TitleRecord(title="Movement strategies and stopping rules", command=command)
     return StrategiesReport(found, summarise(found, settings, described, lost))

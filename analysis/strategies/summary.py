@@ -74,24 +74,23 @@ def summarise(
 def rules(settings: StrategySettings) -> list[str]:
     """How it is compared, in sentences."""
     return [
-        f"All strategies start from the same places and objects with the same random numbers. Trials have "
-        f"{settings.deadline} taps; what has not stopped by then takes the most probable classes. Errors are of the "
-        "trials that answer, taps and way of all; those that gave up have a column of their own.",
+        "All strategies start from the same positions and objects with the same random numbers. Trials end after "
+        f"{settings.deadline} taps at the latest, with the most probable classes. Errors are those of trials with a "
+        "decision, taps and travel those of all trials; null decisions are listed separately.",
         STORED_ONLY,
-        "Strategies that look ahead enumerate training taps, evenly chosen of all classes, "
-        f"about {settings.pool} of them; they never see a test tap.",
-        f"Equal taps are mean numbers of taps along the curve of a stopping rule, between its levels by interpolation. "
-        f'Differences are those to the strategy "{BASE}" on the same trials, below zero where it is beaten.',
-        "Intervals in brackets are 95 % each, t-intervals over units, cut where errors, ways and shares end; a number "
-        "without brackets has none, as its units are too few or all alike. A dash says that the curve does not come to "
-        "so many taps. Sure is what holds for all strategies and numbers of taps of a table together with 95 % "
-        "(Bonferroni); of many tables one may still be wrong.",
-        f"Miscalibration is P(wrong object) over the mean of 1 - belief after {LOOK} taps, 1 where beliefs are right. "
-        "Promised is the information about the object that strategies expect of the taps behind the first, as they "
-        "compute it; told is by how much the log belief in the true object really grew, in nats. Taps that are typical "
-        "of their class are frequent among training taps and count twice, so less is promised than told even where the "
-        "model is right, and least where objects differ most: what counts is the difference to the fixation point, and "
-        "how much larger it is than for a right model.",
+        f"Look-ahead strategies enumerate about {settings.pool} training taps, evenly chosen from all classes; they "
+        "never see test taps.",
+        "Equal taps are mean numbers of taps along the curve of a stopping rule, interpolated between its levels. "
+        f'Differences are relative to the strategy "{BASE}" on the same trials; negative means a lower error.',
+        "Brackets are 95% t-intervals over units, clipped to the possible range of errors, travel and fractions; a "
+        "number without brackets has no interval, because its units are too few or identical. A dash means that the "
+        "curve does not reach that number of taps. Significant means at the 5% level for all strategies and numbers "
+        "of taps of a table together (Bonferroni); with many tables, one may still be wrong.",
+        f"Miscalibration is P(wrong object) over the mean of 1 − belief after {LOOK} taps (1 if calibrated). Expected "
+        "information is what strategies expect the taps after the first to add about the object; gained information "
+        "is the actual increase of the log belief in the true object, both in nats. Typical taps are frequent among "
+        "training taps and count twice, so the expected information is too low even for a correct model, and lowest "
+        "where objects differ most; compare its difference from the fixation point with that of a correct model.",
     ]
 
 

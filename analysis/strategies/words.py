@@ -2,29 +2,28 @@
 
 STRATEGY_WORDS = {
     "passive": "never moves",
-    "random": "goes to a place drawn anew each time",
-    "step": "goes a place to either side of where it believes to be",
-    "fixation": "goes to the fixation point, the middle of the range: the paper's active perception",
-    "fixation:0.8": "the same, but only where the belief in a place exceeds 0.8",
-    "info-what": "goes where the next tap is expected to tell most about the object",
-    "info-where": "goes where the next tap is expected to tell most about the place",
-    "info-joint": "goes where the next tap is expected to tell most about both together",
-    "info-what-per-mm": "goes where the next tap tells most about the object per millimetre of way, 5 mm of them for "
-    "the tap",
-    "info-what-per-s": "the same per second: 1 s for the tap, moves at 20 mm/s",
-    "table": "goes to the place that a table, learned from training taps, has for where it believes to be",
-    "risk": "goes where the expected error of a decision after one more tap and the cost of the way are least together",
+    "random": "moves to a random position",
+    "step": "moves by one class to either side of the most probable position",
+    "fixation": "moves to the fixation point, the middle of the range (the paper's active perception)",
+    "fixation:0.8": "moves to the fixation point only if the belief in a position exceeds 0.8",
+    "info-what": "maximises the expected information of the next tap about the object",
+    "info-where": "maximises the expected information of the next tap about the position",
+    "info-joint": "maximises the expected information of the next tap about object and position",
+    "info-what-per-mm": "maximises the expected information about the object per millimetre of travel (5 mm per tap)",
+    "info-what-per-s": "maximises the expected information about the object per second (1 s per tap, moves at 20 mm/s)",
+    "table": "moves to the position that a table, learned from training taps, lists for the most probable position",
+    "risk": "minimises the expected error of a decision after one more tap plus the cost of travel",
 }
 """By the names of `inference.moves.strategies`; `risk` is played where costs are told only."""
 RULE_WORDS = {
-    "what": "the belief in an object exceeds a threshold: the paper's rule",
-    "where": "the belief in a place exceeds a threshold",
-    "both": "both beliefs exceed one threshold",
-    "number of taps": "after so many taps",
-    "msprt": "the multihypothesis sequential probability ratio test: a threshold for each object, the higher the "
-    "cheaper taps are and the farther the object is from the one most like it",
-    "lookahead": "one more tap is expected to lower the error by no more than it costs",
-    "what, at N taps decide": "as the paper's rule, but after N taps the most probable object is taken: a deadline",
-    "what, at N taps give up": "as the paper's rule, but after N taps nothing is decided: a null decision",
+    "what": "the belief in an object exceeds a threshold (the paper's rule)",
+    "where": "the belief in a position exceeds a threshold",
+    "both": "both beliefs exceed the same threshold",
+    "number of taps": "a fixed number of taps",
+    "msprt": "multihypothesis sequential probability ratio test: one threshold per object, which rises as taps become "
+    "cheaper and as the object differs more from the most similar one",
+    "lookahead": "one more tap is expected to reduce the error by no more than it costs",
+    "what, at N taps decide": "the paper's rule with a deadline: after N taps the most probable object is chosen",
+    "what, at N taps give up": "the paper's rule with null decisions: after N taps the trial ends undecided",
 }
 """By the names of `curves.families`, N for half the deadline."""

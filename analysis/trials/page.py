@@ -8,17 +8,17 @@ from numpy.typing import NDArray
 from ...inference.trials.tally import Tally
 from ...models.grid import ClassGrid
 from ..page.figure_style import axis_label, short_unit
+from ..page.numbers import bounded
 from ..page.page import Brief, Page, Table
 from ..stats.tallied import tally_means
 from .spread import SPREAD, TapSpread
 
 type Floats = NDArray[np.float64]
 
-_DECIMALS = 5
 _LEGEND = (
-    "wrong: fraction that decide for a wrong object; belief: mean belief in the decided object. Stored: trials draw "
-    "stored taps with replacement up to the deadline; taps that come twice in a trial make beliefs too sure. Fresh: no "
-    "trial draws a tap twice, and one that has used up the taps of its class decides there."
+    "P(wrong): fraction of wrong decisions about the object; belief: mean belief in the decided object. Stored: "
+    "trials draw taps with replacement up to the deadline; repeated taps make beliefs overconfident. Fresh: no trial "
+    "draws a tap twice; a trial that uses up the taps of its class decides there."
 )
 
 
@@ -36,7 +36,9 @@ def tally_page(
     """
     means = tally_means(tally, grid)
     units = {"what_error": grid.what_error_unit, "where_error": short_unit(grid.where_unit)}
-    names = [axis_label(name.replace("_", " "), unit) for name, unit in units.items()]
+    names = [
+        axis_label(name, unit) for name, unit in zip(("object error", "position error"), units.values(), strict=True)
+    ]
     shown = dict(zip(SPREAD, (*names, "taps", "wrong", "belief", "stopped", "no class left"), strict=True))
     if not (tally.no_class_left.any() or (spread and spread.fresh["no_class_left_fraction"][:, 0].any())):
         del shown["no_class_left_fraction"]
@@ -50,20 +52,11 @@ def tally_page(
             rows.append(["", "fresh", *_cells(shown, fresh, fresh_intervals, h)])
     title = f"{tally.trials:,} {what_for}"
     legend = " ".join(filter(None, (_LEGEND, spread.sentence, spread.few))) if spread else _LEGEND
-    return Page(title, [Brief(Table(["theta", "on taps", *shown.values()], rows, title)), Brief(legend)], [])
+    return Page(title, [Brief(Table(["theta", "draws", *shown.values()], rows, title)), Brief(legend)], [])
 
 
 def _cells(
     names: Iterable[str], means: Mapping[str, Floats], intervals: Mapping[str, tuple[Floats, Floats]], h: int
 ) -> list[str]:
     ends = {name: (low[h], high[h]) for name, (low, high) in intervals.items()}
-    return [with_interval(means[name][h], *ends.get(name, (np.nan, np.nan))) for name in names]
-
-
-def with_interval(value: float, low: float, high: float) -> str:
-    """A number and its interval with as many digits as that allows; without, where there is none."""
-    half = (high - low) / 2
-    if not half > 0:
-        return f"{value:.4g}"
-    decimals = int(np.clip(np.ceil(-np.log10(half / 3)), 0, _DECIMALS))
-    return f"{value:.{decimals}f} [{low:.{decimals}f}, {high:.{decimals}f}]"
+    return [bounded(means[name][h], *ends.get(name, (np.nan, np.nan))) for name in names]

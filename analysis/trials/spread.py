@@ -169,7 +169,7 @@ def _few(table: TapTable, thresholds: Floats, how: Spread, used_up: Floats) -> s
     few = [too_few_in(table.pool, how, samples) for samples in used_up]
     told = few[int((used_up[:, 0] + how.center(used_up)).argmax())]
     at = [f"{theta:g}" for theta, words in zip(thresholds, few, strict=True) if words]
-    return told if len(at) in (0, len(few)) else f"{told} This concerns theta {', '.join(at)}."
+    return told if len(at) in (0, len(few)) else f"{told} This applies to theta {', '.join(at)}."
 
 
 def _sentence(table: TapTable) -> str:
@@ -177,17 +177,17 @@ def _sentence(table: TapTable) -> str:
     taps, drawn = table.pool.order, sessions_drawn(table)
     sessions = 1 if table.session is None else len(np.unique(np.asarray(table.session)[taps]))
     held = (
-        f"{resamples_in_words(drawn)}: they hold how other test sessions"
+        f"{resamples_in_words(drawn)}; they cover other test sessions"
         if drawn > 1
-        else f"{resamples_in_words(1, thinned=False)}; for trials on fresh taps {resamples_in_words(1)}: they hold how "
-        "other test data"
+        else f"{resamples_in_words(1, thinned=False)} (for fresh taps, {resamples_in_words(1)}); they cover other test "
+        "data"
     )
-    missing = "" if drawn > 1 else ", but not how another session would differ"
+    missing = "" if drawn > 1 else ", but not other sessions"
     mixed = (
-        f" Each trial draws taps of all {sessions} test sessions, so what lasts within a session averages out: errors "
-        "within one session, as with --test N, may be larger."
+        f" Each trial draws taps of all {sessions} test sessions, so differences between sessions average out; errors "
+        "within one session (--test N) may be larger."
     )
     return (
-        f"Brackets are {CONFIDENCE:.0%} intervals from {RESAMPLES} resamples of the test taps {held} of these classes "
-        f"would differ{missing}; the model stays.{mixed if sessions > 1 else ''}"
+        f"Brackets are {CONFIDENCE:.0%} intervals from {RESAMPLES} resamples of the test taps {held} of these "
+        f"classes{missing}, for the same model.{mixed if sessions > 1 else ''}"
     )

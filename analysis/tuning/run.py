@@ -18,6 +18,7 @@ from ...inference.tuning.threshold import ThresholdChoice, check_cost, choose_th
 from ...models.errors import InputError
 from ...models.grid import ClassGrid
 from ...models.setting_file import Setting
+from ..page.numbers import spanned
 from ..stats.target_error import FEWEST, choose, prediction_interval, threshold_grid
 
 
@@ -61,8 +62,8 @@ class Tuning(NamedTuple):
         """What was chosen, with intervals."""
         used_up = float(self.threshold.used_up[self.chosen])
         few = (
-            f"At this threshold {used_up:.0%} of the decisions were made because all taps of a class were used up: "
-            "there are too few taps to judge it, and intervals hold whatever these would come to on further ones."
+            f"Too few taps: at this threshold {used_up:.0%} of the decisions were forced because all taps of a class "
+            "were used up; intervals cover any outcome of further taps."
         )
         return [_about_fixation(self), _about_threshold(self), *[few] * (used_up > USED_UP)]
 
@@ -81,9 +82,11 @@ def check_price(price: Price, sessions: int) -> None:
     if price.target is None:
         return
     if not 0 < price.target < 1:
-        raise InputError(f"The wanted error must lie between 0 and 1, got {price.target}.")
+        raise InputError(f"The target error must lie between 0 and 1, got {price.target}.")
     if sessions < FEWEST:
-        raise InputError(f"A threshold for a wanted error needs at least {FEWEST} training sessions, got {sessions}.")
+        raise InputError(
+            f"A threshold for a target error requires at least {FEWEST} training sessions, got {sessions}."
+        )
 
 
 def tune_parts(
@@ -150,46 +153,47 @@ def check_objects(grid: ClassGrid) -> None:
         InputError: There is one object only.
     """
     if grid.M < 2:
-        raise InputError("There is one object only, so no decision that a fixation point or a threshold could improve.")
+        raise InputError("There is only one object, so fixation point and threshold have no effect on decisions.")
 
 
 def _about_fixation(found: Tuning) -> str:
     choice, grid = found.fixation, found.grid
     if grid.L == 1:
-        return "There is one position only, so no fixation point to choose."
+        return "There is only one position, so there is no fixation point to choose."
     unit = unit_of(found)
     alike = int(choice.alike.sum())
     told = (
         f"Fixation point {grid.where_label(choice.chosen)} (class {choice.chosen}): error "
-        f"{_interval(choice.error, choice.chosen, 3)} {unit}"
+        f"{_interval(choice.error, choice.chosen)} {unit}"
     )
     if choice.chosen == choice.best:
         others = {1: "no other is", 2: "one other is"}.get(alike, f"{alike - 1} others are")
-        return f"{told}, the least of all, and {others} within a standard error of it."
+        return f"{told}, the lowest of all; {others} within one standard error of it."
     return (
-        f"{told}, {_interval(choice.excess, choice.chosen, 3)} more than the least at {grid.where_label(choice.best)}; "
-        f"of {alike} positions within a standard error of the least it is the nearest to the middle."
+        f"{told}, {_interval(choice.excess, choice.chosen)} more than the lowest error, at "
+        f"{grid.where_label(choice.best)}; of the {alike} positions within one standard error of the lowest it is the "
+        "nearest to the middle."
     )
 
 
 def _about_threshold(found: Tuning) -> str:
     choice, h = found.threshold, found.chosen
     told = (
-        f"Threshold {shown_threshold(choice.theta[h])}: error {_interval(choice.error, h, 3)} {unit_of(found)} after "
-        f"{_interval(choice.taps, h, 1)} taps"
+        f"Threshold {shown_threshold(choice.theta[h])}: error {_interval(choice.error, h)} {unit_of(found)} after "
+        f"{_interval(choice.taps, h)} taps"
     )
     if found.reachable is None:
         alike = choice.theta[choice.alike]
         first, last = shown_threshold(alike[0]), shown_threshold(alike[-1])
         return (
-            f"{told}, cost {_interval(choice.cost, h, 1)} taps at {found.price.cost_error:g} taps for an error of 1; "
-            f"thresholds whose cost cannot be told from it lie between {first} and {last}."
+            f"{told}, cost {_interval(choice.cost, h)} taps at {found.price.cost_error:g} taps for an error of 1; "
+            f"thresholds between {first} and {last} do not differ significantly in cost."
         )
     low, high = (ends[h] for ends in prediction_interval(choice.wrong))
-    verdict = "is reachable" if found.reachable else "is not reachable, and this is where it is lowest"
+    verdict = "is reached" if found.reachable else "is not reached; this threshold has the lowest"
     return (
-        f"{told}; P(wrong) of a new session {choice.wrong[:, h].mean():.3f} ({low:.3f} to {high:.3f}, 90% prediction "
-        f"interval), so a wanted P(wrong) of {found.price.target:g} {verdict}."
+        f"{told}; P(wrong) of a new session {spanned(choice.wrong[:, h].mean(), low, high)}, with 90% prediction "
+        f"interval, so the target P(wrong) of {found.price.target:g} {verdict}."
     )
 
 
@@ -203,6 +207,5 @@ def unit_of(found: Tuning) -> str:
     return "P(wrong)" if found.price.wrong else found.grid.what_error_unit
 
 
-def _interval(estimate: Estimate, index: int, digits: int) -> str:
-    mean, low, high = estimate.mean[index], estimate.low[index], estimate.high[index]
-    return f"{mean:.{digits}f} ({low:.{digits}f} to {high:.{digits}f})"
+def _interval(estimate: Estimate, index: int) -> str:
+    return spanned(estimate.mean[index], estimate.low[index], estimate.high[index])

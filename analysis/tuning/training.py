@@ -133,6 +133,6 @@ def training_data(
         taps, told = parts.folds[0].train, parts.description
     grid, dropped = trim(grid, [taps])
     if dropped:
-        told += f" Left out for want of a training tap: {', '.join(dropped)}."
+        told += f" Left out, because they have no training tap: {', '.join(dropped)}."
     described = f"{told} Only training taps are used."
     return TrainingData(taps, grid, described, ExperimentSettings(model=model, fit=fit), progress)

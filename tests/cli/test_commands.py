@@ -130,7 +130,7 @@ def test_fit_shows_a_learned_power_beside_a_right_model(command, tmp_path, make_
     power = load_model(tmp_path / "model.nc").power
 
     assert done.code == 0, done.err
-    assert f"Exponent {power:.2g}; a right model on 6 training taps per class gives" in done.out
+    assert f"Exponent {power:.2g}; a correct model on 6 training taps per class gives" in done.out
 
 
 def agreeing(passed=True):
@@ -263,8 +263,8 @@ def test_crosscheck_leaves_numpyro_out_where_the_border_is_no_kernel(command, ta
         (["reproduce", "--data", "TAPS", "--out", "OUT", "--thresholds", "1.5"], "--thresholds must be distinct"),
         (["reproduce", "--data", "TAPS", "--out", "OUT", "--theta-x", "2"], "--theta-x must be a number from 0 to 1"),
         (["reproduce", "--data", "TAPS", "--out", "OUT", "--border", "clamp", "--power", "-1"], "power"),
-        (["reproduce", "--split", "parity", "--out", "OUT"], "--split goes with recorded taps only"),
-        (["reproduce", "--data", "TAPS", "--data-sets", "3", "--out", "OUT"], "--data-sets goes with simulated taps"),
+        (["reproduce", "--split", "parity", "--out", "OUT"], "--split requires recorded taps"),
+        (["reproduce", "--data", "TAPS", "--data-sets", "3", "--out", "OUT"], "--data-sets requires simulated taps"),
         (["reproduce", "--preset", "papre", "--out", "OUT"], "Unknown preset 'papre'"),
     ],
     ids=lambda value: " ".join(value) if isinstance(value, list) else "",

@@ -80,7 +80,7 @@ def test_models_that_the_data_cannot_carry_are_named(command, tmp_path):
 
 BAD = {
     "no such model": (("--models", "histogram,banana"), "Unknown model 'banana'; choose from histogram, gaussian"),
-    "twice": (("--models", "profile,profile"), "--models needs different names"),
+    "twice": (("--models", "profile,profile"), "--models must name different models"),
     "few draws": (("--draws", "20"), "--draws must be 0, or 100 or more"),
     "threshold": (("--theta-x", "2"), "--theta-x must be a number from 0 to 1"),
     "many folds": (("--split", "leave-one-session-out"), "--split"),

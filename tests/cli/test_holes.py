@@ -60,7 +60,7 @@ def test_trials_without_a_pseudocount_count_those_with_no_class_left(command, bo
 
         assert done.code == 0
         assert ("no class" in done.out) == says
-        assert ("a --pseudocount above 0 makes every tap possible" in " ".join(done.out.split())) == says
+        assert ("use --pseudocount above 0" in " ".join(done.out.split())) == says
 
 
 def test_perceive_ends_with_no_class_left(command, boards, tmp_path):

@@ -44,7 +44,7 @@ def test_every_figure_is_drawn_alone_or_into_a_part_of_another(report):
 
 
 def test_a_figure_that_is_not_there_is_refused(report):
-    with pytest.raises(st.InputError, match=r"no figure 'decision'; the figures of this report are .*decisions"):
+    with pytest.raises(st.InputError, match=r"no figure 'decision'; its figures are .*decisions"):
         report.plot("decision")
 
 
@@ -74,17 +74,17 @@ def test_the_function_finds_and_saves_what_the_command_does(report, taps, comman
 def test_a_study_refuses_with_the_sentence_of_the_command(taps):
     with pytest.raises(st.InputError, match="--draws must be 0, or 100 or more to look at tails, got 5"):
         st.compare(*taps, draws=5)
-    with pytest.raises(st.InputError, match="--models needs different names"):
+    with pytest.raises(st.InputError, match="--models must name different models"):
         st.compare(*taps, models=["histogram", "histogram"])
     with pytest.raises(st.InputError, match="--permutations must be 99 or more, got 7"):
         st.audit(*taps, permutations=7)
     with pytest.raises(st.InputError, match="--thresholds must be distinct numbers"):
         st.trials(st.fit(taps[0]), taps[1], 10, thresholds=[0.5, 0.5])
-    with pytest.raises(st.InputError, match="--preset goes with simulated taps only"):
+    with pytest.raises(st.InputError, match="--preset requires simulated taps"):
         st.reproduce(*taps, preset="paper")
     with pytest.raises(st.InputError, match="--presets names one twice"):
         st.strategies(presets=["paper", "paper"])
-    with pytest.raises(st.InputError, match="--data-sets 0 needs"):
+    with pytest.raises(st.InputError, match="--data-sets 0 requires"):
         st.sensitivity(data_sets=0)
     with pytest.raises(st.InputError, match="one tap set, two or more"):
         st.audit()

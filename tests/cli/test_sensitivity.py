@@ -23,7 +23,7 @@ def test_a_recording_gives_a_folder_with_the_page(call, make_taps, tmp_path):
     out = tmp_path / "out"
     result = call(tmp_path / "taps.nc", "--data-sets", 0, "--trials", 50, "--strongest", 0, "--out", out)
     assert result.exit_code == 0, result.output
-    assert "Choices, the strongest first" in result.output
+    assert "Choices by the effect of their strongest option" in result.output
     summary = json.loads((out / "sensitivity.json").read_text())
     assert [source["name"] for source in summary["sources"]] == ["taps"]
     assert summary["trials"] == 50
@@ -42,7 +42,7 @@ def test_a_folder_is_not_replaced_without_force(call, make_taps, tmp_path):
 def test_nothing_to_run_on_is_refused(call):
     result = call("--data-sets", 0)
     assert isinstance(result.exception, InputError)
-    assert "--data-sets 0 needs a file" in str(result.exception)
+    assert "--data-sets 0 requires a file" in str(result.exception)
 
 
 def test_a_file_that_cannot_be_read_is_named(call, tmp_path):
@@ -57,7 +57,7 @@ def test_cells_without_a_file_are_refused(call, tmp_path, option):
     """Simulated taps keep the classes of their preset."""
     result = call(option, "3mm", "--out", tmp_path / "out")
     assert isinstance(result.exception, InputError)
-    assert f"{option} 3mm divides recorded taps" in str(result.exception)
+    assert f"{option} 3mm requires recorded taps" in str(result.exception)
     assert not (tmp_path / "out").exists()
 
 
@@ -71,4 +71,4 @@ def test_a_quick_look_at_simulated_data(call, tmp_path):
     assert source["simulated"]
     assert len(source["choices"]) == 18
     assert {choice["verdict"] for choice in source["choices"]} == {"not decided"}
-    assert "4 units decide nothing" in " ".join(result.output.split())
+    assert "With 4 units no verdict is possible" in " ".join(result.output.split())

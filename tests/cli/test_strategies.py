@@ -47,7 +47,7 @@ def test_a_folder_is_not_replaced_without_force(call, tmp_path):
 @pytest.mark.parametrize(
     ("words", "message"),
     [
-        (("--presets", "none"), "--presets none needs a file"),
+        (("--presets", "none"), "--presets none requires a file"),
         (("--presets", "none", "--no-regret"), "or --regret"),
         (("--presets", "paper,paper"), "names one twice"),
         (("--presets", "papr"), "Unknown preset 'papr'"),
@@ -72,7 +72,7 @@ def test_regret_can_be_had_alone(call, tmp_path, monkeypatch):
     out = tmp_path / "out"
     result = call("--presets", "none", "--regret", "--quick", "--seed", 3, "--out", out)
     assert result.exit_code == 0, result.output
-    assert "Regret where only a bound is known" in " ".join(result.output.split())
+    assert "Regret relative to a bound" in " ".join(result.output.split())
     summary = json.loads((out / "strategies.json").read_text())
     assert (summary["sources"], summary["regret"]["trials"], summary["regret"]["seed"]) == ([], 20, 3)
     assert {path.name for path in out.iterdir()} == {"regret.png", "regret.svg", "report.html", "strategies.json"}

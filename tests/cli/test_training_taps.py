@@ -83,7 +83,7 @@ def test_training_taps_are_asked_for_where_recorded_ones_are_played(command, fol
     for words, sentence in (
         (("perceive", folder / "model.nc", "--training-taps"), replayed),
         (("tune", folder / "both.nc", "--out", folder / "s.json", "--training-taps"), replayed),
-        (("reproduce", "--training-taps", "--out", folder / "run"), "--training-taps goes with recorded taps only."),
+        (("reproduce", "--training-taps", "--out", folder / "run"), "--training-taps requires recorded taps."),
     ):
         done = command(*words)
         assert done.code == 2

@@ -143,12 +143,12 @@ def test_intervals_are_over_taps_and_not_over_trials(files, command, tmp_path):
     assert (kept["fresh_taps_high"] >= np.where(played.used_up, 30, played.taps).mean(axis=0) - 0.5).all()
     assert (kept["what_wrong_high"] - kept["what_wrong_low"] < 0.5).all()
     assert (
-        f"from {RESAMPLES} resamples of the test taps of each class, drawn with replacement; for trials on fresh taps "
-        "without a quarter of each class" in words
+        f"from {RESAMPLES} resamples of the test taps of each class, drawn with replacement (for fresh taps, "
+        "without a quarter of each class)" in words
     )
-    assert "not how another session would differ; the model stays." in words
+    assert "of these classes, but not other sessions, for the same model." in words
     assert "Too few test taps" in words
-    assert words.endswith("This concerns theta 0.999.")
+    assert words.endswith("This applies to theta 0.999.")
 
 
 def test_sessions_are_drawn_where_several_test(command, make_taps, tmp_path):
@@ -169,7 +169,7 @@ def test_sessions_are_drawn_where_several_test(command, make_taps, tmp_path):
         widths.append((kept["what_wrong_high"] - kept["what_wrong_low"]).item())
         for words in (
             "without one of the 4 test sessions in turn",
-            "Each trial draws taps of all 4 test sessions, so what lasts within a session averages out",
+            "Each trial draws taps of all 4 test sessions, so differences between sessions average out",
         ):
             assert (words in " ".join(done.out.split())) == (len(widths) == 1)
 

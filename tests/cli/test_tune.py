@@ -192,7 +192,7 @@ def test_what_was_learned_is_kept_when_it_is_interrupted(recorded, tmp_path):
     ("words", "said"),
     [
         (("--cost-error", -1), "cost of an error must be a number of taps, 0 to 1e+09"),
-        (("--target-error", 2), "wanted error must lie between 0 and 1"),
+        (("--target-error", 2), "target error must lie between 0 and 1"),
         (("--theta", 1.5), "--theta must be a number from 0 to 1"),
         (("--rig", "simulated"), "--rig requires --online"),
         (("--state", "s.json"), "--state requires --online"),
@@ -229,7 +229,7 @@ def test_a_learner_that_is_not_there_is_refused_with_those_that_are(call, record
 def test_one_object_leaves_nothing_to_tune(call, make_taps, tmp_path):
     make_taps(M=1).save(tmp_path / "one.nc")
     result = call(tmp_path / "one.nc", "--out", tmp_path / "setting.json")
-    assert "There is one object only" in str(result.exception)
+    assert "There is only one object" in str(result.exception)
 
 
 def test_one_place_has_a_threshold_to_tune(call, make_taps, tmp_path):

@@ -61,7 +61,7 @@ def test_without_wrong_decisions_nothing_is_detected():
 
 @pytest.mark.parametrize("values", [[1.0], [1.0, -0.1], [1.0, np.nan], [[1.0, 2.0]]])
 def test_what_is_no_factor_is_refused(values):
-    with pytest.raises(InputError, match="two factors or more"):
+    with pytest.raises(InputError, match="two or more non-negative factors"):
         detectable_factor(values)
 
 

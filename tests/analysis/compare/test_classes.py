@@ -315,8 +315,8 @@ def test_equal_beliefs_share_a_calibration_bin():
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        (lambda _: {}, "no model to compare"),
-        (lambda t: {**t, "other": random_table(0, N=60)}, "'plain' and 'other' were given different test taps"),
+        (lambda _: {}, "No model to compare"),
+        (lambda t: {**t, "other": random_table(0, N=60)}, "'plain' and 'other' have different test taps"),
         (
             lambda t: {"odd": t["plain"]._replace(log_prior=np.zeros((L, M + 1)))},
             r"model 'odd' has likelihoods of shape \(90, 3, 2\) and a prior of shape \(3, 3\)",
@@ -331,7 +331,7 @@ def test_tables_that_cannot_be_compared_are_refused(tables, change, message):
 
 def test_bad_arguments_are_refused(tables):
     """Each in a sentence."""
-    with pytest.raises(InputError, match="'none' is none of the models plain, sharp, stateful"):
+    with pytest.raises(InputError, match="'none' is not one of the models plain, sharp, stateful"):
         class_scores(tables, 0, reference="none")
     with pytest.raises(InputError, match="at least one resample, got 0"):
         class_scores(tables, 0, resamples=0)
@@ -341,7 +341,7 @@ def test_bad_arguments_are_refused(tables):
 
 def test_the_sentence_says_what_the_intervals_hold():
     """What is drawn anew."""
-    assert "without a quarter of each class, or without one session in turn" in class_interval_sentence()
+    assert "a quarter of the test taps of each class, or one test session at a time" in class_interval_sentence()
 
 
 def test_a_difference_is_told_from_none_and_two_that_never_erred_are_not():

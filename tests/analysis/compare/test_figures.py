@@ -154,10 +154,10 @@ def test_class_scores_have_a_panel_for_each_question():
     assert labels == [
         "log score, class (nat)",
         "Brier score, class",
-        "fraction right, position",
+        "fraction correct, position",
         "log score, object (nat)",
         "calibration error, object",
-        "fraction right, object",
+        "fraction correct, object",
     ]
     assert {axes.get_xlabel() for axes in panels(figure)} == {"contacts"}
     assert [text.get_text() for text in figure.legends[0].get_texts()] == [*NAMES[:3], "chance"]
@@ -240,7 +240,7 @@ def test_curves_pass_through_the_thresholds_and_are_linear_in_time():
     np.testing.assert_allclose(line.get_ydata(), between)
     assert len(line.get_xdata()) > 100
     assert len(panel.collections) == 3
-    assert (panel.get_title(), panel.get_ylabel(), panel.get_ylim()[0]) == ("active", "where error (mm)", 0.0)
+    assert (panel.get_title(), panel.get_ylabel(), panel.get_ylim()[0]) == ("active", "position error (mm)", 0.0)
 
 
 def test_decisions_have_a_row_per_error_and_a_column_per_policy():
@@ -249,9 +249,9 @@ def test_decisions_have_a_row_per_error_and_a_column_per_policy():
 
     assert [axes.get_title(loc="left") for axes in whole] == ["A", "B", "C", "D"]
     assert [axes.get_title() for axes in whole] == ["passive", "active"] * 2
-    assert [axes.get_ylabel().split(" (")[0] for axes in whole] == ["what error"] * 2 + ["where error"] * 2
+    assert [axes.get_ylabel().split(" (")[0] for axes in whole] == ["object error"] * 2 + ["position error"] * 2
     assert {axes.get_xlabel() for axes in whole} == {"mean reaction time (taps)"}
-    assert [(axes.get_title(), axes.get_ylabel()) for axes in passive] == [("passive", "what error (mm)")]
+    assert [(axes.get_title(), axes.get_ylabel()) for axes in passive] == [("passive", "object error (mm)")]
 
 
 def test_differences_are_dots_around_a_line_at_zero():
@@ -259,7 +259,7 @@ def test_differences_are_dots_around_a_line_at_zero():
     data = equal()
     panel = panels(figure_compare.decision_differences(data, class_grid()))[3]
 
-    assert panel.get_ylabel() == "where error (mm)\nless that of model 0"
+    assert panel.get_ylabel() == "position error (mm)\n− that of model 0"
     assert len(panel.containers) == 2
     assert panel.containers[0].lines[0].get_linestyle() == "None"
     np.testing.assert_allclose(
@@ -277,7 +277,7 @@ def test_missing_times_are_left_out_and_none_at_all_is_said():
 
     assert [len(bars.lines[0].get_xdata()) for bars in panel.containers] == [2, 3]
     for empty in panels(CASES["differences, no time"]()):
-        assert [text.get_text() for text in empty.texts] == ["no reaction time in common"]
+        assert [text.get_text() for text in empty.texts] == ["no common reaction time"]
 
 
 def test_miscalibration_has_a_line_where_beliefs_are_right():
@@ -286,7 +286,7 @@ def test_miscalibration_has_a_line_where_beliefs_are_right():
 
     assert left.get_yscale() == right.get_yscale() == "log"
     assert set(left.lines[0].get_ydata()) == {1}
-    assert (left.get_xlabel(), left.get_ylabel()) == ("belief threshold", "P(wrong) / mean (1 - belief)")
+    assert (left.get_xlabel(), left.get_ylabel()) == ("belief threshold", "P(wrong) / mean (1 − belief)")
 
 
 def test_tick_labels_have_room():

@@ -23,7 +23,7 @@ def test_every_model_is_a_row_of_sessions_left_out():
     )
     (axes,) = figures.sessions_left_out(means).axes
     assert [label.get_text() for label in axes.get_yticklabels()] == NAMES.tolist()
-    assert axes.get_xlabel() == "log probability per tap less that of histogram (nat)"
+    assert axes.get_xlabel() == "log probability per tap − that of histogram (nat)"
 
 
 def test_missing_estimates_leave_their_row_empty():

@@ -32,25 +32,27 @@ def test_equal_models_share_the_better_rank():
     tied = level("taps", {"a": -9.0, "b": -8.0, "c": -8.0, "d": -10.0})
     assert [tied.rank(name) for name in "abcd"] == [3, 1, 1, 4]
     assert tied.best == ["b", "c"]
-    assert findings([tied], "a")[0].startswith("b is best at taps: -8 nat (equally good: c), against -9 nat of a")
+    assert findings([tied], "a")[0].startswith(
+        "b is best at taps: −8 nat (equally good: c), compared with −9 nat for a"
+    )
 
 
 def test_sentences_name_the_best_and_what_it_costs_elsewhere():
     """The best at taps is followed through the other levels, the reference is given beside every winner."""
     sentences = findings([TAPS, ERROR], "a")
-    assert sentences[0] == "b is best at taps: -8 nat, against -10 nat of a (difference 1 to 3)."
-    assert "a is best at active error: 0.4 nat; b, best at predicting taps, comes to 0.9 nat." in sentences
-    assert "do not agree" in sentences[-1]
+    assert sentences[0] == "b is best at taps: −8 nat, compared with −10 nat for a; difference 2.0 (1.0 to 3.0)."
+    assert "a is best at active error: 0.4 nat; b, which predicts taps best, has 0.9 nat." in sentences
+    assert "No model is best at all levels" in sentences[-1]
 
 
-@pytest.mark.parametrize(("worse", "words"), [(-8.5, "-0.5 to 1.5, so perhaps none"), (-9.5, "0.5 to 2.5")])
+@pytest.mark.parametrize(("worse", "words"), [(-8.5, "0.5 (−0.5 to 1.5), not significant"), (-9.5, "1.5 (0.5 to 2.5)")])
 def test_differences_that_may_be_none_are_called_so(worse, words):
-    assert findings([level("taps", {"a": worse, "b": -8.0})], "a")[0].endswith(f"of a (difference {words}).")
+    assert findings([level("taps", {"a": worse, "b": -8.0})], "a")[0].endswith(f"for a; difference {words}.")
 
 
 def test_agreement_is_not_called_disagreement():
     """With one winner no sentence speaks of different orders."""
-    assert not any("do not agree" in sentence for sentence in findings([TAPS, TAPS], "a"))
+    assert not any("No model is best at all levels" in sentence for sentence in findings([TAPS, TAPS], "a"))
 
 
 @pytest.mark.parametrize("levels", [[], [ERROR]])
@@ -75,5 +77,5 @@ def test_errors_are_ranked_at_the_longest_time_that_most_models_reach():
         grid=SimpleNamespace(what_error_unit="mm"),
         equal=xr.Dataset(errors, coords),
     )
-    assert levels(comparison)[-1].title == "active error at 5 taps"
+    assert levels(comparison)[-1].title == "active object error at 5 taps"
     assert levels(comparison)[-1].values == {"a": 0.3, "b": 0.1}

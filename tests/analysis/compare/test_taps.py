@@ -59,7 +59,7 @@ def test_sessions_of_two_recordings_are_told_apart():
     parts = whole.select(np.arange(12)), whole.select(np.arange(12, 24))
     folds, sentence = session_folds(*parts, one_recording=True)
     assert folds == []
-    assert "one session only" in sentence
+    assert "only one" in sentence
 
 
 def test_many_sessions_are_left_out_in_groups():

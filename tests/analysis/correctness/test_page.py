@@ -21,4 +21,4 @@ def test_the_verdict_is_printed(largest, verdict):
 
     assert text.getvalue().rstrip().endswith(f"A note.\n{verdict}")
     assert ("FAILED" in text.getvalue()) == bool(largest)
-    assert "2 episodes of 6 taps, the first 0 enumerated as whole sequences" in text.getvalue()
+    assert "2 episodes of 6 taps, the first 0 also enumerated as whole sequences" in text.getvalue()

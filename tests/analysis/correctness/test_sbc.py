@@ -287,7 +287,7 @@ def result_of(*p: float) -> Calibration:
 
 
 @pytest.mark.parametrize(
-    ("p", "verdict"), [((0.2, 0.04), "are right as often as they say: 0 of 2"), ((0.2, 1e-15), "are NOT right")]
+    ("p", "verdict"), [((0.2, 0.04), "are calibrated: 0 of 2"), ((0.2, 1e-15), "are NOT calibrated")]
 )
 def test_the_verdict_is_printed(p, verdict):
     out = StringIO()

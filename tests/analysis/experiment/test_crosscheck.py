@@ -49,7 +49,7 @@ def test_right_routes_agree(case, border):
     if border == "prior":
         assert routes == {STORY, "numpy, filter"} | TRIALS
         assert check.sequence_taps == 0
-        assert check.notes == ("Border prior is not a Markov kernel, so the NumPyro routes were left out.",)
+        assert check.notes == ("The NumPyro routes were left out, because border prior is not a Markov kernel.",)
     else:
         assert routes == {STORY, "numpy, numpyro", "numpy, filter", SEQUENCE_ROUTE} | TRIALS
         assert (check.sequence_taps, check.notes) == (SEQUENCE, ())
@@ -300,6 +300,6 @@ def test_a_border_that_is_no_kernel_leaves_routes_out(case, monkeypatch, evidenc
     monkeypatch.setattr(bayes.FilterEngine, "update", change)
     check = run(case, border="prior")
 
-    assert "Border prior is not a Markov kernel" in check.notes[0]
+    assert "border prior is not a Markov kernel" in check.notes[0]
     assert check.sequence_taps == 0
     assert check.passed != bool(evidence)

@@ -47,7 +47,7 @@ def test_of_two_files_the_second_is_halved_by_trial(make_taps):
     both = np.concatenate([parts.tune[0].taps, parts.measure.taps])
     np.testing.assert_array_equal(np.sort(both, axis=0), np.sort(sets[1].taps, axis=0))
     assert parts.halved
-    assert "the odd and the even ones of the same session" in parts.warnings[0]
+    assert "the odd and even taps of the same session" in parts.warnings[0]
 
 
 def test_halves_go_by_trial_and_not_by_the_order_of_the_file(make_taps, rng):
@@ -116,7 +116,7 @@ def test_taps_that_train_neither_tune_nor_measure(make_taps):
     assert parts.warnings == (
         "3 of 87 taps of file-1.nc trained the model and are left out; --training-taps keeps them.",
         "5 of 91 taps of file-2.nc trained the model and are left out; --training-taps keeps them.",
-        "2 of the 86 measuring taps stand among the tuning taps too.",
+        "2 of the 86 measuring taps are also tuning taps.",
     )
     kept = parts_of([a, b, some], training_taps=True)
     assert len(kept.measure) == 91
@@ -147,7 +147,7 @@ def test_a_session_that_stands_twice_in_one_file_is_left_out(make_taps):
 def test_files_that_do_not_fit_together_are_refused(make_taps):
     """Other objects, other taxels, another way of preparation, no file."""
     first, second = files(make_taps, 2)
-    with pytest.raises(InputError, match="An audit needs a file of taps or several"):
+    with pytest.raises(InputError, match="An audit requires at least one file of taps"):
         audit_parts([], [], first.grid())
     renamed = second.dataset.assign_coords(what_name=("what_class", ["a", "b", "c", "d"]))
     with pytest.raises(InputError, match=r"file-1\.nc: objects differ from those of file-0\.nc"):
@@ -161,9 +161,9 @@ def test_files_that_do_not_fit_together_are_refused(make_taps):
 def test_single_taps_cannot_be_halved(make_taps):
     """With one tap of each class in the second of two files, or in the only session."""
     few, many = make_taps(sessions=1, repeats=1, seed=1), make_taps(sessions=1)
-    with pytest.raises(InputError, match="no class has two taps in the session that is to be halved"):
+    with pytest.raises(InputError, match="no class has two taps in the session to be halved"):
         parts_of([many, few])
-    with pytest.raises(InputError, match="no class has two taps in the session that is to be halved"):
+    with pytest.raises(InputError, match="no class has two taps in the session to be halved"):
         parts_of([few])
     assert not parts_of([few, few, few], training_taps=True).halved
 
@@ -172,9 +172,9 @@ def test_every_part_has_a_tap_of_a_trained_class(make_taps):
     """Files of other objects than the training taps can neither tune nor measure."""
     a, b, c = files(make_taps, 3)
     a = a.select(a.what < 2)
-    with pytest.raises(InputError, match="no tap to tune with: none belongs to a class with a training tap"):
+    with pytest.raises(InputError, match="No tap to tune with: none belongs to a class with a training tap"):
         parts_of([a, b.select(b.what >= 2), c])
-    with pytest.raises(InputError, match="no tap to measure: none belongs to a class with a training tap"):
+    with pytest.raises(InputError, match="No tap to measure: none belongs to a class with a training tap"):
         parts_of([a, b, c.select(c.what >= 2)])
     assert len(parts_of([a, b.select(b.what <= 2), c]).tune[0]) == REPEATS * L * 3
 

@@ -123,7 +123,7 @@ def test_fresh_trials_draw_no_tap_twice(grid):
     assert (np.diff(played.used_up) >= 0).all()
     assert (played.selected == 0).all()  # no selections
     assert np.isnan(played.spread.factor)
-    assert "one test tap" in played.spread.few
+    assert "a single test tap" in played.spread.few
 
 
 def test_what_selections_use_up_is_that_of_their_trials(grid):

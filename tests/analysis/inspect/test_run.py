@@ -41,14 +41,14 @@ def test_empty_cells_and_classes_are_named(make_taps):
 
     assert "Objects without any tap: “rod 8 mm”." in warnings
     assert "Positions without any tap: 3 mm." in warnings
-    assert "1 of 12 (where, what) cells have no tap: (1.5 mm, rod 4 mm)." in warnings
+    assert "1 of 12 (position, object) classes have no tap: (1.5 mm, rod 4 mm)." in warnings
 
 
 def test_a_long_list_is_cut_with_its_length(make_taps):
     taps = make_taps(L=4, M=5)
     diagonal = taps.select(taps.where / 1.5 == taps.what)
 
-    assert "12 of 20 (where, what) cells have no tap" in warnings_of(diagonal)
+    assert "12 of 20 (position, object) classes have no tap" in warnings_of(diagonal)
     assert "and 6 more" in warnings_of(diagonal)
 
 
@@ -62,8 +62,10 @@ def test_a_cell_that_is_missing_in_one_session_is_named(make_taps):
 def test_single_contacts_cannot_accumulate(make_taps):
     taps = make_taps(sessions=3, repeats=1)
 
-    assert "Single contact only: nothing can accumulate over distinct contacts of one session" in warnings_of(taps)
-    assert "12 of 12 filled cells have fewer than 5 distinct taps ((0 mm, rod 2 mm): 3," in warnings_of(taps)
+    assert "Each class has one tap per session, so evidence cannot accumulate over distinct contacts" in warnings_of(
+        taps
+    )
+    assert "12 of 12 classes with taps have fewer than 5 distinct taps ((0 mm, rod 2 mm): 3," in warnings_of(taps)
 
 
 def test_copies_do_not_count_as_distinct_taps(make_taps):
@@ -71,12 +73,12 @@ def test_copies_do_not_count_as_distinct_taps(make_taps):
     copied = taps.select(np.repeat(np.arange(len(taps)), 6))
 
     assert "120 taps are exact copies" in warnings_of(copied)
-    assert "Single contact only" in warnings_of(copied)
+    assert "Each class has one tap per session" in warnings_of(copied)
 
 
 def test_one_session_is_named(make_taps):
-    assert "one session only" in warnings_of(make_taps(sessions=1))
-    assert "one session only" not in warnings_of(make_taps(sessions=2))
+    assert "only one" in warnings_of(make_taps(sessions=1))
+    assert "only one" not in warnings_of(make_taps(sessions=2))
 
 
 def test_taps_outside_the_classes_are_counted(make_taps):
@@ -93,7 +95,7 @@ def test_blocks_of_objects_and_of_positions_are_told_apart(make_taps):
         data = ordered.dataset.assign_coords(trial=("tap", np.arange(168)))
         warnings = warnings_of(type(taps)(data))
 
-        assert f"Recorded in blocks: in session 0, 1 the taps of each {name} follow one another" in warnings
+        assert f"Recorded in blocks: in session 0, 1 the taps of each {name} are consecutive" in warnings
         assert warnings.count("Recorded in blocks") == 1
 
 
@@ -104,7 +106,7 @@ def test_blocks_of_cells_alone_are_found(make_taps):
     shuffled = np.random.default_rng(1).permutation(30)[cell]
     data = taps.select(np.argsort(shuffled, kind="stable")).dataset.assign_coords(trial=("tap", np.arange(len(taps))))
 
-    assert "the taps of each (where, what) cell follow one another" in warnings_of(type(taps)(data))
+    assert "the taps of each (position, object) class are consecutive" in warnings_of(type(taps)(data))
 
 
 def test_trials_order_a_session_only_where_they_number_it():
@@ -175,7 +177,7 @@ def test_constant_taxels_are_dead_and_not_saturated(make_taps):
     assert saturated_taxels(np.zeros((4, 3, 2))) == ()
     data = make_taps().dataset
     dead = data.assign(taps=data["taps"] * np.array([1, 1, 0, 1, 1]))
-    assert "1 of 5 taxels are dead (one value throughout): 2." in warnings_of(type(make_taps())(dead))
+    assert "1 of 5 taxels are constant: 2." in warnings_of(type(make_taps())(dead))
 
 
 def shown(taps, width=100, **cells):
@@ -196,7 +198,7 @@ def test_the_tables_show_sizes_units_preparation_and_counts(make_taps):
         "rate_hz 50.0",
         "depth",
         "7+7",
-        "Nothing that",
+        "No data-quality warnings.",
     ):
         assert part in text
 
@@ -214,8 +216,13 @@ def test_a_single_class_of_either_kind_is_shown(make_taps):
 
 
 EXPECTED = {
-    "barrett_ballcyl": ("Single contact only", "Recorded in blocks"),
-    "barrett_boxes": ("Single contact only", "cells have no tap", "in some sessions", "Recorded in blocks"),
+    "barrett_ballcyl": ("Each class has one tap per session", "Recorded in blocks"),
+    "barrett_boxes": (
+        "Each class has one tap per session",
+        "classes have no tap",
+        "in some sessions",
+        "Recorded in blocks",
+    ),
     "eflesh_grid": (),
     "icub_grasp": ("Objects without any tap: “none”.", "Recorded in blocks"),
     "braille_icub": ("Recorded in blocks",),

@@ -115,7 +115,7 @@ def test_places_without_a_column_of_their_own_share_one():
         ({"p": 0.002, "move": -2}, "tap 3: 1 mm rod 0.900, 1.5 mm 0.710, unusual tap, p 0.002, move -2"),
         ({"p": None, "move": None}, "novelty unknown to this model, deadline: 1 mm rod is the most probable"),
         ({"decision": 1, "move": None}, "decided: 1 mm rod"),
-        ({"unknown": True}, "unknown: nothing that the model knows"),
+        ({"unknown": True}, "unknown: unlike every object of the model"),
     ],
 )
 def test_a_sentence_says_what_is_believed_and_what_follows(more, said):
@@ -166,4 +166,4 @@ def test_the_picture_needs_nothing_from_elsewhere():
 
 def test_a_decision_that_is_put_off_is_explained():
     """The belief is above the threshold, and there is a move instead of a decision."""
-    assert sentence(seen(PEAK, theta=0.8, decision=None)).endswith("doubtful whether it is anything known, move +2")
+    assert sentence(seen(PEAK, theta=0.8, decision=None)).endswith("possibly unlike every object of the model, move +2")

@@ -242,7 +242,11 @@ def test_errors_by_place_have_a_line_per_threshold_and_one_band():
     assert [line.get_color() for line in panels[0].lines] == ["0.8", "0.4", "0.0"]
     assert [label.get_text() for label in bar.get_yticklabels()] == ["0.1", "0.5", "0.95"]
     assert [axes.get_title(loc="left") for axes in panels] == ["A", "B", "C"]
-    assert [axes.get_ylabel() for axes in panels] == ["what error (mm)", "where error (mm)", "reaction time (taps)"]
+    assert [axes.get_ylabel() for axes in panels] == [
+        "object error (mm)",
+        "position error (mm)",
+        "reaction time (taps)",
+    ]
 
 
 def test_thresholds_may_come_in_any_order():
@@ -259,8 +263,8 @@ def test_long_units_are_shortened_and_objects_without_size_are_named():
     """Axis labels stay short; an error without a unit is the probability of being wrong."""
     labels = axis_labels(CASES["by fixation, holes"]())
 
-    assert labels[0] == ("fixation point (encoder counts)", "what: P(wrong)")
-    assert labels[1] == ("fixation point (encoder counts)", "where error (encoder counts)")
+    assert labels[0] == ("fixation point (encoder counts)", "object: P(wrong)")
+    assert labels[1] == ("fixation point (encoder counts)", "position error (encoder counts)")
 
 
 @pytest.mark.parametrize(
@@ -303,8 +307,8 @@ def test_acuity_has_four_panels_that_show_everything():
         assert axes.get_ylim()[0] == 0
         assert axes.get_ylim()[1] >= float(active["what_error_high"].max())
     assert [axis_labels(figure)[i] for i in (0, 3)] == [
-        ("belief threshold", "what error (mm)"),
-        ("mean reaction time (taps)", "where error (mm)"),
+        ("belief threshold", "object error (mm)"),
+        ("mean reaction time (taps)", "position error (mm)"),
     ]
 
 
@@ -320,7 +324,7 @@ def test_acuity_leaves_out_an_error_that_is_not_there():
 )
 def test_nothing_to_draw_is_an_error(draw):
     """One policy at least is needed."""
-    with pytest.raises(ValueError, match="neither a passive nor an active"):
+    with pytest.raises(ValueError, match="passive and active are both None"):
         draw()
 
 
@@ -351,4 +355,4 @@ def test_contacts_show_accuracy_and_chance(name, series):
     assert [*series, "chance"] == [text.get_text() for text in axes.get_legend().get_texts()]
     assert list(series.values()) == dotted
     assert len(series) == len(axes.collections)
-    assert (axes.get_xlabel(), axes.get_ylabel()) == ("contacts", "fraction right")
+    assert (axes.get_xlabel(), axes.get_ylabel()) == ("contacts", "fraction correct")

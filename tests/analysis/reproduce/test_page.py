@@ -94,9 +94,9 @@ def test_the_page_is_complete():
         "Figure 5 was left out.",
         "session-0.nc 1600 1 simulated",
         "parity . Odd taps test.",
-        "16 where classes (0.5 … 15.5 mm) times 1 what class (rods); 12 taxels, 50 samples per tap.",
-        "where class 7 (counted from 0), 7.5 mm.",
-        "Left out, without a training tap: “none”.",
+        "16 position classes (0.5 … 15.5 mm) and 1 object class (rods); 12 taxels, 50 samples per tap.",
+        "The fixation point is 7.5 mm (position class 7, counted from 0).",
+        "Left out, because they have no training tap: “none”.",
         "rod, passive mm 2 1.400 [1.290, 1.520] section 3.3",
         "Brackets hold 95 % of the resampled means.",
         "0.1 1.000 [0.889, 1.122] 0.456 1.000 [0.889, 1.122] 1.000 [0.889, 1.122] 98.7 % 1.2 % 0 %",
@@ -107,7 +107,7 @@ def test_the_page_is_complete():
         "fresh, at threshold 0.1 active 1.000 [0.889, 1.122]",
         "Meaning of stored. Meaning of fresh. Meaning of enough. Too few test taps. Brackets hold",
         "starts and random numbers, so differences are paired.",
-        "Passive minus active belief threshold what error (mm) where error (mm) reaction time (taps) 0.1 0.200 [",
+        "Passive minus active belief threshold object error (mm) position error (mm) reaction time (taps) 0.1 0.200 [",
         "differences exceed the limits (20 episodes of 400 taps each). Differing decisions: 0, differing moves: 3",
         "posterior numpy, numpyro 3.6e-15 1e-16 FAILED",
         "Seed 123456789.",
@@ -117,14 +117,14 @@ def test_the_page_is_complete():
         'Title fig3 (fig3). Caption "fig3"',
     ):
         assert expected in report
-    assert report.count("98.7 % 1.2 % 0 % 0.9995") == 2
+    assert report.count("98.7% 1.2% 0% 0.9995") == 2
 
 
 EMPTY = {
-    "paper": (None, "Beside the paper"),
+    "paper": (None, "Comparison with the paper"),
     "results": ([], "Clamped"),
-    "accuracy": ([], "Accuracy over contacts"),
-    "fixation": (None, "Active perception moves"),
+    "accuracy": ([], "Accuracy against contacts"),
+    "fixation": (None, "The fixation point is"),
     "differences": ([], "Passive minus active"),
     "data": ([], "session-0.nc"),
     "command": ("", "solidtouch reproduce"),
@@ -156,15 +156,15 @@ def test_taps_that_leave_no_class_have_a_column():
     none_left = [row | {"no_class_left_fraction": 0.25} for row in SUMMARY["results"]]
 
     assert "no class left" not in page(SUMMARY).lower()
-    assert "98.7 % 1.2 % 0 % 25 %" in page(SUMMARY | {"results": none_left})
-    assert "No class left: share that ended undecided" in page(SUMMARY | {"results": none_left})
+    assert "98.7% 1.2% 0% 25%" in page(SUMMARY | {"results": none_left})
+    assert "No class left: fraction that ended undecided" in page(SUMMARY | {"results": none_left})
 
 
 def test_objects_without_size_have_one_error_column():
     """Where the what error is P(wrong) it is not printed a second time."""
     text = page(SUMMARY | {"units": {"what": "P(wrong)", "where": "mm"}})
 
-    assert "belief threshold what (P(wrong)) where error (mm)" in text
+    assert "belief threshold object (P(wrong)) position error (mm)" in text
     assert "0.456" not in text
 
 

@@ -355,19 +355,19 @@ def test_units_and_settings_are_with_the_numbers(played):
     assert (curves.what_error.attrs["units"], curves.where_error.attrs["units"]) == ("cm", "mm")
     assert (curves.attrs["trials"], curves.attrs["seed"], curves.attrs["resamples"]) == (TRIALS, 7, RESAMPLES)
     assert curves.attrs["taps_per_class"] == 6
-    assert "without a quarter of each class, or without one session in turn" in decision_interval_sentence()
-    assert "not hold how models fitted to other training taps would differ" in decision_interval_sentence()
+    assert "a quarter of the test taps of each class, or one test session at a time" in decision_interval_sentence()
+    assert "do not cover variation between training sets" in decision_interval_sentence()
 
 
 def test_bad_arguments_are_refused(tables, played):
     """Each in a sentence."""
-    with pytest.raises(InputError, match="other classes than the grid of 4 x 2"):
+    with pytest.raises(InputError, match="classes of the tables do not match the grid of 4 x 2"):
         play_models(tables, grid_of(L, 2), (0.5,), 10, 0)
     with pytest.raises(InputError, match="at least one resample, got 0"):
         play_models(tables, grid_of(L, M), (0.5,), 10, 0, resamples=0)
-    with pytest.raises(InputError, match="'best' is none of the models weak, good"):
+    with pytest.raises(InputError, match="'best' is not one of the models weak, good"):
         decision_curves(played, reference="best")
-    with pytest.raises(InputError, match="'best' is none of the models weak, good"):
+    with pytest.raises(InputError, match="'best' is not one of the models weak, good"):
         at_equal_taps(played, reference="best")
 
 

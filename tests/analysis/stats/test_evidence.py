@@ -170,7 +170,7 @@ def test_taps_of_classes_that_one_half_does_not_know_are_left_out(make_taps):
 def test_single_training_taps_cannot_be_judged(make_taps):
     """Nor can taps of a class without a rival."""
     train, other = sets(make_taps, repeats=1)
-    with pytest.raises(InputError, match="No class has two training taps"):
+    with pytest.raises(InputError, match="no class has two training taps"):
         judged(train, other)
     train, other = sets(make_taps, L=1, M=1)
     with pytest.raises(InputError, match="No tap belongs to a class with two training taps and a rival"):

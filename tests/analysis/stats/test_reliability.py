@@ -535,13 +535,13 @@ def test_the_same_seed_gives_the_same_numbers(data):
 def test_bad_arguments_are_refused():
     """Each in a sentence."""
     table, grid = table_of(), grid_of()
-    with pytest.raises(InputError, match="other classes than the grid of 6 x 2"):
+    with pytest.raises(InputError, match="classes of the table do not match the grid of 6 x 2"):
         reliability(table, grid_of(L, 2), (0.5,), 0)
     with pytest.raises(InputError, match="thresholds below 1, got"):
         reliability(table, grid, (0.5, 1.0), 0)
-    with pytest.raises(InputError, match="a resample and a tap, got 5 and contacts \\[0\\]"):
+    with pytest.raises(InputError, match="one resample and one tap are required, got 5 and contacts \\[0\\]"):
         reliability(table, grid, (0.5,), 0, contacts=(0,), resamples=5)
-    with pytest.raises(InputError, match="leaves nothing to decide"):
+    with pytest.raises(InputError, match="there is nothing to decide"):
         decided_about(table_of(1, 1), grid_of(1, 1))
     with pytest.raises(InputError, match="thresholds between 0 and 1, got"):
         guarantees(table, table, grid, (0.0,), 0)

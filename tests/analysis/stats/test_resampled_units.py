@@ -62,7 +62,7 @@ def test_few_taps_are_said(make_taps):
     assert "Too few test taps, about 6 per class" in resampled_sentence(few, few.grid())
     assert resampled_sentence(enough, enough.grid()).endswith("not another session or recording.")
     several = make_taps(repeats=3, sessions=2)
-    assert "the 2 test sessions, each left out in turn" in resampled_sentence(several, several.grid())
+    assert "the 2 test sessions, left out one at a time" in resampled_sentence(several, several.grid())
     assert "Too few test sessions, 2" in resampled_sentence(several, several.grid())
 
 

@@ -177,7 +177,7 @@ def test_where_tuning_fails_nothing_is_significant():
     assert found.shape == (3, 2)
     none = compare_below(0.01, found[:, 0])
     assert not outside(none)
-    assert Tuned(none, None, 6, 3).sentence == "Exponent 0.01; what a right model gives could not be simulated."
+    assert Tuned(none, None, 6, 3).sentence == "Exponent 0.01; a correct model could not be simulated."
     few = compare_below(0.01, np.array([np.nan, *np.full(18, 0.5)]))
     assert few.below == pytest.approx(2 / 20)
     assert not outside(few)
@@ -201,9 +201,9 @@ def test_what_is_outside_is_below_the_interval(S):
 def test_words_say_whether_the_test_rejects():
     low, inside = Beside(0.42, 0.93, 0.81, 1.0, 1.0, 0.05), Beside(MOST_TAPS, MOST_TAPS, 12.3, MOST_TAPS, 1.0, 1.0)
     assert Tuned(low, inside, 20, 19).sentence == (
-        "Exponent 0.42; a right model on 20 training taps per class gives 0.93 (0.81 to 1): the exponent is lower, by "
-        "a Monte Carlo test at 5 % (p = 0.05). Saturation no limit; a right model on 20 training taps per class gives "
-        "no limit (12 to no limit): it cannot be told from a right model."
+        "Exponent 0.42; a correct model on 20 training taps per class gives 0.93 (0.81 to 1): the exponent is "
+        "lower, by a Monte Carlo test at 5% (p = 0.05). Saturation no limit; a correct model on 20 training taps "
+        "per class gives no limit (12 to no limit): it does not differ significantly from a correct model."
     )
     assert "on 1 training tap per class" in Tuned(low, None, 1, 19).sentence
 
@@ -264,7 +264,7 @@ def test_learned_powers_stand_beside_those_of_a_right_model(name):
         assert (found[-1].taps, found[-1].simulations, sum(told)) == (40, SIMULATIONS, SIMULATIONS)
     if name == "histogram":
         assert [outside(one.power) for one in found] == [False, True]
-    assert re.search("a right model on 40 training taps per class gives", found[0].sentence)
+    assert re.search("a correct model on 40 training taps per class gives", found[0].sentence)
 
 
 def test_too_few_simulations_are_refused():

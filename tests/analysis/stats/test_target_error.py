@@ -204,9 +204,9 @@ def test_passive_trials_and_one_object_do_not_move(fitted, make_taps):
 def test_bad_arguments_are_refused(fitted):
     """Each in a sentence."""
     model, sessions = fitted
-    with pytest.raises(InputError, match=r"needs at least 5 sessions that did not train the model, got 4\."):
+    with pytest.raises(InputError, match=r"requires at least 5 sessions that did not train the model, got 4\."):
         target_error(model, sessions[: FEWEST - 1], 0.1, model.grid)
-    with pytest.raises(InputError, match=r"wanted error must lie between 0 and 1, got 1\.5"):
+    with pytest.raises(InputError, match=r"target error must lie between 0 and 1, got 1\.5"):
         target_error(model, sessions, 1.5, model.grid)
     with pytest.raises(InputError, match="default threshold must lie between 0 and 1, got 1"):
         target_error(model, sessions, 0.1, model.grid, play=PlaySettings(threshold=1))
@@ -227,5 +227,5 @@ def test_the_grid_is_that_of_the_model(fitted):
     """Another one is refused."""
     model, sessions = fitted
     other = ClassGrid(np.arange(9.0), "mm", None, tuple((f"{m}",) for m in range(2)))
-    with pytest.raises(InputError, match="other classes than the grid of 9 x 2"):
+    with pytest.raises(InputError, match="classes of the table do not match the grid of 9 x 2"):
         target_error(model, sessions, 0.1, other)

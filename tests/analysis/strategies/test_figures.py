@@ -101,10 +101,10 @@ def test_very_long_intervals_have_arrowheads(source):
 
 def test_only_rules_that_give_up_have_null_decisions(source):
     """The panel of them says if there are none."""
-    assert "no rule gives up" in texts(null_decisions(source))
+    assert "no rule with null decisions" in texts(null_decisions(source))
     source["powers"][0]["curves"][GIVING_UP] = {BASE: [point(2.0, 0.5, 1.0, given_up=0.3)]}
     panel = null_decisions(source)
-    assert "no rule gives up" not in texts(panel)
+    assert "no rule with null decisions" not in texts(panel)
     assert [line.get_ydata()[-1] for line in panel.get_lines()] == [0.3]
 
 
@@ -133,7 +133,7 @@ def test_all_may_decide_with_the_first_tap(source):
     """Strokes and a count are left."""
     source["paths"] = {name: [[0, -1, -1], [2, -1, -1]] for name in NAMES}
     for axes in trajectories(source).axes[: len(NAMES)]:
-        assert texts(axes) == ["decided: 2 at tap 1, 2 by 5"]
+        assert texts(axes) == ["decided: 2 at tap 1, 2 by tap 5"]
 
 
 @pytest.mark.parametrize("number", [1, 4, 5, 7, 11])
@@ -156,6 +156,6 @@ def test_trust_beyond_its_axes_is_hollow_at_their_ends(source):
     assert beyond.get_xdata()[0] == pytest.approx(gain.get_xlim()[1])
     assert to_rgba(beyond.get_markerfacecolor()) == to_rgba("white")
     assert to_rgba(inside.get_markerfacecolor()) != to_rgba("white")
-    assert texts(factor) == ["not known: 1"]
+    assert texts(factor) == ["undefined: 1"]
     assert not texts(excess)
     assert len(excess.collections) == 2 * (2 + 2), "two lines and two arrowheads for each"

@@ -184,7 +184,9 @@ def test_the_summary_holds_what_was_paid(study, summary):
         assert all(abs(row["more"]) < 5e-5 for row in best)
         for row in case["prices"]:
             assert row["regret"] == pytest.approx(row["cost"] - found.least, abs=1e-8)
-            assert float(row["shown"].split()[0]) == pytest.approx(row["regret"], abs=0.006)
+            shown = row["shown"].split()[0].replace("−", "-")
+            last_digit = 10.0 ** -len(shown.partition(".")[2])
+            assert float(shown) == pytest.approx(row["regret"], abs=0.5001 * last_digit)
             assert (row["regret_low"] is None) == case["exact"]
             if not case["exact"]:
                 assert row["regret_low"] <= row["regret"] <= row["regret_high"]
@@ -195,13 +197,13 @@ def test_sentences_say_what_the_least_is(study, summary):
     exact, bounded = summary["cases"][0], summary["cases"][-1]
     assert f"The exact rule costs {study[0].least:.4f} mm" in exact["said"]
     assert f"No strategy costs less than {study[-1].least:.4f} mm" in bounded["said"]
-    assert "3 places 5 mm apart, rods of 6, 10 mm, 1 sample per tap" in exact["described"]
+    assert "3 positions 5 mm apart, rods of 6, 10 mm, 1 sample per tap" in exact["described"]
     assert bounded["caption"].endswith("20 trials each")
     assert len(summary["findings"]) == 2
     near, gap = summary["findings"]
     assert "info-what" in near
     assert "passive" not in near
-    assert gap.count("mm a tap") == len(TAP_COSTS)
+    assert gap.count("mm per tap") == len(TAP_COSTS)
 
 
 def test_the_page_shows_every_price(summary):
@@ -231,7 +233,7 @@ def test_the_figure_has_a_panel_for_each_case(summary):
     assert len(figure.axes) == len(summary["cases"])
     case = summary["cases"][0]
     names = [name for name in shown(case) if name.startswith("fixation,")]
-    assert names == ["fixation, best place", "fixation, worst place"]
+    assert names == ["fixation, best position", "fixation, worst position"]
     best, worst = (shown(case)[name][0]["regret"] for name in names)
     assert best < worst
     marks = [line for line in figure.axes[0].get_lines() if line.get_marker() not in ("None", "")]

@@ -264,16 +264,20 @@ def test_what_is_sure_is_told(summary):
     for row in source["powers"][0]["equal"][FIXED]:
         for end, value in (("", 1.0), ("_low", 0.7), ("_high", 1.3), ("_least", 0.5), ("_most", 1.5)):
             row[f"what_error_difference{end}"] = value if row["strategy"] == "random" else 0.0
-    after = (
-        "error is surely larger than with the fixation point under random (2, 3, 5, 10 taps), surely smaller under no"
-    )
+    after = "the object error is significantly higher for random (2, 3, 5, 10 taps) than with the fixation point"
     assert after in source_findings(source)[2]
-    assert findings([source])[0].startswith("No strategy surely errs less")
-    assert any("random moves err surely more at 2, 3, 5 and 10 taps" in said for said in findings([source]))
+    assert findings([source])[0].startswith("No strategy has significantly lower object error")
+    assert any(
+        "random moves have significantly higher object error at 2, 3, 5 and 10 taps" in said
+        for said in findings([source])
+    )
     for row in source["powers"][0]["equal"][FIXED]:
         row["what_error_difference_least"] = -0.1
-    assert "the object error surely differs from that with the fixation point under no" in source_findings(source)[2]
-    assert any("more by their own interval at 2, 3, 5 and 10 taps" in said for said in findings([source]))
+    assert "no strategy differs significantly from the fixation point in the object error" in source_findings(source)[2]
+    assert any(
+        "higher object error at 2, 3, 5 and 10 taps (by individual intervals only)" in said
+        for said in findings([source])
+    )
     for row in source["powers"][0]["equal"][FIXED]:
         row["what_error_difference_most"] = -0.1 if row["strategy"] in ("table", "info-what") else 0.1
     names = [name for name in ("info-what", "table") if name in source["strategies"]]
@@ -312,14 +316,14 @@ def test_taps_and_way_at_the_shown_threshold_are_paired(summary):
 def test_data_that_allow_no_comparison_are_refused(make_taps, tmp_path):
     """A single place, a cell without a tap, one data set, no such preset."""
     make_taps(L=1, sessions=3).save(tmp_path / "one.nc")
-    with pytest.raises(InputError, match=r"one\.nc has a single place or a single object"):
+    with pytest.raises(InputError, match=r"one\.nc has a single position or a single object"):
         recorded_bench(tmp_path / "one.nc")
     taps = make_taps(sessions=3)
     where, what = taps.indices(taps.grid())
     taps.select(~((where == 1) & (what == 2) & (taps.session == 2))).save(tmp_path / "hole.nc")
-    with pytest.raises(InputError, match=r"hole\.nc has no test tap in 1 of 12 cells"):
+    with pytest.raises(InputError, match=r"hole\.nc has no test tap in 1 of 12 classes"):
         recorded_bench(tmp_path / "hole.nc")
-    with pytest.raises(InputError, match="two data sets or more, got 1"):
+    with pytest.raises(InputError, match="At least two data sets are required, got 1"):
         simulated_bench("paper", 1, 0)
     with pytest.raises(InputError, match=r"Unknown preset 'nowhere'; choose from .*model"):
         simulated_bench("nowhere", 3, 0)
