@@ -140,7 +140,8 @@ def plot_scores(axes: Axes, data: xr.Dataset) -> Axes:
     axes.set_ylim(0, max(0.05, axes.get_ylim()[1]))
     axes.set_xlabel("taps")
     _taps_axis(axes, data["contacts"].values)
-    axes.legend(loc="best")
+    axes.set_ylim(0, 1.35 * axes.get_ylim()[1])  # room for the legend
+    axes.legend(loc="upper left")
     return axes
 
 
@@ -211,7 +212,7 @@ def plot_promises(axes: Axes, data: xr.Dataset) -> Axes:
     """
     theta = data["theta"].values
     axes.set_yscale("log")
-    axes.axhline(1, color="grey", linewidth=0.8, linestyle=":", label="promised")
+    axes.axhline(1, color="grey", linewidth=0.8, linestyle=":", label="bound")
     names = [str(name) for name in data["what"].values]
     styles = dict(_objects(data)) | {EVERYTHING: _together()}
     grey = len(names) > _NAMED + 1

@@ -41,7 +41,7 @@ def confusion(passive: ArrayLike | None, active: ArrayLike | None, labels: Seque
     for panel, letter, (name, table) in zip(axes[0], "AB"[: len(tables)], tables.items(), strict=True):
         image = plot_confusion(panel, table, labels)
         label_panel(panel, letter if len(tables) > 1 else "", f"{name}, threshold {theta:g}")
-    axes[0, 0].set_ylabel("true")
+    axes[0, 0].set_ylabel("true object")
     if len(labels) > _NUMBERS_UP_TO and image is not None:
         figure.colorbar(image, ax=list(axes[0]), shrink=0.7, label="fraction of decisions")
     return figure
@@ -59,7 +59,7 @@ def plot_confusion(axes: Axes, table: ArrayLike, labels: Sequence[str]) -> AxesI
     axes.set_yticks(shown, names)
     axes.tick_params(length=0)
     axes.spines[:].set(visible=True, color="0.7")
-    axes.set_xlabel("decided")
+    axes.set_xlabel("decided object")
     if M <= _NUMBERS_UP_TO:
         _write_numbers(axes, share)
     return image

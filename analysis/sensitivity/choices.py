@@ -326,7 +326,7 @@ CHOICES: tuple[Choice, ...] = (
         active_only=True,
     ),
     Choice(
-        "reported threshold",
+        "threshold that is read",
         "Thresholds from 0.1 to 0.995 with unknown spacing (sec. 3.2); sec. 3.3 reports the best.",
         "2026-11-21-trials.md",
         "0.95",

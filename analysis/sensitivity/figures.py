@@ -194,6 +194,7 @@ def _scaled_axis(
     axes.axvline(middle, color="black", linewidth=0.6)
     axes.set_xlim(*ends)
     axes.xaxis.set_major_locator(FixedLocator([tick for tick in ticks if ends[0] <= tick <= ends[1]]))
+    axes.tick_params(axis="x", labelsize=6.5)
     axes.xaxis.set_minor_locator(NullLocator())
     axes.xaxis.set_major_formatter(FuncFormatter(lambda value, _: number(value)))
     return ends
