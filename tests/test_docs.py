@@ -45,7 +45,7 @@ def test_the_page_converts_and_inspects_its_recordings(tmp_path):
     """180 taps in 6 streams, none lost, and the warning that the page speaks of."""
     printed = " ".join(" ".join(run_page(PAGE, tmp_path, RECORDED).values()).split())
 
-    assert "180 taps from 6 streams, 0 cut short" in printed
+    assert "180 taps from 6 streams, 0 incomplete taps left out" in printed
     assert "taps.nc: 180 taps of 20 samples from 3 taxels." in printed
     assert "cut.nc: 40 taps of 5 samples from 2 taxels." in printed
     assert "Recorded in blocks" in printed
