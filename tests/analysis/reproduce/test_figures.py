@@ -335,7 +335,7 @@ def test_confusion_prints_row_shares():
 
     np.testing.assert_array_equal([[0.75, 0.25, 0], [np.nan] * 3, [0, 0, 1]], share)
     assert [text.get_text() for text in figure.axes[0].texts] == ["0.75", "0.25", "1.00"]
-    assert axis_labels(figure) == [("decided", "true")]
+    assert axis_labels(figure) == [("decided object", "true object")]
     assert [label.get_text() for label in figure.axes[0].get_yticklabels()] == ["a", "b", "c"]
 
 
