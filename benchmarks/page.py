@@ -21,7 +21,7 @@ def table(head: Sequence[str], lines: Iterable[Sequence[str]]) -> str:
 
 
 def mean_interval(values: ArrayLike, digits: int = 2) -> str:
-    """A mean with its 95 % t-interval, `-` for less than two values."""
+    """A mean with its 95% t-interval, `-` for less than two values."""
     values = np.asarray(values, dtype=np.float64)
     if len(values) < 2:
         return "-"
@@ -31,7 +31,7 @@ def mean_interval(values: ArrayLike, digits: int = 2) -> str:
 
 
 def share_interval(hits: int, n: int) -> str:
-    """A proportion with its 95 % Wilson interval."""
+    """A proportion with its 95% Wilson interval."""
     interval = binomtest(hits, n).proportion_ci(method="wilson")
     return f"{hits / n:.3f} [{interval.low:.3f}, {interval.high:.3f}]"
 

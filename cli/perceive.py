@@ -89,7 +89,7 @@ def perceive(
         float | None,
         Option(
             metavar="ALPHA",
-            help="Answer `unknown` if no trained object explains the taps. With 95 % confidence over training taps, "
+            help="Answer `unknown` if no trained object explains the taps. With 95% confidence over training taps, "
             "at most a fraction ALPHA of episodes at a trained object end in `unknown`, if new taps are distributed "
             "like the training taps.",
         ),

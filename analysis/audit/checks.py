@@ -111,7 +111,7 @@ def summarise_checks(tree: xr.DataTree) -> xr.Dataset:
         tree: From `audit_checks`.
 
     Returns:
-        Dim statistic: `observed`; `mean`, `low` and `high` of the replicates, the latter at 95 %; `z`, by how many of
+        Dim statistic: `observed`; `mean`, `low` and `high` of the replicates, the latter at 95%; `z`, by how many of
         their standard deviations the observed value exceeds their mean; `p`, twice the share of replicates and the
         observed value that are at least as far out on its side, at most 1; `differs`, whether it lies outside all
         replicates and by more than four standard deviations; `label` and `assumption`.

@@ -49,7 +49,7 @@ class Scale(NamedTuple):
     Attributes:
         thresholds: theta_W, increasing, shape (H,).
         policies: As on the policy axis.
-        intervals: That hold together with 95 %, by Bonferroni's inequality.
+        intervals: That hold together with 95%, by Bonferroni's inequality.
     """
 
     thresholds: NDArray[np.float64]

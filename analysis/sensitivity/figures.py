@@ -36,7 +36,7 @@ _WRAP = 20
 def forest(source: SourceNumbers) -> Figure:
     """What every option changes under the last policy, strongest choices on top.
 
-    Thick lines are 95 % intervals, thin ones hold all together; grey bands are changes that do not matter. Axes are
+    Thick lines are 95% intervals, thin ones hold all together; grey bands are changes that do not matter. Axes are
     linear in the band and logarithmic beyond.
     """
     rows = _rows(source)
@@ -103,7 +103,7 @@ def interactions(source: SourceNumbers) -> Figure | None:
 def plot_interactions(
     axes: Axes, pairs: Sequence[PairRow], names: Sequence[tuple[str, str]], label: str, bound: float
 ) -> Axes:
-    """Draws the lower triangle: numbers with 95 % intervals, in bold where all together are sure.
+    """Draws the lower triangle: numbers with 95% intervals, in bold where all together are sure.
 
     Args:
         axes: Where to.
@@ -173,7 +173,7 @@ def _rows(source: SourceNumbers) -> list[tuple[str, OptionRow | None]]:
 def _scaled_axis(
     axes: Axes, rows: Sequence[tuple[str, OptionRow | None]], name: str, bound: float
 ) -> tuple[float, float]:
-    """Sets scale, band, ends and ticks; what lies beyond the ends of all 95 % intervals is to be cut there."""
+    """Sets scale, band, ends and ticks; what lies beyond the ends of all 95% intervals is to be cut there."""
     from matplotlib.ticker import FixedLocator, FuncFormatter, NullLocator  # noqa: PLC0415
 
     keys = (name, f"{name}_low", f"{name}_high")

@@ -23,7 +23,7 @@ type Means = NDArray[np.float64]
 
 
 class Interval(NamedTuple):
-    """A number with its 95 % interval, and one that holds together with all others of the same source.
+    """A number with its 95% interval, and one that holds together with all others of the same source.
 
     Attributes:
         value: The estimate.

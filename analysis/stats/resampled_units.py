@@ -19,7 +19,7 @@ from ...models.grid import ClassGrid
 from ...models.taps import TapSet
 
 RESAMPLES = 40
-"""Of the test taps of a single data set; with so many an interval is 3 % wider than with any number."""
+"""Of the test taps of a single data set; with so many an interval is 3% wider than with any number."""
 
 
 def resampled_tables(table: TapTable, resamples: int, seed: int) -> list[TapTable]:

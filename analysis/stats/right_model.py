@@ -56,7 +56,7 @@ class Beside(NamedTuple):
     Attributes:
         value: What was observed.
         median: What a right model gives.
-        low: Lower end of where 95 % of its data sets lie.
+        low: Lower end of where 95% of its data sets lie.
         high: Upper end.
         above: P-value of the test that the value is not above what a right model gives.
         below: Likewise below.

@@ -51,7 +51,7 @@ class Prediction(NamedTuple):
     Attributes:
         theta: The threshold.
         error: Mean P(wrong) over the sessions, which is what to expect of a new one.
-        low: Lower end of the 90 % prediction interval of the error of a new session.
+        low: Lower end of the 90% prediction interval of the error of a new session.
         high: Its upper end.
         taps: Mean reaction time over the sessions.
         stopped: Mean fraction of trials that crossed the threshold before the deadline.
@@ -265,7 +265,7 @@ def threshold_grid(M: int) -> NDArray[np.float64]:
 
 
 def prediction_interval(error: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Ends of the 90 % prediction interval of a new session's error, see the head of this file.
+    """Ends of the 90% prediction interval of a new session's error, see the head of this file.
 
     Args:
         error: Of n sessions, shape (n, ...).

@@ -49,7 +49,7 @@ class JudgedBeliefs(NamedTuple):
 
 
 class Factor(NamedTuple):
-    """Wrong decisions over the number that beliefs announce, 1 when these are right, with a 95 % interval."""
+    """Wrong decisions over the number that beliefs announce, 1 when these are right, with a 95% interval."""
 
     value: float
     low: float

@@ -108,7 +108,7 @@ def plot_curve(axes: Axes, points: Points, across: str, quantity: str, look: Map
 
 
 def plot_end(axes: Axes, points: Points, quantity: str, place: int, look: Mapping[str, Any]) -> Axes:
-    """Draws the last known point of a curve with its 95 % interval, if there is one, in a strip right of the panel.
+    """Draws the last known point of a curve with its 95% interval, if there is one, in a strip right of the panel.
 
     What the panel cuts off has an arrowhead.
     """
@@ -126,7 +126,7 @@ def plot_end(axes: Axes, points: Points, quantity: str, place: int, look: Mappin
 
 
 def _name_strip(axes: Axes) -> None:
-    axes.text(1 + 0.5 * _STRIP, 1.03, "95 %", transform=axes.transAxes, **_NOTE)
+    axes.text(1 + 0.5 * _STRIP, 1.03, "95%", transform=axes.transAxes, **_NOTE)
 
 
 def _top(drawn: Iterable[Points], quantity: str) -> float:

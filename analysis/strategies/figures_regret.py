@@ -71,7 +71,7 @@ def shown(case: RegretCase) -> dict[str, list[RegretPrice]]:
 
 
 def plot_prices(axes: Axes, prices: Sequence[RegretPrice], y: float) -> Axes:
-    """Draws one strategy under all kinds of rules, with 95 % intervals where costs are drawn, in a row of its own."""
+    """Draws one strategy under all kinds of rules, with 95% intervals where costs are drawn, in a row of its own."""
     for price in prices:
         number = KINDS.index(price["kind"])
         at, look = y + (number - (len(KINDS) - 1) / 2) * _APART, _LOOKS[price["kind"]]

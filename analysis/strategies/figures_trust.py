@@ -128,7 +128,7 @@ def _sources(n: int) -> list[Any]:
 
 
 def plot_cross(axes: Axes, row: TrustRow, across: str, up: str, look: Mapping[str, Any]) -> Axes:
-    """Draws a known point with its 95 % intervals in both directions, moved to the ends of the axes if beyond them.
+    """Draws a known point with its 95% intervals in both directions, moved to the ends of the axes if beyond them.
 
     What is cut off, of intervals or of the point, has an arrowhead where it is; a point that was moved is hollow.
     """

@@ -76,7 +76,7 @@ def _caption(found: Regrets) -> str:
 
 
 def _row(price: Priced, found: Regrets) -> RegretPrice:
-    """A price, its regret and by how much it is more than that of the cheapest, with 95 % intervals."""
+    """A price, its regret and by how much it is more than that of the cheapest, with 95% intervals."""
     regret = _mean(price.each - found.least, "regret")
     shown = f"{regret['regret']:.4f}" if found.world.case.exact else interval(regret, "regret")
     return RegretPrice(
@@ -92,7 +92,7 @@ def _row(price: Priced, found: Regrets) -> RegretPrice:
 
 
 def _mean(each: NDArray[np.float64], name: str) -> dict[str, Any]:
-    """A mean with its 95 % interval under names that pages know; of a single number it has none."""
+    """A mean with its 95% interval under names that pages know; of a single number it has none."""
     mean = round(float(each.mean()), 9) + 0.0  # no rounding errors and no negative zero
     if len(each) < 2:
         return {name: mean, f"{name}_low": None, f"{name}_high": None}

@@ -160,7 +160,7 @@ def _numbers(value: Interval, name: str) -> dict[str, float | None]:
 
 
 def _curve(means: Means, levels: Sequence[float]) -> list[CurvePoint]:
-    """`QUANTITIES` at every level, each with its 95 % interval."""
+    """`QUANTITIES` at every level, each with its 95% interval."""
     rows = []
     for level, row in zip(levels, curve(means), strict=True):
         point: dict[str, float | None] = {}

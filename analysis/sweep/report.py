@@ -56,7 +56,7 @@ class SweepReport(Report):
         return open_sweep(self.path)
 
     def over_data(self, results: xr.Dataset | None = None, names: Sequence[str] = AVERAGED) -> xr.Dataset:
-        """Means over data sets, or over resamples of one, with 95 % t-intervals.
+        """Means over data sets, or over resamples of one, with 95% t-intervals.
 
         Args:
             results: Selection of `results`, or differences of them; `None` for all.

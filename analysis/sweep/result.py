@@ -46,7 +46,7 @@ def _unit(name: str, stored: xr.Dataset) -> dict[str, str]:
 
 
 def over_data(result: xr.Dataset, names: Sequence[str] = AVERAGED) -> xr.Dataset:
-    """Means over data sets, or of one data set, and their 95 % t-intervals.
+    """Means over data sets, or of one data set, and their 95% t-intervals.
 
     Several data sets are the units: each has taps of its own, while cells of other seeds draw the same taps again. So
     seeds are averaged first. The units of one data set are the resamples of its test taps, if the study has some.

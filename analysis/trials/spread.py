@@ -71,7 +71,7 @@ class TapSpread(NamedTuple):
     ranges: dict[str, Range]
 
     def intervals(self, means: Mapping[str, Floats]) -> dict[str, tuple[Floats, Floats]]:
-        """Ends of the 95 % intervals of means of trials with replacement, each of shape (H,), by name."""
+        """Ends of the 95% intervals of means of trials with replacement, each of shape (H,), by name."""
         return {
             name: self._interval(self.spread, name, np.column_stack([means[name], samples[:, 1:]]), means["taps"])
             for name, samples in self.stored.items()

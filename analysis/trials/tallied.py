@@ -26,7 +26,7 @@ def tally_dataset(
         spread: Trials on resampled and on fresh taps.
 
     Returns:
-        The means (theta), with `spread` also the ends of their 95 % intervals over test taps as ``<name>_low`` and
+        The means (theta), with `spread` also the ends of their 95% intervals over test taps as ``<name>_low`` and
         ``<name>_high``, and all of that on fresh taps as ``fresh_<name>``, with ``fresh_used_up``; ``confusion``
         (theta, what, decided_what), ``place`` (theta, where, decided_where) and ``reaction_time`` (theta, tap) as
         counts; attributes ``trials``, ``what_unit``, ``where_unit``.
@@ -62,6 +62,6 @@ def _spread_variables(means: dict[str, NDArray[np.float64]], spread: "TapSpread"
     for prefix, intervals in (("", spread.intervals(means)), ("fresh_", spread.fresh_intervals())):
         for name, ends in intervals.items():
             for side, end in zip(("low", "high"), ends, strict=True):
-                words = f"{'lower' if side == 'low' else 'upper'} end of the 95 % interval over test taps"
+                words = f"{'lower' if side == 'low' else 'upper'} end of the 95% interval over test taps"
                 variables[f"{prefix}{name}_{side}"] = "theta", end, {"long_name": words}
     return variables

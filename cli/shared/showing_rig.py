@@ -15,12 +15,12 @@ def show_report(report: RigReport, console: Console) -> None:
     console.print(found)
     if (sensor := report.sensor) is not None:
         console.print(
-            f"  {sensor.readings} readings, {sensor.rate_hz:.2f} per second, {100 * sensor.loss:.2g} % lost; in "
+            f"  {sensor.readings} readings, {sensor.rate_hz:.2f} per second, {100 * sensor.loss:.2g}% lost; in "
             "units of the sensor, noise as standard deviation:",
             highlight=False,
         )
         taxels = Table(box=None, padding=(0, 2))
-        for column in ("  taxel", "at rest", "noise", "drift per minute", "± 95 %"):
+        for column in ("  taxel", "at rest", "noise", "drift per minute", "± 95%"):
             taxels.add_column(column, justify="right")
         columns = zip(sensor.idle, sensor.noise, sensor.drift_per_min, sensor.drift_error, strict=True)
         for k, (idle, noise, drift, error) in enumerate(columns):

@@ -31,7 +31,7 @@ class SensorReport:
         idle: Mean of each taxel as sent, shape (K,).
         noise: Standard deviation of each taxel about its drift, shape (K,).
         drift_per_min: Slope of each taxel in units per minute, shape (K,).
-        drift_error: Half width of its 95 % interval, shape (K,).
+        drift_error: Half width of its 95% interval, shape (K,).
     """
 
     readings: int
@@ -90,7 +90,7 @@ def _line(
 
 
 def _drift(time_s: NDArray[np.float64], values: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Slope per second and half width of its 95 % interval.
+    """Slope per second and half width of its 95% interval.
 
     The noise of successive readings is correlated, so the line is fitted to block means, which are nearly independent.
     """

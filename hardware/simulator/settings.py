@@ -16,7 +16,7 @@ from ...models.preprocessing import Preprocessing
 from .layout import ICUB_FINGERTIP, Taxel
 
 _ROUNDING = 1e-6
-_SETTLED = 4.0  # time constants after which 2 % of a step remain
+_SETTLED = 4.0  # time constants after which 2% of a step remain
 
 
 class Rod(NamedTuple):

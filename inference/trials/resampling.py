@@ -95,7 +95,7 @@ class Spread(NamedTuple):
         endings: Sequence[Floats] = (),
         event: ArrayLike = 0.0,
     ) -> tuple[Floats, Floats]:
-        """Ends of the 95 % interval.
+        """Ends of the 95% interval.
 
         Of a quantity without a least value it is that of Student's t. With one it is that of a score: its ends are
         the values from which the estimate lies just so many standard deviations away if the variance grows with the

@@ -74,7 +74,7 @@ class Estimate(NamedTuple):
     Attributes:
         mean: Shape (...).
         error: Its standard error, shape (...).
-        low: Lower end of the 95 % interval.
+        low: Lower end of the 95% interval.
         high: Its upper end.
     """
 

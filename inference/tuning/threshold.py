@@ -36,7 +36,7 @@ class ThresholdChoice(NamedTuple):
         taps: Mean reaction time, likewise.
         cost: Mean cost of an episode in taps, likewise.
         excess: By how much it exceeds the least, likewise.
-        alike: Thresholds whose cost the data cannot tell from the least: the 95 % interval of the excess holds 0,
+        alike: Thresholds whose cost the data cannot tell from the least: the 95% interval of the excess holds 0,
             shape (H,).
         chosen: Index of the one with the least cost.
         used_up: Share of trials that ended because they had had all taps of a class, shape (H,).

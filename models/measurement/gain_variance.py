@@ -25,7 +25,7 @@ COMPONENTS = ("session", "mounting", "tap")
 """Components of variance: between sessions, between classes of a session, between taps."""
 
 PRIOR_SD = 0.2
-"""Scale of the half-normal priors of all components: about 20 % for gains, 20 % of the signal for offsets."""
+"""Scale of the half-normal priors of all components: about 20% for gains, 20% of the signal for offsets."""
 
 
 class GainCells(NamedTuple):

@@ -81,7 +81,7 @@ def session_spread(taps: TapSet, grid: ClassGrid, edges: NDArray[np.float64]) ->
     """Standard deviations of log gain and offset between sessions of training taps.
 
     The mean taps of the classes in each session are regressed on those in all others. Where that says nothing, as with
-    a single session, 5 % and half a bin stand in.
+    a single session, 5% and half a bin stand in.
 
     Args:
         taps: Training taps.

@@ -37,8 +37,8 @@ def test_sure_differences_are_bold_and_unknown_ones_a_dash():
         for name, rows in (("one", [sure, base]), ("two", [unsure, base]), ("three", [base]))
     ]
     lines = comparison.equal(sources).split("\n\n")[0].splitlines()
-    assert lines[2] == "| random | **0.500 [0.300, 0.700]** | 0.500 [0.300, 0.700] | - |"
-    assert lines[3] == "| null decisions, all | 12.5 % | 12.5 % | 12.5 % |"
+    assert lines[2] == "| random | **0.50 [0.30, 0.70]** | 0.50 [0.30, 0.70] | - |"
+    assert lines[3] == "| null decisions, all | 12.5% | 12.5% | 12.5% |"
 
 
 def test_regrets_are_told_as_on_the_page():

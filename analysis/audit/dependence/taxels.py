@@ -87,7 +87,7 @@ def taxel_dependence(
 
     Returns:
         Dims test (`TESTS`), taxel, other (K each). Of every pair, NaN where a taxel is dead or the two never vary
-        in the same stratum: ``effect`` with its 95 % interval ``effect_low`` and ``effect_high`` over resampled strata,
+        in the same stratum: ``effect`` with its 95% interval ``effect_low`` and ``effect_high`` over resampled strata,
         standardised statistic ``z``, ``p``, ``q`` (Benjamini and Hochberg), ``rejected`` (q at most alpha).
         Of every test: ``family_z`` and ``family_p`` of the largest statistic of all pairs, ``pairs`` tested,
         ``rejected_fraction`` of them, ``mean_absolute`` effect with its interval and ``mean_absolute_null``, what

@@ -64,7 +64,7 @@ def time_dependence(
 
     Returns:
         Dim lag, 0 to J - 1: ``autocorrelation`` of residuals, mean over strata (weighted by taps), taxels and samples,
-        with its 95 % interval ``autocorrelation_low`` and ``autocorrelation_high`` over resampled strata;
+        with its 95% interval ``autocorrelation_low`` and ``autocorrelation_high`` over resampled strata;
         ``partial`` autocorrelation of it (Durbin and Levinson). Dim taxel: ``lag1``, the first autocorrelation of each,
         and ``dead``. Dim test, lag1 and any: ``p``, ``z`` and ``rejected`` of the first lag and of the largest
         standardised one of ``lags``, in absolute value.

@@ -14,7 +14,7 @@ OPTION = "--pre"
 type Leading = Literal["stretch", "first sample", "none"]
 type Known = Literal["--pre", "press", "contact", ""]
 
-_STILL = 1e-3  # of the largest squared change: 3 % of the largest change
+_STILL = 1e-3  # of the largest squared change: 3% of the largest change
 _UNREST = 0.3
 _SURE = 0.8
 
@@ -97,8 +97,8 @@ def leading_samples(taps: NDArray[np.floating], cell: NDArray[np.intp]) -> Lead:
     If taps begin before contact, these are free of contact, since touch is what differs between classes; taps that
     begin pressed, and are held for a while, look the same. So of each class the mean change since the first sample is
     taken, squared, freed of its expected share of noise, and averaged over classes and taxels: there it stays at zero
-    however noisy the sensor. The leading samples are those before this exceeds 3 % of its largest value (as an
-    amplitude), less a fifth, since contact begins before that, and at least the first one. Where samples change by 30 %
+    however noisy the sensor. The leading samples are those before this exceeds 3% of its largest value (as an
+    amplitude), less a fifth, since contact begins before that, and at least the first one. Where samples change by 30%
     of their largest change already from the first to the second, as in taps that begin in contact or whose samples are
     exchangeable, there are none.
 

@@ -40,7 +40,7 @@ SOURCES = (BEFORE, OFFSET, WHOLE, TARED)
 _MOST, _HALF = 0.75, 0.5
 _RESAMPLES = 2000
 _FEWEST = 10
-_SETTLED = 4.0  # time constants after which 2 % of a step is left
+_SETTLED = 4.0  # time constants after which 2% of a step is left
 
 
 class Leakage(NamedTuple):

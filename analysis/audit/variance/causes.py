@@ -95,8 +95,8 @@ def split_variance(
         observed over the independent variance of a tap, the median over classes; `sequence_effect`, the same of n taps,
         over all classes; and
         standard deviations: `gain_sd` (relative), `timing_sd` (samples), `common_sd`, `noise_sd` and, from one sample
-        to the next, `lasting_sd` (unit of the samples). Each has an interval `_low`, `_high` at 95 % and `_sure`, the
-        lower end at 99 %. Without a class that has taps enough all are NaN. Attributes: `taps` n, `classes`,
+        to the next, `lasting_sd` (unit of the samples). Each has an interval `_low`, `_high` at 95% and `_sure`, the
+        lower end at 99%. Without a class that has taps enough all are NaN. Attributes: `taps` n, `classes`,
         `sessions`, `covariate`, `"place"`, `"order"` or nothing, and `covariate_p`, by permutation of taps within
         halves of sessions, the probability of what it explains if it explained nothing; and of suspects in their order
         `suspects`, their names, `suspect_p` and `suspect_follows_order`, see `suspects.Suspected`.

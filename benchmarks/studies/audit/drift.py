@@ -182,7 +182,7 @@ def taxel_page(found: dict[Course, list[tuple[list[float], list[float]]]]) -> st
     return (
         f"{CLASSES} classes, {TAPS} taps each in one session, {SAMPLES} samples, {TAXELS} taxels, normal noise; "
         "drift and common noise are in standard deviations of the noise. Rejection rates of the p-value over all pairs "
-        f"at level {ALPHA}, {PERMUTATIONS} permutations, with 95 % Wilson intervals. Without common noise, the "
+        f"at level {ALPHA}, {PERMUTATIONS} permutations, with 95% Wilson intervals. Without common noise, the "
         f"intervals of all three tests on contrasts reach down to {ALPHA} in {held} of {rows} rows.\n\n"
         f"{table(head, lines)}"
     )
@@ -206,7 +206,7 @@ def suspect_page(found: dict[Suspicion, list[tuple[list[float], str]]]) -> str:
         f"{SAMPLES} samples, {TAXELS} taxels. Three operators, drawn for each tap, and a temperature that follows a "
         "random walk. Sizes are the change of all samples per step of the operator, or per standard deviation of "
         f"temperature or unnamed drift, divided by their noise. *Named first* requires p at most {NAMED_ALPHA} and the "
-        f"largest share; 95 % Wilson intervals.\n\n{table([*head, 'order named first'], lines)}"
+        f"largest share; 95% Wilson intervals.\n\n{table([*head, 'order named first'], lines)}"
     )
 
 

@@ -112,7 +112,7 @@ def over(dim: str, parts: Sequence[xr.Dataset]) -> xr.Dataset:
 
 
 def over_pools(values: NDArray[np.float64]) -> tuple[float, float, float]:
-    """Mean of values over pools and the ends of its 95 % t-interval."""
+    """Mean of values over pools and the ends of its 95% t-interval."""
     n = len(values)
     half = t.ppf(0.975, n - 1) * values.std(ddof=1) / np.sqrt(n) if n > 1 else np.inf
     return float(values.mean()), float(values.mean() - half), float(values.mean() + half)
@@ -121,7 +121,7 @@ def over_pools(values: NDArray[np.float64]) -> tuple[float, float, float]:
 def holds(part: xr.Dataset) -> bool:
     """Whether no promise of one setup, policy and threshold is broken beyond Monte Carlo error.
 
-    The error is a one-sided t-test of each object and of all, at 5 % divided by their number.
+    The error is a one-sided t-test of each object and of all, at 5% divided by their number.
     """
     wrong, limit = part["wrong"].transpose("pool", "what").values, part["limit"].values
     n, tests = wrong.shape

@@ -148,8 +148,8 @@ def level_page(found: dict[int, list[Outcome]]) -> str:
     head = ["J", "test", "data sets", "rejects", "share of pairs with p at most .05", "a pair in the map"]
     return (
         "Two objects at six positions, 20 taps each, 12 taxels, drawn from histograms of the paper's rig; "
-        f"{PERMUTATIONS} permutations, level {ALPHA}. Intervals are 95 % Wilson intervals, or t-intervals of the mean "
-        f"over data sets. Exact intervals with simultaneous 95 % coverage contain {ALPHA} in {inside} of {cells} "
+        f"{PERMUTATIONS} permutations, level {ALPHA}. Intervals are 95% Wilson intervals, or t-intervals of the mean "
+        f"over data sets. Exact intervals with simultaneous 95% coverage contain {ALPHA} in {inside} of {cells} "
         f"rows.\n\n{table(head, lines)}"
     )
 

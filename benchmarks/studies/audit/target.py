@@ -2,7 +2,7 @@
 
 Simulated data sets of the paper's size with drift between sessions. In each, one session is training data, five are for
 tuning, and the others are fresh: the first is what a user would meet, and all of them give the fractions with less
-noise. The error of a fresh session should lie in the 90 % prediction interval, and a target called reachable should be
+noise. The error of a fresh session should lie in the 90% prediction interval, and a target called reachable should be
 met.
 
 `--document docs/explanation/audit-studies.md` updates the table of that page.

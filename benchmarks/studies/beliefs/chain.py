@@ -181,7 +181,7 @@ def right_page(result: Calibration, sizes: Sizes, seed: int) -> str:
     """What the page says where everything is right."""
     return (
         f"{sizes.trials} trials per route and policy, seed {seed}. Columns `what` and `where` give the number of wrong "
-        f"decisions divided by the number expected from the beliefs, with 95 % intervals.\nOf {result.tests} tests, "
+        f"decisions divided by the number expected from the beliefs, with 95% intervals.\nOf {result.tests} tests, "
         f"{len(result.failed)} fail at level {result.level:g} (Holm); the smallest p-value times their number is "
         f"{told_p(result.least)}.\n\n{right_table(result)}"
     )

@@ -64,7 +64,7 @@ def calibration_figure(panels: Sequence[CalibrationPanel], moments: Sequence[str
 def plot_spread(axes: Axes, panel: CalibrationPanel) -> Axes:
     """One line per quantity over the band."""
     axes.fill_between(
-        panel.z, panel.low, panel.high, color=OTHERS, alpha=0.35, linewidth=0, label="95 % band where all is right"
+        panel.z, panel.low, panel.high, color=OTHERS, alpha=0.35, linewidth=0, label="95% band where all is right"
     )
     axes.axhline(0, color=OTHERS, linewidth=0.6)
     for name, curve in panel.curves.items():

@@ -1,6 +1,6 @@
 """How often known and new taps are flagged, and how often known and new objects are called unknown.
 
-Simulates data sets, or splits the recordings it is given. Counts have 95 % Wilson intervals that treat all taps and
+Simulates data sets, or splits the recordings it is given. Counts have 95% Wilson intervals that treat all taps and
 episodes as independent, which those of one session are not quite.
 """
 

@@ -181,7 +181,7 @@ def shifted(log_belief: NDArray[np.float64], by: int) -> NDArray[np.float64]:
 
 
 def share(hits: int, n: int) -> str:
-    """A proportion with its exact 95 % interval."""
+    """A proportion with its exact 95% interval."""
     interval = binomtest(hits, n).proportion_ci(method="exact")
     return f"{hits / n:.3f} [{interval.low:.3f}, {interval.high:.3f}]"
 

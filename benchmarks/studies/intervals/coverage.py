@@ -1,4 +1,4 @@
-"""Coverage of the 95 % intervals of decision errors and reaction times.
+"""Coverage of the 95% intervals of decision errors and reaction times.
 
 Taps are drawn from histograms with 12 symbols, Dirichlet 1, and classified by the same histograms (`right`), by two
 models whose log-likelihoods have added noise of equal size and which therefore err equally often (`noisy`, `noisy
@@ -201,7 +201,7 @@ def run(
 
 
 def told(found: Coverage) -> str:
-    """The coverage with its interval, whether that is above 98 % or below 92 %, and how often there was an interval."""
+    """The coverage with its interval, whether that is above 98% or below 92%, and how often there was an interval."""
     if found.n < found.sets / 2:
         return "no interval"
     share = found.hits / found.n

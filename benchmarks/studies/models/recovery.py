@@ -50,7 +50,7 @@ MODELS = (
     "session:profile",
 )
 DRAWS, COVERED = 99, (5, 95)
-"""Draws of a posterior, and the ranks among them that a true value has in the central 90 %."""
+"""Draws of a posterior, and the ranks among them that a true value has in the central 90%."""
 
 OFFSET_SD = 0.5
 """Of the sessions of `session:profile`, in counts."""
@@ -99,7 +99,7 @@ class Replicate(NamedTuple):
         source: Model that it came from.
         scores: Log probability of the session left out under every model, in nats.
         taps: Of that session.
-        covered: Of each kind of parameter, how many are in the central 90 % of the posterior, and of how many.
+        covered: Of each kind of parameter, how many are in the central 90% of the posterior, and of how many.
         unfinished: Models whose fit had not converged when it ended.
     """
 
@@ -232,7 +232,7 @@ def session_score(fitted: Fitted, taps: TapSet, generator: np.random.Generator) 
 def coverage(
     source: Source, truth: Parameters, fitted: Fitted, generator: np.random.Generator
 ) -> dict[str, tuple[int, int]]:
-    """Of each kind of parameter, how many lie in the central 90 % of the posterior, and how many there are."""
+    """Of each kind of parameter, how many lie in the central 90% of the posterior, and how many there are."""
     if fitted.posterior is None:
         return {}
     true = quantities(source.fitted, truth)
@@ -315,7 +315,7 @@ def _with_error(gap: NDArray[np.float64]) -> str:
 
 
 def coverage_table(replicates: Sequence[Replicate], models: Sequence[str]) -> str:
-    """The share of true parameters in central 90 % intervals, by model and kind."""
+    """The share of true parameters in central 90% intervals, by model and kind."""
     kinds = list(dict.fromkeys(kind for one in replicates for kind in one.covered))
     lines = []
     for name in models:

@@ -313,7 +313,7 @@ class Band(NamedTuple):
 
 
 def simultaneous_band(n: int, seed: int = 0) -> Band:
-    """A band that the distribution function of `n` uniform ranks leaves anywhere with probability 5 %."""
+    """A band that the distribution function of `n` uniform ranks leaves anywhere with probability 5%."""
     generator = np.random.default_rng(seed)
     z = np.arange(1, DRAWS + 1) / (DRAWS + 1)
     counts = generator.multinomial(n, np.full(DRAWS + 1, 1 / (DRAWS + 1)), size=_NULLS)

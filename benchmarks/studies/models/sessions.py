@@ -212,7 +212,7 @@ def texts(results: Sequence[Result]) -> str:
         own = [one for one in results if one.pair == pair.name]
         if own:
             count = len({one.seed for one in own})
-            head = f"`{pair.name}` minus `{pair.plain}`, mean with a 95 % t-interval over {count} data sets each:"
+            head = f"`{pair.name}` minus `{pair.plain}`, mean with a 95% t-interval over {count} data sets each:"
             parts += [head, gain_table(own, pair)]
             parts += [f"Both models after {CONTACTS[-1]} taps, means over data sets:", level_table(own, pair)]
     return "\n\n".join(parts)

@@ -34,7 +34,7 @@ _NAMES = {"thompson": "arms apart", "random": "random pair"}
 
 @styled
 def tuning_figure(found: Tuning) -> Figure:
-    """Error over positions and cost over thresholds, with 95 % intervals and what was chosen."""
+    """Error over positions and cost over thresholds, with 95% intervals and what was chosen."""
     figure, axes = new_figure(TWO_COLUMNS, 2.4, 1, 2)
     plot_positions(axes[0, 0], found)
     label_panel(axes[0, 0], "A")
@@ -76,7 +76,7 @@ def plot_thresholds(axes: Axes, found: Tuning) -> Axes:
 
 @styled
 def regret_figure(regret: Mapping[str, NDArray[np.float64]]) -> Figure:
-    """Mean regret over data sets with 95 % intervals: the sum, and each episode's share of it.
+    """Mean regret over data sets with 95% intervals: the sum, and each episode's share of it.
 
     Args:
         regret: After each episode on each data set, shape (D, T), by the name of the learner.

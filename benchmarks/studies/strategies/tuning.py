@@ -153,7 +153,7 @@ def texts(results: Mapping[str, Sequence[Found]], seed: int, trials: int, episod
     n = max(map(len, results.values()))
     choice = (
         f"{n} data sets of each preset, seed {seed}; {trials} trials in each part of the training taps and "
-        f"{4 * trials} in the new session; an error of 1 mm is worth {COST:g} taps. Intervals are 95 % t-intervals of "
+        f"{4 * trials} in the new session; an error of 1 mm is worth {COST:g} taps. Intervals are 95% t-intervals of "
         f"the mean over data sets.\n\n{choice_table(results)}\n\n{promise_table(results)}"
     )
     learning = (

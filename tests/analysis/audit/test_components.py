@@ -259,7 +259,7 @@ def test_arrays_that_do_not_fit_are_refused(rng):
 def test_the_simulated_rig_is_seen_through():
     """Gains of six sessions and indentations of taps come back as they were set, on a rig that is otherwise ideal.
 
-    What an indentation does to a tap is measured on taps without noise, pressed 2 % deeper and less deep.
+    What an indentation does to a tap is measured on taps without noise, pressed 2% deeper and less deep.
     """
     rig = replace(
         preset("ideal"),

@@ -146,12 +146,12 @@ def drawn_gain(seed, taps):
 @pytest.mark.slow
 @pytest.mark.parametrize("taps", [10, 30])
 def test_intervals_of_gains_hold_what_many_taps_give(taps):
-    """In 92 % of the data sets or more: too wide rather than too narrow, as few sequences tell how much they vary."""
+    """In 92% of the data sets or more: too wide rather than too narrow, as few sequences tell how much they vary."""
     truth = np.mean([drawn_gain(seed, 2000)[1][0] for seed in range(10**6, 10**6 + 5)])
     _, gains, sure = zip(*(drawn_gain(seed, taps) for seed in range(300)), strict=True)
     _, low, high = np.transpose(gains)
     assert np.mean((low <= truth) & (truth <= high)) > 0.92
-    assert np.mean(np.array(sure) > truth) < 0.045  # 2.5 % and chance
+    assert np.mean(np.array(sure) > truth) < 0.045  # 2.5% and chance
 
 
 @pytest.mark.parametrize("remedies", [1, 3, 12])

@@ -36,7 +36,7 @@ SUMMARY = {
         for policy in ("passive", "active")
         for theta in (0.1, 0.9995)
     ],
-    "interval": "Brackets hold 95 % of the resampled means.",
+    "interval": "Brackets hold 95% of the resampled means.",
     "units": {"what": "mm", "where": "mm"},
     "fixation": {"index": 7, "value": 7.5},
     "accuracy": [
@@ -98,7 +98,7 @@ def test_the_page_is_complete():
         "The fixation point is 7.5 mm (position class 7, counted from 0).",
         "Left out, because they have no training tap: “none”.",
         "rod, passive mm 2 1.40 [1.29, 1.52] section 3.3",
-        "Brackets hold 95 % of the resampled means.",
+        "Brackets hold 95% of the resampled means.",
         "0.1 1.00 [0.89, 1.12] 0.456 1.00 [0.89, 1.12] 1.00 [0.89, 1.12] 98.7% 1.2% 0%",
         "0.9995 1.00 [0.89, 1.12]",
         "5 – 0.710 [0.690, 0.740] 0.8 0.9",
@@ -106,9 +106,9 @@ def test_the_page_is_complete():
         "stored passive 1.00 [0.89, 1.12]",
         "fresh, at threshold 0.1 active 1.00 [0.89, 1.12]",
         "Meaning of stored. Meaning of fresh. Meaning of enough. Too few test taps. Brackets hold",
-        "starts and random numbers, so differences are paired.",
-        "Passive minus active belief threshold object error (mm) position error (mm) reaction time (taps) 0.1 0.200 [",
-        "differences exceed the limits (20 episodes of 400 taps each). Differing decisions: 0, differing moves: 3",
+        "Differences are paired: passive and active trials have the same starts and random numbers.",
+        "Passive minus active belief threshold object error (mm) position error (mm) reaction time (taps) 0.1 0.2 [0.2",
+        "computed the same 20 episodes of 400 taps; differences exceed the limits. Differing decisions: 0, differing moves: 3",
         "posterior numpy, numpyro 3.6e-15 1e-16 FAILED",
         "Seed 123456789.",
         "thresholds [0.1, 0.9995] theta_x – cells True",

@@ -248,7 +248,7 @@ def test_places_missing_in_some_data_sets_count_the_others(dataset):
 
 
 def test_intervals_cover_the_truth_as_often_as_they_say(grid):
-    """Of 400 normal samples of 5 data sets, 95 % of the intervals hold the true mean."""
+    """Of 400 normal samples of 5 data sets, 95% of the intervals hold the true mean."""
     rng = np.random.default_rng(0)
     values = 50 + rng.normal(size=(5, 400))
     data_sets = xr.Dataset(

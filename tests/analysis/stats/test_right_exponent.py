@@ -185,7 +185,7 @@ def test_where_tuning_fails_nothing_is_significant():
 
 @pytest.mark.parametrize("S", [19, 39, 50, 99])
 def test_what_is_outside_is_below_the_interval(S):
-    """Just where the test at 5 % rejects, also among ties; the share of right models there is at most 5 %."""
+    """Just where the test at 5% rejects, also among ties; the share of right models there is at most 5%."""
     simulated = np.random.default_rng(S).permutation(np.repeat(np.arange(1.0, S + 1), 2)[:S])
     rejected = 0
     for value in np.append(simulated, [0.5, 1.5, 2.5, S + 1]):

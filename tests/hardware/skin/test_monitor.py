@@ -216,7 +216,7 @@ def test_no_readings_give_no_baseline(monitor, loop):
 
 
 def test_a_steady_rate_a_little_off_is_taken_over(monitor, loop, rng):
-    """3 % slow, which counted as 50 Hz would be a loss every 33 readings."""
+    """3% slow, which counted as 50 Hz would be a loss every 33 readings."""
     frames = [replace(frame, time_s=i / 48.5) for i, frame in enumerate(noisy(600, rng))]
     Feed(loop, monitor, frames)
     monitor.measure_baseline()

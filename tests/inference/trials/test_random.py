@@ -72,7 +72,7 @@ def test_a_number_below_a_count_is_that_of_the_uniform(word, count):
 
 
 def test_numbers_are_uniform():
-    """Chi-square over 20 values stays below its 99.99 % point of 53."""
+    """Chi-square over 20 values stays below its 99.99% point of 53."""
     words = draws.words(3, np.arange(5000), kernel.TAPS, 0, 4)
     counts = np.bincount(draws.below(words, np.uint64(20)).ravel().astype(int), minlength=20)
 

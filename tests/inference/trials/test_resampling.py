@@ -81,7 +81,7 @@ def test_one_error_more_is_known_from_how_the_seen_ones_vary():
     ("classes", "taps", "p"), [(18, 20, 0.02), (18, 60, 0.005), (2, 12, 0.15), (2, 12, 0.4), (18, 5, 0.05)]
 )
 def test_rare_errors_are_in_their_intervals(classes, taps, p):
-    """Without a quarter of the taps errors are a third more at most: the middle 95 % of selections hold too little."""
+    """Without a quarter of the taps errors are a third more at most: the middle 95% of selections hold too little."""
     rng = np.random.default_rng(0)
     kept, held = taps - taps // 4, []
     for _ in range(300):

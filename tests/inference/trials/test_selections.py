@@ -167,7 +167,7 @@ def test_classes_of_one_tap_vary_as_they_differ(pools, thinned, apart):
 @pytest.mark.parametrize(("pools", "thinned"), [(resampled_pools, False), (thinned_pools, True)])
 @pytest.mark.parametrize("count", [[20] * 9 + [1] * 3, [20] * 11 + [1], [20] * 7 + [1] * 5, [2] * 7 + [1] * 5])
 def test_intervals_hold_a_share_where_some_classes_have_one_tap(pools, thinned, count):
-    """Of wrong taps, .3 of them in all classes alike: 93 % of 300 intervals or more."""
+    """Of wrong taps, .3 of them in all classes alike: 93% of 300 intervals or more."""
     rng, table = np.random.default_rng(1), table_of(count=np.array([count]))
     how, drawn, held = spread(table, thinned=thinned), list(pools(table, 100, 1)), 0
     for _ in range(300):
@@ -245,7 +245,7 @@ def test_one_class_in_ten_may_be_in_one_session_only(lost):
 
 @pytest.mark.parametrize("sizes", [[200, 200, 1], [200, 200, 1, 1, 1, 1, 1], [100, 25, 25, 25, 25], [60, 20, 20]])
 def test_sessions_of_unequal_sizes_leave_fewer_degrees_of_freedom(sizes):
-    """A mean of taps over sessions that differ: 95 % of 600 intervals or more hold it."""
+    """A mean of taps over sessions that differ: 95% of 600 intervals or more hold it."""
     rng, hits, taps = np.random.default_rng(2), 0, sum(sizes)
     table = table_of(count=np.full((1, 1), taps))
     session = np.append(np.repeat(np.arange(len(sizes)), sizes), [0, 0])
@@ -265,7 +265,7 @@ def test_sessions_of_unequal_sizes_leave_fewer_degrees_of_freedom(sizes):
 @pytest.mark.parametrize("apart", [0.0, 1.0])
 @pytest.mark.parametrize("sessions", [2, 3, 8])
 def test_intervals_over_sessions_hold_the_truth_whether_these_differ_or_not(sessions, apart):
-    """A mean of taps over sessions that differ by so many standard deviations of a tap: 95 % of 600 intervals."""
+    """A mean of taps over sessions that differ by so many standard deviations of a tap: 95% of 600 intervals."""
     rng, hits = np.random.default_rng(1), 0
     for seed in range(600):
         table = table_of(count=np.full((1, 2), 10 * sessions), session=lambda i: i % sessions)

@@ -363,7 +363,7 @@ def test_a_single_state_is_the_plain_model(name):
 
 @pytest.mark.parametrize("name", WRAPPED)
 def test_states_recognise_a_changed_gain(name):
-    """Taps 12 % stronger than the training taps are more probable under states than without."""
+    """Taps 12% stronger than the training taps are more probable under states than without."""
     taps = taps_of(noise=0.5)
     settings = SETTINGS.changed(gain_sd=0.06, offset_sd=0.0)
     model = fit_model(name, taps, taps.grid(), settings).model

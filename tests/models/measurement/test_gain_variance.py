@@ -74,7 +74,7 @@ def test_levels_do_not_matter(rng):
 
 @pytest.mark.slow
 def test_intervals_hold_what_the_prior_drew(rng):
-    """Of 90 intervals of 90 % nine in ten hold the standard deviation that the prior drew, as a calibrated one does.
+    """Of 90 intervals of 90% nine in ten hold the standard deviation that the prior drew, as a calibrated one does.
 
     Thirty data sets of 4 sessions, 7 classes and 3 taps each are sampled as so many quantities at once.
     """

@@ -96,13 +96,13 @@ SIZE = {
 
 @pytest.mark.parametrize(("settings", "name", "truth"), SIZE.values(), ids=SIZE)
 def test_sizes_are_those_that_were_made(settings, name, truth):
-    """Each standard deviation comes out within 12 %."""
+    """Each standard deviation comes out within 12%."""
     found = split(made(**settings), resamples=20)
     assert float(found[name]) == pytest.approx(truth, rel=0.12)
 
 
 def test_several_causes_at_once_are_told_apart():
-    """All four standard deviations come out within 25 % when all act together."""
+    """All four standard deviations come out within 25% when all act together."""
     found = split(made(gain=GAIN, timing=TIMING, common=COMMON, lasts=LASTING), resamples=20)
     truths = {"gain_sd": GAIN, "timing_sd": TIMING, "common_sd": COMMON, "noise_sd": np.hypot(LASTING, WHITE)}
     for name, truth in truths.items():

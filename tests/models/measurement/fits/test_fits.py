@@ -299,7 +299,7 @@ def test_student_finds_the_degrees_of_freedom(rng):
     "model", [gaussian, profile, profile_ar, profile_mvn, matrix_normal], ids=lambda m: m.MODEL.name
 )
 def test_draws_lie_around_the_point(rng, model):
-    """Their mean is within six standard errors of it, or within 2 % where the point is a mode-like value."""
+    """Their mean is within six standard errors of it, or within 2% where the point is a mode-like value."""
     posterior = model.fit(planted(rng, 12, taxel=equicorrelated(K, 0.4)))
     drawn, n = [posterior.draw(rng) for _ in range(400)], 400
     for name, value in posterior.point().items():
