@@ -14,6 +14,8 @@ from solidtouch.models.storage import complete_file
 
 from benchmarks.study import OUT
 
+_CODE_OR_MINUS = re.compile(r"(?P<code>```.*?```|`[^`\n]*`)|(?<=[ \[(*])-(?=\.?\d)", re.DOTALL)
+
 
 def table(head: Sequence[str], lines: Iterable[Sequence[str]]) -> str:
     """A Markdown table."""
@@ -49,8 +51,12 @@ def check_block(document: Path | None, *names: str) -> None:
 
 
 def write_block(document: Path, name: str, text: str) -> None:
-    """Replaces what stands between the lines `<!-- begin NAME -->` and `<!-- end NAME -->` of a page."""
+    """Replaces what stands between the lines `<!-- begin NAME -->` and `<!-- end NAME -->` of a page.
+
+    Negative numbers outside code get a real minus sign.
+    """
     page = document.read_text(encoding="utf-8")
+    text = _CODE_OR_MINUS.sub(lambda found: found["code"] or "−", text)
     page = _place(name).sub(lambda found: f"{found[1]}{text}\n{found[2]}", page)
     with complete_file(document, force=True) as temporary:
         temporary.write_text(page, encoding="utf-8")

@@ -84,7 +84,7 @@ def test_options_reach_the_numbers(command, tmp_path):
     ("name", "said"),
     [
         ("profile", "The model profile (a mean and a variance for each time of a tap; likelihoods over 9 bins)"),
-        ("session", "A histogram model of 9 bins under a gain and offset that all taps of an episode share was fitted"),
+        ("session", "A histogram model with 9 bins with a gain and offset shared by all taps of an episode was fitted"),
     ],
 )
 def test_any_model_of_the_catalogue_is_reproduced_and_named(command, tmp_path, make_taps, name, said):
@@ -187,7 +187,7 @@ def test_a_learned_power_is_told(command, tmp_path, make_taps):
     *_, sentence = summary_of(tmp_path / "run")["what_was_run"]
 
     assert done.code == 0
-    assert sentence.startswith("The root of the likelihood was learned on training sessions left out in turn")
+    assert sentence.startswith("The exponent of the likelihood was learned by leaving out one training session at a time")
     assert 1e-4 <= float(sentence.rsplit(": ", 1)[1].rstrip(".")) <= 1
 
 
@@ -203,7 +203,7 @@ def test_passive_and_active_agree_where_decisions_take_one_tap(command, tmp_path
     done = command("reproduce", "--data", tmp_path / "taps.nc", *words, "--out", tmp_path / "run")
     summary = summary_of(tmp_path / "run")
     rows = {(row["policy"], row["theta"]): row for row in summary["results"]}
-    sentence = "taps on average, so the finger has hardly moved: passive and active perception can"
+    sentence = "taps on average, so the finger hardly moves and passive and active perception can"
 
     assert done.code == 0
     assert rows["active", 0.3] == rows["passive", 0.3] | {"policy": "active"}
@@ -220,8 +220,8 @@ def test_passive_and_active_agree_where_decisions_take_one_tap(command, tmp_path
     assert sentence in said
     assert sentence in html.unescape((tmp_path / "run" / "report.html").read_text())
     assert "Passive and active at threshold 0.8" in said
-    row = r"(stored|fresh) (passive - active|passive|active)" + 3 * r" [-\d.]+ \[[-\d.]+, [-\d.]+\]"
-    policies = ["passive", "active", "passive - active"]
+    row = r"(stored|fresh) (passive − active|passive|active)" + 3 * r" [−\d.]+ \[[−\d.]+, [−\d.]+\]"
+    policies = ["passive", "active", "passive − active"]
     assert re.findall(row, said) == [(side, policy) for side in ("stored", "fresh") for policy in policies]
     assert "from trials on test taps of each class, drawn with replacement" in said
     assert [part["policy"] for part in summary["headline"]["fresh"]["rows"]] == [
@@ -247,13 +247,13 @@ def test_one_test_tap_of_a_class_gives_no_interval(command, tmp_path, make_taps)
 
 
 @pytest.mark.slow
-def test_one_where_class_leaves_the_active_part_out(command, tmp_path, make_taps):
+def test_one_position_leaves_the_active_part_out(command, tmp_path, make_taps):
     """A sentence says so, and the error in the object has no position beside it."""
     make_taps(L=1).save(tmp_path / "taps.nc")
     done = command("reproduce", "--data", tmp_path / "taps.nc", *FAST, "--out", tmp_path / "run")
 
     assert done.code == 0
-    assert "one where class" in done.out
+    assert "a single position" in " ".join(done.out.split())
     assert not {f"{name}.png" for name in ACTIVE} & {path.name for path in (tmp_path / "run").iterdir()}
     assert {row["policy"] for row in summary_of(tmp_path / "run")["results"]} == {"passive"}
 
@@ -264,7 +264,7 @@ def test_one_object_leaves_the_active_part_out(command, tmp_path, make_taps):
     done = command("reproduce", "--data", tmp_path / "taps.nc", *FAST, "--out", tmp_path / "run")
 
     assert done.code == 0
-    assert "one object" in done.out
+    assert "a single object" in " ".join(done.out.split())
     assert summary_of(tmp_path / "run")["skipped"]
 
 
@@ -280,7 +280,7 @@ def test_two_files_train_and_test_and_empty_cells_are_named(command, tmp_path, m
     summary = summary_of(tmp_path / "run")
     assert summary["split"]["method"] == "files"
     assert summary["grid"]["left_out"] == ["rod 4 mm at 0 mm"]
-    assert any("Test taps of classes without a training tap" in text for text in summary["warnings"])
+    assert any("their classes have no training tap" in text for text in summary["warnings"])
     assert max(row["substituted_fraction"] for row in summary["results"]) > 0
 
 
@@ -362,7 +362,7 @@ def test_recorded_data_run_and_come_near_their_baselines(name, command, tmp_path
         assert accuracy[3] > accuracy[0] + 0.15
     if name.startswith("barrett"):
         assert [row["contacts"] for row in summary["accuracy"]] == [1]
-        assert "All test classes have only one test tap, drawn again and again" in " ".join(done.out.split())
+        assert "All test classes have only one test tap, which a trial draws repeatedly" in " ".join(done.out.split())
     assert ("Recorded in blocks" in done.out) == (name != "eflesh_grid")
 
 
