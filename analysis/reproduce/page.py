@@ -82,7 +82,11 @@ def _headline(summary: ReproductionSummary) -> Iterator[Block]:
     sides = {"stored": headline["stored"], "fresh": headline["fresh"]}
     if headline["enough"]:
         sides[f"fresh, at threshold {number(headline['enough']['rows'][0]['theta'], 10)}"] = headline["enough"]
-    rows = [[name, row["policy"].replace(" - ", " − "), *_errors_and_taps(row)] for name, side in sides.items() for row in side["rows"]]
+    rows = [
+        [name, row["policy"].replace(" - ", " − "), *_errors_and_taps(row)]
+        for name, side in sides.items()
+        for row in side["rows"]
+    ]
     sized = [column for column, size in ((2, "M"), (3, "L")) if summary["grid"][size] > 1]
     yield Brief(Table(["test taps", "perception", *_heads(summary)], rows, words={1}), columns=(0, 1, *sized, 4))
     few = f"**{headline['few']}**" if headline["few"] and headline["few"] != summary["interval"] else ""

@@ -187,7 +187,7 @@ def test_a_learned_power_is_told(command, tmp_path, make_taps):
     *_, sentence = summary_of(tmp_path / "run")["what_was_run"]
 
     assert done.code == 0
-    assert sentence.startswith("The exponent of the likelihood was learned by leaving out one training session at a time")
+    assert sentence.startswith("The exponent of the likelihood was learned by leaving out one training session")
     assert 1e-4 <= float(sentence.rsplit(": ", 1)[1].rstrip(".")) <= 1
 
 
