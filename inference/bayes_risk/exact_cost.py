@@ -125,35 +125,3 @@ def _loss_of(problem: RiskProblem, belief: Floats, weight: Floats, answer: NDArr
     decided = answer == DECIDE
     loss = float(weight[decided] @ decision_loss(belief[decided], problem.loss[:M]))
     return loss + (float(weight[given_up] @ decision_loss(belief[given_up], problem.loss[M:])) if given_up.any() else 0)
-
-
-def sampled_costs(problem: RiskProblem, act: Course, trials: int, generator: np.random.Generator) -> Floats:
-    """Cost of random trials of a strategy, shape (trials,); its mean estimates `expected_cost`."""
-    (L, M, S), rows = problem.channel.shape, np.arange(trials)
-    cell = generator.choice(L * M, size=trials, p=problem.prior.ravel())
-    where, what = np.divmod(cell, M)
-    cumulative = problem.channel.cumsum(axis=-1)
-    belief = np.broadcast_to(problem.prior, (trials, L, M))
-    cost = np.zeros(trials)
-    for number in range(1, problem.most_taps + 1):
-        drawn = generator.random(len(rows))[:, np.newaxis] * cumulative[where, what, -1:]
-        symbol = (drawn >= cumulative[where, what]).sum(axis=1).clip(0, S - 1)
-        joint = belief * np.moveaxis(problem.channel, -1, 0)[symbol]
-        belief = joint / joint.sum(axis=(1, 2), keepdims=True)
-        cost[rows] += problem.tap_cost
-        moves, answer = act(number, belief, generator.random(len(rows)))
-        if number == problem.most_taps:
-            answer = np.where(answer == GO_ON, DECIDE, answer)
-        for said, losses in ((DECIDE, problem.loss[:M]), (GIVE_UP, problem.loss[M:])):
-            at = answer == said
-            if at.any():
-                chosen = (belief[at].sum(axis=1) @ losses.T).argmin(axis=1)
-                cost[rows[at]] += losses[chosen, what[at]]
-        on = answer == GO_ON
-        rows, where, what, moves = rows[on], where[on], what[on], np.asarray(moves)[on]
-        reached = np.clip(where + moves, 0, L - 1)
-        cost[rows] += problem.class_cost * np.abs(reached - where)
-        where, belief = reached, shifted(belief[on], moves[:, np.newaxis], "clamp")[:, 0]
-        if not len(rows):
-            break
-    return cost

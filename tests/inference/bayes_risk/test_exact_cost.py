@@ -2,8 +2,9 @@
 
 import numpy as np
 import pytest
+from sampled_costs import sampled_costs
 from solidtouch.inference import reference
-from solidtouch.inference.bayes_risk.exact_cost import Acts, Cost, course, expected_cost, sampled_costs
+from solidtouch.inference.bayes_risk.exact_cost import Acts, Cost, course, expected_cost
 from solidtouch.inference.bayes_risk.problem import risk_problem
 from solidtouch.inference.moves.control import fixation, passive, random_place, random_step
 from solidtouch.inference.moves.expected_gain import gain_watch

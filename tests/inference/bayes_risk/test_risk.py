@@ -4,9 +4,10 @@ import itertools
 
 import numpy as np
 import pytest
+from sampled_costs import sampled_costs
 from solidtouch.inference import reference
 from solidtouch.inference.bayes_risk.bounds import alpha_cost_bound, known_place_bound, qmdp
-from solidtouch.inference.bayes_risk.exact_cost import Acts, course, expected_cost, sampled_costs
+from solidtouch.inference.bayes_risk.exact_cost import Acts, course, expected_cost
 from solidtouch.inference.bayes_risk.problem import merged, risk_problem
 from solidtouch.inference.bayes_risk.risk import exact_rule, solved
 from solidtouch.inference.moves.control import fixation, passive, random_place, random_step
