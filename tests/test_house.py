@@ -70,7 +70,7 @@ EVERYWHERE = {"numpy", "scipy", "xarray", "msgspec"}
 """Packages that any file may import."""
 EDGES = {
     "arviz": (
-        "analysis/audit/components.py",
+        "analysis/audit/variance/gains.py",
         "analysis/compare/taps.py",
         "models/measurement/fits/nuts.py",
     ),
@@ -80,7 +80,7 @@ EDGES = {
     "distributed": ("analysis/sweep/dask.py",),
     "h5py": ("models/io/mat.py", "models/io/model_file.py", "models/taps.py"),
     "jax": (
-        "analysis/audit/components.py",
+        "analysis/audit/variance/gains.py",
         "analysis/conformance/routes.py",
         "analysis/correctness/sbc_arrays.py",
         "inference/engines/enumeration.py",
@@ -101,7 +101,7 @@ EDGES = {
     "mpmath": ("analysis/conformance/exact.py",),
     "numba": ("models/compiled.py",),
     "numpyro": (
-        "analysis/audit/components.py",
+        "analysis/audit/variance/gains.py",
         "inference/engines/enumeration.py",
         "models/measurement/**/*.py",
         "models/touch.py",

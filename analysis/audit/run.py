@@ -23,7 +23,6 @@ from ..stats.reliability import THETAS
 from ..stats.right_exponent import SIMULATIONS as RIGHT_EXPONENTS
 from ..stats.target_error import FEWEST, TargetError, session_curves, target_error
 from .checks import audit_checks, count_replicates
-from .components import Components, variance_components
 from .dependence.drift import Contrasts, against_drift, contrasts, recorded_time
 from .dependence.strata import evenly, strata
 from .dependence.taxels import taxel_dependence
@@ -34,6 +33,7 @@ from .leakage.run import Leakage, leakage
 from .remedies import RefusedRemedy, Remedy, beside_right, count_remedies, make_remedies
 from .remedy_scores import Measured, count_measurements, measure
 from .variance.causes import SEQUENCE, split_variance
+from .variance.gains import Components, variance_components
 from .variance.split import session_p
 from .variance.suspects import Suspect, named_suspects
 from .verdict import NOT_ENOUGH, calibration, recommended

@@ -18,7 +18,7 @@ from ...models.measurement.model import TapModel
 from ...models.measurement.registry import NAMES, split_name
 from ...models.settings import Division, FitSettings, PlaySettings
 from ...models.splits import Split
-from ..experiment.suspicions import fold_suspicions
+from ..experiment.data_warnings import fold_warnings
 from ..page.page import Page
 from ..page.report import StudyReport
 from ..page.stages import Progress, no_progress
@@ -148,7 +148,7 @@ def _described(
         )
     simulated = fold.train.simulated and fold.test.simulated
     if not simulated:
-        warnings += fold_suspicions(fold, grid, one_file=len(data) == 1)
+        warnings += fold_warnings(fold, grid, one_file=len(data) == 1)
     return {
         "title": f"Measurement models compared: {', '.join(Path(name).name for name in names_of(data))}",
         "command": command,

@@ -93,19 +93,20 @@ def leave_one_tap_out(
     import arviz as az  # noqa: PLC0415
 
     grid, own = fitted.model.grid, taps.indices(fitted.model.grid)
-    log_mass = np.empty((draws, len(taps)))
+    log_probability = np.empty((draws, len(taps)))
     for i, (_, values) in enumerate(drawn(fitted, taps, draws, seed)):
-        log_mass[i] = values
+        log_probability[i] = values
         if progress is not None:
             progress(1)
-    tree = xr.DataTree.from_dict({"log_likelihood": xr.Dataset({"bins": (("chain", "draw", "tap"), log_mass[None])})})
+    bins = (("chain", "draw", "tap"), log_probability[None])
+    tree = xr.DataTree.from_dict({"log_likelihood": xr.Dataset({"bins": bins})})
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # of large Pareto k, which are reported one by one
         try:
             loo: Any = az.loo(tree, pointwise=True, reff=1.0)
             values, k, good_k = loo.elpd_i.values, loo.pareto_k.values, min(GOOD_K, float(loo.good_k))
         except ValueError:  # all draws give some tap the same probability, so there is no tail to fit
-            values = k = np.full(log_mass.shape[1], np.nan)
+            values = k = np.full(log_probability.shape[1], np.nan)
             good_k = GOOD_K
     result = xr.Dataset({"psis": ("tap", values), "pareto_k": ("tap", k), "good_k": good_k})
     if isinstance(fitted.posterior, HistogramPosterior) and len(fitted.model.states.gain) == 1:

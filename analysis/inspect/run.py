@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from ...models.grid import ClassGrid
 from ...models.preprocessing import Preprocessing
 from ...models.taps import TapSet
-from ..experiment.suspicions import constant_taxels, saturated_taxels, suspicions, taxel_ranges
+from ..experiment.data_warnings import constant_taxels, data_warnings, saturated_taxels, taxel_ranges
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,7 +69,7 @@ def inspect_taps(taps: TapSet, grid: ClassGrid) -> Inspection:
         saturated=saturated_taxels(taps.taps),
         preprocessing=_chosen(taps.preprocessing),
         attributes={**attributes, "further arrays": ", ".join(extra)},
-        warnings=tuple(suspicions(taps, grid)),
+        warnings=tuple(data_warnings(taps, grid)),
     )
 
 

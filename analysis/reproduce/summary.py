@@ -12,8 +12,8 @@ from ...models.measurement.registry import PAPER, row, split_name
 from ...models.power import learned_taps
 from ...models.taps import TapSet
 from ..experiment.crosscheck import CrossCheck
+from ..experiment.data_warnings import FEW, fold_warnings
 from ..experiment.settings import ExperimentSettings
-from ..experiment.suspicions import FEW, fold_suspicions
 from ..page.figure_style import short_unit
 from ..page.words import versions
 from ..stats import metrics
@@ -201,7 +201,7 @@ def _warnings(request: Request, results: Results) -> list[str]:
     sentences = [request.split.warning] if request.split.warning else []
     sentences += _repeated_taps(results)
     if not request.simulated:
-        sentences += _suspicions(request, results.grid)
+        sentences += _data_warnings(request, results.grid)
     dropped = sum(part.dropped for part in results.studies)
     if dropped:
         sentences.append(f"{dropped} test taps were left out because their classes have no training tap.")
@@ -232,9 +232,9 @@ def _repeated_taps(results: Results) -> list[str]:
     ]
 
 
-def _suspicions(request: Request, grid: ClassGrid) -> list[str]:
+def _data_warnings(request: Request, grid: ClassGrid) -> list[str]:
     """What `inspect` says about the files."""
-    return fold_suspicions(request.split.folds[0], grid, one_file=len(request.files) == 1)
+    return fold_warnings(request.split.folds[0], grid, one_file=len(request.files) == 1)
 
 
 def _skipped(grid: ClassGrid) -> list[str]:

@@ -36,7 +36,7 @@ from ...models.io.rig_recording import (
     json_schema,
 )
 from ...models.storage import check_writable
-from ..rig.deferred_signals import undisturbed
+from ..rig.deferred_signals import signals_deferred
 from ..skin.skin import SkinFrame
 
 
@@ -225,7 +225,7 @@ class Recorder:
         """
         if self._finished:
             return
-        with undisturbed():
+        with signals_deferred():
             self._finished = True
             try:
                 if self._failure is None:
@@ -261,7 +261,7 @@ class Recorder:
         """Passes one message to the system, complete even if Ctrl-C is pressed meanwhile."""
         if self._failure is not None or self._finished:
             return
-        with undisturbed():
+        with signals_deferred():
             try:
                 self._writer.add_message(self._channels[topic], log_time_ns, data, log_time_ns, self._sequence)
                 self._file.flush()

@@ -9,7 +9,7 @@ _SIGNALS = (signal.SIGINT, signal.SIGTERM)
 
 
 @contextmanager
-def undisturbed() -> Iterator[None]:
+def signals_deferred() -> Iterator[None]:
     """Defers signals that arrive inside the block until its end; does nothing outside the main thread."""
     if threading.current_thread() is not threading.main_thread():
         yield

@@ -31,7 +31,7 @@ from ..sensor import clipped_move
 from ..skin.monitor import Skin
 from ..skin.skin import SkinFrame
 from ..stage.stage import Stage
-from .deferred_signals import undisturbed
+from .deferred_signals import signals_deferred
 from .settings import RigFile
 from .tap_quality import implausible
 
@@ -203,7 +203,7 @@ class Rig:
         Raises:
             RigError: The finger could not be lifted; both devices are closed nevertheless.
         """
-        with undisturbed():
+        with signals_deferred():
             try:
                 if self.stage.position_mm is not None:
                     self._rest()
@@ -313,7 +313,7 @@ class Rig:
         try:
             yield
         except BaseException as trouble:
-            with undisturbed():
+            with signals_deferred():
                 try:
                     self._rest()
                 except RigError as worse:

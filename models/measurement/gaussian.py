@@ -8,7 +8,7 @@ from .fits.checks import check_cells
 from .fits.priors import CellPrior, Taps
 from .likelihood.forecasts import Unseen
 from .likelihood.forms import TableForm, bin_gaps
-from .likelihood.masses import log_normal_mass, log_student_mass
+from .likelihood.interval_probability import log_normal_probability, log_student_probability
 from .likelihood.shapes import Measure, Parameters, standardised
 from .model import Row
 from .scaling import Moments
@@ -44,7 +44,7 @@ def fit(taps: Taps, prior: CellPrior | None = None) -> CellPosterior:
 def form(parameters: Parameters, frame: Measure) -> TableForm:
     """Likelihood of bins under `story`."""
     lower, upper = standardised(parameters["level"], np.sqrt(parameters["variance"]), frame)
-    return TableForm(log_normal_mass(lower, upper))
+    return TableForm(log_normal_probability(lower, upper))
 
 
 def integrated(posterior: CellPosterior, frame: Measure, unseen: Unseen, _: np.random.Generator) -> NDArray[np.float64]:
@@ -58,7 +58,7 @@ def integrated(posterior: CellPosterior, frame: Measure, unseen: Unseen, _: np.r
     for j in range(taps.shape[1]):
         scale = np.sqrt(b / a * (1 + 1 / strength))
         gap = samples[:, j] - level
-        total += log_student_mass((below[:, j] + gap) / scale, (above[:, j] + gap) / scale, 2 * a).sum(axis=1)
+        total += log_student_probability((below[:, j] + gap) / scale, (above[:, j] + gap) / scale, 2 * a).sum(axis=1)
         b = b + 0.5 * strength / (strength + 1) * gap**2
         level, strength, a = level + gap / (strength + 1), strength + 1, a + 0.5
     return total

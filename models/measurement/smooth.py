@@ -19,7 +19,7 @@ from .fits.chains import Sites
 from .fits.checks import check_places
 from .fits.convergence import Convergence, ascent
 from .fits.priors import CellPrior, Given, Taps
-from .likelihood.forecasts import Unseen, student_mass
+from .likelihood.forecasts import Unseen, log_t_probability
 from .likelihood.forms import GaussianForm
 from .likelihood.shapes import NO_TAXEL, Measure, Parameters, chain_form
 from .model import Row
@@ -304,7 +304,7 @@ def integrated(
         spread = np.einsum("ld,mjkdx->lmjkx", basis, posterior.root, optimize=True)
         scale = np.sqrt(noise + (spread**2).sum(axis=-1)) * frame.scaling.unit
         at = curves._replace(scale=np.broadcast_to(scale, curves.mean.shape))
-        parts.append(curves.log_weight[q] + student_mass(at, q, 2 * posterior.a, unseen))
+        parts.append(curves.log_weight[q] + log_t_probability(at, q, 2 * posterior.a, unseen))
     return np.logaddexp.reduce(parts, axis=0)
 
 

@@ -9,7 +9,7 @@ from .fits.checks import check_cells
 from .fits.convergence import Convergence
 from .fits.priors import Taps
 from .likelihood.forms import TableForm
-from .likelihood.masses import log_student_mass
+from .likelihood.interval_probability import log_student_probability
 from .likelihood.shapes import Measure, Parameters, standardised
 from .model import Row
 from .scaling import Moments
@@ -124,7 +124,7 @@ def _start(taps: Taps) -> dict[str, NDArray[np.float64]]:
 def form(parameters: Parameters, frame: Measure) -> TableForm:
     """Likelihood of bins under `story`."""
     lower, upper = standardised(parameters["level"], parameters["scale"], frame)
-    return TableForm(log_student_mass(lower, upper, parameters["freedom"][:, None]))
+    return TableForm(log_student_probability(lower, upper, parameters["freedom"][:, None]))
 
 
 MODEL = Story(

@@ -20,7 +20,7 @@ import xarray as xr
 from numpy.typing import ArrayLike, NDArray
 
 from ....models.taps import TapSet
-from ...experiment.suspicions import recorded_order
+from ...experiment.data_warnings import recorded_order
 from .permutation import Floats
 from .strata import evenly
 from .taxels import LEAST_TAPS, TESTS, taxel_dependence

@@ -30,7 +30,7 @@ from ....models.grid import ClassGrid
 from ....models.measurement.catalogue import fit_model
 from ....models.settings import FitSettings
 from ....models.taps import TapSet, check_compatible
-from ...experiment.suspicions import in_blocks, recorded_order
+from ...experiment.data_warnings import in_blocks, recorded_order
 from ...stats.metrics import CONFIDENCE
 from .before_contact import Before, before_contact
 from .words import BEFORE, OFFSET, TARED, UNJUDGED, WHOLE, Verdict, leakage_sentences, unjudged_sentence

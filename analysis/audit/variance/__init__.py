@@ -1,4 +1,4 @@
 """The variance of the evidence of taps, split by its causes.
 
-Start at `split`, then `causes` and `suspects`. No remedies: `audit.remedies` tries them.
+Start at `split`, then `causes`, `suspects` and `gains`. No remedies: `audit.remedies` tries them.
 """

@@ -66,8 +66,8 @@ class BinnedTap(dist.Distribution):
         if self.taxel.shape[-1]:
             innovation = jnp.einsum("kp,qjp->qjk", self.taxel, innovation)
         below, above = lower - samples + innovation, upper - samples + innovation
-        log_mass = log_interval(below / self.scale, above / self.scale)
-        return logsumexp(self.log_weight + log_mass.sum((-2, -1)))
+        log_probability = log_interval(below / self.scale, above / self.scale)
+        return logsumexp(self.log_weight + log_probability.sum((-2, -1)))
 
 
 def bin_of(samples: jax.Array, edges: jax.Array) -> tuple[jax.Array, jax.Array]:

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from ..fits.cells import Cells
 from .forms import GaussianForm, bin_gaps
-from .masses import log_student_mass
+from .interval_probability import log_student_probability
 from .shapes import Measure, Parameters
 from .true_class import Own
 
@@ -39,7 +39,7 @@ def cells_integrated(
 ) -> NDArray[np.float64]:
     """Log probability of the bins of taps, levels and variances of cells integrated out, shape (N,)."""
     variance = cells.b / cells.a * (1 + 1 / np.maximum(cells.strength, 1.0))
-    return student_mass(form({**parameters, "variance": variance}, frame), 0, 2 * cells.a, unseen)
+    return log_t_probability(form({**parameters, "variance": variance}, frame), 0, 2 * cells.a, unseen)
 
 
 def slopes_integrated(
@@ -60,14 +60,14 @@ def slopes_integrated(
     return over_draws(one)
 
 
-def student_mass(form: GaussianForm, q: int, freedom: NDArray[np.float64], unseen: Unseen) -> NDArray[np.float64]:
+def log_t_probability(form: GaussianForm, q: int, freedom: NDArray[np.float64], unseen: Unseen) -> NDArray[np.float64]:
     """Log probability of the bins of taps, with Student's t for each normal of Gaussian `q`, shape (N,)."""
     taps, edges, own = unseen
     samples, below, above = bin_gaps(taps, edges)
     innovation = form.innovations(samples, *own, q)
     scale = form.scale[q][own]
     freedom = np.broadcast_to(freedom, form.scale.shape[1:])[own]
-    return log_student_mass((below + innovation) / scale, (above + innovation) / scale, freedom).sum(axis=(1, 2))
+    return log_student_probability((below + innovation) / scale, (above + innovation) / scale, freedom).sum(axis=(1, 2))
 
 
 def over_draws(one: Callable[[], NDArray[np.float64]]) -> NDArray[np.float64]:

@@ -21,8 +21,8 @@ from ..states import States
 from .bins import count_taps, find_bins
 
 _AT_ONCE = 64  # taps of a Gaussian form that one thread takes at a time
-_ROOM = 1 << 22  # bins and log masses of independent samples held at a time
-_FEW = 1 << 13  # samples whose log masses under one class take no longer than to start a thread
+_ROOM = 1 << 22  # bins and log probabilities of independent samples held at a time
+_FEW = 1 << 13  # samples whose log probabilities under one class take no longer than to start a thread
 
 
 class TableForm(NamedTuple):
@@ -189,11 +189,11 @@ class GaussianForm(NamedTuple):
         self, taps: NDArray[np.floating], edges: NDArray[np.float64], where: NDArray[np.intp], what: NDArray[np.intp]
     ) -> NDArray[np.float64]:
         """Log probability of the bins of taps (N, J, K) under their own hypotheses, shape (N,)."""
-        from .innovations import own_log_masses
+        from .innovations import true_class_log_probability
 
         ready = self.prepare(np.zeros(self.shape, dtype=bool))
         out = np.empty(len(taps))
-        own_log_masses(*bin_gaps(taps, edges), where * self.shape[1] + what, *ready[:-1], out)
+        true_class_log_probability(*bin_gaps(taps, edges), where * self.shape[1] + what, *ready[:-1], out)
         return out
 
     def innovations(
@@ -290,22 +290,22 @@ class PreparedGaussian(NamedTuple):
             out[start : start + len(part)] = np.where(self.impossible, -np.inf, log_likelihood)
 
     def _looked_up(self, taps: NDArray[np.floating], edges: NDArray[np.float64]) -> NDArray[np.float64]:
-        """As `_part` for independent samples, with the log masses of all bins computed once."""
-        from .innovations import independent_log_masses
+        """As `_part` for independent samples, with the log probabilities of all bins computed once."""
+        from .innovations import independent_log_probability
 
         bins = _known_bins(taps, edges).transpose(1, 2, 0).astype(np.uint32, order="C")
         part = np.empty((self.mean.shape[1], len(taps)))
         given = bins, *_open_edges(edges, taps.shape[-1]), self.mean, self.scale, self.log_weight, part
-        tasks = (partial(independent_log_masses, c, *given) for c in range(len(part)))
+        tasks = (partial(independent_log_probability, c, *given) for c in range(len(part)))
         list(in_order(tasks, cores(None) if taps.size > _FEW else 1))
         return part.T
 
     def _part(self, taps: NDArray[np.floating], edges: NDArray[np.float64]) -> NDArray[np.float64]:
         """Log probability of the bins of taps (n, J, K), shape (n, C)."""
-        from .innovations import class_log_masses
+        from .innovations import class_log_probability
 
         part = np.empty((len(taps), self.mean.shape[1]))
-        class_log_masses(*bin_gaps(taps, edges), *self[:-1], part)
+        class_log_probability(*bin_gaps(taps, edges), *self[:-1], part)
         return part
 
 

@@ -40,7 +40,7 @@ def log_interval(a, b):
 
 
 @compiled
-def interval_mass(a, b):
+def interval_probability(a, b):
     """Probability of a standard normal between a and b > a; 0 far out, where `log_interval` is needed."""
     if a > _FAR or b < -_FAR:
         return 0.0
@@ -76,7 +76,7 @@ def whiten_time(tap, time, out):
 
 
 @compiled
-def tap_log_mass(whitened, below, above, mean, taxel, scale, innovation):
+def tap_log_probability(whitened, below, above, mean, taxel, scale, innovation):
     """Log probability of the bins of one tap under one Gaussian.
 
     Args:
@@ -101,7 +101,7 @@ def tap_log_mass(whitened, below, above, mean, taxel, scale, innovation):
         for k in range(K):
             a = (below[j, k] + innovation[k]) / scale[j, k]
             b = (above[j, k] + innovation[k]) / scale[j, k]
-            mass = interval_mass(a, b)
+            mass = interval_probability(a, b)
             if mass < _SMALL:
                 total += log_interval(a, b)
                 continue
@@ -113,7 +113,7 @@ def tap_log_mass(whitened, below, above, mean, taxel, scale, innovation):
 
 
 @compiled
-def class_log_masses(taps, below, above, mean, taxel, scale, time, log_weight, out):
+def class_log_probability(taps, below, above, mean, taxel, scale, time, log_weight, out):
     """Log probability of the bins of every tap under every class, each a mixture of Q Gaussians.
 
     Args:
@@ -135,15 +135,15 @@ def class_log_masses(taps, below, above, mean, taxel, scale, time, log_weight, o
         for c in range(C):
             mix = taxel[c if len(taxel) > 1 else 0]
             for q in range(Q):
-                parts[q] = log_weight[q] + tap_log_mass(
+                parts[q] = log_weight[q] + tap_log_probability(
                     whitened, below[i], above[i], mean[q, c], mix, scale[q, c], innovation
                 )
             out[i, c] = log_sum(parts)
 
 
 @compiled
-def independent_log_masses(c, bins, lower, upper, mean, scale, log_weight, out):
-    """`class_log_masses` for class c with independent samples; the log mass of a bin is computed once.
+def independent_log_probability(c, bins, lower, upper, mean, scale, log_weight, out):
+    """`class_log_probability` for class c with independent samples; the log probability of a bin is computed once.
 
     Args:
         c: The class.
@@ -157,7 +157,7 @@ def independent_log_masses(c, bins, lower, upper, mean, scale, log_weight, out):
     """
     J, K, n = bins.shape
     Q, B = len(mean), lower.shape[1]
-    log_mass, parts = np.empty(B), np.empty((Q, n))
+    log_probability, parts = np.empty(B), np.empty((Q, n))
     for q in range(Q):
         part = parts[q]
         part[:] = log_weight[q]
@@ -166,17 +166,17 @@ def independent_log_masses(c, bins, lower, upper, mean, scale, log_weight, out):
                 for b in range(B):
                     low = (lower[k, b] - mean[q, c, j, k]) / scale[q, c, j, k]
                     high = (upper[k, b] - mean[q, c, j, k]) / scale[q, c, j, k]
-                    mass = interval_mass(low, high)
-                    log_mass[b] = log_interval(low, high) if mass < _SMALL else math.log(mass)
+                    mass = interval_probability(low, high)
+                    log_probability[b] = log_interval(low, high) if mass < _SMALL else math.log(mass)
                 for i in range(n):
-                    part[i] += log_mass[bins[j, k, i]]
+                    part[i] += log_probability[bins[j, k, i]]
     for i in range(n):
         out[c, i] = log_sum(parts[:, i])
 
 
 @compiled
-def own_log_masses(taps, below, above, own, mean, taxel, scale, time, log_weight, out):
-    """`class_log_masses` of each tap under its own class `own`, shape (n,); `out` has shape (n,)."""
+def true_class_log_probability(taps, below, above, own, mean, taxel, scale, time, log_weight, out):
+    """`class_log_probability` of each tap under its own class `own`, shape (n,); `out` has shape (n,)."""
     n, J, K = taps.shape
     Q = len(mean)
     whitened, innovation, parts = np.empty((J, K)), np.empty(K), np.empty(Q)
@@ -185,7 +185,7 @@ def own_log_masses(taps, below, above, own, mean, taxel, scale, time, log_weight
         c = own[i]
         mix = taxel[c if len(taxel) > 1 else 0]
         for q in range(Q):
-            parts[q] = log_weight[q] + tap_log_mass(
+            parts[q] = log_weight[q] + tap_log_probability(
                 whitened, below[i], above[i], mean[q, c], mix, scale[q, c], innovation
             )
         out[i] = log_sum(parts)

@@ -6,7 +6,7 @@ from numpy.typing import NDArray
 from ..states import States
 from .bins import find_bins
 from .forms import Form, TableForm, bin_gaps
-from .innovations import own_log_masses
+from .innovations import true_class_log_probability
 
 type Own = tuple[NDArray[np.intp], NDArray[np.intp]]
 """Position and object index of each tap, both of shape (N,)."""
@@ -46,7 +46,7 @@ class OwnTaps:
             return form.log_prob[*own, np.arange(self._bins.shape[2]), self._bins].sum(axis=(1, 2))
         ready = form.prepare(np.zeros(form.shape, dtype=bool))
         out = np.empty(len(self._where))
-        own_log_masses(*self._gaps, self._where * form.shape[1] + self._what, *ready[:-1], out)
+        true_class_log_probability(*self._gaps, self._where * form.shape[1] + self._what, *ready[:-1], out)
         return out
 
 

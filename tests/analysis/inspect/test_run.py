@@ -5,7 +5,7 @@ import io
 import numpy as np
 import pytest
 from rich.console import Console
-from solidtouch.analysis.experiment.suspicions import constant_taxels, in_blocks, recorded_order, saturated_taxels
+from solidtouch.analysis.experiment.data_warnings import constant_taxels, in_blocks, recorded_order, saturated_taxels
 from solidtouch.analysis.inspect.page import inspection_page
 from solidtouch.analysis.inspect.run import count_taps, inspect_taps
 from solidtouch.analysis.page.terminal import show

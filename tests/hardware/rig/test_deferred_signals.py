@@ -4,11 +4,11 @@ import signal
 import threading
 
 import pytest
-from solidtouch.hardware.rig.deferred_signals import undisturbed
+from solidtouch.hardware.rig.deferred_signals import signals_deferred
 
 
 def interrupted(done, error=None):
-    with undisturbed():
+    with signals_deferred():
         signal.raise_signal(signal.SIGINT)
         signal.raise_signal(signal.SIGINT)
         done.append(True)
@@ -26,7 +26,7 @@ def test_ctrl_c_is_delivered_after_the_block():
 
 def test_handlers_are_as_before():
     before = signal.getsignal(signal.SIGINT), signal.getsignal(signal.SIGTERM)
-    with undisturbed():
+    with signals_deferred():
         assert before != (signal.getsignal(signal.SIGINT), signal.getsignal(signal.SIGTERM))
 
     assert before == (signal.getsignal(signal.SIGINT), signal.getsignal(signal.SIGTERM))
@@ -43,7 +43,7 @@ def test_other_threads_are_left_alone():
     seen = []
 
     def work():
-        with undisturbed():
+        with signals_deferred():
             seen.append(signal.getsignal(signal.SIGINT))
 
     thread = threading.Thread(target=work)

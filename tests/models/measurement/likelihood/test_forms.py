@@ -7,8 +7,11 @@ from solidtouch.models.errors import InputError
 from solidtouch.models.measurement.likelihood import forms, innovations
 from solidtouch.models.measurement.likelihood.bins import find_bins
 from solidtouch.models.measurement.likelihood.forms import GaussianForm, TableForm, bin_gaps, in_states
-from solidtouch.models.measurement.likelihood.innovations import class_log_masses, log_interval
-from solidtouch.models.measurement.likelihood.masses import log_normal_mass, log_student_mass
+from solidtouch.models.measurement.likelihood.innovations import class_log_probability, log_interval
+from solidtouch.models.measurement.likelihood.interval_probability import (
+    log_normal_probability,
+    log_student_probability,
+)
 from solidtouch.models.measurement.states import ONE_STATE, States
 
 L, H, J, K, Q, B = 2, 3, 4, 5, 2, 7
@@ -52,7 +55,7 @@ KINDS = {
     ("lower", "upper"),
     [(-1.0, 2.0), (30.0, 31.0), (-31.0, -30.0), (5.0, 5.001), (-np.inf, -40.0), (40.0, np.inf), (0.0, 1e-5)],
 )
-def test_normal_masses_keep_their_digits(lower, upper):
+def test_normal_probabilities_keep_their_digits(lower, upper):
     """They are those of an integral relative to the density at the end nearer to 0, on both sides of it."""
     near, far = sorted((abs(lower), abs(upper))) if lower * upper >= 0 else (lower, upper)
     if lower * upper >= 0:
@@ -63,10 +66,10 @@ def test_normal_masses_keep_their_digits(lower, upper):
     else:
         expected = np.log(stats.norm.cdf(upper) - stats.norm.cdf(lower))
 
-    assert log_normal_mass(lower, upper) == pytest.approx(expected, rel=1e-9, abs=1e-12)
+    assert log_normal_probability(lower, upper) == pytest.approx(expected, rel=1e-9, abs=1e-12)
 
 
-def test_student_masses_are_those_of_scipy():
+def test_student_probabilities_are_those_of_scipy():
     """Also far out, on both sides, and for the whole line."""
     freedom = 3.7
     lower, upper = np.array([-2.0, 10.0, -1e5, -np.inf, 300.0]), np.array([1.0, 12.0, -9e4, np.inf, np.inf])
@@ -79,21 +82,21 @@ def test_student_masses_are_those_of_scipy():
         np.log(tail(300.0)),
     ]
 
-    np.testing.assert_allclose(log_student_mass(lower, upper, freedom), expected, rtol=1e-10, atol=1e-15)
+    np.testing.assert_allclose(log_student_probability(lower, upper, freedom), expected, rtol=1e-10, atol=1e-15)
 
 
-def test_masses_of_all_bins_sum_to_one(rng):
+def test_probabilities_of_all_bins_sum_to_one(rng):
     """With the end bins open."""
     edges = np.concatenate([[-np.inf], np.sort(rng.normal(scale=3, size=B - 1)), [np.inf]])
 
-    assert np.exp(log_normal_mass(edges[:-1], edges[1:])).sum() == pytest.approx(1.0, rel=1e-14)
-    assert np.exp(log_student_mass(edges[:-1], edges[1:], 2.2)).sum() == pytest.approx(1.0, rel=1e-14)
+    assert np.exp(log_normal_probability(edges[:-1], edges[1:])).sum() == pytest.approx(1.0, rel=1e-14)
+    assert np.exp(log_student_probability(edges[:-1], edges[1:], 2.2)).sum() == pytest.approx(1.0, rel=1e-14)
 
 
 @pytest.mark.parametrize(("a", "b"), [(26.0, 26.5), (-500.0, -499.9), (60.0, np.inf), (-np.inf, -80.0), (1e9, 2e9)])
-def test_compiled_intervals_are_the_masses(a, b):
+def test_compiled_intervals_are_the_probabilities(a, b):
     """The loop's asymptotic tails and SciPy's agree far out."""
-    assert log_interval(a, b) == pytest.approx(float(log_normal_mass(a, b)), rel=1e-10)
+    assert log_interval(a, b) == pytest.approx(float(log_normal_probability(a, b)), rel=1e-10)
 
 
 # Gaussian forms
@@ -113,7 +116,7 @@ def test_innovations_give_the_density_of_the_covariance(rng, kind):
 
 
 @pytest.mark.parametrize("kind", KINDS)
-def test_log_masses_are_those_of_a_loop(rng, kind):
+def test_log_probabilities_are_those_of_a_loop(rng, kind):
     """Every hypothesis of every tap, each sample between the edges of its bin given those before it."""
     form = gaussian_form(rng, Q=Q, **KINDS[kind])
     edges = np.sort(rng.normal(size=(K, B + 1)), axis=1) * 2
@@ -129,7 +132,7 @@ def test_log_masses_are_those_of_a_loop(rng, kind):
         parts = []
         for q in range(Q):
             white, scale = form.innovations(taps, *own, q), form.scale[q, l, h]
-            mass = log_normal_mass((lower + white) / scale, (upper + white) / scale)
+            mass = log_normal_probability((lower + white) / scale, (upper + white) / scale)
             parts.append(form.log_weight[q] + mass.sum(axis=(1, 2)))
         expected = np.logaddexp.reduce(parts)
         np.testing.assert_allclose(actual[:, l, h], expected, rtol=1e-10)
@@ -183,10 +186,11 @@ def test_a_single_bin_is_certain(rng):
 def test_samples_very_far_out_stay_finite(rng):
     """A million standard deviations are improbable, and neither impossible nor NaN."""
     form = gaussian_form(rng)
-    log_mass = form.own(np.full((1, J, K), 1e6), np.linspace(-1.0, 2e6, B + 1), np.zeros(1, int), np.zeros(1, int))
+    one_class = np.zeros(1, int)
+    log_probability = form.own(np.full((1, J, K), 1e6), np.linspace(-1.0, 2e6, B + 1), one_class, one_class)
 
-    assert np.isfinite(log_mass).all()
-    assert log_mass[0] < -1e9
+    assert np.isfinite(log_probability).all()
+    assert log_probability[0] < -1e9
 
 
 def test_many_taps_are_those_of_one_call(rng):
@@ -197,7 +201,7 @@ def test_many_taps_are_those_of_one_call(rng):
     impossible[1, 0] = True
     ready = form.prepare(impossible)
     ready.log_likelihood(taps, edges, 0.5, actual)
-    class_log_masses(*bin_gaps(taps, edges), *ready[:-1], expected)
+    class_log_probability(*bin_gaps(taps, edges), *ready[:-1], expected)
     expected = 0.5 * expected.reshape(N, L, H)
     expected[:, 1, 0] = -np.inf
     np.testing.assert_array_equal(actual, expected)
@@ -217,21 +221,21 @@ def independent_form(rng, J=J, K=K, Q=1, shape=(L, H), scale=1.0, own_time=False
 def directly(form, taps, edges, exponent=1.0):
     """Log-likelihoods (N, L, H), tap by tap."""
     ready, out = form.prepare(np.zeros(form.shape, bool)), np.empty((len(taps), form.shape[0] * form.shape[1]))
-    class_log_masses(*bin_gaps(taps, edges), *ready[:-1], out)
+    class_log_probability(*bin_gaps(taps, edges), *ready[:-1], out)
     return exponent * out.reshape(-1, *form.shape)
 
 
 @pytest.fixture
 def looked_up(monkeypatch):
     """The numbers of taps that were looked up, class by class."""
-    seen, compiled = [], innovations.independent_log_masses
+    seen, compiled = [], innovations.independent_log_probability
 
     def observed(c, bins, *rest):
         assert bins.shape[2] == rest[-1].shape[1]
         seen.append(bins.shape[2])
         compiled(c, bins, *rest)
 
-    monkeypatch.setattr(innovations, "independent_log_masses", observed)
+    monkeypatch.setattr(innovations, "independent_log_probability", observed)
     return seen
 
 
@@ -377,7 +381,7 @@ def test_impossible_bins_are_never_drawn():
 
 def test_gain_one_and_offset_zero_change_nothing(rng):
     """In a table to 1e-12, also where probabilities are far below the rounding of 1; in a Gaussian exactly."""
-    table = TableForm(log_normal_mass(*np.broadcast_arrays(*_edges_around(rng))))
+    table = TableForm(log_normal_probability(*np.broadcast_arrays(*_edges_around(rng))))
     edges = np.linspace(-40, 40, B + 1)
     assert table.log_prob.min() < -400
 

@@ -13,7 +13,7 @@ FEW = 5  # distinct taps per class, below which a histogram is mostly empty
 _NAMED = 6  # how many cells, classes or taxels a sentence names before it only counts
 
 
-def suspicions(taps: TapSet, grid: ClassGrid, *, alone: bool = True) -> Iterator[str]:
+def data_warnings(taps: TapSet, grid: ClassGrid, *, alone: bool = True) -> Iterator[str]:
     """One sentence for each thing that may mislead, the gravest first.
 
     Args:
@@ -34,10 +34,10 @@ def suspicions(taps: TapSet, grid: ClassGrid, *, alone: bool = True) -> Iterator
     yield from _taxels(taps)
 
 
-def fold_suspicions(fold: Fold, grid: ClassGrid, *, one_file: bool) -> list[str]:
+def fold_warnings(fold: Fold, grid: ClassGrid, *, one_file: bool) -> list[str]:
     """What may mislead in training and test taps, looked at together where they come from one file."""
     files = [concatenate([fold.train, fold.test])] if one_file else [fold.train, fold.test]
-    sentences = [sentence for taps in files for sentence in suspicions(taps, grid, alone=one_file)]
+    sentences = [sentence for taps in files for sentence in data_warnings(taps, grid, alone=one_file)]
     return list(dict.fromkeys(sentences))
 
 

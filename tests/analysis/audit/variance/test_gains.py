@@ -5,8 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import xarray as xr
-from solidtouch.analysis.audit import components as module
-from solidtouch.analysis.audit.components import SEQUENCES, collapse, effective_taps, tap_gains, variance_components
+from solidtouch.analysis.audit.variance import gains as module
+from solidtouch.analysis.audit.variance.gains import SEQUENCES, collapse, effective_taps, tap_gains, variance_components
 from solidtouch.hardware.simulator.presets import preset
 from solidtouch.hardware.simulator.session import simulate_session
 from solidtouch.hardware.simulator.settings import PAPER_RODS

@@ -19,14 +19,14 @@ import numpy as np
 import xarray as xr
 from numpy.typing import ArrayLike, NDArray
 
-from ...models.errors import InputError
-from ...models.measurement.scaling import sum_by
-from ...models.seeds import Purpose, derived_seed
-from ...models.threads import one_blas_thread
-from ..page.numbers import spanned
+from ....models.errors import InputError
+from ....models.measurement.scaling import sum_by
+from ....models.seeds import Purpose, derived_seed
+from ....models.threads import one_blas_thread
+from ...page.numbers import spanned
 
 if TYPE_CHECKING:
-    from ...models.measurement.gain_variance import GainCells
+    from ....models.measurement.gain_variance import GainCells
 
 QUANTITIES = ("gain", "offset")
 PROBABILITY = 0.9
@@ -258,7 +258,7 @@ def collapse(gains: TapGains, own: NDArray[np.integer], session: NDArray[np.inte
         own: Class of each tap, shape (N,).
         session: Session of each tap, shape (N,).
     """
-    from ...models.measurement.gain_variance import GainCells  # noqa: PLC0415 - NumPyro takes seconds to import
+    from ....models.measurement.gain_variance import GainCells  # noqa: PLC0415 - NumPyro takes seconds to import
 
     chosen = np.isfinite(gains.value[0])
     classes = np.unique(own[chosen], return_inverse=True)[1]
@@ -288,7 +288,7 @@ def _sample(cells: "GainCells", amplitude: float, seed: int) -> xr.DataTree:
     from numpyro.infer import MCMC, NUTS  # noqa: PLC0415
     from numpyro.infer.util import potential_energy  # noqa: PLC0415
 
-    from ...models.measurement.gain_variance import COMPONENTS, components  # noqa: PLC0415
+    from ....models.measurement.gain_variance import COMPONENTS, components  # noqa: PLC0415
 
     @jax.jit  # as a whole: JAX would compile the story operation by operation, which takes longer than the chains
     def potential(log_sd: dict[str, Any]) -> Any:
@@ -321,7 +321,7 @@ def _sample(cells: "GainCells", amplitude: float, seed: int) -> xr.DataTree:
 def _summarise(data: xr.DataTree, cells: "GainCells", gains: TapGains) -> Components:
     import arviz as az  # noqa: PLC0415
 
-    from ...models.measurement.gain_variance import COMPONENTS  # noqa: PLC0415
+    from ....models.measurement.gain_variance import COMPONENTS  # noqa: PLC0415
 
     posterior = data["posterior"].dataset
     told = _told(cells)
@@ -419,7 +419,7 @@ def _range(row: xr.Dataset, factor: float, unit: str) -> str:
 
 
 def _untold(gains: TapGains) -> Components:
-    from ...models.measurement.gain_variance import COMPONENTS  # noqa: PLC0415
+    from ....models.measurement.gain_variance import COMPONENTS  # noqa: PLC0415
 
     coords = {"quantity": list(QUANTITIES), "component": list(COMPONENTS)}
     nothing = np.full((len(QUANTITIES), len(COMPONENTS)), np.nan)
