@@ -61,7 +61,7 @@ def emulate(
         from ..hardware.emulator.faults import Switches
         from ..hardware.emulator.rig_file import write_rig
         from ..hardware.emulator.service import Service, check_free
-        from ..hardware.simulator.presets import preset as settings_of
+        from ..hardware.simulator.settings import preset as settings_of
 
     settings = settings_of(preset)
     control = (out / "control").absolute()

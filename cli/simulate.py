@@ -54,8 +54,8 @@ def simulate(
 
 
 def _from_rig(name: str, seed: int) -> Callable[[int], "TapSet"]:
-    from ..hardware.simulator.presets import preset
     from ..hardware.simulator.session import simulate_session
+    from ..hardware.simulator.settings import preset
 
     settings = preset(name, (_MODEL,))
     return lambda session: simulate_session(settings, seed, session)

@@ -72,7 +72,7 @@ def trials(
                 number,
                 play=play,
                 start=start,
-                thresholds=parse_thresholds(thresholds),
+                stop=parse_thresholds(thresholds),
                 sessions=parse_sessions(test, "--test"),
                 training_taps=training_taps,
                 seed=seed,

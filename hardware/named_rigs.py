@@ -21,9 +21,8 @@ from .rig.open_rig import connected, unconnected
 from .rig.rig import Rig
 from .rig.settings import load_rig
 from .sensor import TouchSensor, check_step
-from .simulator.presets import preset
 from .simulator.rig import SimulatedRig
-from .simulator.settings import RigSettings
+from .simulator.settings import RigSettings, preset
 
 _ROUNDING = 1e-6  # of a cell
 _SIMULATED, _REPLAY, _PRESET, _SESSION = "simulated", "replay:", "paper", 1000  # a session that occurs in no data set

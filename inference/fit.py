@@ -6,16 +6,17 @@ from typing import Any
 
 from ..models.errors import InputError
 from ..models.grid import ClassGrid
+from ..models.io.load import TapSource, taps_of
 from ..models.measurement.histogram import trim
 from ..models.measurement.model import TapModel
 from ..models.measurement.registry import PAPER, split_name
 from ..models.settings import FitSettings
-from ..models.taps import TapSet, concatenate
+from ..models.taps import concatenate
 from .tuning.tempering import fit_tempered
 
 
 def fit(
-    taps: TapSet | Sequence[TapSet], model: str = "histogram", *, grid: ClassGrid | None = None, **settings: Any
+    taps: TapSource | Sequence[TapSource], model: str = "histogram", *, grid: ClassGrid | None = None, **settings: Any
 ) -> TapModel:
     """Measurement model fitted to training taps.
 
@@ -26,7 +27,7 @@ def fit(
     <histogram model: 16 x 5 classes, 50 samples of 12 taxels, 50 bins, power JK>
 
     Args:
-        taps: Training taps, in one set or several whose sessions differ in number.
+        taps: Training taps or their file, in one set or several whose sessions differ in number.
         model: Its name, see docs/reference/models.md.
         grid: The classes; those of the taps' own tables where none are given. Objects without a tap and empty ends of
             the range are taken out and named in `left_out`, so classes are counted as in the `grid` of the model.
@@ -42,7 +43,9 @@ def fit(
         raise InputError(f"Unknown fit setting {unknown[0]!r}; choose from {', '.join(FitSettings.__struct_fields__)}.")
     given = FitSettings(**settings)
     check_used(model, given)
-    taps = taps if isinstance(taps, TapSet) else concatenate(taps)
+    if isinstance(taps, Sequence) and not isinstance(taps, str):
+        taps = concatenate([taps_of(part) for part in taps])
+    taps = taps_of(taps)
     grid, dropped = trim(taps.grid() if grid is None else grid, [taps])
     fitted, _ = fit_tempered(model, taps, grid, given, "taps given to fit")
     scored: Any = fitted.model.with_scores(taps)

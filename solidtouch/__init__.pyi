@@ -25,9 +25,9 @@ from .analysis.validation.report import ValidationReport as ValidationReport
 from .analysis.validation.report import validate as validate
 from .hardware.replay import ReplayRig as ReplayRig
 from .hardware.sensor import TouchSensor as TouchSensor
-from .hardware.simulator.presets import PRESETS as PRESETS
 from .hardware.simulator.rig import SimulatedRig as SimulatedRig
 from .hardware.simulator.session import simulate as simulate
+from .hardware.simulator.settings import PRESETS as PRESETS
 from .hardware.simulator.settings import RigSettings as RigSettings
 from .inference.classifier import TapClassifier as TapClassifier
 from .inference.engines.engine import Engine as Engine
@@ -47,7 +47,7 @@ from .models.errors import InputError as InputError
 from .models.grid import ClassGrid as ClassGrid
 from .models.io.load import load_taps as load_taps
 from .models.io.model_file import load_model as load_model
-from .models.measurement.fits.convergence import NotConvergedError as NotConvergedError
+from .models.measurement.fits.posterior import NotConvergedError as NotConvergedError
 from .models.measurement.model import TapModel as TapModel
 from .models.preprocessing import Preprocessing as Preprocessing
 from .models.settings import Division as Division

@@ -1,4 +1,4 @@
-"""`crosscheck`, simulation-based calibration, and the checks of both that `validate` runs.
+"""`crosscheck` and simulation-based calibration, which `validate` runs too.
 
 Start at `report` (cross-check) and `sbc` (calibration). The comparison of one model is in `analysis.experiment`, as
 `reproduce` runs it too.

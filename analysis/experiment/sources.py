@@ -6,8 +6,8 @@ from functools import partial
 from pathlib import Path
 from typing import NamedTuple
 
-from ...hardware.simulator.presets import preset
 from ...hardware.simulator.session import simulate_session
+from ...hardware.simulator.settings import preset
 from ...models.experiment import load_experiment
 from ...models.grid import ClassGrid
 from ...models.io.load import TapSource, names_of, taps_of

@@ -4,8 +4,8 @@ from collections.abc import Sequence
 
 import xarray as xr
 
-from ...hardware.simulator.presets import preset
 from ...hardware.simulator.session import simulate_session
+from ...hardware.simulator.settings import preset
 from ...inference.engines.engine import make_engine
 from ...inference.moves.control import check_fixation
 from ...inference.trials.resampling import RESAMPLES

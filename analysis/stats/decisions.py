@@ -31,8 +31,8 @@ from ...models.errors import InputError
 from ...models.grid import ClassGrid
 from ...models.settings import PlaySettings
 from .acting import policies
+from .metrics import SHARE, Range, ranges
 from .pairing import check_tables, reference_name, with_intervals
-from .ranges import SHARE, Range, ranges
 
 MEANS = {
     "what_error": "mean object error",

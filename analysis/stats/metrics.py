@@ -18,7 +18,6 @@ from ...inference.trials.cut_short import ENDINGS
 from ...inference.trials.records import TrialPlan, Trials
 from ...inference.trials.resampling import CONFIDENCE, Spread, resamples_in_words, widened
 from ...models.grid import ClassGrid
-from .ranges import Range, ranges
 
 QUANTITIES = ("what_error", "where_error", "taps")
 FRACTIONS = ("stopped_fraction", "clamped_fraction", "substituted_fraction", "what_wrong", "no_class_left_fraction")
@@ -270,3 +269,40 @@ def _sums(group: NDArray[np.intp], groups: int) -> csr_array:
     """The matrix that adds up rows by their group."""
     n = len(group)
     return csr_array((np.ones(n), (group, np.arange(n))), shape=(groups, n))
+
+
+class Range(NamedTuple):
+    """Of a mean over decisions.
+
+    Attributes:
+        least: What it cannot be below.
+        most: Nor above; infinite where the two would be the same.
+        step: By how much a single decision that is not at the least value exceeds it; 0 where none can.
+    """
+
+    least: float = 0.0
+    most: float = np.inf
+    step: float = 1.0
+
+
+SHARE = Range(0.0, 1.0)
+
+
+def of_taps(deadline: int) -> Range:
+    """Of reaction times with a deadline."""
+    return Range(1.0, float(deadline) if deadline > 1 else np.inf)
+
+
+def ranges(grid: ClassGrid, deadline: int) -> dict[str, Range]:
+    """Of errors and reaction times, by name.
+
+    Args:
+        grid: The classes.
+        deadline: Taps after which a trial ends at the latest.
+    """
+    found = {"taps": of_taps(deadline)}
+    for name, error, n in (("where_error", grid.where_error, grid.L), ("what_error", grid.what_error, grid.M)):
+        errors = error(*np.triu_indices(n, 1))
+        above = errors[errors > 0]
+        found[name] = Range(0.0, float(above.max()), float(above.min())) if len(above) else Range(step=0.0)
+    return found

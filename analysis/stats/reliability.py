@@ -46,8 +46,7 @@ from ...models.errors import InputError
 from ...models.grid import ClassGrid
 from ...models.settings import PlaySettings
 from .acting import policies
-from .metrics import confusion
-from .ranges import SHARE, Range, of_taps
+from .metrics import SHARE, Range, confusion, of_taps
 
 CONTACTS = (1, 2, 5, 10, 20, 50)
 TRIALS = 4000

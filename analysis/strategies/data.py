@@ -8,8 +8,8 @@ from typing import NamedTuple
 import numpy as np
 
 from ...hardware.simulator.model_rig import draw_session
-from ...hardware.simulator.presets import PRESETS, preset
 from ...hardware.simulator.session import simulate_session
+from ...hardware.simulator.settings import PRESETS, preset
 from ...inference.information import TapOutcomes, tap_outcomes
 from ...inference.moves.table_learning import held_out_tables
 from ...inference.reference import Border

@@ -12,8 +12,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ...hardware.simulator.presets import preset
 from ...hardware.simulator.session import simulate_session
+from ...hardware.simulator.settings import preset
 from ...inference.bayes_risk.problem import RiskProblem, risk_problem
 from ...inference.moves.control import MovePolicy, fixation
 from ...inference.moves.expected_gain import gain_watch, risk_mover

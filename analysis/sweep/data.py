@@ -5,8 +5,8 @@ from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 
-from ...hardware.simulator.presets import preset
 from ...hardware.simulator.session import simulate_session
+from ...hardware.simulator.settings import preset
 from ...models.errors import InputError
 from ...models.experiment import load_experiment
 from ...models.grid import ClassGrid

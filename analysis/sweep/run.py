@@ -1,8 +1,9 @@
 """A study over a grid of settings: what is not done yet is run, and every finished cell is written at once."""
 
 import json
-from collections.abc import Callable
-from contextlib import closing
+import os
+from collections.abc import Callable, Iterator
+from contextlib import closing, contextmanager
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -12,6 +13,7 @@ import numpy as np
 from ...models.errors import InputError
 from ...models.io.recording import naming
 from ...models.taps import TapSet
+from ...models.threads import one_blas_thread
 from ..stats.resampled_units import spread_of_taps, unit_factor
 from .cell import Outcome, Runner
 from .cells import CellGrid, Effort
@@ -19,7 +21,6 @@ from .code import code, differences
 from .data import DataSet, Sources
 from .store import DONE, FAILED, PENDING, SweepStore, create_store, locked, read_about
 from .study import StudyFile, load_study, parse_study
-from .threads import one_thread
 
 _CAUSES = 3
 
@@ -199,3 +200,22 @@ def _check_data(out: Path, mine: dict[str, str], theirs: dict[str, str]) -> None
 def _short(value: Any) -> str:
     text = json.dumps(value, ensure_ascii=False)
     return text if len(text) < 80 else f"{text[:77]}..."
+
+
+_VARIABLES = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "VECLIB_MAXIMUM_THREADS")
+
+
+@contextmanager
+def one_thread() -> Iterator[None]:
+    """Limits linear algebra to one thread, also in libraries loaded and processes started within the block."""
+    before = {name: os.environ.get(name) for name in _VARIABLES}
+    os.environ.update(dict.fromkeys(_VARIABLES, "1"))
+    try:
+        with one_blas_thread():
+            yield
+    finally:
+        for name, value in before.items():
+            if value is None:
+                del os.environ[name]
+            else:
+                os.environ[name] = value

@@ -23,9 +23,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...models.errors import InputError
+from ..stats import tallied
 from .cell import Outcome
 from .cells import AXES, CellGrid
-from .quantities import QUANTITIES
+
+QUANTITIES = tallied.QUANTITIES | {
+    "trials": "number of trials, the same at every threshold",
+    "seconds": "time that the cell took, the same at every threshold",
+}
+"""Names and what they mean, in the order in which they are stored."""
+
 
 FORMAT = 1
 PENDING, DONE, FAILED = 0, 1, 2

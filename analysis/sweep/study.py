@@ -9,7 +9,7 @@ import msgspec
 from msgspec import Meta, Struct
 
 from ...hardware.rig.settings import Count, parse_settings, read_settings
-from ...hardware.simulator.presets import preset
+from ...hardware.simulator.settings import preset
 from ...inference.episode import DEADLINE
 from ...inference.moves.strategies import FORMS, parse_strategy
 from ...inference.reference import Border

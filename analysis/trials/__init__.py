@@ -1,4 +1,4 @@
 """`trials`: any number of trials, counted on the way, with intervals over test taps.
 
-Start at `tallied`, then `spread`; `page` prints. No loops over trials: `inference` plays and counts them.
+Start at `report`, then `spread`; `page` prints. No loops over trials: `inference` plays and counts them.
 """

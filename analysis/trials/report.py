@@ -7,13 +7,16 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import xarray as xr
+from numpy.typing import ArrayLike, NDArray
 
 from ...inference.moves.control import check_fixation
 from ...inference.trials.plan import tap_table
 from ...inference.trials.run import checked_thresholds
 from ...inference.trials.tally import Tally, tally_trials
 from ...models.errors import InputError
+from ...models.grid import ClassGrid
 from ...models.io.load import TapSource, names_of, taps_of
 from ...models.io.model_file import load_model
 from ...models.measurement.model import TapModel
@@ -25,9 +28,9 @@ from ..page.page import Page
 from ..page.report import Report
 from ..page.stages import Progress, no_progress
 from ..stats.no_class_left import no_class_left_sentence
+from ..stats.tallied import QUANTITIES, tally_means
 from .page import tally_page
 from .spread import TapSpread, spread_trials, tap_spread
-from .tallied import tally_dataset
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -83,9 +86,10 @@ def trials(
     taps: TapSource,
     number: int = 100_000,
     *,
+    move: str | None = None,
+    stop: float | Sequence[float] | None = None,
     play: PlaySettings = PlaySettings(),
     start: int | None = None,
-    thresholds: Sequence[float] | None = None,
     sessions: Sequence[int] | None = None,
     training_taps: bool = False,
     seed: int = 0,
@@ -99,7 +103,7 @@ def trials(
 
     >>> import solidtouch as st
     >>> train, test = st.simulate("paper", sessions=2, seed=4)
-    >>> report = st.trials(st.fit(train), test, 1000, thresholds=[0.5, 0.95])
+    >>> report = st.trials(st.fit(train), test, 1000, stop=[0.5, 0.95])
     >>> report.results["taps"].round(1).values.tolist()
     [2.4, 14.7]
 
@@ -107,9 +111,10 @@ def trials(
         model: A fitted model or its file.
         taps: Test taps or their file; those that trained the model are left out.
         number: How many trials.
-        play: How they are played; `thresholds` take the place of its threshold.
+        move: `"fixation"` or `"passive"`; `None` for what `play` says.
+        stop: The belief threshold, theta_W, or several; `None` for those of the paper's range.
+        play: How they are played; `stop` takes the place of its threshold.
         start: Position that all begin in, as index; `None` for any.
-        thresholds: Belief thresholds, theta_W; `None` for those of the paper's range.
         sessions: Sessions of the taps to take; `None` for all.
         training_taps: Whether taps that trained the model are kept.
         seed: Random seed.
@@ -122,6 +127,10 @@ def trials(
     Raises:
         InputError: The model, the taps or a setting cannot be used.
     """
+    if move is not None:
+        if move not in ("fixation", "passive"):
+            raise InputError(f"move must be 'fixation' or 'passive', got {move!r}.")
+        play = play.changed(passive=move == "passive")
     if play.passive and (play.fixation is not None or play.theta_x > 0):
         raise InputError("--passive never moves and does not go with --fixation or --theta-x.")
     named = "model" if isinstance(model, TapModel) else Path(model).name
@@ -133,7 +142,7 @@ def trials(
         note(sentence)
     tested = fitted.usable(tested)
     table = tap_table(fitted, tested)
-    theta = checked_thresholds(thresholds)
+    theta = checked_thresholds(stop if stop is None else [*np.atleast_1d(stop)])
     if start is not None and not 0 <= start < grid.L:
         raise InputError(f"--start must be an index from 0 to {grid.L - 1}, got {start}.")
     point = check_fixation(play.fixation, grid.L)
@@ -163,3 +172,54 @@ def trials(
 
     report = partial(TrialsReport, spread=spread, model=fitted, thresholds=theta, about=about)
     return report(tally_trials(table, theta, number, device=device, progress=told, **rule))
+
+
+def tally_dataset(tally: Tally, grid: ClassGrid, thresholds: ArrayLike, spread: TapSpread | None = None) -> xr.Dataset:
+    """The counts and the means with labels.
+
+    Args:
+        tally: The counts.
+        grid: The classes.
+        thresholds: theta_W, shape (H,).
+        spread: Trials on resampled and on fresh taps.
+
+    Returns:
+        The means (theta), with `spread` also the ends of their 95% intervals over test taps as ``<name>_low`` and
+        ``<name>_high``, and all of that on fresh taps as ``fresh_<name>``, with ``fresh_used_up``; ``confusion``
+        (theta, what, decided_what), ``place`` (theta, where, decided_where) and ``reaction_time`` (theta, tap) as
+        counts; attributes ``trials``, ``what_unit``, ``where_unit``.
+    """
+    what_name = np.asarray(grid.what_name, dtype=np.str_)
+    where = {"where": grid.where_value, "decided_where": grid.where_value}
+    means = tally_means(tally, grid)
+    return xr.Dataset(
+        {name: ("theta", values, {"long_name": QUANTITIES[name]}) for name, values in means.items()}
+        | (_spread_variables(means, spread) if spread else {})
+        | {
+            "confusion": (("theta", "what", "decided_what"), tally.what),
+            "place": (("theta", "where", "decided_where"), tally.where),
+            "reaction_time": (("theta", "tap"), tally.taps),
+        },
+        {
+            "theta": np.asarray(thresholds, dtype=np.float64),
+            "what": what_name,
+            "decided_what": what_name,
+            "tap": np.arange(tally.taps.shape[1]),
+            **where,
+        },
+        {"trials": tally.trials, "what_unit": grid.what_error_unit, "where_unit": grid.where_unit},
+    )
+
+
+def _spread_variables(means: dict[str, NDArray[np.float64]], spread: TapSpread) -> dict[str, tuple[Any, ...]]:
+    variables: dict[str, tuple[Any, ...]] = {
+        "fresh_used_up": ("theta", spread.used_up, {"long_name": "fraction of trials that used up the taps of a class"})
+    }
+    for name, samples in spread.fresh.items():
+        variables[f"fresh_{name}"] = "theta", samples[:, 0], {"long_name": f"{QUANTITIES[name]}, on fresh taps"}
+    for prefix, intervals in (("", spread.intervals(means)), ("fresh_", spread.fresh_intervals())):
+        for name, ends in intervals.items():
+            for side, end in zip(("low", "high"), ends, strict=True):
+                words = f"{'lower' if side == 'low' else 'upper'} end of the 95% interval over test taps"
+                variables[f"{prefix}{name}_{side}"] = "theta", end, {"long_name": words}
+    return variables

@@ -30,7 +30,7 @@ from ...inference.trials.selections import sessions_drawn
 from ...inference.trials.tally import tally
 from ...models.grid import ClassGrid
 from ...models.settings import PlaySettings
-from ..stats.ranges import SHARE, Range, ranges
+from ..stats.metrics import SHARE, Range, ranges
 from ..stats.tallied import tally_means
 
 type Floats = NDArray[np.float64]

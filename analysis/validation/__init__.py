@@ -1,4 +1,4 @@
 """`validate`: the checks of this installation that `correctness` and `conformance` offer, in one table.
 
-Start at `report`. The only study that runs other studies; it stands above them and adds no check of its own.
+Start at `report`, then `checks`. The only study that runs other studies; it stands above them.
 """

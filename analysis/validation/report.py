@@ -4,13 +4,11 @@ from dataclasses import dataclass
 
 import xarray as xr
 
-from ..conformance.validate import check_engines
-from ..correctness.validate import check_beliefs, check_routes
 from ..page.labelled import labelled
-from ..page.page import Page
+from ..page.page import Brief, Page, Table
 from ..page.report import Report
 from ..page.stages import Check, Progress, no_progress
-from .page import validation_page
+from .checks import check_beliefs, check_engines, check_routes
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -26,7 +24,19 @@ class ValidationReport(Report):
     seconds: bool = False
 
     def _page(self) -> Page:
-        return validation_page(self.found, self.seconds)
+        head = ["check", "against", "found", "", *(["seconds"] if self.seconds else [])]
+        rows = [
+            [
+                *(check.name, check.against, check.found, "ok" if check.passed else "FAILED"),
+                *([f"{check.seconds:.0f}"] if self.seconds else []),
+            ]
+            for check in self.found
+        ]
+        failed = [check.name for check in self.found if not check.passed]
+        verdict = f"All {len(self.found)} checks passed."
+        if failed:
+            verdict = f"{len(failed)} of {len(self.found)} checks FAILED: {', '.join(failed)}."
+        return Page("Validation", [Brief(Table(head, rows, words={1, 2, 3})), Brief(verdict)], [])
 
     @property
     def passed(self) -> bool:

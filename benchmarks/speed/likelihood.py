@@ -8,8 +8,8 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import csr_array
-from solidtouch.hardware.simulator.presets import preset
 from solidtouch.hardware.simulator.session import simulate_session
+from solidtouch.hardware.simulator.settings import preset
 from solidtouch.models.measurement.histogram import HistogramModel, fit
 from solidtouch.models.measurement.likelihood.bins import SparseCounts, count_taps
 from solidtouch.models.measurement.likelihood.counting import multiply

@@ -12,8 +12,8 @@ from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
-from solidtouch.hardware.simulator.presets import preset
 from solidtouch.hardware.simulator.session import simulate_session
+from solidtouch.hardware.simulator.settings import preset
 from solidtouch.inference import reference
 from solidtouch.models.measurement.histogram import HistogramModel, fit
 from solidtouch.models.measurement.likelihood.bins import find_bins

@@ -24,12 +24,10 @@ from solidtouch.analysis.sweep.cells import Cell, CellGrid, Effort
 from solidtouch.analysis.sweep.dask import on_cluster
 from solidtouch.analysis.sweep.data import Sources
 from solidtouch.analysis.sweep.local import in_processes
-from solidtouch.analysis.sweep.quantities import QUANTITIES
 from solidtouch.analysis.sweep.result import open_sweep
-from solidtouch.analysis.sweep.run import sweep
-from solidtouch.analysis.sweep.store import create_store
+from solidtouch.analysis.sweep.run import one_thread, sweep
+from solidtouch.analysis.sweep.store import QUANTITIES, create_store
 from solidtouch.analysis.sweep.study import parse_study
-from solidtouch.analysis.sweep.threads import one_thread
 from solidtouch.inference.trials.run import THRESHOLDS
 
 STUDY = """

@@ -8,8 +8,7 @@ from typing import NamedTuple
 from ...models.errors import InputError
 from ..link.shared_clock import SharedClock
 from ..rig.settings import RigFile, StageSettings
-from ..simulator.presets import PRESETS
-from ..simulator.settings import RigSettings
+from ..simulator.settings import PRESETS, RigSettings
 from .adapter import Adapter
 from .bench import Bench
 from .device import Device

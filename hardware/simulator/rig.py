@@ -7,9 +7,8 @@ from ...models.errors import InputError
 from ...models.preprocessing import Preprocessing
 from ..sensor import clipped_move
 from .nuisances import Purpose
-from .presets import preset
-from .settings import RigSettings
-from .tap_stream import TapStream
+from .session import TapStream
+from .settings import RigSettings, preset
 
 
 class SimulatedRig:

@@ -1,5 +1,6 @@
 """Loads a `TapSet` from any supported file: `.nc`, `.mcap`, `.npz`, `.csv`, `.mat` and folders of `.csv` files."""
 
+import os
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
@@ -39,6 +40,8 @@ def load_taps(path: str | Path) -> TapSet:
         InputError: The file is missing, damaged, of another kind or inconsistent; the message names file, array and
             place.
     """
+    if not isinstance(path, str | os.PathLike):
+        raise InputError(f"Taps are a TapSet or the path of a file or folder, got {type(path).__name__}.")
     path = Path(path)
     if path.suffix.lower() == ".nc":
         return TapSet.load(path)

@@ -26,7 +26,7 @@ from numpy.typing import NDArray
 
 from ..errors import InputError
 from ..grid import ClassGrid
-from ..measurement.fits.convergence import Convergence
+from ..measurement.fits.posterior import Convergence
 from ..measurement.model import FORMAT, TapModel
 from ..measurement.novelty import NoveltyScores
 from ..measurement.registry import KINDS, PAPER, measurement_model

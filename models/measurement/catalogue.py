@@ -7,7 +7,7 @@ from ..grid import ClassGrid
 from ..settings import FitSettings
 from ..taps import TapSet
 from ..threads import one_blas_thread
-from .fits.convergence import NotConvergedError
+from .fits.posterior import NotConvergedError
 from .model import Fitted
 from .registry import measurement_model, split_name
 from .shared_gain import with_shared_gain

@@ -25,7 +25,7 @@ from ..grid import ClassGrid
 from ..power import likelihood_exponent
 from ..settings import FitSettings
 from ..taps import TapSet
-from .fits.convergence import EXACT, Convergence
+from .fits.posterior import EXACT, Convergence
 from .likelihood.bins import bin_edges, count_taps, find_bins
 from .likelihood.forms import TableForm
 from .likelihood.shapes import Parameters

@@ -29,8 +29,7 @@ if TYPE_CHECKING:
     from ..preprocessing import Preprocessing
     from ..settings import FitSettings
     from ..taps import TapSet
-    from .fits.convergence import Convergence
-    from .fits.posterior import Posterior
+    from .fits.posterior import Convergence, Posterior
     from .likelihood.forms import Form, PreparedGaussian, PreparedTable
     from .likelihood.shapes import Parameters
     from .likelihood.true_class import Own

@@ -15,9 +15,8 @@ from scipy.special import gammaln
 from ..grid import ClassGrid
 from ..taps import TapSet
 from .fits.cells import CELL, estimated_prior
-from .fits.chains import Sites
 from .fits.checks import check_places
-from .fits.convergence import Convergence, ascent
+from .fits.posterior import Convergence, Sites, ascent
 from .fits.priors import CellPrior, Given, Taps
 from .likelihood.forecasts import Unseen, log_t_probability
 from .likelihood.forms import GaussianForm

@@ -30,8 +30,7 @@ from ..grid import ClassGrid
 from ..power import likelihood_exponent
 from ..settings import FitSettings
 from ..taps import TapSet
-from .fits.chains import SamplePosterior, Sites
-from .fits.posterior import Posterior
+from .fits.posterior import Posterior, SamplePosterior, Sites
 from .fits.priors import Given, Taps, no_arguments
 from .likelihood.bins import bin_edges
 from .likelihood.forecasts import Unseen, log_mean

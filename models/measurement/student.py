@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .fits.checks import check_cells
-from .fits.convergence import Convergence
+from .fits.posterior import Convergence
 from .fits.priors import Taps
 from .likelihood.forms import TableForm
 from .likelihood.interval_probability import log_student_probability

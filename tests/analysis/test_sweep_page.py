@@ -7,8 +7,8 @@ import sys
 from pathlib import Path
 
 from solidtouch.analysis.sweep.local import in_this_process
-from solidtouch.analysis.sweep.quantities import QUANTITIES
 from solidtouch.analysis.sweep.run import sweep
+from solidtouch.analysis.sweep.store import QUANTITIES
 from solidtouch.analysis.sweep.study import load_study, parse_study
 
 DOCS = Path(__file__).parents[2] / "docs"

@@ -5,7 +5,7 @@ import pytest
 import xarray as xr
 from solidtouch.analysis.audit.guarantees import PROMISED, USED
 from solidtouch.analysis.stats.target_error import Curves, choose
-from solidtouch.hardware.simulator.presets import preset
+from solidtouch.hardware.simulator.settings import preset
 
 from benchmarks.studies.audit import guarantees, target
 

@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
-from solidtouch.hardware.simulator.presets import preset
+from solidtouch.hardware.simulator.settings import preset
 from solidtouch.models.measurement.catalogue import fit_model
 from solidtouch.models.settings import FitSettings
 

@@ -12,9 +12,8 @@ import numpy as np
 import pytest
 from solidtouch.analysis.audit.report import AuditReport
 from solidtouch.cli.main import run
-from solidtouch.hardware.simulator.presets import preset
 from solidtouch.hardware.simulator.session import simulate_session
-from solidtouch.hardware.simulator.settings import PAPER_RODS
+from solidtouch.hardware.simulator.settings import PAPER_RODS, preset
 from solidtouch.models.io.model_file import load_model
 from solidtouch.models.preprocessing import Preprocessing
 from solidtouch.models.setting_file import load_setting

@@ -7,8 +7,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from solidtouch.hardware.simulator.presets import preset
 from solidtouch.hardware.simulator.session import simulate_session
+from solidtouch.hardware.simulator.settings import preset
 from solidtouch.inference.engines.engine import NumpyEngine
 from solidtouch.models.io.model_file import load_model
 from solidtouch.models.measurement.histogram import fit

@@ -14,8 +14,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from solidtouch.hardware.errors import NoAnswer
-from solidtouch.hardware.simulator.presets import preset
 from solidtouch.hardware.simulator.session import simulate_session
+from solidtouch.hardware.simulator.settings import preset
 from solidtouch.inference import episode
 from solidtouch.inference.engines.engine import NumpyEngine
 from solidtouch.inference.information import tap_outcomes

@@ -79,7 +79,7 @@ def test_a_study_refuses_with_the_sentence_of_the_command(taps):
     with pytest.raises(st.InputError, match="--permutations must be 99 or more, got 7"):
         st.audit(*taps, permutations=7)
     with pytest.raises(st.InputError, match="--thresholds must be distinct numbers"):
-        st.trials(st.fit(taps[0]), taps[1], 10, thresholds=[0.5, 0.5])
+        st.trials(st.fit(taps[0]), taps[1], 10, stop=[0.5, 0.5])
     with pytest.raises(st.InputError, match="--preset requires simulated taps"):
         st.reproduce(*taps, preset="paper")
     with pytest.raises(st.InputError, match="--presets names one twice"):
@@ -88,18 +88,28 @@ def test_a_study_refuses_with_the_sentence_of_the_command(taps):
         st.sensitivity(data_sets=0)
     with pytest.raises(st.InputError, match="one tap set or more"):
         st.audit()
+    with pytest.raises(st.InputError, match="Taps are a TapSet or the path of a file or folder, got list"):
+        st.compare([*taps])
+    with pytest.raises(st.InputError, match="Taps are a TapSet or the path of a file or folder, got int"):
+        st.fit(3)
+    with pytest.raises(st.InputError, match="move must be 'fixation' or 'passive', got 'random'"):
+        st.trials(st.fit(taps[0]), taps[1], 10, move="random")
 
 
 def test_trials_are_labelled(taps):
     train, test = taps
     heard = []
-    found = st.trials(st.fit(train), test, 300, play=st.PlaySettings(fixation=7), thresholds=[0.9], hear=heard.append)
+    found = st.trials(st.fit(train), test, 300, play=st.PlaySettings(fixation=7), stop=0.9, hear=heard.append)
     assert found.results["taps"].dims == ("theta",)
     assert (
         float(found.results["taps_low"][0]) <= float(found.results["taps"][0]) <= float(found.results["taps_high"][0])
     )
     assert heard[-1].tally.trials == found.tally.trials == 300
     assert "300 of 300 trials, active" in repr(found)
+    moved = st.trials(st.fit(train), test, 300, move="passive", stop=0.9)
+    played = st.trials(st.fit([train]), test, 300, play=st.PlaySettings(passive=True), stop=[0.9])
+    xr.testing.assert_identical(moved.results, played.results)
+    assert moved.about["policy"] == "passive"
 
 
 def test_a_reproduction_is_labelled():

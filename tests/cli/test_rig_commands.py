@@ -16,7 +16,7 @@ from mcap.reader import make_reader
 from solidtouch.hardware.emulator.emulated_bench import emulated_bench
 from solidtouch.hardware.emulator.rig_file import write_rig
 from solidtouch.hardware.emulator.service import Service
-from solidtouch.hardware.simulator.presets import PRESETS
+from solidtouch.hardware.simulator.settings import PRESETS
 from solidtouch.models.io.rig import read_rig
 from solidtouch.models.taps import TapSet
 

@@ -7,8 +7,8 @@ import pytest
 from solidtouch.analysis.reproduce.run import simulated_split
 from solidtouch.cli.simulate import simulate
 from solidtouch.hardware.simulator.model_rig import draw_taps
-from solidtouch.hardware.simulator.presets import PRESETS
 from solidtouch.hardware.simulator.session import simulate_session
+from solidtouch.hardware.simulator.settings import PRESETS
 from solidtouch.models.errors import InputError
 from solidtouch.models.measurement.catalogue import fit_model
 from solidtouch.models.measurement.histogram import fit

@@ -8,8 +8,8 @@ import time
 import numpy as np
 import pytest
 import xarray as xr
-from solidtouch.hardware.simulator.presets import preset
 from solidtouch.hardware.simulator.session import simulate_session
+from solidtouch.hardware.simulator.settings import preset
 from solidtouch.inference.trials.plan import plan_trials, tap_table
 from solidtouch.inference.trials.resampling import RESAMPLES
 from solidtouch.inference.trials.run import run_trials

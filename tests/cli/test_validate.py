@@ -4,9 +4,8 @@ from dataclasses import replace
 
 import pytest
 from solidtouch.analysis.conformance import run
-from solidtouch.analysis.conformance import validate as engines
 from solidtouch.analysis.conformance.catalogue import catalogue
-from solidtouch.analysis.correctness import validate as beliefs
+from solidtouch.analysis.validation import checks
 from solidtouch.cli.main import app
 from typer.testing import CliRunner
 
@@ -17,10 +16,10 @@ NAMES = ("root-j", "shift-prior", "episode-clamp")
 def short(monkeypatch):
     """Three cases and few episodes."""
     cases = {name: catalogue()[name] for name in NAMES}
-    monkeypatch.setattr(engines, "catalogue", lambda: cases)
-    monkeypatch.setattr(beliefs, "SHORT", {"filter": 60, "cpu": 60})
-    monkeypatch.setattr(engines, "ROUTES", ("numpy", "montecarlo"))
-    monkeypatch.setattr(beliefs, "_routes", lambda _stage, _seed: ("nothing differs", True))
+    monkeypatch.setattr(checks, "catalogue", lambda: cases)
+    monkeypatch.setattr(checks, "SHORT", {"filter": 60, "cpu": 60})
+    monkeypatch.setattr(checks, "ROUTES", ("numpy", "montecarlo"))
+    monkeypatch.setattr(checks, "_routes", lambda _stage, _seed: ("nothing differs", True))
 
 
 def test_every_check_passes_and_the_last_line_says_so(short):
@@ -54,8 +53,8 @@ def test_beliefs_that_are_too_cautious_are_found(short, monkeypatch):
     def rooted(truth, trials, **options):
         return calibrate(truth, trials, believed=replace(truth, power="J"), **options)
 
-    monkeypatch.setattr(beliefs, "SHORT", {"filter": 300})
-    monkeypatch.setattr(beliefs, "calibrate", rooted)
+    monkeypatch.setattr(checks, "SHORT", {"filter": 300})
+    monkeypatch.setattr(checks, "calibrate", rooted)
     done = CliRunner().invoke(app, ["validate"])
 
     assert done.exit_code == 1

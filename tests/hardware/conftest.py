@@ -17,8 +17,7 @@ from solidtouch.hardware.errors import PortLost, RigError, WriteTimeout
 from solidtouch.hardware.journal import NoJournal
 from solidtouch.hardware.link.loop import Loop
 from solidtouch.hardware.rig.open_rig import build_rig, connected
-from solidtouch.hardware.simulator.presets import PRESETS
-from solidtouch.hardware.simulator.settings import PAPER_RODS
+from solidtouch.hardware.simulator.settings import PAPER_RODS, PRESETS
 from solidtouch.models.grid import ClassGrid
 
 WITHOUT_NOISE = {"white_counts": 0.0}

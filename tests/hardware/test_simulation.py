@@ -5,11 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from solidtouch.hardware.simulator.nuisances import session_nuisances
-from solidtouch.hardware.simulator.presets import PRESETS, preset
 from solidtouch.hardware.simulator.rig import SimulatedRig
-from solidtouch.hardware.simulator.session import simulate_session
-from solidtouch.hardware.simulator.settings import PAPER_RODS, Rod
-from solidtouch.hardware.simulator.tap_stream import TapStream
+from solidtouch.hardware.simulator.session import TapStream, simulate_session
+from solidtouch.hardware.simulator.settings import PAPER_RODS, PRESETS, Rod, preset
 from solidtouch.models.errors import InputError
 from solidtouch.models.seeds import Purpose
 

@@ -15,7 +15,7 @@ SEEDS = range(51)
 EXEMPT = {
     "models/seeds.py",
     "hardware/simulator/signal_chain.py",  # from spawned sequences, as the next three
-    "hardware/simulator/tap_stream.py",
+    "hardware/simulator/session.py",
     "hardware/emulator/finger.py",
     "hardware/emulator/skin_board.py",
     "models/measurement/student.py",  # the start of an optimisation, and a key drawn from a generator

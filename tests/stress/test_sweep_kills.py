@@ -14,9 +14,8 @@ import xarray as xr
 from solidtouch.analysis.sweep.cell import Outcome
 from solidtouch.analysis.sweep.cells import CellGrid
 from solidtouch.analysis.sweep.local import in_this_process
-from solidtouch.analysis.sweep.quantities import QUANTITIES
 from solidtouch.analysis.sweep.run import SweepProgress, sweep
-from solidtouch.analysis.sweep.store import DONE, SweepStore
+from solidtouch.analysis.sweep.store import DONE, QUANTITIES, SweepStore
 from solidtouch.analysis.sweep.study import load_study
 from sweep_study import DISTINCT, GRID, results
 

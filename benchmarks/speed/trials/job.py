@@ -7,8 +7,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 from solidtouch.hardware.pool import TapPool
-from solidtouch.hardware.simulator.presets import preset
 from solidtouch.hardware.simulator.session import simulate_session
+from solidtouch.hardware.simulator.settings import preset
 from solidtouch.inference.trials import kernel
 from solidtouch.inference.trials import random as draws
 from solidtouch.inference.trials.plan import plan_trials, tap_table

@@ -26,9 +26,8 @@ from solidtouch.analysis.audit.verdict import calibration, first_cause, recommen
 from solidtouch.analysis.experiment.parts import AuditParts, audit_parts
 from solidtouch.analysis.stats.evidence import evidence
 from solidtouch.hardware.simulator.model_rig import draw_session
-from solidtouch.hardware.simulator.presets import preset
 from solidtouch.hardware.simulator.session import simulate_session
-from solidtouch.hardware.simulator.settings import RigSettings
+from solidtouch.hardware.simulator.settings import RigSettings, preset
 from solidtouch.models.grid import ClassGrid
 from solidtouch.models.measurement.histogram import HistogramModel, fit
 from solidtouch.models.measurement.model import TapModel

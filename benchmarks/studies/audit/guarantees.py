@@ -23,8 +23,8 @@ from scipy.stats import t
 from solidtouch.analysis.audit.guarantees import PROMISED, USED, guarantees
 from solidtouch.analysis.experiment.sources import right_model
 from solidtouch.hardware.simulator.model_rig import draw_session
-from solidtouch.hardware.simulator.presets import preset
 from solidtouch.hardware.simulator.session import simulate_session
+from solidtouch.hardware.simulator.settings import preset
 from solidtouch.inference.trials.plan import tap_table
 from solidtouch.models.measurement.histogram import HistogramModel, fit
 from solidtouch.models.seeds import Purpose, data_set_seed, derived_seed

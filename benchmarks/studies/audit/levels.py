@@ -20,9 +20,8 @@ from scipy.stats import binomtest
 from solidtouch.analysis.audit.dependence.taxels import TESTS, taxel_dependence
 from solidtouch.analysis.audit.dependence.times import time_dependence
 from solidtouch.hardware.simulator.model_rig import draw_taps
-from solidtouch.hardware.simulator.presets import preset
 from solidtouch.hardware.simulator.session import simulate_session
-from solidtouch.hardware.simulator.settings import RigSettings, Rod
+from solidtouch.hardware.simulator.settings import RigSettings, Rod, preset
 from solidtouch.models.measurement.histogram import HistogramModel, fit
 from solidtouch.models.preprocessing import Preprocessing
 from solidtouch.models.seeds import data_set_seed

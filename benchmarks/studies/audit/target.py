@@ -18,9 +18,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 from solidtouch.analysis.stats.target_error import Curves, choose, leave_out, predicted, session_curves
-from solidtouch.hardware.simulator.presets import preset
 from solidtouch.hardware.simulator.session import simulate_session
-from solidtouch.hardware.simulator.settings import RigSettings
+from solidtouch.hardware.simulator.settings import RigSettings, preset
 from solidtouch.models.measurement.histogram import fit
 from solidtouch.models.seeds import data_set_seed
 from solidtouch.models.settings import PlaySettings

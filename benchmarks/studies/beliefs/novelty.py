@@ -14,9 +14,9 @@ from numpy.typing import NDArray
 from scipy.stats import binomtest
 from solidtouch.hardware.replay import ReplayRig, uniforms
 from solidtouch.hardware.sensor import TouchSensor
-from solidtouch.hardware.simulator.presets import preset
 from solidtouch.hardware.simulator.rig import SimulatedRig
 from solidtouch.hardware.simulator.session import simulate_session
+from solidtouch.hardware.simulator.settings import preset
 from solidtouch.inference.engines.engine import make_engine
 from solidtouch.inference.episode import steps
 from solidtouch.inference.moves.control import MovePolicy, default_fixation, fixation, passive

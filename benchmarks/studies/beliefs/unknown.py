@@ -19,8 +19,8 @@ from numpy.typing import NDArray
 from scipy.stats import binomtest
 from solidtouch.analysis.experiment.sources import right_model
 from solidtouch.hardware.simulator.model_rig import draw_session
-from solidtouch.hardware.simulator.presets import preset
 from solidtouch.hardware.simulator.session import simulate_session
+from solidtouch.hardware.simulator.settings import preset
 from solidtouch.inference.conformal_bets import log_mixture, ranks
 from solidtouch.inference.novelty import Novelty
 from solidtouch.models.grid import ClassGrid

@@ -29,8 +29,8 @@ from solidtouch.analysis.stats.reliability import StoppingRecord, headline
 from solidtouch.analysis.stats.right_model import LEVEL, Beside, compare, simulate
 from solidtouch.analysis.stats.uniformity import rejected
 from solidtouch.hardware.simulator.model_rig import draw_session
-from solidtouch.hardware.simulator.presets import preset
 from solidtouch.hardware.simulator.session import simulate_session
+from solidtouch.hardware.simulator.settings import preset
 from solidtouch.inference.trials.plan import tap_table
 from solidtouch.inference.trials.records import TapTable
 from solidtouch.inference.trials.resampling import RESAMPLES

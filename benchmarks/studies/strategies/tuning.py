@@ -18,8 +18,8 @@ import numpy as np
 from numpy.typing import NDArray
 from solidtouch.analysis.tuning.online import ONLINE_THRESHOLDS
 from solidtouch.analysis.tuning.run import Price, Tuning, tune_parts
-from solidtouch.hardware.simulator.presets import preset
 from solidtouch.hardware.simulator.session import simulate_session
+from solidtouch.hardware.simulator.settings import preset
 from solidtouch.inference.moves.control import default_fixation
 from solidtouch.inference.trials.plan import plan_trials, tap_table
 from solidtouch.inference.trials.run import run_trials

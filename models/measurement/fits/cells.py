@@ -13,7 +13,7 @@ from scipy.optimize import minimize
 from scipy.special import gammaln
 
 from ..likelihood.shapes import Parameters
-from .convergence import EXACT_CELLS, Convergence
+from .posterior import EXACT_CELLS, Convergence
 from .priors import CellPrior, Given, Taps
 
 CELL = ("where", "what", "sample", "taxel")

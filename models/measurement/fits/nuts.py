@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from numpyro.infer import MCMC, NUTS
 
 from ...seeds import Purpose, derived_seed
-from .chains import SamplePosterior, Sites
+from .posterior import SamplePosterior, Sites
 from .priors import Taps
 
 CHAINS, WARM_UP, DRAWS = 4, 500, 250

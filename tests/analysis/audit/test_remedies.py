@@ -9,9 +9,8 @@ from solidtouch.analysis.audit.remedy_scores import count_measurements, lost, me
 from solidtouch.analysis.audit.verdict import worthwhile
 from solidtouch.analysis.stats.decisions import spread_of
 from solidtouch.analysis.stats.right_model import SIMULATIONS
-from solidtouch.hardware.simulator.presets import preset
 from solidtouch.hardware.simulator.session import simulate_session
-from solidtouch.hardware.simulator.settings import PAPER_RODS
+from solidtouch.hardware.simulator.settings import PAPER_RODS, preset
 from solidtouch.inference.trials.resampling import USED_UP_SELECTED
 from solidtouch.models.errors import InputError
 from solidtouch.models.setting_file import Setting

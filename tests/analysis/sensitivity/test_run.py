@@ -24,9 +24,8 @@ from solidtouch.analysis.sensitivity.run import SensitivitySettings, play_readin
 from solidtouch.analysis.sensitivity.summary import blind_error, summarise
 from solidtouch.analysis.stats.jackknife import Interval
 from solidtouch.analysis.stats.resampled_units import RESAMPLES
-from solidtouch.hardware.simulator.presets import preset
 from solidtouch.hardware.simulator.session import simulate_session
-from solidtouch.hardware.simulator.settings import PAPER_RODS
+from solidtouch.hardware.simulator.settings import PAPER_RODS, preset
 from solidtouch.inference.trials.plan import tap_table
 from solidtouch.models.errors import InputError
 from solidtouch.models.measurement.histogram import fit

@@ -7,8 +7,8 @@ import pytest
 from solidtouch.analysis.sensitivity.choices import Reading
 from solidtouch.analysis.sensitivity.trials import play_open
 from solidtouch.hardware.pool import tap_pool
-from solidtouch.hardware.simulator.presets import preset
 from solidtouch.hardware.simulator.session import simulate_session
+from solidtouch.hardware.simulator.settings import preset
 from solidtouch.inference import reference
 from solidtouch.inference.reference import BORDERS
 from solidtouch.inference.trials.plan import plan_trials, tap_table, trial_uniforms

@@ -6,6 +6,7 @@ import xarray as xr
 from scipy.stats import t
 from solidtouch.analysis.stats.metrics import (
     QUANTITIES,
+    Range,
     by_place,
     confusion,
     interval_sentence,
@@ -13,9 +14,9 @@ from solidtouch.analysis.stats.metrics import (
     mean_outcomes,
     outcomes_dataset,
     over_places,
+    ranges,
     with_noise,
 )
-from solidtouch.analysis.stats.ranges import Range, ranges
 from solidtouch.inference.trials.cut_short import ENDINGS
 from solidtouch.inference.trials.records import TrialPlan, Trials
 from solidtouch.inference.trials.resampling import Spread
@@ -281,3 +282,28 @@ def test_sentences_say_what_the_intervals_hold():
         1, "folds", Spread(1.0, freedom=1.0, sessions=2)
     )
     assert interval_sentence(1, "folds", Spread(np.nan, "One tap.")) == "One tap."
+
+
+OBJECTS = (("a",), ("b",), ("c",))
+
+
+@pytest.mark.parametrize(
+    ("sizes", "expected"),
+    [
+        (np.array([4.0, 9.0, 6.0]), Range(0.0, 5.0, 2.0)),
+        (np.array([4.0, 4.0, 6.0]), Range(0.0, 2.0, 2.0)),
+        (np.array([4.0, 4.0, 4.0]), Range(0.0, np.inf, 0.0)),
+        (None, Range(0.0, 1.0, 1.0)),
+    ],
+)
+def test_errors_lie_between_none_and_the_farthest_classes(sizes, expected):
+    """The step is the smallest error; where all objects are alike there is none, and no greatest."""
+    found = ranges(ClassGrid(np.array([0.0, 1.0, 4.0]), "mm", None, OBJECTS, sizes, "" if sizes is None else "mm"), 50)
+    assert found["what_error"] == expected
+    assert found["where_error"] == Range(0.0, 4.0, 1.0)
+
+
+def test_reaction_times_lie_between_a_tap_and_the_deadline():
+    one_place = ClassGrid(np.zeros(1), "mm", None, OBJECTS)
+    assert ranges(one_place, 50) == {"taps": Range(1, 50), "where_error": Range(step=0), "what_error": Range(0, 1)}
+    assert ranges(one_place, 1)["taps"] == Range(1, np.inf)

@@ -26,9 +26,8 @@ from solidtouch.analysis.strategies.page import strategies_page
 from solidtouch.analysis.strategies.report import StrategiesReport
 from solidtouch.analysis.strategies.run import BASE, TRUSTED, StrategySettings, playable, strategy_study
 from solidtouch.analysis.strategies.summary import summarise
-from solidtouch.hardware.simulator.presets import preset
 from solidtouch.hardware.simulator.session import simulate_session
-from solidtouch.hardware.simulator.settings import PAPER_RODS
+from solidtouch.hardware.simulator.settings import PAPER_RODS, preset
 from solidtouch.inference.information import tap_outcomes
 from solidtouch.models.errors import InputError
 from solidtouch.models.measurement.histogram import fit

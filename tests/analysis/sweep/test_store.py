@@ -9,9 +9,8 @@ import pytest
 import xarray as xr
 from solidtouch.analysis.sweep.cell import Outcome
 from solidtouch.analysis.sweep.cells import CellGrid
-from solidtouch.analysis.sweep.quantities import QUANTITIES
 from solidtouch.analysis.sweep.result import open_sweep
-from solidtouch.analysis.sweep.store import DONE, FAILED, PENDING, create_store, locked, read_about
+from solidtouch.analysis.sweep.store import DONE, FAILED, PENDING, QUANTITIES, create_store, locked, read_about
 from solidtouch.models.errors import InputError
 
 THRESHOLDS = (0.5, 0.95)

@@ -12,7 +12,7 @@ from solidtouch.hardware.emulator.adapter import Adapter
 from solidtouch.hardware.emulator.faults import Switches
 from solidtouch.hardware.emulator.finger import Finger
 from solidtouch.hardware.emulator.skin_board import SkinBoard
-from solidtouch.hardware.simulator.presets import PRESETS
+from solidtouch.hardware.simulator.settings import PRESETS
 
 QUIET = replace(PRESETS["ideal"], white_counts=0.0)
 OPEN = b"S8\rO\r"

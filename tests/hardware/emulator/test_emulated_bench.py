@@ -12,7 +12,7 @@ from solidtouch.hardware.errors import PositionUnknown
 from solidtouch.hardware.journal import NoJournal
 from solidtouch.hardware.link.shared_clock import SocketConnection
 from solidtouch.hardware.rig.open_rig import build_rig, connected, open_rig
-from solidtouch.hardware.simulator.presets import PRESETS
+from solidtouch.hardware.simulator.settings import PRESETS
 
 PAPER = PRESETS["paper"]
 

@@ -7,7 +7,7 @@ import pytest
 from solidtouch.hardware.emulator.faults import Switches
 from solidtouch.hardware.emulator.finger import Finger
 from solidtouch.hardware.emulator.line_array import LineArray
-from solidtouch.hardware.simulator.presets import PRESETS
+from solidtouch.hardware.simulator.settings import PRESETS
 
 PAPER = PRESETS["paper"]
 

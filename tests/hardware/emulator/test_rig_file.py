@@ -5,7 +5,7 @@ from dataclasses import replace
 import pytest
 from solidtouch.hardware.emulator.rig_file import CLEARANCE_MM, TRAVEL_MM, emulated_rig, toml, write_rig
 from solidtouch.hardware.rig.settings import load_rig, parse_rig
-from solidtouch.hardware.simulator.presets import PRESETS
+from solidtouch.hardware.simulator.settings import PRESETS
 from solidtouch.models.errors import InputError
 
 PAPER = PRESETS["paper"]

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from solidtouch.hardware.emulator.faults import Switches
 from solidtouch.hardware.emulator.finger import Finger
 from solidtouch.hardware.emulator.skin_board import CanFrame, SkinBoard
-from solidtouch.hardware.simulator.presets import PRESETS
+from solidtouch.hardware.simulator.settings import PRESETS
 from solidtouch.models.errors import InputError
 
 QUIET = replace(PRESETS["ideal"], white_counts=0.0)

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from solidtouch.hardware.rig.check import check_rig, sensor_report
-from solidtouch.hardware.simulator.presets import PRESETS
+from solidtouch.hardware.simulator.settings import PRESETS
 from solidtouch.hardware.skin.skin import SkinFrame
 
 K = 3

@@ -22,7 +22,7 @@ from solidtouch.hardware.recording.settings import about_rig
 from solidtouch.hardware.rig.labelled import LabelledRig
 from solidtouch.hardware.rig.open_rig import connected
 from solidtouch.hardware.rig.rig import still_pressing
-from solidtouch.hardware.simulator.presets import PRESETS
+from solidtouch.hardware.simulator.settings import PRESETS
 from solidtouch.models.io.rig import taps_from_recording
 
 PAPER = PRESETS["paper"]

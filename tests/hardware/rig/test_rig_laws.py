@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from solidtouch.hardware.replay import ReplayRig, uniforms
 from solidtouch.hardware.simulator.model_rig import ModelRig
-from solidtouch.hardware.simulator.presets import PRESETS
 from solidtouch.hardware.simulator.rig import SimulatedRig
 from solidtouch.hardware.simulator.session import simulate_session
+from solidtouch.hardware.simulator.settings import PRESETS
 from solidtouch.models.preprocessing import Preprocessing
 
 L, K, START = 4, 12, 2

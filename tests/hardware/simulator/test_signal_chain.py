@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from solidtouch.hardware.simulator.nuisances import session_nuisances
-from solidtouch.hardware.simulator.presets import PRESETS
+from solidtouch.hardware.simulator.settings import PRESETS
 from solidtouch.hardware.simulator.signal_chain import FULL_SCALE, FirstOrderNoise, SignalChain
 
 K = 12

@@ -24,7 +24,7 @@ from solidtouch.hardware.errors import (
 )
 from solidtouch.hardware.journal import NoJournal
 from solidtouch.hardware.rig.settings import IcubSettings
-from solidtouch.hardware.simulator.presets import PRESETS
+from solidtouch.hardware.simulator.settings import PRESETS
 from solidtouch.hardware.skin.fingertip import Fingertip
 
 AWAY_MM, PRESSED_MM = 0.0, 2.6

@@ -10,7 +10,7 @@ from solidtouch.hardware.emulator.line_array import LineArray
 from solidtouch.hardware.errors import BaselineRefused, NoAnswer, PortBusy, SensorFault, StaleSensor, WrongDevice
 from solidtouch.hardware.journal import NoJournal
 from solidtouch.hardware.rig.settings import LineSettings
-from solidtouch.hardware.simulator.presets import PRESETS
+from solidtouch.hardware.simulator.settings import PRESETS
 from solidtouch.hardware.skin.fingertip import make_skin
 from solidtouch.hardware.skin.line_sensor import LineSensor
 

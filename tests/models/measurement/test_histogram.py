@@ -8,8 +8,8 @@ import pytest
 from numpyro.infer import MCMC, NUTS
 from numpyro.infer.util import log_density
 from scipy.special import gammaln
-from solidtouch.hardware.simulator.presets import PRESETS
 from solidtouch.hardware.simulator.session import simulate_session
+from solidtouch.hardware.simulator.settings import PRESETS
 from solidtouch.inference import reference
 from solidtouch.models.errors import InputError
 from solidtouch.models.grid import ClassGrid

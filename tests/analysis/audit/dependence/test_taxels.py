@@ -9,9 +9,8 @@ from scipy.stats import binom, spearmanr
 from scipy.stats.contingency import crosstab
 from solidtouch.analysis.audit.dependence import taxels as dependence_taxels
 from solidtouch.analysis.audit.dependence.taxels import TESTS, quantile_bins, taxel_dependence, unit_distances
-from solidtouch.hardware.simulator.presets import preset
 from solidtouch.hardware.simulator.session import simulate_session
-from solidtouch.hardware.simulator.settings import Rod
+from solidtouch.hardware.simulator.settings import Rod, preset
 from solidtouch.models.errors import InputError
 from solidtouch.models.io.load import load_taps
 

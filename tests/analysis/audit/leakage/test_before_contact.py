@@ -6,9 +6,8 @@ import numpy as np
 import pytest
 from solidtouch.analysis.audit.leakage.before_contact import leading_samples
 from solidtouch.hardware.simulator.layout import ICUB_FINGERTIP
-from solidtouch.hardware.simulator.presets import preset
 from solidtouch.hardware.simulator.session import simulate_session
-from solidtouch.hardware.simulator.settings import PAPER_RODS
+from solidtouch.hardware.simulator.settings import PAPER_RODS, preset
 
 M, J, K, N = 4, 7, 5, 12
 

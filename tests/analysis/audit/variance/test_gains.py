@@ -7,9 +7,8 @@ import pytest
 import xarray as xr
 from solidtouch.analysis.audit.variance import gains as module
 from solidtouch.analysis.audit.variance.gains import SEQUENCES, collapse, effective_taps, tap_gains, variance_components
-from solidtouch.hardware.simulator.presets import preset
 from solidtouch.hardware.simulator.session import simulate_session
-from solidtouch.hardware.simulator.settings import PAPER_RODS
+from solidtouch.hardware.simulator.settings import PAPER_RODS, preset
 from solidtouch.models.errors import InputError
 from solidtouch.models.measurement.gain_variance import COMPONENTS
 from solidtouch.models.taps import concatenate

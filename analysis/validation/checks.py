@@ -1,14 +1,18 @@
-"""Checks of this installation that take no data: routes against each other, and beliefs against the truth."""
+"""Checks of this installation that take no data: engines against exact cases, beliefs against the truth."""
 
 from collections.abc import Callable, Iterator
 
-from ...hardware.simulator.presets import preset
 from ...hardware.simulator.session import simulate_session
+from ...hardware.simulator.settings import preset
 from ...models.measurement.histogram import fit
+from ..conformance.catalogue import catalogue
+from ..conformance.routes import ROUTES
+from ..conformance.run import run_route
+from ..conformance.verdict import Verdict, described
+from ..correctness.sbc import LEVEL, SHORT, calibrate
 from ..experiment.crosscheck import CrossCheck, crosscheck_model
 from ..experiment.sources import right_model
 from ..page.stages import Check, Progress, timed_check
-from .sbc import LEVEL, SHORT, calibrate
 
 _EPISODES, _TAPS = 4, 20
 _CALLED = {"arrays": "Monte Carlo in arrays", "cpu": "Monte Carlo trials"}
@@ -22,6 +26,16 @@ def check_routes(progress: Progress, seed: int = 0) -> Check:
         seed: Of simulated taps and drawn episodes.
     """
     return timed_check("all routes", "each other, on simulated taps", lambda: _routes(progress, seed))
+
+
+def check_engines(progress: Progress) -> Iterator[Check]:
+    """All cases on each engine, one after the other.
+
+    Args:
+        progress: Told the name and size of every stage.
+    """
+    for route in ROUTES:
+        yield timed_check(f"engine {route}", "60-digit arithmetic", lambda route=route: _conformance(progress, route))
 
 
 def check_beliefs(progress: Progress, seed: int = 0) -> Iterator[Check]:
@@ -65,3 +79,18 @@ def _calibration(progress: Progress, route: str, trials: int, seed: int) -> Call
         return f"{len(found.failed)} of {found.tests} tests on {2 * trials} episodes fail", found.passed
 
     return work
+
+
+def _conformance(progress: Progress, route: str) -> tuple[str, bool]:
+    cases = list(catalogue().values())
+    advance = progress(f"Conformance, {route}", len(cases))
+    verdicts = run_route(route, cases, lambda _: advance(1))
+    wrong = [verdict for verdict in verdicts if verdict.status not in ("pass", "left out")]
+    passed, left = _count(verdicts, "pass"), _count(verdicts, "left out")
+    asked = f"{passed} of {len(verdicts) - left} cases pass"
+    first = f"; {wrong[0].case}: {described(wrong[0])}" if wrong else ""
+    return f"{asked}{f', {left} do not apply' if left else ''}{first}", not wrong and passed > 0
+
+
+def _count(verdicts: list[Verdict], status: str) -> int:
+    return sum(verdict.status == status for verdict in verdicts)
