@@ -48,7 +48,7 @@ def test_an_engine_that_is_wrong_is_named_with_its_first_case(short, monkeypatch
 
 
 def test_beliefs_that_are_too_cautious_are_found(short, monkeypatch):
-    calibrate = beliefs.calibrate
+    calibrate = checks.calibrate
 
     def rooted(truth, trials, **options):
         return calibrate(truth, trials, believed=replace(truth, power="J"), **options)
