@@ -7,7 +7,7 @@ from contextlib import contextmanager
 from types import SimpleNamespace
 
 import pytest
-from solidtouch.cli.collect import Emulator, Person
+from solidtouch.cli.shared.operators import Emulator, Person
 from solidtouch.hardware.errors import StaleSensor
 from solidtouch.hardware.recording.plan import ObjectSettings
 from solidtouch.models.errors import InputError
