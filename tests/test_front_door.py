@@ -6,6 +6,7 @@ import sys
 from pathlib import Path
 
 import pytest
+from solidtouch.analysis.page.report import StudyReport
 
 import solidtouch
 
@@ -52,3 +53,13 @@ def test_a_name_is_there_and_says_what_it_is(name):
 def test_a_name_that_is_not_there_is_refused():
     with pytest.raises(AttributeError, match="nonsense"):
         _ = solidtouch.nonsense
+
+
+def test_every_report_has_all_results_and_the_document_names_those_with_a_summary():
+    names = [name for name in solidtouch.__all__ if name.endswith("Report")]
+    reports = [*(getattr(solidtouch, name) for name in names), solidtouch.conformance.ConformanceReport]
+    folders = {report.__module__.split(".")[-2] for report in reports if issubclass(report, StudyReport)}
+    row = next(line for line in DOCUMENT.splitlines() if line.startswith("| `report.summary` |"))
+
+    assert [report.__name__ for report in reports if "found" not in report.__dataclass_fields__] == []
+    assert set(re.findall(r"`(\w+)`", row)) == folders

@@ -55,6 +55,7 @@ _LABELS = {
 _SPREAD = 0.2  # of the models at one number of contacts, as the logarithm of the number
 _TICKS = 15
 _LINE, _KEY = 97, 9  # characters that fit below a figure of two columns, and that a line with its marker takes
+_ROOM = 1.15  # times the largest error, where the axis of errors ends
 _WORSE = 1.5  # times the log score of guessing: what is beyond that is only said to be
 
 
@@ -171,8 +172,10 @@ def plot_differences(
 def plot_against_taps(axes: Axes, curves: xr.Dataset, name: str, policy: str) -> Axes:
     """Draws one error against mean reaction time, a point per threshold, with its interval as a band.
 
-    Lines are linear in the time, as `at_equal_taps` interpolates, so on this axis they are bent.
+    Lines are linear in the time, as `at_equal_taps` interpolates, so on this axis they are bent. The axis fits the
+    errors under all policies; bands that reach farther are cut, because they would flatten the lines.
     """
+    top = float(curves[name].max())
     curves = curves.sel(policy=policy).sortby("theta")
     for model, style in _styles(curves).items():
         data = curves.sel(model=model)
@@ -182,7 +185,7 @@ def plot_against_taps(axes: Axes, curves: xr.Dataset, name: str, policy: str) ->
         dense = xr.Dataset({key: ("taps", np.interp(between, times, data[key].values)) for key in names})
         axes.plot(between, dense[name].values, label=model, markevery=np.searchsorted(between, times).tolist(), **style)
         band(axes, between, dense, name, style["color"])
-    axes.set(title=policy, ylabel=_label(curves, name), ylim=(0, None))
+    axes.set(title=policy, ylabel=_label(curves, name), ylim=(0, _ROOM * top if top > 0 else None))
     _time_axis(axes, curves["taps"].values.ravel())
     axes.set_xlabel("mean reaction time (taps)")
     return axes

@@ -261,7 +261,8 @@ def _decisions(comparison: Comparison, summary: ComparisonSummary) -> Iterator[B
     yield Picture(
         "decisions",
         "Errors against reaction time",
-        "Mean errors against mean reaction times, one point per threshold; bands are 95% intervals.",
+        "Mean errors against mean reaction times, one point per threshold; bands are 95% intervals, cut at the "
+        "top of the panels.",
         partial(figures.decision_curves, comparison.curves, comparison.grid),
     )
     yield Picture(

@@ -34,35 +34,35 @@ class ConformanceReport(Report):
 
     Attributes:
         title: What was checked.
-        verdicts: By the name of the case.
+        found: All results, by the name of the case.
     """
 
     title: str
-    verdicts: Mapping[str, Verdict]
+    found: Mapping[str, Verdict]
 
     def _page(self) -> Page:
         rows = [[verdict.case, described(verdict)] for verdict in self._shown(False)]
         return Page(self.title, [Brief(Table(("case", "verdict"), rows, words={1})), *map(Brief, self.sentences)], [])
 
     def _shown(self, passed: bool) -> list[Verdict]:
-        return [verdict for verdict in self.verdicts.values() if passed or verdict.status != "pass"]
+        return [verdict for verdict in self.found.values() if passed or verdict.status != "pass"]
 
     @property
     def passed(self) -> bool:
         """Whether all cases pass that were not left out, and there is one."""
-        return summary([*self.verdicts.values()])[1]
+        return summary([*self.found.values()])[1]
 
     @property
     def sentences(self) -> list[str]:
         """The likely causes, and the number of cases that pass."""
-        return summary([*self.verdicts.values()])[0]
+        return summary([*self.found.values()])[0]
 
     @property
     def results(self) -> xr.Dataset:
         """Status, first tap and quantity that differ (NaN and empty for none), sentence and likely cause, dim case."""
-        columns = {name: [getattr(verdict, name) for verdict in self.verdicts.values()] for name in _COLUMNS}
+        columns = {name: [getattr(verdict, name) for verdict in self.found.values()] for name in _COLUMNS}
         columns["tap"] = [np.nan if tap is None else tap for tap in columns["tap"]]
-        return xr.Dataset({name: ("case", column) for name, column in columns.items()}, {"case": [*self.verdicts]})
+        return xr.Dataset({name: ("case", column) for name, column in columns.items()}, {"case": [*self.found]})
 
     def lines(self, passed: bool = True) -> list[str]:
         """A line for each case and the sentences, as the command prints them.
@@ -70,7 +70,7 @@ class ConformanceReport(Report):
         Args:
             passed: Whether cases that pass have a line.
         """
-        width = max(map(len, self.verdicts), default=0)
+        width = max(map(len, self.found), default=0)
         return [f"{one.case:{width}}  {described(one)}" for one in self._shown(passed)] + self.sentences
 
 
@@ -125,7 +125,7 @@ def run(
     >>> report = st.conformance.run(wrong, ["root-j"])
     >>> report.passed
     False
-    >>> report.verdicts["root-j"].about
+    >>> report.found["root-j"].about
     'the move has the wrong sign'
 
     Args:
@@ -158,7 +158,7 @@ def run_program(
     """Checks a program in any language, which reads cases on standard input and writes answers.
 
     >>> import solidtouch as st
-    >>> st.conformance.run_program("true", ["root-j"]).verdicts["root-j"]
+    >>> st.conformance.run_program("true", ["root-j"]).found["root-j"]
     <Verdict root-j: DIFFERS tap 1: there is no answer>
 
     Args:

@@ -38,14 +38,14 @@ class TrialsReport(Report):
     """Counted trials and their means, with intervals over test taps.
 
     Attributes:
-        tally: The counts.
+        found: All counts.
         spread: Trials on resampled and on fresh taps.
         model: The fitted model.
         thresholds: theta_W.
         about: What was asked for, as the attributes of the file hold it.
     """
 
-    tally: Tally
+    found: Tally
     spread: TapSpread
     model: TapModel
     thresholds: tuple[float, ...]
@@ -58,18 +58,18 @@ class TrialsReport(Report):
             f"of {about['requested_trials']:,} trials, {about['policy']}{moves}, from {about['start']}, on "
             f"{about['taps']}; border {about['border']}, deadline {about['deadline']}, seed {about['seed']}"
         )
-        return tally_page(self.tally, self.model.grid, self.thresholds, which, self.spread)
+        return tally_page(self.found, self.model.grid, self.thresholds, which, self.spread)
 
     @property
     def warning(self) -> str:
         """What to know of trials in which no class was left; empty where there was none."""
-        share = self.tally.no_class_left.max() / self.tally.trials
+        share = self.found.no_class_left.max() / self.found.trials
         return no_class_left_sentence(share, self.model) if share > 0 else ""
 
     @property
     def results(self) -> xr.Dataset:
         """Counts and means with their intervals, see `tally_dataset`."""
-        return tally_dataset(self.tally, self.model.grid, self.thresholds, self.spread).assign_attrs(self.about)
+        return tally_dataset(self.found, self.model.grid, self.thresholds, self.spread).assign_attrs(self.about)
 
     def save(self, path: str | Path, force: bool = False) -> None:
         """Writes `results` to a NetCDF file, whole or not at all.

@@ -104,7 +104,7 @@ def test_trials_are_labelled(taps):
     assert (
         float(found.results["taps_low"][0]) <= float(found.results["taps"][0]) <= float(found.results["taps_high"][0])
     )
-    assert heard[-1].tally.trials == found.tally.trials == 300
+    assert heard[-1].found.trials == found.found.trials == 300
     assert "300 of 300 trials, active" in repr(found)
     moved = st.trials(st.fit(train), test, 300, move="passive", stop=0.9)
     played = st.trials(st.fit([train]), test, 300, play=st.PlaySettings(passive=True), stop=[0.9])

@@ -243,6 +243,17 @@ def test_curves_pass_through_the_thresholds_and_are_linear_in_time():
     assert (panel.get_title(), panel.get_ylabel(), panel.get_ylim()[0]) == ("active", "position error (mm)", 0.0)
 
 
+def test_wide_bands_of_errors_do_not_flatten_the_lines():
+    """The axis of an error ends just above the largest of both policies, however wide the bands are."""
+    data = decisions()
+    data["where_error_high"][:] = 50.0
+    data["what_error"][:] = 0.0
+    axes = panels(figure_compare.decision_curves(data, class_grid()))
+
+    assert [panel.get_ylim()[1] for panel in axes[2:]] == pytest.approx([1.15 * float(data["where_error"].max())] * 2)
+    assert axes[0].get_ylim()[1] > 0
+
+
 def test_decisions_have_a_row_per_error_and_a_column_per_policy():
     """Where nothing moves or nothing is elsewhere, one of each."""
     whole, passive = panels(CASES["curves"]()), panels(CASES["curves, passive"]())

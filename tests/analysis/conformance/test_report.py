@@ -28,14 +28,14 @@ def changed(**values):
 
 
 def verdict(implementation, name="root-j"):
-    return st.conformance.run(implementation, [name]).verdicts[name]
+    return st.conformance.run(implementation, [name]).found[name]
 
 
 def test_right_answers_pass():
     report = st.conformance.run(right, SHORT)
 
     assert report.passed
-    assert [*report.verdicts] == SHORT
+    assert [*report.found] == SHORT
     assert repr(report).endswith("5 of 5 cases pass.")
 
 
@@ -108,7 +108,7 @@ def test_a_mistake_is_found_and_named():
     assert results["status"].sel(case="fixation-first") == "differs"
     assert np.isnan(results["tap"].sel(case="move-never"))
     assert results["quantity"].sel(case="fixation-first") == "move"
-    assert report.verdicts["fixation-first"].tap == results["tap"].sel(case="fixation-first")
+    assert report.found["fixation-first"].tap == results["tap"].sel(case="fixation-first")
     assert "fixation-first" in repr(report)
     assert "move-never" not in repr(report)
     assert "<table" in report._repr_html_()
