@@ -6,7 +6,7 @@ PY := $(VENV)/bin/python
 # Files of tests on all cores, but not on so many that memory runs short.
 SIDE_BY_SIDE := -n auto --maxprocesses 4 --dist loadfile
 
-.PHONY: run test test-all check format bench bench-quick studies audit-studies interval-studies results reference-studies strategy-studies fuzz faults kills mutants rig-demo lock clean help
+.PHONY: run test test-all check format bench bench-quick studies audit-studies interval-studies results reference-studies strategy-studies fuzz faults kills mutants house rig-demo lock clean help
 
 run: $(VENV)/.ready-run
 	@$(VENV)/bin/solidtouch reproduce
@@ -82,6 +82,9 @@ kills: $(VENV)/.ready-run
 mutants: $(VENV)/.ready-dev
 	@$(PY) -m benchmarks.checks.mutants --document docs/explanation/mutants.md $(if $(NUMBER),--number $(NUMBER))
 
+house: $(VENV)/.ready-run
+	@$(PY) -m benchmarks.checks.house $(VERSION)
+
 rig-demo: $(VENV)/.ready-run
 	@PATH="$(CURDIR)/$(VENV)/bin:$$PATH" docs/examples/rig-demo.sh
 
@@ -110,6 +113,7 @@ help:
 	@echo "make faults  tap an emulated rig under random faults and report the outcome"
 	@echo "make kills   kill data collections at random moments and count lost taps"
 	@echo "make mutants  plant small errors and count those that tests notice, into docs/explanation/mutants.md; hours, resumes"
+	@echo "make house   print sizes and shape of the code; VERSION=REVISION measures another version, as far as nothing has to run"
 	@echo "make fuzz    feed the decoders a million random and mutated inputs"
 	@echo "make lock    pin the newest dependencies in constraints.txt"
 	@echo "make clean   remove generated files"
