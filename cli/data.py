@@ -5,6 +5,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
+from .shared.interrupt import loading
 from .shared.options import Force, WhatCell, WhereCell
 
 if TYPE_CHECKING:
@@ -72,10 +73,11 @@ def convert(
     what_unit: Annotated[str | None, typer.Option(help="Unit of the object sizes.", rich_help_panel=_LABELS)] = None,
 ) -> None:
     """Import recorded taps, or cut recorded streams into taps, and write one .nc file."""
-    from ..models.errors import InputError
-    from ..models.io.joining import joined
-    from ..models.io.relabel import relabel
-    from ..models.storage import check_netcdf_name, check_writable
+    with loading():
+        from ..models.errors import InputError
+        from ..models.io.joining import joined
+        from ..models.io.relabel import relabel
+        from ..models.storage import check_netcdf_name, check_writable
 
     check_netcdf_name(target)
     check_writable(target, force)
@@ -181,7 +183,8 @@ def inspect(
     what_cell: WhatCell = None,
 ) -> None:
     """Print sizes, ranges and data-quality warnings of a tap set."""
-    from ..analysis.inspect.report import inspect as study
-    from .shared.report import show_page
+    with loading():
+        from ..analysis.inspect.report import inspect as study
+        from .shared.report import show_page
 
     show_page(study(data, where_cell, what_cell))

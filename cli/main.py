@@ -6,29 +6,31 @@ from contextlib import contextmanager
 from importlib.metadata import version as installed_version
 from typing import Annotated, Any
 
-import typer
+from .shared.interrupt import INTERRUPTED, MESSAGE, TERMINATED, loading, repeated
 
-from ..models.errors import InputError
-from .audit import audit
-from .collect import collect
-from .compare import compare
-from .conformance import app as conformance
-from .crosscheck import crosscheck
-from .data import convert, inspect
-from .emulate import emulate
-from .export_model import export_model
-from .fit import fit
-from .perceive import perceive
-from .reproduce import reproduce
-from .rig import app as rig
-from .sensitivity import sensitivity
-from .shared.interrupt import INTERRUPTED, MESSAGE, TERMINATED
-from .simulate import simulate
-from .strategies import strategies
-from .sweep import sweep
-from .trials import trials
-from .tune import tune
-from .validate import validate
+with loading():
+    import typer
+
+    from ..models.errors import InputError
+    from .audit import audit
+    from .collect import collect
+    from .compare import compare
+    from .conformance import app as conformance
+    from .crosscheck import crosscheck
+    from .data import convert, inspect
+    from .emulate import emulate
+    from .export_model import export_model
+    from .fit import fit
+    from .perceive import perceive
+    from .reproduce import reproduce
+    from .rig import app as rig
+    from .sensitivity import sensitivity
+    from .simulate import simulate
+    from .strategies import strategies
+    from .sweep import sweep
+    from .trials import trials
+    from .tune import tune
+    from .validate import validate
 
 app = typer.Typer(
     name="solidtouch",
@@ -84,11 +86,12 @@ def run() -> None:
     1: engines or routes disagree; 2: error in a file or argument; 3: error of a device of the rig;
     130: Ctrl-C; 143: SIGTERM.
     """
-    from ..hardware.errors import RigError
-    from ..inference.engines.shadow import EnginesDisagree
+    with loading():
+        from ..hardware.errors import RigError
+        from ..inference.engines.shadow import EnginesDisagree
 
     try:
-        with _without_dask():
+        with _without_dask(), repeated():
             app()
     except EnginesDisagree as error:
         print(f"solidtouch: {error}", file=sys.stderr)
@@ -109,6 +112,9 @@ def run() -> None:
             raise
         print(f"solidtouch: {error}", file=sys.stderr)
         sys.exit(2)
+    except KeyboardInterrupt:  # outside a command; Typer turns those inside into exit codes
+        print(MESSAGE, file=sys.stderr)
+        sys.exit(INTERRUPTED)
     except SystemExit as stop:
         if stop.code in (INTERRUPTED, TERMINATED):
             print(MESSAGE, file=sys.stderr)

@@ -9,6 +9,7 @@ from typer import Option
 from ..models.errors import InputError
 from ..models.seeds import data_set_seed
 from ..models.storage import check_writable
+from .shared.interrupt import loading
 from .shared.options import Seed
 
 if TYPE_CHECKING:
@@ -35,7 +36,8 @@ def simulate(
     taps_per_class: Annotated[int | None, Option(help="With --preset model: taps per class; default: 20.")] = None,
 ) -> None:
     """Simulate sessions of taps, one file each."""
-    from rich.progress import track
+    with loading():
+        from rich.progress import track
 
     if sessions < 1:
         raise InputError(f"--sessions must be at least 1, got {sessions}.")
@@ -54,8 +56,9 @@ def simulate(
 
 
 def _from_rig(name: str, seed: int) -> Callable[[int], "TapSet"]:
-    from ..hardware.simulator.session import simulate_session
-    from ..hardware.simulator.settings import preset
+    with loading():
+        from ..hardware.simulator.session import simulate_session
+        from ..hardware.simulator.settings import preset
 
     settings = preset(name, (_MODEL,))
     return lambda session: simulate_session(settings, seed, session)
@@ -64,8 +67,9 @@ def _from_rig(name: str, seed: int) -> Callable[[int], "TapSet"]:
 def _from_model(
     path: Path | None, samples: int | None, taps_per_class: int | None, seed: int
 ) -> Callable[[int], "TapSet"]:
-    from ..hardware.simulator.model_rig import draw_session
-    from ..models.io.model_file import load_model
+    with loading():
+        from ..hardware.simulator.model_rig import draw_session
+        from ..models.io.model_file import load_model
 
     if path is None:
         raise InputError("--preset model requires --model, the file of a fitted model.")

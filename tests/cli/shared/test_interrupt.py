@@ -1,0 +1,84 @@
+"""Ctrl-C and SIGTERM where Python would lose them or print a traceback."""
+
+import signal
+import subprocess
+import sys
+import time
+import weakref
+
+import pytest
+from solidtouch.cli import main
+from solidtouch.cli.shared.interrupt import repeated, terminable
+
+
+class Thing:
+    """Something to be deleted."""
+
+
+def delete_with_signal(number):
+    """Deletes a thing whose callback runs while the signal arrives; goes on for a while, as a command does."""
+    thing = Thing()
+    reference = weakref.ref(thing, lambda _: signal.raise_signal(number))
+    del thing
+    end = time.monotonic() + 5.0
+    while time.monotonic() < end:
+        assert reference() is None
+
+
+@pytest.mark.parametrize(("number", "error"), [(signal.SIGINT, KeyboardInterrupt), (signal.SIGTERM, SystemExit)])
+def test_a_signal_in_a_callback_ends_the_program_all_the_same(number, error):
+    before = sys.unraisablehook, signal.getsignal(signal.SIGALRM)
+
+    with pytest.raises(error), terminable(), repeated():
+        delete_with_signal(number)
+
+    assert before == (sys.unraisablehook, signal.getsignal(signal.SIGALRM))
+    assert signal.getitimer(signal.ITIMER_REAL)[0] == 0
+
+
+def test_other_errors_in_a_callback_are_reported_as_ever(monkeypatch):
+    reported = []
+    monkeypatch.setattr(sys, "unraisablehook", lambda unraisable: reported.append(unraisable.exc_type))
+    thing = Thing()
+    reference = weakref.ref(thing, lambda _: 1 / 0)
+
+    with repeated():
+        del thing
+
+    assert reference() is None
+    assert reported == [ZeroDivisionError]
+
+
+EARLY = """
+import os, signal, sys
+class Finder:
+    def find_spec(self, name, *more):
+        if name == "{module}":
+            os.kill(os.getpid(), signal.SIGINT)
+sys.meta_path.insert(0, Finder())
+sys.argv = ["solidtouch", "simulate", "--out", "data"]
+from solidtouch.cli.main import run
+run()
+"""
+
+
+@pytest.mark.parametrize("module", ["typer", "solidtouch.inference.engines.shadow", "rich.progress"])
+def test_a_command_interrupted_before_it_begins_says_so(module, tmp_path):
+    words = [sys.executable, "-c", EARLY.format(module=module)]
+    done = subprocess.run(words, cwd=tmp_path, capture_output=True, text=True, check=False)
+
+    assert done.returncode == 130
+    assert done.stderr == "solidtouch: interrupted; all files written are complete.\n"
+    assert not (tmp_path / "data").exists()
+
+
+def test_an_interrupt_before_a_command_is_found_says_so(monkeypatch, capsys):
+    def interrupted():
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(main, "app", interrupted)
+    with pytest.raises(SystemExit) as stopped:
+        main.run()
+
+    assert stopped.value.code == 130
+    assert capsys.readouterr().err == "solidtouch: interrupted; all files written are complete.\n"
