@@ -15,7 +15,7 @@ from ..models.io.load import load_taps
 from ..models.seeds import Purpose, generator
 from ..models.taps import TapSet
 from .journal import Journal, NoJournal
-from .replay import ReplayRig, uniforms
+from .replay import ReplayRig
 from .rig.labelled import LabelledRig
 from .rig.open_rig import connected, unconnected
 from .rig.rig import Rig
@@ -202,7 +202,7 @@ def _replayed(path: str, grid: ClassGrid, wish: Wish, fresh: Callable[[TapSet], 
         if start < 0:
             raise InputError(f"--start {wish.start} is outside the classes of the model.")
         what = wish.object(names, episode, there)
-        chance = uniforms(generator(wish.seed, Purpose.REPLAY, episode))
+        chance = generator(wish.seed, Purpose.REPLAY, episode)
         sensor = ReplayRig(taps, whole, start, what, chance)
         return Placed(sensor, lambda: Truth(names[what], float(grid.where_value[sensor.where_index])))
 

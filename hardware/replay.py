@@ -12,11 +12,22 @@ from ..models.taps import TapSet
 from .pool import tap_pool
 from .sensor import check_class, clipped_move
 
+type Chance = Iterator[float] | np.random.Generator
+"""Uniform random numbers in [0, 1), or a generator of them."""
 
-def uniforms(generator: np.random.Generator) -> Iterator[float]:
-    """Endless uniform random numbers in [0, 1)."""
-    while True:
-        yield generator.random()
+
+def as_uniforms(chance: Chance | None) -> Iterator[float]:
+    """Uniform random numbers in [0, 1): those given, or endless ones of a generator, by default seeded 0.
+
+    Raises:
+        InputError: It is neither.
+    """
+    if isinstance(chance, Iterator):
+        return chance
+    generator = np.random.default_rng(0) if chance is None else chance
+    if not isinstance(generator, np.random.Generator):
+        raise InputError(f"Random numbers are an iterator or a NumPy generator, got {type(chance).__name__}.")
+    return iter(generator.random, None)
 
 
 class ReplayRig:
@@ -26,7 +37,7 @@ class ReplayRig:
 
     >>> import solidtouch as st
     >>> (taps,) = st.simulate("paper", seed=4)
-    >>> rig = ReplayRig(taps, taps.grid(), start=3, what=1, uniforms=uniforms(np.random.default_rng(0)))
+    >>> rig = st.ReplayRig(taps, taps.grid(), start=3, what=1)
     >>> rig.tap().shape, rig.move(+2), rig.where_index
     ((50, 12), 2, 5)
 
@@ -35,8 +46,8 @@ class ReplayRig:
         grid: Class grid.
         start: Index of the first position.
         what: Index of the object.
-        uniforms: Numbers in [0, 1), one per tap: `u` selects tap `floor(u * count)` of the class in the order of the
-            file.
+        uniforms: Numbers in [0, 1), one per tap, or a NumPy generator of them, by default one seeded 0: `u` selects tap
+            `floor(u * count)` of the class in the order of the file.
 
     Attributes:
         where_index: Index of the current position.
@@ -47,14 +58,14 @@ class ReplayRig:
         InputError: The start lies outside the grid or the object has no tap.
     """
 
-    def __init__(self, taps: TapSet, grid: ClassGrid, start: int, what: int, uniforms: Iterator[float]) -> None:
+    def __init__(self, taps: TapSet, grid: ClassGrid, start: int, what: int, uniforms: Chance | None = None) -> None:
         check_class(grid, start, what)
         self._taps = taps
         self._last = grid.L - 1
         self._step = np.diff(grid.where_value)
         self._pool = tap_pool(*taps.indices(grid), grid.shape)
         self._what = what
-        self._uniforms = uniforms
+        self._uniforms = as_uniforms(uniforms)
         self.clamped = 0
         self.substituted = 0
         if self._pool.nearest[start, what] < 0:

@@ -1,5 +1,6 @@
 """Interface of a sensor for perception; simulated, replayed and real rigs implement it."""
 
+from numbers import Integral
 from typing import Protocol
 
 import numpy as np
@@ -51,6 +52,17 @@ class TouchSensor(Protocol):
         ...
 
 
+def check_sensor(sensor: object) -> None:
+    """Checks that something is a sensor, as far as its names show.
+
+    Raises:
+        InputError: It is not.
+    """
+    for name in ("preprocessing", "step", "tap", "move"):
+        if not hasattr(sensor, name):
+            raise InputError(f"A sensor needs {name!r}, see TouchSensor; got {type(sensor).__name__}.")
+
+
 def clipped_move(delta: int, room: tuple[int, int]) -> int:
     """Steps of a move that fit into the room left."""
     return max(-room[0], min(int(delta), room[1]))
@@ -81,7 +93,7 @@ def check_class(grid: ClassGrid, where: int, what: int) -> None:
     """Checks that a class lies on the grid.
 
     Raises:
-        InputError: It does not.
+        InputError: It does not, or an index is no integer.
     """
-    if not (0 <= where < grid.L and 0 <= what < grid.M):
-        raise InputError(f"Class ({where}, {what}) is outside the grid of {grid.L} x {grid.M} classes.")
+    if not (isinstance(where, Integral) and isinstance(what, Integral) and 0 <= where < grid.L and 0 <= what < grid.M):
+        raise InputError(f"Class ({where!r}, {what!r}) is outside the grid of {grid.L} x {grid.M} classes.")

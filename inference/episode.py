@@ -6,10 +6,10 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ..hardware.replay import uniforms
-from ..hardware.sensor import TouchSensor, check_step
-from ..models.errors import InputError
-from ..models.measurement.model import TapModel
+from ..hardware.replay import Chance, as_uniforms
+from ..hardware.sensor import TouchSensor, check_sensor, check_step
+from ..models.errors import InputError, check_count
+from ..models.io.model_file import ModelSource
 from . import reference
 from .engines.engine import Engine
 from .filter import Filter, engine_of
@@ -110,12 +110,12 @@ class Episode(NamedTuple):
 
 def perceive(
     sensor: TouchSensor,
-    engine: Engine | TapModel,
+    engine: Engine | ModelSource,
     stop: float | StopRule,
     move: MovePolicy,
     deadline: int = DEADLINE,
     *,
-    chance: Iterator[float] | None = None,
+    chance: Chance | None = None,
     watch: Watch | None = None,
 ) -> Episode:
     """Episode of taps until the stopping rule ends it; runs `steps` to the end.
@@ -128,7 +128,7 @@ def perceive(
 
     Args:
         sensor: Where taps come from.
-        engine: How beliefs are computed; of a model by itself, with the compiled engine.
+        engine: How beliefs are computed; of a model or its file, with the compiled engine.
         stop: As in `steps`.
         move: Control strategy.
         deadline: Taps after which the most probable classes are taken.
@@ -143,13 +143,13 @@ def perceive(
 
 def steps(
     sensor: TouchSensor,
-    engine: Engine | TapModel,
+    engine: Engine | ModelSource,
     stop: float | StopRule,
     move: MovePolicy,
     deadline: int = DEADLINE,
     doubt: Callable[[NDArray[np.float64], int], bool] | None = None,
     *,
-    chance: Iterator[float] | None = None,
+    chance: Chance | None = None,
     watch: Watch | None = None,
 ) -> Iterator[Step]:
     """Iterator over the steps of an episode; Fig. 2 of the paper.
@@ -171,27 +171,29 @@ def steps(
 
     Args:
         sensor: Where taps come from.
-        engine: How beliefs are computed; of a model by itself, with the compiled engine.
-        stop: Threshold theta_W on the what belief, of which 1 or more never stops, or another stopping rule.
+        engine: How beliefs are computed; of a model or its file, with the compiled engine.
+        stop: Threshold theta_W on the what belief, of which 1 never stops, or another stopping rule.
         move: Control strategy.
         deadline: Taps after which the episode ends.
         doubt: Called with each tap and the actual move before it; no decision is made while it returns True.
-        chance: Numbers in [0, 1), one for each move that is chosen. The same numbers on the same taps give the same
-            episode; by default every episode has those of a generator seeded 0.
+        chance: Numbers in [0, 1), one for each move that is chosen, or a NumPy generator of them. The same numbers on
+            the same taps give the same episode; by default every episode has those of a generator seeded 0.
         watch: Returns the `"gain"` of the next tap, for rules that look ahead, see `expected_gain.gain_watch`; the
             move is then chosen before the stop test.
 
     Raises:
-        InputError: The deadline is below one tap, the threshold is NaN, or the sensor's preprocessing, step or number
-            of positions is not the model's. While steps are made: the rule needs a gain that nobody watches, or a
+        InputError: An argument is of the wrong kind or out of range, or the sensor's preprocessing, step or number of
+            positions is not the model's. While steps are made: the rule needs a gain that nobody watches, or a
             tap is refused as by `Filter.update`.
     """
-    if deadline < 1:
-        raise InputError(f"The deadline must be at least one tap, got {deadline}.")
+    check_count(deadline, "deadline")
+    check_sensor(sensor)
     engine = engine_of(engine)
+    if not callable(move):
+        raise InputError(f"move must be a control strategy such as fixation(7), got {move!r}.")
     engine.model.check_taps(sensor.preprocessing)
     check_step(sensor.step, engine.model.grid)
-    chance = uniforms(np.random.default_rng(0)) if chance is None else chance
+    chance = as_uniforms(chance)
     rule = stop if callable(stop) else what_above(stop)
     return _made(sensor, Filter(engine), rule, move, deadline, doubt, chance, watch)
 

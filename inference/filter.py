@@ -1,12 +1,13 @@
 """Belief of one episode, tap by tap and move by move, for custom loops."""
 
+from numbers import Real
 from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..models.errors import InputError
-from ..models.measurement.model import TapModel
+from ..models.io.model_file import ModelSource, model_of
 from . import reference
 from .belief import log_fold, share, temper
 from .engines.engine import Engine, make_engine
@@ -17,14 +18,14 @@ if TYPE_CHECKING:
     import xarray as xr
 
 
-def engine_of(model: TapModel | Engine, border: Border | None = None) -> Engine:
+def engine_of(model: ModelSource | Engine, border: Border | None = None) -> Engine:
     """Compiled engine of a model, by default with border `uniform`; an engine is returned unchanged.
 
     Raises:
         InputError: As `make_engine`; or a border is given with an engine.
     """
-    if isinstance(model, TapModel):
-        return make_engine("filter", model, border or "uniform")
+    if not isinstance(model, Engine):
+        return make_engine("filter", model_of(model), border or "uniform")
     if border is not None:
         raise InputError("border cannot be set for an existing engine; pass it to make_engine.")
     return model
@@ -46,7 +47,7 @@ class Filter:
     >>> belief.move(+1)
 
     Args:
-        model: A fitted model, or an engine of `make_engine`.
+        model: A fitted model or its file, or an engine of `make_engine`.
         border: Reading of Eq. 9 at the ends of the range, by default `uniform`; an engine has its own.
         stop: Threshold theta_W of `decision`.
 
@@ -56,10 +57,11 @@ class Filter:
         taps: How many taps there were.
 
     Raises:
-        InputError: The border is unknown, not supported by the model, or set for an engine; the threshold is NaN.
+        InputError: The border is unknown, not supported by the model, or set for an engine; the threshold is no number
+            from 0 to 1; or as `load_model`.
     """
 
-    def __init__(self, model: TapModel | Engine, *, border: Border | None = None, stop: float = 0.95) -> None:
+    def __init__(self, model: ModelSource | Engine, *, border: Border | None = None, stop: float = 0.95) -> None:
         check_threshold(stop)
         self.engine, self.stop = engine_of(model, border), stop
         self.reset()
@@ -97,8 +99,8 @@ class Filter:
         Raises:
             InputError: It is no whole number.
         """
-        if not float(delta).is_integer():
-            raise InputError(f"A move must be an integer number of positions, got {delta}.")
+        if not (isinstance(delta, Real) and float(delta).is_integer()):
+            raise InputError(f"A move must be an integer number of positions, got {delta!r}.")
         self._carried = self.engine.shift(self._carried, int(delta))
 
     @property

@@ -24,9 +24,11 @@ _ROUNDING = 1e-6  # in cells: a value this close below an edge counts as above i
 class ClassGrid:
     """`L` positions times `M` objects, with their labels and values.
 
-    >>> grid = ClassGrid(np.array([0.5, 1.5, 2.5]), "mm", None, (("ball",), ("rod",)))
+    >>> grid = ClassGrid([0.5, 1.5, 2.5], "mm", None, ["ball", "rod"])
     >>> grid.shape, grid.what_name, grid.where_label(1)
     ((3, 2), ('ball', 'rod'), '1.5 mm')
+
+    Lists are accepted for arrays and tuples, and a name for an object class with one name.
 
     Attributes:
         where_value: Reported value of each position class (its centre), shape (L,), increasing.
@@ -38,7 +40,7 @@ class ClassGrid:
         what_unit: Unit of `what_value`.
 
     Raises:
-        InputError: Sizes do not match, values do not increase, or a name is in two classes.
+        InputError: Sizes do not match, values are no numbers or do not increase, or a name is in two classes.
     """
 
     where_value: NDArray[np.float64]
@@ -49,7 +51,10 @@ class ClassGrid:
     what_unit: str = ""
 
     def __post_init__(self) -> None:
-        """Checks the sizes."""
+        """Makes arrays and tuples, and checks the sizes."""
+        for name in ("where_value", "where_edges", "what_value"):
+            object.__setattr__(self, name, _numbers(getattr(self, name), name))
+        object.__setattr__(self, "what_members", _members(self.what_members))
         if self.L < 1 or self.M < 1:
             raise InputError(f"A class grid needs at least one position and one object, got {self.L} and {self.M}.")
         if not np.all(np.diff(self.where_value) > 0):
@@ -199,6 +204,38 @@ class ClassGrid:
             )
         except (KeyError, TypeError, ValueError, OverflowError) as error:
             raise InputError(f"Not a class grid: {error}.") from error
+
+
+def _numbers(values: ArrayLike | None, name: str) -> NDArray[np.float64] | None:
+    """Finite numbers, shape (n,).
+
+    Raises:
+        InputError: They are none.
+    """
+    if values is None:
+        return None
+    try:
+        numbers = np.asarray(values, dtype=np.float64)
+    except (TypeError, ValueError):
+        numbers = np.array(np.nan)
+    if numbers.ndim != 1 or not np.isfinite(numbers).all():
+        raise InputError(f"{name} of a class grid must be a list of finite numbers, got {values!r}.")
+    return numbers
+
+
+def _members(objects: Sequence[str | Sequence[str]]) -> tuple[tuple[str, ...], ...]:
+    """Names of the objects in each object class.
+
+    Raises:
+        InputError: They are no names.
+    """
+    try:
+        members = tuple((names,) if isinstance(names, str) else tuple(names) for names in objects)
+    except TypeError:
+        members = ((),)
+    if isinstance(objects, str) or not all(names and all(isinstance(name, str) for name in names) for names in members):
+        raise InputError(f"what_members of a class grid must be the names of the objects, got {objects!r}.")
+    return members
 
 
 def parse_length(text: str, unit: str, option: str) -> float:

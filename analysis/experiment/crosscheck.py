@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ...hardware.replay import ReplayRig, uniforms
+from ...hardware.replay import ReplayRig
 from ...inference import reference
 from ...inference.belief import fold
 from ...inference.engines.engine import Engine, make_engine
@@ -330,7 +330,7 @@ def _script(engine: Engine, taps: TapSet, length: int, generator: np.random.Gene
     grid = engine.model.grid
     where, what = taps.indices(grid)
     start = int(generator.integers(len(taps)))
-    rig = ReplayRig(taps, grid, int(where[start]), int(what[start]), uniforms(generator))
+    rig = ReplayRig(taps, grid, int(where[start]), int(what[start]), generator)
     targets = generator.integers(grid.L, size=length)
     log_belief, recorded, deltas, log_beliefs, log_evidence = engine.model.log_prior, [], [], [], []
     impossible = None

@@ -18,7 +18,7 @@ from ...inference.trials.tally import Tally, tally_trials
 from ...models.errors import InputError
 from ...models.grid import ClassGrid
 from ...models.io.load import TapSource, names_of, taps_of
-from ...models.io.model_file import load_model
+from ...models.io.model_file import ModelSource, model_of
 from ...models.measurement.model import TapModel
 from ...models.settings import PlaySettings
 from ...models.splits import select_sessions
@@ -82,7 +82,7 @@ class TrialsReport(Report):
 
 
 def trials(
-    model: TapModel | str | Path,
+    model: ModelSource,
     taps: TapSource,
     number: int = 100_000,
     *,
@@ -133,8 +133,8 @@ def trials(
         play = play.changed(passive=move == "passive")
     if play.passive and (play.fixation is not None or play.theta_x > 0):
         raise InputError("--passive never moves and does not go with --fixation or --theta-x.")
-    named = "model" if isinstance(model, TapModel) else Path(model).name
-    fitted = model if isinstance(model, TapModel) else load_model(model)
+    fitted = model_of(model)
+    named = Path(model).name if isinstance(model, str | Path) else "model"
     grid = fitted.grid
     chosen = select_sessions(taps_of(taps), None if sessions is None else [*sessions], "--test")
     tested, sentence = untrained_taps(chosen, fitted.training, training_taps)

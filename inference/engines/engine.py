@@ -7,12 +7,13 @@ states (see `models.measurement.states`).
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ...models.errors import InputError
+from ...models.io.model_file import ModelSource, model_of
 from ...models.measurement.histogram import HistogramModel
 from ...models.measurement.model import TapModel
 from .. import reference
@@ -20,6 +21,7 @@ from .. import reference_models as plain
 from ..reference import Border
 
 
+@runtime_checkable
 class Engine(Protocol):
     """Bayes' rule over taps and moves."""
 
@@ -114,7 +116,7 @@ class NumpyEngine:
         return reference.shift_log(part - mass, delta, self.border, self.model.trained) + mass
 
 
-def make_engine(name: str, model: TapModel, border: Border = "uniform") -> Engine:
+def make_engine(name: str, model: ModelSource, border: Border = "uniform") -> Engine:
     """Engine by name.
 
     >>> import solidtouch as st
@@ -125,7 +127,7 @@ def make_engine(name: str, model: TapModel, border: Border = "uniform") -> Engin
     Args:
         name: `"numpy"` (the reference equations), `"numpyro"` (the enumerated NumPyro model) or `"filter"` (the
             compiled update of the Monte Carlo trials).
-        model: The fitted measurement model.
+        model: The fitted measurement model or its file.
         border: Interpretation of Eq. 9 at the ends of the range.
 
     Raises:
@@ -133,6 +135,7 @@ def make_engine(name: str, model: TapModel, border: Border = "uniform") -> Engin
     """
     if border not in reference.BORDERS:
         raise InputError(f"border must be one of {', '.join(reference.BORDERS)}, got {border!r}.")
+    model = model_of(model)
     if name == "numpy":
         return NumpyEngine(model, border)
     if name == "numpyro":

@@ -5,12 +5,13 @@ which the end of the range may cut short. "Small repositioning movements" around
 Martinez-Hernandez et al. (2017); `random_place` is the baseline for active strategies.
 """
 
+from numbers import Real
 from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ...models.errors import InputError
+from ...models.errors import InputError, check_probability
 
 type Floats = NDArray[np.float64]
 type Integers = NDArray[np.int64]
@@ -57,10 +58,12 @@ def fixation(fixation_index: int, theta_x: float = 0.0) -> MovePolicy:
         theta_x: Belief in a position needed for a move: 0 always moves, 1 never moves.
 
     Raises:
-        InputError: The index is not a whole number of 0 or more; or on a call, if the belief has no such position.
+        InputError: The index is no integer of at least 0, or theta_x no number from 0 to 1; or on a call, if the
+            belief has no such position.
     """
     if not _whole(fixation_index) or fixation_index < 0:
-        raise InputError(f"The fixation point must be an index from 0, got {fixation_index}.")
+        raise InputError(f"The fixation point must be an index from 0, got {fixation_index!r}.")
+    check_probability(theta_x, "theta_x")
 
     def move(beliefs: Floats, chance: Floats) -> Integers:  # noqa: ARG001
         where = where_beliefs(beliefs)
@@ -162,7 +165,7 @@ def check_fixation(fixation_index: int | None, L: int) -> int:
     if fixation_index is None:
         return default_fixation(L)
     if not (_whole(fixation_index) and 0 <= fixation_index < L):
-        raise InputError(f"The fixation point must be an index from 0 to {L - 1}, got {fixation_index}.")
+        raise InputError(f"The fixation point must be an index from 0 to {L - 1}, got {fixation_index!r}.")
     return fixation_index
 
 
@@ -173,9 +176,9 @@ def check_reach(reach: int) -> int:
         InputError: It is below 1, or no whole number.
     """
     if not (_whole(reach) and reach >= 1):
-        raise InputError(f"The reach of a move must be at least 1 position, got {reach}.")
+        raise InputError(f"The reach of a move must be at least 1 position, got {reach!r}.")
     return reach
 
 
-def _whole(number: float) -> bool:
-    return float(number).is_integer()
+def _whole(number: object) -> bool:
+    return isinstance(number, Real) and float(number).is_integer()

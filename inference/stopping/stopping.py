@@ -15,7 +15,7 @@ from typing import NamedTuple, Protocol
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ...models.errors import InputError
+from ...models.errors import InputError, check_probability
 from ...models.measurement.likelihood.forms import TableForm
 from ...models.measurement.model import TapModel
 
@@ -51,10 +51,10 @@ class StopRule(Protocol):
 
 
 def what_above(threshold: float) -> StopRule:
-    """Decides if the belief in an object exceeds theta_W; Eq. 7. With 1 or more, never.
+    """Decides if the belief in an object exceeds theta_W; Eq. 7. With 1, never.
 
     Raises:
-        InputError: The threshold is NaN.
+        InputError: The threshold is no number from 0 to 1.
     """
     check_threshold(threshold)
     return lambda moment: _decide_where((moment.what.max(axis=-1) > threshold) & (threshold < 1))
@@ -64,7 +64,7 @@ def where_above(threshold: float) -> StopRule:
     """Decides if the belief in a position exceeds a threshold; Eq. 8 as a stopping rule.
 
     Raises:
-        InputError: The threshold is NaN.
+        InputError: The threshold is no number from 0 to 1.
     """
     check_threshold(threshold)
     return lambda moment: _decide_where((moment.where_belief > threshold) & (threshold < 1))
@@ -207,13 +207,12 @@ def _decide_where(stop: NDArray[np.bool_]) -> NDArray[np.int8]:
 
 
 def check_threshold(threshold: float) -> None:
-    """Refuses a threshold that is NaN.
+    """Refuses a threshold that is no number from 0 to 1.
 
     Raises:
-        InputError: It is NaN.
+        InputError: It is none.
     """
-    if np.isnan(threshold):
-        raise InputError("The threshold on a belief is NaN.")
+    check_probability(threshold, "The threshold on a belief")
 
 
 def _share(error: float) -> float:

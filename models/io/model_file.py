@@ -16,6 +16,7 @@ then is unlimited.
 """
 
 import json
+import os
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -35,6 +36,9 @@ from ..power import parse_power
 from ..preprocessing import Preprocessing
 from ..storage import write_groups
 from .export_reader import load_exported
+
+type ModelSource = TapModel | str | Path
+"""A fitted model or its file."""
 
 _FIRST_FORMAT = 1
 _ROUNDING = 1e-9
@@ -99,6 +103,8 @@ def load_model(path: str | Path) -> TapModel:
     Raises:
         InputError: The file is missing, damaged or not a fitted model.
     """
+    if not isinstance(path, str | os.PathLike):
+        raise InputError(f"A model is a fitted model or the path of its file, got {type(path).__name__}.")
     if Path(path).suffix.lower() == ".json":
         return load_exported(path)
     attributes, data, parameters = _read(Path(path))
@@ -109,6 +115,15 @@ def load_model(path: str | Path) -> TapModel:
     except (TypeError, ValueError) as error:
         raise InputError(f"{path}: damaged: {error}") from error
     return model
+
+
+def model_of(source: ModelSource) -> TapModel:
+    """The model itself, loaded if it is named by its file.
+
+    Raises:
+        InputError: As `load_model`.
+    """
+    return source if isinstance(source, TapModel) else load_model(source)
 
 
 def _read(path: Path) -> tuple[dict[str, Any], xr.Dataset, xr.Dataset]:

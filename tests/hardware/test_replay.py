@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from solidtouch.hardware.pool import tap_pool
-from solidtouch.hardware.replay import ReplayRig, uniforms
+from solidtouch.hardware.replay import ReplayRig, as_uniforms
 from solidtouch.models.errors import InputError
 from solidtouch.models.preprocessing import Preprocessing
 from solidtouch.models.taps import TapSet
@@ -67,7 +67,7 @@ def test_a_number_picks_the_tap_at_its_share_of_the_class(recording, grid):
 
 def test_uniforms_are_those_of_the_generator():
     """The endless numbers are the generator's, one by one."""
-    numbers = uniforms(np.random.default_rng(4))
+    numbers = as_uniforms(np.random.default_rng(4))
 
     assert np.random.default_rng(4).random(3).tolist() == [next(numbers) for _ in range(3)]
 

@@ -137,7 +137,7 @@ def test_what_is_refused_leaves_the_belief(taps, engine):
     with pytest.raises(InputError, match=r"integer number of positions, got 1\.5"):
         belief.move(1.5)
     belief.move(np.float64(0))
-    with pytest.raises(InputError, match="NaN"):
+    with pytest.raises(InputError, match="got nan"):
         Filter(model, stop=np.nan)
     with pytest.raises(InputError, match="border cannot be set"):
         Filter(make_engine(engine, model), border="clamp")

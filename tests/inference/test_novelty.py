@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import xarray as xr
-from solidtouch.hardware.replay import ReplayRig, uniforms
+from solidtouch.hardware.replay import ReplayRig
 from solidtouch.hardware.simulator.model_rig import draw_taps
 from solidtouch.inference.conformal_bets import EXPONENTS
 from solidtouch.inference.engines.engine import make_engine
@@ -404,7 +404,7 @@ def test_taps_of_a_known_object_are_seldom_unknown(calibrated):
     unknown, p = [], []
     for run in range(200):
         generator = np.random.default_rng(run)
-        rig = ReplayRig(new, source.grid, run % source.grid.L, run % source.grid.M, uniforms(generator))
+        rig = ReplayRig(new, source.grid, run % source.grid.L, run % source.grid.M, generator)
         test, arrived = UnknownTest(novelty, 0.1), 0
         for _ in range(8):
             test.add(rig.tap(), arrived)
@@ -454,7 +454,7 @@ def test_a_decision_waits_while_the_bets_win(calibrated):
         return len(heard) < 6
 
     def run(asked):
-        rig = ReplayRig(taps, source.grid, 0, 1, uniforms(np.random.default_rng(3)))
+        rig = ReplayRig(taps, source.grid, 0, 1, np.random.default_rng(3))
         return list(steps(rig, make_engine("numpy", model), 0.2, fixation(1), 20, asked))
 
     plain, waiting = run(None), run(doubt)

@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import binomtest
-from solidtouch.hardware.replay import ReplayRig, uniforms
+from solidtouch.hardware.replay import ReplayRig
 from solidtouch.hardware.sensor import TouchSensor
 from solidtouch.hardware.simulator.rig import SimulatedRig
 from solidtouch.hardware.simulator.session import simulate_session
@@ -209,7 +209,7 @@ def row(name: str, test: TapSet, grid: ClassGrid, cases: Sequence[Case], runs: i
         for run in range(runs):
             generator = seeds.generator(0, seeds.Purpose.STUDY, case.what, run)
             start = int(generator.integers(grid.L))
-            sensor = ReplayRig(test, grid, start, case.what, uniforms(generator))
+            sensor = ReplayRig(test, grid, start, case.what, generator)
             ended.append(ending(case.model, sensor, policy, deadline=RECORDED_DEADLINE))
     value = np.concatenate(p)
     if not ended:

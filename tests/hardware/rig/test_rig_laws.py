@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from solidtouch.hardware.replay import ReplayRig, uniforms
+from solidtouch.hardware.replay import ReplayRig
 from solidtouch.hardware.simulator.model_rig import ModelRig
 from solidtouch.hardware.simulator.rig import SimulatedRig
 from solidtouch.hardware.simulator.session import simulate_session
@@ -22,7 +22,7 @@ def simulated(name):
 
 def replayed(seed):
     taps = simulate_session(SETTINGS, seed, session=1)
-    return ReplayRig(taps, taps.grid(), START, 3, uniforms(np.random.default_rng(seed)))
+    return ReplayRig(taps, taps.grid(), START, 3, np.random.default_rng(seed))
 
 
 def drawn(seed):

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from solidtouch.hardware.replay import ReplayRig, uniforms
+from solidtouch.hardware.replay import ReplayRig
 from solidtouch.hardware.simulator.model_rig import draw_session
 from solidtouch.inference.engines.engine import make_engine
 from solidtouch.inference.episode import perceive, steps
@@ -116,7 +116,7 @@ def test_doubt_holds_back_decisions_and_not_giving_up(model, recorded):
         (stopping.what_above(0.4), (DEADLINE, False)),
         (stopping.or_give_up(stopping.what_above(1.0), 3, 1.0), (3, True)),
     ):
-        rig = ReplayRig(taps, model.grid, int(plan.where[0]), int(plan.what[0]), uniforms(np.random.default_rng(0)))
+        rig = ReplayRig(taps, model.grid, int(plan.where[0]), int(plan.what[0]), np.random.default_rng(0))
         made = list(steps(rig, make_engine("filter", model), rule, passive(), DEADLINE, lambda *_: True))
 
         assert (len(made), made[-1].gave_up) == ended
@@ -125,7 +125,7 @@ def test_doubt_holds_back_decisions_and_not_giving_up(model, recorded):
 
 def test_a_rule_that_looks_ahead_needs_somebody_who_does(model, recorded):
     taps, plan, *_ = recorded
-    rig = ReplayRig(taps, model.grid, int(plan.where[0]), int(plan.what[0]), uniforms(np.random.default_rng(0)))
+    rig = ReplayRig(taps, model.grid, int(plan.where[0]), int(plan.what[0]), np.random.default_rng(0))
     with pytest.raises(InputError, match="needs the expected gain of the next tap"):
         perceive(rig, make_engine("filter", model), stopping.lookahead(0.1), passive())
 

@@ -254,7 +254,7 @@ def test_trials_in_which_no_class_is_left_end():
     assert record.no_class_left.tolist() == [False, True]
     assert record.length.tolist() == [3, 1]
     np.testing.assert_allclose(record.what_marginal[1], np.exp(prior).sum(axis=0)[np.newaxis].repeat(3, axis=0))
-    assert stops(what_above(-1.0), record).answer.tolist() == [DECIDE, GO_ON]
+    assert stops(what_above(0.0), record).answer.tolist() == [DECIDE, GO_ON]
 
 
 @pytest.mark.parametrize(
