@@ -237,7 +237,8 @@ def _described(counts: NDArray[np.float64], subject: Subject, trials: int) -> di
             for row in zip(among[..., 0], per_trial, strict=True)
         ]
     )
-    low, high = widened(*how.interval(share, 0.0, 1.0), how.center(share), independent, opened=how.tells)
+    ends = how.interval(share, 0.0, 1.0)
+    low, high = widened(*ends, share[..., 0], how.center(share), independent, opened=how.tells)
     nothing = np.isnan(share[..., 0])
     low, high = np.where(nothing, np.nan, low), np.where(nothing, np.nan, high)
     return dict(zip(_COUNTED, (share[..., 0], low, high, uncertain, per_trial, ended), strict=True))

@@ -161,9 +161,9 @@ class Results:
 
 
 def _curves(outcomes: Outcomes[xr.Dataset], spread: Spread) -> dict[str, xr.Dataset]:
-    parts = {"passive": outcomes.passive, "active": outcomes.active, "difference": outcomes.difference}
-    return {
-        name: metrics.over_places(part, spread, difference=name == "difference")
-        for name, part in parts.items()
-        if part is not None
-    }
+    curves = {"passive": metrics.over_places(outcomes.passive, spread)}
+    if outcomes.active is not None and outcomes.difference is not None:
+        curves["active"] = metrics.over_places(outcomes.active, spread)
+        slowest = xr.concat([curve["taps"] for curve in curves.values()], "policy").max("policy")
+        curves["difference"] = metrics.over_places(outcomes.difference, spread, difference=True, slowest=slowest)
+    return curves

@@ -35,6 +35,7 @@ class Accuracy(NamedTuple):
         noise: Variance of the mean over classes by the draws of contacts, shape (3,).
         resampled: The mean over classes on resamples of the test taps, shape (R, 3).
         resampled_noise: Mean of their variance by the draws of contacts, shape (3,).
+        resampled_draws: How many draws of each class they have.
         several: Whether there are several answers of each kind, shape (3,); else none can be wrong.
     """
 
@@ -45,6 +46,7 @@ class Accuracy(NamedTuple):
     noise: NDArray[np.float64] = np.zeros(3)
     resampled: NDArray[np.float64] = np.empty((0, 3))
     resampled_noise: NDArray[np.float64] = np.zeros(3)
+    resampled_draws: int = _DRAWS
     several: NDArray[np.bool_] = np.ones(3, dtype=np.bool_)
 
     @property
@@ -92,7 +94,7 @@ def accuracy(
                 resampled = np.full((len(pools), 3), np.nan)
                 resampled[: len(played)] = [part.mean for part in played]
                 noise = np.mean([part.noise for part in played], axis=0)
-                row = row._replace(resampled=resampled, resampled_noise=noise)
+                row = row._replace(resampled=resampled, resampled_noise=noise, resampled_draws=draws)
         rows.append(row._replace(several=np.array([L * M > 1, L > 1, M > 1])))
     return rows
 
@@ -107,20 +109,22 @@ def summarise(rows: Sequence[Accuracy], spread: Spread = NO_SPREAD) -> dict[str,
     hits = np.concatenate([row.hits for row in rows])
     weight = np.concatenate([row.weight for row in rows])
     mean = (weight / weight.sum()) @ hits
+    first = rows[0]
     if len(rows) > 1:
         means = np.array([row.mean for row in rows])
         half = t.ppf(0.5 + CONFIDENCE / 2, len(rows) - 1) * means.std(axis=0, ddof=1) / np.sqrt(len(rows))
-        low, high = np.clip(mean - half, 0, 1), np.clip(mean + half, 0, 1)
-    elif len(rows[0].resampled):
-        drawn = with_noise(rows[0].resampled.T, rows[0].noise / spread.factor**2, rows[0].resampled_noise)
-        samples = np.concatenate([mean[:, np.newaxis], drawn], axis=1)
-        ends = spread.interval(samples, 0, 1)
-        low, high = widened(
-            *ends, spread.center(samples), spread.taps / rows[0].contacts, rows[0].several.astype(np.float64)
+        ends, center = (np.clip(mean - half, 0, 1), np.clip(mean + half, 0, 1)), mean
+    elif len(first.resampled):
+        drawn = with_noise(
+            first.resampled.T, first.noise, first.resampled_noise, first.resampled_draws / _DRAWS, spread.factor
         )
+        samples = np.concatenate([mean[:, np.newaxis], drawn], axis=1)
+        ends, center = spread.interval(samples, 0, 1), spread.center(samples)
     else:
-        low = high = np.full(3, np.nan)
-    summary: dict[str, float | int] = {"contacts": rows[0].contacts, "classes": max(row.classes for row in rows)}
+        ends, center = (np.full(3, np.nan), np.full(3, np.nan)), mean
+    independent = len(rows) * spread.taps / first.contacts
+    low, high = widened(ends[0], ends[1], mean, center, independent, first.several.astype(np.float64))
+    summary: dict[str, float | int] = {"contacts": first.contacts, "classes": max(row.classes for row in rows)}
     for i, name in enumerate(("joint", "where", "what")):
         summary[name] = float(mean[i])
         summary[f"{name}_low"] = float(low[i])

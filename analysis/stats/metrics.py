@@ -16,7 +16,7 @@ from scipy.stats import t
 
 from ...inference.trials.cut_short import ENDINGS
 from ...inference.trials.records import TrialPlan, Trials
-from ...inference.trials.resampling import CONFIDENCE, Spread, resamples_in_words, widened
+from ...inference.trials.resampling import CONFIDENCE, Spread, resamples_in_words, share_beyond, widened
 from ...models.grid import ClassGrid
 
 QUANTITIES = ("what_error", "where_error", "taps")
@@ -95,12 +95,14 @@ def outcomes_dataset(
     Returns:
         Dims (place, theta): `Means.mean` by name, `Means.noise` as ``<quantity>_noise``, endings with the suffixes of
         `inference.trials.cut_short.ENDINGS`, and the number of ``trials`` (place). With resamples also
-        ``<quantity>_resampled`` (resample, place, theta), and the mean of their noise as
-        ``<quantity>_resampled_noise``.
+        ``<quantity>_resampled`` (resample, place, theta), the mean of their noise as ``<quantity>_resampled_noise``, and
+        the mean number of their trials as ``resampled_trials`` (place).
     """
     cells = ["place", "theta"]
     columns: dict[str, Any]
     columns = {"trials": ("place", means.trials)} | {name: (cells, value) for name, value in means.mean.items()}
+    if resampled:
+        columns["resampled_trials"] = ("place", np.mean([part.trials for part in resampled], axis=0))
     for name, noise in means.noise.items():
         columns[f"{name}_noise"] = (cells, noise)
         for suffix, ending in zip(ENDINGS, endings, strict=bool(endings)):
@@ -123,7 +125,12 @@ def outcomes_dataset(
 
 
 def by_place(
-    data_sets: xr.Dataset, spread: Spread = NO_SPREAD, *, difference: bool = False, parts: int | None = None
+    data_sets: xr.Dataset,
+    spread: Spread = NO_SPREAD,
+    *,
+    difference: bool = False,
+    parts: int | None = None,
+    slowest: xr.DataArray | None = None,
 ) -> xr.Dataset:
     """Mean and interval at each place and threshold; dims (place, theta).
 
@@ -132,39 +139,51 @@ def by_place(
         spread: How resamples of a single data set turn into intervals; several data sets have t-intervals.
         difference: Whether outcomes are differences, which can be below what an outcome can.
         parts: Into how many the test taps are parted by place; `None` for the number of places.
+        slowest: Mean reaction times that say how many decisions the test taps allow; `None` for those of the outcomes.
     """
     parts = data_sets.sizes.get("place", 1) if parts is None else parts
+    sets = data_sets.sizes["data_set"]
     result = data_sets[[*QUANTITIES, *FRACTIONS]].mean("data_set", keep_attrs=True)
+    times = result["taps"] if slowest is None else slowest
+    trials = data_sets["trials"].mean("data_set").broadcast_like(times)
+    independent = sets * np.minimum(spread.taps / parts / times.values, trials.transpose(*times.dims).values)
     for name in QUANTITIES:
         own = Range(*data_sets.attrs[f"range_{name}"])
         least, most = (-np.inf, np.inf) if difference else own[:2]
-        might_be = [data_sets[name + suffix].mean("data_set") for suffix in ENDINGS if name + suffix in data_sets]
-        if data_sets.sizes["data_set"] > 1:
-            half = _half_width(data_sets[name])
-            low, high = result[name] - half, result[name] + half
-            for ending in might_be:
-                low, high = np.minimum(low, ending - half), np.maximum(high, ending + half)
-            low, high = low.clip(least, most), high.clip(least, most)
+        might_be = [
+            data_sets[name + suffix].mean("data_set").values for suffix in ENDINGS if name + suffix in data_sets
+        ]
+        value = result[name].values
+        smallest, largest = np.minimum.reduce([value, *might_be]), np.maximum.reduce([value, *might_be])
+        if sets > 1:
+            half, center = _half_width(data_sets[name]).values, value
+            low, high = (smallest - half).clip(least, most), (largest + half).clip(least, most)
         else:
-            values = [one.values for one in might_be]
             samples = _samples(data_sets.isel(data_set=0), name, spread)
-            ends = spread.interval(samples, least, most, values)
-            if not difference:
-                independent = spread.taps / parts / result["taps"].values
-                ends = widened(*ends, spread.center(samples), independent, own.step, most, least=least)
-            low, high = (xr.DataArray(end, result[name].coords, result[name].dims) for end in ends)
-        result[f"{name}_low"], result[f"{name}_high"] = low, high
+            (low, high), center = spread.interval(samples, least, most, might_be), spread.center(samples)
+        if difference:
+            # Where every decision takes one tap they are the same by design.
+            beyond = np.where(times > 1, own.step * share_beyond(independent), 0.0)
+            low, high = np.where(low == smallest, low - beyond, low), np.where(high == largest, high + beyond, high)
+        else:
+            low, high = widened(low, high, value, center, independent, own.step, most, least=least)
+        result[f"{name}_low"], result[f"{name}_high"] = (result[name].copy(data=end) for end in (low, high))
     return result
 
 
-def over_places(data_sets: xr.Dataset, spread: Spread = NO_SPREAD, *, difference: bool = False) -> xr.Dataset:
+def over_places(
+    data_sets: xr.Dataset, spread: Spread = NO_SPREAD, *, difference: bool = False, slowest: xr.DataArray | None = None
+) -> xr.Dataset:
     """Mean and interval at each threshold of the mean over all places; arguments as `by_place`, dim theta."""
     mean = data_sets.mean("place", skipna=True, keep_attrs=True)
     share = (data_sets["trials"] > 0).sum("place")
+    mean["trials"] = data_sets["trials"].sum("place")
+    if "resampled_trials" in data_sets:
+        mean["resampled_trials"] = data_sets["resampled_trials"].sum("place")
     for name in data_sets.data_vars:
         if str(name).endswith("_noise"):  # places are averaged with equal weight, so their variances add up to this
             mean[name] = data_sets[name].sum("place") / share**2
-    return by_place(mean, spread, difference=difference)
+    return by_place(mean, spread, difference=difference, slowest=slowest)
 
 
 def confusion(true: ArrayLike, decided: ArrayLike, M: int) -> NDArray[np.int64]:
@@ -226,25 +245,34 @@ def _samples(data: xr.Dataset, name: str, spread: Spread) -> NDArray[np.float64]
     if f"{name}_resampled" not in data:
         return np.concatenate([estimate, np.full_like(estimate, np.nan)], axis=-1)
     drawn = np.moveaxis(data[f"{name}_resampled"].values, 0, -1)
-    noise = data[f"{name}_noise"].values / spread.factor**2, data[f"{name}_resampled_noise"].values
-    return np.concatenate([estimate, with_noise(drawn, *noise)], axis=-1)
+    own, present = data[f"{name}_noise"], data[f"{name}_resampled_noise"]
+    share = (data["resampled_trials"] / data["trials"]).broadcast_like(own).transpose(*own.dims)
+    drawn = with_noise(drawn, own.values, present.values, share.values, spread.factor)
+    return np.concatenate([estimate, drawn], axis=-1)
 
 
 def with_noise(
-    drawn: NDArray[np.float64], wanted: NDArray[np.float64], present: NDArray[np.float64]
+    drawn: NDArray[np.float64],
+    own: NDArray[np.float64],
+    present: NDArray[np.float64],
+    share: float | NDArray[np.float64],
+    factor: float,
 ) -> NDArray[np.float64]:
-    """Resamples brought closer to their mean, or further from it, for another variance by the sampling of trials.
+    """Resamples brought closer to their mean, or further from it, for the estimate's variance by the sampling of trials.
 
     Args:
         drawn: Means on R resamples, shape (..., R).
-        wanted: Variance by the sampling of trials that they should have, shape (...): that of the estimate, before
-            deviations are enlarged.
-        present: The one that they have, likewise.
+        own: Variance of the estimate by the sampling of its trials, shape (...). Where its trials had the same outcome
+            it is unknown, not 0: that of the resamples counts.
+        present: That of a resample, likewise.
+        share: Trials of a resample divided by those of the estimate, broadcast to (...).
+        factor: By which deviations will be enlarged, see `Spread`.
     """
     known = np.isfinite(drawn)
     number = known.sum(axis=-1, keepdims=True)
     mean = np.where(known, drawn, 0).sum(axis=-1, keepdims=True) / np.maximum(number, 1)
     variance = (np.where(known, drawn - mean, 0) ** 2).sum(axis=-1) / np.maximum(number[..., 0] - 1, 1)
+    wanted = np.where(own > 0, own, share * present) / factor**2
     with np.errstate(invalid="ignore", divide="ignore"):
         scale = np.sqrt((np.maximum(variance - present, 0) + wanted) / variance)
     return mean + np.where(variance > 0, scale, 1.0)[..., np.newaxis] * (drawn - mean)

@@ -106,7 +106,7 @@ def with_intervals(
     own, event = spread.interval(samples, least, most, endings), np.zeros(samples.shape[:-1])
     if independent is not None:
         center = spread.center(samples)
-        own = widened(*own, center, independent, smallest, most, least=least)
+        own = widened(*own, samples[..., 0], center, independent, smallest, most, least=least)
         seen = spread.per_error(samples, least, most)
         event += np.where(seen > 0, seen, smallest / np.maximum(independent, 1))
         few = (seen == 0) | (np.minimum(center - least, most - center) < _FEW_ERRORS * seen)

@@ -461,12 +461,13 @@ def _described(
         ends_of = might_be if name in _SCORES else might_be[:-1]
         low, high = how.interval(samples[name], least, most, [one[name] for one in ends_of])
         if name == "taps":
-            low, high = widened(low, high, how.center(samples[name]), independent, step, most, least=least)
+            center = how.center(samples[name])
+            low, high = widened(low, high, taps, center, independent, step, most, least=least)
         if name in ("wrong", *RATIOS):
             unit = {"wrong": 1.0, "factor": samples["doubt"][..., 0], "over_promise": 1 - theta}[name]
             with np.errstate(divide="ignore", invalid="ignore"):
-                center = how.center(samples[name]) * unit
-                ends = widened(low * unit, high * unit, center, independent, opened=how.tells)
+                value, center = samples[name][..., 0] * unit, how.center(samples[name]) * unit
+                ends = widened(low * unit, high * unit, value, center, independent, opened=how.tells)
                 low, high = (end / unit for end in ends)
         found |= _with_ends(name, samples[name][..., 0], low, high)
     found |= _curve(joined.curve, size, independent, how)
@@ -512,7 +513,7 @@ def _curve(
         share = trials / trials.sum(axis=2, keepdims=True)
     low, high = how.interval(right, 0.0, 1.0)
     seldom = independent[..., np.newaxis] * np.nan_to_num(share)
-    low, high = widened(low, high, how.center(right), seldom, opened=how.tells)
+    low, high = widened(low, high, right[..., 0], how.center(right), seldom, opened=how.tells)
     empty = trials == 0
     e_low, e_high = how.interval(errors, 0.0, 1.0)
     # Noise makes it larger, in a resample once more: see `pairing.with_intervals`.

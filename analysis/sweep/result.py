@@ -13,6 +13,7 @@ from ..stats.metrics import CONFIDENCE
 AVERAGED = ("what_error", "where_error", "taps", "what_wrong", "belief", "stopped_fraction")
 
 _SIDES = (("low", -1), ("high", 1))
+_NO_WIDTH = 1e-12  # equal values differ by rounding
 _RESAMPLED = ("resample_factor", "resample_sessions")
 
 
@@ -57,8 +58,9 @@ def over_data(result: xr.Dataset, names: Sequence[str] = AVERAGED) -> xr.Dataset
 
     Returns:
         Each quantity with `<name>_low` and `<name>_high`, without the dims `data`, `resample` and `seed`; and `units`,
-        how many the first quantity has. Cells that are pending or failed are left out with their unit; where fewer than
-        two are left, or the test taps are too few to be resampled, the ends are NaN.
+        how many the first quantity has. Cells that are pending or failed are left out with their unit. The ends are NaN
+        where fewer than two are left, where the test taps are too few to be resampled, and where all units are equal,
+        such as errors that none has: they do not show how much others would vary.
 
     Raises:
         InputError: There is one data set without resamples, from which no interval can come, or its taps as they are
@@ -81,6 +83,7 @@ def over_data(result: xr.Dataset, names: Sequence[str] = AVERAGED) -> xr.Dataset
             "one."
         )
     half = error * xr.apply_ufunc(lambda n: t.ppf(0.5 + CONFIDENCE / 2, np.maximum(n - 1, 1)), count)
+    half = half.where(half > _NO_WIDTH)
     ends = {f"{name}_{side}": mean[name] + sign * half[name] for name in names for side, sign in _SIDES}
     found = mean.assign(ends | {"units": count[names[0]]})
     return found.drop_vars([name for name in ("data", "seed", "resample", *_RESAMPLED) if name in found.coords])

@@ -92,7 +92,7 @@ class TapSpread(NamedTuple):
         low, high = how.interval(samples, least, most, ends)
         if name not in _SELDOM:
             return low, high
-        return widened(low, high, how.center(samples), how.taps / taps, step, most, least=least)
+        return widened(low, high, samples[:, 0], how.center(samples), how.taps / taps, step, most, least=least)
 
 
 def tap_spread(

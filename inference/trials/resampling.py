@@ -234,6 +234,7 @@ def share_beyond(independent: ArrayLike) -> Floats:
 def widened(
     low: Floats,
     high: Floats,
+    value: Floats,
     center: Floats,
     independent: ArrayLike,
     unit: ArrayLike = 1.0,
@@ -242,13 +243,14 @@ def widened(
     least: float = 0.0,
     opened: bool = False,
 ) -> tuple[Floats, Floats]:
-    """Interval of a mean error, widened if resamples have no errors or errors only.
+    """Interval of a mean error, widened if the estimate or its resamples have no errors or errors only.
 
     Likewise of a mean number of taps, where every decision takes one.
 
     Args:
         low: Lower end.
         high: Upper end.
+        value: The estimate.
         center: Mean of the resamples.
         independent: How many decisions are independent of each other.
         unit: The smallest error; 1 in a proportion, 0 where there is none.
@@ -259,7 +261,8 @@ def widened(
     beyond = np.asarray(unit) * share_beyond(independent)
     if opened:
         low, high = np.where(np.isnan(low), least, low), np.where(np.isnan(high), most, high)
-    some, not_only = np.greater(center, least), np.less(center, most)
+    some = np.greater(np.minimum(value, center), least)
+    not_only = np.less(np.maximum(value, center), most)
     low = np.where(some, low, np.minimum(low, least))
     high = np.where(not_only, high, np.maximum(high, most))
     low = np.where(not_only, low, np.minimum(low, np.subtract(most, beyond)))

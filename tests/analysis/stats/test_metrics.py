@@ -19,7 +19,7 @@ from solidtouch.analysis.stats.metrics import (
 )
 from solidtouch.inference.trials.cut_short import ENDINGS
 from solidtouch.inference.trials.records import TrialPlan, Trials
-from solidtouch.inference.trials.resampling import Spread
+from solidtouch.inference.trials.resampling import Spread, share_beyond
 from solidtouch.models.grid import ClassGrid
 
 THETAS = (0.5, 0.9)
@@ -184,11 +184,20 @@ def test_one_data_set_without_resamples_has_no_interval(dataset):
 def test_resamples_of_few_trials_get_the_noise_of_many():
     """A variance of 4 of which 3 is noise becomes 1 and the noise that is wanted; the mean stays."""
     drawn = 5 + 2 * np.random.default_rng(0).standard_normal((3, 100_000))
-    changed = with_noise(drawn, np.array([0.25, 0.0, 8.0]), np.array([3.0, 9.0, 3.0]))
+    own, present = np.array([0.25, 1e-9, 8.0]), np.array([3.0, 9.0, 3.0])
+    changed, enlarged = (with_noise(drawn, own, present, 0.5, factor) for factor in (1.0, 2.0))
 
     np.testing.assert_allclose(changed.var(axis=1), [1.25, 0.0, 9.0], atol=0.1)
+    np.testing.assert_allclose(enlarged.var(axis=1), [1.0625, 0.0, 3.0], atol=0.1)
     np.testing.assert_allclose(changed.mean(axis=1), drawn.mean(axis=1))
-    assert (with_noise(np.ones((1, 4)), np.ones(1), np.ones(1)) == 1).all()
+    assert (with_noise(np.ones((1, 4)), np.ones(1), np.ones(1), 0.5, 1.0) == 1).all()
+
+
+def test_trials_with_one_outcome_have_the_noise_that_resamples_show():
+    """Of as many trials: a tenth of it with ten times the trials; no estimate is certain by luck."""
+    drawn = np.random.default_rng(0).standard_normal((1, 100_000))
+
+    assert with_noise(drawn, np.zeros(1), np.ones(1), 0.1, 1.0).var() == pytest.approx(0.1, rel=0.05)
 
 
 def scaled(dataset, factor):
@@ -307,3 +316,42 @@ def test_reaction_times_lie_between_a_tap_and_the_deadline():
     one_place = ClassGrid(np.zeros(1), "mm", None, OBJECTS)
     assert ranges(one_place, 50) == {"taps": Range(1, 50), "where_error": Range(step=0), "what_error": Range(0, 1)}
     assert ranges(one_place, 1)["taps"] == Range(1, np.inf)
+
+
+def never_wrong(grid, dataset, sets=1):
+    """Data sets in which no decision errs; resamples of the only one err a little, less than their noise."""
+    quiet = dataset.assign({name: 0 * dataset[name] for name in ("what_error", "where_error")})
+    if sets > 1:
+        return join([quiet] * sets, [str(i) for i in range(sets)])
+    few = np.linspace(0, 0.01, 20)[:, np.newaxis, np.newaxis] + np.zeros((20, *dataset["taps"].shape))
+    added = {f"{name}_resampled": (("resample", "place", "theta"), few) for name in ("what_error", "where_error")}
+    noise = {f"{name}_resampled_noise": dataset["taps_noise"] * 0 + 1.0 for name in ("what_error", "where_error")}
+    still = {"taps_resampled": dataset["taps"].expand_dims(resample=20), "taps_resampled_noise": dataset["taps_noise"]}
+    quiet = quiet.assign(added | noise | still)
+    quiet = quiet.assign({f"{name}_noise": 0 * quiet["taps_noise"] for name in QUANTITIES})
+    return join([quiet.assign(resampled_trials=0.5 * quiet["trials"])], ["only"])
+
+
+@pytest.mark.parametrize("sets", [1, 4])
+def test_no_interval_of_errors_that_were_not_seen_has_no_width(grid, dataset, sets):
+    """It reaches as far as the fewer of test taps and trials allow, and less far with more data sets."""
+    spread = Spread(1.0, taps=600)
+    result, pooled = (of(never_wrong(grid, dataset, sets), spread) for of in (by_place, over_places))
+    own = np.minimum(600 / 3 / result["taps"], dataset["trials"])
+    step = ranges(grid, DEADLINE)["where_error"].step
+
+    for one, independent in ((result, own), (pooled, np.minimum(600 / pooled["taps"], dataset["trials"].sum()))):
+        least = step * share_beyond(sets * independent.transpose(*one["where_error"].dims))
+        seen = one["where_error"].notnull().values
+        assert (one["where_error_low"].values[seen] == 0).all()
+        assert (one["where_error_high"].values[seen] >= least[seen] - 1e-12).all()
+
+
+def test_a_difference_of_errors_that_were_not_seen_is_not_known_exactly(grid, dataset):
+    spread = Spread(1.0, taps=600)
+    slow = over_places(never_wrong(grid, dataset, 4), spread)["taps"] + 1
+    result = over_places(never_wrong(grid, dataset, 4), spread, difference=True, slowest=slow)
+    beyond = ranges(grid, DEADLINE)["what_error"].step * share_beyond(4 * np.minimum(600 / slow, dataset.trials.sum()))
+
+    np.testing.assert_allclose(result["what_error_high"], beyond)
+    np.testing.assert_allclose(result["what_error_low"], -beyond)

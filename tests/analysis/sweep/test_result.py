@@ -84,3 +84,11 @@ def test_the_taps_as_they_are_must_be_there(rng):
 def test_one_data_set_has_no_interval(result):
     with pytest.raises(InputError, match="trials on its taps say nothing of other taps"):
         over_data(result.isel(data=[0]), ["what_error"])
+
+
+def test_units_that_do_not_vary_give_no_interval(result):
+    """Errors that no data set has are not known to be none."""
+    found = over_data(0 * result[["what_error"]], ["what_error"])
+
+    assert (found["what_error"] == 0).all()
+    assert np.isnan(found["what_error_low"]).all()

@@ -58,10 +58,10 @@ def test_resampled_taps_give_intervals_for_one_data_set(make_study, tmp_path):
     gain = belief.sel(power=1) - belief.sel(power=0.3)
     gained = over_data(gain.to_dataset(name="gain"), ["gain"]).squeeze()
     how = spread_of_taps(data.fold.test, data.grid)
-    values = result["taps"].sel(power=1, theta=0.5, policy="passive").squeeze().values
+    values = result["taps"].sel(power=0.3, theta=0.95, policy="passive").squeeze().values
     units = units_of(list(values), how)
     half = t.ppf(0.975, len(units) - 1) * units.std(ddof=1) / len(units) ** 0.5
-    at = found.sel(power=1, theta=0.5, policy="passive").squeeze()
+    at = found.sel(power=0.3, theta=0.95, policy="passive").squeeze()
     assert float(at["taps"]) == pytest.approx(values[0])
     assert float(at["taps_low"]) == pytest.approx(values[0] - half)
     assert float(at["taps_high"]) == pytest.approx(values[0] + half)

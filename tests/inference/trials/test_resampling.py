@@ -90,7 +90,8 @@ def test_rare_errors_are_in_their_intervals(classes, taps, p):
         drawn = np.take_along_axis(np.broadcast_to(wrong, (60, classes, taps)), chosen, 2).mean(axis=(1, 2))
         middle = wrong.mean() + 3**0.5 * (np.quantile(drawn, [0.025, 0.975]) - drawn.mean())
         ends = Spread(3**0.5).interval(np.append(wrong.mean(), drawn), 0.0, 1.0), middle
-        held.append([low <= p <= high for low, high in (widened(*one, drawn.mean(), classes * taps) for one in ends)])
+        means = wrong.mean(), drawn.mean()
+        held.append([low <= p <= high for low, high in (widened(*one, *means, classes * taps) for one in ends)])
     new, old = np.mean(held, axis=0)
     assert 0.91 < new < 0.985
     assert old < 0.9
@@ -328,8 +329,8 @@ def test_an_interval_reaches_as_far_as_what_was_never_seen_could():
     """The exact two-sided bound of a proportion without a case."""
     assert share_beyond(100) == pytest.approx(0.03622, abs=1e-5)
     assert 1 - (1 - share_beyond(37)) ** 37 == pytest.approx(0.975)
-    center = np.array([0.0, 0.4, 1.0, 0.001])
-    low, high = widened(np.array([0.0, 0.4, 1.0, 0.0]), np.array([0.0, 0.5, 1.0, 0.002]), center, 100)
+    value, center = np.array([0.0, 0.4, 1.0, 0.001]), np.array([0.0, 0.4, 1.0, 0.001])
+    low, high = widened(np.array([0.0, 0.4, 1.0, 0.0]), np.array([0.0, 0.5, 1.0, 0.002]), value, center, 100)
     assert low.tolist() == pytest.approx([0, 0.4, 1 - share_beyond(100), 0])
     assert high.tolist() == pytest.approx([share_beyond(100), 0.5, 1, 0.002])
 
@@ -337,12 +338,19 @@ def test_an_interval_reaches_as_far_as_what_was_never_seen_could():
 def test_where_nothing_was_seen_an_interval_begins_at_the_least():
     """Whatever the estimate, and reaches beyond it: of errors, and of taps where all decisions take one."""
     for value in (0.0, 0.001):
-        low, high = widened(*Spread(1.0).interval(np.append(value, np.zeros(50)), 0.0, 1.0), np.array(0.0), 100)
+        low, high = widened(*Spread(1.0).interval(np.append(value, np.zeros(50)), 0.0, 1.0), value, np.array(0.0), 100)
         assert (low, high) == (0.0, pytest.approx(share_beyond(100)))
-    low, high = widened(*Spread(1.0).interval(np.ones(51), 1.0, 40.0), np.array(1.0), 100, 1.0, 40.0, least=1.0)
+    low, high = widened(*Spread(1.0).interval(np.ones(51), 1.0, 40.0), 1.0, np.array(1.0), 100, 1.0, 40.0, least=1.0)
     assert (low, high) == (1.0, pytest.approx(1 + share_beyond(100)))
-    low, high = widened(*Spread(1.0).interval(np.append(0.999, np.ones(50)), 0.0, 1.0), np.array(1.0), 100)
+    low, high = widened(*Spread(1.0).interval(np.append(0.999, np.ones(50)), 0.0, 1.0), 0.999, np.array(1.0), 100)
     assert (low, high) == (pytest.approx(1 - share_beyond(100)), 1.0)
+
+
+def test_an_estimate_without_errors_is_not_sure_of_it_because_resamples_have_some():
+    """However little they vary; the end is that of so many decisions without an error."""
+    for value, ends in ((0.0, (0.0, share_beyond(100))), (1.0, (1 - share_beyond(100), 1.0))):
+        assert widened(value, value, value, np.array(0.5), 100) == pytest.approx(ends)
+    assert widened(0.0, 0.2, 0.0, np.array(0.05), 100) == (0.0, 0.2)
 
 
 def test_an_interval_holds_its_estimate_where_resamples_are_infinite():
@@ -357,16 +365,16 @@ def test_an_interval_holds_its_estimate_where_resamples_are_infinite():
 
 def test_an_interval_of_which_resamples_know_nothing_is_wide_open():
     """From 0 to 1."""
-    low, high = widened(np.array([np.nan, 0.5]), np.array([np.nan, 0.6]), np.array([0, 0.5]), [50, 50], opened=True)
+    value = np.array([np.nan, 0.5])
+    low, high = widened(value, np.array([np.nan, 0.6]), value, np.array([0, 0.5]), [50, 50], opened=True)
     assert low.tolist() == [0, 0.5]
     assert high.tolist() == [1, 0.6]
 
 
 def test_mean_errors_in_millimetres_are_widened_by_one_class_and_never_from_above():
     """There is no greatest mean; an undefined interval stays so."""
-    low, high = widened(
-        np.array([0.0, 9.0, np.nan]), np.array([0.0, 9.5, np.nan]), np.array([0, 9, 0]), 100, 2.0, np.inf
-    )
+    value = np.array([0.0, 9.0, np.nan])
+    low, high = widened(value, np.array([0.0, 9.5, np.nan]), value, np.array([0, 9, 0]), 100, 2.0, np.inf)
     assert high[:2].tolist() == pytest.approx([2 * share_beyond(100), 9.5])
     assert low[:2].tolist() == [0, 9]
     assert np.isnan([low[2], high[2]]).all()
