@@ -95,8 +95,8 @@ def outcomes_dataset(
     Returns:
         Dims (place, theta): `Means.mean` by name, `Means.noise` as ``<quantity>_noise``, endings with the suffixes of
         `inference.trials.cut_short.ENDINGS`, and the number of ``trials`` (place). With resamples also
-        ``<quantity>_resampled`` (resample, place, theta), the mean of their noise as ``<quantity>_resampled_noise``, and
-        the mean number of their trials as ``resampled_trials`` (place).
+        ``<quantity>_resampled`` (resample, place, theta), the mean of their noise as ``<quantity>_resampled_noise``,
+        and the mean number of their trials as ``resampled_trials`` (place).
     """
     cells = ["place", "theta"]
     columns: dict[str, Any]
@@ -258,7 +258,7 @@ def with_noise(
     share: float | NDArray[np.float64],
     factor: float,
 ) -> NDArray[np.float64]:
-    """Resamples brought closer to their mean, or further from it, for the estimate's variance by the sampling of trials.
+    """Resamples moved closer to their mean, or further from it, to vary by as many trials as the estimate has.
 
     Args:
         drawn: Means on R resamples, shape (..., R).
