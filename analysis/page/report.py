@@ -1,6 +1,7 @@
 """What a study gives back: its page, its numbers and its figures, on the screen or in a folder."""
 
 from abc import ABC, abstractmethod
+from collections.abc import Sequence
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
@@ -9,7 +10,7 @@ from ...models.errors import InputError
 from ...models.storage import complete_folder
 from .figure_style import drawn_into
 from .html import draw_pictures, render_brief, write_page
-from .page import Page
+from .page import Page, Picture
 from .stages import Progress, no_progress
 
 if TYPE_CHECKING:
@@ -29,10 +30,15 @@ class Report(ABC):
     @abstractmethod
     def _page(self) -> Page: ...
 
+    @cached_property
+    def pictures(self) -> Sequence[Picture]:
+        """The page's figures."""
+        return self.page.pictures
+
     @property
     def figures(self) -> dict[str, str]:
         """Names of the page's figures, each with its title."""
-        return {picture.name: picture.title for picture in self.page.pictures}
+        return {picture.name: picture.title for picture in self.pictures}
 
     def plot(self, name: str, figure: "Figure | SubFigure | None" = None) -> "Figure | SubFigure":
         """Draws one of the page's figures.
@@ -47,7 +53,7 @@ class Report(ABC):
         Raises:
             InputError: There is no such figure.
         """
-        pictures = {picture.name: picture for picture in self.page.pictures}
+        pictures = {picture.name: picture for picture in self.pictures}
         if name not in pictures:
             known = ", ".join(pictures) or "none"
             raise InputError(f"The report has no figure {name!r}; its figures are {known}.")

@@ -17,7 +17,7 @@ from ..page.figure_episodes import BeliefCase
 
 _CANDIDATES = 40
 _CASE_TAPS = 20
-_TRAJECTORIES = 100
+TRAJECTORIES = 100
 
 
 class Trajectories(NamedTuple):
@@ -46,8 +46,8 @@ def trajectories(study: Study, engine: Engine, settings: ExperimentSettings, fix
     theta = settings.thresholds[settings.shown]
 
     def positions(move: MovePolicy) -> NDArray[np.int64]:
-        paths = np.full((_TRAJECTORIES, settings.play.deadline), -1)
-        for row, (where, what, stream) in enumerate(_starts(study, _TRAJECTORIES, settings.seed)):
+        paths = np.full((TRAJECTORIES, settings.play.deadline), -1)
+        for row, (where, what, stream) in enumerate(_starts(study, TRAJECTORIES, settings.seed)):
             rig = _rig(study, where, what, stream, settings.seed, settings.play.deadline)
             episode = perceive(rig, engine, theta, move, settings.play.deadline)
             paths[row, : episode.taps] = where + np.concatenate([[0], np.cumsum(episode.realised)])

@@ -1,15 +1,20 @@
-"""Passive and active perception at one threshold: errors on stored and on fresh taps, and how they differ."""
-
-import math
-from collections.abc import Iterable
-from typing import Any
+"""Passive and active perception at one threshold, and the numbers of the paper beside ours."""
 
 import xarray as xr
 
 from ..page.words import STORED
-from ..stats import metrics
-from .record import ErrorRow, HeadlineRecord, PolicyRow
-from .results import Results
+from .record import ErrorRow, HeadlineRecord, PaperRow
+from .results import Results, curve_rows, difference_rows, finite
+
+_HEADLINES = (
+    # quantity, curve, variable, the paper's number in mm, where it stands
+    ("rod diameter error, passive, mean over positions, best", "passive", "what_error", 2.0, "Sec. 3.2, 3.3"),
+    ("rod diameter error, active, best", "active", "what_error", 0.4, "Sec. 3.3"),
+    ("position error, passive, mean over positions, best", "passive", "where_error", 0.2, "Sec. 3.2, 3.3"),
+    ("position error, active, best", "active", "where_error", 0.01, "Sec. 3.3"),
+    ("rod diameter error, passive, at the centre, largest thresholds", "centre", "what_error", 0.4, "Sec. 3.2"),
+    ("position error, passive, at the centre, largest thresholds", "centre", "where_error", 0.1, "Sec. 3.2"),
+)
 
 STILL = 1.1
 """Mean taps to a decision below which passive and active perception are reported as not comparable."""
@@ -20,26 +25,6 @@ _FRESH = (
 )
 
 _ENOUGH = "Threshold {:g} is the highest of those played at which the fresh test taps suffice."
-
-_QUANTITIES = [name for name in metrics.QUANTITIES for name in (name, f"{name}_low", f"{name}_high")]
-
-
-def curve_rows(policy: str, curve: xr.Dataset) -> list[PolicyRow]:
-    """A row per threshold with quantities, their intervals and fractions; `None` where a number is missing."""
-    names = (*_QUANTITIES, *metrics.FRACTIONS)
-    return [PolicyRow(policy=policy, **_at(curve, h, names)) for h in range(curve.sizes["theta"])]
-
-
-def difference_rows(curve: xr.Dataset | None) -> list[ErrorRow]:
-    """Passive minus active, a row per threshold with intervals; none where nothing can be acted on."""
-    if curve is None:
-        return []
-    return [ErrorRow(policy="passive - active", **_at(curve, h, _QUANTITIES)) for h in range(curve.sizes["theta"])]
-
-
-def _at(curve: xr.Dataset, h: int, names: Iterable[str]) -> dict[str, Any]:
-    """The threshold of an index and the numbers there."""
-    return {"theta": float(curve["theta"][h])} | {name: finite(curve[name][h]) for name in names}
 
 
 def headline(results: Results, shown: int) -> HeadlineRecord:
@@ -92,6 +77,28 @@ def _side(curves: dict[str, xr.Dataset]) -> list[ErrorRow]:
     return [*rows, *difference_rows(curves.get("difference"))]
 
 
-def finite(value: Any) -> float | None:
-    """A number, or `None` where it is missing."""
-    return None if not math.isfinite(value) else value if isinstance(value, int) else float(value)
+def compare(curves: dict[str, xr.Dataset], centre: xr.Dataset) -> list[PaperRow]:
+    """The numbers that the text of the paper gives, each beside ours at the largest threshold.
+
+    Args:
+        curves: Outcomes over theta by policy.
+        centre: Passive outcomes over theta at the default fixation point.
+    """
+    curves = curves | {"centre": centre}
+    rows: list[PaperRow] = []
+    for quantity, curve, name, value, source in _HEADLINES:
+        if curve not in curves:
+            continue
+        ours = curves[curve].sortby("theta").isel(theta=-1)
+        rows.append(
+            {
+                "quantity": quantity,
+                "paper": value,
+                "ours": finite(ours[name]),
+                "ours_low": finite(ours[f"{name}_low"]),
+                "ours_high": finite(ours[f"{name}_high"]),
+                "unit": "mm",
+                "source": f"{source}; ours at threshold {float(ours['theta']):g}",
+            }
+        )
+    return rows

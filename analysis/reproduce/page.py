@@ -1,19 +1,13 @@
-"""The page of a run, and its figures."""
+"""The page of a run."""
 
 from collections.abc import Iterable, Iterator
-from functools import partial
-
-import xarray as xr
 
 from ..experiment.crosscheck import CrossCheck
 from ..page.crosscheck import crosscheck_table
 from ..page.numbers import in_brackets, interval, number, percent
 from ..page.page import Block, Brief, Cautions, Note, Page, Picture, Section, Table, Verbatim
-from . import figures
 from .record import ErrorRow, ReproductionSummary
-from .results import Request, Results
 
-_BAND = "The band is the 95% interval at the highest threshold."
 _LISTS = (("Options", "options", 10), ("Versions", "versions", 10), ("Time spent (s)", "elapsed_s", 3))
 _RATES = ("stopped_fraction", "clamped_fraction", "substituted_fraction")
 
@@ -199,90 +193,3 @@ def _errors_and_taps(row: ErrorRow) -> list[str]:
 
 def _classes(count: int, kind: str, labels: str) -> str:
     return f"{count} {kind} {'class' if count == 1 else 'classes'}{in_brackets(labels)}"
-
-
-def pictures(request: Request, results: Results) -> Iterator[Picture]:
-    """Every figure that the data allow."""
-    yield _pressure(request, results)
-    yield Picture(
-        "fig4",
-        "Beliefs in single sequences",
-        "Belief in each class against the number of taps in a clear (A) and an ambiguous (B) passive sequence; grey: "
-        "all other classes.",
-        partial(figures.beliefs, *results.cases, results.grid),
-    )
-    yield from _active_pictures(request, results)
-    yield _acuity(results)
-    theta = request.settings.thresholds[request.settings.shown]
-    if results.grid.M > 1:
-        yield Picture(
-            "confusion",
-            "Confusion of objects",
-            f"Fraction of decisions at threshold {theta:g}; each row is a true object, cells below 0.005 are blank.",
-            partial(figures.confusion, *results.confusions, list(results.grid.what_name), theta),
-        )
-    if max(results.grid.shape) > 1:
-        yield Picture(
-            "contacts",
-            "Accuracy after a fixed number of contacts",
-            "Fraction of correct decisions after n taps of the same class, without moves or stopping, with 95% "
-            "intervals.",
-            partial(figures.contacts, results.accuracy_dataset, results.grid),
-        )
-
-
-def _pressure(request: Request, results: Results) -> Picture:
-    train = request.split.folds[0].train
-    shown = int(results.studies[0].test.what[0])
-    shown = shown if (train.what == shown).any() else int(train.what[0])
-    session = train.session[train.what == shown][0]
-    taps = train.select((train.session == session) & (train.what == shown))
-    return Picture(
-        "fig3",
-        "Taps of one object",
-        f"Training taps on {train.what_name[shown]} in session {session}, in order of position.",
-        partial(figures.pressure, taps, shown),
-    )
-
-
-def _active_pictures(request: Request, results: Results) -> Iterator[Picture]:
-    if results.by_fixation is None or results.paths is None:
-        return
-    theta = request.settings.thresholds[request.settings.shown]
-    yield Picture(
-        "fig5_passive",
-        "Passive perception by sensing position",
-        "Errors and reaction time against the sensing position, one curve per threshold. " + _BAND,
-        partial(figures.errors_by_position, results.by_position),
-    )
-    yield Picture(
-        "fig5_active",
-        "Active perception by fixation point",
-        "Errors and reaction time against the fixation point, averaged over starts, one curve per threshold. " + _BAND,
-        partial(figures.errors_by_fixation, results.by_fixation),
-    )
-    yield Picture(
-        "fig6",
-        "Trajectories",
-        f"Position against taps in {len(results.paths.passive)} passive (A) and active (B) trials at threshold "
-        f"{theta:g}; the fixation point is {results.grid.where_label(results.fixation)}.",
-        partial(figures.trajectories, *results.paths, results.grid, results.fixation),
-    )
-
-
-def _acuity(results: Results) -> Picture:
-    # With one class of a kind its error is zero everywhere, and its panels say nothing.
-    empty = [name for name, size in zip(("where_error", "what_error"), results.grid.shape, strict=True) if size == 1]
-    empty = empty if len(empty) == 1 else []
-    curves: dict[str, xr.Dataset] = {name: curve.drop_vars(empty) for name, curve in results.curves.items()}
-    if "active" in curves:
-        title = "Decision errors, passive and active"
-        note = f"; the fixation point is {results.grid.where_label(results.fixation)}."
-    else:
-        title, note = "Decision errors, passive", "."
-    return Picture(
-        "fig7",
-        title,
-        f"Errors against the belief threshold and the mean reaction time; bands and bars are 95% intervals{note}",
-        partial(figures.acuity, curves["passive"], curves.get("active")),
-    )

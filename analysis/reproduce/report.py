@@ -2,44 +2,64 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 
 import xarray as xr
 
+from ...hardware.simulator.session import simulate_session
+from ...hardware.simulator.settings import preset as preset_settings
+from ...inference.moves.control import check_fixation
+from ...inference.trials.resampling import RESAMPLES
 from ...inference.trials.run import checked_thresholds
 from ...models.errors import InputError
 from ...models.experiment import load_experiment
 from ...models.io.load import TapSource, names_of
+from ...models.measurement.histogram import trim
 from ...models.measurement.registry import PAPER
+from ...models.seeds import data_set_seed
 from ...models.settings import Division, FitSettings, PlaySettings
-from ..experiment.settings import ExperimentSettings
-from ..page.page import Page
+from ...models.splits import Fold, Split
+from ..experiment.policies import combined
+from ..experiment.settings import ExperimentSettings, check_settings
+from ..experiment.study import Study, planned, study
+from ..page.page import Page, Picture
 from ..page.report import StudyReport
-from ..page.stages import Progress, no_progress
-from .page import pictures, report_page
+from ..page.stages import Progress, StageClock, no_progress
+from ..stats import metrics
+from .figures import pictures
+from .page import report_page
 from .record import ReproductionSummary
-from .results import Request, Results
-from .run import run_experiment, simulated_split
+from .results import Request, Results, decisions_table, places_table
 from .summary import results_tree, summarise
-from .tables import decisions_table, places_table
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class ReproductionReport(StudyReport):
     """The paper's experiment: passive and active perception, error against reaction time.
 
+    What only the page needs, such as the cross-check of the engines, is computed when it is first asked for.
+
     Attributes:
         request: What was asked for.
         found: All results.
-        summary: What the page says, as `summary.json` holds it.
     """
 
     request: Request
     found: Results
-    summary: ReproductionSummary
+
+    @cached_property
+    def summary(self) -> ReproductionSummary:
+        """What the page says, as `summary.json` holds it."""
+        return summarise(self.request, self.found)
+
+    @cached_property
+    def pictures(self) -> list[Picture]:
+        """The figures."""
+        return list(pictures(self.request, self.found))
 
     def _page(self) -> Page:
-        return report_page(self.summary, self.found.check, pictures(self.request, self.found))
+        return report_page(self.summary, self.found.check, self.pictures)
 
     @property
     def passed(self) -> bool:
@@ -52,18 +72,18 @@ class ReproductionReport(StudyReport):
 
         Variables that begin with `fresh_` hold on fresh taps, of which none is drawn twice in a trial.
         """
-        return decisions_table(self.found, self.summary)
+        return decisions_table(self.found)
 
     @property
     def positions(self) -> xr.Dataset:
         """Errors and reaction times of passive perception at each position, dims where and theta."""
-        return places_table(self.found.by_position, "where", self.summary)
+        return places_table(self.found.by_position, "where", self.found.grid)
 
     @property
     def fixations(self) -> xr.Dataset | None:
         """Errors and reaction times for each fixation point, dims fixation and theta; `None` where none can be used."""
         found = self.found.by_fixation
-        return None if found is None else places_table(found, "fixation", self.summary)
+        return None if found is None else places_table(found, "fixation", self.found.grid)
 
     @property
     def tree(self) -> xr.DataTree:
@@ -106,7 +126,8 @@ def reproduce(
         episodes: Episodes on which all ways of computing the belief are compared.
         sequence_taps: Taps of each that are enumerated at once.
         seed: Random seed.
-        progress: Told the name and size of every stage; gives the function that counts what is done.
+        progress: Told the name and size of every stage, also of those that only the page needs; gives the function
+            that counts what is done.
         command: The command line, for the page.
 
     Raises:
@@ -129,8 +150,7 @@ def reproduce(
         grid = split.folds[0].train.grid(division.where_cell, division.what_cell)
     files = tuple(Path(name).name for name in names_of(data))
     request = Request(split, grid, settings, preset, command, files, episodes, sequence_taps)
-    found = run_experiment(request, progress)
-    return ReproductionReport(request, found, summarise(request, found))
+    return ReproductionReport(request, run_experiment(request, progress))
 
 
 def _check_kind(data: Sequence[TapSource], preset: str | None, data_sets: int | None, division: Division) -> None:
@@ -145,3 +165,69 @@ def _check_kind(data: Sequence[TapSource], preset: str | None, data_sets: int | 
     for option, value in (simulated_only if data else recorded_only).items():
         if value is not None:
             raise InputError(f"{option} requires {'simulated' if data else 'recorded'} taps.")
+
+
+def simulated_split(name: str, data_sets: int, seed: int, progress: Progress = no_progress) -> Split:
+    """Simulated data sets of two sessions each: the first trains, the second tests.
+
+    Data set d is what `solidtouch simulate --seed SEED --data-set d` writes.
+
+    Raises:
+        InputError: There is no such preset.
+    """
+    settings = preset_settings(name)
+    advance = progress("Simulating taps", data_sets)
+    folds = []
+    for d in range(data_sets):
+        own = data_set_seed(seed, d)
+        train, test = (simulate_session(settings, own, session) for session in (0, 1))
+        folds.append(Fold(train, test, f"data set {d}"))
+        advance(1)
+    return Split(
+        tuple(folds), "sessions", "In each simulated data set, session 0 is for training and session 1 for testing."
+    )
+
+
+def run_experiment(request: Request, progress: Progress) -> Results:
+    """Runs the experiment on every data set.
+
+    Args:
+        request: What to reproduce.
+        progress: Told the name and size of every stage; gives the function that counts what is done.
+
+    Raises:
+        InputError: The data or settings cannot be used.
+    """
+    clock = StageClock(progress)
+    settings, folds = request.settings, request.split.folds
+    grid, left_out = trim(request.grid, [fold.train for fold in folds])
+    check_settings(settings, grid)
+    fixation = check_fixation(settings.play.fixation, grid.L)
+    resamples = RESAMPLES if len(folds) == 1 else 0
+    with clock.stage("Playing trials", planned(grid, settings, resamples) * len(folds)) as advance:
+        # Data sets must not share random numbers, or their spread would miss the sampling of trials.
+        studies = [
+            study(fold, grid, settings.changed(seed=data_set_seed(settings.seed, d)), advance, resamples)
+            for d, fold in enumerate(folds)
+        ]
+    names = [part.name for part in studies]
+
+    def joined(parts: list[xr.Dataset]) -> xr.Dataset:
+        return metrics.join(parts, names)
+
+    return Results(
+        request=request,
+        grid=grid,
+        left_out=_left_out(left_out, studies),
+        studies=studies,
+        stored=combined([part.played.stored for part in studies], joined),
+        fresh=combined([part.played.fresh for part in studies], joined),
+        fixation=fixation,
+        clock=clock,
+    )
+
+
+def _left_out(trimmed: tuple[str, ...], studies: Sequence[Study]) -> tuple[str, ...]:
+    if len(studies) == 1:
+        return (*trimmed, *studies[0].model.left_out)
+    return (*trimmed, *(f"{name} ({part.name})" for part in studies for name in part.model.left_out))

@@ -1,23 +1,35 @@
-"""What was asked for and what came out: the data that figures, tables and files are made of."""
+"""What was asked for and what came out: the data that figures, tables and files are made of, and its tables."""
 
+import math
+from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
+from ...inference.engines.engine import make_engine
 from ...inference.trials.resampling import USED_UP_SELECTED, Spread, taps_per_class, too_few
 from ...models.grid import ClassGrid
 from ...models.splits import Split
-from ..experiment.crosscheck import CrossCheck
+from ..experiment.crosscheck import CrossCheck, crosscheck_model
 from ..experiment.policies import Outcomes
 from ..experiment.settings import ExperimentSettings
 from ..experiment.study import Study
+from ..page.figure_episodes import BeliefCase
+from ..page.figure_style import short_unit
+from ..page.labelled import labelled, with_units
+from ..page.stages import StageClock
 from ..stats import metrics
+from ..stats.acting import can_act
 from ..stats.contacts import summarise
-from .examples import Trajectories
-from .figures import BeliefCase
+from .examples import Trajectories, belief_cases, trajectories
+from .record import ErrorRow, PolicyRow
+
+_QUANTITIES = [name for name in metrics.QUANTITIES for name in (name, f"{name}_low", f"{name}_high")]
+_CHANGES = {f"{name}{end}": f"{name}_difference{end}" for name in metrics.QUANTITIES for end in ("", "_low", "_high")}
 
 
 @dataclass(frozen=True)
@@ -47,31 +59,68 @@ class Request:
 
 @dataclass(frozen=True)
 class Results:
-    """Everything that the files are made of.
+    """Everything that the files are made of; what only the page needs is computed when it is first asked for.
 
     Attributes:
+        request: What was asked for.
         grid: The classes that were told apart.
         left_out: Classes without a training tap, by name.
         studies: One per data set.
         stored: Outcomes with taps drawn with replacement, all data sets.
         fresh: Outcomes with no tap drawn twice, at the shown threshold and those below.
         fixation: The fixation point of the curves.
-        cases: A clear and an ambiguous sequence of beliefs.
-        paths: Example trajectories; `None` where nothing can be acted on.
-        check: The engines compared.
-        elapsed_s: Seconds per stage.
+        clock: Told of every stage.
     """
 
+    request: Request
     grid: ClassGrid
     left_out: tuple[str, ...]
     studies: list[Study]
     stored: Outcomes[xr.Dataset]
     fresh: Outcomes[xr.Dataset]
     fixation: int
-    cases: tuple[BeliefCase, BeliefCase]
-    paths: Trajectories | None
-    check: CrossCheck
-    elapsed_s: dict[str, float]
+    clock: StageClock
+
+    @cached_property
+    def check(self) -> CrossCheck:
+        """The engines compared on the first data set."""
+        request, first = self.request, self.studies[0]
+        with self.clock.stage("Cross-checking engines", request.episodes) as advance:
+            return crosscheck_model(
+                first.model,
+                first.test,
+                train=request.split.folds[0].train,
+                settings=request.settings,
+                border=request.settings.play.border,
+                episodes=request.episodes,
+                sequence_taps=request.sequence_taps,
+                seed=request.settings.seed,
+                progress=lambda: advance(1),
+            )
+
+    @property
+    def cases(self) -> tuple[BeliefCase, BeliefCase]:
+        """A clear and an ambiguous sequence of beliefs."""
+        return self._examples[0]
+
+    @property
+    def paths(self) -> Trajectories | None:
+        """Example trajectories; `None` where nothing can be acted on."""
+        return self._examples[1]
+
+    @cached_property
+    def _examples(self) -> tuple[tuple[BeliefCase, BeliefCase], Trajectories | None]:
+        settings, first = self.request.settings, self.studies[0]
+        with self.clock.stage("Following single episodes", 1):
+            engine = make_engine("filter", first.model, settings.play.border)
+            cases = belief_cases(first, engine, settings)
+            return cases, trajectories(first, engine, settings, self.fixation) if can_act(self.grid) else None
+
+    @property
+    def elapsed_s(self) -> dict[str, float]:
+        """Seconds of every stage, those that only the page needs included."""
+        _ = self.check, self._examples
+        return self.clock.elapsed_s
 
     @property
     def spread(self) -> Spread:
@@ -167,3 +216,52 @@ def _curves(outcomes: Outcomes[xr.Dataset], spread: Spread) -> dict[str, xr.Data
         slowest = xr.concat([curve["taps"] for curve in curves.values()], "policy").max("policy")
         curves["difference"] = metrics.over_places(outcomes.difference, spread, difference=True, slowest=slowest)
     return curves
+
+
+def decisions_table(found: Results) -> xr.Dataset:
+    """Errors and reaction times of passive and active perception, and passive less active, against the threshold."""
+    stored, fresh = (_decisions(curves, found.grid) for curves in (found.curves, found.fresh_curves))
+    fresh = fresh.rename({name: f"fresh_{name}" for name in fresh.data_vars})
+    return stored.merge(fresh, join="outer")
+
+
+def places_table(found: xr.Dataset, dim: str, grid: ClassGrid) -> xr.Dataset:
+    """Errors and reaction times by place, with the places along another dim."""
+    return with_units(found.rename(place=dim).drop_attrs(deep=False), _units(grid))
+
+
+def _decisions(curves: dict[str, xr.Dataset], grid: ClassGrid) -> xr.Dataset:
+    units = _units(grid)
+    rows = (row for name, curve in curves.items() if name != "difference" for row in curve_rows(name, curve))
+    table = labelled(rows, ("policy", "theta"), units)
+    if "difference" not in curves:
+        return table
+    change = labelled(difference_rows(curves["difference"]), ["theta"], units).drop_vars("policy")
+    return table.merge(change.rename({name: _CHANGES[str(name)] for name in change.data_vars}))
+
+
+def _units(grid: ClassGrid) -> dict[str, str]:
+    return {"what_error": grid.what_error_unit, "where_error": short_unit(grid.where_unit), "taps": "taps"}
+
+
+def curve_rows(policy: str, curve: xr.Dataset) -> list[PolicyRow]:
+    """A row per threshold with quantities, their intervals and fractions; `None` where a number is missing."""
+    names = (*_QUANTITIES, *metrics.FRACTIONS)
+    return [PolicyRow(policy=policy, **_at(curve, h, names)) for h in range(curve.sizes["theta"])]
+
+
+def difference_rows(curve: xr.Dataset | None) -> list[ErrorRow]:
+    """Passive minus active, a row per threshold with intervals; none where nothing can be acted on."""
+    if curve is None:
+        return []
+    return [ErrorRow(policy="passive - active", **_at(curve, h, _QUANTITIES)) for h in range(curve.sizes["theta"])]
+
+
+def _at(curve: xr.Dataset, h: int, names: Iterable[str]) -> dict[str, Any]:
+    """The threshold of an index and the numbers there."""
+    return {"theta": float(curve["theta"][h])} | {name: finite(curve[name][h]) for name in names}
+
+
+def finite(value: Any) -> float | None:
+    """A number, or `None` where it is missing."""
+    return None if not math.isfinite(value) else value if isinstance(value, int) else float(value)

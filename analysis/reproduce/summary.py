@@ -19,10 +19,9 @@ from ..page.words import versions
 from ..stats import metrics
 from ..stats.acting import can_act
 from ..stats.no_class_left import no_class_left_sentence
-from .headline import curve_rows, difference_rows, finite, headline
-from .paper import compare
+from .headline import compare, headline
 from .record import AccuracyRow, FixationRecord, ReproductionSummary, TapsRecord
-from .results import Request, Results
+from .results import Request, Results, curve_rows, difference_rows, finite
 
 _PACKAGES = ("solidtouch", "numpy", "jax", "numpyro", "funsor", "arviz", "xarray", "scipy", "matplotlib")
 

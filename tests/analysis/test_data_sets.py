@@ -2,7 +2,7 @@
 
 import pytest
 from solidtouch.analysis.experiment.sources import simulated_source
-from solidtouch.analysis.reproduce import run as reproduce
+from solidtouch.analysis.reproduce import report as reproduce
 from solidtouch.analysis.sensitivity import run as sensitivity
 from solidtouch.analysis.strategies import run as strategies_study
 from solidtouch.analysis.strategies.data import RIGHT, simulated_bench

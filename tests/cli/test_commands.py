@@ -319,7 +319,7 @@ def test_a_file_tested_on_itself_is_named(command, taps_file, tmp_path):
     assert "Warning: all 84 taps of session 0 and all 84 taps of session 1 trained the model" in done.out
 
 
-@pytest.mark.parametrize("module", ["solidtouch.analysis.reproduce.run", "jax"])
+@pytest.mark.parametrize("module", ["solidtouch.analysis.reproduce.report", "jax"])
 def test_an_interrupt_while_libraries_load_ends_the_program(module, tmp_path):
     """At once, with the sentence and exit code of every interrupt."""
     code = (

@@ -376,7 +376,7 @@ def test_data_sets_draw_their_own_random_numbers(command, tmp_path, monkeypatch)
             raise InputError("seen enough")
         return study(fold, grid, settings, *more)
 
-    monkeypatch.setattr("solidtouch.analysis.reproduce.run.study", watched)
+    monkeypatch.setattr("solidtouch.analysis.reproduce.report.study", watched)
     done = command("reproduce", *SMALL, "--seed", 5, "--out", tmp_path / "run")
 
     assert "seen enough" in done.err

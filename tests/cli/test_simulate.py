@@ -4,7 +4,7 @@ import re
 
 import numpy as np
 import pytest
-from solidtouch.analysis.reproduce.run import simulated_split
+from solidtouch.analysis.reproduce.report import simulated_split
 from solidtouch.cli.simulate import simulate
 from solidtouch.hardware.simulator.model_rig import draw_taps
 from solidtouch.hardware.simulator.session import simulate_session

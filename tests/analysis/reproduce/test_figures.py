@@ -6,9 +6,11 @@ import sys
 import numpy as np
 import pytest
 import xarray as xr
-from solidtouch.analysis.page.figure_confusion import row_normalised
-from solidtouch.analysis.page.figure_style import axis_label, short_unit
+from solidtouch.analysis.page.figure_confusion import confusion, row_normalised
+from solidtouch.analysis.page.figure_episodes import BeliefCase, beliefs, trajectories
+from solidtouch.analysis.page.figure_style import axis_label, save, short_unit
 from solidtouch.analysis.reproduce import figures
+from solidtouch.analysis.reproduce.figure_taps import pressure
 from solidtouch.models.errors import InputError
 from solidtouch.models.grid import ClassGrid
 from solidtouch.models.preprocessing import Preprocessing
@@ -62,9 +64,7 @@ def curves(theta=THETA, place=None, *, what_unit="mm", where_unit="mm", holes=Fa
 def case(T=6, L=4, M=3, where=1, what=2, winner=(1, 2)):
     belief = np.full((T, L, M), 0.1)
     belief[(slice(None), *winner)] = np.linspace(0.2, 3, T)
-    return figures.BeliefCase(
-        belief / belief.sum(axis=(1, 2), keepdims=True), np.full((L, M), 1 / (L * M)), where, what
-    )
+    return BeliefCase(belief / belief.sum(axis=(1, 2), keepdims=True), np.full((L, M), 1 / (L * M)), where, what)
 
 
 def walks(n=9, T=5, L=4):
@@ -82,17 +82,15 @@ def contact_curves(n=(1, 2, 5)):
 
 
 CASES = {
-    "pressure": lambda: figures.pressure(tap_set(), 0),
-    "pressure without layout": lambda: figures.pressure(tap_set(layout=False, edges=False), 1),
-    "pressure of 66 taxels": lambda: figures.pressure(tap_set(K=66, layout=False), 1),
-    "pressure of 66 placed taxels": lambda: figures.pressure(tap_set(K=66), 1),
-    "pressure at one position": lambda: figures.pressure(tap_set(L=1, edges=False, J=1), 0),
-    "pressure of many taps": lambda: figures.pressure(tap_set(N=9610, J=1, K=15, L=31, layout=False), 0),
-    "beliefs": lambda: figures.beliefs(case(), case(T=9, winner=(2, 0)), class_grid()),
-    "beliefs of one class": lambda: figures.beliefs(
-        case(1, 1, 1, 0, 0, (0, 0)), case(2, 1, 1, 0, 0, (0, 0)), class_grid(1, 1)
-    ),
-    "beliefs of 31 x 31": lambda: figures.beliefs(
+    "pressure": lambda: pressure(tap_set(), 0),
+    "pressure without layout": lambda: pressure(tap_set(layout=False, edges=False), 1),
+    "pressure of 66 taxels": lambda: pressure(tap_set(K=66, layout=False), 1),
+    "pressure of 66 placed taxels": lambda: pressure(tap_set(K=66), 1),
+    "pressure at one position": lambda: pressure(tap_set(L=1, edges=False, J=1), 0),
+    "pressure of many taps": lambda: pressure(tap_set(N=9610, J=1, K=15, L=31, layout=False), 0),
+    "beliefs": lambda: beliefs(case(), case(T=9, winner=(2, 0)), class_grid()),
+    "beliefs of one class": lambda: beliefs(case(1, 1, 1, 0, 0, (0, 0)), case(2, 1, 1, 0, 0, (0, 0)), class_grid(1, 1)),
+    "beliefs of 31 x 31": lambda: beliefs(
         case(20, 31, 31), case(20, 31, 31, winner=(2, 0)), class_grid(31, 31, LONG_UNIT)
     ),
     "by position": lambda: figures.errors_by_position(curves(place=[1, 2, 5, 6, 9])),
@@ -104,16 +102,14 @@ CASES = {
     "by fixation, holes": lambda: figures.errors_by_fixation(
         curves(place=[1, 2, 5, 6], holes=True, what_unit="P(wrong)", where_unit=LONG_UNIT)
     ),
-    "trajectories": lambda: figures.trajectories(walks(), walks(7, 8), class_grid(), 1),
-    "trajectories with NaN": lambda: figures.trajectories(
-        np.where(walks(L=1) < 0, np.nan, 0), walks(L=1), class_grid(1), 0
-    ),
+    "trajectories": lambda: trajectories(walks(), walks(7, 8), class_grid(), 1),
+    "trajectories with NaN": lambda: trajectories(np.where(walks(L=1) < 0, np.nan, 0), walks(L=1), class_grid(1), 0),
     "acuity": lambda: figures.acuity(curves(), curves(np.append(THETA, 0.99))),
     "acuity, passive only": lambda: figures.acuity(curves(what_unit="P(wrong)", holes=True), None),
     "acuity, no where": lambda: figures.acuity(curves([0.95]).drop_vars("where_error"), None),
-    "confusion": lambda: figures.confusion(np.eye(3), np.diag([5, 0, 2]), class_grid().what_name, 0.95),
-    "confusion, one object": lambda: figures.confusion([[3]], None, ["rod"], 0.95),
-    "confusion, 31 objects": lambda: figures.confusion(np.eye(31), np.ones((31, 31)), class_grid(M=31).what_name, 0.95),
+    "confusion": lambda: confusion(np.eye(3), np.diag([5, 0, 2]), class_grid().what_name, 0.95),
+    "confusion, one object": lambda: confusion([[3]], None, ["rod"], 0.95),
+    "confusion, 31 objects": lambda: confusion(np.eye(31), np.ones((31, 31)), class_grid(M=31).what_name, 0.95),
     "contacts": lambda: figures.contacts(contact_curves(), class_grid()),
     "one contact": lambda: figures.contacts(contact_curves([1]), class_grid(L=1)),
     "many contacts": lambda: figures.contacts(contact_curves([1, 2, 5, 10, 20, 50]), class_grid(M=1)),
@@ -138,7 +134,7 @@ def test_importing_the_figures_does_not_import_matplotlib():
 @pytest.mark.parametrize("name", CASES)
 def test_figures_are_written_in_both_formats(name, tmp_path):
     """Every figure draws without a warning and is small enough to be mailed."""
-    png, svg = figures.save(CASES[name](), tmp_path, "figure")
+    png, svg = save(CASES[name](), tmp_path, "figure")
 
     assert [tmp_path / "figure.png", tmp_path / "figure.svg"] == [png, svg] == sorted(tmp_path.iterdir())
     assert png.read_bytes().startswith(b"\x89PNG")
@@ -149,8 +145,8 @@ def test_figures_are_written_in_both_formats(name, tmp_path):
 @pytest.mark.parametrize("name", ["pressure", "beliefs", "trajectories"])
 def test_the_same_data_give_the_same_bytes(name, tmp_path):
     """A figure drawn and written twice is the same file, and an older one is replaced."""
-    first = [path.read_bytes() for path in figures.save(CASES[name](), tmp_path, "figure")]
-    second = [path.read_bytes() for path in figures.save(CASES[name](), tmp_path, "figure")]
+    first = [path.read_bytes() for path in save(CASES[name](), tmp_path, "figure")]
+    second = [path.read_bytes() for path in save(CASES[name](), tmp_path, "figure")]
 
     assert first == second
 
@@ -164,7 +160,7 @@ def test_drawing_leaves_no_setting_behind(tmp_path, monkeypatch):
 
     monkeypatch.setitem(sys.modules, "matplotlib.pyplot", None)
     before = settings()
-    figures.save(CASES["contacts"](), tmp_path, "figure")
+    save(CASES["contacts"](), tmp_path, "figure")
 
     assert settings() == before
 
@@ -172,7 +168,7 @@ def test_drawing_leaves_no_setting_behind(tmp_path, monkeypatch):
 def test_pressure_has_a_line_per_taxel_and_a_tick_per_class_edge():
     """Taps stand in order of position; the axis is labelled at the edges of the classes."""
     taps = tap_set()
-    axes, layout = figures.pressure(taps, 0).axes
+    axes, layout = pressure(taps, 0).axes
     of_object = np.sort(taps.where[taps.what == 0])
 
     assert len(axes.lines) == 7
@@ -185,7 +181,7 @@ def test_pressure_has_a_line_per_taxel_and_a_tick_per_class_edge():
 def test_the_taxel_layout_shows_the_widest_axes():
     """The longest of the three axes stands upright, the next one lies across."""
     taps = tap_set()
-    spots = figures.pressure(taps, 0).axes[1].collections[0].get_offsets()
+    spots = pressure(taps, 0).axes[1].collections[0].get_offsets()
 
     np.testing.assert_allclose(spots, taps.dataset["taxel_position"].values[:, [0, 2]])
 
@@ -207,7 +203,7 @@ def test_pressure_without_layout_names_the_taxels():
 def test_thinned_pressure_keeps_the_extremes():
     """Where samples are too many to draw, the highest and the lowest of each taxel are still in its line."""
     taps = tap_set(N=400, J=20, K=3)
-    drawn = sorted((line.get_ydata().min(), line.get_ydata().max()) for line in figures.pressure(taps, 0).axes[0].lines)
+    drawn = sorted((line.get_ydata().min(), line.get_ydata().max()) for line in pressure(taps, 0).axes[0].lines)
     samples = taps.taps[taps.what == 0]
 
     np.testing.assert_allclose(sorted(zip(samples.min(axis=(0, 1)), samples.max(axis=(0, 1)), strict=True)), drawn)
@@ -216,7 +212,7 @@ def test_thinned_pressure_keeps_the_extremes():
 def test_an_object_without_taps_is_refused():
     """There is nothing to draw, and the message names the object."""
     with pytest.raises(InputError, match="'never touched' has no tap"):
-        figures.pressure(tap_set(), 2)
+        pressure(tap_set(), 2)
 
 
 def test_beliefs_start_at_the_prior_and_name_the_classes():
@@ -283,7 +279,7 @@ def test_a_quantity_without_unit_has_no_brackets():
 def test_trajectories_end_with_the_decision():
     """A line has as many points as there are taps before the padding, near the values of its classes."""
     index = walks()
-    passive, active = figures.trajectories(index, index, class_grid(), 1).axes
+    passive, active = trajectories(index, index, class_grid(), 1).axes
     lines = passive.collections[0].get_segments()
     value = class_grid().where_value
 
@@ -319,7 +315,7 @@ def test_acuity_leaves_out_an_error_that_is_not_there():
 
 @pytest.mark.parametrize(
     "draw",
-    [lambda: figures.acuity(None, None), lambda: figures.confusion(None, None, [], 0.5)],
+    [lambda: figures.acuity(None, None), lambda: confusion(None, None, [], 0.5)],
     ids=["acuity", "confusion"],
 )
 def test_nothing_to_draw_is_an_error(draw):
@@ -331,7 +327,7 @@ def test_nothing_to_draw_is_an_error(draw):
 def test_confusion_prints_row_shares():
     """Rows sum to one; a row without decisions stays empty."""
     share = row_normalised([[3, 1, 0], [0, 0, 0], [0, 0, 2]])
-    figure = figures.confusion([[3, 1, 0], [0, 0, 0], [0, 0, 2]], None, ["a", "b", "c"], 0.95)
+    figure = confusion([[3, 1, 0], [0, 0, 0], [0, 0, 2]], None, ["a", "b", "c"], 0.95)
 
     np.testing.assert_array_equal([[0.75, 0.25, 0], [np.nan] * 3, [0, 0, 1]], share)
     assert [text.get_text() for text in figure.axes[0].texts] == ["0.75", "0.25", "1.00"]

@@ -25,6 +25,6 @@ def test_fresh_taps_are_shown_where_they_suffice(used_up, selected, theta):
         for u, s in ((0 * np.array(used_up), np.array(selected)), (2 * np.array(used_up), np.array(selected)))
     ]
     passive = xr.Dataset(coords={"theta": [0.2, 0.5, 0.9]})
-    results = Results((), (), of, None, SimpleNamespace(passive=passive), 0, (), None, None, {})
+    results = Results(None, (), (), of, None, SimpleNamespace(passive=passive), 0, None)
     assert results.enough == theta
     assert results.used_up == pytest.approx(used_up[-1])
