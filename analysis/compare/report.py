@@ -65,7 +65,10 @@ class ComparisonReport(StudyReport):
 
     @property
     def elpd(self) -> dict[str, Any]:
-        """Log probabilities of the taps of sessions left out, by model, as `az.compare` takes them."""
+        """Log probabilities of the taps of sessions left out, by model, as `az.compare` takes them.
+
+        Each tap's are relative to the best model of that tap: only differences count, and their exponentials are taken.
+        """
         return self.found.elpd
 
     @property
