@@ -100,7 +100,7 @@ def fit(
         print("Warning: the fit did not converge.")
     if draws and kept is None:
         print("Note: without a pseudocount the posterior is improper, so no draws are stored.")
-    print(f"{grid.L} x {grid.M} (where, what) classes from {len(fold.train)} taps, in {out}")
+    print(f"{grid.L} x {grid.M} (position, object) classes from {len(fold.train)} taps, in {out}")
     if left_out:
         print(f"Left out, without training taps: {', '.join(left_out)}")
 

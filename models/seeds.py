@@ -33,7 +33,7 @@ class Purpose(IntEnum):
     CHAINS = 13
     PARAMETERS = 14  # draws from a posterior; number of the draw
     SEQUENCES = 15  # for learned powers; taps of a sequence, session
-    ARM = 16  # of a learner on line; episode
+    ARM = 16  # of an online learner; episode
     SYMBOLS = 17
     RESAMPLES = 0x5A3B  # of test taps
     RIGHT_MODEL = 0x7219  # data drawn from it; number of the data set

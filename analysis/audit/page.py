@@ -28,6 +28,8 @@ from .summary import unseen_parts
 if TYPE_CHECKING:
     import xarray as xr
 
+_QUANTITIES = {"gain": "gain", "offset": "offset (unit of the samples)"}
+_COMPONENTS = {"session": "session", "mounting": "class of a session", "tap": "tap"}
 _TESTS = {
     "rank": "rank correlation",
     "distance": "distance correlation",
@@ -170,7 +172,14 @@ def _taxels(audit: Audit, found: TaxelsRecord) -> Iterator[Block]:
         + dead
         * bool(found["dead"])
     )
-    heads = ["test", "mean absolute effect", "permuted", "pairs found", "p, taxels may drift", "p, taps exchangeable"]
+    heads = [
+        "test",
+        "mean absolute effect",
+        "permuted taps",
+        "pairs found",
+        "p, taxels may drift",
+        "p, taps exchangeable",
+    ]
     yield Table([*heads, "permutations"], [_taxel_test(test) for test in found["tests"]])
     yield Picture(
         "taxels",
@@ -217,8 +226,8 @@ def _components(found: ComponentsRecord) -> Iterator[Block]:
     yield Listing(found["sentences"])
     rows = [
         [
-            row["quantity"],
-            row["component"],
+            _QUANTITIES[row["quantity"]],
+            _COMPONENTS[row["component"]],
             _triple([row["mean"], row["low"], row["high"]]),
             number(row["r_hat"]),
             number(row["ess_bulk"], 3),
@@ -406,7 +415,17 @@ def _remedies(summary: AuditSummary) -> Table:
     remedy, unit = summary["remedy"]["evidence"], summary["units"]["what"]
     chosen = summary["remedy"]["chosen"]
     error = "P(wrong)" if unit == "P(wrong)" else f"error ({unit})"
-    heads = ["remedy", "gain per tap (nat)", error, "change", "taps", "stop", "factor", "significant", "still assumes"]
+    heads = [
+        "remedy",
+        "gain per tap (nat)",
+        error,
+        "change",
+        "taps",
+        "stopped",
+        "factor",
+        "significant",
+        "still assumes",
+    ]
     rows = [
         [
             f"**{row['name']}** (chosen)" if row["name"] == chosen else row["name"],

@@ -58,8 +58,8 @@ _SIZE_WORDS = {
     "sequence_effect": "the same of a sequence, all classes",
     "gain_sd": "relative spread of tap strength",
     "timing_sd": "spread of the time of contact (samples)",
-    "common_sd": "noise shared by taxels",
-    "noise_sd": "noise of single taxels",
+    "common_sd": "noise shared by taxels (unit of the samples)",
+    "noise_sd": "noise of single taxels (unit of the samples)",
     "lasting_sd": "correlation of that noise from sample to sample",
 }
 

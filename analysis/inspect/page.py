@@ -27,8 +27,8 @@ def overview_lines(inspection: Inspection) -> Iterator[tuple[str, str]]:
     taps, samples, taxels = inspection.size
     yield "taps", f"{taps} of {samples} sample{_s(samples)} from {taxels} taxel{_s(taxels)}"
     yield "sessions", f"{len(inspection.sessions)} ({_condensed([str(s) for s in inspection.sessions])})"
-    yield "what", f"{len(inspection.what_label)} ({_condensed(inspection.what_label)})"
-    yield "where", f"{len(inspection.where_label)} ({_condensed(inspection.where_label)})"
+    yield "objects", f"{len(inspection.what_label)} ({_condensed(inspection.what_label)})"
+    yield "positions", f"{len(inspection.where_label)} ({_condensed(inspection.where_label)})"
     if inspection.where_unit:
         yield "unit of position", inspection.where_unit
     yield "values", _range(inspection)

@@ -1,4 +1,4 @@
-"""`tune`: fixation point and threshold from training taps, or learned on line.
+"""`tune`: fixation point and threshold from training taps, or learned online.
 
 Start at `report` and `online`, the public functions, then `run`. No search: `inference` holds the rules of choice.
 """

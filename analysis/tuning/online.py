@@ -112,7 +112,7 @@ class OnlineTuningReport(TunedReport):
             fixation=int(learner.fixation[arm]),
             threshold=float(learner.theta[arm]),
             passive=False,
-            note=f"Fixation point and threshold learned on line by {learner.method} in {learner.episodes} episodes.",
+            note=f"Fixation point and threshold learned online by {learner.method} in {learner.episodes} episodes.",
         )
 
     @property

@@ -49,7 +49,7 @@ def rows(quick: bool = False) -> list[Row]:
             BATCH,
         )
     for name, policy in _on_line(outcomes).items():
-        ways[f"solidtouch, on line, {name}"] = (lambda policy=policy: policy(beliefs[0], np.asarray(0.5)), 1)
+        ways[f"solidtouch, online, {name}"] = (lambda policy=policy: policy(beliefs[0], np.asarray(0.5)), 1)
     for run, _ in ways.values():
         run()
     seconds = interleaved({method: run for method, (run, _) in ways.items()}, rounds)

@@ -69,7 +69,7 @@ def test_one_work_can_be_measured_into_another_page(tmp_path):
     assert text.startswith("before\n<!-- begin information -->\n- processor: ")
     assert text.endswith("<!-- end information -->\nafter\n")
     assert "old" not in text
-    assert "| solidtouch, on line, about what |" in text
+    assert "| solidtouch, online, about what |" in text
 
 
 @pytest.mark.parametrize("policy", ["passive", "active"])

@@ -38,7 +38,7 @@ def test_fit_writes_a_model_and_names_what_was_left_out(command, tmp_path, make_
 
     assert done.code == 0
     assert "Session 0 trains, session 1 tests." in done.out
-    assert "3 x 3 (where, what) classes" in done.out
+    assert "3 x 3 (position, object) classes" in done.out
     assert "rod 6 mm, rod 4 mm at 3 mm" in done.out
     model = load_model(tmp_path / "model.nc")
     assert model.counts.shape == (3, 3, 5, 9)

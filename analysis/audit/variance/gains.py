@@ -391,7 +391,7 @@ def _sentences(
         yield "Differences between sessions cannot be estimated: fewer than two classes have taps in several sessions."
     if not told["tap"]:
         yield "Differences between taps cannot be separated from mounting: no class has two taps in one session."
-    for quantity, unit in (("gain", "%"), ("offset", "")):
+    for quantity, of, unit in (("gain", "gain", "%"), ("offset", "offset (unit of the samples)", "")):
         row, factor = summary.sel(quantity=quantity), 100.0 if unit else 1.0
         parts = [
             f"{label} {_range(row.sel(component=name), factor, unit)}"
@@ -403,7 +403,7 @@ def _sentences(
             if told[name]
         ]
         if parts:
-            yield f"Standard deviation of the {quantity}: {', '.join(parts)}."
+            yield f"Standard deviation of the {of}: {', '.join(parts)}."
     if all(told.values()):
         yield (
             f"The taps of a class in one session share {_range(rho.sel(quantity='gain'), 100.0, '%')} of the variance "

@@ -150,7 +150,7 @@ def knob_table(results: Sequence[tuple[Knob, str | None, float]]) -> str:
         others = Counter(str(name) for name in names if name != knob[2])
         listed = ", ".join(f"{name} {count}" for name, count in others.most_common()) or "-"
         lines.append([knob[0], knob[1], knob[2], f"{names.count(knob[2])} of {len(names)}", listed, found])
-    return table(["knob", "value", "cause", "named first", "others named", "sessions, p <= .05"], lines)
+    return table(["disturbance", "value", "cause", "main cause", "others named", "sessions, p <= .05"], lines)
 
 
 def level_table(results: Sequence[tuple[int, str | None, float]]) -> str:

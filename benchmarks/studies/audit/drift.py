@@ -200,13 +200,13 @@ def suspect_page(found: dict[Suspicion, list[tuple[list[float], str]]]) -> str:
         lines.append([*(f"{value:g}" for value in one), str(n), *cells, share_interval(order, n)])
     head = ["operator", "temperature", "drift", "data sets"]
     for name in ("operator", "temperature"):
-        head += [f"{name}: p at most {ALPHA}", f"{name}: named first"]
+        head += [f"{name}: p at most {ALPHA}", f"{name}: main cause"]
     return (
         f"{OBJECTS} objects at {PLACES} positions in turns, {TAPS} taps of each in each of {SESSIONS} sessions, "
         f"{SAMPLES} samples, {TAXELS} taxels. Three operators, drawn for each tap, and a temperature that follows a "
         "random walk. Sizes are the change of all samples per step of the operator, or per standard deviation of "
-        f"temperature or unnamed drift, divided by their noise. *Named first* requires p at most {NAMED_ALPHA} and the "
-        f"largest share; 95% Wilson intervals.\n\n{table([*head, 'order named first'], lines)}"
+        f"temperature or unnamed drift, divided by their noise. *Main cause* requires p at most {NAMED_ALPHA} and the "
+        f"largest share; 95% Wilson intervals.\n\n{table([*head, 'order: main cause'], lines)}"
     )
 
 

@@ -1,6 +1,6 @@
-"""Whether the guarantees of the stopping rule hold for a right model, and by what factor they fail for a wrong one.
+"""Whether the guarantees of the stopping rule hold for a correct model, and by what factor they fail for a wrong one.
 
-Right model: taps are drawn from the fitted histogram, each sample independently, and the filter multiplies their
+Correct model: taps are drawn from the fitted histogram, each sample independently, and the filter multiplies their
 likelihoods without an exponent. The proofs assume fresh taps, but trials draw with replacement from a stored pool.
 Therefore a pool has a thousand taps per class, and every number comes from several pools; `repeats` is the fraction of
 taps seen before in a trial if all of them came from one class. t-intervals over pools cover the drawing of both taps

@@ -87,7 +87,7 @@ def main() -> None:
                 picture = options.document.parent / "images" / f"audit-{figure}.svg"
                 with complete_file(picture, force=True) as temporary_file:
                     shutil.copyfile(out / SHOWN.replace(" ", "-") / f"{figure}.svg", temporary_file)
-    head = ["data", "factor", "a right model gives", "beliefs are", "comes first", "recommended"]
+    head = ["data", "factor", "a correct model gives", "beliefs are", "main cause", "recommended"]
     text = f"{table(head, rows)}\n\nThe verdicts in full:\n\n" + "\n".join(said)
     if options.document is not None:
         write_block(options.document, BLOCK, text)

@@ -1,11 +1,11 @@
-"""How often an audit's calibration verdict is wrong for a right model, and how often it detects a fault.
+"""How often an audit's calibration verdict is wrong for a correct model, and how often it detects a fault.
 
 Taps are drawn from the histograms that classify them: 12 symbols, Dirichlet 1, border clamp, with the number of taps
 per class given in each row. The verdict `overconfident` is wrong for any power up to the right one, `cautious` for
 power none. Planted dependence repeats one sample of a tap J times, and power none counts it J times. All data sets of a
-row share one reference with many more simulated data sets than an audit has, because the range under a right model
+row share one reference with many more simulated data sets than an audit has, because the range under a correct model
 depends on the number of taps, not on the taps. `one object outside` counts factors of single objects outside the
-central 95% under a right model, `promise exceeded` data sets in which a guarantee of the stopping rule is rejected,
+central 95% under a correct model, `promise exceeded` data sets in which a guarantee of the stopping rule is rejected,
 after Holm over all objects; an audit also requires its interval to lie above the limit. `learned` is the exponent of
 `tempering.best_power` on as many other taps; there every data set has its own reference and intervals, as in an audit.
 

@@ -108,7 +108,7 @@ def true_means(large: TapTable, theta_x: float = 0.0) -> dict[str, float]:
 
 @cache
 def known_means(truth: int, theta_x: float) -> dict[str, float]:
-    """What fresh taps of a world give under the right model."""
+    """What fresh taps of a world give under the correct model."""
     return true_means(tap_table(right(truth), drawn(truth, LARGE, _POOL)), theta_x)
 
 

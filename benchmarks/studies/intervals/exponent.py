@@ -1,7 +1,7 @@
-"""How often a tuned exponent or saturation is called lower than that of a right model, for right and wrong models.
+"""How often a tuned exponent or saturation is called lower than that of a correct model, for right and wrong models.
 
 Histograms of known truth give one session of taps for training and one of equal size for tuning. Exponent and
-saturation are tuned and compared with those of a right model as in an audit; `learned` is the exponent of `fit --power
+saturation are tuned and compared with those of a correct model as in an audit; `learned` is the exponent of `fit --power
 learned`, which leaves out each of the two sessions in turn. Truths are tables of 12 symbols from Dirichlet 1, and
 normal curves over 30 bins at 6 x 3 classes, new in each data set. Planted dependence repeats one sample of each tap J
 times.
@@ -82,7 +82,7 @@ def truth_of(design: Design, seed: int) -> HistogramModel:
 
 
 def lower(design: Design, fixed: bool, seed: int) -> list[bool]:
-    """Whether each of `COLUMNS` is called lower than that of a right model in one data set."""
+    """Whether each of `COLUMNS` is called lower than that of a correct model in one data set."""
     right = truth_of(design, 0 if fixed else seed)
     own = derived_seed(seed, Purpose.REPEAT, design.taps)
     train, tune = (draw_session(right, design.taps, own, session) for session in range(2))

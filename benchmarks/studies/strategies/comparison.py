@@ -39,14 +39,14 @@ _NAMES = {PAPER: "on average, by threshold", FIXED: "each"}
 
 
 def told(sources: Sequence[StrategySource]) -> str:
-    """What units are, and how random moves fare, as a list."""
+    """Units of the intervals and results of random moves, as a list."""
     units = [f"{source['name']}: {source['units']}" for source in sources]
     said = (*units, better_finding(sources), *random_findings(sources))
     return "\n".join(f"- {sentence}" for sentence in said)
 
 
 def shown(source: StrategySource) -> str:
-    """What each strategy comes to at the shown threshold of the paper's rule."""
+    """Results of each strategy at the shown threshold of the paper's rule."""
     names = ("what_error", "where_error", "taps", "taps_difference", "way")
     first, lines = source["powers"][0], []
     paired = {row["strategy"]: row for row in first["shown"]}
@@ -55,12 +55,12 @@ def shown(source: StrategySource) -> str:
         shares = [percent(point[share]) for share in ("given_up", "unstopped")]
         lines.append([strategy, *(interval(point, name) for name in names), *shares])
     head = ["strategy", f"object error ({source['what_unit']})", f"position error ({source['where_unit']})", "taps"]
-    head += ["less fixation", f"way ({source['where_unit']})", "null decisions", "at the deadline"]
+    head += ["difference from fixation", f"travel ({source['where_unit']})", "null decisions", "at the deadline"]
     return table(head, lines)
 
 
 def equal(sources: Sequence[StrategySource]) -> str:
-    """Object errors less those of the fixation point at equal taps, one table for each number of taps and rule."""
+    """Object errors minus those of the fixation point at equal taps, one table for each number of taps and rule."""
     parts = []
     for family in (PAPER, FIXED):
         for taps in TAPS:
@@ -107,11 +107,11 @@ def rules(source: StrategySource) -> str:
     ]
     unit = source["what_unit"]
     head = [f"rule, {source['name']}", "mean taps", f"object error of the answers ({unit})"]
-    return table([*head, f"less the paper's rule ({unit})", "null decisions"], lines)
+    return table([*head, f"− that of the paper's rule ({unit})", "null decisions"], lines)
 
 
 def trusted(sources: Sequence[StrategySource]) -> str:
-    """Miscalibration, gain, and what was promised and told, under every root of the likelihood."""
+    """Miscalibration, gain, and expected and gained information, for every exponent of the likelihood."""
     factors, names = ("factor", "factor_ratio"), ("gain", "expected", "told", "excess_difference")
     lines = [
         [
@@ -127,8 +127,18 @@ def trusted(sources: Sequence[StrategySource]) -> str:
         for row in power["trust"]
         if row["strategy"] in (BASE, "random", "info-what", "info-joint")
     ]
-    head = ["data", "power (exponent)", "strategy", "miscalibration", "over fixation's", "P(wrong): fixation less it"]
-    return table([*head, "promised (nats)", "told (nats)", "excess less fixation's", "null decisions"], lines)
+    head = [
+        "data",
+        "power (exponent)",
+        "strategy",
+        "miscalibration",
+        "ratio to fixation",
+        "P(wrong): fixation − strategy",
+    ]
+    return table(
+        [*head, "expected (nats)", "gained (nats)", "difference of expected − gained from fixation", "null decisions"],
+        lines,
+    )
 
 
 def benches(data_sets: int, seed: int, folder: Path | None) -> Iterator[StrategyData]:

@@ -1,4 +1,4 @@
-"""Gain of tuning in a new session, and the speed of learning on line.
+"""Gain of tuning in a new session, and the speed of learning online.
 
 Simulated data sets of the paper's size. Three sessions of each are training data; fixation point and threshold are
 chosen by leaving each session out in turn, or from the halves of the first session alone. A fourth session gives the
