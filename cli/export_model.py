@@ -100,8 +100,8 @@ def _decisions(
 def _told(fitted: "TapModel", target: Path) -> str:
     """Description of the file written."""
     sizes = (
-        f"{fitted.grid.L} x {fitted.grid.M} (position, object) classes, {fitted.K} taxels, {fitted.preprocessing.samples} "
-        f"samples, {fitted.edges.shape[-1] - 1} bins"
+        f"{fitted.grid.L} x {fitted.grid.M} (position, object) classes, {fitted.K} taxels, "
+        f"{fitted.preprocessing.samples} samples, {fitted.edges.shape[-1] - 1} bins"
     )
     if fitted.saturation == float("inf"):
         return f"{fitted.name}: {sizes}, in {target}"

@@ -107,8 +107,8 @@ def strategies(
         data_sets: Simulated data sets of each preset.
         division: Width of the cells, and whether test taps that are among the training taps are kept.
         trials: Trials of each data set and strategy.
-        regret: Trials for what strategies cost more than the exact rule, or a bound, on taps of a correct model; 0 skips
-            that, `None` does it with the usual number if there is a preset.
+        regret: Trials for the cost of strategies beyond that of the exact rule, or a bound, on taps of a correct model;
+            0 skips that, `None` does it with the usual number if there is a preset.
         workers: Data sets at a time; `None` for as many as there are cores.
         seed: Random seed.
         progress: Told the name and size of every stage; gives the function that counts what is done.

@@ -51,7 +51,8 @@ def test_trials_and_perceive_answer_the_same_for_both_files(files, model, comman
 
     assert done.code == 0
     assert done.out == (
-        f"histogram: 16 x 5 (position, object) classes, 12 taxels, 50 samples, 100 bins, in {model.with_suffix('.json')}\n"
+        "histogram: 16 x 5 (position, object) classes, 12 taxels, 50 samples, 100 bins, "
+        f"in {model.with_suffix('.json')}\n"
     )
     assert played.out == command("trials", model, *words).out
     assert played.code == 0
