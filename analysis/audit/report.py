@@ -60,7 +60,7 @@ class AuditReport(StudyReport):
 
     @property
     def calibration(self) -> xr.Dataset:
-        """Miscalibration of decisions, of all objects and of each, and that of a correct model, with p-values, dim what.
+        """Miscalibration of decisions about all objects and each, and that of a correct model, with p-values, dim what.
 
         The attribute `verdict` says how beliefs compare with outcomes.
         """

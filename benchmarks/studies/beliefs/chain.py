@@ -1,9 +1,9 @@
 """Calibration of the whole chain: beliefs of all engines for a correct model, and with planted errors.
 
 For a correct model (preset `model`: taps of four samples from fitted histograms, power none, border clamp) the truth
-must rank uniformly, and decisions must be right as often as believed. An error planted in the filter alone must be detected;
-the detection rate is counted over repetitions at several sample sizes, and without an error it is the false-alarm rate.
-Repetitions use the array code, which is fastest.
+must rank uniformly, and decisions must be right as often as believed. An error planted in the filter alone must be
+detected; the detection rate is counted over repetitions at several sample sizes, and without an error it is the
+false-alarm rate. Repetitions use the array code, which is fastest.
 
 `--document docs/explanation/calibration.md` updates the tables and the figure of that page.
 """

@@ -2,9 +2,9 @@
 
 Histograms of known truth give one session of taps for training and one of equal size for tuning. Exponent and
 saturation are tuned and compared with those of a correct model as in an audit; `learned` is the exponent of `fit
---power learned`, which leaves out each of the two sessions in turn. Truths are tables of 12 symbols from Dirichlet 1, and
-normal curves over 30 bins at 6 x 3 classes, new in each data set. Planted dependence repeats one sample of each tap J
-times.
+--power learned`, which leaves out each of the two sessions in turn. Truths are tables of 12 symbols from Dirichlet 1,
+and normal curves over 30 bins at 6 x 3 classes, new in each data set. Planted dependence repeats one sample of each tap
+J times.
 
 `--document docs/explanation/intervals.md` updates the tables of that page.
 """
