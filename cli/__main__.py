@@ -1,4 +1,4 @@
-"""`python -m solidtouch.cli`, for where the command is not on the path."""
+"""`python -m solidtouch.cli`, if the command is not on the path."""
 
 from .main import run
 

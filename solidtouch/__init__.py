@@ -1,4 +1,4 @@
-"""Active Bayesian perception for robot touch: where and what, from taps.
+"""Active Bayesian perception for robot touch: object and position from taps.
 
 Names are listed with their places in `__init__.pyi` and described in docs/reference/api.md. They are loaded when
 they are first asked for, so that importing this package costs nothing.

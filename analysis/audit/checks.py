@@ -1,4 +1,4 @@
-"""Posterior predictive checks of an audit: could taps that are as naive Bayes says look like these?
+"""Posterior predictive checks of an audit: do taps drawn from the naive-Bayes model resemble the recorded ones?
 
 The model is fitted to the very taps that are checked, of all sessions, and replicates of them are drawn from it: new
 histograms from their posterior, then every sample by itself. The posterior is that without a pseudocount, a Dirichlet

@@ -1,4 +1,4 @@
-"""What data would be enough: the smallest miscalibration factor that a design can detect.
+"""Amount of data needed for a verdict: the smallest miscalibration factor that a design can detect.
 
 The factor of a data set is the number of wrong decisions over the number that beliefs expect. A right model gives it a
 distribution on each design (sessions, taps per class), by simulation from the fitted model (`stats.right_model`);
@@ -47,7 +47,7 @@ class Design(NamedTuple):
 
 
 class Detectable(NamedTuple):
-    """What a design can detect.
+    """The smallest factor that a design can detect.
 
     Attributes:
         design: The design.

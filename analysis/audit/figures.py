@@ -1,4 +1,4 @@
-"""Figures of an audit: where the naive-Bayes assumption fails, and what each remedy buys.
+"""Figures of an audit: where the naive-Bayes assumption fails, and the effect of each remedy.
 
 Data are those of `causes.split_variance`, `dependence.taxels.taxel_dependence`, `dependence.times.time_dependence`,
 `remedy_scores.measure` and `leakage.run.leakage`. A figure that there is nothing to draw for is `None`.
@@ -52,7 +52,7 @@ _SPAN = 300.0  # from the least to the largest factor that the axis holds
 
 @styled
 def causes(split: xr.Dataset, named: str | None = None) -> Figure | None:
-    """Shares of the variance of evidence by cause, the largest on top, the one that is named first in orange.
+    """Shares of the variance of evidence by cause, the largest on top, the main cause in orange.
 
     Args:
         split: From `causes.split_variance`.
@@ -67,7 +67,7 @@ def causes(split: xr.Dataset, named: str | None = None) -> Figure | None:
 
 
 def plot_causes(axes: Axes, split: xr.Dataset, named: str | None) -> Axes:
-    """Draws a bar with its interval for each part; pale where it may be none, last where it cannot be told."""
+    """Draws a bar with its interval for each part; pale if not significant, last if not estimable."""
     order = np.argsort(-np.nan_to_num(split["share"].values, nan=-np.inf), kind="stable")
     split = split.isel(part=order)
     parts = [str(part) for part in split["part"].values]
@@ -211,7 +211,7 @@ def plot_lags(axes: Axes, dependence: xr.Dataset, name: str, rate_hz: float | No
 
 @styled
 def remedies(measured: Measured) -> Figure | None:
-    """What each remedy buys, a row each with the setting as it is on top, and a panel per currency.
+    """Effect of each remedy, a row each with the current setting on top, and a panel per quantity.
 
     Args:
         measured: From `remedy_scores.measure`.
@@ -267,7 +267,7 @@ def plot_changes(axes: Axes, values: Sequence[Interval], *, more_is_better: bool
 
 
 def plot_factors(axes: Axes, values: Sequence[Interval]) -> Axes:
-    """Draws miscalibration factors on a log axis with 1, which is right, as a line."""
+    """Draws miscalibration factors on a log axis, with a line at 1 (calibrated)."""
     from matplotlib.ticker import FixedLocator, NullLocator, StrMethodFormatter  # noqa: PLC0415
 
     axes.set_xscale("log")
@@ -301,7 +301,7 @@ def plot_factors(axes: Axes, values: Sequence[Interval]) -> Axes:
 
 @styled
 def leakage(result: Leakage) -> Figure | None:
-    """What is inferred without touch beside what whole taps achieve, a panel for each of object, position and both.
+    """Accuracy without touch and of whole taps, a panel for each of object, position and both.
 
     Args:
         result: From `leakage.run.leakage`.

@@ -1,4 +1,4 @@
-"""Figures of what a wrong belief costs: reliability, broken promises, and the threshold for a wanted error.
+"""Figures of the cost of wrong beliefs: reliability, exceeded bounds, and the threshold for a wanted error.
 
 Datasets are those of `reliability.reliability` and `guarantees.guarantees`. Everything together is black, passive
 perception alone red; objects have the same colour in all of them.
@@ -84,7 +84,7 @@ def reliability_at_stopping(data: xr.Dataset) -> Figure:
 
 @styled
 def guarantee_factors(data: xr.Dataset) -> Figure:
-    """By what factor promises are exceeded at each threshold, passive and active side by side.
+    """Ratio of error rates to the bounds of the stopping rule at each threshold, passive and active side by side.
 
     Args:
         data: From `guarantees.guarantees`.

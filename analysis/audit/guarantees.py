@@ -1,4 +1,4 @@
-"""What a stopping rule promises when the measurement model is right, and by what factor the promise is broken.
+"""Error bounds of a stopping rule for a correct model, and the factor by which they are exceeded.
 
 With a correct model and prior, the likelihood at power 1 and the border `clamp`, which is what a finger that stops at
 the end of its range does to the belief, two things hold for any moves, because these depend on past taps only:
@@ -48,7 +48,7 @@ def guarantees(
     trials: int = TRIALS,
     resamples: int = RESAMPLES,
 ) -> xr.Dataset:
-    """How often decisions are wrong, beside what the stopping rule would promise were the model right.
+    """Error rates, and the bounds that the stopping rule guarantees for a correct model.
 
     Args:
         correct: Test taps as the model at power none sees them; played with the border `clamp`.
@@ -136,7 +136,7 @@ def broken(data: xr.Dataset, policy: str, theta: float) -> dict[str, dict[str, l
 
 
 class PromiseTest(NamedTuple):
-    """Whether a promise is exceeded by more than so few taps explain.
+    """Test whether a bound is exceeded by more than the number of taps explains.
 
     Attributes:
         exceeded: Whether it is.

@@ -1,4 +1,4 @@
-"""An audit as a page: the verdict, where the model fails, what that costs and what to do."""
+"""Page of an audit: the verdict, where the model fails, what that costs, and remedies."""
 
 from collections.abc import Iterator
 from functools import partial
@@ -38,7 +38,7 @@ _TESTS = {
 
 
 def audit_page(audit: Audit, summary: AuditSummary) -> Page:
-    """The verdict, where the model fails, what that costs and what to do.
+    """The page: the verdict, where the model fails, what that costs, and remedies.
 
     Args:
         audit: What came out, for the figures.

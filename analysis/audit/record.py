@@ -1,4 +1,4 @@
-"""What `audit.json` holds, in the order of the page.
+"""Records of `audit.json`, in the order of the page.
 
 Rows of numbers name only the keys that stand in the code. A number that is missing or infinite is `None`; where an
 infinite factor has a meaning, `unbounded` says so.
@@ -15,7 +15,7 @@ type Triple = Sequence[float | None]
 
 
 class BesideRecord(TypedDict):
-    """What a right model gives, and where the value stands among that."""
+    """Range under a correct model, and the rank of the value in it."""
 
     value: float | None
     median: float | None
@@ -26,7 +26,7 @@ class BesideRecord(TypedDict):
 
 
 class FactorRecord(TypedDict):
-    """A miscalibration factor beside what a right model gives."""
+    """A miscalibration factor, and its range under a correct model."""
 
     factor: Triple
     unbounded: bool
@@ -34,7 +34,7 @@ class FactorRecord(TypedDict):
 
 
 class JudgedRecord(FactorRecord):
-    """By what beliefs were called right or wrong, of all objects and of each."""
+    """Factors behind the verdict on beliefs, for all objects and each."""
 
     wrong: float | None
     exact: bool
@@ -44,7 +44,7 @@ class JudgedRecord(FactorRecord):
 
 
 class VerdictEvidence(TypedDict):
-    """What the verdict rests on."""
+    """Evidence behind the verdict."""
 
     judged: JudgedRecord
     first_cause: str | None
@@ -52,7 +52,7 @@ class VerdictEvidence(TypedDict):
 
 
 class VerdictRecord(TypedDict):
-    """What was found."""
+    """The verdict."""
 
     state: str
     sentences: list[str]
@@ -67,7 +67,7 @@ class BeforeContact(TypedDict):
 
 
 class LeakageRecord(TypedDict):
-    """What is inferred without touch."""
+    """Leakage: classification without touch."""
 
     sentences: list[str]
     judged: bool
@@ -101,7 +101,7 @@ class SuspectRow(TypedDict):
 
 
 class VarianceRecord(TypedDict):
-    """What makes evidence vary."""
+    """Variance of the evidence, by cause."""
 
     parts: list[PartRow]
     sizes: list[SizeRow]

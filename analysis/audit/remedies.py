@@ -1,4 +1,4 @@
-"""What could be done about beliefs that are wrong: other readings of the evidence, other models, other classes.
+"""Remedies for wrong beliefs: other exponents, other models, finer classes.
 
 Each remedy changes one thing and, where it has one, tunes its exponent on sessions that did not train it: a model that
 assumes less still deserves an exponent of its own. None sees the taps that it is later measured on.

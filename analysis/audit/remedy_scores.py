@@ -1,4 +1,4 @@
-"""What remedies buy on taps that neither trained nor tuned them.
+"""Effect of the remedies on taps that neither trained nor tuned them.
 
 Two currencies. Beliefs: the mean log belief in the true object (or place, where there is one object) after a fixed
 number of taps, a proper score, on the same sequences for every remedy. Decisions: the error at the mean reaction time

@@ -1,4 +1,4 @@
-"""The naive-Bayes assumption audited on taps of your own: what `solidtouch.audit` does and gives back."""
+"""Audit of the naive-Bayes assumption on recorded taps: the function `solidtouch.audit` and its report."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -55,7 +55,7 @@ class AuditReport(StudyReport):
 
     @property
     def verdict(self) -> list[str]:
-        """What was found, in sentences."""
+        """The verdict, in sentences."""
         return self.summary["verdict"]["sentences"]
 
     @property

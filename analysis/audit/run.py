@@ -1,4 +1,4 @@
-"""An audit of the naive-Bayes assumption on recorded taps: where it fails, what that costs and which remedy pays."""
+"""Audit of the naive-Bayes assumption on recorded taps: where it fails, what that costs, which remedy helps."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace

@@ -1,4 +1,4 @@
-"""What an audit found as plain numbers and words, for `audit.json` and the page."""
+"""Results of an audit as plain numbers and text, for `audit.json` and the page."""
 
 from collections.abc import Mapping, Sequence
 from importlib.metadata import version

@@ -11,7 +11,7 @@ from .variance.causes import suspect_part
 
 
 def calibration_table(summary: AuditSummary) -> xr.Dataset:
-    """Miscalibration of decisions beside what a right model gives, for all objects and each, dim what."""
+    """Miscalibration of decisions and of a correct model, for all objects and each, dim what."""
     judged = summary["miscalibration"]["evidence"]["judged"]
     parts: Mapping[str, FactorRecord] = {"all": judged, **judged["each"]}
     rows = (
@@ -84,7 +84,7 @@ def after_taps_table(summary: AuditSummary) -> xr.Dataset:
 
 
 def remedies_table(summary: AuditSummary) -> xr.Dataset:
-    """What each remedy gains on the setting as it is, which comes first, dim remedy."""
+    """Gain of each remedy over the current setting, which comes first, dim remedy."""
     evidence = summary["remedy"]["evidence"]
     units = {
         **dict.fromkeys(("log_score", "gain", "sure_gain", "gain_per_tap"), "nats"),

@@ -1,4 +1,4 @@
-"""`compare`: measurement models side by side, by prediction, classification and decisions.
+"""`compare`: measurement models compared by prediction, classification and decision error.
 
 Start at `run`, then `taps`, `classes` and `ranking`.
 No model is defined here: the catalogue is in `models`.

@@ -1,4 +1,4 @@
-"""Models compared by what they say of the class after a fixed number of contacts, without stopping rule or moves.
+"""Models compared by classification after fixed numbers of taps, without stopping rule or moves.
 
 All models see the same sequences of distinct test taps, and the same sequences from resamples of these taps, so that
 differences pair; see `inference.trials.resampling` for what is drawn anew and how that gives intervals.
@@ -182,7 +182,7 @@ def class_scores(
 
 
 def class_interval_sentence() -> str:
-    """What the intervals of `class_scores` mean, in a sentence."""
+    """Sentence that explains the intervals of `class_scores`."""
     return (
         f"Intervals are {CONFIDENCE:.0%} jackknife intervals, leaving out a quarter of the test taps of each class, "
         "or one test session at a time if there are several, the same for all models."

@@ -116,7 +116,7 @@ def decision_differences(equal: xr.Dataset, grid: ClassGrid) -> Figure:
 
 @styled
 def miscalibration(curves: xr.Dataset) -> Figure:
-    """How much more often decisions are wrong than the belief says, against the threshold, passive and active."""
+    """Miscalibration factor against the threshold, passive and active."""
     return _panels(curves, [[(plot_miscalibration, {"policy": p}) for p in _policies(curves)]], 2.6, sharey="row")
 
 
@@ -192,7 +192,7 @@ def plot_against_taps(axes: Axes, curves: xr.Dataset, name: str, policy: str) ->
 
 
 def plot_miscalibration(axes: Axes, curves: xr.Dataset, policy: str) -> Axes:
-    """Draws the miscalibration against the belief threshold on a log scale, with 1, which is right, as a line."""
+    """Draws the miscalibration factor against the belief threshold on a log scale, with a line at 1 (calibrated)."""
     curves = curves.sel(policy=policy).sortby("theta")
     axes.set_yscale("log")
     axes.axhline(1, color="grey", linewidth=0.8, linestyle=":")

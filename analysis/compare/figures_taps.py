@@ -1,4 +1,4 @@
-"""Figures of how well models predict taps: sessions left out, single taps left out, and predictive checks."""
+"""Figures of the prediction of taps: sessions left out, single taps left out, and predictive checks."""
 
 from __future__ import annotations
 
@@ -101,7 +101,7 @@ def plot_pareto(axes: Axes, left_out: xr.Dataset) -> Axes:
 
 @styled
 def predictive_checks(checks: xr.Dataset) -> Figure:
-    """What training taps show beside what each model would have made of them, a panel per statistic.
+    """Statistics of the training taps and of replicates from each model, a panel per statistic.
 
     Args:
         checks: From `stats.checks.predictive_checks`.

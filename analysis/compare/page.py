@@ -1,4 +1,4 @@
-"""A comparison as a page, and its labelled numbers."""
+"""Page and labelled numbers of a comparison."""
 
 from collections.abc import Iterator
 from functools import partial
@@ -34,7 +34,7 @@ def comparison_tree(comparison: Comparison, summary: ComparisonSummary) -> xr.Da
 
 
 def comparison_page(comparison: Comparison, summary: ComparisonSummary) -> Page:
-    """Everything that was found, the ranks first.
+    """The page: ranks first, then all results.
 
     Args:
         comparison: What came out, for the figures.

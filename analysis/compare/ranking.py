@@ -1,4 +1,4 @@
-"""Where each model stands at each level of a comparison, and where the levels disagree."""
+"""Rank of each model at each level of a comparison, and disagreement between the levels."""
 
 from collections.abc import Sequence
 from typing import NamedTuple
@@ -33,7 +33,7 @@ class Criterion(NamedTuple):
     high: dict[str, float]
 
     def rank(self, name: str) -> int:
-        """One more than the models that are better; equal ones share a rank."""
+        """Rank of a model: 1 plus the number of better ones; ties share a rank."""
         sign = 1 if self.larger else -1
         return 1 + sum(sign * value > sign * self.values[name] for value in self.values.values())
 
@@ -84,7 +84,7 @@ def rank_rows(levels: Sequence[Criterion], names: Sequence[str]) -> list[RankRow
 
 
 def findings(levels: Sequence[Criterion], reference: str) -> list[str]:
-    """Who is best at each level, by how much, and what the best of the first level does at the others."""
+    """Sentences: the best model at each level, by how much, and how the best predictor does at the others."""
     sentences = []
     for level in levels:
         best = level.best[0]

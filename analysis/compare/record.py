@@ -1,4 +1,4 @@
-"""What `summary.json` of a comparison holds.
+"""Records of `summary.json` of a comparison.
 
 Rows of numbers name only the keys that stand in the code; quantities also have their bounds and the difference to the
 reference model, `taps_low` or `taps_difference_high`. A number that is missing is `None`, an infinite one a word.
@@ -13,7 +13,7 @@ type Value = float | str | None
 
 
 class ComparedData(TypedDict):
-    """The data in words."""
+    """Description of the data."""
 
     title: str
     command: str
@@ -49,7 +49,7 @@ class RefusedModel(TypedDict):
 
 
 class TapRow(TypedDict):
-    """How a model predicts taps of sessions left out; the weight is that of stacking."""
+    """Scores of a model for taps of sessions left out; `weight` is the stacking weight."""
 
     name: str
     weight: NotRequired[float]
@@ -69,14 +69,14 @@ class SingleTapRow(TapRow):
 
 
 class ClassRow(TypedDict):
-    """What a model says of the class after some contacts."""
+    """Scores of a model's belief in the class after some contacts."""
 
     name: str
     contacts: int
 
 
 class DecisionRow(TypedDict):
-    """How a model decides at a threshold."""
+    """Errors and reaction times of a model at a threshold."""
 
     name: str
     policy: str
@@ -111,28 +111,28 @@ class CheckRow(TypedDict):
 
 
 class LevelRecord(TypedDict):
-    """What models are ranked by."""
+    """A quantity by which models are ranked."""
 
     title: str
     unit: str
 
 
 class RankCell(TypedDict):
-    """Where a model stands at a level."""
+    """Rank of a model at a level."""
 
     rank: int
     value: float
 
 
 class RankRow(TypedDict):
-    """Where a model stands at every level, `None` where it has no number."""
+    """Ranks of a model at all levels, `None` where it has no number."""
 
     name: str
     levels: list[RankCell | None]
 
 
 class ComparisonSummary(ComparedData):
-    """The file."""
+    """Content of `summary.json`."""
 
     versions: Mapping[str, str]
     seed: int

@@ -1,4 +1,4 @@
-"""Measurement models compared on taps of your own: what `solidtouch.compare` does and gives back."""
+"""Measurement models compared on recorded taps: the function `solidtouch.compare` and its report."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -30,7 +30,7 @@ from .summary import summarise
 
 @dataclass(frozen=True, eq=False, repr=False)
 class ComparisonReport(StudyReport):
-    """Measurement models side by side, by how they predict taps, tell classes and decide.
+    """Measurement models compared by prediction, classification and decision error.
 
     Attributes:
         found: All results.
@@ -65,7 +65,7 @@ class ComparisonReport(StudyReport):
 
     @property
     def elpd(self) -> dict[str, Any]:
-        """Log probabilities of the taps of sessions left out, by model, as `az.compare` takes them.
+        """Log probabilities of the taps of sessions left out, by model, as input of `az.compare`.
 
         Each tap's are relative to the best model of that tap: only differences count, and their exponentials are taken.
         """
@@ -93,7 +93,7 @@ def compare(
     progress: Progress = no_progress,
     command: str = "",
 ) -> ComparisonReport:
-    """Fits measurement models to training taps and compares how they predict taps, tell classes and decide.
+    """Fits measurement models to training taps and compares their prediction, classification and decision errors.
 
     Args:
         data: One tap set or file that is divided, or two, of which the first trains and the second tests.

@@ -1,4 +1,4 @@
-"""Models of the catalogue compared on the same taps at three levels: taps, classes and decisions."""
+"""Comparison of measurement models on the same taps at three levels: taps, classes and decisions."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
@@ -65,7 +65,7 @@ class CompareSettings:
 
 
 class Comparison(NamedTuple):
-    """What came out.
+    """Results of a comparison.
 
     Attributes:
         grid: The classes.
@@ -109,7 +109,7 @@ class Comparison(NamedTuple):
 def compare_models(
     train: TapSet, test: TapSet, grid: ClassGrid, settings: CompareSettings, progress: Progress
 ) -> Comparison:
-    """Fits every model and compares those that the training taps can carry.
+    """Fits every model and compares those that can be fitted to the training taps.
 
     Args:
         train: Training taps.

@@ -1,4 +1,4 @@
-"""A comparison in numbers and sentences: `summary.json`, from which the page and the printed table are made."""
+"""Summary of a comparison: `summary.json`, from which the page and the printed table are made."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -53,7 +53,7 @@ _DECISIONS = (
 
 
 def summarise(comparison: Comparison, settings: CompareSettings, described: ComparedData) -> ComparisonSummary:
-    """What `summary.json` holds.
+    """Content of `summary.json`.
 
     Args:
         comparison: What came out.

@@ -1,4 +1,4 @@
-"""Models compared by how well they predict taps: log probability of the bins of a tap under its own class.
+"""Models compared by prediction of taps: log probability of the bins of a tap under its own class.
 
 All densities are at power 1, as a powered likelihood is not normalised, and all are probabilities of the same bins.
 Two ways to leave taps out. Single training taps: by Pareto smoothed importance sampling (Vehtari et al., JMLR 25 (2024)

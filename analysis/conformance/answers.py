@@ -1,4 +1,4 @@
-"""What a program answers to a tap, and lines of answers read with suspicion."""
+"""Parser and checks of a program's answers to taps."""
 
 import json
 from collections.abc import Mapping

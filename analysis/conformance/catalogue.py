@@ -1,4 +1,4 @@
-"""All cases of the kit, by name and in the order in which a beginner would meet them."""
+"""All cases of the kit, by name, from simple to complex."""
 
 from collections.abc import Sequence
 from functools import cache, lru_cache

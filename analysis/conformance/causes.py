@@ -1,4 +1,4 @@
-"""Which usual mistake a program has made, from all the cases that it got wrong.
+"""Likely mistake of a program, from all cases in which its answers differ.
 
 A mistake that explains one case may explain many; the likeliest cause of a case is the one that explains most.
 One that would fail a case which the program passes is none.

@@ -1,4 +1,4 @@
-"""A program's answers beside the right ones: the first thing that differs."""
+"""First difference between a program's answers and the exact ones."""
 
 from collections.abc import Sequence
 from typing import Any, NamedTuple

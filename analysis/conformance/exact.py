@@ -1,4 +1,4 @@
-"""The answers to a case in 60-digit arithmetic, straight from the paper's equations.
+"""Exact answers to a case in 60-digit arithmetic, straight from the paper's equations.
 
 It shares no code with the reference and the engines. Numbers of this arithmetic have no smallest one, so beliefs are
 plain probabilities, whatever their size. Every step is a method, so that a usual mistake is a class in which one step

@@ -1,4 +1,4 @@
-"""The kit as files, for where no Python is: cases with their right answers, and what a program reads."""
+"""The kit as files, for machines without Python: cases with exact answers and the input of a program."""
 
 import json
 from collections.abc import Callable, Sequence

@@ -1,4 +1,4 @@
-"""Usual mistakes, each as the exact equations with one step done wrongly, and which of them explains an answer."""
+"""Common mistakes, each as the exact equations with one wrong step, and the search for one that explains an answer."""
 
 from bisect import bisect_left
 from collections.abc import Callable, Iterator, Sequence

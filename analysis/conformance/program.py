@@ -1,4 +1,4 @@
-"""Foreign programs: run with a case on their standard input, whatever they do."""
+"""Runs a program in any language with a case on its standard input, robust to crashes and time-outs."""
 
 import os
 import shlex

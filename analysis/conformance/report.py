@@ -1,4 +1,4 @@
-"""The conformance kit for Python: what `solidtouch.conformance` offers, and what its checks give back."""
+"""The conformance kit for Python: `solidtouch.conformance` and its reports."""
 
 from collections.abc import Callable, Mapping, Sequence
 from copy import deepcopy

@@ -1,4 +1,4 @@
-"""The answers of this software's own engines to a case."""
+"""Answers of the engines of this software to a case."""
 
 from collections.abc import Callable, Iterator
 from typing import NamedTuple

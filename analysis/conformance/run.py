@@ -1,4 +1,4 @@
-"""All cases through the engines of this software, a foreign program or a Python function."""
+"""Runs all cases through the engines of this software, a program or a Python function."""
 
 import re
 from collections.abc import Callable, Iterable, Mapping, Sequence

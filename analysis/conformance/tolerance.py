@@ -1,4 +1,4 @@
-"""How near an answer must come, and where more than one passes.
+"""Tolerances of answers, and answers allowed where rounding decides.
 
 Errors of floating point grow with what has to be added up, so the tolerance of a case does.
 """

@@ -1,4 +1,4 @@
-"""Cases played as whole trials of the Monte Carlo, which draws its taps and moves by itself.
+"""Cases played as whole Monte Carlo trials, which draw taps and moves themselves.
 
 Taps are scripted by a pool in which the random numbers of one stream find them in order.
 """

@@ -1,4 +1,4 @@
-"""What a program's output is worth: per case pass, the first difference with its likely cause, or how it failed."""
+"""Verdict on a program's output for each case: pass, the first difference with its likely cause, or a failure."""
 
 from collections import Counter
 from collections.abc import Sequence

@@ -1,4 +1,4 @@
-"""Cross-checks and calibrations as pages."""
+"""Pages of cross-checks and calibrations."""
 
 from collections.abc import Iterator, Mapping, Sequence
 

@@ -1,4 +1,4 @@
-"""All ways of computing the posterior, compared on taps: what `solidtouch.crosscheck` does and returns."""
+"""Cross-check of all ways of computing the posterior: the function `solidtouch.crosscheck` and its report."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass

@@ -1,4 +1,4 @@
-"""Simulation-based calibration of perception as a whole: prior, taps, updates, moves, stopping, decisions.
+"""Simulation-based calibration of the whole chain: prior, taps, updates, moves, stopping, decisions.
 
 Episodes are drawn in a world that fulfils every assumption (preset `model`: histograms, power none, a sensor that stops
 at the ends of its range). There the posterior is exact for any moves and any stopping rule, as both depend on past taps

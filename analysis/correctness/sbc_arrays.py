@@ -1,4 +1,4 @@
-"""Many episodes side by side with the array code of the Monte Carlo, every tap drawn anew; see `calibration`.
+"""Many simulated episodes at once with the array code of the Monte Carlo, every tap drawn anew; see `sbc`.
 
 What `inference.trials.gpu` does to one belief is done here to all of them, tap by tap. It is the fastest way to beliefs
 over all classes, which whole trials do not return.

@@ -1,4 +1,4 @@
-"""Episodes in a world that fulfils every assumption, perceived by an engine; see `calibration`.
+"""Simulated episodes that satisfy every assumption, perceived by an engine; see `sbc`.
 
 Class and place are drawn from the prior, every tap anew from the histograms of the class where the sensor stands, and
 moves end at the ends of the range.

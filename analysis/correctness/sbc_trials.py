@@ -1,4 +1,4 @@
-"""Decisions of whole Monte Carlo trials on taps that are as good as fresh; see `calibration`.
+"""Decisions of whole Monte Carlo trials on pools so large that taps hardly repeat; see `sbc`.
 
 Trials draw from a pool of stored taps with replacement, and the proofs speak of fresh ones. So every thousand trials
 have a pool of their own, of a thousand taps per class and more where active trials go, so that a trial hardly meets a

@@ -1,4 +1,4 @@
-"""Every way of computing the posterior, run over the same episodes and compared.
+"""Comparison of all ways of computing the posterior on the same episodes.
 
 Routes from a fitted model: the plain NumPy reference, the enumerated one-tap NumPyro model, the compiled filter of the
 Monte Carlo, the whole-sequence NumPyro model summed by funsor for the first taps of each episode, and whole trials of
@@ -76,7 +76,7 @@ class RouteDifference(NamedTuple):
 
 
 class CrossCheck(NamedTuple):
-    """What the comparison found.
+    """Results of the cross-check of one model.
 
     Attributes:
         rows: Largest differences.

@@ -1,4 +1,4 @@
-"""What in a tap set may mislead: each function looks for one thing and yields a sentence if it is there."""
+"""Data-quality warnings of tap sets: each function checks one problem and yields a sentence if it occurs."""
 
 from collections.abc import Iterator, Sequence
 
@@ -14,7 +14,7 @@ _NAMED = 6  # how many cells, classes or taxels a sentence names before it only 
 
 
 def data_warnings(taps: TapSet, grid: ClassGrid, *, alone: bool = True) -> Iterator[str]:
-    """One sentence for each thing that may mislead, the gravest first.
+    """Data-quality warnings, one sentence each, the most serious first.
 
     Args:
         taps: What to look at.
@@ -35,7 +35,7 @@ def data_warnings(taps: TapSet, grid: ClassGrid, *, alone: bool = True) -> Itera
 
 
 def fold_warnings(fold: Fold, grid: ClassGrid, *, one_file: bool) -> list[str]:
-    """What may mislead in training and test taps, looked at together where they come from one file."""
+    """Data-quality warnings of training and test taps, checked together if they come from one file."""
     files = [concatenate([fold.train, fold.test])] if one_file else [fold.train, fold.test]
     sentences = [sentence for taps in files for sentence in data_warnings(taps, grid, alone=one_file)]
     return list(dict.fromkeys(sentences))

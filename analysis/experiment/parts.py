@@ -1,4 +1,4 @@
-"""Which taps of an audit train, which tune and which measure."""
+"""Training, tuning and measuring taps of an audit."""
 
 from collections.abc import Sequence
 from pathlib import Path

@@ -25,7 +25,7 @@ type Play = Callable[[TrialPlan, bool, bool], Trials]
 
 
 class Outcomes[T](NamedTuple):
-    """What came of trials, by place and threshold.
+    """Outcomes of trials, by position and threshold.
 
     Attributes:
         passive: By sensing position.

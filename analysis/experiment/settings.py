@@ -1,4 +1,4 @@
-"""What changes the numbers of the experiment."""
+"""Settings that change the numbers of the experiment."""
 
 import numpy as np
 
@@ -17,7 +17,7 @@ SHOWN_THETA = PlaySettings().threshold
 
 
 class ExperimentSettings(Checked, frozen=True, kw_only=True):
-    """Everything that changes the numbers of the experiment.
+    """Settings that change the numbers of the experiment.
 
     Attributes:
         model: Measurement model of the catalogue.

@@ -1,4 +1,4 @@
-"""The data of a comparison: many simulated data sets or one recording, with their units; and a model to draw from."""
+"""Data of a comparison: simulated data sets or one recording, with their units; and a correct model."""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -23,7 +23,7 @@ _FEWEST_SESSIONS = 3
 
 
 class Source(NamedTuple):
-    """Where the units of a comparison come from.
+    """Source of the units of a comparison.
 
     Attributes:
         name: For print.

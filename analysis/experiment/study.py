@@ -1,4 +1,4 @@
-"""The paper's experiment on one data set: fit, then passive and active trials at every place and threshold."""
+"""The paper's experiment on one data set: fit, then passive and active trials at every position and threshold."""
 
 from collections.abc import Callable
 from typing import NamedTuple
@@ -17,7 +17,7 @@ from .settings import ExperimentSettings
 
 
 class Study(NamedTuple):
-    """One data set's results.
+    """Results of one data set.
 
     Attributes:
         name: Of the data set.

@@ -1,4 +1,4 @@
-"""Trials of the Monte Carlo beside the same trials played tap by tap with the reference equations."""
+"""Monte Carlo trials compared with the same trials played tap by tap by the reference equations."""
 
 from collections.abc import Iterator
 from typing import NamedTuple

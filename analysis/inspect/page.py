@@ -1,4 +1,4 @@
-"""An `Inspection` as a page."""
+"""Page of an inspection."""
 
 from collections.abc import Iterator
 

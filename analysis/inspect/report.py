@@ -1,4 +1,4 @@
-"""Sizes, ranges and data-quality warnings of taps: what `solidtouch.inspect` does and returns."""
+"""Sizes, ranges and data-quality warnings of taps: the function `solidtouch.inspect` and its report."""
 
 from dataclasses import dataclass
 
@@ -15,7 +15,7 @@ from .run import Inspection, inspect_taps
 
 @dataclass(frozen=True, eq=False, repr=False)
 class InspectionReport(Report):
-    """What a tap set holds, and what in it may mislead.
+    """Sizes, ranges and data-quality warnings of a tap set.
 
     Attributes:
         found: All results.

@@ -1,4 +1,4 @@
-"""What a tap set holds, and what in it may mislead, before anything is fitted."""
+"""Sizes, ranges and data-quality warnings of a tap set, before any fit."""
 
 from dataclasses import asdict, dataclass
 from typing import Any

@@ -1,4 +1,4 @@
-"""The live view of an episode, and its picture.
+"""Live view of an episode, and its picture.
 
 Start at `view`. No decisions: the view shows what an episode of `inference` reports.
 """

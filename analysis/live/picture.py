@@ -1,4 +1,4 @@
-"""The live view as a picture for a paper: text drawn without the frame of a window and without fonts to fetch."""
+"""The live view as an SVG picture: text without a window frame or fonts to download."""
 
 from io import StringIO
 

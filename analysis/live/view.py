@@ -1,4 +1,4 @@
-"""The belief as it grows: one picture, one sentence or one record for each tap, for grids of any size.
+"""Live view of the belief: a picture, a sentence or a record for each tap, for grids of any size.
 
 The picture is a heat map of the joint belief with its marginals beside it. Colours go from dark to bright and are
 told apart by the colour-blind; percentages stand in the cells, so it can be read without colour too.

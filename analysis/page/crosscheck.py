@@ -1,4 +1,4 @@
-"""The cross-check of engines as a table."""
+"""Table of a cross-check of engines."""
 
 from ..experiment.crosscheck import CrossCheck
 from .numbers import number

@@ -1,4 +1,4 @@
-"""Which objects are taken for which."""
+"""Figure of the confusion of objects."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ _NUMBERS_UP_TO = 12
 
 @styled
 def confusion(passive: ArrayLike | None, active: ArrayLike | None, labels: Sequence[str], theta: float) -> Figure:
-    """How often each object was taken for which, passive and active side by side.
+    """Confusion of objects, passive and active side by side.
 
     Args:
         passive: Decisions or their frequencies, rows true and columns decided, shape (M, M); `None` leaves

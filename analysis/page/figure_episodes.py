@@ -1,4 +1,4 @@
-"""Figures 4 and 6: what happens within single episodes."""
+"""Figures 4 and 6: beliefs and positions within single episodes."""
 
 from __future__ import annotations
 

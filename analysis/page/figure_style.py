@@ -1,4 +1,4 @@
-"""One look for all figures: sizes, fonts, colours, axis labels, and how a figure is written.
+"""Style of all figures: sizes, fonts, colours, axis labels, and files.
 
 Matplotlib is imported when a figure is drawn, so that importing this package stays cheap. Figures are plain
 `matplotlib.figure.Figure` objects and settings hold only while one is drawn or written: no pyplot and no global

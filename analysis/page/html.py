@@ -1,4 +1,4 @@
-"""A page as one self-contained HTML file that a person can mail or print."""
+"""A page as one self-contained HTML file."""
 
 import base64
 import json
@@ -73,7 +73,7 @@ def render_page(page: Page, images: Mapping[str, Image] | None = None) -> str:
 
 
 def render_brief(page: Page) -> str:
-    """The gist of the page, without figures and styles, as a part of another page."""
+    """The short version of the page, without figures and styles, as part of another page."""
     return _template().render(page=brief(page), images={}, whole=False)
 
 

@@ -1,4 +1,4 @@
-"""Rows of numbers, as JSON files hold them, as labelled data sets.
+"""Labelled data sets from rows of numbers, as in the JSON files.
 
 All reports name alike: `taps_low` and `taps_high` are the 95% interval of `taps`, `taps_least` and `taps_most` the
 interval that holds together with all others, `taps_difference` is the change from a reference.

@@ -1,4 +1,4 @@
-"""Numbers as text: rounded, in per cent, with their intervals, as factors."""
+"""Numbers as text: rounded, in per cent, with intervals, as factors."""
 
 import math
 from collections.abc import Mapping, Sequence

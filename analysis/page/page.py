@@ -1,4 +1,4 @@
-"""What a study shows, as sections of text, tables and figures; `html` writes it to a file, `terminal` prints the gist.
+"""Content of a page: sections of text, tables and figures; `html` writes it, `terminal` prints a short version.
 
 Text may hold `**strong**` words, `` `code` `` and links to sections, `[words](#id)`.
 """
@@ -32,7 +32,7 @@ class Table(NamedTuple):
 
 
 class Picture(NamedTuple):
-    """A figure and what is said of it.
+    """A figure with its title and caption.
 
     Attributes:
         name: Of its files.
@@ -67,7 +67,7 @@ class Note(NamedTuple):
 
 
 class Cautions(NamedTuple):
-    """What a reader must know before trusting numbers; nothing without a sentence."""
+    """Warnings that affect the numbers; nothing without a sentence."""
 
     sentences: Sequence[str]
 

@@ -1,10 +1,10 @@
-"""What the JSON files of several studies hold under the same names."""
+"""Records shared by the JSON files of several studies."""
 
 from typing import TypedDict
 
 
 class GridRecord(TypedDict):
-    """Numbers of where and what classes."""
+    """Numbers of position and object classes."""
 
     L: int
     M: int
@@ -18,7 +18,7 @@ class UnitsRecord(TypedDict):
 
 
 class TitleRecord(TypedDict):
-    """What was asked for."""
+    """Title and command."""
 
     title: str
     command: str

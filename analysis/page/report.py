@@ -1,4 +1,4 @@
-"""What a study gives back: its page, its numbers and its figures, on the screen or in a folder."""
+"""Report of a study: its page, numbers and figures, printed or saved in a folder."""
 
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
@@ -20,11 +20,11 @@ _WIDTH = 110  # characters
 
 
 class Report(ABC):
-    """What was found, as a page: `print` shows the gist, and a notebook shows it with its tables."""
+    """Results as a page: `print` shows a short version, a notebook adds the tables."""
 
     @cached_property
     def page(self) -> Page:
-        """Everything that is shown."""
+        """The whole page."""
         return self._page()
 
     @abstractmethod

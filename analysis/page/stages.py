@@ -1,4 +1,4 @@
-"""Stages of long work, each with a progress bar and its seconds, and checks that are timed."""
+"""Stages of long work with progress bars and durations, and timed checks."""
 
 import time
 from collections.abc import Callable, Iterator

@@ -1,4 +1,4 @@
-"""The gist of a page in a terminal: its blocks that are marked as brief, under the titles of their sections."""
+"""Short version of a page in a terminal: the blocks marked as brief, under the titles of their sections."""
 
 from collections.abc import Iterator, Sequence
 from io import StringIO
@@ -32,7 +32,7 @@ def as_text(page: Page, width: int) -> str:
 
 
 def gist(page: Page) -> Iterator[RenderableType]:
-    """What is brief, for rich."""
+    """The brief blocks, for rich."""
     for section in (Section("", page.intro), *page.sections):
         shown = [one for block in briefs(section.blocks) for one in _renderables(block)]
         if shown and section.title:

@@ -1,4 +1,4 @@
-"""Sentences and lists that pages of several studies share."""
+"""Sentences and lists shared by the pages of several studies."""
 
 import platform
 from collections.abc import Sequence

@@ -1,4 +1,4 @@
-"""Figure 3: the raw data of one object."""
+"""Figure 3: raw taps of one object."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What `summary.json` of a reproduction holds.
+"""Records of `summary.json` of a reproduction.
 
 Rows of numbers name only the keys that stand in the code; quantities also have their bounds, `taps_low`.
 """
@@ -27,7 +27,7 @@ class SplitRecord(TypedDict):
 
 
 class ExperimentGrid(GridRecord):
-    """The classes, in words and numbers, with taxels and samples."""
+    """The classes, and the numbers of taxels and samples."""
 
     K: int
     J: int
@@ -39,14 +39,14 @@ class ExperimentGrid(GridRecord):
 
 
 class FixationRecord(TypedDict):
-    """The where class aimed for."""
+    """The fixation point."""
 
     index: int
     value: float
 
 
 class ErrorRow(TypedDict):
-    """Errors and taps of a policy, or of one less another, at a threshold."""
+    """Errors and taps of a policy, or the difference of two, at a threshold."""
 
     policy: str
     theta: float
@@ -71,7 +71,7 @@ class HeadlineSide(TypedDict):
 
 
 class HeadlineRecord(TypedDict):
-    """What is said of both policies, see `headline.headline`."""
+    """Headline numbers of both policies, see `headline.headline`."""
 
     theta: float
     stored: HeadlineSide
@@ -92,7 +92,7 @@ class AccuracyRow(TypedDict):
 
 
 class PaperRow(TypedDict):
-    """A number of the paper beside ours."""
+    """A number of the paper and ours."""
 
     quantity: str
     paper: float
@@ -104,7 +104,7 @@ class PaperRow(TypedDict):
 
 
 class ReproductionSummary(TitleRecord):
-    """The file."""
+    """Content of `summary.json`."""
 
     what_was_run: list[str]
     simulated: bool

@@ -1,4 +1,4 @@
-"""The paper's experiment on simulated or recorded taps: what `solidtouch.reproduce` does and gives back."""
+"""The paper's experiment on simulated or recorded taps: the function `solidtouch.reproduce` and its report."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -36,7 +36,7 @@ from .summary import results_tree, summarise
 
 @dataclass(frozen=True, eq=False, repr=False)
 class ReproductionReport(StudyReport):
-    """The paper's experiment: passive and active perception, error against reaction time.
+    """Results of the paper's experiment: passive and active perception, error against reaction time.
 
     What only the page needs, such as the cross-check of the engines, is computed when it is first asked for.
 
@@ -68,7 +68,7 @@ class ReproductionReport(StudyReport):
 
     @property
     def decisions(self) -> xr.Dataset:
-        """Errors and reaction times, dims policy and theta; `<name>_difference` is passive less active.
+        """Errors and reaction times, dims policy and theta; `<name>_difference` is passive minus active.
 
         Variables that begin with `fresh_` hold on fresh taps, of which none is drawn twice in a trial.
         """

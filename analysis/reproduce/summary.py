@@ -1,4 +1,4 @@
-"""A run in words and numbers: `summary.json` and `results.nc`."""
+"""Summary of a reproduction: `summary.json` and `results.nc`."""
 
 from collections.abc import Mapping, Sequence
 from importlib.metadata import version
@@ -27,7 +27,7 @@ _PACKAGES = ("solidtouch", "numpy", "jax", "numpyro", "funsor", "arviz", "xarray
 
 
 def summarise(request: Request, results: Results) -> ReproductionSummary:
-    """What `summary.json` holds and the report is written from."""
+    """Content of `summary.json`, from which the report is written."""
     settings, grid = request.settings, results.grid
     curves = results.curves
     kind = "simulated data sets" if request.simulated else "folds"

@@ -1,4 +1,4 @@
-"""What the paper leaves open, as data: each choice with what the paper says, our default and the other options.
+"""Choices that the paper leaves open, as data: the paper's statement, our default and the other options of each.
 
 A `Reading` is one way to read the whole paper; an option is a name and the fields of the reading that it changes.
 No two choices change the same field, so options of different choices combine.

@@ -1,4 +1,4 @@
-"""What an option is worth against the default: paired differences with intervals, and what follows from them.
+"""Effect of an option relative to the default: paired differences with intervals, and the verdict.
 
 Means of units have the axes (unit, policy, theta, `SUMS`). Every quantity is a function of their mean over units;
 `stats.jackknife` gives its intervals.
@@ -27,7 +27,7 @@ FACTOR_LIMIT = float(np.log(1.25))
 
 
 class Effect(NamedTuple):
-    """An option less the default.
+    """Difference of an option from the default.
 
     Attributes:
         change: By policy and quantity.
@@ -93,7 +93,7 @@ def absolute(means: Means, reading: Reading, scale: Scale) -> dict[tuple[str, st
 
 
 def effect(default: Means, option: Means, reading: Reading, base: Reading, scale: Scale) -> Effect:
-    """What an option changes, with intervals.
+    """Changes by an option, with intervals.
 
     Args:
         default: Means of units under the defaults.
@@ -126,7 +126,7 @@ def effect(default: Means, option: Means, reading: Reading, base: Reading, scale
 
 
 def interaction(four: Sequence[Means], readings: Sequence[Reading], scale: Scale) -> Interval:
-    """By how much two options together change the object error beyond the sum of what each changes.
+    """Change of the object error by two options together, beyond the sum of their single changes.
 
     Args:
         four: Means under the defaults, each option alone, and both.
@@ -143,7 +143,7 @@ def interaction(four: Sequence[Means], readings: Sequence[Reading], scale: Scale
 
 
 def limits(default: Mapping[tuple[str, str], Interval], grid: ClassGrid) -> dict[tuple[str, str], float]:
-    """Changes that do not matter: a tenth of the default's value, at least a hundredth of a class step or half a tap.
+    """Relevance limits: a tenth of the default's value, at least a hundredth of a class step or half a tap.
 
     A factor of calibration may change by a quarter.
 
@@ -166,7 +166,7 @@ def limits(default: Mapping[tuple[str, str], Interval], grid: ClassGrid) -> dict
 def verdict(
     found: Effect, default_advantage: Mapping[str, Interval], limit: Mapping[tuple[str, str], float]
 ) -> tuple[str, list[str]]:
-    """What follows, and of which quantities.
+    """Verdict on an option, and the quantities behind it.
 
     Args:
         found: The effect.

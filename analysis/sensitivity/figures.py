@@ -1,4 +1,4 @@
-"""Figures of a sensitivity study: a forest plot of all options, and what pairs of options do beyond their sum.
+"""Figures of a sensitivity study: a forest plot of all options, and effects of pairs beyond their sum.
 
 Data are the sources of `summary.summarise`.
 """
@@ -34,7 +34,7 @@ _WRAP = 20
 
 @styled
 def forest(source: SourceNumbers) -> Figure:
-    """What every option changes under the last policy, strongest choices on top.
+    """Effect of every option for the last policy, strongest choices on top.
 
     Thick lines are 95% intervals, thin ones hold all together; grey bands are changes that do not matter. Axes are
     linear in the band and logarithmic beyond.
@@ -88,7 +88,7 @@ def plot_forest(axes: Axes, rows: Sequence[tuple[str, OptionRow | None]], name: 
 
 @styled
 def interactions(source: SourceNumbers) -> Figure | None:
-    """What pairs of options change in the object error beyond the sum of both; `None` without pairs."""
+    """Effect of pairs of options on the object error beyond their sum; `None` without pairs."""
     pairs = source["pairs"]
     if not pairs:
         return None
@@ -103,7 +103,7 @@ def interactions(source: SourceNumbers) -> Figure | None:
 def plot_interactions(
     axes: Axes, pairs: Sequence[PairRow], names: Sequence[tuple[str, str]], label: str, bound: float
 ) -> Axes:
-    """Draws the lower triangle: numbers with 95% intervals, in bold where all together are sure.
+    """Draws the lower triangle: numbers with 95% intervals, bold if significant for all pairs together.
 
     Args:
         axes: Where to.

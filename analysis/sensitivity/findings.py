@@ -1,4 +1,4 @@
-"""What a sensitivity study says in words: the rules of its verdicts, findings and lists, from the numbers of a summary.
+"""Sentences of a sensitivity study from the numbers of a summary: rules of the verdicts, findings, lists.
 
 Words can be made anew from the numbers of an older study, see `worded`.
 """
@@ -35,17 +35,17 @@ _VERDICTS_OF_MANY = {
 
 
 def worded(summary: SensitivitySummary) -> SensitivitySummary:
-    """The same numbers, as of an older study, with the words of today."""
+    """The numbers of an older study with present sentences."""
     return {**summary, "rules": rules(), "sources": [worded_source(source) for source in summary["sources"]]}
 
 
 def worded_source(source: SourceNumbers) -> SensitivitySource:
-    """The numbers of a source with their words."""
+    """The numbers of a source with sentences."""
     return {**source, "findings": findings(source), "lists": [*lists_of(source)]}
 
 
 def rules() -> list[str]:
-    """How verdicts come about, in sentences."""
+    """Sentences about the rules of the verdicts."""
     return [
         "The conclusion is that, at the same threshold, active perception has lower object and position errors than "
         "passive perception and takes fewer taps. An option changes the conclusion if one of these advantages is "
@@ -73,7 +73,7 @@ def rules() -> list[str]:
 
 
 def findings(source: SourceNumbers) -> list[str]:
-    """What a reader should know first, in sentences."""
+    """Main findings, in sentences."""
     rows = options_of(source)
     counted = Counter(option["verdict"] for _, option in rows)
     counts = [f"{counted[key]} {words}" for key, words in _VERDICTS_OF_MANY.items()]
@@ -131,7 +131,7 @@ def options_of(source: SourceNumbers) -> list[tuple[str, OptionRow]]:
 
 
 def significantly(source: SourceNumbers) -> str:
-    """The word, with what it is limited to."""
+    """The word "significantly", with its scope."""
     return f"significantly ({source['scope']})" if source["scope"] else "significantly"
 
 

@@ -1,4 +1,4 @@
-"""The paper's histograms under any reading of Eq. 1 and 2: the root, the bins, and what an empty one is worth."""
+"""The paper's histograms under any reading of Eq. 1 and 2: root, bins, and probability of an empty bin."""
 
 import numpy as np
 from numpy.typing import NDArray

@@ -1,4 +1,4 @@
-"""A sensitivity study as a page."""
+"""Page of a sensitivity study."""
 
 from collections.abc import Iterator
 from functools import partial
@@ -13,7 +13,7 @@ _ADVANTAGES = ("what_error", "where_error", "taps")
 
 
 def sensitivity_page(summary: SensitivitySummary) -> Page:
-    """A section for each source of data, and how it is judged."""
+    """The page: a section for each source of data, and the rules of the verdicts."""
     intro = [
         "Each choice that the paper leaves open has a default here. This study runs every other option against the "
         "defaults on the same trials and reports whether it changes the paper's conclusion, its numbers or nothing. "

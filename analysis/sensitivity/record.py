@@ -1,4 +1,4 @@
-"""What `sensitivity.json` holds.
+"""Records of `sensitivity.json`.
 
 Rows of numbers name only the keys that stand in the code; quantities also have their bounds, `active_taps_low` or
 `equal_taps_least`, and those of a policy its name in front.
@@ -11,7 +11,7 @@ from ..page.record import GridRecord, TitleRecord
 
 
 class DefaultRow(TypedDict):
-    """What the defaults give under a policy."""
+    """Results of the defaults for a policy."""
 
     policy: str
     what_error: float
@@ -28,14 +28,14 @@ class ValueRecord(TypedDict):
 
 
 class BetterRecord(TypedDict):
-    """What an option does better than the default."""
+    """Quantities in which an option is better than the default."""
 
     surely: list[str]
     perhaps: list[str]
 
 
 class OptionRow(TypedDict):
-    """What an option changes, and what of that made its verdict."""
+    """Effect of an option, and the quantities behind its verdict."""
 
     name: str
     verdict: str
@@ -47,7 +47,7 @@ class OptionRow(TypedDict):
 
 
 class ChoiceRecord(TypedDict):
-    """What the paper leaves open, our default and the options."""
+    """A choice that the paper leaves open: our default and the options."""
 
     name: str
     paper: str
@@ -68,13 +68,13 @@ class OptionName(TypedDict):
 
 
 class LeftOutOption(OptionName):
-    """One that was not run."""
+    """An option that was not run."""
 
     reason: str
 
 
 class PairRow(TypedDict):
-    """What two options change in the object error together, and beyond the sum of both."""
+    """Change of the object error by two options together, and beyond the sum of both."""
 
     first: OptionName
     second: OptionName
@@ -85,7 +85,7 @@ class PairRow(TypedDict):
 
 
 class SourceNumbers(TypedDict):
-    """What came out for one source of data."""
+    """Results for one source of data."""
 
     name: str
     simulated: bool
@@ -124,7 +124,7 @@ class SensitivitySource(SourceNumbers):
 
 
 class SensitivitySummary(TitleRecord):
-    """The file."""
+    """Content of `sensitivity.json`."""
 
     versions: Mapping[str, str]
     seed: int

@@ -1,4 +1,4 @@
-"""What each choice that the paper leaves open is worth: what `solidtouch.sensitivity` does and gives back."""
+"""Effect of each choice that the paper leaves open: the function `solidtouch.sensitivity` and its report."""
 
 from dataclasses import dataclass
 from typing import ClassVar
@@ -22,7 +22,7 @@ from .tables import defaults_table, effects_table, pairs_table
 
 @dataclass(frozen=True, eq=False, repr=False)
 class SensitivityReport(StudyReport):
-    """Which of the choices change the paper's conclusion, which its numbers, and which nothing.
+    """Effect of each open choice: on the paper's conclusion, on its numbers, or none.
 
     Attributes:
         found: All results, one for each kind of data.
@@ -47,7 +47,7 @@ class SensitivityReport(StudyReport):
 
     @property
     def effects(self) -> xr.Dataset:
-        """What each option changes from the default, dims source, choice, option and policy.
+        """Changes from the default by each option, dims source, choice, option and policy.
 
         `<name>_advantage` is passive less active under the option. NaN where an option is of another choice.
         """
@@ -55,7 +55,7 @@ class SensitivityReport(StudyReport):
 
     @property
     def pairs(self) -> xr.Dataset:
-        """What pairs of options change in the object error, beyond the sum of both, dims source, first and second."""
+        """Changes of the object error by pairs of options, and beyond their sum, dims source, first and second."""
         return pairs_table(self.summary)
 
 
@@ -71,7 +71,7 @@ def sensitivity(
     progress: Progress = no_progress,
     command: str = "",
 ) -> SensitivityReport:
-    """Runs every option of what the paper leaves open against the defaults, on the same trials.
+    """Compares every option of the choices that the paper leaves open with the default, on the same trials.
 
     Args:
         data: Recorded taps or their files, each studied on its own; three sessions or more are left out in turn.

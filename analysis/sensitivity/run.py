@@ -1,4 +1,4 @@
-"""Every open choice against the defaults: the same trials on the same data under each option, and under pairs."""
+"""Sensitivity study: the same trials on the same data under each option, and under pairs of options."""
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
@@ -35,7 +35,7 @@ type Options = tuple[Option, ...]
 
 @dataclass(frozen=True)
 class SensitivitySettings:
-    """What else changes the numbers.
+    """Settings of a sensitivity study.
 
     Attributes:
         trials: Of each data set, policy and reading; all thresholds share them.
@@ -70,7 +70,7 @@ class Pair(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Sensitivity:
-    """What came out for one source.
+    """Results for one source of data.
 
     Attributes:
         source: The data.

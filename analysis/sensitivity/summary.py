@@ -1,4 +1,4 @@
-"""A sensitivity study in numbers and sentences: `sensitivity.json`, from which page, table and document are made."""
+"""Summary of a sensitivity study: `sensitivity.json`, from which page, table and document are made."""
 
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -34,7 +34,7 @@ _PACKAGES = ("solidtouch", "numpy", "scipy", "numba", "xarray", "matplotlib")
 def summarise(
     studies: Sequence[Sensitivity], settings: SensitivitySettings, described: TitleRecord
 ) -> SensitivitySummary:
-    """What `sensitivity.json` holds.
+    """Content of `sensitivity.json`.
 
     Args:
         studies: One for each source of data.
@@ -98,7 +98,7 @@ def _source(study: Sensitivity) -> SourceNumbers:
 
 
 def blind_error(grid: ClassGrid) -> float:
-    """The least mean object error of an answer that is always the same, objects being equally frequent."""
+    """Smallest mean object error of a constant answer, for equally frequent objects."""
     what = np.arange(grid.M)
     return float(grid.what_error(what[:, np.newaxis], what).mean(axis=1).min())
 

@@ -1,4 +1,4 @@
-"""Trials under any reading of the paper, all of them in step, with log beliefs.
+"""Trials under any reading of the paper, all in lockstep, with log beliefs.
 
 The compiled trials (`inference.trials.run`) know our defaults and the borders. Here are the other orders, ends of the
 range and ways to draw taps too, at a tenth of the speed; at the defaults every decision is the same.

@@ -1,4 +1,4 @@
-"""Whether active perception means anything on a grid of classes, and which policies do."""
+"""Whether active perception is possible on a grid of classes, and the policies to compare."""
 
 from ...models.grid import ClassGrid
 

@@ -1,4 +1,4 @@
-"""Posterior predictive checks: what training taps show and what each model would have made of them.
+"""Posterior predictive checks: statistics of training taps and of replicates drawn from each model.
 
 Every statistic belongs to an assumption that some models of the catalogue give up. It is taken of the training taps and
 of replicates, taps of the same classes drawn from the fitted model with parameters from its posterior; a model that

@@ -1,4 +1,4 @@
-"""How accuracy grows with the number of contacts on one class, without stopping rule or moves."""
+"""Accuracy against the number of contacts on one class, without stopping rule or moves."""
 
 from collections.abc import Sequence
 from functools import partial

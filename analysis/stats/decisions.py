@@ -1,4 +1,4 @@
-"""Models compared by what they decide: the same trials, passive and active, played by every model.
+"""Models compared by their decisions: the same trials, passive and active, played by every model.
 
 `play_models` plays once, on the test taps and on resamples of them; `decision_curves` and `at_equal_taps` are two views
 of that. Trials pair across models and policies: they have the same resamples, starts and random numbers. No trial draws

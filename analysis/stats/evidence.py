@@ -1,4 +1,4 @@
-"""The evidence of a tap for its own class against the one that it is most easily taken for.
+"""Evidence of a tap: log-likelihood ratio of its own class against the most similar one.
 
 The evidence is the log-likelihood ratio at power 1, sample by sample. Every tap is judged by a model that did not see
 it: the training taps are halved within their classes, each half fits a model, and a tap of either half is judged by the

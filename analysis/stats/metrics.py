@@ -203,7 +203,7 @@ def join(parts: Sequence[xr.Dataset], names: Sequence[str]) -> xr.Dataset:
 
 
 def interval_sentence(data_sets: int, kind: str, spread: Spread = NO_SPREAD) -> str:
-    """What the intervals mean, in a sentence.
+    """Sentence that explains the intervals.
 
     Args:
         data_sets: How many data sets were averaged.

@@ -1,4 +1,4 @@
-"""What is said of trials in which no class was left."""
+"""Sentences about trials in which no class was left."""
 
 from ...models.measurement.histogram import HistogramModel
 from ...models.measurement.model import TapModel

@@ -1,4 +1,4 @@
-"""What makes comparisons of models fair: the same test taps, and the same resamples, so that differences pair."""
+"""Paired comparisons of models: the same test taps and the same resamples for all."""
 
 from collections.abc import Mapping, Sequence
 from typing import Any

@@ -1,4 +1,4 @@
-"""Whether the belief in a decision is as often right as it says: at stopping, and after fixed numbers of taps.
+"""Reliability of beliefs: fraction of correct decisions against belief, at stopping and after fixed numbers of taps.
 
 A decision is for the object of which the belief is largest. Decisions with belief b are right b of the time if the
 measurement model is; the headline is the **miscalibration factor**, the fraction of wrong decisions over the mean of
@@ -78,7 +78,7 @@ _LEAST_DOUBT = np.finfo(np.float64).eps  # 1 - belief is not known better
 
 
 class Subject(NamedTuple):
-    """What decisions are about.
+    """Subject of decisions: object or position.
 
     Attributes:
         kind: `"object"`, or `"place"` where there is one object only.
@@ -138,7 +138,7 @@ def reliability(
     resample_trials: int = RESAMPLE_TRIALS,
     only: str | None = None,
 ) -> xr.Dataset:
-    """How the belief in decisions compares with how often they are right.
+    """Beliefs in decisions compared with the fraction of correct ones.
 
     Args:
         table: Test taps as the model sees them.
@@ -323,7 +323,7 @@ class StoppingRecord(StoppingScores, _AllTrials):
 
 
 def headline(data: xr.Dataset, policy: str, theta: float) -> StoppingRecord:
-    """The numbers to say first, at the threshold next to one: plain ones for JSON, `None` where there is none.
+    """Headline numbers at the threshold nearest to a given one: plain for JSON, `None` if missing.
 
     Args:
         data: From `reliability`.
@@ -358,7 +358,7 @@ def plain(value: float) -> float | None:
 
 
 def interval_sentence(data: xr.Dataset) -> str:
-    """What the intervals of `reliability` mean, in a sentence."""
+    """Sentence that explains the intervals of `reliability`."""
     sessions = data.attrs["sessions"]
     return (
         f"Intervals are {CONFIDENCE:.0%} jackknife intervals: the trials are replayed on the test taps "

@@ -1,4 +1,4 @@
-"""Units of a comparison where there is one data set: resamples of its test taps.
+"""Units of a comparison with a single data set: resamples of its test taps.
 
 Trials on the same taps are no units, however many: they say nothing of what other taps would give. So the same trials
 are played on resampled taps too (see `inference.trials.resampling`), under all options alike, so that differences pair.

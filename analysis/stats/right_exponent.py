@@ -1,4 +1,4 @@
-"""Tuned exponents and saturations beside those of a right model, tuned on as many taps in the same way.
+"""Tuned exponents and saturations compared with those of a correct model, tuned on as many taps in the same way.
 
 An exponent below 1 does not show that samples or taps depend on each other: tables of few training taps deserve less
 than full weight too, and sequences that draw stored taps again deserve a saturation. So both stand beside what data
@@ -40,7 +40,7 @@ MOST_TAPS = float(max(CONTACTS))
 
 
 class Tuned(NamedTuple):
-    """A tuned exponent, and saturation where there is one, beside those of a right model.
+    """A tuned exponent, and saturation if any, compared with those of a correct model.
 
     Attributes:
         power: The exponent.
@@ -56,7 +56,7 @@ class Tuned(NamedTuple):
 
     @property
     def sentence(self) -> str:
-        """Both in words, with what the tests say."""
+        """Both values and their tests, in a sentence."""
         parts = [self._beside("Exponent", self.power, _number)]
         if self.saturation is not None:
             parts.append(self._beside("Saturation", self.saturation, _limit))
@@ -95,7 +95,7 @@ def simulate_tuned(
     simulations: int = SIMULATIONS,
     progress: Callable[[int], None] | None = None,
 ) -> Floats:
-    """What tuning finds in data sets in which a model is right.
+    """Values tuned on data sets for which a model is correct.
 
     Args:
         model: The model; of its parameters the power and saturation do not count.
@@ -187,7 +187,7 @@ def compare_below(value: float, simulated: Floats) -> Beside:
 
 
 def outside(beside: Beside) -> bool:
-    """Whether a tuned value is below what a right model gives, by a test at `LEVEL`."""
+    """Whether a tuned value is below that of a correct model, by a test at `LEVEL`."""
     return beside.below <= LEVEL
 
 

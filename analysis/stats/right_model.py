@@ -1,4 +1,4 @@
-"""What decisions would be like if the measurement model were right, on as many taps as there are.
+"""Decisions of a correct model on as many taps, as a reference distribution.
 
 The reference of every verdict on beliefs: data sets of the same design, as many taps of each class, are drawn from the
 fitted model and played in the same way. Where what was observed exceeds what they give in all but a few of them,
@@ -51,7 +51,7 @@ class Reference(NamedTuple):
 
 
 class Beside(NamedTuple):
-    """An observed value beside what a right model gives.
+    """An observed value compared with those of a correct model.
 
     Attributes:
         value: What was observed.

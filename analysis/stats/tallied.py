@@ -1,4 +1,4 @@
-"""What counted trials say at each threshold: errors, reaction times and fractions."""
+"""Means of counted trials at each threshold: errors, reaction times and fractions."""
 
 import numpy as np
 from numpy.typing import NDArray

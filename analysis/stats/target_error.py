@@ -1,4 +1,4 @@
-"""The belief threshold that delivers a wanted error, tuned on sessions that did not train the model.
+"""Belief threshold for a wanted error, tuned on sessions that did not train the model.
 
 Beliefs are no error rates where the model is wrong, but a threshold can be tuned until decisions err as rarely as
 wanted. Errors persist in a session: the mounting of today takes one object for another in nearly every trial, that of
@@ -46,7 +46,7 @@ _ALIKE = 0.005  # errors that differ by less count as equal: of equal ones the f
 
 
 class Prediction(NamedTuple):
-    """What a threshold does.
+    """Predicted results of a threshold.
 
     Attributes:
         theta: The threshold.
@@ -128,7 +128,7 @@ class TargetError(NamedTuple):
 
     @property
     def sentence(self) -> str:
-        """What to do, in words with numbers."""
+        """Recommendation, in a sentence."""
         at, usual = self.chosen, self.default
         told = (
             f"threshold {_theta(at.theta)}, where {at.error:.1%} of the decisions are wrong (a new session: "
@@ -163,7 +163,7 @@ def target_error(
     trials: int = TRIALS,
     play: PlaySettings = PlaySettings(),
 ) -> TargetError:
-    """The smallest threshold whose decisions in a new session err as rarely as wanted.
+    """The smallest threshold whose error rate in a new session stays below the target.
 
     With one object decisions are about the place, see `reliability`; where the finger cannot move, trials are passive.
 

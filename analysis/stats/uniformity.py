@@ -1,4 +1,4 @@
-"""Whether beliefs of many independent episodes are right as often as they say, by tests that need no large numbers.
+"""Exact tests of the calibration of beliefs of many independent episodes.
 
 If beliefs are exact, the truth is a draw from them. Then two things hold for any belief, however it came about:
 
@@ -27,7 +27,7 @@ PRECISION = 1e-12
 
 
 class JudgedBeliefs(NamedTuple):
-    """What n beliefs over C classes say of the truth.
+    """Ranks and beliefs of the truth in n beliefs over C classes.
 
     Attributes:
         rank: Belief in the classes before the true one, in the order of the grid, plus a random share of that in the
@@ -49,7 +49,7 @@ class JudgedBeliefs(NamedTuple):
 
 
 class Factor(NamedTuple):
-    """Wrong decisions over the number that beliefs announce, 1 when these are right, with a 95% interval."""
+    """Wrong decisions over the number expected from the beliefs, with a 95% interval; 1 if calibrated."""
 
     value: float
     low: float

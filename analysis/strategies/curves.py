@@ -1,4 +1,4 @@
-"""Error against taps and way of strategies under stopping rules, from recorded trials: means of units, then intervals.
+"""Error against taps and distance travelled, for strategies under stopping rules: means of units with intervals.
 
 A rule with a parameter, such as a threshold, makes a curve: one point for each level. Means of units (data sets,
 sessions or resamples of test taps) have the axes (unit, level, `SUMS`). Points between two levels are interpolated:
@@ -117,13 +117,13 @@ def decided_sums(record: Record, family: Family, grid: ClassGrid) -> NDArray[np.
 
 
 def travelled(record: Record, grid: ClassGrid) -> NDArray[np.float64]:
-    """Way that the sensor really went before each tap, in the unit of the places, shape (n, T)."""
+    """Distance actually travelled before each tap, in the unit of the positions, shape (n, T)."""
     place = grid.where_value[record.at]
     return np.cumsum(np.abs(np.diff(place, axis=1, prepend=place[:, :1])), axis=1)
 
 
 def nats(record: Record) -> NDArray[np.float64]:
-    """What the model expects the taps after the first to tell of the object, and what they told, to each tap.
+    """Expected and gained information about the object from the taps after the first, up to each tap, in nats.
 
     The expectation is the sum of the information that the record's watch calls `"expected"`; told is the growth of the
     log belief in the true object, whose mean the expectation is where the model is right.

@@ -1,4 +1,4 @@
-"""The data on which strategies are compared: simulated data sets, taps of a right model, or a recording."""
+"""Data on which strategies are compared: simulated data sets, taps of a correct model, or a recording."""
 
 from collections.abc import Callable
 from dataclasses import replace

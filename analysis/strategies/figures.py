@@ -63,7 +63,7 @@ _NOTE: dict[str, Any] = {"fontsize": 6, "color": "#555555"}
 
 @styled
 def curves(source: StrategyNumbers) -> Figure:
-    """Object and position errors against mean taps and way, along the paper's thresholds: a column for each group."""
+    """Object and position errors against mean taps and distance, along the thresholds: a column for each group."""
     drawn = source["powers"][0]["curves"][PAPER]
     groups = grouped(drawn)
     figure, axes = new_figure(TWO_COLUMNS, 7.4, len(_PANELS), len(groups), sharey="row")
@@ -167,7 +167,7 @@ def _way_axis(axes: Axes, most: float) -> None:
 
 @styled
 def equal_taps(source: StrategyNumbers) -> Figure:
-    """Object error less that of the fixation point at equal taps, by threshold (A to D) and by number (E to H)."""
+    """Object error minus that of the fixation point at equal taps, by threshold (A to D) and by number (E to H)."""
     first = source["powers"][0]
     names = [name for name in first["strategies"] if name != BASE]
     figure, axes = new_figure(TWO_COLUMNS, 1.5 + 2 * _ROW * len(names), 2, len(TAPS), sharey=True, sharex=True)

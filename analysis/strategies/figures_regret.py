@@ -1,4 +1,4 @@
-"""What strategies cost above the exact rule or a bound, as a figure.
+"""Figure of the cost of strategies above that of the exact rule or a bound.
 
 Data are those of `regret_summary.summarise_regret`.
 """
@@ -32,7 +32,7 @@ _LEAST, _MOST = 4e-4, 3.0  # mm, the ends of the axis
 
 @styled
 def regret(summary: RegretSummary) -> Figure:
-    """Cost above the least possible: a column for each case, a row for each cost of taps, on a common log axis.
+    """Cost above the minimum: a column for each case, a row for each cost of taps, on a common log axis.
 
     Of the fixation points only the best and the worst by the best threshold are shown.
     """

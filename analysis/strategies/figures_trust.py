@@ -1,4 +1,4 @@
-"""What is left of the gain of information where the model is too sure, as a figure.
+"""Figure of the gain of information strategies against the overconfidence of the model.
 
 Data are those of `summary.summarise`.
 """

@@ -1,4 +1,4 @@
-"""What a reader of a comparison of strategies should know first, in sentences.
+"""Findings of a comparison of strategies, in sentences.
 
 Data are those of `summary.summarise`.
 """
@@ -23,7 +23,7 @@ RULES = {PAPER: "At equal mean taps (by threshold)", FIXED: "After equal numbers
 
 
 def source_findings(source: StrategyNumbers) -> list[str]:
-    """What one kind of data says, in sentences."""
+    """Findings on one kind of data, in sentences."""
     first = source["powers"][0]
     said = []
     for family, words in RULES.items():
@@ -36,7 +36,7 @@ def source_findings(source: StrategyNumbers) -> list[str]:
 
 
 def findings(sources: Sequence[StrategyNumbers]) -> list[str]:
-    """What holds across the data, in sentences; none where there are no data."""
+    """Findings across all kinds of data, in sentences; none without data."""
     if not sources:
         return []
     said = [better_finding(sources), *random_findings(sources)]
@@ -56,7 +56,7 @@ def findings(sources: Sequence[StrategyNumbers]) -> list[str]:
 
 
 def better_finding(sources: Sequence[StrategyNumbers]) -> str:
-    """Whether anything surely errs less in the object than the fixation point, on any data."""
+    """Whether any strategy has a significantly lower object error than the fixation point, on any data."""
     found = [
         f"{name} on {source['name']}"
         for source in sources
@@ -72,7 +72,7 @@ def better_finding(sources: Sequence[StrategyNumbers]) -> str:
 
 
 def random_findings(sources: Sequence[StrategyNumbers]) -> list[str]:
-    """Whether random moves err more than the fixation point, for each kind of data and both rules."""
+    """Object error of random moves compared with the fixation point, for each kind of data and both rules."""
     return [
         _random(source["name"], family, source["powers"][0]["equal"][family]) for source in sources for family in RULES
     ]

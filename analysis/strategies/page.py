@@ -1,4 +1,4 @@
-"""A comparison of strategies as a page."""
+"""Page of a comparison of strategies."""
 
 from collections.abc import Iterator
 from functools import partial
@@ -19,7 +19,7 @@ _COMPARED = ("what_error", "where_error", "way")
 
 
 def strategies_page(summary: StrategiesSummary) -> Page:
-    """Findings, a section for each kind of data, trust and regret across them, and how it is compared."""
+    """The page: findings, a section for each kind of data, overconfidence, regret and method."""
     intro: list[Block] = [
         "The paper moves to a fixation point and stops at a belief threshold. This study compares it with other "
         "movement strategies and stopping rules on the same trials and taps. A negative difference is a lower error "

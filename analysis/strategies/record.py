@@ -1,4 +1,4 @@
-"""What `strategies.json` holds.
+"""Records of `strategies.json`.
 
 Rows of numbers name only the keys that stand in the code; quantities also have their bounds and the difference to the
 fixation point or the paper's rule, `taps_low` or `taps_difference_most`. A number that is not known is `None`.
@@ -11,7 +11,7 @@ from ..page.record import GridRecord, TitleRecord
 
 
 class CurvePoint(TypedDict):
-    """What a strategy comes to at a level of a stopping rule."""
+    """Results of a strategy at one level of a stopping rule."""
 
     level: float
     way: float | None
@@ -45,7 +45,7 @@ class RuleRow(TypedDict):
 
 
 class TrustRow(StrategyRow):
-    """Miscalibration, over that of the fixation point, gain, and what was promised and told."""
+    """Miscalibration, its ratio to that of the fixation point, gain, and expected and gained information."""
 
     given_up: float
     factor: float | None
@@ -57,14 +57,14 @@ class TrustRow(StrategyRow):
 
 
 class FamilyRecord(TypedDict):
-    """A stopping rule and what its levels are."""
+    """A stopping rule and its levels."""
 
     name: str
     parameter: str
 
 
 class PowerRecord(TypedDict):
-    """What came out under a root of the likelihood: curves by rule and strategy, rows at equal taps by rule."""
+    """Results for one exponent of the likelihood: curves by rule and strategy, rows at equal taps by rule."""
 
     power: str
     exponent: float
@@ -85,7 +85,7 @@ class StrategyGrid(GridRecord):
 
 
 class StrategyNumbers(TypedDict):
-    """What came out for one kind of data."""
+    """Results for one kind of data."""
 
     name: str
     simulated: bool
@@ -107,7 +107,7 @@ class StrategySource(StrategyNumbers):
 
 
 class RegretPrice(StrategyRow):
-    """What a strategy costs with a stopping rule, and by how much more than need be and than the cheapest."""
+    """Cost of a strategy with a stopping rule, above the minimum and above the cheapest strategy."""
 
     kind: str
     rule: str
@@ -137,7 +137,7 @@ class RegretCase(TypedDict):
 
 
 class RegretSummary(TypedDict):
-    """What strategies cost more than need be."""
+    """Regret of all strategies."""
 
     trials: int
     seed: int
@@ -149,7 +149,7 @@ class RegretSummary(TypedDict):
 
 
 class StrategiesSummary(TitleRecord):
-    """The file."""
+    """Content of `strategies.json`."""
 
     versions: Mapping[str, str]
     seed: int

@@ -1,4 +1,4 @@
-"""What strategies cost more than need be: than the exact rule on small cases, than a lower bound on a larger one."""
+"""Regret of strategies: cost above the exact rule on small problems, above a lower bound on a larger one."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
@@ -44,7 +44,7 @@ _ALIKE = 5e-5  # mm by which costs differ that look alike in tables
 
 @dataclass(frozen=True)
 class RegretSettings:
-    """What changes the numbers.
+    """Settings of the regret study.
 
     Attributes:
         trials: Of each policy where costs are drawn; half of them choose rules, the others price them.
@@ -82,7 +82,7 @@ class Priced(NamedTuple):
 
 
 class Regrets(NamedTuple):
-    """What policies cost in a case at one cost of taps.
+    """Costs of all policies in a case at one cost of taps.
 
     Attributes:
         world: The case.

@@ -1,4 +1,4 @@
-"""Small worlds in which it can be said what a strategy must cost, and the strategies and rules that are priced in them.
+"""Small problems with known minimum cost, and the strategies and rules evaluated in them.
 
 All are preset `model`: taps drawn from histograms of the simulated rig, as symbols, so that the filter with border
 `clamp` is exactly right and any strategy's cost can be computed or bounded. A millimetre of error costs 1; each tap and

@@ -1,4 +1,4 @@
-"""What strategies cost more than need be, in numbers and sentences for page and document."""
+"""Summary of the regret of strategies, for page and document."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -31,7 +31,7 @@ RULES = (
 
 
 def summarise_regret(found: Sequence[Regrets], settings: RegretSettings) -> RegretSummary:
-    """What `strategies.json` holds of it.
+    """Content of `strategies.json` about regret.
 
     Args:
         found: All cases at all costs of taps.
@@ -140,7 +140,7 @@ def _bounded(found: Regrets, rows: Sequence[RegretPrice]) -> str:
 
 
 def findings(cases: Sequence[RegretCase]) -> list[str]:
-    """What all cases say together."""
+    """Findings over all cases, in sentences."""
     small = [case for case in cases if case["exact"]]
     said = []
     if small:

@@ -1,4 +1,4 @@
-"""How to move and when to stop, compared on the same trials: what `solidtouch.strategies` does and gives back."""
+"""Control strategies and stopping rules on the same trials: the function `solidtouch.strategies` and its report."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -28,7 +28,7 @@ DATA = "ideal", "paper", "nodrift", "broken", RIGHT
 
 @dataclass(frozen=True, eq=False, repr=False)
 class StrategiesReport(StudyReport):
-    """What other ways to move and to stop gain over the paper's.
+    """Control strategies and stopping rules compared with the paper's.
 
     Attributes:
         found: All results, one for each kind of data.
@@ -45,7 +45,7 @@ class StrategiesReport(StudyReport):
 
     @property
     def curves(self) -> xr.DataTree:
-        """Errors, reaction times and ways, dims source, power, rule and strategy.
+        """Errors, reaction times and distances travelled, dims source, power, rule and strategy.
 
         Groups by what a stopping rule is set with, each with a dim of its own: `theta`, `taps` (dim number_of_taps) and
         `cost`.
@@ -54,7 +54,7 @@ class StrategiesReport(StudyReport):
 
     @property
     def equal_taps(self) -> xr.Dataset:
-        """Errors and ways at equal mean numbers of taps, dims source, power, rule, strategy and taps.
+        """Errors and distances at equal mean numbers of taps, dims source, power, rule, strategy and taps.
 
         `<name>_difference` is what they differ from the fixation point.
         """
@@ -62,7 +62,7 @@ class StrategiesReport(StudyReport):
 
     @property
     def at_threshold(self) -> xr.Dataset:
-        """Reaction times and ways less those of the fixation point, at the threshold `theta` of its attributes.
+        """Reaction times and distances, and differences from the fixation point, at one threshold (attribute `theta`).
 
         Dims source, power and strategy.
         """
@@ -99,7 +99,7 @@ def strategies(
     progress: Progress = no_progress,
     command: str = "",
 ) -> StrategiesReport:
-    """Compares strategies of moving and rules of stopping on the same trials: error against taps and way.
+    """Compares control strategies and stopping rules on the same trials: error against taps and distance travelled.
 
     Args:
         data: Recorded taps or their files, each on its own, with a tap in every class.

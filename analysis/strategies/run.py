@@ -1,4 +1,4 @@
-"""Strategies of moving under rules of stopping, all on the same trials and taps."""
+"""Control strategies under stopping rules, all on the same trials and taps."""
 
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import CancelledError

@@ -1,4 +1,4 @@
-"""A comparison of strategies in numbers and sentences: `strategies.json`, from which page and document are made."""
+"""Summary of a comparison of strategies: `strategies.json`, from which page and document are made."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -72,7 +72,7 @@ def summarise(
     described: TitleRecord,
     regret: RegretSummary | None = None,
 ) -> StrategiesSummary:
-    """What `strategies.json` holds.
+    """Content of `strategies.json`.
 
     Args:
         studies: One for each kind of data.

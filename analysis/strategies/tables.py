@@ -14,7 +14,7 @@ _REGRET = {"tap_cost": "mm", "cost": "mm", "regret": "mm", "more": "mm"}
 
 
 def curves_tree(summary: StrategiesSummary) -> xr.DataTree:
-    """Errors, reaction times and ways of every strategy at every level of the stopping rules."""
+    """Errors, reaction times and distances of every strategy at every level of the stopping rules."""
     units = source_units(summary["sources"])
     groups = {}
     for parameter, level in _LEVELS.items():
@@ -33,7 +33,7 @@ def curves_tree(summary: StrategiesSummary) -> xr.DataTree:
 
 
 def equal_taps_table(summary: StrategiesSummary) -> xr.Dataset:
-    """Strategies at equal mean numbers of taps, and what they differ from the fixation point."""
+    """Strategies at equal mean numbers of taps, and their differences from the fixation point."""
     rows = (
         {**labels, "rule": rule, **row}
         for labels, power in _powers(summary)
@@ -44,14 +44,14 @@ def equal_taps_table(summary: StrategiesSummary) -> xr.Dataset:
 
 
 def at_threshold_table(summary: StrategiesSummary) -> xr.Dataset:
-    """Reaction times and ways at the shown threshold less those of the fixation point."""
+    """Reaction times and distances at the shown threshold, and their differences from the fixation point."""
     rows = ({**labels, **row} for labels, power in _powers(summary) for row in power["shown"])
     table = labelled(rows, ("source", "power", "strategy"), source_units(summary["sources"]))
     return table.assign_attrs(theta=summary["theta"])
 
 
 def rules_table(summary: StrategiesSummary) -> xr.Dataset:
-    """Stopping rules with the fixation point at equal mean numbers of taps, and what they differ from the paper's."""
+    """Stopping rules with the fixation point at equal mean numbers of taps, and their differences from the paper's."""
     rows = ({**labels, **row} for labels, power in _powers(summary) for row in power["rules"])
     return labelled(rows, ("source", "power", "rule", "taps"), source_units(summary["sources"]))
 
@@ -63,7 +63,7 @@ def trust_table(summary: StrategiesSummary) -> xr.Dataset:
 
 
 def regret_table(summary: StrategiesSummary) -> xr.Dataset | None:
-    """Cost of strategies and rules, and by how much it exceeds that of the exact rule or a bound, as the case says."""
+    """Cost of strategies and rules, and its excess over that of the exact rule or a bound."""
     if summary["regret"] is None:
         return None
     rows = (

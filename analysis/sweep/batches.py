@@ -1,4 +1,4 @@
-"""Cells that wait, handed out in batches that take about as long as wanted.
+"""Pending cells, grouped into batches of a wanted duration.
 
 Small cells go together, so that the way to a worker and back costs little; cells of a batch share a data set. A batch
 whose worker died is taken apart, so that of its cells only the one that killed it is blamed.

@@ -1,4 +1,4 @@
-"""The work of a sweep: one cell from its data set to means over trials."""
+"""Work of one cell of a sweep, from its data set to means over trials."""
 
 import hashlib
 import time

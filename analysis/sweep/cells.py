@@ -1,4 +1,4 @@
-"""The cells of a sweep: every combination of the axes, by number or by value.
+"""Cells of a sweep: every combination of the axes, by number or by value.
 
 A cell's number counts them row by row, the last axis fastest. The axes are in such an order that neighbours share the
 data set, then the fitted likelihoods.

@@ -1,4 +1,4 @@
-"""What must be the same wherever cells of one study are computed."""
+"""Source and versions that must be equal wherever cells of one study are computed."""
 
 import hashlib
 import platform

@@ -1,4 +1,4 @@
-"""The data sets of a sweep: found and named at once, loaded or simulated when their first cell comes."""
+"""Data sets of a sweep: named at once, loaded or simulated when their first cell runs."""
 
 import hashlib
 from dataclasses import dataclass

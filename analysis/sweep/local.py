@@ -1,4 +1,4 @@
-"""Runs the cells of a sweep on this machine: in this process, or in a pool of processes that may die.
+"""Runs the cells of a sweep on this machine: in this process, or in a pool whose processes may die.
 
 Workers are fresh interpreters, so nothing of this process leaks into them; each has a pipe, holds one data set at a
 time and is sent the next when it needs it. They end with this process, however it ends.

@@ -1,4 +1,4 @@
-"""Likelihood models that a sweep can compare: those of the catalogue, by name."""
+"""Measurement models that a sweep can compare, by name."""
 
 from typing import TYPE_CHECKING, Any, NamedTuple
 

@@ -1,4 +1,4 @@
-"""A study over a grid of settings: what `solidtouch.sweep` does and gives back."""
+"""Sweep over a grid of settings: the function `solidtouch.sweep` and its report."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass

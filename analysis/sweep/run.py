@@ -1,4 +1,4 @@
-"""A study over a grid of settings: what is not done yet is run, and every finished cell is written at once."""
+"""Runs the unfinished cells of a sweep and writes each as it finishes."""
 
 import json
 import os

@@ -1,4 +1,4 @@
-"""The result of a sweep on disk: a Zarr store that is whole at any moment.
+"""Result of a sweep on disk: a Zarr store that is consistent at any moment.
 
 Every cell has a chunk of `result` and one of `status`, and a failed one of `traceback`. Chunks are not compressed, so
 a chunk is the array's bytes, and this file writes it without Zarr: under a temporary name first, then moved into

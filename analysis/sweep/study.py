@@ -1,4 +1,4 @@
-"""The file that describes a sweep: data sets, the axes of the grid, and what is the same in every cell."""
+"""Study file of a sweep: data sets, axes of the grid, and settings common to all cells."""
 
 import math
 from collections.abc import Sequence

@@ -1,4 +1,4 @@
-"""`trials`: any number of trials, counted on the way, with intervals over test taps.
+"""`trials`: any number of trials, counted as they run, with intervals over test taps.
 
 Start at `report`, then `spread`; `page` prints. No loops over trials: `inference` plays and counts them.
 """

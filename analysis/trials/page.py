@@ -1,4 +1,4 @@
-"""Counted trials as a table."""
+"""Table of counted trials."""
 
 from collections.abc import Iterable, Mapping, Sequence
 

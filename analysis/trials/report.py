@@ -1,4 +1,4 @@
-"""Any number of trials on recorded taps: what `solidtouch.trials` does and gives back."""
+"""Any number of trials on recorded taps: the function `solidtouch.trials` and its report."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -62,7 +62,7 @@ class TrialsReport(Report):
 
     @property
     def warning(self) -> str:
-        """What to know of trials in which no class was left; empty where there was none."""
+        """Warning about trials in which no class was left; empty without such trials."""
         share = self.found.no_class_left.max() / self.found.trials
         return no_class_left_sentence(share, self.model) if share > 0 else ""
 

@@ -1,4 +1,4 @@
-"""How much counted trials depend on the test taps: the same trials on resamples of these, and trials on fresh taps.
+"""Dependence of counted trials on the test taps: the same trials on resamples of these, and on fresh taps.
 
 Counts of ten million trials on the same few taps have no Monte Carlo error worth naming, and still vary with the taps.
 """

@@ -1,4 +1,4 @@
-"""Fixation point and threshold learned from episodes: what `solidtouch.tune_online` does and gives back."""
+"""Fixation point and threshold learned from episodes: the function `solidtouch.tune_online` and its report."""
 
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager

@@ -1,4 +1,4 @@
-"""Curves over positions and thresholds as tables."""
+"""Tables of a tuning: curves over positions and thresholds."""
 
 import numpy as np
 

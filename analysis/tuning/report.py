@@ -1,4 +1,4 @@
-"""Fixation point and threshold from training taps: what `solidtouch.tune` does and gives back."""
+"""Fixation point and threshold from training taps: the function `solidtouch.tune` and its report."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass

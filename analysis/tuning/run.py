@@ -1,4 +1,4 @@
-"""Fixation point and threshold chosen together from training taps, and what was found in words.
+"""Choice of fixation point and threshold from training taps, with a summary in sentences.
 
 The fixation point comes first, at the threshold that a setting has; then the threshold, for trials that aim for the
 chosen point. What is wanted of the threshold is either the least cost or a P(wrong) that is kept in a new session, see

@@ -1,4 +1,4 @@
-"""Training taps of a tuning, models of them, and what every tuning writes."""
+"""Training taps of a tuning, models fitted to them, and the files that every tuning writes."""
 
 from abc import abstractmethod
 from collections.abc import Sequence
@@ -63,7 +63,7 @@ class TrainingData:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class TunedReport(Report):
-    """What was tuned on training taps.
+    """Report of a tuning on training taps.
 
     Attributes:
         training: The taps and models of them.

@@ -1,4 +1,4 @@
-"""`validate`: the checks of this installation that `correctness` and `conformance` offer, in one table.
+"""`validate`: the checks of `correctness` and `conformance` on this installation, in one table.
 
 Start at `report`, then `checks`. The only study that runs other studies; it stands above them.
 """

@@ -1,4 +1,4 @@
-"""Checks of this installation that take no data: engines against exact cases, beliefs against the truth."""
+"""Checks of this installation that need no data: engines against exact cases, calibration of beliefs."""
 
 from collections.abc import Callable, Iterator
 

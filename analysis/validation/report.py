@@ -1,4 +1,4 @@
-"""Checks of this installation: what `solidtouch.validate` does and returns."""
+"""Checks of this installation: the function `solidtouch.validate` and its report."""
 
 from dataclasses import dataclass
 

@@ -1,4 +1,4 @@
-"""Whether taxels depend on each other beyond slow courses of their own.
+"""Tests of dependence between taxels that allow each taxel to drift slowly by itself.
 
 The tests of `dependence.taxels` permute whole taps of a class and session, so their null is that taps come in no
 particular order. Taxels that are independent but each drift along the session break it, and are found. Here drift is

@@ -1,4 +1,4 @@
-"""What tests of dependence within class share: strata of taps, ranks and residuals, permutations, and intervals.
+"""Shared parts of the tests of dependence within a class: strata, ranks, residuals, permutations, intervals.
 
 A stratum is a group of taps that come in no particular order under the null: those of one class and session. Whole taps
 are permuted within strata, so that the course of a tap, the same for all taps of a class, is conditioned away. Columns

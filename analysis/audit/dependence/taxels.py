@@ -1,4 +1,4 @@
-"""Whether taxels depend on each other within a class, at fixed sample: three permutation tests of every pair.
+"""Dependence between taxels within a class at a fixed sample: three permutation tests of every pair.
 
 ``rank``      Spearman's rho at fixed sample, mean over strata and samples; sees what moves two taxels monotonically.
 ``distance``  bias-corrected distance correlation (Szekely and Rizzo, "The distance correlation t-test of

@@ -1,4 +1,4 @@
-"""Whether the samples of a tap depend on each other within a class, and how many independent ones they are worth.
+"""Dependence between the samples of a tap within a class, and their effective number.
 
 Residuals are samples less the mean of their stratum at the same taxel and sample, over their standard deviation there,
 so that the course of a tap is conditioned away. As means are taken over taps and not along a tap, correlations are not

@@ -1,4 +1,4 @@
-"""Whether classes are inferred without touch, from samples before contact, beside whole taps.
+"""Leakage: whether samples before contact identify the class, compared with whole taps.
 
 Start at `run`. No tests of dependence among taps: those are in `audit.dependence`.
 """

@@ -1,4 +1,4 @@
-"""Which samples of a tap are known to be before contact, and where classes do not part."""
+"""Samples of a tap known to precede contact, and samples in which classes do not differ."""
 
 from typing import Literal, NamedTuple
 

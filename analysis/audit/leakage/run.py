@@ -1,4 +1,4 @@
-"""Whether classes are inferred without touch: from samples before contact, beside whole taps.
+"""Accuracy of samples before contact at identifying the class, compared with whole taps.
 
 Where classes were recorded one after another, a slow drift of the sensor separates them before the finger touches
 anything, and a classifier that has learned the drift looks like one that feels. So the same classifier that infers
@@ -44,7 +44,7 @@ _SETTLED = 4.0  # time constants after which 2% of a step is left
 
 
 class Leakage(NamedTuple):
-    """What is inferred without touch, and whether that explains what whole taps achieve.
+    """Accuracy without touch, and whether it explains that of whole taps.
 
     Attributes:
         told: Dims (source, quantity): `accuracy`, `low`, `high` after one tap, `classifier`, and of sources without
@@ -77,7 +77,7 @@ class Leakage(NamedTuple):
 
 
 def leakage(train: TapSet, test: TapSet, grid: ClassGrid, seed: int = 0, pre: int | None = None) -> Leakage:
-    """What one tap infers without touch, beside whole taps.
+    """Accuracy of one tap without touch, compared with whole taps.
 
     Leakage explains a quantity where the samples before contact infer nearly as much above chance as whole taps:
     `"yes"` where the interval of that share begins at three quarters or above, `"mostly"` at a half or above,

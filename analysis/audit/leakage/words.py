@@ -1,4 +1,4 @@
-"""What `leakage` found, as sentences."""
+"""Sentences about leakage."""
 
 from collections.abc import Iterator
 from typing import Literal

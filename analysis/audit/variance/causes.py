@@ -1,4 +1,4 @@
-"""What makes the evidence of taps vary more than independent samples would: its variance, split by cause.
+"""Variance of the evidence of taps, beyond that of independent samples, split by cause.
 
 Evidence is the log-likelihood ratio of a tap for its own class against the nearest rival (see `evidence`). Were its
 J K samples independent given the class, its variance would be the sum of theirs, and over n taps n times that. What

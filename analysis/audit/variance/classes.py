@@ -1,4 +1,4 @@
-"""Taps class by class, with what their place or their order in the session can explain of them."""
+"""Taps of each class, with regressors for position and order in the session."""
 
 from collections.abc import Sequence
 from typing import NamedTuple

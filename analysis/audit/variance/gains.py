@@ -1,4 +1,4 @@
-"""How much gain and offset differ from tap to tap and from session to session, and what a sequence of taps is worth.
+"""Variation of gain and offset between taps and sessions, and the effective number of taps in a sequence.
 
 Every tap is laid over the mean tap of its class: its deviation is regressed on what the mean tap does after its first
 sample, and on a constant. The slope is the gain of the tap, less 1, and the constant its offset. What noise adds to

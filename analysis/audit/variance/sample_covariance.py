@@ -1,4 +1,4 @@
-"""The covariance of the samples of taps, regressed on patterns: what the samples themselves say of disturbances.
+"""Covariance of the samples of taps, regressed on the patterns of gain, timing and shared noise.
 
 Across taxels the patterns are a gain, a shift in time, the level that former taps leave, and a common disturbance at
 each step of lags; what these leave within taxels is noise of single ones. Regressing products on products is the method

@@ -1,4 +1,4 @@
-"""The variance of the evidence of taps: within and between sessions, with place or order, and by permutation."""
+"""Variance of the evidence of taps: within and between sessions, by position or order, and by permutation."""
 
 from typing import NamedTuple, Self
 

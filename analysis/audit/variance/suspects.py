@@ -1,4 +1,4 @@
-"""Named suspects: extra arrays of a recording that may make evidence vary, such as an operator or a temperature.
+"""Suspected causes: extra arrays of a recording that may affect the evidence, such as operator or temperature.
 
 What a suspect explains is what it adds to place or order, tap by tap within sessions: one that is the same throughout a
 session cannot be told from the session, and one that follows the order of taps not from drift. **The test** is that of

@@ -1,4 +1,4 @@
-"""Cases at the limits of floating point: long sequences, tiny beliefs, and what 32 bits cannot tell."""
+"""Cases at the limits of floating point: long sequences, tiny beliefs, and limits of 32 bits."""
 
 from collections.abc import Iterator
 

@@ -1,4 +1,4 @@
-"""Small worlds that cases are made from: every number depends on the name of the case alone.
+"""Small random models and taps for cases; every number depends on the name of the case alone.
 
 A sample is a bell over where and what plus noise, so that classes differ and neighbours resemble each other.
 """
