@@ -32,6 +32,7 @@ from ..page.figure_style import (
 from ..page.page import Picture
 from .examples import TRAJECTORIES
 from .figure_taps import pressure
+from .record import ANSWERS
 from .results import Request, Results
 
 if TYPE_CHECKING:
@@ -262,7 +263,7 @@ def plot_contacts(axes: Axes, accuracy: xr.Dataset, grid: ClassGrid) -> Axes:
     if grid.L == 1 or grid.M == 1:
         sizes = {"what" if grid.L == 1 else "where": max(grid.shape)}
     for name, size in sizes.items():
-        axes.plot(n, accuracy[name].values, label=name, **_SERIES[name])
+        axes.plot(n, accuracy[name].values, label=ANSWERS[name], **_SERIES[name])
         band(axes, n, accuracy, name, _SERIES[name]["color"])
         axes.axhline(1 / size, color=_SERIES[name]["color"], linewidth=0.8, linestyle=":")
     axes.plot([], [], color="grey", linewidth=0.8, linestyle=":", label="chance")

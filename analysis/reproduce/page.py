@@ -6,7 +6,7 @@ from ..experiment.crosscheck import CrossCheck
 from ..page.crosscheck import crosscheck_table
 from ..page.numbers import in_brackets, interval, number, percent
 from ..page.page import Block, Brief, Cautions, Note, Page, Picture, Section, Table, Verbatim
-from .record import ErrorRow, ReproductionSummary
+from .record import ANSWERS, ErrorRow, ReproductionSummary
 
 _LISTS = (("Options", "options", 10), ("Versions", "versions", 10), ("Time spent (s)", "elapsed_s", 3))
 _RATES = ("stopped_fraction", "clamped_fraction", "substituted_fraction")
@@ -148,12 +148,11 @@ def _accuracy(summary: ReproductionSummary) -> Iterator[Block]:
         "Fraction of correct decisions after a given number of contacts of one class, drawn without replacement, over "
         f"the classes with enough distinct test taps. {summary['interval']}"
     )
-    kinds = ("joint", "where", "what")
     rows = [
-        [number(row["contacts"]), number(row["classes"]), *(interval(row, kind) for kind in kinds)]
+        [number(row["contacts"]), number(row["classes"]), *(interval(row, kind) for kind in ANSWERS)]
         for row in summary["accuracy"]
     ]
-    yield Table(["contacts", "classes", *kinds], rows)
+    yield Table(["contacts", "classes", *ANSWERS.values()], rows)
 
 
 def _crosscheck(check: CrossCheck) -> Iterator[Block]:

@@ -8,6 +8,9 @@ from typing import TypedDict
 
 from ..page.record import GridRecord, TitleRecord, UnitsRecord
 
+ANSWERS = {"joint": "object and position", "where": "position", "what": "object"}
+"""What accuracies are about, by their keys."""
+
 
 class TapsRecord(TypedDict):
     """A preset or a file."""

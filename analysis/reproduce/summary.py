@@ -122,13 +122,13 @@ def _sources(request: Request) -> list[TapsRecord]:
 
 def _source(name: str, taps: int, *parts: TapSet) -> TapsRecord:
     attributes = parts[0].dataset.attrs
-    told = (attributes.get(key, "") for key in ("sensor", "source", "licence"))
+    about = (("", "sensor"), ("", "source"), ("licence: ", "licence"))
     sessions = sorted({int(session) for part in parts for session in part.session})
     return {
         "name": name,
         "taps": taps,
         "sessions": ", ".join(str(session) for session in sessions),
-        "description": "; ".join(text for text in told if text),
+        "description": "; ".join(label + attributes[key] for label, key in about if attributes.get(key)),
     }
 
 

@@ -338,9 +338,9 @@ def test_confusion_prints_row_shares():
 @pytest.mark.parametrize(
     ("name", "series"),
     [
-        ("contacts", {"joint": 1 / 12, "where": 1 / 4, "what": 1 / 3}),
-        ("one contact", {"what": 1 / 3}),
-        ("many contacts", {"where": 1 / 4}),
+        ("contacts", {"object and position": 1 / 12, "position": 1 / 4, "object": 1 / 3}),
+        ("one contact", {"object": 1 / 3}),
+        ("many contacts", {"position": 1 / 4}),
     ],
 )
 def test_contacts_show_accuracy_and_chance(name, series):
