@@ -48,7 +48,7 @@ def plot_positions(axes: Axes, found: Tuning) -> Axes:
     choice, grid = found.fixation, found.grid
     tried = np.flatnonzero(np.isfinite(choice.error.mean))
     _curve(axes, grid.where_value[tried], Estimate(*(values[tried] for values in choice.error)), ACTIVE)
-    axes.plot(grid.where_value[choice.alike], choice.error.mean[choice.alike], "o", color=TRUE, label="as good")
+    axes.plot(grid.where_value[choice.alike], choice.error.mean[choice.alike], "o", color=TRUE, label="within one standard error")
     axes.plot(
         grid.where_value[choice.chosen], choice.error.mean[choice.chosen], "D", color=DECIDED, label="chosen", ms=5
     )
@@ -64,7 +64,7 @@ def plot_thresholds(axes: Axes, found: Tuning) -> Axes:
     choice = found.threshold
     x = 1 - choice.theta
     _curve(axes, x, choice.cost, ACTIVE)
-    axes.plot(x, choice.taps.mean, color=OTHERS, label="taps of it")
+    axes.plot(x, choice.taps.mean, color=OTHERS, label="taps, part of the cost")
     axes.plot(x[found.chosen], choice.cost.mean[found.chosen], "D", color=DECIDED, label="chosen", ms=5)
     axes.set_xscale("log")
     axes.invert_xaxis()
