@@ -48,7 +48,8 @@ def plot_positions(axes: Axes, found: Tuning) -> Axes:
     choice, grid = found.fixation, found.grid
     tried = np.flatnonzero(np.isfinite(choice.error.mean))
     _curve(axes, grid.where_value[tried], Estimate(*(values[tried] for values in choice.error)), ACTIVE)
-    axes.plot(grid.where_value[choice.alike], choice.error.mean[choice.alike], "o", color=TRUE, label="within one standard error")
+    alike = choice.alike
+    axes.plot(grid.where_value[alike], choice.error.mean[alike], "o", color=TRUE, label="within one standard error")
     axes.plot(
         grid.where_value[choice.chosen], choice.error.mean[choice.chosen], "D", color=DECIDED, label="chosen", ms=5
     )
