@@ -1,4 +1,4 @@
-"""The figures of a reproduction; Figures 5 and 7 and accuracy over contacts are drawn here.
+"""Figures of a reproduction; figures 5 and 7, and accuracy over contacts, are drawn here.
 
 Datasets carry `what_error`, `where_error` and `taps`, each also with `_low` and `_high`, over the dim `theta` and
 for Fig. 5 also `place`; the attributes `what_unit` and `where_unit` name the units of the errors.

@@ -1,4 +1,4 @@
-"""Passive and active perception at one threshold, and the numbers of the paper beside ours."""
+"""Passive and active perception at one threshold, compared with the numbers of the paper."""
 
 import xarray as xr
 
@@ -28,7 +28,7 @@ _ENOUGH = "Threshold {:g} is the highest of those played at which the fresh test
 
 
 def headline(results: Results, shown: int) -> HeadlineRecord:
-    """What is said of both policies at the shown threshold.
+    """Headline numbers of both policies at the shown threshold.
 
     Args:
         results: What came out.
@@ -78,7 +78,7 @@ def _side(curves: dict[str, xr.Dataset]) -> list[ErrorRow]:
 
 
 def compare(curves: dict[str, xr.Dataset], centre: xr.Dataset) -> list[PaperRow]:
-    """The numbers that the text of the paper gives, each beside ours at the largest threshold.
+    """The numbers in the text of the paper, each with ours at the largest threshold.
 
     Args:
         curves: Outcomes over theta by policy.

@@ -1,4 +1,4 @@
-"""The page of a run."""
+"""Page of a reproduction."""
 
 from collections.abc import Iterable, Iterator
 
@@ -13,7 +13,7 @@ _RATES = ("stopped_fraction", "clamped_fraction", "substituted_fraction")
 
 
 def report_page(summary: ReproductionSummary, check: CrossCheck, drawn: Iterable[Picture]) -> Page:
-    """What was run and what came of it; sections without content are left out.
+    """The page; sections without content are left out.
 
     Args:
         summary: See `summary.summarise`.

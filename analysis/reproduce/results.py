@@ -1,4 +1,4 @@
-"""What was asked for and what came out: the data that figures, tables and files are made of, and its tables."""
+"""Request and results of a reproduction, from which figures, tables and files are made."""
 
 import math
 from collections.abc import Iterable
@@ -34,7 +34,7 @@ _CHANGES = {f"{name}{end}": f"{name}_difference{end}" for name in metrics.QUANTI
 
 @dataclass(frozen=True)
 class Request:
-    """What to reproduce.
+    """Data and settings of a reproduction.
 
     Attributes:
         split: The data sets; every fold is one.
@@ -219,7 +219,7 @@ def _curves(outcomes: Outcomes[xr.Dataset], spread: Spread) -> dict[str, xr.Data
 
 
 def decisions_table(found: Results) -> xr.Dataset:
-    """Errors and reaction times of passive and active perception, and passive less active, against the threshold."""
+    """Errors and reaction times of passive and active perception, and their difference, against the threshold."""
     stored, fresh = (_decisions(curves, found.grid) for curves in (found.curves, found.fresh_curves))
     fresh = fresh.rename({name: f"fresh_{name}" for name in fresh.data_vars})
     return stored.merge(fresh, join="outer")
