@@ -3,8 +3,8 @@
 
 VENV := .venv
 PY := $(VENV)/bin/python
-# Files of tests on all cores, but not on so many that memory runs short.
-SIDE_BY_SIDE := -n auto --maxprocesses 4 --dist loadfile
+# Files of tests on all cores, but not on so many that memory runs short, in the order of tests/conftest.py.
+SIDE_BY_SIDE := -n auto --maxprocesses 4 --dist loadfile --no-loadscope-reorder
 
 .PHONY: run test test-all check format bench bench-quick studies audit-studies interval-studies results reference-studies strategy-studies fuzz faults kills mutants house rig-demo lock clean help
 

@@ -30,6 +30,18 @@ settings.load_profile("solidtouch")
 _KEPT_S, _LEFT_S = 14 * 86400, 86400
 
 
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Folders whose files take long come first, so that no process is left alone with one at the end."""
+    folders = ["stress", "cli", "analysis", "models", "inference", "benchmarks", "hardware"]
+    tests = Path(__file__).parent
+
+    def place(item: pytest.Item) -> int:
+        first = item.path.relative_to(tests).parts[0]
+        return folders.index(first) if first in folders else -1
+
+    items.sort(key=place)
+
+
 @pytest.fixture(scope="session", autouse=True)
 def _one_blas_thread() -> Iterator[None]:
     """Linear algebra of the small sizes of tests is several times slower on several threads."""
@@ -38,14 +50,15 @@ def _one_blas_thread() -> Iterator[None]:
 
 
 @pytest.fixture(scope="session", autouse=True)
-def _xla_compiles_once() -> Iterator[None]:
+def _xla_compiles_once() -> Iterator[Callable[[], None]]:
     """Machine code of XLA is kept between runs in `build/xla`, as numba keeps its own beside the source.
 
     Its key is a hash of the whole program, so changed code is compiled anew. JAX does not write files atomically, so
-    each process has a folder of its own and publishes at its end what it has written.
+    each process has a folder of its own. The function that this gives publishes what is new there, and takes over what
+    others have published. XLA optimizes little, as most programs of tests run for a shorter time than they compile.
     """
     if "jax" not in sys.modules:
-        yield
+        yield lambda: None
         return
     features = hashlib.sha256(get_host_cpu_features().flatten().encode()).hexdigest()[:12]
     kept = Path(__file__).parents[1] / "build" / "xla" / features
@@ -54,19 +67,31 @@ def _xla_compiles_once() -> Iterator[None]:
         with suppress(FileNotFoundError):
             if time.time() - left.stat().st_mtime > _LEFT_S:
                 shutil.rmtree(left, ignore_errors=True)
+    for entry in kept.iterdir():
+        with suppress(FileNotFoundError):  # another run may have removed it
+            if time.time() - entry.stat().st_mtime > _KEPT_S:
+                entry.unlink()
     with tempfile.TemporaryDirectory(dir=kept.parent) as own:
-        for entry in kept.iterdir():
-            with suppress(FileNotFoundError):  # another run may have removed it
-                if time.time() - entry.stat().st_mtime > _KEPT_S:
-                    entry.unlink()
-                else:
-                    Path(own, entry.name).hardlink_to(entry)
+
+        def share() -> None:
+            for source, target in ((Path(own), kept), (kept, Path(own))):
+                for name in {entry.name for entry in source.iterdir()} - {entry.name for entry in target.iterdir()}:
+                    with suppress(FileNotFoundError, FileExistsError):  # another run was faster
+                        (target / name).hardlink_to(source / name)
+
+        share()
         config = sys.modules["jax"].config
         config.update("jax_compilation_cache_dir", own)
         config.update("jax_persistent_cache_min_compile_time_secs", 0)
-        yield
-        for entry in Path(own).iterdir():
-            entry.replace(kept / entry.name)
+        config.update("jax_disable_most_optimizations", True)
+        yield share
+        share()
+
+
+@pytest.fixture(scope="module", autouse=True)
+def _xla_compiles_once_for_all(_xla_compiles_once: Callable[[], None]) -> None:
+    """What one process has compiled for its last file the others need not compile for their next."""
+    _xla_compiles_once()
 
 
 @pytest.fixture

@@ -25,6 +25,7 @@ from ...models.touch import (
     KERNEL_BORDERS,
     CountedTaps,
     MoveKernel,
+    SplitPrior,
     TouchTables,
     WeighedTaps,
     move_kernel,
@@ -68,7 +69,7 @@ def touch_tables(model: TapModel) -> TouchTables:
     return TouchTables(
         type(form)(*(jnp.asarray(part) for part in form)),  # pyright: ignore[reportArgumentType]
         jnp.asarray(model.edges),
-        jnp.where(jnp.asarray(model.trained), 0.0, -jnp.inf),
+        jnp.asarray(np.where(model.trained, 0.0, -np.inf)),
         model.exponent,
     )
 
@@ -251,20 +252,15 @@ def enumerate_sequence(
         raise ZeroEvidenceError("A tap is impossible under every class.")
     where_kernels, what_kernels = _kernels(model, [0, *(int(delta) for delta in deltas)], border)
     with jax.enable_x64(True):
-        tables = touch_tables(model)
-        prior = split_prior(jnp.asarray(model.log_prior).reshape(L, H // M, M))
-        full = model.trained.all()
         arguments = (
-            _floored(
-                tables.log_trained if full else jnp.zeros((L, M))
-            ),  # else handled by the kernels; doing both underflows
-            jnp.asarray(model.exponent),
-            type(prior)(*(_floored(part) for part in prior)),
-            _sequence_taps(model, tables, taps, log_likelihood),
-            _floored(jnp.log(jnp.asarray(where_kernels))),
-            _floored(jnp.log(jnp.asarray(what_kernels))),
+            np.zeros((L, M)),  # untrained classes are left to the prior and the kernels; doing more underflows
+            np.float64(model.exponent),
+            _split_prior(model.log_prior.reshape(L, H // M, M)),
+            _sequence_taps(model, taps, log_likelihood),
+            _log_floored(where_kernels),
+            _log_floored(what_kernels),
         )
-        log_evidence, posterior = _sequence(arguments, jnp.tril(jnp.ones((T, T), dtype=bool)))
+        log_evidence, posterior = _sequence(arguments, np.tri(T, dtype=bool))
         log_evidence, posterior = np.asarray(log_evidence), np.moveaxis(np.asarray(posterior), 2, 3)
     # Largest weight of impossible paths; possible ones must weigh far more.
     ignored = _IMPOSSIBLE + likeliest.cumsum() + np.log(T * L * H)
@@ -278,14 +274,14 @@ def enumerate_sequence(
 
 
 def _sequence_taps(
-    model: TapModel, tables: TouchTables, taps: NDArray[np.floating], log_likelihood: NDArray[np.float64]
+    model: TapModel, taps: NDArray[np.floating], log_likelihood: NDArray[np.float64]
 ) -> CountedTaps | WeighedTaps:
     """Taps (T, J, K) as the sequence model observes them, with a stand-in for log 0.
 
     Counts are used on full grids, for independent samples, without states, and if `log_likelihood` (T, L, H) varies
     so little over the classes that the stand-in is far below all of it.
     """
-    form, seen = tables.form, observed(model, taps)
+    form, seen = model.form, observed(model, taps)
     (L, H), M = form.shape, model.grid.M
     likeliest = log_likelihood.max(axis=(1, 2))
     full = model.trained.all()
@@ -293,15 +289,21 @@ def _sequence_taps(
         # So low that one sample there outweighs all others of its tap.
         impossible_bin = (_IMPOSSIBLE + likeliest.min()) / model.exponent
         counts = (seen[..., None] == np.arange(form.log_prob.shape[-1])).sum(axis=1)
-        log_prob = jnp.where(jnp.isneginf(form.log_prob), impossible_bin, form.log_prob)
-        return CountedTaps(log_prob, jnp.asarray(counts, dtype=float))
+        log_prob = np.where(np.isneginf(form.log_prob), impossible_bin, form.log_prob)
+        return CountedTaps(jnp.asarray(log_prob), jnp.asarray(counts, dtype=float))
     least = (_IMPOSSIBLE + likeliest)[:, None, None] / model.exponent
-    weights = jnp.maximum(log_likelihoods(tables, jnp.asarray(seen)), jnp.asarray(least))
+    weights = np.maximum(log_likelihoods(touch_tables(model), jnp.asarray(seen)), least)
     weights = weights.reshape(len(taps), L, H // M, M)
     if not full:  # paths through holes must not outweigh others, whatever their tables hold
-        most = jnp.asarray(likeliest)[:, None, None, None] / model.exponent
-        weights = jnp.where(jnp.asarray(model.trained)[:, None], weights, most)
-    return WeighedTaps(jnp.moveaxis(weights, 2, 1))
+        most = likeliest[:, None, None, None] / model.exponent
+        weights = np.where(model.trained[:, None], weights, most)
+    return WeighedTaps(jnp.asarray(np.moveaxis(weights, 2, 1)))
+
+
+@jax.jit
+def _split_prior(log_prior: jax.Array) -> SplitPrior:
+    """`split_prior` with a stand-in for log 0."""
+    return SplitPrior(*(jnp.maximum(part, _IMPOSSIBLE) for part in split_prior(log_prior)))
 
 
 @jax.jit
@@ -335,8 +337,10 @@ def _what_kernel(kernel: MoveKernel, M: int) -> NDArray[np.float64]:
     return np.where(kernel.redraws_what[:, None, None], 1.0 / M, np.eye(M))
 
 
-def _floored(log_probability: jax.Array) -> jax.Array:
-    return jnp.maximum(log_probability, _IMPOSSIBLE)
+def _log_floored(probability: ArrayLike) -> NDArray[np.float64]:
+    """Logarithms with a stand-in for log 0."""
+    with np.errstate(divide="ignore"):
+        return np.maximum(np.log(probability), _IMPOSSIBLE)
 
 
 def _spread(log_likelihood: NDArray[np.float64]) -> float:

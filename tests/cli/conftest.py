@@ -5,6 +5,8 @@ from collections.abc import Callable
 from typing import NamedTuple
 
 import pytest
+from solidtouch.analysis.page import html
+from solidtouch.analysis.page.figure_style import styled
 from solidtouch.cli.main import run
 
 
@@ -30,3 +32,20 @@ def command(monkeypatch, capsys) -> Callable[..., Done]:
         return Done(code, *capsys.readouterr())
 
     return call
+
+
+@pytest.fixture
+def sketched(monkeypatch) -> None:
+    """Figures of a report are drawn once and coarsely, without the layout; their drawings stay empty.
+
+    What figures look like, and that both formats are written, is tested beside the code that draws them.
+    """
+
+    @styled
+    def sketch(figure, folder, name):
+        figure.set_layout_engine("none")
+        figure.savefig(folder / f"{name}.png", dpi=30)
+        (folder / f"{name}.svg").write_text("<svg/>")
+        return folder / f"{name}.png", folder / f"{name}.svg"
+
+    monkeypatch.setattr(html, "save", sketch)

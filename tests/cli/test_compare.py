@@ -36,7 +36,7 @@ def recordings(tmp_path):
 QUICK = ("--draws", "100", "--trials", "60", "--thresholds", "0.3,0.6,0.9", "--bins", "20")
 
 
-def test_models_are_compared_on_one_page(command, recordings, tmp_path):
+def test_models_are_compared_on_one_page(command, recordings, tmp_path, sketched):
     """The folder holds the page, the numbers and the figures, and the table names every model."""
     out = tmp_path / "out"
     result = command("compare", *recordings, "--models", "histogram,profile,session", *QUICK, "--out", out)
@@ -56,7 +56,7 @@ def test_models_are_compared_on_one_page(command, recordings, tmp_path):
     tree.close()
 
 
-def test_models_that_the_data_cannot_carry_are_named(command, tmp_path):
+def test_models_that_the_data_cannot_carry_are_named(command, tmp_path, sketched):
     """With one sample per tap profiles are refused, and the rest of the table still comes."""
     paths = []
     for session in (0, 1):

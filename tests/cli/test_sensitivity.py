@@ -17,7 +17,7 @@ def call():
     return lambda *words: CliRunner().invoke(app, [str(word) for word in words])
 
 
-def test_a_recording_gives_a_folder_with_the_page(call, make_taps, tmp_path):
+def test_a_recording_gives_a_folder_with_the_page(call, make_taps, tmp_path, sketched):
     """The page, the numbers, and the ranking in the terminal."""
     make_taps(sessions=3).save(tmp_path / "taps.nc")
     out = tmp_path / "out"

@@ -62,7 +62,7 @@ def test_what_cannot_be_compared_is_refused_in_a_sentence(call, tmp_path, words,
     assert not (tmp_path / "out").exists()
 
 
-def test_regret_can_be_had_alone(call, tmp_path, monkeypatch):
+def test_regret_can_be_had_alone(call, tmp_path, monkeypatch, sketched):
     """Here of cases of two taps: page, numbers, a figure, and findings in the terminal."""
     tiny = regret_cases.ProblemSize("5mm", range(3), (1, 3), 1, 4, 2)
     fewer = {"SMALL": (tiny,), "LARGE": tiny._replace(exact=False), "QUICK_TRIALS": 20, "_GRID_STEPS": 5}

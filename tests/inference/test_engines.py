@@ -33,6 +33,15 @@ IMPOSSIBLE = "impossible under every class"
 
 seeds = st.integers(0, 2**32)
 powers = st.sampled_from(["J", "JK", "none", 0.3])
+SIZES = [
+    (1, 3, 2, 4, 6, 5),
+    (3, 1, 4, 2, 5, 6),
+    (4, 2, 5, 3, 1, 6),
+    (2, 5, 1, 6, 3, 4),
+    (5, 4, 3, 1, 2, 6),
+    (6, 2, 4, 5, 3, 1),
+]
+"""L, M, K, J, B and taps, few of them, as all engines compile for each."""
 
 
 def engines(model, border):
@@ -77,7 +86,7 @@ def random_log_belief(rng, shape):
 
 @settings(max_examples=25, deadline=None)
 @given(
-    sizes=st.permutations([1, 2, 3, 4, 5, 6]),
+    sizes=st.sampled_from(SIZES),
     seed=seeds,
     border=st.sampled_from(BORDERS),
     power=powers,
@@ -85,7 +94,7 @@ def random_log_belief(rng, shape):
     value_range=st.sampled_from(["global", "taxel"]),
 )
 def test_engines_agree(make_model, draw_samples, sizes, seed, border, power, pseudocount, value_range):
-    """On sequences with moves beyond the range, for all pairwise different sizes."""
+    """On sequences with moves beyond the range, for pairwise different sizes."""
     L, M, K, J, B, T = sizes
     rng = np.random.default_rng(seed)
     untrained = [(int(rng.integers(L)), int(rng.integers(M)))] if L * M > 2 else []

@@ -46,7 +46,7 @@ def test_a_split_prior_is_the_prior(rng):
     prior[2], prior[:, 3], prior[0, 1, 2] = 0.0, 0.0, 0.0
     prior /= prior.sum()
     with jax.enable_x64(True):
-        split = split_prior(jnp.log(jnp.asarray(prior)))
+        split = jax.jit(lambda some: split_prior(jnp.log(some)))(prior)
         joint = np.exp(split.log_session[:, None, None] + split.log_where[:, :, None] + split.log_what)
         given_where = np.exp(split.log_what).sum(axis=2)
 
@@ -87,7 +87,8 @@ STATES = States(np.array([1.0, 1.3, 0.8, 1.1, 1.0]), np.array([0.0, 0.2, -0.1, 0
 def test_any_model_is_enumerated_over_where_session_and_what(make_taps, monkeypatch, name, at_once):
     """Whether all hypotheses fit into memory at once or a few at a time; with a belief that tells states apart."""
     monkeypatch.setattr(enumeration, "_AT_ONCE", at_once)
-    jax.clear_caches()
+    log_joint.clear_cache()
+    log_likelihoods.clear_cache()
     taps = make_taps(L=3, M=2, J=7, K=4)
     model = replace(fit_model(name, taps, taps.grid(), FitSettings(bins=6)).model, states=STATES)
     log_belief = np.log(np.random.default_rng(1).dirichlet(np.ones(3 * 5 * 2))).reshape(3, 10)

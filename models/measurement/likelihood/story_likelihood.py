@@ -168,7 +168,7 @@ def _by_bins(model: TapModel, taps: NDArray[np.floating]) -> NDArray[np.float64]
     plain = _bin_log_prob(model)
     L, M, K, B = plain.shape
     bins = jnp.asarray(model.bins(taps))
-    edges = jnp.broadcast_to(jnp.asarray(model.edges), (K, B + 1))
+    edges = jnp.asarray(np.broadcast_to(model.edges, (K, B + 1)))
     parts = []
     for gain, offset in zip(model.states.gain.tolist(), model.states.offset.tolist(), strict=True):
         at_rest = gain == 1 and offset == 0

@@ -21,7 +21,7 @@ UNTRAINED = (1, 2)
 NAMES = [*registry.NAMES, "session:profile"]
 IN_STATES = ["session", "session:profile"]
 BY_HAND = ["student", "smooth"]
-LENGTH, SEQUENCE = 5, 3
+LENGTH, SEQUENCE = 5, 2
 
 
 def by_hand(name, fitted):

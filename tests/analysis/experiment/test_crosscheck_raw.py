@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from solidtouch.analysis.experiment import trial_check
 from solidtouch.analysis.experiment.crosscheck import STORY, crosscheck_model
 from solidtouch.analysis.experiment.settings import ExperimentSettings
 from solidtouch.inference import raw, reference
@@ -18,6 +19,12 @@ FIT, RECURSION, TRIALS = "fit, raw taps", "numpy, raw taps", "numpy, raw taps tr
 EMPTY = (1, 2)
 SIZES = {"episodes": 3, "length": 5, "sequence_taps": 0, "border": "prior"}
 """Under the border that leaves the NumPyro engines out, which take long to compile."""
+
+
+@pytest.fixture
+def compiled_loops_alone(monkeypatch):
+    """Trials without XLA, which compiles for every shape; they stand beside those from raw taps all the same."""
+    monkeypatch.setattr(trial_check, "DEVICES", ("cpu",))
 
 
 @pytest.fixture(scope="module")
@@ -76,7 +83,7 @@ def test_all_routes_agree_with_the_one_from_raw_taps(taps, more, border):
 @pytest.mark.parametrize(
     ("L", "M", "J", "K"), [(1, 1, 1, 1), (1, 4, 6, 5), (4, 1, 6, 5), (3, 2, 1, 5), (3, 2, 6, 1), (2, 2, 1, 1)]
 )
-def test_small_worlds(make_taps, L, M, J, K):
+def test_small_worlds(make_taps, compiled_loops_alone, L, M, J, K):
     """One position, object, sample or taxel."""
     assert check(make_taps(L=L, M=M, J=J, K=K)).passed
 
@@ -99,14 +106,14 @@ def test_without_pseudocount_trials_end_without_a_class(make_taps):
     assert "end early" in " ".join(found.notes)
 
 
-def test_test_taps_may_lie_beyond_the_training_range(taps):
+def test_test_taps_may_lie_beyond_the_training_range(taps, compiled_loops_alone):
     wide = TapSet(taps.dataset.copy(deep=True))
     wide.dataset["taps"][taps.session == 1] *= 2
 
     assert check(wide).passed
 
 
-def test_a_learned_exponent_is_taken_over(make_taps):
+def test_a_learned_exponent_is_taken_over(make_taps, compiled_loops_alone):
     made = make_taps(sessions=3, repeats=3)
     parts = made.select(made.session < 2), made.select(made.session == 2)
     settings = fitted_by(bins=8, power="learned:2")
@@ -117,7 +124,7 @@ def test_a_learned_exponent_is_taken_over(make_taps):
     assert "takes the learned exponent" in " ".join(found.notes)
 
 
-def test_other_models_have_no_such_route(taps):
+def test_other_models_have_no_such_route(taps, compiled_loops_alone):
     """Their likelihood is checked by their story."""
     found = check(taps, settings=fitted_by(bins=8).changed(model="gaussian"))
 
@@ -176,7 +183,7 @@ MODELS = {
 
 
 @pytest.mark.parametrize("name", FITS)
-def test_an_error_in_the_fit_is_found(taps, monkeypatch, name):
+def test_an_error_in_the_fit_is_found(taps, monkeypatch, compiled_loops_alone, name):
     """All other routes share it and agree."""
     owner, function, wrong, quantities = FITS[name]
     monkeypatch.setattr(owner, function, wrong)
@@ -188,7 +195,7 @@ def test_an_error_in_the_fit_is_found(taps, monkeypatch, name):
 
 
 @pytest.mark.parametrize("name", MODELS)
-def test_an_error_in_the_model_is_found(taps, name):
+def test_an_error_in_the_model_is_found(taps, compiled_loops_alone, name):
     """Likewise, also where it is small."""
     change, quantities = MODELS[name]
     found = check(taps, change=change)
@@ -198,13 +205,13 @@ def test_an_error_in_the_model_is_found(taps, name):
     assert RECURSION in failed(found)
 
 
-def test_a_prior_over_untrained_classes_is_found(taps):
+def test_a_prior_over_untrained_classes_is_found(taps, compiled_loops_alone):
     found = check(taps, change=of(AnyClass))
 
     assert ("prior", False) in {(row.quantity, row.passed) for row in found.rows if row.routes == FIT}
 
 
-def test_a_wrong_saturation_is_found(taps):
+def test_a_wrong_saturation_is_found(taps, compiled_loops_alone):
     """In trials, where beliefs are read with it."""
     settings = fitted_by(bins=8, saturation=2.0)
     found = check(taps, settings=settings, change=lambda fitted: replace(fitted, saturation=1.5), length=8)
@@ -248,7 +255,7 @@ class Broken:
 
 
 @pytest.mark.parametrize("name", STEPS)
-def test_an_error_in_a_step_of_the_route_is_found(taps, monkeypatch, name):
+def test_an_error_in_a_step_of_the_route_is_found(taps, monkeypatch, compiled_loops_alone, name):
     """The others do without that step here, so that they show it."""
     monkeypatch.setattr(raw, "reference", Broken(name))
     found = check(taps)
@@ -264,7 +271,7 @@ def test_an_error_in_a_step_of_the_route_is_found(taps, monkeypatch, name):
         ("_nearest_with_tap", lambda where: max(where - 1, 0)),
     ],
 )
-def test_another_tap_in_a_trial_is_found(taps, monkeypatch, name, change):
+def test_another_tap_in_a_trial_is_found(taps, monkeypatch, compiled_loops_alone, name, change):
     monkeypatch.setattr(raw, name, changed(getattr(raw, name), change))
     found = check(taps)
 
@@ -272,7 +279,7 @@ def test_another_tap_in_a_trial_is_found(taps, monkeypatch, name, change):
 
 
 @pytest.mark.parametrize("step", ["update", "shift"])
-def test_an_error_in_the_recursion_of_the_route_is_found(taps, monkeypatch, step):
+def test_an_error_in_the_recursion_of_the_route_is_found(taps, monkeypatch, compiled_loops_alone, step):
     def tilt(answer):
         log_belief = (answer[0] if step == "update" else answer).copy()
         log_belief[0, 0] += 1e-6

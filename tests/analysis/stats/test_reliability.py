@@ -173,13 +173,19 @@ def test_equal_beliefs_share_a_bin():
     assert set(counts.tolist()) <= {40, 41}
 
 
+@pytest.fixture(scope="module")
+def kept_promises():
+    """Of both policies, by a right model."""
+    table, play = calibrated(), PlaySettings(deadline=400)
+    return guarantees(table, table, grid_of(), (0.6, 0.8, 0.9), 1, play=play, trials=6000, resamples=40)
+
+
 @pytest.mark.parametrize("policy", ["passive", "active"])
-def test_a_right_model_has_factor_one_and_keeps_the_promises(policy):
+def test_a_right_model_has_factor_one_and_keeps_the_promises(policy, kept_promises):
     """Within the interval, overall; promises hold for each object too, and some decisions are wrong."""
-    table = calibrated()
+    table, promises = calibrated(), kept_promises
     more, play = {"trials": 6000, "resamples": 100}, PlaySettings(border="clamp", deadline=400)
     data = reliability(table, grid_of(), (0.6, 0.8, 0.9), 1, play=play, contacts=(2, 5), only=policy, **more)
-    promises = guarantees(table, table, grid_of(), (0.6, 0.8, 0.9), 1, play=PlaySettings(deadline=400), **more)
     at = at_stopping(data, policy).sel(what=EVERYTHING, counted="stopped")
     kept = promises.sel(setup=PROMISED, policy=policy)
 
@@ -201,8 +207,8 @@ def test_a_likelihood_counted_three_times_breaks_what_it_promises():
     """The factor is well above 1, and the promise at a high threshold is broken beyond its interval."""
     table = calibrated(evenness=0.4)
     bold = table._replace(log_likelihood=3 * table.log_likelihood)
-    data = reliability(bold, grid_of(), (0.95,), 1, trials=3000, contacts=(5,))
-    promises = guarantees(bold, table, grid_of(), (0.95,), 1, trials=3000)
+    data = reliability(bold, grid_of(), (0.95,), 1, trials=3000, contacts=(5,), resamples=40)
+    promises = guarantees(bold, table, grid_of(), (0.95,), 1, trials=3000, resamples=40)
     at = at_stopping(data, "passive").sel(theta=0.95, what=EVERYTHING, counted="stopped")
 
     assert at.factor_low > 2
@@ -385,18 +391,18 @@ def test_few_taps_give_the_factor_of_fresh_ones():
 
 
 def test_intervals_cover_the_truth_of_other_taps():
-    """Of 30 data sets of taps, the interval of the wrong fraction holds that of very many taps in most."""
+    """Of 20 data sets of taps, the interval of the wrong fraction holds that of very many taps in most."""
     truth = reliability(calibrated(evenness=0.4), grid_of(), (0.8,), 0, trials=20000, contacts=(), resamples=1)
     true = at_stopping(truth, "passive").wrong.sel(what=EVERYTHING, counted="all").item()
     table, rng, held = calibrated(evenness=0.4), np.random.default_rng(8), 0
     where, what, _ = (index.ravel() for index in np.indices((L, M, 60)))
-    for seed in range(30):
+    for seed in range(20):
         chosen = (where * M + what) * 1500 + rng.integers(1500, size=len(where))
         part = TapTable(table.log_likelihood[chosen], tap_pool(where, what, (L, M)), table.log_prior)
         data = reliability(part, grid_of(), (0.8,), seed, trials=1000, contacts=(), resamples=60, only="passive")
         at = at_stopping(data, "passive").sel(what=EVERYTHING, counted="all", theta=0.8)
         held += at.wrong_low.item() <= true <= at.wrong_high.item()
-    assert held >= 26
+    assert held >= 17
 
 
 def test_more_trials_at_one_place_do_not_narrow_intervals():
@@ -406,19 +412,19 @@ def test_more_trials_at_one_place_do_not_narrow_intervals():
     true = at_stopping(truth, "passive").wrong.sel(what=EVERYTHING, counted="all").item()
     rng, held, widths = np.random.default_rng(8), 0, []
     where, what, _ = (index.ravel() for index in np.indices((1, M, 80)))
-    for seed in range(30):
+    for seed in range(20):
         part = TapTable(
             table.log_likelihood[what * 1500 + rng.integers(1500, size=len(what))],
             tap_pool(where, what, (1, M)),
             table.log_prior,
         )
-        for trials in (100, 4000):
+        for trials in (100, 4000) if seed < 6 else (4000,):
             data = reliability(part, grid, (0.8,), seed, trials=trials, contacts=(), resamples=60)
             at = at_stopping(data, "passive").sel(what=EVERYTHING, counted="all", theta=0.8)
             widths.append(float(at.wrong_high - at.wrong_low))
         held += at.wrong_low.item() <= true <= at.wrong_high.item()
-    assert held >= 26
-    assert np.mean(widths[1::2]) > 0.6 * np.mean(widths[::2])
+    assert held >= 17
+    assert np.mean(widths[1:12:2]) > 0.6 * np.mean(widths[:12:2])
 
 
 def test_one_object_is_decided_for_by_its_place():

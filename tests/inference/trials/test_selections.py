@@ -61,6 +61,14 @@ def test_each_session_is_left_out_in_turn_where_several_test(pools):
         assert everything - set(found) == {t for t in everything if table.session[t] == (0, 7, 9)[r % 3]}
 
 
+def shares(pool, taps):
+    """The share of every tap in the mean over the classes of a pool of the mean over its taps; one position."""
+    share, held = np.zeros(taps), [m for m in range(pool.count.shape[1]) if pool.count[0, m]]
+    for m in held:
+        np.add.at(share, taps_of(pool, 0, m), 1 / (len(held) * pool.count[0, m]))
+    return share
+
+
 def cells_with_repeats(pool):
     return [(int(tap), (l, m)) for l, m in np.ndindex(*pool.count.shape) for tap in taps_of(pool, l, m)]
 
@@ -120,7 +128,7 @@ def test_selections_enlarged_vary_as_the_quantity_itself(pools, thinned, taps):
     for seed in range(400):
         table = table_of(count=np.full((1, 2), taps))
         score = rng.normal(size=len(table.log_likelihood))
-        of_classes = [[score[taps_of(pool, 0, m)].mean() for m in range(2)] for pool in pools(table, 40, seed)]
+        of_classes = [[score[taps_of(pool, 0, m)].mean() for m in range(2)] for pool in pools(table, 15, seed)]
         means = np.mean(of_classes, axis=1)
         values.append([means[0], (spread(table, thinned=thinned).factor ** 2) * means[1:].var(ddof=1)])
     mean, variance = np.array(values).T
@@ -155,7 +163,7 @@ def test_classes_of_one_tap_vary_as_they_differ(pools, thinned, apart):
         score = rng.normal(size=len(table.log_likelihood))
         offset = apart * np.arange(7) / 3
         means = []
-        for pool in pools(table, 40, seed):
+        for pool in pools(table, 15, seed):
             some = [m for m in range(7) if pool.count[0, m]]
             means.append(np.mean([score[taps_of(pool, 0, m)].mean() + offset[m] for m in some]))
         values.append([means[0], (spread(table, thinned=thinned).factor ** 2) * np.var(means[1:], ddof=1)])
@@ -169,14 +177,11 @@ def test_classes_of_one_tap_vary_as_they_differ(pools, thinned, apart):
 def test_intervals_hold_a_share_where_some_classes_have_one_tap(pools, thinned, count):
     """Of wrong taps, .3 of them in all classes alike: 93% of 300 intervals or more."""
     rng, table = np.random.default_rng(1), table_of(count=np.array([count]))
-    how, drawn, held = spread(table, thinned=thinned), list(pools(table, 100, 1)), 0
+    taps, how, held = len(table.log_likelihood), spread(table, thinned=thinned), 0
+    drawn = np.array([shares(pool, taps) for pool in pools(table, 100, 1)])
     for _ in range(300):
-        wrong = rng.random(len(table.log_likelihood)) < 0.3
-        shares = [
-            np.mean([wrong[taps_of(pool, 0, m)].mean() for m in range(len(count)) if pool.count[0, m]])
-            for pool in drawn
-        ]
-        low, high = how.interval(np.array(shares), 0.0, 1.0)
+        wrong = rng.random(taps) < 0.3
+        low, high = how.interval(drawn @ wrong, 0.0, 1.0)
         held += low <= 0.3 <= high
     assert held / 300 >= 0.93
 
@@ -267,10 +272,11 @@ def test_sessions_of_unequal_sizes_leave_fewer_degrees_of_freedom(sizes):
 def test_intervals_over_sessions_hold_the_truth_whether_these_differ_or_not(sessions, apart):
     """A mean of taps over sessions that differ by so many standard deviations of a tap: 95% of 600 intervals."""
     rng, hits = np.random.default_rng(1), 0
-    for seed in range(600):
-        table = table_of(count=np.full((1, 2), 10 * sessions), session=lambda i: i % sessions)
-        score = rng.normal(size=len(table.log_likelihood)) + apart * rng.normal(size=sessions)[table.session]
-        of_classes = [[score[taps_of(pool, 0, m)].mean() for m in range(2)] for pool in thinned_pools(table, 40, seed)]
-        low, high = spread(table, thinned=True).interval(np.mean(of_classes, axis=1))
+    table = table_of(count=np.full((1, 2), 10 * sessions), session=lambda i: i % sessions)
+    taps, how = len(table.log_likelihood), spread(table, thinned=True)
+    drawn = np.array([shares(pool, taps) for pool in thinned_pools(table, 40, 0)])
+    for _ in range(600):
+        score = rng.normal(size=taps) + apart * rng.normal(size=sessions)[table.session]
+        low, high = how.interval(drawn @ score)
         hits += low <= 0 <= high
     assert 0.92 <= hits / 600 <= 0.98
