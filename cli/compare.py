@@ -23,7 +23,10 @@ def compare(
     fit: Annotated[FitSettings, Fields(*FITTING, "unconverged")] = FitSettings(),
     draws: Annotated[
         int,
-        Option(min=0, help="Posterior draws per model for leave-one-out scores; 0 skips these and predictive checks."),
+        Option(
+            min=0,
+            help="Posterior draws per model, at least 100, for leave-one-out and predictive checks; 0 skips both.",
+        ),
     ] = 400,
     trials: Annotated[int, Option(min=1, help="Trials per model, passive and active.")] = 4000,
     thresholds: Thresholds = None,

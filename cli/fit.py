@@ -64,6 +64,7 @@ def fit(
     from ..models.errors import InputError
 
     with loading():
+        from ..analysis.experiment.data_warnings import one_object
         from ..inference.fit import check_used
         from ..inference.tuning.tempering import fit_tempered
         from ..models.experiment import load_experiment
@@ -101,6 +102,8 @@ def fit(
     if draws and kept is None:
         print("Note: without a pseudocount the posterior is improper, so no draws are stored.")
     print(f"{grid.L} x {grid.M} (position, object) classes from {len(fold.train)} taps, in {out}")
+    for sentence in one_object(grid, range(grid.M)):
+        print(f"Warning: {sentence}")
     if left_out:
         print(f"Left out, without training taps: {', '.join(left_out)}")
 

@@ -12,6 +12,7 @@ import numpy as np
 from ..models.errors import InputError
 from ..models.grid import ClassGrid
 from ..models.io.load import load_taps
+from ..models.io.recording import naming
 from ..models.seeds import Purpose, generator
 from ..models.taps import TapSet
 from .journal import Journal, NoJournal
@@ -186,7 +187,8 @@ def _simulated(rig: str, grid: ClassGrid, wish: Wish) -> PlaceableRig:
 def _replayed(path: str, grid: ClassGrid, wish: Wish, fresh: Callable[[TapSet], TapSet] | None) -> PlaceableRig:
     taps = load_taps(path)
     if fresh is not None:
-        taps = fresh(taps)
+        with naming(path):
+            taps = fresh(taps)
     known = {name for members in grid.what_members for name in members}
     new = [name for name in taps.what_name if name not in known]
     # Objects that the model does not know stand behind those that it does: perception should call them unknown.

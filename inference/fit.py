@@ -6,7 +6,7 @@ from typing import Any
 
 from ..models.errors import InputError
 from ..models.grid import ClassGrid
-from ..models.io.load import TapSource, taps_of
+from ..models.io.load import TapSource, names_of, taps_of
 from ..models.measurement.histogram import trim
 from ..models.measurement.model import TapModel
 from ..models.measurement.registry import PAPER, split_name
@@ -44,7 +44,7 @@ def fit(
     given = FitSettings(**settings)
     check_used(model, given)
     if isinstance(taps, Sequence) and not isinstance(taps, str):
-        taps = concatenate([taps_of(part) for part in taps])
+        taps = concatenate([taps_of(part) for part in taps], names_of(taps))
     taps = taps_of(taps)
     grid, dropped = trim(taps.grid() if grid is None else grid, [taps])
     fitted, _ = fit_tempered(model, taps, grid, given, "taps given to fit")

@@ -35,7 +35,7 @@ def load_experiment(data: Sequence[TapSource], division: Division | None = None)
         parts = split(first, grid, division.split, *sessions)
     else:
         division.refuse_split("with two files the first trains and the second tests")
-        parts = two_files(first, taps_of(data[1]))
+        parts = two_files(first, taps_of(data[1]), names_of(data))
     for fold in parts.folds:
         for verb, side in (("train with", fold.train), ("test", fold.test)):
             if not np.any(np.minimum(*side.indices(grid)) >= 0):

@@ -111,7 +111,7 @@ class Preprocessing:
         try:
             return cls(**json.loads(text))
         except (TypeError, json.JSONDecodeError) as error:
-            raise InputError(f"Not a preprocessing record: {text[:80]!r}.") from error
+            raise InputError(f"Not a preprocessing record: {text!r:.80}.") from error
 
 
 class CutTap(NamedTuple):

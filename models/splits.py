@@ -111,13 +111,13 @@ def untrained(parts: Split, keep: bool = False) -> Split:
     return replace(parts, folds=tuple(folds), warning=" ".join(told))
 
 
-def two_files(train: TapSet, test: TapSet) -> Split:
-    """One fold from two tap sets.
+def two_files(train: TapSet, test: TapSet, names: Sequence[str] = ("TRAIN", "TEST")) -> Split:
+    """One fold from two tap sets, with their names for messages.
 
     Raises:
         InputError: They differ in taxels, unit of position or preprocessing.
     """
-    check_compatible(train, test)
+    check_compatible(train, test, *names)
     return Split((Fold(train, test, "test file"),), "files", "The first file trains, the second tests.")
 
 

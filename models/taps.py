@@ -360,17 +360,20 @@ def load_dataset(path: str | Path) -> xr.Dataset:
         raise InputError(f"{path}: not a netCDF file, or truncated.") from error
 
 
-def concatenate(parts: Sequence[TapSet]) -> TapSet:
-    """One tap set from several with the same objects, positions and preprocessing.
+def concatenate(parts: Sequence[TapSet], names: Sequence[str] | None = None) -> TapSet:
+    """One tap set from several with the same objects and preprocessing, with all their positions.
+
+    Args:
+        parts: The tap sets; other tables than that of positions are those of the first.
+        names: Their names for messages.
 
     Raises:
-        InputError: The parts are incompatible.
+        InputError: There is none, or they are incompatible.
     """
-    first = parts[0]
-    for i, part in enumerate(parts[1:], start=1):
-        check_compatible(first, part, "the first part", f"part {i + 1}")
-        if part.what_name != first.what_name:
-            raise InputError(f"Part {i + 1} has different objects from the first part.")
+    if not parts:
+        raise InputError("There are no taps.")
+    check_alike(parts, [f"part {i}" for i in range(1, len(parts) + 1)] if names is None else names)
+    parts = with_all_places(parts)
     dataset = xr.concat(
         [part.dataset for part in parts], dim="tap", data_vars="minimal", coords="minimal", compat="override"
     )
@@ -391,6 +394,29 @@ def check_compatible(train: TapSet, test: TapSet, train_name: str = "TRAIN", tes
     differences = train.preprocessing.differences(test.preprocessing)
     if differences:
         raise InputError(f"{train_name} and {test_name} differ in preprocessing: {'; '.join(differences)}.")
+
+
+def check_alike(taps: Sequence[TapSet], names: Sequence[str]) -> None:
+    """Checks that tap sets can be sessions of one recording.
+
+    Raises:
+        InputError: They differ in objects, taxels, unit of position or preprocessing; the message names both.
+    """
+    for other, name in zip(taps[1:], names[1:], strict=True):
+        check_compatible(taps[0], other, names[0], name)
+        if other.what_name != taps[0].what_name:
+            raise InputError(f"{name}: objects differ from those of {names[0]}.")
+
+
+def with_all_places(taps: Sequence[TapSet]) -> Sequence[TapSet]:
+    """The tap sets; if their tables of positions differ, with the union of the positions and without edges."""
+    tables = [part.dataset["where_value"] for part in taps]
+    if all(table.equals(tables[0]) for table in tables):
+        return taps
+    every = np.unique(np.concatenate([table.values for table in tables]))
+    column = ("where_class", every, tables[0].attrs)
+    places = ("where_value", "where_edges")
+    return [TapSet(part.dataset.drop_vars(places, errors="ignore").assign_coords(where_value=column)) for part in taps]
 
 
 def _coarser(

@@ -97,10 +97,11 @@ def compare(
 
     Args:
         data: One tap set or file that is divided, or two, of which the first trains and the second tests.
-        models: Names, the reference first; see docs/reference/models.md.
+        models: Names, the reference first, or one name; see docs/reference/models.md.
         division: How taps are grouped into classes, and how one tap set is divided.
         fit: How models are fitted; their seed is `seed`.
-        draws: Draws from each posterior, to leave out single taps; 0 skips that and the predictive checks.
+        draws: Draws from each posterior, to leave out single taps, at least 100; 0 skips that and the predictive
+            checks.
         trials: Trials of each model, passive and active.
         thresholds: Belief thresholds, theta_W; `None` for those of the paper's range.
         play: How trials are played.
@@ -111,6 +112,7 @@ def compare(
     Raises:
         InputError: The taps or a setting cannot be used.
     """
+    models = [models] if isinstance(models, str) else models
     for name in models:
         split_name(name)
     parts, grid = load_experiment(data, division)

@@ -169,6 +169,8 @@ def compare_models(
 
 def _check(settings: CompareSettings) -> None:
     """Refuses what would fail only after the work."""
+    if not settings.models:
+        raise InputError("--models must name at least one model.")
     if len(set(settings.models)) < len(settings.models):
         raise InputError(f"--models must name different models, got {','.join(settings.models)!r}.")
     if 0 < settings.draws < _FEWEST_DRAWS:

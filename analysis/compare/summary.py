@@ -79,6 +79,7 @@ def summarise(comparison: Comparison, settings: CompareSettings, described: Comp
             *([comparison.sessions] if comparison.left_out_sessions is None else []),
             *too_few_taps(comparison.curves, _shown(comparison.curves)),
             *_no_class_left(comparison),
+            *_alone(names),
         ],
         "taps": _taps(comparison),
         "contacts": [int(n) for n in comparison.classes["contacts"].values],
@@ -106,6 +107,11 @@ def _no_class_left(comparison: Comparison) -> list[str]:
         for name in comparison.fits
         if (share := float(left.sel(model=name))) > 0
     ]
+
+
+def _alone(names: Sequence[str]) -> list[str]:
+    """A sentence if no second model could be fitted."""
+    return [f"Only one model, {names[0]}, could be fitted, so nothing is compared."] if len(names) == 1 else []
 
 
 def _model(comparison: Comparison, name: str, power: str | float) -> ComparedModel:

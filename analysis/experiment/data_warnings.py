@@ -26,12 +26,22 @@ def data_warnings(taps: TapSet, grid: ClassGrid, *, alone: bool = True) -> Itera
     if not inside.all():
         yield f"{np.count_nonzero(~inside)} of {len(taps)} taps lie outside all classes and are not used."
     cells = np.ravel_multi_index((where[inside], what[inside]), grid.shape)
+    yield from one_object(grid, what[inside])
     yield from _empty(cells, grid)
     yield from _sessions(taps, cells, inside, grid, alone)
     yield from _few(taps, cells, inside, grid)
     yield from _blocks(taps, where, what, grid)
     yield from _uneven(grid)
     yield from _taxels(taps)
+
+
+def one_object(grid: ClassGrid, what: ArrayLike) -> Iterator[str]:
+    """A sentence if all taps, with these object indices, are of the same object."""
+    if len(touched := np.unique(what)) == 1:
+        yield (
+            f"All taps are of one object, {grid.what_name[touched[0]]}: it cannot be confused with another, so object "
+            "errors are zero and every decision is made at the first tap."
+        )
 
 
 def fold_warnings(fold: Fold, grid: ClassGrid, *, one_file: bool) -> list[str]:

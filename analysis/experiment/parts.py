@@ -10,11 +10,11 @@ from numpy.typing import NDArray
 from ...models.digest import tap_digests
 from ...models.errors import InputError
 from ...models.grid import ClassGrid
-from ...models.io.joining import check_alike, numbered
+from ...models.io.joining import numbered
 from ...models.io.load import TapSource, names_of, taps_of
 from ...models.settings import Division
 from ...models.splits import rank_in_class
-from ...models.taps import TapSet, concatenate
+from ...models.taps import TapSet, check_alike, concatenate
 from ...models.training import without_training
 
 _HALVED = (

@@ -17,13 +17,14 @@ from ...inference.trials.run import checked_thresholds
 from ...inference.trials.tally import Tally, tally_trials
 from ...models.errors import InputError
 from ...models.grid import ClassGrid
-from ...models.io.load import TapSource, names_of, taps_of
+from ...models.io.load import TapSource, named, names_of, taps_of
 from ...models.io.model_file import ModelSource, model_of
 from ...models.measurement.model import TapModel
 from ...models.settings import PlaySettings
 from ...models.splits import select_sessions
 from ...models.storage import complete_file
 from ...models.training import untrained_taps
+from ..experiment.data_warnings import one_object
 from ..page.page import Page
 from ..page.report import Report
 from ..page.stages import Progress, no_progress
@@ -62,9 +63,11 @@ class TrialsReport(Report):
 
     @property
     def warning(self) -> str:
-        """Warning about trials in which no class was left; empty without such trials."""
+        """Warning about trials in which no class was left, or about a single object; empty without them."""
         share = self.found.no_class_left.max() / self.found.trials
-        return no_class_left_sentence(share, self.model) if share > 0 else ""
+        grid = self.model.grid
+        sentences = [no_class_left_sentence(share, self.model)] if share > 0 else []
+        return " ".join([*sentences, *one_object(grid, range(grid.M))])
 
     @property
     def results(self) -> xr.Dataset:
@@ -134,20 +137,23 @@ def trials(
     if play.passive and (play.fixation is not None or play.theta_x > 0):
         raise InputError("--passive never moves and does not go with --fixation or --theta-x.")
     fitted = model_of(model)
-    named = Path(model).name if isinstance(model, str | Path) else "model"
+    called = Path(model).name if isinstance(model, str | Path) else "model"
     grid = fitted.grid
     chosen = select_sessions(taps_of(taps), None if sessions is None else [*sessions], "--test")
+    with named(taps):
+        fitted.check_tapset(chosen)
     tested, sentence = untrained_taps(chosen, fitted.training, training_taps)
     if sentence:
         note(sentence)
-    tested = fitted.usable(tested)
+    with named(taps):
+        tested = fitted.usable(tested)
     table = tap_table(fitted, tested)
     theta = checked_thresholds(stop if stop is None else [*np.atleast_1d(stop)])
     if start is not None and not 0 <= start < grid.L:
         raise InputError(f"--start must be an index from 0 to {grid.L - 1}, got {start}.")
     point = check_fixation(play.fixation, grid.L)
     about = {
-        "model": named,
+        "model": called,
         "taps": f"{len(tested)} of {Path(*names_of([taps])).name}",
         "policy": "passive" if play.passive else "active",
         "fixation": "none" if play.passive else grid.where_label(point),

@@ -44,6 +44,7 @@ from .training import TunedReport, training_data
 
 ONLINE_THRESHOLDS = (0.5, 0.7, 0.8, 0.9, 0.95, 0.975, 0.99, 0.995)
 _FEWEST = 2  # episodes before a cost is known
+_FEW = 10  # episodes with a pair, below which its cost is hardly known
 
 type Rig = Callable[[int], tuple[TouchSensor, str | None]]
 """Places a sensor before an object for an episode, counted from 0; gives the sensor and the name of the object."""
@@ -101,7 +102,7 @@ class OnlineTuningReport(TunedReport):
             f"{learner.fixation[arm]}) and threshold {learner.theta[arm]:g}, believed to cost {mean[arm]:.1f} taps an "
             f"episode ({CONFIDENCE:.0%} interval {max(1.0, low):.1f} to {high:.1f}); it was played in "
             f"{learner.count[arm]} of them, and {np.count_nonzero(learner.count)} of {len(learner.count)} pairs were "
-            "tried."
+            f"tried.{_hardly_played(int(learner.count[arm]))}"
         )
 
     @property
@@ -251,6 +252,14 @@ def tune_online(
     return OnlineTuningReport(training, last, setting)
 
 
+def _hardly_played(count: int) -> str:
+    """A warning if the recommended pair was played in few episodes."""
+    if count >= _FEW:
+        return ""
+    played = {0: "never played", 1: "played only once"}.get(count, f"played only {count} times")
+    return f" Warning: this pair was {played}, so its cost is uncertain; learn from more episodes before relying on it."
+
+
 @contextmanager
 def _opened(
     rig: str | Rig, grid: ClassGrid, wish: Wish, home: bool, fresh: Callable[[TapSet], TapSet]
@@ -289,6 +298,7 @@ def _live(
 
 def _untrained(model: TapModel, keep: bool, note: Callable[[str], object], taps: TapSet) -> TapSet:
     """The taps that a replay plays; says which trained the model."""
+    model.check_tapset(taps)
     rest, sentence = untrained_taps(taps, model.training, keep)
     if sentence:
         note(sentence)

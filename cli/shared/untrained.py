@@ -17,10 +17,11 @@ def untrained(model: "TapModel", taps: "TapSet", keep: bool) -> "TapSet":
         keep: Whether to keep training taps, as with `--training-taps`.
 
     Raises:
-        InputError: No tap is left.
+        InputError: No tap is left, or the taps do not fit the model.
     """
     from ...models.training import untrained_taps
 
+    model.check_tapset(taps)
     rest, sentence = untrained_taps(taps, model.training, keep)
     if sentence:
         print(sentence, file=sys.stderr)

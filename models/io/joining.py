@@ -6,9 +6,8 @@ import numpy as np
 
 from ..digest import tap_digests
 from ..errors import InputError
-from ..taps import TapSet, check_compatible, concatenate
+from ..taps import TapSet, check_alike, concatenate, with_all_places
 
-_PLACES = ("where_value", "where_edges")
 _TABLES = ("where_value", "where_edges", "what_value", "taxel_position", "time")
 
 
@@ -26,18 +25,8 @@ def joined(taps: Sequence[TapSet], names: Sequence[str]) -> TapSet:
         return taps[0]
     check_alike(taps, names)
     _check_apart(taps, names)
-    taps = _with_all_places(taps)
+    taps = with_all_places(taps)
     return concatenate(numbered(taps, names)[0])
-
-
-def _with_all_places(taps: Sequence[TapSet]) -> Sequence[TapSet]:
-    """The tap sets; if their tables of positions differ, with the union of the positions and without edges."""
-    tables = [part.dataset["where_value"] for part in taps]
-    if all(table.equals(tables[0]) for table in tables):
-        return taps
-    every = np.unique(np.concatenate([table.values for table in tables]))
-    column = ("where_class", every, tables[0].attrs)
-    return [TapSet(part.dataset.drop_vars(_PLACES, errors="ignore").assign_coords(where_value=column)) for part in taps]
 
 
 def _check_apart(taps: Sequence[TapSet], names: Sequence[str]) -> None:
@@ -48,18 +37,6 @@ def _check_apart(taps: Sequence[TapSet], names: Sequence[str]) -> None:
         if shared:
             raise InputError(f"{name}: {len(shared)} taps are also in {shared[0]}.")
         known |= dict.fromkeys(digests, name)
-
-
-def check_alike(taps: Sequence[TapSet], names: Sequence[str]) -> None:
-    """Refuses tap sets that cannot be sessions of one recording.
-
-    Raises:
-        InputError: They differ in objects, taxels, unit of position or preprocessing; the message names both files.
-    """
-    for other, name in zip(taps[1:], names[1:], strict=True):
-        check_compatible(taps[0], other, names[0], name)
-        if other.what_name != taps[0].what_name:
-            raise InputError(f"{name}: objects differ from those of {names[0]}.")
 
 
 def numbered(taps: Sequence[TapSet], names: Sequence[str]) -> tuple[list[TapSet], tuple[str, ...]]:

@@ -1,7 +1,8 @@
 """Loads a `TapSet` from any supported file: `.nc`, `.mcap`, `.npz`, `.csv`, `.mat` and folders of `.csv` files."""
 
 import os
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager, nullcontext
 from pathlib import Path
 
 from ..errors import InputError
@@ -66,6 +67,13 @@ def taps_of(source: TapSource) -> TapSet:
 def names_of(sources: Sequence[TapSource]) -> list[str]:
     """Names of tap sets for messages and pages: their paths, or numbers from 1 without files."""
     return [f"taps {n}" if isinstance(source, TapSet) else str(source) for n, source in enumerate(sources, 1)]
+
+
+@contextmanager
+def named(source: TapSource) -> Iterator[None]:
+    """Puts the file's name in front of the message of any `InputError` raised inside the block, if there is a file."""
+    with nullcontext() if isinstance(source, TapSet) else naming(source):
+        yield
 
 
 def read_recording(path: str | Path) -> Recording:

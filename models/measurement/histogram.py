@@ -365,8 +365,8 @@ class _Histogram(NamedTuple):
         fits = len(shape) == 4 and model.edges.shape in ((shape[3] + 1,), (shape[2], shape[3] + 1))
         if not fits or shape[:2] != model.grid.shape:
             raise ValueError(f"counts have shape {shape}, edges {model.edges.shape}.")
-        if (model.counts < 0).any():
-            raise ValueError("counts are negative.")
+        if (model.counts < 0).any() or not 0 <= model.pseudocount < np.inf:
+            raise ValueError("counts or the pseudocount are negative or infinite.")
         return model
 
 

@@ -229,6 +229,15 @@ class TapModel(ABC):
         if differences:
             raise InputError(f"The taps and the model differ in preprocessing: {'; '.join(differences)}.")
 
+    def check_tapset(self, taps: "TapSet") -> None:
+        """Checks that taps were preprocessed as the training taps and have as many taxels.
+
+        Raises:
+            InputError: They were not, or have not.
+        """
+        self.check_taps(taps.preprocessing)
+        self._check_shape(taps.taps)
+
     def trained_with(self, taps: "TapSet") -> int:
         """Number of these taps that trained the model, as far as known; see `training.training_taps`."""
         return int(training_taps(taps, self.training).sum())
@@ -237,9 +246,9 @@ class TapModel(ABC):
         """Taps whose class was trained.
 
         Raises:
-            InputError: There is none, or the taps were prepared otherwise.
+            InputError: There is none, or as `check_tapset`.
         """
-        self.check_taps(taps.preprocessing)
+        self.check_tapset(taps)
         known = self.known(taps)
         if not known.any():
             raise InputError("No tap left: none belongs to a class with training taps.")

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 import xarray as xr
 from solidtouch.analysis.experiment.crosscheck import CrossCheck, RouteDifference
+from solidtouch.inference.fit import fit
 from solidtouch.models.io.model_file import load_model
 from solidtouch.models.measurement.catalogue import fit_model
 from solidtouch.models.measurement.registry import NAMES
@@ -193,6 +194,54 @@ def test_crosscheck_of_no_model_is_an_error(command, tmp_path, make_taps, monkey
 
     assert done.code == 2
     assert "No model could be checked" in done.err
+
+
+@pytest.fixture
+def unlike(tmp_path, make_taps):
+    """A model, and taps with more taxels and other positions."""
+    make_taps().save(tmp_path / "taps.nc")
+    make_taps(K=7).save(tmp_path / "wide.nc")
+    make_taps(L=5).save(tmp_path / "long.nc")
+    fit(make_taps(), bins=9).save(tmp_path / "model.nc")
+    return tmp_path
+
+
+def test_files_that_do_not_fit_are_named(command, unlike):
+    taps, wide, model = (unlike / name for name in ("taps.nc", "wide.nc", "model.nc"))
+    runs = {
+        f"{taps} has 5 taxels and {wide} has 7": ("fit", taps, wide, "--out", unlike / "new.nc"),
+        f"{wide}: Taps must have 6 samples and 5 taxels": ("trials", model, wide),
+        "wide.nc: Taps must have": ("perceive", model, "--rig", f"replay:{wide}"),
+    }
+
+    for message, words in runs.items():
+        done = command(*words)
+        assert done.code == 2
+        assert message in done.err
+
+
+def test_files_with_other_positions_are_compared(command, unlike):
+    """Sessions are left out of both together."""
+    words = ("--models", "histogram", "--draws", 0, "--trials", 20, "--thresholds", 0.5, "--out", unlike / "out")
+    done = command("compare", unlike / "taps.nc", unlike / "long.nc", "--training-taps", *words)
+
+    assert done.code == 0, done.err
+
+
+def test_a_single_object_is_named(command, tmp_path, make_taps):
+    """By the commands that would show it errors of zero."""
+    data, model = tmp_path / "taps.nc", tmp_path / "model.nc"
+    taps = make_taps()
+    taps.select(taps.what == 1).save(data)
+    runs = [
+        command("inspect", data),
+        command("fit", data, "--out", model),
+        command("trials", model, data, "--trials", 100, "--training-taps"),
+    ]
+
+    for done in runs:
+        assert done.code == 0
+        assert "All taps are of one object, rod 4 mm: it cannot be confused" in " ".join(done.out.split())
 
 
 def test_a_split_of_one_session_carries_a_warning(command, tmp_path, make_taps):

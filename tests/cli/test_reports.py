@@ -1,6 +1,7 @@
 """Reports of studies: what they show, draw and save, and that commands save the same."""
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -268,6 +269,9 @@ def test_learning_on_line_finds_and_keeps_what_the_command_does(rig, taps, comma
     assert float(cost) == pytest.approx(sum(episode.cost for episode in heard))
     assert " ".join(repr(report).split()) == report.sentence
     assert said[0].endswith("Only training taps are used.")
+    assert "Warning: this pair was played only" in report.sentence
+    often = replace(report, found=replace(report.found, count=report.found.count * 20))
+    assert "Warning" not in often.sentence
 
 
 def test_a_rig_of_the_caller_is_learned_on(taps, tmp_path):

@@ -265,6 +265,7 @@ def test_one_object_leaves_the_active_part_out(command, tmp_path, make_taps):
 
     assert done.code == 0
     assert "a single object" in " ".join(done.out.split())
+    assert "All taps are of one object, rod 2 mm" in " ".join(done.out.split())
     assert summary_of(tmp_path / "run")["skipped"]
 
 

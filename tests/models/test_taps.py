@@ -176,8 +176,20 @@ def test_tap_sets_that_no_model_can_share_are_refused(other, message, make_taps)
 
 
 def test_parts_with_other_objects_are_refused(make_taps):
-    with pytest.raises(InputError, match="Part 2 has different objects"):
+    with pytest.raises(InputError, match="part 2: objects differ from those of part 1"):
         concatenate([make_taps(), make_taps(M=3)])
+    with pytest.raises(InputError, match="There are no taps"):
+        concatenate([])
+
+
+def test_parts_bring_their_positions(make_taps):
+    """Parts that have not all positions in their tables join to a set that has."""
+    taps = make_taps(L=5)
+    near = make_taps(L=3)
+    whole = concatenate([near, taps])
+
+    assert whole.dataset["where_value"].values.tolist() == taps.dataset["where_value"].values.tolist()
+    assert len(whole) == len(near) + len(taps)
 
 
 def test_cells_group_positions_and_sizes(make_taps):

@@ -251,3 +251,13 @@ def test_uneven_positions_are_named(make_taps):
 
     assert "unevenly spaced, by 2.25 to 6.75 mm" in " ".join(inspect_taps(uneven, uneven.grid()).warnings)
     assert "unevenly" not in " ".join(inspect_taps(even, even.grid()).warnings)
+
+
+def test_one_object_is_named(make_taps):
+    """It cannot be confused with another; a second one takes the warning away."""
+    taps = make_taps()
+    warnings = warnings_of(taps.select(taps.what == 1))
+
+    assert "All taps are of one object, “rod 4 mm”" not in warnings
+    assert "All taps are of one object, rod 4 mm: it cannot be confused with another" in warnings
+    assert "one object" not in warnings_of(taps.select(taps.what < 2))
