@@ -188,7 +188,7 @@ def _words(seen: Seen) -> list[Text]:
 
 def _novelty(p: float | None) -> str:
     if p is None:
-        return "novelty unknown to this model"
+        return "no p-value"
     return f"unusual tap, p {p:.2g}" if p < FLAGGED else f"usual tap, p {p:.2g}"
 
 

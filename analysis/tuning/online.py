@@ -99,9 +99,9 @@ class OnlineTuningReport(TunedReport):
         low, high = interval(learner, arm, CONFIDENCE)
         return (
             f"After {learner.episodes} episodes: fixation point {grid.where_label(int(learner.fixation[arm]))} (class "
-            f"{learner.fixation[arm]}) and threshold {learner.theta[arm]:g}, believed to cost {mean[arm]:.1f} taps an "
-            f"episode ({CONFIDENCE:.0%} interval {max(1.0, low):.1f} to {high:.1f}); it was played in "
-            f"{learner.count[arm]} of them, and {np.count_nonzero(learner.count)} of {len(learner.count)} pairs were "
+            f"{learner.fixation[arm]}) and threshold {learner.theta[arm]:g}, at an estimated cost of {mean[arm]:.1f} "
+            f"taps per episode ({CONFIDENCE:.0%} interval {max(1.0, low):.1f} to {high:.1f}). This pair was played in "
+            f"{learner.count[arm]} episodes, and {np.count_nonzero(learner.count)} of {len(learner.count)} pairs were "
             f"tried.{_hardly_played(int(learner.count[arm]))}"
         )
 

@@ -102,7 +102,7 @@ def test_perceive_takes_the_setting(call, command, recorded, tmp_path):
     done = command("perceive", model, "--rig", f"replay:{recorded}", "--setting", out, "--engine", "filter", "--json")
     assert done.code == 0, done.err
     taps = load_taps(recorded)
-    assert "novelty unknown" not in command("perceive", model, "--setting", out, "--rig", f"replay:{recorded}").out
+    assert "no p-value" not in command("perceive", model, "--setting", out, "--rig", f"replay:{recorded}").out
     assert load_model(model).trained_with(taps.select(taps.session < 2)) == len(taps) * 2 // 3
 
 

@@ -113,7 +113,7 @@ def test_places_without_a_column_of_their_own_share_one():
     [
         ({"p": 0.4, "move": 0}, "tap 3: 1 mm rod 0.900, 1.5 mm 0.710, usual tap, p 0.4, stay"),
         ({"p": 0.002, "move": -2}, "tap 3: 1 mm rod 0.900, 1.5 mm 0.710, unusual tap, p 0.002, move -2"),
-        ({"p": None, "move": None}, "novelty unknown to this model, deadline: 1 mm rod is the most probable"),
+        ({"p": None, "move": None}, "no p-value, deadline: 1 mm rod is the most probable"),
         ({"decision": 1, "move": None}, "decided: 1 mm rod"),
         ({"unknown": True}, "unknown: unlike every object of the model"),
     ],
