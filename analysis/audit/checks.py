@@ -50,7 +50,7 @@ def audit_checks(
         model: Gives classes and bins.
         seed: Of the replicates.
         replicates: How many are wanted, see `count_replicates`.
-        progress: Told of every replicate.
+        progress: Called after every replicate.
 
     Returns:
         A tree with the groups `posterior_predictive`, a variable (chain, draw) for each of `STATISTICS` that the taps

@@ -152,7 +152,7 @@ def audit(
         permutations: Permutations of every test.
         trials: Trials of each remedy and policy.
         seed: Random seed.
-        progress: Told the name and size of every stage; gives the function that counts what is done.
+        progress: Called with the name and size of every stage; returns the function that advances it.
         command: The command line, for the page.
 
     Raises:

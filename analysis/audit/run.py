@@ -155,7 +155,7 @@ def audit_taps(parts: AuditParts, grid: ClassGrid, settings: AuditSettings, prog
         parts: The taps, see `audit_parts`.
         grid: The classes.
         settings: What to do.
-        progress: Told the name and size of every stage; gives the function that counts what is done.
+        progress: Called with the name and size of every stage; returns the function that advances it.
 
     Raises:
         InputError: A setting is wrong, or the taps cannot be audited at all.

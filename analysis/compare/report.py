@@ -106,7 +106,7 @@ def compare(
         thresholds: Belief thresholds, theta_W; `None` for those of the paper's range.
         play: How trials are played.
         seed: Random seed.
-        progress: Told the name and size of every stage; gives the function that counts what is done.
+        progress: Called with the name and size of every stage; returns the function that advances it.
         command: The command line, for the page.
 
     Raises:

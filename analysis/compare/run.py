@@ -116,7 +116,7 @@ def compare_models(
         test: Test taps.
         grid: The classes.
         settings: What to do.
-        progress: Told the name and size of every stage; gives the function that counts what is done.
+        progress: Called with the name and size of every stage; returns the function that advances it.
 
     Raises:
         InputError: No model could be fitted, no test tap belongs to a class that all know, or a setting is wrong.

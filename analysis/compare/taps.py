@@ -84,7 +84,7 @@ def leave_one_tap_out(
         taps: Its training taps.
         draws: From the posterior.
         seed: Of the draws.
-        progress: Told of every draw.
+        progress: Called after every draw.
 
     Returns:
         Over (tap): `psis` in nats and `pareto_k`, NaN where no tail can be fitted; and `exact` and `exact_plug_in`

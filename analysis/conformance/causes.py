@@ -33,7 +33,7 @@ def with_causes(
         verdicts: Of one program.
         precision: Of its numbers.
         without: Quantities that are not compared.
-        told: Told of each verdict that is done.
+        told: Called with each verdict.
     """
     cases = catalogue()
     wrong = sorted((v for v in verdicts if v.quantity), key=lambda v: _steps(cases[v.case], v))

@@ -31,7 +31,7 @@ def export_kit(
         cases: Which ones.
         precision: For which the tolerances are.
         force: Whether files may be replaced.
-        progress: Told how many more cases are written.
+        progress: Called with the number of further cases written.
 
     Returns:
         How many cases were written; those that the precision cannot do are not.

@@ -133,7 +133,7 @@ def run(
         names: Cases; default all.
         precision: Precision of its numbers; `"single"` has wider tolerances.
         without: Quantities that it does not answer, such as `"log_evidence"`.
-        progress: Told the name and size of every stage; gives the function that counts what is done.
+        progress: Called with the name and size of every stage; returns the function that advances it.
 
     Raises:
         InputError: There is no such case or quantity.

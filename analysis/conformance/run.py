@@ -48,7 +48,7 @@ def run_route(route: str, cases: Sequence[Case], told: Told = lambda _: None) ->
     Args:
         route: One of `routes.ROUTES`.
         cases: Which ones.
-        told: Told each verdict.
+        told: Called with each verdict.
     """
     verdicts = []
     for case in cases:
@@ -80,7 +80,7 @@ def check_program(
         cases: Which ones.
         asked: How it is judged.
         together: Whether it is started once for all cases, in place of once for each.
-        told: Told each verdict.
+        told: Called with each verdict.
 
     Raises:
         InputError: There is no such program.

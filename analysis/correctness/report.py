@@ -84,7 +84,7 @@ def crosscheck(
         length: Taps of each.
         sequence_taps: Taps of each that are enumerated at once, at most 20.
         seed: Random seed.
-        progress: Told the name and size of every stage; gives the function that counts what is done.
+        progress: Called with the name and size of every stage; returns the function that advances it.
 
     Raises:
         InputError: The taps or a setting cannot be used, or no model can be checked.

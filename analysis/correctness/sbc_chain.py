@@ -106,7 +106,7 @@ def engine_beliefs(
         trials: How many.
         moments: When beliefs are noted.
         generator: Of all random numbers.
-        progress: Told of each trial.
+        progress: Called after every trial.
     """
     truth, grid = world.truth, world.truth.grid
     engine = make_engine(name, world.believed, world.border)

@@ -167,7 +167,7 @@ def play_policies(
         fixation: The default fixation point.
         acts: Whether active perception means anything.
         pools: Selections of the test taps, for intervals.
-        progress: Told how many more trials were played.
+        progress: Called with the number of further trials played.
 
     Raises:
         InputError: A setting is out of range.

@@ -51,7 +51,7 @@ def draw_pictures(folder: Path, pictures: Sequence[Picture], advance: Callable[[
     Args:
         folder: Where to.
         pictures: Those that are drawn, one after the other.
-        advance: Told of every one that is finished.
+        advance: Called after each.
     """
     images = {}
     for picture in pictures:

@@ -90,7 +90,7 @@ class StudyReport(Report):
         Args:
             folder: Where to.
             force: Whether files in an existing folder may be replaced.
-            progress: Told the name and size of the stage; gives the function that counts what is done.
+            progress: Called with the name and size of the stage; returns the function that advances it.
 
         Raises:
             InputError: The folder cannot be written.

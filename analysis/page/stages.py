@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from typing import NamedTuple
 
 type Progress = Callable[[str, int], Callable[[int], None]]
-"""Told the name and size of a stage; gives the function that counts what is done."""
+"""Called with the name and size of a stage; returns the function that advances it."""
 
 
 class Check(NamedTuple):
@@ -33,7 +33,7 @@ class StageClock:
     """Stages with their progress bars and seconds.
 
     Attributes:
-        progress: Told of every stage.
+        progress: Called for every stage.
         elapsed_s: Seconds of the finished ones.
     """
 

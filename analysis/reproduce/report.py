@@ -126,8 +126,8 @@ def reproduce(
         episodes: Episodes on which all ways of computing the belief are compared.
         sequence_taps: Taps of each that are enumerated at once.
         seed: Random seed.
-        progress: Told the name and size of every stage, also of those that only the page needs; gives the function
-            that counts what is done.
+        progress: Called with the name and size of every stage, also of those only for the page; returns the function
+            that advances it.
         command: The command line, for the page.
 
     Raises:
@@ -193,7 +193,7 @@ def run_experiment(request: Request, progress: Progress) -> Results:
 
     Args:
         request: What to reproduce.
-        progress: Told the name and size of every stage; gives the function that counts what is done.
+        progress: Called with the name and size of every stage; returns the function that advances it.
 
     Raises:
         InputError: The data or settings cannot be used.

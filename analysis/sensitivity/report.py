@@ -82,7 +82,7 @@ def sensitivity(
         strongest: Choices of which all pairs are tried.
         workers: Data sets at a time; `None` for as many as there are cores.
         seed: Random seed.
-        progress: Told the name and size of every stage; gives the function that counts what is done.
+        progress: Called with the name and size of every stage; returns the function that advances it.
         command: The command line, for the page.
 
     Raises:

@@ -116,7 +116,7 @@ def sensitivity_study(source: Source, settings: SensitivitySettings, progress: P
     Args:
         source: The data.
         settings: What to do.
-        progress: Told of every stage.
+        progress: Called for every stage.
 
     Raises:
         InputError: The data cannot be used.

@@ -288,7 +288,7 @@ def predictive_checks(
         taps: The training taps, of classes that all models know.
         seed: Of the replicates.
         replicates: How many of each model.
-        progress: Told of every replicate.
+        progress: Called after every replicate.
 
     Returns:
         `observed` (statistic), `replicated` (model, statistic, replicate), and `p` (model, statistic), the share of

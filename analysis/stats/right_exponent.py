@@ -104,7 +104,7 @@ def simulate_tuned(
         count: C, how many numbers it returns.
         seed: Of all random numbers.
         simulations: S, how many data sets.
-        progress: Told of every data set.
+        progress: Called after every data set.
 
     Returns:
         What `tune` returns, shape (S, C); NaN where it could not.
@@ -209,7 +209,7 @@ def learned_beside(
         settings: How it was fitted.
         n: Taps after which the power was judged.
         simulations: Data sets.
-        progress: Told of every data set.
+        progress: Called after every data set.
     """
 
     def tune(sets: Sequence[TapSet]) -> Sequence[float]:

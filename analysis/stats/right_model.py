@@ -93,7 +93,7 @@ def simulate(
         seed: Of all random numbers.
         simulations: Data sets.
         draw: Makes one; `None` draws as many taps of each class from `equivalent` of the model.
-        progress: Told of every data set.
+        progress: Called after every data set.
     """
     thresholds = np.asarray(thresholds, dtype=np.float64)
     drawn = equivalent(model)
@@ -138,7 +138,7 @@ def reference_factors(
         trials: In each data set.
         seed: Of all random numbers.
         simulations: Data sets.
-        progress: Told of every data set.
+        progress: Called after every data set.
     """
     return simulate(
         model,

@@ -118,7 +118,7 @@ def regret_study(settings: RegretSettings, progress: Progress) -> list[Regrets]:
 
     Args:
         settings: What to do.
-        progress: Told of the stage.
+        progress: Called for the stage.
 
     Raises:
         InputError: There are too few trials.

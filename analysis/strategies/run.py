@@ -116,7 +116,7 @@ def strategy_study(bench: StrategyData, settings: StrategySettings, progress: Pr
     Args:
         bench: The data.
         settings: What to do.
-        progress: Told of the stage.
+        progress: Called for the stage.
 
     Raises:
         InputError: A strategy cannot be played on these data.

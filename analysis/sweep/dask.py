@@ -44,7 +44,7 @@ def on_cluster(address: str, patience_s: float, note: Callable[[str], object]) -
     Args:
         address: Such as `tcp://10.0.0.1:8786`.
         patience_s: Time in seconds to wait for a scheduler and a worker, at the start and whenever they are lost.
-        note: Told in a sentence when they are.
+        note: Called with a sentence when they are.
 
     Raises:
         InputError: There is no scheduler or no worker in that time, or a worker runs other software.

@@ -124,9 +124,9 @@ def sweep(
         scheduler: Address of a Dask scheduler, to run on its cluster instead.
         patience: Seconds to wait for a lost scheduler or lost workers.
         retry_failed: Whether to retry cells that failed before.
-        progress: Told the name and size of every stage; gives the function that counts what is done.
-        hear: Given the numbers of cells, at the start and after every cell.
-        note: Given warnings about the data and lost connections.
+        progress: Called with the name and size of every stage; returns the function that advances it.
+        hear: Called with the numbers of cells, at the start and after every cell.
+        note: Called with warnings about the data and lost connections.
 
     Raises:
         InputError: The study, its data or the store cannot be used.

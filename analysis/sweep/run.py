@@ -68,8 +68,8 @@ def sweep(
         out: The store; made if nothing is there.
         run: Where to compute.
         retry_failed: Whether cells that failed before are tried again.
-        progress: Told how far it is, at the start and after every cell.
-        note: Told what there is to say of the data, such as taps that were left out.
+        progress: Called with the progress at the start and after every cell.
+        note: Called with sentences about the data, such as taps that were left out.
 
     Returns:
         How far it came.

@@ -123,9 +123,9 @@ def trials(
         seed: Random seed.
         device: `"cpu"`, `"gpu"`, or `"xla-cpu"` for the code of the latter on the processor.
         workers: Threads; `None` for as many as there are cores.
-        progress: Told the name and size of every stage; gives the function that counts what is done.
-        hear: Given the report of the trials so far, several times.
-        note: Told what there is to say of taps that trained the model.
+        progress: Called with the name and size of every stage; returns the function that advances it.
+        hear: Called several times with the report of the trials so far.
+        note: Called with a sentence about taps that trained the model, if any.
 
     Raises:
         InputError: The model, the taps or a setting cannot be used.

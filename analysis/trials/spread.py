@@ -113,7 +113,7 @@ def tap_spread(
         thresholds: theta_W, shape (H,).
         trials: Whose means are to have intervals; on each resample as many, `SELECTED_TRIALS` at most.
         play: How trials are played.
-        progress: Told how many more trials were played; `spread_trials` says of how many.
+        progress: Called with the number of further trials played, of `spread_trials` in all.
         rule: As for `resampling.play_resamples`: `fixation`, `where`, `seed`, `workers`.
 
     Raises:

@@ -183,7 +183,7 @@ def tune_online(
         data: Taps or their files, of which the training taps are used, as in `tune`.
         episodes: How many.
         learner: `"thompson"`: Thompson sampling, each pair by its own costs.
-        rig: Where episodes are played: a function that is given the number of the episode and gives a sensor and the
+        rig: Where episodes are played: a function that takes the number of the episode and returns a sensor and the
             name of the object before it, or `"simulated"`, `"simulated:PRESET"`, `"replay:FILE"` or a rig.toml; `None`
             for held-out training taps.
         what: The object before a rig that is named, by name or number.
@@ -198,9 +198,9 @@ def tune_online(
         fit: How the model is fitted; its seed is `seed`.
         play: How episodes are played.
         seed: Random seed.
-        progress: Told the name and size of every stage; gives the function that counts what is done.
-        hear: Given each episode when it has ended.
-        note: Told which taps train, which are not replayed, and where the learner is kept.
+        progress: Called with the name and size of every stage; returns the function that advances it.
+        hear: Called with each episode when it has ended.
+        note: Called with sentences: which taps train, which are not replayed, and where the learner is saved.
 
     Raises:
         InputError: The taps, the rig or a setting cannot be used, or the state is that of another learner.

@@ -70,8 +70,8 @@ def tune(
         play: How trials are played; its threshold is that at which positions are compared.
         trials: Trials in each part, at each position and for the threshold.
         seed: Random seed.
-        progress: Told the name and size of every stage; gives the function that counts what is done.
-        note: Told which taps train.
+        progress: Called with the name and size of every stage; returns the function that advances it.
+        note: Called with a sentence about the training taps.
 
     Raises:
         InputError: The taps or a setting cannot be used.

@@ -110,7 +110,7 @@ def tune_parts(
         passive: Whether positions are judged by trials that stand there.
         trials: In each part, at each position and for the threshold.
         seed: Of the trials.
-        progress: Told how many more trials have ended; `tuning_trials` says of how many.
+        progress: Called with the number of further trials ended, of `tuning_trials` in all.
 
     Raises:
         InputError: There is one object only, or a setting is out of range.

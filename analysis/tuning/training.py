@@ -35,7 +35,7 @@ class TrainingData:
         grid: Their classes.
         described: Which taps they are.
         settings: Model and fit.
-        progress: Told the name and size of every stage.
+        progress: Called with the name and size of every stage.
     """
 
     taps: TapSet

@@ -22,7 +22,7 @@ def check_routes(progress: Progress, seed: int = 0) -> Check:
     """All routes on simulated taps of preset `paper`, compared.
 
     Args:
-        progress: Told the name and size of the stage.
+        progress: Called with the name and size of the stage.
         seed: Of simulated taps and drawn episodes.
     """
     return timed_check("all routes", "each other, on simulated taps", lambda: _routes(progress, seed))
@@ -32,7 +32,7 @@ def check_engines(progress: Progress) -> Iterator[Check]:
     """All cases on each engine, one after the other.
 
     Args:
-        progress: Told the name and size of every stage.
+        progress: Called with the name and size of every stage.
     """
     for route in ROUTES:
         yield timed_check(f"engine {route}", "60-digit arithmetic", lambda route=route: _conformance(progress, route))
@@ -42,7 +42,7 @@ def check_beliefs(progress: Progress, seed: int = 0) -> Iterator[Check]:
     """A short calibration of each route in `SHORT`.
 
     Args:
-        progress: Told the name and size of every stage.
+        progress: Called with the name and size of every stage.
         seed: Of simulated taps and drawn episodes.
     """
     for route, trials in SHORT.items():

@@ -56,7 +56,7 @@ def validate(seed: int = 0, *, seconds: bool = False, progress: Progress = no_pr
     Args:
         seed: Random seed of simulated taps and drawn episodes.
         seconds: Whether the printed table shows how long each check took.
-        progress: Told the name and size of every stage; gives the function that counts what is done.
+        progress: Called with the name and size of every stage; returns the function that advances it.
     """
     found = check_routes(progress, seed), *check_engines(progress), *check_beliefs(progress, seed)
     return ValidationReport(found, seconds)

@@ -113,7 +113,7 @@ def against_drift(
         local: From `contrasts`; `None` where strata have no order in time.
         permutations: As in `taxel_dependence`.
         seed: Likewise.
-        progress: Told of each finished stratum.
+        progress: Called after every stratum.
 
     Returns:
         `whole` with, of each test, ``drift_p``, the p-value of all pairs by contrasts, ``contrasts`` their number, and

@@ -226,7 +226,7 @@ def permuted(
         groups: G of each statistic.
         permutations: P of each statistic; one with fewer takes the first of the others'.
         seed: Of the permutations.
-        progress: Told of each finished stratum.
+        progress: Called after every stratum.
         together: A label of each stratum, shape (S,): those of one label and as many taps are permuted alike; by
             default each by itself.
     """

@@ -81,7 +81,7 @@ def taxel_dependence(
             at all.
         alpha: Level; false discovery rate of the map.
         seed: Of permutations and resamples.
-        progress: Told of each finished stratum.
+        progress: Called after every stratum.
         together: A label of each tap, the same throughout a stratum, shape (N,): strata of one label and as many taps
             are permuted alike, as what disturbs one of them may disturb the others; by default each by itself.
 

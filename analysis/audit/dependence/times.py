@@ -60,7 +60,7 @@ def time_dependence(
         permutations: P.
         alpha: Level.
         seed: Of permutations and resamples.
-        progress: Told of each finished stratum.
+        progress: Called after every stratum.
 
     Returns:
         Dim lag, 0 to J - 1: ``autocorrelation`` of residuals, mean over strata (weighted by taps), taxels and samples,
