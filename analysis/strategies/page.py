@@ -22,7 +22,7 @@ def strategies_page(summary: StrategiesSummary) -> Page:
     """The page: findings, a section for each kind of data, overconfidence, regret and method."""
     intro: list[Block] = [
         "The paper moves to a fixation point and stops at a belief threshold. This study compares it with other "
-        "movement strategies and stopping rules on the same trials and taps. A negative difference is a lower error "
+        "control strategies and stopping rules on the same trials and taps. A negative difference is a lower error "
         "than with the paper's fixation point.",
         Verbatim(summary["command"]),
         Folded("Strategies and stopping rules", [summary["strategy_words"], summary["rule_words"]]),

@@ -128,5 +128,5 @@ def strategies(
     found = tuple(strategy_study(bench, settings, progress) for bench in benches)
     regrets = RegretSettings(regret, seed, workers)
     lost = summarise_regret(regret_study(regrets, progress), regrets) if regret else None
-    described = TitleRecord(title="Movement strategies and stopping rules", command=command)
+    described = TitleRecord(title="Control strategies and stopping rules", command=command)
     return StrategiesReport(found, summarise(found, settings, described, lost))
