@@ -38,9 +38,8 @@ def collect(
 
         from ..hardware.recording.collection import collect as collect_taps
         from ..hardware.recording.collection import resume_recording
-        from ..hardware.recording.disk_space import check_space, space_needed
         from ..hardware.recording.plan import load_plan
-        from ..hardware.recording.recording import Recorder
+        from ..hardware.recording.recording import Recorder, check_space, space_needed
         from ..hardware.recording.settings import about_rig
         from ..hardware.rig.open_rig import open_rig
         from ..hardware.rig.settings import load_rig, read_settings
@@ -105,7 +104,7 @@ def _check_objects(plan: "Plan", settings: "RigFile") -> None:
     Raises:
         InputError: An object is missing.
     """
-    from ..hardware.link.shared_clock import SocketConnection
+    from ..hardware.link.clock import SocketConnection
 
     if settings.emulator is None:
         return

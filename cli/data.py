@@ -75,8 +75,7 @@ def convert(
     """Import recorded taps, or cut recorded streams into taps, and write one .nc file."""
     with loading():
         from ..models.errors import InputError
-        from ..models.io.joining import joined
-        from ..models.io.relabel import relabel
+        from ..models.io.joining import joined, relabel
         from ..models.storage import check_netcdf_name, check_writable
 
     check_netcdf_name(target)

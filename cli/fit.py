@@ -67,10 +67,10 @@ def fit(
         from ..analysis.experiment.data_warnings import one_object
         from ..inference.fit import check_used
         from ..inference.tuning.tempering import fit_tempered
-        from ..models.experiment import load_experiment
         from ..models.io.model_file import save_model
         from ..models.measurement.histogram import trim
-        from ..models.power import learned_taps
+        from ..models.settings import learned_taps
+        from ..models.splits import load_experiment
 
     check_used(model, settings)
     if simulations:

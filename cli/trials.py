@@ -62,7 +62,7 @@ def trials(
         check_writable(out, force)
     with loading():
         from ..analysis.trials.report import trials as run
-        from ..models.experiment import parse_sessions
+        from ..models.splits import parse_sessions
 
     with terminable(), _Shown() as shown:
         try:

@@ -7,23 +7,71 @@ from dataclasses import replace
 from pathlib import Path
 from typing import NamedTuple
 
+import msgspec
 import numpy as np
+from numpy.typing import NDArray
 
 from ..models.errors import InputError
 from ..models.grid import ClassGrid
 from ..models.io.load import load_taps
 from ..models.io.recording import naming
+from ..models.io.rig_recording import TapLabel
+from ..models.preprocessing import Preprocessing
 from ..models.seeds import Purpose, generator
 from ..models.taps import TapSet
 from .journal import Journal, NoJournal
 from .replay import ReplayRig
-from .rig.labelled import LabelledRig
 from .rig.open_rig import connected, unconnected
 from .rig.rig import Rig
 from .rig.settings import load_rig
 from .sensor import TouchSensor, check_step
 from .simulator.rig import SimulatedRig
 from .simulator.settings import RigSettings, preset
+
+
+class LabelledRig:
+    """A `TouchSensor` with labelled taps, so that a recording of them can be read as a tap set.
+
+    Args:
+        rig: Rig, connected.
+
+    Attributes:
+        what: Index of the object in the recording; None if unknown, and then taps are not labelled.
+    """
+
+    def __init__(self, rig: Rig) -> None:
+        self.what: int | None = None
+        self._rig = rig
+        self._trial = 0
+
+    @property
+    def preprocessing(self) -> Preprocessing:
+        """Preprocessing of the taps."""
+        return self._rig.preprocessing
+
+    @property
+    def step(self) -> float:
+        """Length of a step in mm."""
+        return self._rig.step
+
+    @property
+    def room(self) -> tuple[int, int]:
+        """Steps left to either end of the range."""
+        return self._rig.room
+
+    def move(self, delta: int) -> int:
+        """Moves by `delta` positions, at most to the end of the range; returns the steps made."""
+        return self._rig.move(delta)
+
+    def tap(self) -> NDArray[np.float64]:
+        """Samples of one tap, shape (J, K)."""
+        self._rig.label = {}
+        if self.what is not None:
+            label = TapLabel(trial=self._trial, what=self.what, where_mm=self._rig.place_mm, session=0)
+            self._rig.label = msgspec.to_builtins(label)
+        self._trial += 1
+        return self._rig.tap()
+
 
 _ROUNDING = 1e-6  # of a cell
 _SIMULATED, _REPLAY, _PRESET, _SESSION = "simulated", "replay:", "paper", 1000  # a session that occurs in no data set

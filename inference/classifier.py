@@ -13,7 +13,7 @@ from ..models.measurement.model import TapModel
 from ..models.preprocessing import Preprocessing
 from ..models.settings import FitSettings
 from ..models.taps import TapSet
-from .belief import log_fold
+from .filter import log_fold
 from .fit import check_used
 from .reference import ZeroEvidenceError
 from .tuning.tempering import fit_tempered

@@ -13,13 +13,11 @@ import numpy as np
 
 from .errors import InputError
 from .grid import parse_length
-from .json_object import read_object
 from .measurement.histogram import HistogramModel
 from .measurement.model import TapModel
 from .measurement.registry import split_name
-from .power import learned_taps, likelihood_exponent
-from .settings import Checked, FitSettings, PlaySettings, SettingError, wanted
-from .storage import complete_file
+from .settings import Checked, FitSettings, PlaySettings, SettingError, learned_taps, likelihood_exponent, wanted
+from .storage import complete_file, read_object
 
 FORMAT = 1
 _FIT = ("power", "saturation", "bins", "pseudocount", "value_range")

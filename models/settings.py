@@ -1,6 +1,7 @@
-"""Settings records: division of taps, fit of a measurement model, and play of episodes."""
+"""Settings records: division of taps, fit of a measurement model, and play of episodes; powers and saturations."""
 
 import math
+import re
 import sys
 from functools import cache
 from typing import Annotated, Any, Literal, Self, get_args
@@ -9,7 +10,81 @@ import msgspec
 from msgspec import Meta, Struct
 
 from .errors import InputError
-from .power import parse_power_choice
+
+LEARNED = "learned"
+"""Power to be learned from training sessions; `learned:N` maximises beliefs after N taps."""
+TAPS = 20
+"""Default number of taps for a learned power."""
+
+
+def likelihood_exponent(power: str | float, J: int, K: int) -> float:
+    """The exponent of the product in Eq. 1: 1/J as printed, 1/(J K), 1, or a number.
+
+    Raises:
+        InputError: The power is none of these.
+    """
+    named = {"J": 1.0 / J, "JK": 1.0 / (J * K), "none": 1.0}
+    value = named.get(power) if isinstance(power, str) else float(power)
+    if value is None or not (math.isfinite(value) and value > 0):
+        raise InputError(f"The power must be J, JK, none or a positive number, got {power!r}.")
+    return value
+
+
+def check_saturation(saturation: float) -> None:
+    """Checks that a saturation is a positive number of taps.
+
+    Raises:
+        InputError: It is NaN or not above 0; infinity stands for no limit.
+    """
+    if not saturation > 0:
+        raise InputError(f"The saturation must be a positive number of taps, got {saturation}.")
+
+
+def parse_power(text: str) -> str | float:
+    """Power from its text on a command line.
+
+    Raises:
+        InputError: It is neither J, JK, none nor a positive number.
+    """
+    if text in ("J", "JK", "none"):
+        return text
+    try:
+        number = float(text)
+    except ValueError:
+        number = -1.0
+    if not (math.isfinite(number) and number > 0):
+        raise InputError(f"The power must be J, JK, none or a positive number, got {text!r}.")
+    return number
+
+
+def parse_power_choice(text: str) -> str | float:
+    """Power from its text on a command line, including `learned` and `learned:N`.
+
+    Raises:
+        InputError: It is none of these.
+    """
+    try:
+        return text if learned_taps(text) else parse_power(text)
+    except InputError as error:
+        if text.startswith(LEARNED):
+            raise
+        raise InputError(f"{str(error).rstrip('.')}; {LEARNED} estimates it.") from None
+
+
+def learned_taps(power: str | float) -> int | None:
+    """Number of taps N of a learned power; `None` for other powers.
+
+    Raises:
+        InputError: It begins with `learned` and ends in no number of taps.
+    """
+    if not isinstance(power, str) or not power.startswith(LEARNED):
+        return None
+    matched = re.fullmatch(f"{LEARNED}(?::([0-9]{{1,6}}))?", power)
+    taps = int(matched[1] or TAPS) if matched else 0
+    if not taps:
+        raise InputError(f"The power must be {LEARNED}, or {LEARNED}:N with a number of taps N, got {power!r}.")
+    return taps
+
 
 type ValueRange = Literal["global", "taxel"]
 type Border = Literal["uniform", "uniform_what", "prior", "clamp", "circular"]
@@ -72,7 +147,7 @@ class FitSettings(Checked, frozen=True, kw_only=True):
         pseudocount: Counts added to every bin of the histogram.
         power: Exponent of the likelihood of a tap: `"J"` (1/J, as printed in Eq. 1), `"JK"`, `"none"` or a number;
             `"learned"` or `"learned:N"` where it is learned from training sessions.
-        saturation: Number of taps that an episode's evidence counts as at most, see `inference.belief`; `None` for
+        saturation: Number of taps that an episode's evidence counts as at most, see `inference.filter`; `None` for
             no limit.
         value_range: Whether bins span the range of all taxels together or of each.
         edges: Bin edges, shape (B + 1,) or (K, B + 1), instead of those of the training taps; they replace `bins`.

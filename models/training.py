@@ -1,13 +1,22 @@
-"""Detection and exclusion of test taps that trained the model, which would bias errors downwards."""
+"""Digests of taps, and exclusion of test taps that trained the model, which would bias errors downwards."""
 
+import hashlib
 from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 
-from .digest import tap_digests
 from .errors import InputError
 from .taps import TapSet
+
+_BYTES = 8
+
+
+def tap_digests(taps: NDArray[np.floating]) -> NDArray[np.uint64]:
+    """Digest of each tap (N, J, K), equal for equal values in single or double precision, shape (N,)."""
+    digests = (hashlib.blake2b(np.asarray(tap, np.float64).tobytes(), digest_size=_BYTES).digest() for tap in taps)
+    return np.frombuffer(b"".join(digests), dtype="<u8").astype(np.uint64)
+
 
 _MOST = 2 / 3
 """A session with a larger fraction of training taps is left out entirely; one split by parity or halves is not."""

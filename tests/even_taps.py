@@ -1,7 +1,7 @@
 """Taps of a grid whose classes all have as many, told better than by chance."""
 
 import numpy as np
-from solidtouch.hardware.pool import tap_pool
+from solidtouch.hardware.replay import tap_pool
 from solidtouch.inference.trials.records import TapTable
 
 

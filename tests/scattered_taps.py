@@ -1,7 +1,7 @@
 """Taps of a small grid whose classes have different numbers of them, one class none."""
 
 import numpy as np
-from solidtouch.hardware.pool import TapPool, tap_pool
+from solidtouch.hardware.replay import TapPool, tap_pool
 from solidtouch.inference.trials.records import TapTable
 
 L, M = 3, 2

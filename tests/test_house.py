@@ -86,7 +86,7 @@ EDGES = {
         "models/measurement/**/*.py",
         "models/touch.py",
     ),
-    "pandas": ("models/io/csv_rows.py",),
+    "pandas": ("models/io/csv.py",),
     "rich": ("analysis/live/*.py", "analysis/page/terminal.py", "cli/**/*.py"),
     "serial": ("hardware/link/port.py",),
     "sklearn": ("inference/classifier.py",),

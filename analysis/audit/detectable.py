@@ -19,7 +19,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.optimize import root_scalar
 from scipy.stats import gamma
 
-from ...hardware.pool import tap_pool
+from ...hardware.replay import tap_pool
 from ...inference.trials.records import TapTable
 from ...models.errors import InputError
 from ...models.measurement.model import TapModel

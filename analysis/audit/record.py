@@ -7,7 +7,7 @@ infinite factor has a meaning, `unbounded` says so.
 from collections.abc import Mapping, Sequence
 from typing import Any, NotRequired, TypedDict
 
-from ..page.record import GridRecord, UnitsRecord
+from ..page.report import GridRecord, UnitsRecord
 from ..stats.reliability import StoppingRecord
 
 type Triple = Sequence[float | None]

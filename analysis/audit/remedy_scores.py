@@ -15,8 +15,8 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from ...hardware.pool import TapPool, tap_pool
-from ...inference.belief import share
+from ...hardware.replay import TapPool, tap_pool
+from ...inference.filter import share
 from ...inference.trials.judged_sequences import Sequences, log_beliefs, without_replacement
 from ...inference.trials.plan import tap_table
 from ...inference.trials.records import TapTable

@@ -11,8 +11,8 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from ...hardware.pool import TapPool
-from ...inference.belief import log_fold, share
+from ...hardware.replay import TapPool
+from ...inference.filter import log_fold, share
 from ...inference.trials.judged_sequences import without_replacement
 from ...inference.trials.records import TapTable
 from ...inference.trials.resampling import CONFIDENCE, spread

@@ -7,7 +7,7 @@ reference model, `taps_low` or `taps_difference_high`. A number that is missing 
 from collections.abc import Mapping
 from typing import NotRequired, TypedDict
 
-from ..page.record import GridRecord, UnitsRecord
+from ..page.report import GridRecord, UnitsRecord
 
 type Value = float | str | None
 

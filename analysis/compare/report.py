@@ -10,14 +10,13 @@ import xarray as xr
 from ...inference.moves.control import check_fixation
 from ...inference.trials.run import checked_thresholds
 from ...models.errors import InputError
-from ...models.experiment import load_experiment
 from ...models.grid import ClassGrid
 from ...models.io.load import TapSource, names_of
 from ...models.measurement.histogram import trim
 from ...models.measurement.model import TapModel
 from ...models.measurement.registry import NAMES, split_name
 from ...models.settings import Division, FitSettings, PlaySettings
-from ...models.splits import Split
+from ...models.splits import Split, load_experiment
 from ..experiment.data_warnings import fold_warnings
 from ..page.page import Page
 from ..page.report import StudyReport

@@ -9,7 +9,7 @@ import xarray as xr
 from ...models.measurement.registry import row
 from ..experiment.settings import SHOWN_THETA
 from ..page.figure_style import short_unit
-from ..page.words import versions
+from ..page.numbers import versions
 from ..stats.decisions import decision_interval_sentence, too_few_taps
 from ..stats.no_class_left import no_class_left_sentence
 from .classes import class_interval_sentence

@@ -17,10 +17,9 @@ from numpy.typing import NDArray
 from ...inference.trials.resampling import Spread
 from ...models.errors import InputError
 from ...models.grid import ClassGrid
-from ...models.measurement.draws import drawn
+from ...models.measurement.draws import drawn, integrated, plug_in
 from ...models.measurement.histogram import HistogramPosterior
 from ...models.measurement.model import Fitted
-from ...models.measurement.predictive import integrated, plug_in
 from ...models.seeds import Purpose, generator
 from ...models.taps import TapSet, concatenate
 from ..stats.pairing import RESAMPLES, with_intervals

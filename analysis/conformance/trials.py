@@ -8,7 +8,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from ...hardware.pool import TapPool
+from ...hardware.replay import TapPool
 from ...inference.trials.plan import trial_uniforms
 from ...inference.trials.records import TapTable, TrialPlan, Trials
 from ...inference.trials.run import run_trials

@@ -5,7 +5,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from ...models.measurement.registry import PAPER
 from ...models.splits import Split
 from ..experiment.crosscheck import NEAR_TIE, CrossCheck
-from ..page.crosscheck import crosscheck_table
+from ..page.numbers import crosscheck_table
 from ..page.page import Brief, Cautions, Page, Section, Table
 from ..stats.uniformity import PRECISION, Factor
 from .sbc import Calibration

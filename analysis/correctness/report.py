@@ -7,12 +7,11 @@ import xarray as xr
 
 from ...inference.reference import ZeroEvidenceError
 from ...models.errors import InputError
-from ...models.experiment import load_experiment
 from ...models.io.load import TapSource
 from ...models.measurement.histogram import trim
 from ...models.measurement.registry import PAPER, split_name
 from ...models.settings import Division, FitSettings, PlaySettings
-from ...models.splits import Split
+from ...models.splits import Split, load_experiment
 from ..experiment.crosscheck import CrossCheck, crosscheck_model
 from ..experiment.settings import ExperimentSettings
 from ..page.labelled import labelled

@@ -10,7 +10,7 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
-from ...hardware.pool import tap_pool
+from ...hardware.replay import tap_pool
 from ...hardware.simulator.model_rig import bin_tables
 from ...inference.moves.control import default_fixation
 from ...inference.trials.plan import plan_trials

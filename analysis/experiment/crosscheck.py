@@ -17,8 +17,8 @@ from numpy.typing import NDArray
 
 from ...hardware.replay import ReplayRig
 from ...inference import reference
-from ...inference.belief import fold
 from ...inference.engines.engine import Engine, make_engine
+from ...inference.filter import fold
 from ...inference.raw import LabelledTaps, Options, RawFilter
 from ...inference.reference import Border
 from ...inference.trials.plan import plan_trials, tap_table
@@ -27,7 +27,7 @@ from ...models import seeds
 from ...models.measurement.histogram import HistogramModel
 from ...models.measurement.model import TapModel
 from ...models.measurement.registry import PAPER
-from ...models.power import learned_taps
+from ...models.settings import learned_taps
 from ...models.taps import TapSet
 from ..stats.no_class_left import impossible_cause
 from .settings import ExperimentSettings

@@ -7,7 +7,6 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ...models.digest import tap_digests
 from ...models.errors import InputError
 from ...models.grid import ClassGrid
 from ...models.io.joining import numbered
@@ -15,7 +14,7 @@ from ...models.io.load import TapSource, names_of, taps_of
 from ...models.settings import Division
 from ...models.splits import rank_in_class
 from ...models.taps import TapSet, check_alike, concatenate
-from ...models.training import without_training
+from ...models.training import tap_digests, without_training
 
 _HALVED = (
     "Tuning and measuring taps are the odd and even taps of the same session, so tuned values fit that session better "

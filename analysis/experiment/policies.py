@@ -8,7 +8,7 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from ...hardware.pool import TapPool
+from ...hardware.replay import TapPool
 from ...inference.trials.cut_short import Farthest, endings
 from ...inference.trials.plan import checked_plan, join_plans, plan_trials
 from ...inference.trials.records import TapTable, TrialPlan, Trials

@@ -1,9 +1,14 @@
 """Numbers as text: rounded, in per cent, with intervals, as factors."""
 
 import math
+import platform
 from collections.abc import Mapping, Sequence
+from importlib.metadata import version
 from numbers import Integral, Real
 from typing import Any, TypeGuard
+
+from ..experiment.crosscheck import CrossCheck
+from .page import Table
 
 _MISSING = "–"
 _MOST_FACTOR = 99.0
@@ -152,3 +157,30 @@ def _signed(text: str) -> str:
 
 def _is_number(value: Any) -> TypeGuard[float]:
     return isinstance(value, Real) and not isinstance(value, bool) and math.isfinite(value)
+
+
+STORED = (
+    "Stored taps: test taps are drawn with replacement up to the deadline, as in the paper, so long trials repeat taps."
+)
+"""What trials that draw with replacement estimate."""
+STORED_ONLY = f"{STORED} Errors on fresh taps (each drawn at most once per trial) differ."
+"""The same where fresh taps are not played."""
+
+
+def listed(names: Sequence[str]) -> str:
+    """Names with commas and an "and"."""
+    return " and ".join([", ".join(names[:-1]), names[-1]]) if len(names) > 1 else "".join(names)
+
+
+def versions(packages: Sequence[str]) -> dict[str, str]:
+    """Of Python and these packages, by name."""
+    return {"python": platform.python_version()} | {name: version(name) for name in packages}
+
+
+def crosscheck_table(check: CrossCheck) -> Table:
+    """The largest differences between independent ways of computing the same."""
+    rows = [
+        [row.quantity, row.routes, number(row.largest), number(row.allowed), "passed" if row.passed else "FAILED"]
+        for row in check.rows
+    ]
+    return Table(["quantity", "routes", "largest difference", "allowed", "result"], rows, words={1, 4})

@@ -15,6 +15,29 @@ from .stages import Progress, no_progress
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure, SubFigure
+from typing import TypedDict
+
+
+class GridRecord(TypedDict):
+    """Numbers of position and object classes."""
+
+    L: int
+    M: int
+
+
+class UnitsRecord(TypedDict):
+    """Units of errors."""
+
+    what: str
+    where: str
+
+
+class TitleRecord(TypedDict):
+    """Title and command."""
+
+    title: str
+    command: str
+
 
 _WIDTH = 110  # characters
 

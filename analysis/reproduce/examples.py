@@ -6,9 +6,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...hardware.replay import ReplayRig
-from ...inference.belief import fold
 from ...inference.engines.engine import Engine
 from ...inference.episode import perceive
+from ...inference.filter import fold
 from ...inference.moves.control import MovePolicy, fixation, passive
 from ...inference.trials.plan import plan_trials, trial_uniforms
 from ..experiment.settings import ExperimentSettings

@@ -2,7 +2,7 @@
 
 import xarray as xr
 
-from ..page.words import STORED
+from ..page.numbers import STORED
 from .record import ErrorRow, HeadlineRecord, PaperRow
 from .results import Results, curve_rows, difference_rows, finite
 

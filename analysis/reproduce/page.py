@@ -3,8 +3,7 @@
 from collections.abc import Iterable, Iterator
 
 from ..experiment.crosscheck import CrossCheck
-from ..page.crosscheck import crosscheck_table
-from ..page.numbers import in_brackets, interval, number, percent
+from ..page.numbers import crosscheck_table, in_brackets, interval, number, percent
 from ..page.page import Block, Brief, Cautions, Note, Page, Picture, Section, Table, Verbatim
 from .record import ANSWERS, ErrorRow, ReproductionSummary
 

@@ -6,7 +6,7 @@ Rows of numbers name only the keys that stand in the code; quantities also have 
 from collections.abc import Mapping
 from typing import TypedDict
 
-from ..page.record import GridRecord, TitleRecord, UnitsRecord
+from ..page.report import GridRecord, TitleRecord, UnitsRecord
 
 ANSWERS = {"joint": "object and position", "where": "position", "what": "object"}
 """What accuracies are about, by their keys."""

@@ -13,13 +13,12 @@ from ...inference.moves.control import check_fixation
 from ...inference.trials.resampling import RESAMPLES
 from ...inference.trials.run import checked_thresholds
 from ...models.errors import InputError
-from ...models.experiment import load_experiment
 from ...models.io.load import TapSource, names_of
 from ...models.measurement.histogram import trim
 from ...models.measurement.registry import PAPER
 from ...models.seeds import data_set_seed
 from ...models.settings import Division, FitSettings, PlaySettings
-from ...models.splits import Fold, Split
+from ...models.splits import Fold, Split, load_experiment
 from ..experiment.policies import combined
 from ..experiment.settings import ExperimentSettings, check_settings
 from ..experiment.study import Study, planned, study

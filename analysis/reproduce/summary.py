@@ -9,13 +9,13 @@ import xarray as xr
 
 from ...models.grid import ClassGrid
 from ...models.measurement.registry import PAPER, row, split_name
-from ...models.power import learned_taps
+from ...models.settings import learned_taps
 from ...models.taps import TapSet
 from ..experiment.crosscheck import CrossCheck
 from ..experiment.data_warnings import FEW, fold_warnings
 from ..experiment.settings import ExperimentSettings
 from ..page.figure_style import short_unit
-from ..page.words import versions
+from ..page.numbers import versions
 from ..stats import metrics
 from ..stats.acting import can_act
 from ..stats.no_class_left import no_class_left_sentence

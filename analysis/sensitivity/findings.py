@@ -7,8 +7,7 @@ import math
 from collections import Counter
 from collections.abc import Iterator
 
-from ..page.numbers import number
-from ..page.words import STORED_ONLY, listed
+from ..page.numbers import STORED_ONLY, listed, number
 from ..stats.jackknife import FEWEST_UNITS
 from .effects import CLASS_FLOOR, FACTOR_LIMIT, RELEVANT, TAPS_FLOOR
 from .record import OptionList, OptionRow, SensitivitySource, SensitivitySummary, SourceNumbers

@@ -7,7 +7,7 @@ Rows of numbers name only the keys that stand in the code; quantities also have 
 from collections.abc import Mapping
 from typing import TypedDict
 
-from ..page.record import GridRecord, TitleRecord
+from ..page.report import GridRecord, TitleRecord
 
 
 class DefaultRow(TypedDict):

@@ -10,8 +10,7 @@ from ...models.io.load import TapSource
 from ...models.settings import Division
 from ..experiment.sources import recorded_source, simulated_source
 from ..page.page import Page
-from ..page.record import TitleRecord
-from ..page.report import StudyReport
+from ..page.report import StudyReport, TitleRecord
 from ..page.stages import Progress, no_progress
 from .page import sensitivity_page
 from .record import SensitivitySummary

@@ -8,8 +8,8 @@ import numpy as np
 from ...models.grid import ClassGrid
 from ..experiment.settings import SHOWN_THETA
 from ..page.figure_style import short_unit
-from ..page.record import TitleRecord
-from ..page.words import listed, versions
+from ..page.numbers import listed, versions
+from ..page.report import TitleRecord
 from ..stats.jackknife import Interval, as_factor, as_numbers
 from .choices import Choice, Option
 from .effects import SUMS, Effect, limits, verdict

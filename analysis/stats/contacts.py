@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import t
 
-from ...hardware.pool import TapPool
-from ...inference.belief import fold, share, temper
+from ...hardware.replay import TapPool
+from ...inference.filter import fold, share, temper
 from ...inference.trials.records import TapTable
 from ...inference.trials.resampling import Spread, widened
 from ...models import seeds

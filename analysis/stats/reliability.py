@@ -21,7 +21,7 @@ import numpy as np
 import xarray as xr
 from numpy.typing import ArrayLike, NDArray
 
-from ...hardware.pool import TapPool
+from ...hardware.replay import TapPool
 from ...inference.moves.control import check_fixation
 from ...inference.trials.cut_short import Farthest, endings
 from ...inference.trials.plan import plan_trials

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import t
 
-from ...hardware.pool import tap_pool
+from ...hardware.replay import tap_pool
 from ...inference.trials.records import TapTable
 from ...inference.trials.resampling import CONFIDENCE, Spread, spread
 from ...inference.trials.selections import resampled_pools

@@ -11,7 +11,7 @@ from ...hardware.simulator.model_rig import draw_session
 from ...hardware.simulator.session import simulate_session
 from ...hardware.simulator.settings import PRESETS, preset
 from ...inference.information import TapOutcomes, tap_outcomes
-from ...inference.moves.table_learning import held_out_tables
+from ...inference.moves.table import held_out_tables
 from ...inference.reference import Border
 from ...inference.trials.plan import tap_table
 from ...inference.trials.records import TapTable
@@ -21,9 +21,8 @@ from ...models.grid import ClassGrid
 from ...models.io.load import TapSource, names_of
 from ...models.measurement.histogram import fit
 from ...models.measurement.model import TapModel
-from ...models.power import TAPS
 from ...models.seeds import data_set_seed
-from ...models.settings import Division, FitSettings
+from ...models.settings import TAPS, Division, FitSettings
 from ...models.taps import TapSet
 from ..experiment.sources import recorded_source, right_model
 from ..stats.acting import can_act

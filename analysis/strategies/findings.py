@@ -7,9 +7,8 @@ import math
 from collections.abc import Iterable, Mapping, Sequence
 
 from ..experiment.settings import SHOWN_THETA
-from ..page.numbers import bounded, number
+from ..page.numbers import bounded, listed, number
 from ..page.page import Row
-from ..page.words import listed
 from .record import CurvePoint, EqualRow, PowerRecord, StrategyNumbers, TrustRow
 
 TAPS = (2, 3, 5, 10)

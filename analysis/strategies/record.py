@@ -7,7 +7,7 @@ fixation point or the paper's rule, `taps_low` or `taps_difference_most`. A numb
 from collections.abc import Mapping
 from typing import TypedDict
 
-from ..page.record import GridRecord, TitleRecord
+from ..page.report import GridRecord, TitleRecord
 
 
 class CurvePoint(TypedDict):

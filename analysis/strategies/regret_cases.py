@@ -18,8 +18,7 @@ from ...inference.bayes_risk.problem import RiskProblem, risk_problem
 from ...inference.moves.control import MovePolicy, fixation
 from ...inference.moves.expected_gain import gain_watch, risk_mover
 from ...inference.moves.strategies import make_policy
-from ...inference.moves.table import TargetTable
-from ...inference.moves.table_learning import learn_table
+from ...inference.moves.table import TargetTable, learn_table
 from ...inference.stopping.rules import error_loss
 from ...inference.stopping.stopping import StopRule, Watch, after, divergences, lookahead, msprt, what_above
 from ...inference.trials.symbols import TapSymbols, quantised

@@ -8,8 +8,7 @@ from numpy.typing import NDArray
 from scipy.stats import norm
 
 from ...inference.bayes_risk.exact_cost import Cost
-from ..page.numbers import interval, percent
-from ..page.words import listed
+from ..page.numbers import interval, listed, percent
 from ..stats.metrics import CONFIDENCE
 from .record import RegretCase, RegretPrice, RegretSummary
 from .regret import Priced, Regrets, RegretSettings

@@ -10,8 +10,7 @@ from ...models.errors import InputError
 from ...models.io.load import TapSource
 from ...models.settings import Division
 from ..page.page import Page
-from ..page.record import TitleRecord
-from ..page.report import StudyReport
+from ..page.report import StudyReport, TitleRecord
 from ..page.stages import Progress, no_progress
 from .data import RIGHT, recorded_bench, simulated_bench
 from .page import strategies_page

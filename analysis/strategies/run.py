@@ -14,7 +14,7 @@ from ...inference.information import TapOutcomes, information_of_moves
 from ...inference.moves.control import MovePolicy, default_fixation
 from ...inference.moves.expected_gain import gain_watch
 from ...inference.moves.strategies import make_policy, parse_strategy
-from ...inference.moves.table_learning import learn_table
+from ...inference.moves.table import learn_table
 from ...inference.reference import Border
 from ...inference.stopping.recorded import stops
 from ...inference.stopping.rules import error_loss

@@ -8,8 +8,8 @@ import numpy as np
 from ...inference.moves.control import default_fixation
 from ..experiment.settings import SHOWN_THETA
 from ..page.figure_style import short_unit
-from ..page.record import TitleRecord
-from ..page.words import STORED_ONLY, versions
+from ..page.numbers import STORED_ONLY, versions
+from ..page.report import TitleRecord
 from ..stats.jackknife import Interval, Means, as_factor, as_numbers, interval, jackknife
 from .curves import AT_TAPS, QUANTITIES, at_taps, curve, differences, quantities
 from .findings import FIXED, LOOK, PAPER, RULES, TAPS, findings, source_findings

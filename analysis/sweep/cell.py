@@ -14,7 +14,7 @@ from ...inference.information import TapOutcomes
 from ...inference.moves.control import MovePolicy, check_fixation
 from ...inference.moves.information import training_outcomes
 from ...inference.moves.strategies import make_policy, parse_strategy
-from ...inference.moves.table_learning import held_out_tables, learn_table
+from ...inference.moves.table import held_out_tables, learn_table
 from ...inference.trials.lockstep_tally import tally_policy
 from ...inference.trials.plan import tap_table
 from ...inference.trials.records import TapTable

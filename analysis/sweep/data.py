@@ -8,11 +8,10 @@ from pathlib import Path
 from ...hardware.simulator.session import simulate_session
 from ...hardware.simulator.settings import preset
 from ...models.errors import InputError
-from ...models.experiment import load_experiment
 from ...models.grid import ClassGrid
 from ...models.io.recording import naming
 from ...models.settings import Division
-from ...models.splits import Fold, Split
+from ...models.splits import Fold, Split, load_experiment
 from .study import DataEntry, StudyFile
 
 

@@ -16,7 +16,7 @@ class FitAxes(NamedTuple):
         bins: Bins of the histogram, by which all models are judged.
         value_range: Whether bins span all taxels together or each.
         pseudocount: Counts added to every bin of the histogram.
-        power: Root of the likelihood, or how it is learned, see `models.power`.
+        power: Root of the likelihood, or how it is learned, see `models.settings`.
     """
 
     model: str

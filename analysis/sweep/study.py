@@ -16,7 +16,7 @@ from ...inference.reference import Border
 from ...models.errors import InputError
 from ...models.io.recording import naming
 from ...models.measurement.registry import split_name
-from ...models.power import learned_taps, likelihood_exponent
+from ...models.settings import learned_taps, likelihood_exponent
 
 Natural = Annotated[int, Meta(ge=0)]
 Text = Annotated[str, Meta(min_length=1)]

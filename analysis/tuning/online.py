@@ -25,7 +25,6 @@ from ...inference.tuning.online import (
     recommended,
     save_learner,
 )
-from ...models.digest import tap_digests
 from ...models.errors import InputError
 from ...models.grid import ClassGrid
 from ...models.io.load import TapSource
@@ -35,7 +34,7 @@ from ...models.setting_file import Setting
 from ...models.settings import Division, FitSettings, PlaySettings
 from ...models.storage import check_writable
 from ...models.taps import TapSet
-from ...models.training import untrained_taps
+from ...models.training import tap_digests, untrained_taps
 from ..page.page import Brief, Page
 from ..page.stages import Progress, no_progress
 from ..stats.metrics import CONFIDENCE

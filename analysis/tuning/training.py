@@ -6,17 +6,16 @@ from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 
-from ...inference.moves.table import save_table
-from ...inference.moves.table_learning import learn_table
+from ...inference.moves.table import learn_table, save_table
 from ...inference.tuning.held_out import Parts, held_out
 from ...models.errors import InputError
-from ...models.experiment import load_experiment
 from ...models.grid import ClassGrid
 from ...models.io.load import TapSource, names_of
 from ...models.measurement.histogram import trim
 from ...models.measurement.model import TapModel
 from ...models.setting_file import Setting
 from ...models.settings import Division, FitSettings
+from ...models.splits import load_experiment
 from ...models.taps import TapSet, concatenate
 from ..experiment.parts import load_parts
 from ..experiment.settings import ExperimentSettings

@@ -11,7 +11,8 @@ from collections.abc import Callable
 from typing import NamedTuple
 
 from solidtouch.hardware.skin import icub as icub_skin
-from solidtouch.hardware.skin import line_frames, slcan
+from solidtouch.hardware.skin import line_sensor as line_frames
+from solidtouch.hardware.skin import slcan
 from solidtouch.hardware.stage import grbl
 
 

@@ -14,13 +14,13 @@ from ...inference.moves.strategies import make_policy, parse_strategy
 from ...inference.moves.table import load_table
 from ...inference.stopping.rules import parse_stopping
 from ...inference.trials.plan import trial_chances
-from ...models.digest import tap_digests
 from ...models.errors import InputError
 from ...models.io.load import load_taps
 from ...models.io.recording import naming
 from ...models.measurement.model import TapModel
 from ...models.settings import PlaySettings
 from ...models.taps import concatenate
+from ...models.training import tap_digests
 
 
 class Moves(NamedTuple):

@@ -49,8 +49,7 @@ def recording(
     if path is None:
         yield None
         return
-    from ...hardware.recording.disk_space import check_space, space_needed
-    from ...hardware.recording.recording import Recorder
+    from ...hardware.recording.recording import Recorder, check_space, space_needed
     from ...hardware.rig.settings import load_rig
 
     settings = load_rig(rig)

@@ -5,7 +5,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from ...models.errors import InputError
-from ..link.shared_clock import Advanced
+from ..link.clock import Advanced
 from .link import Link
 
 

@@ -6,18 +6,17 @@ from pathlib import Path
 from typing import NamedTuple
 
 from ...models.errors import InputError
-from ..link.shared_clock import SharedClock
+from ..link.clock import SharedClock
 from ..rig.settings import RigFile, StageSettings
 from ..simulator.settings import PRESETS, RigSettings
 from .adapter import Adapter
 from .bench import Bench
-from .device import Device
 from .emulation import Emulation
 from .faults import Switches
 from .finger import Finger
 from .grbl.controller import Controller, ControllerSettings
 from .line_array import LineArray
-from .link import Link
+from .link import Device, Link
 from .rig_file import SensorKind, emulated_rig
 from .skin_board import SkinBoard
 

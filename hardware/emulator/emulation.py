@@ -14,7 +14,7 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import Any, Protocol
 
 from ...models.errors import InputError
-from ..link.shared_clock import Advanced
+from ..link.clock import Advanced
 from .bench import Bench
 from .faults import Switches
 

@@ -8,10 +8,9 @@ from numpy.typing import NDArray
 
 from ...models.errors import InputError
 from ...models.seeds import Purpose, seed_sequence
-from ..simulator.nuisances import session_nuisances
 from ..simulator.physics import effective_radius_mm, peak_depth_mm, receptive_field
 from ..simulator.settings import RigSettings
-from ..simulator.signal_chain import SensorNoise, converted
+from ..simulator.signal_chain import SensorNoise, converted, session_nuisances
 from .rig_file import CLEARANCE_MM
 
 Place = Callable[[float], tuple[float, float]]

@@ -2,12 +2,36 @@
 
 from math import inf
 from pathlib import Path
-from typing import Any
+from typing import Any, Protocol
 
-from .device import Device
 from .faults import Switches
 from .pseudo_terminal import PseudoTerminal
 from .wire import Wire
+
+
+class Device(Protocol):
+    """An emulated device. Times are rig time in seconds and never go backwards between calls."""
+
+    def opened(self, time_s: float) -> None:
+        """A program opened the port."""
+        ...
+
+    def closed(self, time_s: float) -> None:
+        """The program closed the port or ended."""
+        ...
+
+    def receive(self, data: bytes, time_s: float) -> None:
+        """Bytes came from the program."""
+        ...
+
+    def next_event_s(self) -> float:
+        """Time of the device's next event; infinity if none is due."""
+        ...
+
+    def step(self, time_s: float) -> bytes:
+        """Handles all events due by this time; returns the bytes to send."""
+        ...
+
 
 _PROBE = b"AT\r\nATE1 E0\r\n"
 _OLD_TEXT = b"\x00k\r\n0,0>\r\n"

@@ -15,7 +15,7 @@ from typing import Any, Self
 import msgspec
 
 from ...models.errors import InputError
-from ..link.shared_clock import socket_path
+from ..link.clock import socket_path
 from .emulation import Emulation
 
 _LONGEST_WAIT_S = 0.05

@@ -7,7 +7,8 @@ complete tap runs the loop meanwhile, so frames arrive while the stage moves, an
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
-from ..errors import NoAnswer, PortLost
+from ..errors import NoAnswer, PortBusy, PortLost
+from ..journal import Journal
 from .clock import Clock
 from .port import Port
 
@@ -109,3 +110,28 @@ class Loop:
             if self.now >= until:
                 raise NoAnswer(expected)
             self.turn(until)
+
+
+BUSY_S = 15.0
+"""Time in seconds that a port may stay busy; a modem manager probes a new one for about ten."""
+_RETRY_S = 0.5
+
+
+def open_patiently(port: Port, loop: Loop, journal: Journal) -> None:
+    """Opens a port, retrying while another program has it open.
+
+    Raises:
+        PortBusy: The other program keeps it open.
+        PortError: It cannot be opened.
+        RigError: As `Loop.turn`.
+    """
+    until = loop.now + BUSY_S
+    while True:
+        try:
+            port.open()
+            return
+        except PortBusy as error:
+            if loop.now >= until:
+                raise
+            journal.event(loop.now, "busy", str(error))
+        loop.sleep(_RETRY_S)

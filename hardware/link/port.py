@@ -1,13 +1,18 @@
-"""Serial port; the only module that imports pySerial.
+"""Serial port, the only module that imports pySerial, and the lines in its bytes.
 
 Addresses are those of `serial.serial_for_url`: a device such as `/dev/serial/by-id/...`, which keeps its name when it
 is plugged in again, or a URL such as `socket://host:port`.
+
+The line splitter reads no port: bytes are pushed in, complete lines come out.
 """
 
 import errno
+import re
 import termios
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
+from dataclasses import dataclass
+from typing import NamedTuple
 
 import serial
 
@@ -127,3 +132,91 @@ class Port:
             return PortBusy(f"{self.address}: another program has the port open.")
         why = {errno.ENOENT: "no such port", errno.EACCES: "permission denied"}.get(number or 0)
         return PortError(f"{self.address}: cannot open the port: {why or str(error).rstrip('.')}.")
+
+
+class Line(NamedTuple):
+    """Text before a terminator.
+
+    Attributes:
+        text: Bytes without the terminator, or None if the line was too long and dropped.
+        end: The terminator, one byte.
+    """
+
+    text: bytes | None
+    end: bytes
+
+
+@dataclass
+class Dropped:
+    """Counts of what a decoder has dropped.
+
+    Attributes:
+        overlong: Number of lines longer than any that the device sends.
+        malformed: Number of lines that violate the protocol.
+        byte_count: Bytes of both, without terminators.
+    """
+
+    overlong: int = 0
+    malformed: int = 0
+    byte_count: int = 0
+
+    @property
+    def line_count(self) -> int:
+        """Number of dropped lines of both kinds."""
+        return self.overlong + self.malformed
+
+    def malform(self, text: bytes) -> None:
+        """Counts a malformed line."""
+        self.malformed += 1
+        self.byte_count += len(text)
+
+
+class LineSplitter:
+    """Returns complete lines and keeps the rest, at most `longest` bytes of it.
+
+    The lines do not depend on how the stream is split into pushes.
+
+    Args:
+        terminators: Bytes that each end a line.
+        longest: Longest line kept, in bytes without its terminator.
+
+    Attributes:
+        dropped: Counts of what was dropped; the decoder on top adds to them.
+    """
+
+    def __init__(self, terminators: bytes, longest: int) -> None:
+        self._end = re.compile(b"[" + re.escape(terminators) + b"]")
+        self._longest = longest
+        self._kept = bytearray()
+        self._overlong = False
+        self.dropped = Dropped()
+
+    @property
+    def pending(self) -> int:
+        """Bytes that wait for their terminator."""
+        return len(self._kept)
+
+    def push(self, data: bytes) -> list[Line]:
+        """Lines that these bytes complete."""
+        lines, start = [], 0
+        for match in self._end.finditer(data):
+            self._keep(data[start : match.start()])
+            lines.append(Line(self._take(), match.group()))
+            start = match.end()
+        self._keep(data[start:])
+        return lines
+
+    def _keep(self, data: bytes) -> None:
+        if not self._overlong and self.pending + len(data) <= self._longest:
+            self._kept += data
+            return
+        self.dropped.overlong += not self._overlong
+        self.dropped.byte_count += self.pending + len(data)
+        self._overlong = True
+        self._kept.clear()
+
+    def _take(self) -> bytes | None:
+        text = None if self._overlong else bytes(self._kept)
+        self._kept.clear()
+        self._overlong = False
+        return text

@@ -8,8 +8,7 @@ from numpy.typing import NDArray
 from scipy.special import stdtrit
 
 from ..errors import RigError
-from ..skin.baseline import taxel_names
-from ..skin.skin import SkinFrame
+from ..skin.skin import SkinFrame, taxel_names
 from .rig import Rig
 from .settings import StageSettings
 

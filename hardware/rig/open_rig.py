@@ -5,9 +5,8 @@ from contextlib import ExitStack, contextmanager
 
 from ..errors import NotAtRest, RigError
 from ..journal import Journal
-from ..link.clock import Clock, HostClock
+from ..link.clock import Clock, HostClock, SharedClock, SocketConnection
 from ..link.loop import Loop
-from ..link.shared_clock import SharedClock, SocketConnection
 from ..skin.fingertip import make_skin
 from ..stage.stage import Stage
 from .rig import Rig, still_pressing

@@ -25,15 +25,14 @@ from ..errors import (
     StageFault,
 )
 from ..journal import Journal
+from ..link.clock import Connection
 from ..link.loop import Loop
-from ..link.shared_clock import Connection
 from ..sensor import clipped_move
-from ..skin.monitor import Skin
+from ..skin.monitor import Skin, implausible
 from ..skin.skin import SkinFrame
 from ..stage.stage import Stage
 from .deferred_signals import signals_deferred
 from .settings import RigFile
-from .tap_quality import implausible
 
 _ROUNDING = 1e-6
 _DEPTH_MARGIN_MM = 0.05

@@ -9,8 +9,7 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
-from .layout import Taxel
-from .settings import RigSettings
+from .settings import RigSettings, Taxel
 
 _NODES = 7  # Gauss-Hermite nodes per axis of a receptive field
 

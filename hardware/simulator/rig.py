@@ -6,9 +6,9 @@ from numpy.typing import NDArray
 from ...models.errors import InputError
 from ...models.preprocessing import Preprocessing
 from ..sensor import clipped_move
-from .nuisances import Purpose
 from .session import TapStream
 from .settings import RigSettings, preset
+from .signal_chain import Purpose
 
 
 class SimulatedRig:

@@ -7,10 +7,9 @@ from ...models.errors import InputError
 from ...models.preprocessing import TapCutter
 from ...models.seeds import Purpose, seed_sequence
 from ...models.taps import TapSet
-from .nuisances import session_nuisances
 from .physics import peak_depth_mm, press_profile, taxel_indentation_mm, taxel_positions_mm
 from .settings import RigSettings, preset
-from .signal_chain import SignalChain
+from .signal_chain import SignalChain, session_nuisances
 
 
 def simulate(rig: str | RigSettings, sessions: int = 1, seed: int = 0) -> list[TapSet]:

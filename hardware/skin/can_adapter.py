@@ -10,8 +10,7 @@ from typing import Literal
 
 from ..errors import NoAnswer, RigError, WrongDevice
 from ..journal import Journal
-from ..link.loop import Loop
-from ..link.patient_open import open_patiently
+from ..link.loop import Loop, open_patiently
 from ..link.port import Port
 from .slcan import (
     CLOSE,

@@ -12,7 +12,6 @@ from ..journal import Journal
 from ..link.loop import Loop
 from ..link.port import Port
 from ..rig.settings import IcubSettings, LineSettings
-from .baseline import SkinLimits
 from .can_adapter import CanAdapter
 from .icub import (
     BoardVersion,
@@ -32,7 +31,7 @@ from .icub import (
 )
 from .line_sensor import LineSensor
 from .monitor import Skin, SkinMonitor
-from .skin import SkinCounts, SkinFrame, ignore_frame
+from .skin import SkinCounts, SkinFrame, SkinLimits, ignore_frame
 from .slcan import RemoteFrame, SlcanFrame
 
 SETTLE_S = 0.5

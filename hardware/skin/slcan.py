@@ -15,7 +15,7 @@ from dataclasses import dataclass
 from enum import IntFlag
 from typing import Literal
 
-from ..link.lines import LineSplitter
+from ..link.port import LineSplitter
 
 LONGEST_LINE = 96
 """Longest line in bytes: a frame takes 30; stock CANable firmware answers `V` with longer free text."""

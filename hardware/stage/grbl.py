@@ -14,7 +14,7 @@ import re
 from dataclasses import dataclass
 from enum import StrEnum
 
-from ..link.lines import LineSplitter
+from ..link.port import LineSplitter
 
 LONGEST_LINE = 256
 """Longest line kept, in bytes; a status report with every field takes about half."""

@@ -18,8 +18,7 @@ from ..errors import (
     WrongDevice,
 )
 from ..journal import Journal
-from ..link.loop import Loop
-from ..link.patient_open import open_patiently
+from ..link.loop import Loop, open_patiently
 from ..link.port import Port
 from . import grbl
 from .grbl import Error, State, StatusReport

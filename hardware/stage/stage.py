@@ -20,8 +20,7 @@ from ..rig.settings import StageSettings
 from . import grbl
 from .grbl import State, StatusReport
 from .grbl_link import GrblLink
-from .leg import Leg, check_limits, jog_line, leg_time
-from .setup import AxisSetup, Setup, check_setup, needed_settings
+from .leg import AxisSetup, Leg, Setup, check_limits, check_setup, jog_line, leg_time, needed_settings
 from .state import StageCounts
 
 _PRINTED_MM = 0.001

@@ -9,10 +9,10 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ...models.digest import tap_digests
 from ...models.errors import InputError
 from ...models.measurement.model import TapModel
 from ...models.taps import TapSet
+from ...models.training import tap_digests
 from ..information import (
     ABOUT,
     About,

@@ -11,7 +11,7 @@ from ...models.compiled import compiled
 from ...models.errors import InputError
 from ...models.measurement.model import TapModel
 from ...models.taps import TapSet
-from ..belief import share
+from ..filter import share
 
 type Floats = NDArray[np.float64]
 

@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ...hardware.pool import TapPool
+from ...hardware.replay import TapPool
 from ...models.compiled import compiled
 from .records import Classes, Likelihoods, Rule, ScaledBelief, TrialPlan, Trials
 
@@ -376,7 +376,7 @@ def play(
         pool: Which of them belong to which class.
         prior: Belief before the first tap.
         classes: Which classes belief may be in.
-        saturation: Taps after which beliefs are read to a power, see `belief.share`.
+        saturation: Taps after which beliefs are read to a power, see `filter.share`.
         plan: The trials.
         rule: How they move and stop.
         first: First row of the plan.

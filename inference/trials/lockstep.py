@@ -13,9 +13,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...models.errors import InputError
-from ..belief import log_fold, share, temper
 from ..engines.compiled import border_number, refuse_border
 from ..episode import DEADLINE
+from ..filter import log_fold, share, temper
 from ..moves.control import MovePolicy
 from ..moves.holes import Mask
 from ..moves.shifts import log_sum, shift_all

@@ -6,7 +6,7 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
-from ...hardware.pool import TapPool, tap_pool
+from ...hardware.replay import TapPool, tap_pool
 from ...models.errors import InputError
 from ...models.measurement.model import TapModel
 from ...models.taps import TapSet

@@ -5,7 +5,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ...hardware.pool import TapPool
+from ...hardware.replay import TapPool
 
 
 class TapTable(NamedTuple):

@@ -15,10 +15,9 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ...hardware.pool import TapPool
+from ...hardware.replay import TapPool
 from ...models.errors import InputError
-from ...models.power import check_saturation
-from ...models.settings import PlaySettings
+from ...models.settings import PlaySettings, check_saturation
 from ...models.threads import cores, in_order
 from ..engines.compiled import border_number, classes, likelihoods, refuse_border, scaled_belief
 from . import kernel

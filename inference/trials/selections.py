@@ -6,7 +6,7 @@ from typing import NamedTuple, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from ...hardware.pool import TapPool, pool_of
+from ...hardware.replay import TapPool, pool_of
 from ...models import seeds
 from .records import TapTable
 

@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ...hardware.pool import tap_pool
+from ...hardware.replay import tap_pool
 from ...hardware.simulator.model_rig import draw_session
 from ...models.errors import InputError
 from ...models.measurement.model import TapModel

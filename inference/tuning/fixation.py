@@ -16,7 +16,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ...hardware.pool import TapPool
+from ...hardware.replay import TapPool
 from ...models.errors import InputError
 from ...models.settings import PlaySettings
 from ..moves.control import default_fixation

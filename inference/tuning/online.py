@@ -27,9 +27,8 @@ from numpy.typing import NDArray
 from scipy.stats import t
 
 from ...models.errors import InputError
-from ...models.json_object import read_object
 from ...models.seeds import Purpose, generator
-from ...models.storage import complete_file
+from ...models.storage import complete_file, read_object
 
 type Floats = NDArray[np.float64]
 type Method = Literal["thompson"]

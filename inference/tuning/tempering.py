@@ -21,11 +21,10 @@ from ...models.errors import InputError
 from ...models.grid import ClassGrid
 from ...models.measurement.catalogue import fit_model
 from ...models.measurement.model import Fitted, TapModel
-from ...models.power import learned_taps
 from ...models.seeds import Purpose, generator
-from ...models.settings import FitSettings
+from ...models.settings import FitSettings, learned_taps
 from ...models.taps import TapSet
-from ..belief import share
+from ..filter import share
 from ..trials.judged_sequences import JudgedSession, Sequences, mean_log_belief, refuse_impossible
 
 LEAST, MOST = 1e-4, 1.0

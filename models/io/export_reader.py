@@ -9,12 +9,12 @@ from numpy.typing import NDArray
 
 from ..errors import InputError
 from ..grid import ClassGrid
-from ..json_object import read_object
 from ..measurement.histogram import HistogramModel
 from ..measurement.model import TapModel
 from ..measurement.table import TableModel
-from ..power import check_saturation, likelihood_exponent
 from ..preprocessing import Preprocessing
+from ..settings import check_saturation, likelihood_exponent
+from ..storage import read_object
 from .export import FORMAT, prior
 
 _ROUNDING = 1e-9

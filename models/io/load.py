@@ -7,10 +7,9 @@ from pathlib import Path
 
 from ..errors import InputError
 from ..taps import TapSet
-from .arrays import recording_from_arrays
+from .arrays import read_npz, recording_from_arrays
 from .csv import read_csv, read_csv_folder
 from .mat import read_mat
-from .npz import read_npz
 from .recording import Recording, naming
 
 type TapSource = TapSet | str | Path

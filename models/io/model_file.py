@@ -32,8 +32,8 @@ from ..measurement.model import FORMAT, TapModel
 from ..measurement.novelty import NoveltyScores
 from ..measurement.registry import KINDS, PAPER, measurement_model
 from ..measurement.states import ONE_STATE, States
-from ..power import parse_power
 from ..preprocessing import Preprocessing
+from ..settings import parse_power
 from ..storage import write_groups
 from .export_reader import load_exported
 

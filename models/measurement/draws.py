@@ -16,7 +16,7 @@ from ..seeds import Purpose, generator
 from ..taps import TapSet
 from ..threads import cores, in_order, one_blas_thread
 from .likelihood.shapes import Parameters
-from .likelihood.true_class import OwnTaps
+from .likelihood.true_class import Own, OwnTaps
 from .model import Fitted, TapModel
 from .story import ParametricModel
 
@@ -92,3 +92,29 @@ def drawn(fitted: Fitted, taps: TapSet, draws: int, seed: int) -> Iterator[tuple
 
 def _threads(model: TapModel) -> int:
     return 1 if isinstance(model, ParametricModel) and model.story.own_threads else cores(None)
+
+
+def plug_in(fitted: Fitted, taps: NDArray[np.floating], own: Own) -> NDArray[np.float64]:
+    """Log probability of the bins of taps (N, J, K) at the point estimate, shape (N,)."""
+    model = fitted.model
+    return OwnTaps(taps, own, model.edges, model.states).log_probability(model.plain_form)
+
+
+def integrated(
+    fitted: Fitted, taps: NDArray[np.floating], own: Own, generator: np.random.Generator
+) -> NDArray[np.float64]:
+    """Predictive log probability of the bins of taps (N, J, K), given the training taps, shape (N,).
+
+    Args:
+        fitted: A fit with a posterior.
+        taps: Taps that did not train it.
+        own: Their classes.
+        generator: Random generator of the draws.
+    """
+    model, posterior = fitted.model, fitted.posterior
+    if posterior is None:
+        raise ValueError(f"{model.name} has no posterior to integrate over.")
+    parts = []
+    for gain, offset, log_prior in zip(*model.states, strict=True):
+        parts.append(log_prior + model.integrated(posterior, taps, own, generator, gain, offset))
+    return np.logaddexp.reduce(parts, axis=0)

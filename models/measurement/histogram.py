@@ -19,12 +19,11 @@ import xarray as xr
 from numpy.typing import ArrayLike, NDArray
 from scipy.special import gammaln
 
-from ..digest import tap_digests
 from ..errors import InputError
 from ..grid import ClassGrid
-from ..power import likelihood_exponent
-from ..settings import FitSettings
+from ..settings import FitSettings, likelihood_exponent
 from ..taps import TapSet
+from ..training import tap_digests
 from .fits.posterior import EXACT, Convergence
 from .likelihood.bins import bin_edges, count_taps, find_bins
 from .likelihood.forms import TableForm
@@ -185,7 +184,7 @@ def fit(
         pseudocount: Added to every bin, in counts. The paper has none, and then a quarter to a half of
             simulated test taps are impossible under their own class; later work adds a small constant.
         power: Root of Eq. 1, see `inference.reference.exponent`.
-        saturation: How many taps' evidence an episode carries at most, see `inference.belief`.
+        saturation: How many taps' evidence an episode carries at most, see `inference.filter`.
         value_range: Whether bins span the range of all taxels together or of each.
         edges: Bin edges to use instead, shape (B + 1,) or (K, B + 1).
         trained_on: Description of the training taps, for the model's file.

@@ -15,8 +15,7 @@ from scipy.optimize import minimize_scalar
 from scipy.special import multigammaln, psi  # pyright: ignore[reportAttributeAccessIssue] - missing in the stubs
 
 from .fits.cells import CELL
-from .fits.checks import check_times
-from .fits.posterior import Convergence, Sites, ascent
+from .fits.posterior import Convergence, Sites, ascent, check_times
 from .fits.priors import Given, Taps
 from .likelihood.forecasts import Unseen, over_draws
 from .likelihood.forms import GaussianForm

@@ -17,7 +17,7 @@ import xarray as xr
 from numpy.typing import ArrayLike, NDArray
 
 from ..errors import InputError
-from ..power import check_saturation, likelihood_exponent
+from ..settings import check_saturation, likelihood_exponent
 from ..storage import write_groups
 from ..training import training_taps
 from .likelihood.bins import find_bins
@@ -55,7 +55,7 @@ class TapModel(ABC):
         novelty: How badly the training taps fit their classes; without it no tap can be called new.
         training: Digests of the training taps, see `tap_digests`; none where a file of an older version has none.
         states: What all taps of an episode share and nobody knows before it; one state for most models.
-        saturation: How many taps' evidence the taps of an episode carry at most, see `inference.belief`.
+        saturation: How many taps' evidence the taps of an episode carry at most, see `inference.filter`.
 
     Raises:
         InputError: The saturation is not above 0.

@@ -4,7 +4,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .fits.cells import CELL, CellPosterior, cell_posterior, estimated_prior, given_cells, prior_of_cells
-from .fits.checks import check_times
+from .fits.posterior import check_times
 from .fits.priors import CellPrior, Taps
 from .likelihood.forecasts import Unseen, cells_integrated
 from .likelihood.forms import GaussianForm

@@ -9,8 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .fits.cells import CELL, Cells, cell_posterior, estimated_prior, given_cells, prior_of_cells
-from .fits.checks import check_times
-from .fits.posterior import EXACT_CELLS, Convergence
+from .fits.posterior import EXACT_CELLS, Convergence, check_times
 from .fits.priors import CellPrior, Taps
 from .likelihood.forecasts import Unseen, slopes_integrated
 from .likelihood.forms import GaussianForm

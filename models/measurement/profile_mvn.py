@@ -10,8 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .fits.cells import ANY_CELLS, CELL, Cells, cell_posterior, estimated_prior
-from .fits.checks import check_taxels
-from .fits.posterior import Convergence, Sites, ascent
+from .fits.posterior import Convergence, Sites, ascent, check_taxels
 from .fits.priors import CellPrior, Given, Taps
 from .likelihood.forecasts import Unseen, slopes_integrated
 from .likelihood.forms import GaussianForm

@@ -15,8 +15,7 @@ from scipy.special import gammaln
 from ..grid import ClassGrid
 from ..taps import TapSet
 from .fits.cells import CELL, estimated_prior
-from .fits.checks import check_places
-from .fits.posterior import Convergence, Sites, ascent
+from .fits.posterior import Convergence, Sites, ascent, check_places
 from .fits.priors import CellPrior, Given, Taps
 from .likelihood.forecasts import Unseen, log_t_probability
 from .likelihood.forms import GaussianForm

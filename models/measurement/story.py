@@ -24,12 +24,11 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from ..digest import tap_digests
 from ..errors import InputError
 from ..grid import ClassGrid
-from ..power import likelihood_exponent
-from ..settings import FitSettings
+from ..settings import FitSettings, likelihood_exponent
 from ..taps import TapSet
+from ..training import tap_digests
 from .fits.posterior import Posterior, SamplePosterior, Sites
 from .fits.priors import Given, Taps, no_arguments
 from .likelihood.bins import bin_edges

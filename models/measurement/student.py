@@ -5,11 +5,10 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from .fits.checks import check_cells
-from .fits.posterior import Convergence
+from .fits.posterior import Convergence, check_cells
 from .fits.priors import Taps
+from .likelihood.forecasts import log_student_probability
 from .likelihood.forms import TableForm
-from .likelihood.interval_probability import log_student_probability
 from .likelihood.shapes import Measure, Parameters, standardised
 from .model import Row
 from .scaling import Moments

@@ -75,7 +75,7 @@ def test_all_taps_of_a_session_are_in_one_state(few, rng):
     own = taps.indices(source.grid)
     from dataclasses import replace
 
-    from solidtouch.models.measurement.predictive import integrated
+    from solidtouch.models.measurement.draws import integrated
     from solidtouch.models.measurement.states import States
 
     each = []

@@ -79,19 +79,19 @@ def test_tests_of_a_module_come_first():
     Loops need caches of their own.
     """
     tests = mutants.Tests()
-    own, later = tests.of("hardware.rig.tap_quality")
+    own, later = tests.of("hardware.skin.monitor")
     assert own[0].name == "test_tap_quality.py"
     assert later
     assert not set(own) & set(later)
     assert "test_resets.py" in {test.name for test in tests.of("hardware.emulator.grbl.controller")[0]}
     assert {"inference.trials.kernel", "models.measurement.likelihood.counting"} <= tests.frozen
-    assert "hardware.rig.tap_quality" not in tests.frozen
+    assert "hardware.skin.monitor" not in tests.frozen
 
 
 @pytest.mark.slow
 def test_a_caught_error_is_told_from_a_survivor(tmp_path):
     """A limit that is checked where it should not be is noticed, a pair of parentheses is not."""
-    module = "hardware/rig/tap_quality.py"
+    module = "hardware/skin/monitor.py"
     found = mutation.mutants(module, (ROOT / module).read_text(encoding="utf-8"))
     caught = next(one for one in found if one.kind == "removed sign or not")
     harmless = caught._replace(old=caught.old, new=f"({caught.old})", key="0" * 12)

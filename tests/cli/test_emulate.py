@@ -9,8 +9,8 @@ from contextlib import contextmanager
 import pytest
 from solidtouch.cli.emulate import switch_on
 from solidtouch.hardware.emulator.faults import Switches
+from solidtouch.hardware.link.clock import SharedClock, SocketConnection
 from solidtouch.hardware.link.port import Port
-from solidtouch.hardware.link.shared_clock import SharedClock, SocketConnection
 from solidtouch.hardware.rig.settings import load_rig
 from solidtouch.models.errors import InputError
 

@@ -20,17 +20,16 @@ from solidtouch.inference import episode
 from solidtouch.inference.engines.engine import NumpyEngine
 from solidtouch.inference.information import tap_outcomes
 from solidtouch.inference.moves.strategies import make_policy
-from solidtouch.inference.moves.table import save_table
-from solidtouch.inference.moves.table_learning import held_out_tables, learn_table
+from solidtouch.inference.moves.table import held_out_tables, learn_table, save_table
 from solidtouch.inference.stopping.rules import make_rule, parse_stopping
 from solidtouch.inference.stopping.stopping import DECIDE, GO_ON, Moment
 from solidtouch.inference.trials.plan import trial_chances
-from solidtouch.models.digest import tap_digests
 from solidtouch.models.io.model_file import load_model
 from solidtouch.models.measurement.catalogue import fit_model
 from solidtouch.models.measurement.histogram import fit
 from solidtouch.models.setting_file import Setting
 from solidtouch.models.settings import FitSettings
+from solidtouch.models.training import tap_digests
 
 
 @pytest.fixture(scope="module")

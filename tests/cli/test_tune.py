@@ -8,8 +8,7 @@ import pytest
 import typer
 from solidtouch.analysis.tuning.run import shown_threshold
 from solidtouch.cli.tune import tune
-from solidtouch.inference.moves.table import load_table
-from solidtouch.inference.moves.table_learning import held_out_tables, learn_table
+from solidtouch.inference.moves.table import held_out_tables, learn_table, load_table
 from solidtouch.inference.tuning.online import load_learner
 from solidtouch.models.errors import InputError
 from solidtouch.models.io.load import load_taps

@@ -2,8 +2,7 @@
 
 import numpy as np
 import pytest
-from solidtouch.hardware.pool import tap_pool
-from solidtouch.hardware.replay import ReplayRig, as_uniforms
+from solidtouch.hardware.replay import ReplayRig, as_uniforms, tap_pool
 from solidtouch.models.errors import InputError
 from solidtouch.models.preprocessing import Preprocessing
 from solidtouch.models.taps import TapSet

@@ -4,10 +4,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from solidtouch.hardware.simulator.nuisances import session_nuisances
 from solidtouch.hardware.simulator.rig import SimulatedRig
 from solidtouch.hardware.simulator.session import TapStream, simulate_session
 from solidtouch.hardware.simulator.settings import PAPER_RODS, PRESETS, Rod, preset
+from solidtouch.hardware.simulator.signal_chain import session_nuisances
 from solidtouch.models.errors import InputError
 from solidtouch.models.seeds import Purpose
 

@@ -7,11 +7,10 @@ import numpy as np
 import pytest
 from solidtouch.analysis.compare.classes import class_scores
 from solidtouch.analysis.stats.contacts import accuracy
-from solidtouch.hardware.pool import tap_pool
-from solidtouch.hardware.replay import ReplayRig
-from solidtouch.inference.belief import fold, log_fold, share, temper
+from solidtouch.hardware.replay import ReplayRig, tap_pool
 from solidtouch.inference.engines.engine import make_engine
 from solidtouch.inference.episode import perceive, steps
+from solidtouch.inference.filter import fold, log_fold, share, temper
 from solidtouch.inference.moves.control import fixation, passive
 from solidtouch.inference.trials import gpu as device
 from solidtouch.inference.trials.plan import plan_trials, tap_table, trial_uniforms

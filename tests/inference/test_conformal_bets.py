@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from scipy.stats import binom
-from solidtouch.inference.conformal_bets import (
+from solidtouch.inference.novelty import (
     EXPONENTS,
     calibration_needed,
     log_bets,

@@ -7,11 +7,10 @@ import pytest
 import xarray as xr
 from solidtouch.hardware.replay import ReplayRig
 from solidtouch.hardware.simulator.model_rig import draw_taps
-from solidtouch.inference.conformal_bets import EXPONENTS
 from solidtouch.inference.engines.engine import make_engine
 from solidtouch.inference.episode import steps
 from solidtouch.inference.moves.control import fixation
-from solidtouch.inference.novelty import Novelty, Promise, UnknownTest, can_tell
+from solidtouch.inference.novelty import EXPONENTS, Novelty, Promise, UnknownTest, can_tell
 from solidtouch.inference.reference import bin_index
 from solidtouch.models.errors import InputError
 from solidtouch.models.io.model_file import load_model

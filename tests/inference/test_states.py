@@ -8,10 +8,10 @@ import pytest
 from numbered_taps import NumberedTaps
 from solidtouch.hardware.replay import ReplayRig
 from solidtouch.inference import reference
-from solidtouch.inference.belief import fold, log_fold
 from solidtouch.inference.engines.compiled import FilterEngine, likelihoods
 from solidtouch.inference.engines.shadow import EnginesDisagree, ShadowEngine
 from solidtouch.inference.episode import perceive, steps
+from solidtouch.inference.filter import fold, log_fold
 from solidtouch.inference.moves.control import fixation
 from solidtouch.inference.reference import BORDERS
 from solidtouch.inference.trials.plan import plan_trials, tap_table, trial_uniforms

@@ -5,11 +5,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from solidtouch.models.errors import InputError
-from solidtouch.models.experiment import load_experiment, parse_sessions
 from solidtouch.models.io.load import load_taps
 from solidtouch.models.preprocessing import Preprocessing
 from solidtouch.models.settings import Division
-from solidtouch.models.splits import split, two_files
+from solidtouch.models.splits import load_experiment, parse_sessions, split, two_files
 from solidtouch.models.taps import TapSet
 
 

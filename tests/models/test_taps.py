@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import xarray as xr
 from solidtouch.models.errors import InputError
-from solidtouch.models.io.relabel import relabel
+from solidtouch.models.io.joining import relabel
 from solidtouch.models.preprocessing import Preprocessing
 from solidtouch.models.taps import TapSet, check_compatible, concatenate, load_dataset
 

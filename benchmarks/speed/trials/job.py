@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from solidtouch.hardware.pool import TapPool
+from solidtouch.hardware.replay import TapPool
 from solidtouch.hardware.simulator.session import simulate_session
 from solidtouch.hardware.simulator.settings import preset
 from solidtouch.inference.trials import kernel

@@ -22,10 +22,10 @@ from solidtouch.inference.episode import steps
 from solidtouch.inference.moves.control import MovePolicy, default_fixation, fixation, passive
 from solidtouch.inference.novelty import Novelty, UnknownTest, can_tell
 from solidtouch.models import seeds
-from solidtouch.models.experiment import load_experiment
 from solidtouch.models.grid import ClassGrid
 from solidtouch.models.measurement.histogram import HistogramModel, fit, trim
 from solidtouch.models.settings import Division
+from solidtouch.models.splits import load_experiment
 from solidtouch.models.taps import TapSet, concatenate
 
 PAPER = preset("paper")

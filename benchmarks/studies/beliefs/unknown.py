@@ -21,8 +21,7 @@ from solidtouch.analysis.experiment.sources import right_model
 from solidtouch.hardware.simulator.model_rig import draw_session
 from solidtouch.hardware.simulator.session import simulate_session
 from solidtouch.hardware.simulator.settings import preset
-from solidtouch.inference.conformal_bets import log_mixture, ranks
-from solidtouch.inference.novelty import Novelty
+from solidtouch.inference.novelty import Novelty, log_mixture, ranks
 from solidtouch.models.grid import ClassGrid
 from solidtouch.models.measurement.histogram import fit
 from solidtouch.models.seeds import Purpose, generator

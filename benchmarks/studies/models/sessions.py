@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 from solidtouch.hardware.simulator.session import simulate_session
 from solidtouch.hardware.simulator.settings import RigSettings, preset
-from solidtouch.inference.belief import log_fold
+from solidtouch.inference.filter import log_fold
 from solidtouch.models.grid import ClassGrid
 from solidtouch.models.measurement.catalogue import fit_model
 from solidtouch.models.measurement.model import TapModel

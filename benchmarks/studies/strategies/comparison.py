@@ -12,7 +12,7 @@ from pathlib import Path
 
 from solidtouch.analysis.experiment.settings import SHOWN_THETA
 from solidtouch.analysis.page.numbers import factor, interval, number, percent
-from solidtouch.analysis.page.record import TitleRecord
+from solidtouch.analysis.page.report import TitleRecord
 from solidtouch.analysis.strategies import figures as figure_strategies
 from solidtouch.analysis.strategies.data import RIGHT, StrategyData, recorded_bench, simulated_bench
 from solidtouch.analysis.strategies.figures_regret import regret

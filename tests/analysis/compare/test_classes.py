@@ -15,7 +15,7 @@ from solidtouch.analysis.compare.classes import (
 )
 from solidtouch.analysis.stats.contacts import accuracy
 from solidtouch.analysis.stats.pairing import with_intervals
-from solidtouch.hardware.pool import tap_pool
+from solidtouch.hardware.replay import tap_pool
 from solidtouch.inference.trials.records import TapTable
 from solidtouch.inference.trials.resampling import Spread
 from solidtouch.models.errors import InputError

@@ -8,11 +8,11 @@ from solidtouch.analysis.experiment import trial_check
 from solidtouch.analysis.experiment.crosscheck import STORY, crosscheck_model
 from solidtouch.analysis.experiment.settings import ExperimentSettings
 from solidtouch.inference import raw, reference
-from solidtouch.models.experiment import load_experiment
 from solidtouch.models.grid import ClassGrid
 from solidtouch.models.measurement import histogram, model
 from solidtouch.models.measurement.histogram import HistogramModel, trim
 from solidtouch.models.settings import Division, FitSettings
+from solidtouch.models.splits import load_experiment
 from solidtouch.models.taps import TapSet
 
 FIT, RECURSION, TRIALS = "fit, raw taps", "numpy, raw taps", "numpy, raw taps trials"

@@ -6,7 +6,7 @@ import xarray as xr
 from solidtouch.analysis.experiment.policies import make_plans, most_trials, play_policies, resamples_of
 from solidtouch.analysis.experiment.settings import ExperimentSettings
 from solidtouch.analysis.stats import metrics
-from solidtouch.hardware.pool import tap_pool
+from solidtouch.hardware.replay import tap_pool
 from solidtouch.inference.trials.records import TapTable
 from solidtouch.inference.trials.run import run_trials
 from solidtouch.models.grid import ClassGrid

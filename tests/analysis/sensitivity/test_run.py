@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 from rich.console import Console
 from solidtouch.analysis.experiment.sources import Source, recorded_source, simulated_source
+from solidtouch.analysis.page.numbers import STORED_ONLY
 from solidtouch.analysis.page.stages import no_progress
 from solidtouch.analysis.page.terminal import show
-from solidtouch.analysis.page.words import STORED_ONLY
 from solidtouch.analysis.sensitivity import figures as figure_sensitivity
 from solidtouch.analysis.sensitivity import summary as sensitivity_summary
 from solidtouch.analysis.sensitivity.choices import CHOICES, Choice, Option, Reading

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from solidtouch.analysis.sensitivity.choices import Reading
 from solidtouch.analysis.sensitivity.trials import play_open
-from solidtouch.hardware.pool import tap_pool
+from solidtouch.hardware.replay import tap_pool
 from solidtouch.hardware.simulator.session import simulate_session
 from solidtouch.hardware.simulator.settings import preset
 from solidtouch.inference import reference

@@ -23,7 +23,7 @@ from solidtouch.analysis.stats.reliability import (
     reliability,
 )
 from solidtouch.analysis.stats.right_model import Reference
-from solidtouch.hardware.pool import tap_pool
+from solidtouch.hardware.replay import tap_pool
 from solidtouch.inference.trials.plan import plan_trials
 from solidtouch.inference.trials.records import TapTable
 from solidtouch.inference.trials.run import run_trials

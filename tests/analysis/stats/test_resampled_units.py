@@ -11,7 +11,7 @@ from solidtouch.analysis.stats.resampled_units import (
     resampled_tables,
     units_of,
 )
-from solidtouch.hardware.pool import tap_pool
+from solidtouch.hardware.replay import tap_pool
 from solidtouch.inference.trials.records import TapTable
 from solidtouch.inference.trials.resampling import Spread, spread
 

@@ -16,7 +16,7 @@ from solidtouch.analysis.stats.right_model import (
     reference_factors,
     simulate,
 )
-from solidtouch.hardware.pool import tap_pool
+from solidtouch.hardware.replay import tap_pool
 from solidtouch.inference.trials.plan import plan_trials
 from solidtouch.inference.trials.records import TapTable
 from solidtouch.inference.trials.run import run_trials

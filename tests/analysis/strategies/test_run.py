@@ -6,8 +6,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from solidtouch.analysis.page.html import render_page
+from solidtouch.analysis.page.numbers import STORED_ONLY
 from solidtouch.analysis.page.stages import no_progress
-from solidtouch.analysis.page.words import STORED_ONLY
 from solidtouch.analysis.stats.resampled_units import RESAMPLES
 from solidtouch.analysis.strategies import figures as figure_strategies
 from solidtouch.analysis.strategies import summary as strategies_summary

@@ -7,7 +7,7 @@ from solidtouch.analysis.sweep import cell as sweep_cell
 from solidtouch.analysis.sweep.cell import run_cell, try_cell
 from solidtouch.inference.information import tap_outcomes
 from solidtouch.inference.moves.strategies import make_policy
-from solidtouch.inference.moves.table_learning import held_out_tables, learn_table
+from solidtouch.inference.moves.table import held_out_tables, learn_table
 from solidtouch.inference.stopping.recorded import stops
 from solidtouch.inference.stopping.stopping import what_above
 from solidtouch.inference.trials.lockstep import play

@@ -7,9 +7,8 @@ from solidtouch.hardware.emulator.bench import Bench
 from solidtouch.hardware.emulator.emulation import Emulation
 from solidtouch.hardware.emulator.faults import Switches
 from solidtouch.hardware.emulator.link import Link
-from solidtouch.hardware.link.clock import HostClock
+from solidtouch.hardware.link.clock import HostClock, SharedClock
 from solidtouch.hardware.link.port import Port
-from solidtouch.hardware.link.shared_clock import SharedClock
 
 
 class Echo:

@@ -7,11 +7,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from solidtouch.hardware.emulator.finger import Finger, Pad
-from solidtouch.hardware.simulator.nuisances import session_nuisances
 from solidtouch.hardware.simulator.physics import taxel_indentation_mm
 from solidtouch.hardware.simulator.rig import SimulatedRig
 from solidtouch.hardware.simulator.settings import PRESETS
-from solidtouch.hardware.simulator.signal_chain import FULL_SCALE, SignalChain
+from solidtouch.hardware.simulator.signal_chain import FULL_SCALE, SignalChain, session_nuisances
 from solidtouch.models.errors import InputError
 
 PAPER = PRESETS["paper"]

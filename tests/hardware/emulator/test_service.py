@@ -7,7 +7,7 @@ import threading
 import pytest
 from solidtouch.hardware.emulator.service import Service
 from solidtouch.hardware.errors import PortBusy, PortError, PortLost
-from solidtouch.hardware.link.shared_clock import SharedClock, SocketConnection
+from solidtouch.hardware.link.clock import SharedClock, SocketConnection
 from solidtouch.models.errors import InputError
 
 

@@ -3,8 +3,8 @@
 from types import SimpleNamespace
 
 import pytest
-from solidtouch.hardware.recording import disk_space
-from solidtouch.hardware.recording.disk_space import check_space, space_needed
+from solidtouch.hardware.recording import recording as disk_space
+from solidtouch.hardware.recording.recording import check_space, space_needed
 from solidtouch.models.errors import InputError
 
 

@@ -17,9 +17,9 @@ from solidtouch.hardware.errors import (
     StageFault,
     StaleSensor,
 )
+from solidtouch.hardware.named_rigs import LabelledRig
 from solidtouch.hardware.recording.recording import Recorder
 from solidtouch.hardware.recording.settings import about_rig
-from solidtouch.hardware.rig.labelled import LabelledRig
 from solidtouch.hardware.rig.open_rig import connected
 from solidtouch.hardware.rig.rig import still_pressing
 from solidtouch.hardware.simulator.settings import PRESETS

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from solidtouch.hardware.rig.tap_quality import implausible
+from solidtouch.hardware.skin.monitor import implausible
 
 J, K, LEAD, LIMIT = 30, 4, 7, 5.0
 

@@ -4,14 +4,13 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from solidtouch.hardware.simulator.layout import ICUB_FINGERTIP, Taxel
 from solidtouch.hardware.simulator.physics import (
     effective_radius_mm,
     peak_depth_mm,
     press_profile,
     taxel_indentation_mm,
 )
-from solidtouch.hardware.simulator.settings import RigSettings
+from solidtouch.hardware.simulator.settings import ICUB_FINGERTIP, RigSettings, Taxel
 
 PAPER = RigSettings()
 

@@ -4,9 +4,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from solidtouch.hardware.simulator.nuisances import session_nuisances
 from solidtouch.hardware.simulator.settings import PRESETS
-from solidtouch.hardware.simulator.signal_chain import FULL_SCALE, FirstOrderNoise, SignalChain
+from solidtouch.hardware.simulator.signal_chain import FULL_SCALE, FirstOrderNoise, SignalChain, session_nuisances
 
 K = 12
 

@@ -3,7 +3,7 @@
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from solidtouch.hardware.skin.line_frames import Comment, LineDecoder, LineReading
+from solidtouch.hardware.skin.line_sensor import Comment, LineDecoder, LineReading
 
 STREAM = b"7,1\n# three taxels\r\n20,1,2.5,-3\n40,+1,.5,1e2\r\n\n60,0,0,0\n"
 UNITS = [

@@ -9,7 +9,7 @@ from decoder_laws import (
 )
 from hypothesis import given
 from hypothesis import strategies as st
-from solidtouch.hardware.link.lines import LineSplitter
+from solidtouch.hardware.link.port import LineSplitter
 from solidtouch.hardware.skin import slcan
 from solidtouch.hardware.skin.slcan import (
     Bell,

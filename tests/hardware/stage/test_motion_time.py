@@ -5,7 +5,7 @@ import math
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from solidtouch.hardware.stage.motion_time import AxisLimits, move_time, trapezoid_time
+from solidtouch.hardware.stage.leg import AxisLimits, move_time, trapezoid_time
 
 MM = st.floats(0.0, 300.0)
 SPEED = st.floats(0.1, 200.0)

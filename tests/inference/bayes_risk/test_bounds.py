@@ -2,14 +2,15 @@
 
 import numpy as np
 import pytest
-from solidtouch.inference.bayes_risk.belief_grid import corners, simplex
 from solidtouch.inference.bayes_risk.bounds import (
     alpha_bound,
     alpha_cost_bound,
+    corners,
     fast_informed,
     known_place,
     known_place_bound,
     qmdp,
+    simplex,
 )
 from solidtouch.inference.bayes_risk.problem import risk_problem, stop_loss
 from solidtouch.inference.bayes_risk.risk import exact_rule

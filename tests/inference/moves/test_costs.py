@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from solidtouch.inference.moves.costs import distances_mm, time_costs, way_costs
+from solidtouch.inference.moves.strategies import distances_mm, time_costs, way_costs
 from solidtouch.models.errors import InputError
 from solidtouch.models.grid import ClassGrid
 

@@ -4,9 +4,8 @@ import numpy as np
 import pytest
 from solidtouch.inference.information import tap_outcomes
 from solidtouch.inference.moves.control import fixation, passive, random_place, random_step
-from solidtouch.inference.moves.costs import time_costs, way_costs
 from solidtouch.inference.moves.information import informative
-from solidtouch.inference.moves.strategies import FORMS, make_policy, parse_strategy
+from solidtouch.inference.moves.strategies import FORMS, make_policy, parse_strategy, time_costs, way_costs
 from solidtouch.inference.moves.table import TargetTable, lookup
 from solidtouch.models.errors import InputError
 from solidtouch.models.grid import ClassGrid

@@ -2,12 +2,10 @@
 
 import numpy as np
 import pytest
-from solidtouch.hardware.pool import tap_pool
-from solidtouch.hardware.replay import ReplayRig
+from solidtouch.hardware.replay import ReplayRig, tap_pool
 from solidtouch.inference import reference
 from solidtouch.inference.engines.engine import make_engine
-from solidtouch.inference.moves.table import load_table, lookup, save_table
-from solidtouch.inference.moves.table_learning import BEFORE, held_out_tables, learn_table
+from solidtouch.inference.moves.table import BEFORE, held_out_tables, learn_table, load_table, lookup, save_table
 from solidtouch.inference.reference import BORDERS
 from solidtouch.inference.trials.plan import plan_trials, tap_table, trial_uniforms
 from solidtouch.inference.trials.records import TapTable

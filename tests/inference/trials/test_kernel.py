@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from solidtouch.hardware.pool import tap_pool
+from solidtouch.hardware.replay import tap_pool
 from solidtouch.inference import reference
 from solidtouch.inference.engines.compiled import likelihoods, scaled_belief
 from solidtouch.inference.reference import BORDERS, ZeroEvidenceError

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from solidtouch.hardware.pool import tap_pool
+from solidtouch.hardware.replay import tap_pool
 from solidtouch.inference.moves.control import fixation, passive, random_place
 from solidtouch.inference.trials import lockstep_tally
 from solidtouch.inference.trials.lockstep import play

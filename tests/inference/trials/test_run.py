@@ -4,8 +4,7 @@ from functools import cache
 
 import numpy as np
 import pytest
-from solidtouch.hardware.pool import tap_pool
-from solidtouch.hardware.replay import ReplayRig
+from solidtouch.hardware.replay import ReplayRig, tap_pool
 from solidtouch.hardware.simulator.model_rig import draw_taps
 from solidtouch.inference.engines.engine import make_engine
 from solidtouch.inference.episode import perceive

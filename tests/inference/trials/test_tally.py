@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from solidtouch.hardware.pool import tap_pool
+from solidtouch.hardware.replay import tap_pool
 from solidtouch.inference.trials import run as montecarlo
 from solidtouch.inference.trials.plan import plan_trials
 from solidtouch.inference.trials.records import TapTable

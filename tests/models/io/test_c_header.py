@@ -16,7 +16,7 @@ from solidtouch.inference.engines.engine import NumpyEngine
 from solidtouch.models.errors import InputError
 from solidtouch.models.io.c_header import c_header, save_c_header
 from solidtouch.models.io.export import Decisions, log_tables
-from solidtouch.models.power import likelihood_exponent
+from solidtouch.models.settings import likelihood_exponent
 
 DECISIONS = Decisions("clamp", 0.9, 0.25, 1)
 SOLID = Path(__file__).parents[3] / "docs" / "reference" / "conformance" / "solid.c"

@@ -7,8 +7,7 @@ import pytest
 from solidtouch.models.errors import InputError
 from solidtouch.models.grid import ClassGrid
 from solidtouch.models.measurement.catalogue import fit_model
-from solidtouch.models.measurement.fits.checks import check_places
-from solidtouch.models.measurement.fits.posterior import NotConvergedError
+from solidtouch.models.measurement.fits.posterior import NotConvergedError, check_places
 from solidtouch.models.measurement.fits.priors import Taps
 from solidtouch.models.measurement.likelihood.bins import bin_edges
 from solidtouch.models.measurement.likelihood.forms import TableForm

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from solidtouch.inference.belief import log_fold
+from solidtouch.inference.filter import log_fold
 from solidtouch.models.errors import InputError
 from solidtouch.models.measurement import registry
 from solidtouch.models.measurement.catalogue import fit_model

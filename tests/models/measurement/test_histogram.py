@@ -15,8 +15,8 @@ from solidtouch.models.errors import InputError
 from solidtouch.models.grid import ClassGrid
 from solidtouch.models.measurement.histogram import fit, histogram_model, trim
 from solidtouch.models.measurement.likelihood.bins import bin_edges, find_bins
-from solidtouch.models.power import learned_taps, likelihood_exponent, parse_power, parse_power_choice
 from solidtouch.models.preprocessing import Preprocessing
+from solidtouch.models.settings import learned_taps, likelihood_exponent, parse_power, parse_power_choice
 from solidtouch.models.taps import TapSet
 
 L, M, J, K, B = 3, 4, 6, 5, 9

@@ -9,9 +9,8 @@ from scipy.special import gammaln
 from scipy.stats import multivariate_t
 from solidtouch.models.grid import ClassGrid
 from solidtouch.models.measurement.catalogue import fit_model
-from solidtouch.models.measurement.draws import drawn
+from solidtouch.models.measurement.draws import drawn, integrated, plug_in
 from solidtouch.models.measurement.histogram import HistogramPosterior
-from solidtouch.models.measurement.predictive import integrated, plug_in
 from solidtouch.models.measurement.registry import NAMES
 from solidtouch.models.measurement.states import States
 from solidtouch.models.preprocessing import Preprocessing

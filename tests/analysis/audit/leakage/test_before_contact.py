@@ -5,9 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from solidtouch.analysis.audit.leakage.before_contact import leading_samples
-from solidtouch.hardware.simulator.layout import ICUB_FINGERTIP
 from solidtouch.hardware.simulator.session import simulate_session
-from solidtouch.hardware.simulator.settings import PAPER_RODS, preset
+from solidtouch.hardware.simulator.settings import ICUB_FINGERTIP, PAPER_RODS, preset
 
 M, J, K, N = 4, 7, 5, 12
 

@@ -14,9 +14,8 @@ from solidtouch.analysis.audit.leakage.run import (
     leakage,
     with_samples,
 )
-from solidtouch.hardware.simulator.layout import ICUB_FINGERTIP
 from solidtouch.hardware.simulator.session import simulate_session
-from solidtouch.hardware.simulator.settings import PAPER_RODS, preset
+from solidtouch.hardware.simulator.settings import ICUB_FINGERTIP, PAPER_RODS, preset
 from solidtouch.models.errors import InputError
 from solidtouch.models.io.load import load_taps
 from solidtouch.models.preprocessing import Preprocessing

@@ -6,12 +6,12 @@ from scipy import stats
 from solidtouch.models.errors import InputError
 from solidtouch.models.measurement.likelihood import forms, innovations
 from solidtouch.models.measurement.likelihood.bins import find_bins
-from solidtouch.models.measurement.likelihood.forms import GaussianForm, TableForm, bin_gaps, in_states
-from solidtouch.models.measurement.likelihood.innovations import class_log_probability, log_interval
-from solidtouch.models.measurement.likelihood.interval_probability import (
+from solidtouch.models.measurement.likelihood.forecasts import (
     log_normal_probability,
     log_student_probability,
 )
+from solidtouch.models.measurement.likelihood.forms import GaussianForm, TableForm, bin_gaps, in_states
+from solidtouch.models.measurement.likelihood.innovations import class_log_probability, log_interval
 from solidtouch.models.measurement.states import ONE_STATE, States
 
 L, H, J, K, Q, B = 2, 3, 4, 5, 2, 7
