@@ -78,7 +78,7 @@ def test_rigs_break_the_promises_and_the_page_says_how_much(drawn):
     assert (rig.factor.sel(setup=PROMISED, theta=0.95, what="all") > 5).all()
 
     page = study.page([drawn], {"paper": rig}, sizes, 1)
-    assert "the promises hold in 6 of 6 rows" in page
+    assert "the bounds hold in 6 of 6 rows" in page
     assert page.count("| 2 | clamp |") == 6
     assert page.count("| 2 | uniform | active |") == 3
     assert "| 2 | uniform | passive |" not in page

@@ -119,7 +119,7 @@ def over_pools(values: NDArray[np.float64]) -> tuple[float, float, float]:
 
 
 def holds(part: xr.Dataset) -> bool:
-    """Whether no promise of one setup, policy and threshold is broken beyond Monte Carlo error.
+    """Whether all bounds of one setup, policy and threshold hold within Monte Carlo error.
 
     The error is a one-sided t-test of each object and of all, at 5% divided by their number.
     """
@@ -172,7 +172,7 @@ def drawn_table(results: Sequence[Drawn]) -> str:
 
 
 def rig_table(results: dict[str, xr.Dataset]) -> str:
-    """By what factor the promises are broken on simulated rigs."""
+    """Ratio of wrong decisions to the bounds on simulated rigs."""
     lines = []
     for name, data in results.items():
         for setup in data["setup"].values:
@@ -202,10 +202,10 @@ def page(results: Sequence[Drawn], rigs: dict[str, xr.Dataset], sizes: Sizes, se
     return (
         f"Taps of J samples drawn from a fitted histogram, power none: {sizes.pools} pools of {sizes.taps_per_class} "
         f"taps per class, {sizes.trials} trials on each, seed {seed}. *Repeats* is the fraction of taps seen before in "
-        f"a trial. With border clamp, the promises hold in {sum(kept)} of {len(kept)} rows. With border uniform, "
+        f"a trial. With border clamp, the bounds hold in {sum(kept)} of {len(kept)} rows. With border uniform, "
         f"active decisions are wrong {min(gaps):.2f} to {max(gaps):.2f} times as often as the belief says.\n\n"
         f"{drawn_table(results)}\n\nSimulated rigs, {sizes.data_sets} data sets each with {sizes.rig_trials} trials: "
-        f"wrong decisions divided by the limit; the promise holds up to 1.\n\n{rig_table(rigs)}"
+        f"wrong decisions divided by the bound, which holds up to 1.\n\n{rig_table(rigs)}"
     )
 
 

@@ -5,7 +5,7 @@ per class given in each row. The verdict `overconfident` is wrong for any power 
 power none. Planted dependence repeats one sample of a tap J times, and power none counts it J times. All data sets of a
 row share one reference with many more simulated data sets than an audit has, because the range under a correct model
 depends on the number of taps, not on the taps. `one object outside` counts factors of single objects outside the
-central 95% under a correct model, `promise exceeded` data sets in which a guarantee of the stopping rule is rejected,
+central 95% under a correct model, `bound exceeded` data sets in which a guarantee of the stopping rule is rejected,
 after Holm over all objects; an audit also requires its interval to lie above the limit. `learned` is the exponent of
 `tempering.best_power` on as many other taps; there every data set has its own reference and intervals, as in an audit.
 
@@ -54,7 +54,7 @@ LEVEL_BLOCK, POWER_BLOCK, LEARNED_BLOCK, RIG_BLOCK = BLOCKS = "level", "power", 
 RIGS = ("paper", "broken", "nodrift", "ideal")
 STATES = ("overconfident", "cautious")
 NOT_REJECTED = "right, or not enough data to tell"
-OBJECT, PROMISE = "one object outside", "promise exceeded"
+OBJECT, PROMISE = "one object outside", "bound exceeded"
 HEAD = ("J", "taps per class", "threshold", "power", "policy", *STATES, "either", OBJECT, PROMISE)
 _TAXELS = {1: 2, 5: 1}  # so that decisions take several taps
 _CONTACTS = 10  # after which exponents are learned

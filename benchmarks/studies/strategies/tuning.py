@@ -51,7 +51,7 @@ class Found(NamedTuple):
     Attributes:
         pairs: Fixation point and threshold by way.
         outcome: Cost, error and taps in the fourth session by way.
-        predicted: Cost that the three sessions promised.
+        predicted: Cost predicted from the three sessions.
         regret: Of each learner after every episode.
         kept: What the pair that it recommends costs beyond the best one.
         tuning: What the three sessions gave.
@@ -125,14 +125,14 @@ def choice_table(results: Mapping[str, Sequence[Found]]) -> str:
     return table([*head, "fixation class: data sets", "median threshold"], lines)
 
 
-def promise_table(results: Mapping[str, Sequence[Found]]) -> str:
-    """The cost that three sessions promised against that in the fourth."""
+def prediction_table(results: Mapping[str, Sequence[Found]]) -> str:
+    """Cost predicted from three sessions, and cost in the fourth."""
     lines = []
     for name, sets in results.items():
         got = np.array([found.outcome["three sessions"][0] for found in sets])
         said = np.array([found.predicted for found in sets])
         lines.append([name, mean_interval(said, 1), mean_interval(got, 1), mean_interval(got - said, 1)])
-    return table(["preset", "cost promised", "cost in a new session", "difference"], lines)
+    return table(["preset", "cost predicted", "cost in a new session", "difference"], lines)
 
 
 def learning_table(results: Mapping[str, Sequence[Found]], episodes: int) -> str:
@@ -154,7 +154,7 @@ def texts(results: Mapping[str, Sequence[Found]], seed: int, trials: int, episod
     choice = (
         f"{n} data sets of each preset, seed {seed}; {trials} trials in each part of the training taps and "
         f"{4 * trials} in the new session; an error of 1 mm is worth {COST:g} taps. Intervals are 95% t-intervals of "
-        f"the mean over data sets.\n\n{choice_table(results)}\n\n{promise_table(results)}"
+        f"the mean over data sets.\n\n{choice_table(results)}\n\n{prediction_table(results)}"
     )
     learning = (
         f"Regret per episode in taps over the first episodes, {n} data sets of each preset, {episodes} episodes, "
