@@ -283,7 +283,7 @@ def _at_equal_times(rows: list[EqualTapsRow], policy: str, what: str) -> Table:
     times, names = (list(dict.fromkeys(row[key] for row in rows)) for key in ("taps", "name"))
     cells = [[name, *(interval(row, "what_error") for row in rows if row["name"] == name)] for name in names]
     caption = f"{policy.capitalize()}, {what} at equal mean reaction times"
-    return Table(["model", *(f"{number(time)} taps" for time in times)], cells, caption, dense=True)
+    return Table(["model", *(f"{number(time)} tap{'s' * (time != 1)}" for time in times)], cells, caption, dense=True)
 
 
 def _models(summary: ComparisonSummary) -> Table:
@@ -318,7 +318,7 @@ def _provenance(summary: ComparisonSummary) -> Iterator[Block]:
 def _behind(row: TapRow) -> str:
     if "behind" not in row or "behind_se" not in row:
         return "–"
-    return f"{row['behind']:.1f} ± {row['behind_se']:.1f}"
+    return f"{row['behind']:.1f} ± {row['behind_se']:.1f}".replace("-", "−")
 
 
 def _difference(row: TapRow | ClassRow, name: str) -> str:

@@ -62,8 +62,8 @@ class LearnedPower(NamedTuple):
         end = {LEAST: ", the lowest tried,", MOST: ", the highest tried,"}.get(self.power, "")
         return (
             f"Power {self.power:.4g}{end} learned on {_listed(self.sessions)}{how}: it has the highest mean log belief "
-            f"in the true class, {self.score.max():.3g}, after {self.taps} tap{'s' * (self.taps > 1)} of a class, or "
-            "fewer if it has fewer."
+            f"in the true class, {_signed(self.score.max())}, after {self.taps} tap{'s' * (self.taps > 1)} of a class, "
+            "or fewer if it has fewer."
         )
 
 
@@ -96,8 +96,8 @@ class LearnedSaturation(NamedTuple):
         numbers = ", ".join(map(str, self.contacts))
         return (
             f"Power {self.power:.4g} and {limit} learned on {_listed(self.sessions)}: they have the highest mean log "
-            f"belief in the true class, {self.score.mean():.3g}, over sequences of {numbers} taps of a class; the best "
-            f"power without a cap, {self.constant_power:.4g}, has {self.constant_score.mean():.3g}."
+            f"belief in the true class, {_signed(self.score.mean())}, over sequences of {numbers} taps of a class; the "
+            f"best power without a cap, {self.constant_power:.4g}, has {_signed(self.constant_score.mean())}."
         )
 
 
@@ -342,6 +342,12 @@ def _check_length(n: int) -> None:
 
 def _generator(seed: int, n: int, session: int) -> np.random.Generator:
     return generator(seed, Purpose.SEQUENCES, n, session & 0xFFFFFFFF)
+
+
+def _signed(value: float) -> str:
+    """Three digits, with a real minus sign."""
+    text = f"{value:.3g}"
+    return f"−{text[1:]}" if value < 0 else text
 
 
 def _listed(sessions: Sequence[int]) -> str:

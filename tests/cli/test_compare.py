@@ -1,6 +1,7 @@
 """`solidtouch compare`."""
 
 import json
+import re
 
 import numpy as np
 import pytest
@@ -49,6 +50,9 @@ def test_models_are_compared_on_one_page(command, recordings, tmp_path, sketched
     assert summary["findings"]
     page = (out / "report.html").read_text()
     assert '<h2 id="decisions">' in page
+    assert ">1 taps<" not in page
+    assert " ± " in page
+    assert not re.search(r"-\d[\d.]* ± ", page)
     tree = xr.open_datatree(out / "compare.nc")
     assert {"classes", "decisions", "equal_taps", "sessions_left_out", "taps_left_out", "checks", "stacking"} <= set(
         tree

@@ -183,6 +183,7 @@ def test_a_model_is_fitted_with_the_learned_power(taps, tmp_path):
     assert loaded.power == learned.power
     assert loaded.trained_on == f"taps.nc: all. {learned.sentence}"
     assert "learned on sessions 0, 1, 2, left out in turn" in learned.sentence
+    assert f"true class, −{-learned.score.max():.3g}, after" in learned.sentence
     assert "after 3 taps of a class" in learned.sentence
     np.testing.assert_array_equal(
         loaded.log_likelihood(taps.taps),
