@@ -287,3 +287,13 @@ def group(values: NDArray[np.float64], width: float, start: float | None = None)
     if not (values.max() - start) / width < _MOST_CELLS:
         raise InputError(f"Cells of width {width:g} are too narrow for values up to {values.max():g}.")
     return np.floor((values - start) / width + _ROUNDING).astype(np.intp)
+
+
+def can_act(grid: ClassGrid) -> bool:
+    """Whether active perception means anything: there is somewhere to move and something to tell apart."""
+    return grid.L > 1 and grid.M > 1
+
+
+def policies(grid: ClassGrid) -> tuple[str, ...]:
+    """The policies that mean anything; the last one is the one that comparisons are about."""
+    return ("passive", "active") if can_act(grid) else ("passive",)

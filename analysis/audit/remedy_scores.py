@@ -18,8 +18,7 @@ from numpy.typing import NDArray
 from ...hardware.replay import TapPool, tap_pool
 from ...inference.filter import share
 from ...inference.trials.judged_sequences import Sequences, log_beliefs, without_replacement
-from ...inference.trials.plan import tap_table
-from ...inference.trials.records import TapTable
+from ...inference.trials.records import TapTable, tap_table
 from ...inference.trials.resampling import (
     CONFIDENCE,
     RESAMPLE_TRIALS,
@@ -32,12 +31,11 @@ from ...inference.trials.run import THRESHOLDS
 from ...inference.trials.selections import sessions_drawn, thinned_pools
 from ...models import seeds
 from ...models.errors import InputError
-from ...models.grid import ClassGrid
+from ...models.grid import ClassGrid, can_act
 from ...models.measurement.model import TapModel
 from ...models.setting_file import Setting
 from ...models.taps import TapSet
 from ...models.threads import cores, in_order
-from ..stats.acting import can_act
 from ..stats.decisions import at_equal_taps, play_models, spread_of
 from ..stats.reliability import THETAS, ObjectScores, StoppingRecord, headline, reliability
 from ..stats.right_model import SIMULATIONS, Beside, compare, exact, reference_factors

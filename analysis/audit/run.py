@@ -8,7 +8,7 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from ...inference.trials.plan import tap_table
+from ...inference.trials.records import tap_table
 from ...models.errors import InputError
 from ...models.grid import ClassGrid
 from ...models.measurement.histogram import HistogramModel

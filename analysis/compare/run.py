@@ -7,8 +7,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import xarray as xr
 
-from ...inference.trials.plan import tap_table
-from ...inference.trials.records import TapTable
+from ...inference.trials.records import TapTable, tap_table
 from ...inference.trials.run import THRESHOLDS
 from ...inference.tuning.tempering import fit_tempered
 from ...models.errors import InputError

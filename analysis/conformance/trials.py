@@ -9,8 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...hardware.replay import TapPool
-from ...inference.trials.plan import trial_uniforms
-from ...inference.trials.records import TapTable, TrialPlan, Trials
+from ...inference.trials.records import TapTable, TrialPlan, Trials, trial_uniforms
 from ...inference.trials.run import run_trials
 from ...models.settings import PlaySettings
 from .answers import Answer

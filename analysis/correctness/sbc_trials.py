@@ -13,8 +13,7 @@ from numpy.typing import NDArray
 from ...hardware.replay import tap_pool
 from ...hardware.simulator.model_rig import bin_tables
 from ...inference.moves.control import default_fixation
-from ...inference.trials.plan import plan_trials
-from ...inference.trials.records import TapTable, TrialPlan, Trials
+from ...inference.trials.records import TapTable, TrialPlan, Trials, plan_trials
 from ...inference.trials.run import run_trials
 from ...models.settings import PlaySettings
 from ..stats.uniformity import JudgedBeliefs

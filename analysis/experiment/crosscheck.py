@@ -21,7 +21,7 @@ from ...inference.engines.engine import Engine, make_engine
 from ...inference.filter import fold
 from ...inference.raw import LabelledTaps, Options, RawFilter
 from ...inference.reference import Border
-from ...inference.trials.plan import plan_trials, tap_table
+from ...inference.trials.records import plan_trials, tap_table
 from ...inference.trials.run import THRESHOLDS
 from ...models import seeds
 from ...models.measurement.histogram import HistogramModel

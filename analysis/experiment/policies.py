@@ -9,9 +9,16 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from ...hardware.replay import TapPool
-from ...inference.trials.cut_short import Farthest, endings
-from ...inference.trials.plan import checked_plan, join_plans, plan_trials
-from ...inference.trials.records import TapTable, TrialPlan, Trials
+from ...inference.trials.records import (
+    Farthest,
+    TapTable,
+    TrialPlan,
+    Trials,
+    checked_plan,
+    endings,
+    join_plans,
+    plan_trials,
+)
 from ...inference.trials.resampling import RESAMPLE_TRIALS, Spread, spread
 from ...inference.trials.run import LoopPlayer, empty_trials, make_rule, run_trials
 from ...inference.trials.selections import resampled_pools, thinned_pools

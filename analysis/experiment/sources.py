@@ -8,14 +8,13 @@ from typing import NamedTuple
 
 from ...hardware.simulator.session import simulate_session
 from ...hardware.simulator.settings import preset
-from ...models.grid import ClassGrid
+from ...models.grid import ClassGrid, policies
 from ...models.io.load import TapSource, names_of, taps_of
 from ...models.io.recording import naming
 from ...models.measurement.histogram import HistogramModel, fit, trim
 from ...models.seeds import data_set_seed
 from ...models.settings import Division
 from ...models.splits import Fold, load_experiment
-from ..stats.acting import policies
 from ..stats.resampled_units import RESAMPLES, resampled_sentence
 
 _FEWEST_SESSIONS = 3

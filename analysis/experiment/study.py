@@ -4,13 +4,11 @@ from collections.abc import Callable
 from typing import NamedTuple
 
 from ...inference.moves.control import check_fixation
-from ...inference.trials.plan import tap_table
-from ...inference.trials.records import TapTable
-from ...models.grid import ClassGrid
+from ...inference.trials.records import TapTable, tap_table
+from ...models.grid import ClassGrid, can_act
 from ...models.measurement.model import TapModel
 from ...models.splits import Fold
 from ...models.taps import TapSet
-from ..stats.acting import can_act
 from ..stats.contacts import Accuracy, accuracy
 from .policies import PlayedPolicies, most_trials, play_policies, resamples_of
 from .settings import ExperimentSettings

@@ -12,8 +12,7 @@ from ...inference.episode import steps
 from ...inference.moves.control import fixation
 from ...inference.raw import Decision, LabelledTaps, RawFilter
 from ...inference.reference import Border
-from ...inference.trials.plan import trial_uniforms
-from ...inference.trials.records import TapTable, TrialPlan, Trials
+from ...inference.trials.records import TapTable, TrialPlan, Trials, trial_uniforms
 from ...inference.trials.run import THRESHOLDS, run_trials
 from ...models.settings import PlaySettings
 from ...models.taps import TapSet

@@ -10,7 +10,7 @@ from ...inference.engines.engine import Engine
 from ...inference.episode import perceive
 from ...inference.filter import fold
 from ...inference.moves.control import MovePolicy, fixation, passive
-from ...inference.trials.plan import plan_trials, trial_uniforms
+from ...inference.trials.records import plan_trials, trial_uniforms
 from ..experiment.settings import ExperimentSettings
 from ..experiment.study import Study
 from ..page.figure_episodes import BeliefCase

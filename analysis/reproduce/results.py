@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from ...inference.engines.engine import make_engine
 from ...inference.trials.resampling import USED_UP_SELECTED, Spread, taps_per_class, too_few
-from ...models.grid import ClassGrid
+from ...models.grid import ClassGrid, can_act
 from ...models.splits import Split
 from ..experiment.crosscheck import CrossCheck, crosscheck_model
 from ..experiment.policies import Outcomes
@@ -23,7 +23,6 @@ from ..page.figure_style import short_unit
 from ..page.labelled import labelled, with_units
 from ..page.stages import StageClock
 from ..stats import metrics
-from ..stats.acting import can_act
 from ..stats.contacts import summarise
 from .examples import Trajectories, belief_cases, trajectories
 from .record import ErrorRow, PolicyRow

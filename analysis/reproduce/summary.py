@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from ...models.grid import ClassGrid
+from ...models.grid import ClassGrid, can_act
 from ...models.measurement.registry import PAPER, row, split_name
 from ...models.settings import learned_taps
 from ...models.taps import TapSet
@@ -17,7 +17,6 @@ from ..experiment.settings import ExperimentSettings
 from ..page.figure_style import short_unit
 from ..page.numbers import versions
 from ..stats import metrics
-from ..stats.acting import can_act
 from ..stats.no_class_left import no_class_left_sentence
 from .headline import compare, headline
 from .record import AccuracyRow, FixationRecord, ReproductionSummary, TapsRecord

@@ -9,8 +9,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ...inference.trials.plan import plan_trials, tap_table
-from ...inference.trials.records import TapTable, TrialPlan, Trials
+from ...inference.trials.records import TapTable, TrialPlan, Trials, plan_trials, tap_table
 from ...inference.trials.resampling import spread
 from ...inference.trials.run import THRESHOLDS, run_trials
 from ...models.grid import ClassGrid

@@ -13,8 +13,7 @@ import xarray as xr
 from numpy.typing import ArrayLike, NDArray
 
 from ...inference.moves.control import check_fixation
-from ...inference.trials.cut_short import ENDINGS, Farthest, endings
-from ...inference.trials.records import TapTable, TrialPlan, Trials
+from ...inference.trials.records import ENDINGS, Farthest, TapTable, TrialPlan, Trials, endings
 from ...inference.trials.resampling import (
     CONFIDENCE,
     RESAMPLE_TRIALS,
@@ -28,9 +27,8 @@ from ...inference.trials.resampling import (
     trial_noise,
 )
 from ...models.errors import InputError
-from ...models.grid import ClassGrid
+from ...models.grid import ClassGrid, policies
 from ...models.settings import PlaySettings
-from .acting import policies
 from .metrics import SHARE, Range, ranges
 from .pairing import check_tables, reference_name, with_intervals
 
@@ -86,7 +84,7 @@ def play_models(
     Returns:
         `MEANS` over (model, policy, theta, resample); resample 0 holds the taps as they are, and halves of the trials
         on the others follow behind these, see `resampling.ResampledTrials`. With the suffixes of `ENDINGS` what
-        resample 0 might have been besides, see `inference.trials.cut_short`. Attributes `factor`, see `spread_of`,
+        resample 0 might have been besides, see `inference.trials.records`. Attributes `factor`, see `spread_of`,
         `taps_per_class`, `test_taps`, and `range_<name>` of what has one, see `ranges.Range`.
 
     Raises:

@@ -14,8 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.sparse import csr_array
 from scipy.stats import t
 
-from ...inference.trials.cut_short import ENDINGS
-from ...inference.trials.records import TrialPlan, Trials
+from ...inference.trials.records import ENDINGS, TrialPlan, Trials
 from ...inference.trials.resampling import CONFIDENCE, Spread, resamples_in_words, share_beyond, widened
 from ...models.grid import ClassGrid
 
@@ -90,11 +89,11 @@ def outcomes_dataset(
         thresholds: theta_W, shape (H,).
         deadline: Taps after which a trial ends.
         endings: Means of trials that were cut short at their best, and at their worst, see
-        `inference.trials.cut_short`.
+        `inference.trials.records`.
 
     Returns:
         Dims (place, theta): `Means.mean` by name, `Means.noise` as ``<quantity>_noise``, endings with the suffixes of
-        `inference.trials.cut_short.ENDINGS`, and the number of ``trials`` (place). With resamples also
+        `inference.trials.records.ENDINGS`, and the number of ``trials`` (place). With resamples also
         ``<quantity>_resampled`` (resample, place, theta), the mean of their noise as ``<quantity>_resampled_noise``,
         and the mean number of their trials as ``resampled_trials`` (place).
     """

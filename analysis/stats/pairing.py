@@ -90,7 +90,7 @@ def with_intervals(
             `resampling.widened`, broadcast to (models, ...).
         smallest: The smallest error.
         endings: Best and worst that the estimates might have been, shape (models, ...), see
-        `inference.trials.cut_short`; none
+        `inference.trials.records`; none
             where they could not.
 
     Returns:

@@ -23,9 +23,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ...hardware.replay import TapPool
 from ...inference.moves.control import check_fixation
-from ...inference.trials.cut_short import Farthest, endings
-from ...inference.trials.plan import plan_trials
-from ...inference.trials.records import TapTable, TrialPlan, Trials
+from ...inference.trials.records import Farthest, TapTable, TrialPlan, Trials, endings, plan_trials
 from ...inference.trials.resampling import (
     CONFIDENCE,
     RESAMPLE_TRIALS,
@@ -43,9 +41,8 @@ from ...inference.trials.run import run_trials
 from ...inference.trials.selections import sessions_drawn
 from ...models.compiled import compiled
 from ...models.errors import InputError
-from ...models.grid import ClassGrid
+from ...models.grid import ClassGrid, policies
 from ...models.settings import PlaySettings
-from .acting import policies
 from .metrics import SHARE, Range, confusion, of_taps
 
 CONTACTS = (1, 2, 5, 10, 20, 50)

@@ -18,8 +18,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ...inference.moves.control import check_fixation
-from ...inference.trials.plan import plan_trials
-from ...inference.trials.records import TapTable
+from ...inference.trials.records import TapTable, plan_trials
 from ...inference.trials.run import LoopPlayer, empty_trials, make_rule
 from ...models import seeds
 from ...models.measurement.likelihood.forms import GaussianForm

@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 from scipy.stats import t
 
 from ...inference.moves.control import check_fixation
-from ...inference.trials.plan import plan_trials, tap_table
+from ...inference.trials.records import plan_trials, tap_table
 from ...models.errors import InputError
 from ...models.grid import ClassGrid
 from ...models.measurement.model import TapModel

@@ -13,11 +13,10 @@ from ...hardware.simulator.settings import PRESETS, preset
 from ...inference.information import TapOutcomes, tap_outcomes
 from ...inference.moves.table import held_out_tables
 from ...inference.reference import Border
-from ...inference.trials.plan import tap_table
-from ...inference.trials.records import TapTable
+from ...inference.trials.records import TapTable, tap_table
 from ...inference.tuning.tempering import best_power, learn_power
 from ...models.errors import InputError
-from ...models.grid import ClassGrid
+from ...models.grid import ClassGrid, can_act
 from ...models.io.load import TapSource, names_of
 from ...models.measurement.histogram import fit
 from ...models.measurement.model import TapModel
@@ -25,7 +24,6 @@ from ...models.seeds import data_set_seed
 from ...models.settings import TAPS, Division, FitSettings
 from ...models.taps import TapSet
 from ..experiment.sources import recorded_source, right_model
-from ..stats.acting import can_act
 from ..stats.resampled_units import RESAMPLES
 
 RIGHT = "model"

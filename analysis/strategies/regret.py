@@ -16,7 +16,7 @@ from ...inference.bayes_risk.risk import exact_rule
 from ...inference.stopping.recorded import stops
 from ...inference.stopping.stopping import StopRule
 from ...inference.trials.lockstep import Record, play
-from ...inference.trials.plan import plan_trials
+from ...inference.trials.records import plan_trials
 from ...models.errors import InputError
 from ...models.threads import cores, in_order, one_blas_thread
 from ..page.stages import Progress

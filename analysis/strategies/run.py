@@ -20,7 +20,7 @@ from ...inference.stopping.recorded import stops
 from ...inference.stopping.rules import error_loss
 from ...inference.stopping.stopping import Watch, what_above
 from ...inference.trials.lockstep import Record, play
-from ...inference.trials.plan import plan_trials, tap_table
+from ...inference.trials.records import plan_trials, tap_table
 from ...inference.trials.resampling import spread
 from ...models.measurement.model import TapModel
 from ...models.seeds import data_set_seed

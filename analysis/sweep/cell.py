@@ -16,8 +16,7 @@ from ...inference.moves.information import training_outcomes
 from ...inference.moves.strategies import make_policy, parse_strategy
 from ...inference.moves.table import held_out_tables, learn_table
 from ...inference.trials.lockstep_tally import tally_policy
-from ...inference.trials.plan import tap_table
-from ...inference.trials.records import TapTable
+from ...inference.trials.records import TapTable, tap_table
 from ...inference.trials.tally import Tally, tally_trials
 from ...models.seeds import Purpose, derived_seed
 from ...models.settings import PlaySettings

@@ -12,7 +12,7 @@ import xarray as xr
 from numpy.typing import ArrayLike, NDArray
 
 from ...inference.moves.control import check_fixation
-from ...inference.trials.plan import tap_table
+from ...inference.trials.records import tap_table
 from ...inference.trials.run import checked_thresholds
 from ...inference.trials.tally import Tally, tally_trials
 from ...models.errors import InputError

@@ -10,8 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ...inference.trials.cut_short import Farthest, endings
-from ...inference.trials.records import TapTable, TrialPlan, Trials
+from ...inference.trials.records import Farthest, TapTable, TrialPlan, Trials, endings
 from ...inference.trials.resampling import (
     CONFIDENCE,
     RESAMPLES,
@@ -51,7 +50,7 @@ class TapSpread(NamedTuple):
         stored: Means of trials that draw with replacement, on the taps as they are and on resamples, shape
             (H, 1 + 3 R), by name, see `resampling.play_resamples`.
         fresh: Likewise of trials that draw no tap twice.
-        endings: What else their estimates might have been, shape (H,) each, see `inference.trials.cut_short`.
+        endings: What else their estimates might have been, shape (H,) each, see `inference.trials.records`.
         used_up: Share of the latter that ended because all taps of a class were drawn, shape (H,).
         spread: How resamples of trials with replacement turn into intervals.
         fresh_spread: Likewise without.

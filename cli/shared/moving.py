@@ -13,7 +13,7 @@ from ...inference.moves.information import training_outcomes
 from ...inference.moves.strategies import make_policy, parse_strategy
 from ...inference.moves.table import load_table
 from ...inference.stopping.rules import parse_stopping
-from ...inference.trials.plan import trial_chances
+from ...inference.trials.records import trial_chances
 from ...models.errors import InputError
 from ...models.io.load import load_taps
 from ...models.io.recording import naming

@@ -16,7 +16,6 @@ from jax.scipy.special import logsumexp
 from ...models.errors import InputError
 from ..moves.holes import holes
 from ..reference import BORDERS
-from . import kernel
 from . import random as draws
 from .records import Rule, TapTable, TrialPlan, Trials
 
@@ -335,7 +334,5 @@ def _move(
 def _word(key: tuple[jax.Array, jax.Array], stream: jax.Array, tap: jax.Array) -> jax.Array:
     """Random word of a tap, as in `trials.random.words`."""
     stream, tap = stream.astype(jnp.uint64), tap.astype(jnp.uint64)
-    block = kernel.philox(
-        tap // np.uint64(draws.PER_BLOCK), kernel.TAPS, stream & kernel.LOW, stream >> kernel.HALF, *key
-    )
+    block = draws.philox(tap // np.uint64(draws.PER_BLOCK), draws.TAPS, stream & draws.LOW, stream >> draws.HALF, *key)
     return jnp.stack(block)[tap % np.uint64(draws.PER_BLOCK)]

@@ -11,13 +11,13 @@ a state of the episode, rows are hypotheses instead, S M of them, see `models.me
 """
 
 import math
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ...hardware.replay import TapPool
 from ...models.compiled import compiled
+from .random import HALF, LOW, TAPS, philox
 from .records import Classes, Likelihoods, Rule, ScaledBelief, TrialPlan, Trials
 
 type Floats = NDArray[np.float64]
@@ -33,28 +33,6 @@ _LEAST_TOTAL = 2.0**-128  # classes of the next k are smaller than this in propo
 
 UNIFORM, UNIFORM_WHAT, PRIOR, CLAMP, CIRCULAR = range(5)
 """Borders, in the order of `reference.BORDERS`."""
-
-TAPS, STARTS, CHANCE = np.uint64(0), np.uint64(1), np.uint64(2)
-"""Purposes of random numbers, each with its own numbers."""
-
-LOW, HALF = np.uint64(0xFFFFFFFF), np.uint64(32)
-_ROUNDS = 10
-_MULTIPLIER0, _MULTIPLIER1 = np.uint64(0xD2511F53), np.uint64(0xCD9E8D57)
-_INCREMENT0, _INCREMENT1 = np.uint64(0x9E3779B9), np.uint64(0xBB67AE85)
-
-
-def philox(c0: Any, c1: Any, c2: Any, c3: Any, k0: Any, k1: Any) -> tuple[Any, Any, Any, Any]:
-    """Four random 32-bit words from four counter words and two key words, all held in unsigned 64-bit numbers.
-
-    Philox4x32-10 of Salmon, Moraes, Dror and Shaw, "Parallel random numbers: as easy as 1, 2, 3", SC 2011. It runs as
-    it stands on NumPy and JAX arrays and, compiled, on single numbers.
-    """
-    for _ in range(_ROUNDS):
-        p0, p1 = _MULTIPLIER0 * c0, _MULTIPLIER1 * c2
-        c0, c1, c2, c3 = (p1 >> HALF) ^ c1 ^ k0, p1 & LOW, (p0 >> HALF) ^ c3 ^ k1, p0 & LOW
-        k0, k1 = (k0 + _INCREMENT0) & LOW, (k1 + _INCREMENT1) & LOW
-    return c0, c1, c2, c3
-
 
 _philox = compiled(philox)  # here and not beside the other uses of it: see `compiled`
 

@@ -21,10 +21,8 @@ from ..moves.holes import Mask
 from ..moves.shifts import log_sum, shift_all
 from ..reference import Border
 from ..stopping.stopping import Watch
-from . import kernel
 from . import random as draws
-from .plan import checked_plan
-from .records import TapTable, TrialPlan
+from .records import TapTable, TrialPlan, checked_plan
 
 type Floats = NDArray[np.float64]
 type Integers = NDArray[np.int64]
@@ -130,8 +128,8 @@ def play(
     refuse_border(border_number(border), hypotheses, M)
     n = len(plan.where)
     record = _empty(n, deadline, M, plan.what)
-    numbers = draws.words(seed, plan.stream, kernel.TAPS, 0, deadline)
-    chance = draws.uniform(draws.words(seed, plan.stream, kernel.CHANCE, 0, deadline))
+    numbers = draws.words(seed, plan.stream, draws.TAPS, 0, deadline)
+    chance = draws.uniform(draws.words(seed, plan.stream, draws.CHANCE, 0, deadline))
     at = table.pool.nearest[plan.where, plan.what]
     zero = np.zeros(n, np.int64)
     state = _Running(

@@ -12,8 +12,7 @@ from ..reference import Border
 from ..stopping.recorded import stops
 from ..stopping.stopping import DECIDE, what_above
 from .lockstep import Record, play
-from .plan import plan_trials
-from .records import TapTable, Trials
+from .records import TapTable, Trials, plan_trials
 from .tally import Tally, tally
 
 _AT_ONCE = 500  # trials

@@ -30,8 +30,7 @@ from scipy.special import stdtrit
 from ...hardware.replay import TapPool
 from ...models.settings import PlaySettings
 from ...models.threads import cores, in_order
-from .plan import checked_plan, plan_trials
-from .records import TapTable, TrialPlan, Trials
+from .records import TapTable, TrialPlan, Trials, checked_plan, plan_trials
 from .run import LoopPlayer, empty_trials, make_rule
 from .selections import LEFT_OUT, resampled_pools, session_sizes, thinned_pools, uncaught
 

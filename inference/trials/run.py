@@ -22,8 +22,7 @@ from ...models.threads import cores, in_order
 from ..engines.compiled import border_number, classes, likelihoods, refuse_border, scaled_belief
 from . import kernel
 from . import random as draws
-from .plan import checked_plan
-from .records import Rule, TapTable, TrialPlan, Trials
+from .records import Rule, TapTable, TrialPlan, Trials, checked_plan
 
 # The paper's range of belief thresholds; its spacing is not given.
 THRESHOLDS = (0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 0.95, 0.975, 0.99, 0.995)

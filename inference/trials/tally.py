@@ -14,8 +14,7 @@ from ...models.compiled import compiled
 from ...models.errors import InputError
 from ...models.settings import PlaySettings
 from ...models.threads import cores, in_order
-from .plan import plan_trials
-from .records import Rule, TapTable, TrialPlan, Trials
+from .records import Rule, TapTable, TrialPlan, Trials, plan_trials
 from .run import Player, empty_trials, make_player, make_rule
 
 

@@ -16,8 +16,7 @@ from ...models.settings import PlaySettings
 from ..engines.engine import Engine
 from ..episode import perceive
 from ..moves.control import check_fixation, fixation
-from ..trials.plan import join_plans, plan_trials
-from ..trials.records import TapTable
+from ..trials.records import TapTable, join_plans, plan_trials
 from ..trials.run import run_trials
 from .held_out import Parts, decision_error
 from .online import Learner

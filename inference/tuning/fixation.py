@@ -20,9 +20,7 @@ from ...hardware.replay import TapPool
 from ...models.errors import InputError
 from ...models.settings import PlaySettings
 from ..moves.control import default_fixation
-from ..trials.cut_short import Farthest, endings
-from ..trials.plan import join_plans, plan_trials
-from ..trials.records import TapTable, TrialPlan
+from ..trials.records import Farthest, TapTable, TrialPlan, endings, join_plans, plan_trials
 from ..trials.run import run_trials
 from .held_out import Estimate, Floats, Parts, decision_error, excess_over_parts, over_parts, resampled_means
 

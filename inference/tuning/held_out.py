@@ -25,8 +25,7 @@ from ...models.grid import ClassGrid
 from ...models.measurement.model import TapModel
 from ...models.splits import Fold, split
 from ...models.taps import TapSet
-from ..trials.plan import tap_table
-from ..trials.records import TapTable
+from ..trials.records import TapTable, tap_table
 from ..trials.resampling import spread, too_few
 from ..trials.selections import resampled_pools
 

@@ -16,9 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 from ...models.errors import InputError
 from ...models.settings import PlaySettings
 from ..moves.control import check_fixation
-from ..trials.cut_short import Farthest, endings
-from ..trials.plan import plan_trials
-from ..trials.records import TapTable
+from ..trials.records import Farthest, TapTable, endings, plan_trials
 from ..trials.run import run_trials
 from .held_out import Estimate, Floats, Parts, decision_error, excess_over_parts, over_parts, resampled_means
 

@@ -10,7 +10,7 @@ from solidtouch.analysis.reproduce.examples import belief_cases
 from solidtouch.analysis.stats.contacts import accuracy
 from solidtouch.inference.engines.compiled import FilterEngine
 from solidtouch.inference.reference import BORDERS
-from solidtouch.inference.trials.plan import plan_trials, tap_table
+from solidtouch.inference.trials.records import plan_trials, tap_table
 
 L, M, S, N = 4, 3, 2, 30
 

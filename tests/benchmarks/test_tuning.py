@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from solidtouch.analysis.tuning.run import Price, check_price, tune_parts, tuning_trials
 from solidtouch.hardware.simulator.model_rig import draw_session
-from solidtouch.inference.trials.plan import tap_table
+from solidtouch.inference.trials.records import tap_table
 from solidtouch.inference.tuning.costs import trial_costs
 from solidtouch.inference.tuning.held_out import held_out
 from solidtouch.inference.tuning.online import Learner

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from solidtouch.analysis.experiment.crosscheck import crosscheck_model
 from solidtouch.inference.reference import BORDERS
-from solidtouch.inference.trials.plan import plan_trials, tap_table
+from solidtouch.inference.trials.records import plan_trials, tap_table
 from solidtouch.inference.trials.run import run_trials
 from solidtouch.models.io.load import load_taps
 from solidtouch.models.measurement.histogram import fit, trim

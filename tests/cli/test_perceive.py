@@ -23,7 +23,7 @@ from solidtouch.inference.moves.strategies import make_policy
 from solidtouch.inference.moves.table import held_out_tables, learn_table, save_table
 from solidtouch.inference.stopping.rules import make_rule, parse_stopping
 from solidtouch.inference.stopping.stopping import DECIDE, GO_ON, Moment
-from solidtouch.inference.trials.plan import trial_chances
+from solidtouch.inference.trials.records import trial_chances
 from solidtouch.models.io.model_file import load_model
 from solidtouch.models.measurement.catalogue import fit_model
 from solidtouch.models.measurement.histogram import fit

@@ -10,7 +10,7 @@ import pytest
 import xarray as xr
 from solidtouch.hardware.simulator.session import simulate_session
 from solidtouch.hardware.simulator.settings import preset
-from solidtouch.inference.trials.plan import plan_trials, tap_table
+from solidtouch.inference.trials.records import plan_trials, tap_table
 from solidtouch.inference.trials.resampling import RESAMPLES
 from solidtouch.inference.trials.run import run_trials
 from solidtouch.models.measurement.catalogue import fit_model

@@ -13,8 +13,7 @@ from solidtouch.inference.episode import perceive, steps
 from solidtouch.inference.filter import fold, log_fold, share, temper
 from solidtouch.inference.moves.control import fixation, passive
 from solidtouch.inference.trials import gpu as device
-from solidtouch.inference.trials.plan import plan_trials, tap_table, trial_uniforms
-from solidtouch.inference.trials.records import TapTable, TrialPlan
+from solidtouch.inference.trials.records import TapTable, TrialPlan, plan_trials, tap_table, trial_uniforms
 from solidtouch.inference.trials.run import run_trials
 from solidtouch.inference.trials.tally import tally_trials
 from solidtouch.models.errors import InputError

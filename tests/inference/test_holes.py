@@ -19,7 +19,7 @@ from solidtouch.inference.moves.control import fixation
 from solidtouch.inference.reference import BORDERS
 from solidtouch.inference.trials import gpu as device
 from solidtouch.inference.trials import lockstep
-from solidtouch.inference.trials.plan import plan_trials, tap_table, trial_uniforms
+from solidtouch.inference.trials.records import plan_trials, tap_table, trial_uniforms
 from solidtouch.inference.trials.run import run_trials
 from solidtouch.models.measurement.states import States
 from solidtouch.models.preprocessing import Preprocessing

@@ -25,7 +25,7 @@ from solidtouch.analysis.experiment.sources import right_model
 from solidtouch.hardware.simulator.model_rig import draw_session
 from solidtouch.hardware.simulator.session import simulate_session
 from solidtouch.hardware.simulator.settings import preset
-from solidtouch.inference.trials.plan import tap_table
+from solidtouch.inference.trials.records import tap_table
 from solidtouch.models.measurement.histogram import HistogramModel, fit
 from solidtouch.models.seeds import Purpose, data_set_seed, derived_seed
 from solidtouch.models.settings import PlaySettings

@@ -31,8 +31,7 @@ from solidtouch.analysis.stats.uniformity import rejected
 from solidtouch.hardware.simulator.model_rig import draw_session
 from solidtouch.hardware.simulator.session import simulate_session
 from solidtouch.hardware.simulator.settings import preset
-from solidtouch.inference.trials.plan import tap_table
-from solidtouch.inference.trials.records import TapTable
+from solidtouch.inference.trials.records import TapTable, tap_table
 from solidtouch.inference.trials.resampling import RESAMPLES
 from solidtouch.inference.tuning.tempering import best_power
 from solidtouch.models.measurement.histogram import HistogramModel, fit

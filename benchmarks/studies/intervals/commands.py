@@ -21,8 +21,7 @@ from solidtouch.hardware.simulator.model_rig import draw_taps
 from solidtouch.inference.moves.control import fixation, passive
 from solidtouch.inference.stopping.stopping import after
 from solidtouch.inference.trials.lockstep import play
-from solidtouch.inference.trials.plan import plan_trials, tap_table
-from solidtouch.inference.trials.records import TapTable
+from solidtouch.inference.trials.records import TapTable, plan_trials, tap_table
 from solidtouch.inference.trials.resampling import spread
 from solidtouch.inference.trials.run import run_trials
 from solidtouch.inference.trials.tally import tally_trials

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 from solidtouch.analysis.stats.reliability import decided_trials
 from solidtouch.inference.episode import DEADLINE
-from solidtouch.inference.trials.plan import plan_trials
+from solidtouch.inference.trials.records import plan_trials
 from solidtouch.models.settings import PlaySettings
 
 from benchmarks.page import check_block, mean_interval, table, write_block

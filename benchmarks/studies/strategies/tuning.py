@@ -21,7 +21,7 @@ from solidtouch.analysis.tuning.run import Price, Tuning, tune_parts
 from solidtouch.hardware.simulator.session import simulate_session
 from solidtouch.hardware.simulator.settings import preset
 from solidtouch.inference.moves.control import default_fixation
-from solidtouch.inference.trials.plan import plan_trials, tap_table
+from solidtouch.inference.trials.records import plan_trials, tap_table
 from solidtouch.inference.trials.run import run_trials
 from solidtouch.inference.tuning.held_out import held_out
 from solidtouch.models.measurement.histogram import fit

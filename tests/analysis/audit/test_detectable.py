@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from solidtouch.analysis.audit.detectable import POWER, Design, detectable, detectable_factor, enough
 from solidtouch.analysis.stats.right_model import LEVEL
-from solidtouch.inference.trials.plan import tap_table
+from solidtouch.inference.trials.records import tap_table
 from solidtouch.models.errors import InputError
 from solidtouch.models.preprocessing import Preprocessing
 from solidtouch.models.setting_file import Setting

@@ -26,7 +26,7 @@ from solidtouch.analysis.stats.jackknife import Interval
 from solidtouch.analysis.stats.resampled_units import RESAMPLES
 from solidtouch.hardware.simulator.session import simulate_session
 from solidtouch.hardware.simulator.settings import PAPER_RODS, preset
-from solidtouch.inference.trials.plan import tap_table
+from solidtouch.inference.trials.records import tap_table
 from solidtouch.models.errors import InputError
 from solidtouch.models.measurement.histogram import fit
 from solidtouch.models.splits import Fold

@@ -11,8 +11,7 @@ from solidtouch.hardware.simulator.session import simulate_session
 from solidtouch.hardware.simulator.settings import preset
 from solidtouch.inference import reference
 from solidtouch.inference.reference import BORDERS
-from solidtouch.inference.trials.plan import plan_trials, tap_table, trial_uniforms
-from solidtouch.inference.trials.records import TapTable, TrialPlan
+from solidtouch.inference.trials.records import TapTable, TrialPlan, plan_trials, tap_table, trial_uniforms
 from solidtouch.inference.trials.run import THRESHOLDS, run_trials
 from solidtouch.models.measurement.histogram import fit
 from solidtouch.models.settings import PlaySettings

@@ -5,7 +5,6 @@ import pytest
 import xarray as xr
 from even_taps import even_table
 from scipy.stats import t
-from solidtouch.analysis.stats.acting import policies
 from solidtouch.analysis.stats.decisions import (
     ERRORS,
     MEANS,
@@ -17,13 +16,12 @@ from solidtouch.analysis.stats.decisions import (
     spread_of,
     too_few_taps,
 )
-from solidtouch.inference.trials.cut_short import ENDINGS
-from solidtouch.inference.trials.plan import plan_trials
+from solidtouch.inference.trials.records import ENDINGS, plan_trials
 from solidtouch.inference.trials.resampling import share_beyond
 from solidtouch.inference.trials.run import run_trials
 from solidtouch.inference.trials.selections import thinned_pools
 from solidtouch.models.errors import InputError
-from solidtouch.models.grid import ClassGrid
+from solidtouch.models.grid import ClassGrid, policies
 from solidtouch.models.settings import PlaySettings
 
 L, M, H = 4, 3, 5

@@ -17,8 +17,7 @@ from solidtouch.analysis.stats.metrics import (
     ranges,
     with_noise,
 )
-from solidtouch.inference.trials.cut_short import ENDINGS
-from solidtouch.inference.trials.records import TrialPlan, Trials
+from solidtouch.inference.trials.records import ENDINGS, TrialPlan, Trials
 from solidtouch.inference.trials.resampling import Spread, share_beyond
 from solidtouch.models.grid import ClassGrid
 

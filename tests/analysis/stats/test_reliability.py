@@ -24,8 +24,7 @@ from solidtouch.analysis.stats.reliability import (
 )
 from solidtouch.analysis.stats.right_model import Reference
 from solidtouch.hardware.replay import tap_pool
-from solidtouch.inference.trials.plan import plan_trials
-from solidtouch.inference.trials.records import TapTable
+from solidtouch.inference.trials.records import TapTable, plan_trials
 from solidtouch.inference.trials.run import run_trials
 from solidtouch.models.errors import InputError
 from solidtouch.models.grid import ClassGrid

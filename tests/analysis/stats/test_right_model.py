@@ -17,8 +17,7 @@ from solidtouch.analysis.stats.right_model import (
     simulate,
 )
 from solidtouch.hardware.replay import tap_pool
-from solidtouch.inference.trials.plan import plan_trials
-from solidtouch.inference.trials.records import TapTable
+from solidtouch.inference.trials.records import TapTable, plan_trials
 from solidtouch.inference.trials.run import run_trials
 from solidtouch.models.grid import ClassGrid
 from solidtouch.models.measurement.catalogue import fit_model

@@ -17,7 +17,7 @@ from solidtouch.analysis.stats.target_error import (
     threshold_grid,
 )
 from solidtouch.hardware.simulator.model_rig import draw_session
-from solidtouch.inference.trials.plan import plan_trials, tap_table
+from solidtouch.inference.trials.records import plan_trials, tap_table
 from solidtouch.inference.trials.run import run_trials
 from solidtouch.models.errors import InputError
 from solidtouch.models.grid import ClassGrid

@@ -23,7 +23,7 @@ from solidtouch.inference.moves.control import fixation, passive, random_place
 from solidtouch.inference.stopping.rules import error_loss
 from solidtouch.inference.stopping.stopping import or_give_up, what_above
 from solidtouch.inference.trials.lockstep import Record, play
-from solidtouch.inference.trials.plan import plan_trials, tap_table
+from solidtouch.inference.trials.records import plan_trials, tap_table
 from solidtouch.inference.trials.run import THRESHOLDS, run_trials
 from solidtouch.models.grid import ClassGrid
 from solidtouch.models.settings import PlaySettings

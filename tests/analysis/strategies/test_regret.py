@@ -38,7 +38,7 @@ from solidtouch.inference.bayes_risk.exact_cost import course, expected_cost
 from solidtouch.inference.bayes_risk.risk import exact_rule
 from solidtouch.inference.stopping.stopping import after, lookahead, what_above
 from solidtouch.inference.trials.lockstep import play
-from solidtouch.inference.trials.plan import plan_trials
+from solidtouch.inference.trials.records import plan_trials
 from solidtouch.models.errors import InputError
 
 TINY = ProblemSize("5mm", range(3), (1, 3), 1, 4, 4)

@@ -12,7 +12,7 @@ from solidtouch.inference.stopping.recorded import stops
 from solidtouch.inference.stopping.stopping import what_above
 from solidtouch.inference.trials.lockstep import play
 from solidtouch.inference.trials.lockstep_tally import tally_policy
-from solidtouch.inference.trials.plan import plan_trials, tap_table
+from solidtouch.inference.trials.records import plan_trials, tap_table
 from solidtouch.inference.trials.run import run_trials
 from solidtouch.inference.tuning.tempering import learn_power
 from solidtouch.models.measurement.catalogue import fit_model

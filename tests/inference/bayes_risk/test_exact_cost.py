@@ -11,7 +11,7 @@ from solidtouch.inference.moves.expected_gain import gain_watch
 from solidtouch.inference.stopping import stopping
 from solidtouch.inference.stopping.recorded import stops
 from solidtouch.inference.trials.lockstep import play
-from solidtouch.inference.trials.plan import plan_trials
+from solidtouch.inference.trials.records import plan_trials
 from solidtouch.inference.trials.symbols import quantised
 from solidtouch.models.errors import InputError
 

@@ -15,7 +15,7 @@ from solidtouch.inference.stopping import stopping
 from solidtouch.inference.stopping.recorded import stops
 from solidtouch.inference.stopping.rules import FORMS, error_loss, gain_of, make_rule, parse_patience, parse_stopping
 from solidtouch.inference.trials.lockstep import play
-from solidtouch.inference.trials.plan import plan_trials, tap_table, trial_uniforms
+from solidtouch.inference.trials.records import plan_trials, tap_table, trial_uniforms
 from solidtouch.models.errors import InputError
 
 DEADLINE, TRIALS, SEED = 9, 60, 4

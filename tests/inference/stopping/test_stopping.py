@@ -26,7 +26,7 @@ from solidtouch.inference.stopping.stopping import (
     where_above,
 )
 from solidtouch.inference.trials.lockstep import Record, play
-from solidtouch.inference.trials.plan import plan_trials, tap_table
+from solidtouch.inference.trials.records import plan_trials, tap_table
 from solidtouch.models.errors import InputError
 from solidtouch.models.measurement.states import States
 

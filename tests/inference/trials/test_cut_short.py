@@ -3,8 +3,7 @@
 import numpy as np
 import pytest
 from scattered_taps import table_of
-from solidtouch.inference.trials.cut_short import Farthest, endings
-from solidtouch.inference.trials.plan import plan_trials
+from solidtouch.inference.trials.records import Farthest, endings, plan_trials
 from solidtouch.inference.trials.run import run_trials
 from solidtouch.models.grid import ClassGrid
 from solidtouch.models.settings import PlaySettings

@@ -15,8 +15,7 @@ from solidtouch.inference.reference import BORDERS
 from solidtouch.inference.stopping.recorded import stops
 from solidtouch.inference.stopping.stopping import DECIDE, GO_ON, what_above
 from solidtouch.inference.trials.lockstep import play, shift_beliefs
-from solidtouch.inference.trials.plan import tap_table, trial_chances, trial_uniforms
-from solidtouch.inference.trials.records import TapTable, TrialPlan
+from solidtouch.inference.trials.records import TapTable, TrialPlan, tap_table, trial_chances, trial_uniforms
 from solidtouch.inference.trials.run import run_trials
 from solidtouch.models.errors import InputError
 from solidtouch.models.measurement.states import States

@@ -7,8 +7,7 @@ from solidtouch.inference.moves.control import fixation, passive, random_place
 from solidtouch.inference.trials import lockstep_tally
 from solidtouch.inference.trials.lockstep import play
 from solidtouch.inference.trials.lockstep_tally import tally_policy, trials_of
-from solidtouch.inference.trials.plan import plan_trials
-from solidtouch.inference.trials.records import TapTable
+from solidtouch.inference.trials.records import TapTable, plan_trials
 from solidtouch.inference.trials.run import run_trials
 from solidtouch.inference.trials.tally import tally_trials
 from solidtouch.models.errors import InputError

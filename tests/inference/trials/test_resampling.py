@@ -5,7 +5,7 @@ import pytest
 from scattered_taps import COUNT, table_of
 from scipy.stats import binomtest, norm, t
 from solidtouch.inference.trials import resampling
-from solidtouch.inference.trials.plan import plan_trials
+from solidtouch.inference.trials.records import plan_trials
 from solidtouch.inference.trials.resampling import (
     RESAMPLES,
     Spread,

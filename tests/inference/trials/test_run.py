@@ -12,8 +12,7 @@ from solidtouch.inference.moves.control import fixation
 from solidtouch.inference.reference import BORDERS
 from solidtouch.inference.trials import gpu as device
 from solidtouch.inference.trials import run as montecarlo
-from solidtouch.inference.trials.plan import join_plans, plan_trials, tap_table, trial_uniforms
-from solidtouch.inference.trials.records import TapTable, TrialPlan
+from solidtouch.inference.trials.records import TapTable, TrialPlan, join_plans, plan_trials, tap_table, trial_uniforms
 from solidtouch.inference.trials.run import run_trials
 from solidtouch.models.errors import InputError
 from solidtouch.models.settings import PlaySettings

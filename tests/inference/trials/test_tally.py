@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 from solidtouch.hardware.replay import tap_pool
 from solidtouch.inference.trials import run as montecarlo
-from solidtouch.inference.trials.plan import plan_trials
-from solidtouch.inference.trials.records import TapTable
+from solidtouch.inference.trials.records import TapTable, plan_trials
 from solidtouch.inference.trials.run import run_trials
 from solidtouch.inference.trials.tally import Tally, tally, tally_trials
 from solidtouch.models.errors import InputError

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.stats import t
 from solidtouch.hardware.simulator.model_rig import draw_taps
-from solidtouch.inference.trials.plan import plan_trials, tap_table
+from solidtouch.inference.trials.records import plan_trials, tap_table
 from solidtouch.inference.trials.run import run_trials
 from solidtouch.inference.tuning.fixation import choice, choose_fixation
 from solidtouch.inference.tuning.held_out import RESAMPLES, decision_error, held_out, over_parts, resampled_means

@@ -8,7 +8,7 @@ import pytest
 from solidtouch.hardware.replay import ReplayRig
 from solidtouch.hardware.simulator.model_rig import draw_session
 from solidtouch.inference.engines.engine import make_engine
-from solidtouch.inference.trials.plan import plan_trials, tap_table, trial_uniforms
+from solidtouch.inference.trials.records import plan_trials, tap_table, trial_uniforms
 from solidtouch.inference.tuning.costs import episode_cost, held_out_costs, trial_costs
 from solidtouch.inference.tuning.held_out import held_out
 from solidtouch.inference.tuning.online import (

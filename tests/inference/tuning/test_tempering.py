@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from solidtouch.hardware.simulator.model_rig import draw_taps
 from solidtouch.inference.filter import log_fold, share
-from solidtouch.inference.trials.plan import tap_table
+from solidtouch.inference.trials.records import tap_table
 from solidtouch.inference.tuning.tempering import LEAST, MOST, best_power, fit_tempered, learn_power, learn_saturation
 from solidtouch.models.errors import InputError
 from solidtouch.models.io.model_file import load_model

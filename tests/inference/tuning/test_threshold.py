@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from solidtouch.hardware.simulator.model_rig import draw_session
-from solidtouch.inference.trials.plan import plan_trials
+from solidtouch.inference.trials.records import plan_trials
 from solidtouch.inference.trials.run import run_trials
 from solidtouch.inference.tuning.held_out import decision_error, held_out
 from solidtouch.inference.tuning.threshold import choose_threshold
