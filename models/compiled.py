@@ -1,9 +1,11 @@
 """Loops compiled to machine code by numba, cached on disk if the cache folder is writable."""
 
 from collections.abc import Callable
+from contextlib import suppress
 from typing import Any
 
 import numba
+from numba.core.caching import FunctionCache
 from numba.extending import intrinsic
 
 # Sums may be taken in another order and products fused, which vector instructions need; NaN and infinity stay exact.
@@ -16,11 +18,21 @@ def compiled[F: Callable[..., Any]](function: F) -> F:
 
     Functions that call each other belong in one file: the copy on disk is not renewed when a callee elsewhere changes.
     """
-    njit: Any = numba.njit
-    try:
-        return njit(cache=True, **_OPTIONS)(function)
-    except RuntimeError:  # neither beside the file nor in the user's cache folder can anything be written
-        return njit(**_OPTIONS)(function)
+    dispatcher: Any = numba.njit(**_OPTIONS)(function)
+    with suppress(RuntimeError):  # neither beside the file nor in the user's cache folder can anything be written
+        dispatcher._cache = _Cache(function)
+    return dispatcher
+
+
+class _Cache(FunctionCache):
+    """Machine code on disk, made again if it cannot be read: damaged, or for types of a module that has moved."""
+
+    def load_overload(self, sig: Any, target_context: Any) -> Any:
+        try:
+            return super().load_overload(sig, target_context)
+        except Exception:
+            self.flush()
+            return None
 
 
 @_intrinsic
