@@ -61,11 +61,7 @@ class Detectable(NamedTuple):
 
 
 def designs_from(taps: int) -> list[Design]:
-    """The designs that are looked at.
-
-    Args:
-        taps: The present number for each class and session.
-    """
+    """The designs that are looked at."""
     return [Design(sessions, number) for sessions in SESSIONS for number in sorted({taps, *TAPS})]
 
 

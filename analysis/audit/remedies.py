@@ -104,15 +104,6 @@ def make_remedies(
 ) -> tuple[list[Remedy], list[RefusedRemedy]]:
     """The setting as it is and every remedy that the taps allow, fitted and tuned; the setting as it is comes first.
 
-    Args:
-        train: Training taps.
-        tune: Sessions by which exponents are chosen.
-        grid: The classes.
-        setting: How perception is done now.
-        n: Taps after which exponents are judged.
-        seed: Of random draws.
-        advance: Told of every remedy.
-
     Raises:
         InputError: The setting as it is cannot be fitted.
     """

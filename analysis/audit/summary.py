@@ -65,13 +65,7 @@ _SIZE_WORDS = {
 
 
 def summarise(audit: Audit, settings: AuditSettings, about: AuditedData) -> AuditSummary:
-    """Everything that `audit.json` holds, without NaN or infinity.
-
-    Args:
-        audit: What came out.
-        settings: What was done.
-        about: The data in words.
-    """
+    """Everything that `audit.json` holds, without NaN or infinity."""
     setting, measured = settings.setting, audit.measured
     at_rest = headline(audit.measured.reliability, measured.policy, setting.play.threshold)
     state = calibration(measured.judged)

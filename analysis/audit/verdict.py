@@ -174,16 +174,7 @@ def _nothing_sentence(split: xr.Dataset | None) -> str:
 def verdict(
     cause: Cause, measured: Measured, theta: float, titles: Mapping[str, str], unit: str, within: str = MEASURING
 ) -> list[str]:
-    """The verdict, sentence by sentence.
-
-    Args:
-        cause: The main cause of dependence.
-        measured: Effects of the remedies.
-        theta: The threshold.
-        titles: Titles of remedies, by name.
-        unit: Unit of errors.
-        within: Name of the taps that decisions were made on.
-    """
+    """The verdict, sentence by sentence."""
     state = calibration(measured.judged)
     sentences = [_calibration_sentence(state, measured, theta, within), cause.sentence]
     name = recommended(measured)

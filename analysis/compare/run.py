@@ -110,13 +110,6 @@ def compare_models(
 ) -> Comparison:
     """Fits every model and compares those that can be fitted to the training taps.
 
-    Args:
-        train: Training taps.
-        test: Test taps.
-        grid: The classes.
-        settings: What to do.
-        progress: Called with the name and size of every stage; returns the function that advances it.
-
     Raises:
         InputError: No model could be fitted, no test tap belongs to a class that all know, or a setting is wrong.
     """

@@ -53,13 +53,7 @@ _DECISIONS = (
 
 
 def summarise(comparison: Comparison, settings: CompareSettings, described: ComparedData) -> ComparisonSummary:
-    """Content of `summary.json`.
-
-    Args:
-        comparison: What came out.
-        settings: What was asked for.
-        described: The data in words.
-    """
+    """Content of `summary.json`."""
     grid = comparison.grid
     names = list(comparison.fits)
     ranked = levels(comparison)

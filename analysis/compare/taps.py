@@ -78,13 +78,6 @@ def leave_one_tap_out(
 ) -> xr.Dataset:
     """Importance sampled leave-one-out of training taps, by ArviZ.
 
-    Args:
-        fitted: The model.
-        taps: Its training taps.
-        draws: From the posterior.
-        seed: Of the draws.
-        progress: Called after every draw.
-
     Returns:
         Over (tap): `psis` in nats and `pareto_k`, NaN where no tail can be fitted; and `exact` and `exact_plug_in`
         where the model is a plain histogram.
@@ -178,10 +171,6 @@ def relative_elpd(scores: Mapping[str, TapScores], folds: int) -> dict[str, Any]
 
     Each tap's are relative to the best model: a number common to all models changes no difference and no weight, and
     without it exp() of all would be 0.
-
-    Args:
-        scores: Of every model, the same taps in the same order.
-        folds: How many there were.
     """
     from arviz_stats.utils import ELPDDataLOOKFold  # noqa: PLC0415
 

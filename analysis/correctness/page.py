@@ -12,13 +12,7 @@ from .sbc import Calibration
 
 
 def crosscheck_page(found: Mapping[str, CrossCheck], refused: Mapping[str, str], split: Split) -> Page:
-    """The comparisons as tables, and a verdict.
-
-    Args:
-        found: The comparison of each model.
-        refused: Why other models could not be checked.
-        split: Training and test taps.
-    """
+    """The comparisons as tables, and a verdict."""
     intro = [Brief(split.description), Brief(Cautions([split.warning] if split.warning else []))]
     if [*found] == [PAPER] and not refused:
         return Page("Cross-check", [*intro, *_blocks(found[PAPER])], [])

@@ -11,12 +11,7 @@ _ROWS, _COLUMNS = 40, 8  # a larger grid of cells is condensed to its smallest, 
 
 
 def inspection_page(inspection: Inspection, title: str = "") -> Page:
-    """Sizes and ranges, taps per cell, then the warnings.
-
-    Args:
-        inspection: The facts.
-        title: What was inspected.
-    """
+    """Sizes and ranges, taps per cell, then the warnings."""
     overview = Table((), [*overview_lines(inspection)], title, words={1})
     found = Cautions(inspection.warnings) if inspection.warnings else "No data-quality warnings."
     return Page(title, [Brief(overview), Brief(_counts(inspection)), Brief(found)], [])

@@ -46,13 +46,7 @@ def write_page(folder: Path, page: Page, summary: Mapping[str, Any], name: str, 
 
 
 def draw_pictures(folder: Path, pictures: Sequence[Picture], advance: Callable[[int], object]) -> dict[str, Image]:
-    """Writes figures into a folder, and returns them for a page by name.
-
-    Args:
-        folder: Where to.
-        pictures: Those that are drawn, one after the other.
-        advance: Called after each.
-    """
+    """Writes figures into a folder, and returns them for a page by name."""
     images = {}
     for picture in pictures:
         figure = picture.draw()

@@ -112,11 +112,6 @@ class _Played(NamedTuple):
 def sensitivity_study(source: Source, settings: SensitivitySettings, progress: Progress) -> Sensitivity:
     """Runs every option, then all pairs of the strongest.
 
-    Args:
-        source: The data.
-        settings: What to do.
-        progress: Called for every stage.
-
     Raises:
         InputError: The data cannot be used.
     """

@@ -34,13 +34,7 @@ _PACKAGES = ("solidtouch", "numpy", "scipy", "numba", "xarray", "matplotlib")
 def summarise(
     studies: Sequence[Sensitivity], settings: SensitivitySettings, described: TitleRecord
 ) -> SensitivitySummary:
-    """Content of `sensitivity.json`.
-
-    Args:
-        studies: One for each source of data.
-        settings: What was asked for.
-        described: What was asked for, in words.
-    """
+    """Content of `sensitivity.json`."""
     return {
         **described,
         "versions": versions(_PACKAGES),

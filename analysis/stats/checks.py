@@ -283,13 +283,6 @@ def predictive_checks(
 ) -> xr.Dataset:
     """Statistics of training taps and of replicates from every model.
 
-    Args:
-        models: Fits with a posterior, by name.
-        taps: The training taps, of classes that all models know.
-        seed: Of the replicates.
-        replicates: How many of each model.
-        progress: Called after every replicate.
-
     Returns:
         `observed` (statistic), `replicated` (model, statistic, replicate), and `p` (model, statistic), the share of
         replicates at or above what was observed, from 0 to 1.
@@ -334,14 +327,7 @@ def observed_statistics(labels: TapLabels, edges: NDArray[np.float64]) -> dict[s
 
 
 def replicate(parameters: Parameters, model: TapModel, labels: TapLabels, generator: np.random.Generator) -> BinnedTaps:
-    """Taps of the same classes and, where the model knows places within a class, at the same places.
-
-    Args:
-        parameters: Of the model.
-        model: Gives classes, bins and states.
-        labels: Of the taps.
-        generator: Of all random numbers.
-    """
+    """Taps of the same classes and, where the model knows places within a class, at the same places."""
     form = in_states(model.form_of(parameters), model.states, model.edges)
     state = _states_of_sessions(model.states.log_prior, labels.taps.session, generator)
     where, hypothesis = labels.where, state * model.grid.M + labels.what

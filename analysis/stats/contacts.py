@@ -62,12 +62,6 @@ def accuracy(
 
     One contact uses every test tap once; more are drawn without replacement, 50 times per class. A number that less
     than nine tenths of the classes have test taps for is left out. Taps that leave no class possible count as wrong.
-
-    Args:
-        table: Test taps.
-        seed: Of the draws.
-        contacts: Numbers of contacts.
-        pools: Resamples of the test taps, for intervals.
     """
     single = np.empty((len(table.log_likelihood), 3))
     cell = np.empty(len(single), np.intp)
@@ -100,12 +94,7 @@ def accuracy(
 
 
 def summarise(rows: Sequence[Accuracy], spread: Spread = NO_SPREAD) -> dict[str, float | int]:
-    """Accuracies of one number of contacts pooled over data sets, with intervals, see `accuracy_interval_sentence`.
-
-    Args:
-        rows: The same number of contacts in every data set.
-        spread: How resamples of a single data set turn into intervals.
-    """
+    """Accuracies of one number of contacts pooled over data sets, with intervals, see `accuracy_interval_sentence`."""
     hits = np.concatenate([row.hits for row in rows])
     weight = np.concatenate([row.weight for row in rows])
     mean = (weight / weight.sum()) @ hits

@@ -12,12 +12,7 @@ def impossible_cause(model: TapModel) -> str:
 
 
 def no_class_left_sentence(share: float, model: TapModel) -> str:
-    """How often trials ended so, what counts as their decision, and why.
-
-    Args:
-        share: Of the trials, where it is largest.
-        model: The fitted model.
-    """
+    """How often trials ended so, what counts as their decision, and why."""
     return (
         f"No class left: up to {share:.1%} of the trials ended undecided, because a tap was impossible under every "
         f"remaining class; they count with the classes most probable before that tap. {impossible_cause(model)}"

@@ -19,9 +19,6 @@ _FEW_ERRORS = 5  # with fewer of either model, resamples do not show how much th
 def check_tables(tables: Mapping[str, TapTable]) -> tuple[int, int]:
     """Refuses tables that do not hold the same test taps.
 
-    Args:
-        tables: Of each model by its name.
-
     Returns:
         (L, M).
 

@@ -79,23 +79,13 @@ def unit_factor(how: Spread) -> float:
 
 
 def spread_of_taps(test: TapSet, grid: ClassGrid) -> Spread:
-    """How resamples of test taps turn into intervals, and why they may be off.
-
-    Args:
-        test: Test taps.
-        grid: The classes.
-    """
+    """How resamples of test taps turn into intervals, and why they may be off."""
     nothing = np.empty((len(test), 0, 0))
     return spread(TapTable(nothing, tap_pool(*test.indices(grid), grid.shape), nothing[0], session=test.session))
 
 
 def resampled_sentence(test: TapSet, grid: ClassGrid) -> str:
-    """What the units of a single data set are, and whether its taps are too few for them.
-
-    Args:
-        test: Its test taps.
-        grid: The classes.
-    """
+    """What the units of a single data set are, and whether its taps are too few for them."""
     how = spread_of_taps(test, grid)
     few = " " * bool(how.few) + how.few
     if how.sessions > 1:

@@ -129,11 +129,6 @@ def simulate_tuned(
 def right_sets(model: TapModel, sets: Sequence[TapSet], generator: np.random.Generator) -> list[TapSet]:
     """As many taps of each class and session, of which a model is right.
 
-    Args:
-        model: The model.
-        sets: Taps of trained classes.
-        generator: Of what is shuffled or drawn.
-
     Returns:
         For a histogram the same samples, shuffled between the taps of their class; in a model with states of an
         episode, between those of their session. For others, taps drawn from the model.

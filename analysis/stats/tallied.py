@@ -26,10 +26,6 @@ QUANTITIES = {
 def tally_means(tally: Tally, grid: ClassGrid) -> dict[str, NDArray[np.float64]]:
     """Means over trials by name, each of shape (H,).
 
-    Args:
-        tally: At least one trial at H thresholds.
-        grid: The classes.
-
     Returns:
         Errors and taps with their standard errors over trials as `<name>_se` (NaN for a single trial), and
         `what_wrong`, `stopped_fraction`, `clamped_fraction`, `substituted_fraction`, `no_class_left_fraction` and

@@ -86,13 +86,7 @@ def families(model: TapModel, at: int, deadline: int) -> tuple[Family, ...]:
 
 
 def decided_sums(record: Record, family: Family, grid: ClassGrid) -> NDArray[np.float64]:
-    """`SUMS` of every trial at every level, shape (trials, levels, `SUMS`).
-
-    Args:
-        record: Trials that went on to the deadline.
-        family: The rule.
-        grid: The classes.
-    """
+    """`SUMS` of every trial at every level, shape (trials, levels, `SUMS`)."""
     way = travelled(record, grid)
     rows = np.arange(len(record.held))
     values = np.empty((len(rows), len(family.levels), len(SUMS)))

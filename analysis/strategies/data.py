@@ -159,13 +159,7 @@ def recorded_bench(data: TapSource, division: Division | None = None) -> Strateg
 
 
 def pool_of(model: TapModel, train: TapSet, taps: int) -> TapOutcomes:
-    """Training taps that strategies enumerate: of each class as many, evenly chosen, that there are about `taps`.
-
-    Args:
-        model: The fitted model.
-        train: Training taps.
-        taps: How many are to be in the pool.
-    """
+    """Training taps that strategies enumerate: of each class as many, evenly chosen, that there are about `taps`."""
     where, what = train.indices(model.grid)
     each = max(_LEAST_TAPS, taps // int(model.trained.sum()))
     chosen = []

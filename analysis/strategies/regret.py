@@ -116,10 +116,6 @@ class Regrets(NamedTuple):
 def regret_study(settings: RegretSettings, progress: Progress) -> list[Regrets]:
     """All cases at all costs of taps.
 
-    Args:
-        settings: What to do.
-        progress: Called for the stage.
-
     Raises:
         InputError: There are too few trials.
     """

@@ -30,12 +30,7 @@ RULES = (
 
 
 def summarise_regret(found: Sequence[Regrets], settings: RegretSettings) -> RegretSummary:
-    """Content of `strategies.json` about regret.
-
-    Args:
-        found: All cases at all costs of taps.
-        settings: What was asked for.
-    """
+    """Content of `strategies.json` about regret."""
     cases = [_case(one) for one in found]
     return {
         "trials": settings.trials,

@@ -113,11 +113,6 @@ class StrategyStudy:
 def strategy_study(bench: StrategyData, settings: StrategySettings, progress: Progress) -> StrategyStudy:
     """Plays every strategy.
 
-    Args:
-        bench: The data.
-        settings: What to do.
-        progress: Called for the stage.
-
     Raises:
         InputError: A strategy cannot be played on these data.
     """

@@ -77,12 +77,7 @@ class CellQueue:
         self._again.append(batch)
 
     def died(self, batch: Batch, how: str) -> list[Outcome]:
-        """Takes back a batch whose worker died; gives the cells up that did this too often.
-
-        Args:
-            batch: The batch.
-            how: What happened, as a sentence.
-        """
+        """Takes back a batch whose worker died; gives the cells up that did this too often."""
         first, *others = batch.cells
         if others:
             self._again.extend(Batch((cell,)) for cell in batch.cells)

@@ -69,11 +69,6 @@ def try_cell(cell: Cell, effort: Effort, data: DataSet) -> Outcome:
 def run_cell(cell: Cell, effort: Effort, data: DataSet) -> dict[str, NDArray[np.float64]]:
     """Fits the cell's model, plays its trials and takes means over them.
 
-    Args:
-        cell: Which one.
-        effort: Trials, thresholds and deadline.
-        data: The cell's data set.
-
     Returns:
         Those of `tally_means` and `trials`, shape (H,) each.
 

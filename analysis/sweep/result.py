@@ -20,9 +20,6 @@ _RESAMPLED = ("resample_factor", "resample_sessions")
 def open_sweep(path: str | Path) -> xr.Dataset:
     """The quantities of a sweep by name, read when they are used.
 
-    Args:
-        path: The store.
-
     Returns:
         Dims are the axes of the study and `theta`; `status` and `traceback` lack theta. Pending and failed cells hold
         NaN. Where all data sets have the same unit of an error, it stands in the attribute `units`.

@@ -71,10 +71,6 @@ class Tuning(NamedTuple):
 def check_price(price: Price, sessions: int) -> None:
     """Refuses what cannot be wanted.
 
-    Args:
-        price: What is wanted.
-        sessions: That train.
-
     Raises:
         InputError: The price is negative, or a wanted error is none or cannot be promised with so few sessions.
     """

@@ -96,12 +96,6 @@ class TunedReport(Report):
     def save_targets(self, path: str | Path, trials: int = 1000, seed: int = 0, force: bool = False) -> None:
         """Learns the best move from each estimated position on held-out taps, and writes it for `--move table`.
 
-        Args:
-            path: The JSON file.
-            trials: Trials in each part.
-            seed: Random seed.
-            force: Whether the file may be replaced.
-
         Raises:
             InputError: The file cannot be written.
         """

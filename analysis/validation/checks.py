@@ -19,32 +19,18 @@ _CALLED = {"arrays": "Monte Carlo in arrays", "cpu": "Monte Carlo trials"}
 
 
 def check_routes(progress: Progress, seed: int = 0) -> Check:
-    """All routes on simulated taps of preset `paper`, compared.
-
-    Args:
-        progress: Called with the name and size of the stage.
-        seed: Of simulated taps and drawn episodes.
-    """
+    """All routes on simulated taps of preset `paper`, compared."""
     return timed_check("all routes", "each other, on simulated taps", lambda: _routes(progress, seed))
 
 
 def check_engines(progress: Progress) -> Iterator[Check]:
-    """All cases on each engine, one after the other.
-
-    Args:
-        progress: Called with the name and size of every stage.
-    """
+    """All cases on each engine, one after the other."""
     for route in ROUTES:
         yield timed_check(f"engine {route}", "60-digit arithmetic", lambda route=route: _conformance(progress, route))
 
 
 def check_beliefs(progress: Progress, seed: int = 0) -> Iterator[Check]:
-    """A short calibration of each route in `SHORT`.
-
-    Args:
-        progress: Called with the name and size of every stage.
-        seed: Of simulated taps and drawn episodes.
-    """
+    """A short calibration of each route in `SHORT`."""
     for route, trials in SHORT.items():
         work = _calibration(progress, route, trials, seed)
         yield timed_check(f"beliefs, {_CALLED.get(route, f'engine {route}')}", "truth, on drawn episodes", work)

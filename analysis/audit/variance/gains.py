@@ -87,12 +87,7 @@ class Components(NamedTuple):
 
 
 def effective_taps(n: ArrayLike, rho: ArrayLike) -> NDArray[np.float64]:
-    """Independent taps that n taps of one session and class are worth, `n / (1 + (n - 1) rho)`; broadcast.
-
-    Args:
-        n: Number of taps.
-        rho: Intraclass correlation.
-    """
+    """Independent taps that n taps of one session and class are worth, `n / (1 + (n - 1) rho)`; broadcast."""
     n = np.asarray(n, dtype=np.float64)
     return n / (1 + (n - 1) * np.asarray(rho))
 
