@@ -4,14 +4,18 @@ Data are those of `causes.split_variance`, `dependence.taxels.taxel_dependence`,
 `remedy_scores.measure` and `leakage.run.leakage`. A figure that there is nothing to draw for is `None`.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from textwrap import fill
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import xarray as xr
+from matplotlib.axes import Axes
+from matplotlib.colors import ListedColormap, to_rgba
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.patches import Patch, Rectangle
+from matplotlib.ticker import FixedLocator, MaxNLocator, NullLocator, StrMethodFormatter
 from numpy.typing import NDArray
 
 from ..page.figure_style import (
@@ -26,14 +30,9 @@ from ..page.figure_style import (
     new_figure,
     styled,
 )
+from .leakage.run import Leakage
+from .remedy_scores import Measured
 from .variance.causes import first_cause, is_cause, part_words
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
-
-    from .leakage.run import Leakage
-    from .remedy_scores import Measured
 
 type Interval = tuple[float | None, float | None, float | None]
 """An estimate with the ends of its interval; `None`, NaN or infinite where there is none."""
@@ -126,8 +125,6 @@ def taxel_map(dependence: xr.Dataset) -> Figure | None:
 
 def plot_taxel_map(axes: Axes, one: xr.Dataset) -> Axes:
     """Draws one test: effects below the diagonal in colour, survivors above it in black, dead taxels hatched."""
-    from matplotlib.colors import ListedColormap  # noqa: PLC0415
-
     effect, rejected = one["effect"].values, one["rejected"].values
     K = len(effect)
     known = np.isfinite(effect)
@@ -268,8 +265,6 @@ def plot_changes(axes: Axes, values: Sequence[Interval], *, more_is_better: bool
 
 def plot_factors(axes: Axes, values: Sequence[Interval]) -> Axes:
     """Draws miscalibration factors on a log axis, with a line at 1 (calibrated)."""
-    from matplotlib.ticker import FixedLocator, NullLocator, StrMethodFormatter  # noqa: PLC0415
-
     axes.set_xscale("log")
     axes.axvline(1, color="grey", linewidth=0.8, linestyle=":")
     numbers = np.array([_numbers(value) for value in values])
@@ -408,20 +403,14 @@ def _effective(dependence: xr.Dataset) -> str:
 
 
 def _few(n: int) -> Any:
-    from matplotlib.ticker import MaxNLocator  # noqa: PLC0415
-
     return MaxNLocator(nbins=n, steps=[1, 2, 5, 10])
 
 
 def _hatched(corner: tuple[float, float], side: float) -> Any:
-    from matplotlib.patches import Rectangle  # noqa: PLC0415
-
     return Rectangle(corner, side, side, facecolor="white", edgecolor="0.7", hatch="/////", linewidth=0, zorder=1)
 
 
 def _map_key(figure: Figure, dependence: xr.Dataset) -> None:
-    from matplotlib.patches import Patch  # noqa: PLC0415
-
     alpha = float(dependence.attrs.get("alpha", np.nan))
     keys = {
         f"dependent, false discovery rate {alpha:.0%}": Patch(facecolor="black"),
@@ -435,9 +424,6 @@ def _map_key(figure: Figure, dependence: xr.Dataset) -> None:
 
 def _cause_key(axes: Axes) -> None:
     """Names the colours of bars that are there."""
-    from matplotlib.colors import to_rgba  # noqa: PLC0415
-    from matplotlib.patches import Patch  # noqa: PLC0415
-
     words = {"first": "main cause", "there": "cause", "perhaps": "not significant", "other": "not a cause"}
     seen = {patch.get_facecolor() for patch in axes.patches}
     keys = [
@@ -449,8 +435,6 @@ def _cause_key(axes: Axes) -> None:
 
 
 def _change_key(figure: Figure) -> None:
-    from matplotlib.lines import Line2D  # noqa: PLC0415
-
     words = {
         "significantly better than the current setting": TRUE,
         "significantly worse": DECIDED,

@@ -1,21 +1,18 @@
 """Figure of the posterior predictive checks of an audit."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import xarray as xr
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
 from numpy.typing import NDArray
 
 from ..page.figure_style import DECIDED, TRUE, TWO_COLUMNS, label_panel, new_figure, styled
 from ..page.numbers import number
 from .checks import summarise_checks
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
 
 _ROUNDING = 1e-9
 _COLUMNS = 3
@@ -116,8 +113,6 @@ def _line(*, differs: bool) -> dict[str, Any]:
 
 
 def _key(figure: Figure) -> None:
-    from matplotlib.lines import Line2D  # noqa: PLC0415
-
     keys = {
         "replicates": Line2D([], [], color="black", linewidth=0.8),
         "observed, outside the replicates": Line2D([], [], **_line(differs=True)),

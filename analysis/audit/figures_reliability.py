@@ -4,12 +4,14 @@ Datasets are those of `reliability.reliability` and `guarantees.guarantees`. Eve
 perception alone red; objects have the same colour in all of them.
 """
 
-from __future__ import annotations
+from typing import Any
 
-from typing import TYPE_CHECKING, Any
-
+import matplotlib as mpl
 import numpy as np
 import xarray as xr
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.ticker import FixedLocator, LogLocator, NullFormatter, NullLocator
 from numpy.typing import ArrayLike, NDArray
 
 from ..page.figure_style import (
@@ -29,10 +31,6 @@ from ..page.figure_style import (
 from ..stats.reliability import EVERYTHING, after_contacts, at_stopping
 from ..stats.target_error import COVERAGE, TargetError, prediction_interval
 from .guarantees import PROMISED, USED
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
 
 _MARKERS = "osD^v<>ph"
 _CURVES = 4
@@ -327,8 +325,6 @@ def _factor_tick(value: float, _: float) -> str:
 
 def _log_factor(axes: Axes, data: xr.Dataset) -> None:
     """A log axis about 1 that holds the factors and, so far as they are within reach, the ends of their intervals."""
-    from matplotlib.ticker import LogLocator, NullFormatter  # noqa: PLC0415
-
     value, low, high = _from_lowest(data)
     ends = np.concatenate([low, high])
     values = np.concatenate([value, ends[ends > _LEAST_END]])
@@ -342,8 +338,6 @@ def _log_factor(axes: Axes, data: xr.Dataset) -> None:
 
 
 def _taps_axis(axes: Axes, values: NDArray[Any]) -> None:
-    from matplotlib.ticker import NullLocator  # noqa: PLC0415
-
     axes.set_xscale("log")
     axes.set_xlim(values.min() / 1.15, values.max() * 1.15)
     axes.set_xticks(values, [str(value) for value in values])
@@ -352,8 +346,6 @@ def _taps_axis(axes: Axes, values: NDArray[Any]) -> None:
 
 def _threshold_axis(axes: Axes, theta: NDArray[np.float64]) -> None:
     """Thresholds towards 1 on the logarithmic axis of 1 - threshold, which runs backwards."""
-    from matplotlib.ticker import FixedLocator, NullLocator  # noqa: PLC0415
-
     marks = np.array([0.5, 0.9, 0.99, 0.999, 0.9999, 0.99999, 0.999999])
     if len(marks[(marks >= theta.min()) & (marks <= theta.max())]) < 3:
         marks = np.array([0.2, 0.5, 0.7, 0.8, 0.9, 0.95, 0.99, 0.995, 0.999])
@@ -369,8 +361,6 @@ def _threshold_axis(axes: Axes, theta: NDArray[np.float64]) -> None:
 
 def _ramp(n: int) -> list[Any]:
     """Colours from light to dark red."""
-    import matplotlib as mpl  # noqa: PLC0415
-
     return list(mpl.colormaps["Reds"](np.linspace(0.35, 1.0, n)))
 
 

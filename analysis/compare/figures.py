@@ -4,22 +4,19 @@ Datasets are those of `classes.class_scores`, `stats.decisions.decision_curves` 
 has the same colour, marker and line in all of them; the reference model is black.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from itertools import cycle
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import xarray as xr
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.ticker import FixedLocator, NullLocator, StrMethodFormatter
 from numpy.typing import NDArray
 
 from ...models.grid import ClassGrid
 from ..page.figure_style import TWO_COLUMNS, axis_label, band, label_panel, new_figure, styled
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
 
 _COLOURS = (
     "#cc6677",
@@ -267,8 +264,6 @@ def _beside(x: NDArray[Any], i: int, n: int) -> NDArray[np.float64]:
 
 def _time_axis(axes: Axes, x: NDArray[Any], *, ticks: bool = False) -> None:
     """A logarithmic axis with plain numbers: at the values so far as there is room, or at round ones between them."""
-    from matplotlib.ticker import FixedLocator, NullLocator, StrMethodFormatter  # noqa: PLC0415
-
     axes.set_xscale("log")
     if not ticks:
         low, high = (x.min(), x.max()) if x.size else (1.0, 1.0)

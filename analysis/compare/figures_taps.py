@@ -1,19 +1,15 @@
 """Figures of the prediction of taps: sessions left out, single taps left out, and predictive checks."""
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import xarray as xr
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from ..page.figure_style import OTHERS, TRUE, TWO_COLUMNS, label_panel, new_figure, styled
 from .figures import model_styles
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
 
 _ROW = 0.24  # inches per model
 

@@ -3,22 +3,21 @@
 Data are the sources of `summary.summarise`.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from textwrap import fill
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.colors import SymLogNorm
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.ticker import FixedLocator, FuncFormatter, NullLocator
 
 from ..page.figure_style import DECIDED, OTHERS, TRUE, TWO_COLUMNS, axis_label, label_panel, new_figure, styled
 from ..page.numbers import bounded, number
+from ..page.page import Row
 from .findings import VERDICTS
-from .record import OptionRow, PairRow, SourceNumbers
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
 
 _ROW = 0.135  # inches
 _MARKS: dict[str, dict[str, Any]] = {
@@ -33,7 +32,7 @@ _WRAP = 20
 
 
 @styled
-def forest(source: SourceNumbers) -> Figure:
+def forest(source: Row) -> Figure:
     """Effect of every option for the last policy, strongest choices on top.
 
     Thick lines are 95% intervals, thin ones hold all together; grey bands are changes that do not matter. Axes are
@@ -62,7 +61,7 @@ def forest(source: SourceNumbers) -> Figure:
     return figure
 
 
-def plot_forest(axes: Axes, rows: Sequence[tuple[str, OptionRow | None]], name: str, bound: float) -> Axes:
+def plot_forest(axes: Axes, rows: Sequence[tuple[str, Row | None]], name: str, bound: float) -> Axes:
     """Draws one mark with both intervals for each option; headings have none.
 
     Args:
@@ -87,7 +86,7 @@ def plot_forest(axes: Axes, rows: Sequence[tuple[str, OptionRow | None]], name: 
 
 
 @styled
-def interactions(source: SourceNumbers) -> Figure | None:
+def interactions(source: Row) -> Figure | None:
     """Effect of pairs of options on the object error beyond their sum; `None` without pairs."""
     pairs = source["pairs"]
     if not pairs:
@@ -101,7 +100,7 @@ def interactions(source: SourceNumbers) -> Figure | None:
 
 
 def plot_interactions(
-    axes: Axes, pairs: Sequence[PairRow], names: Sequence[tuple[str, str]], label: str, bound: float
+    axes: Axes, pairs: Sequence[Row], names: Sequence[tuple[str, str]], label: str, bound: float
 ) -> Axes:
     """Draws the lower triangle: numbers with 95% intervals, bold if significant for all pairs together.
 
@@ -112,8 +111,6 @@ def plot_interactions(
         label: Of the colours.
         bound: Change up to which colours are linear; beyond they are logarithmic.
     """
-    from matplotlib.colors import SymLogNorm  # noqa: PLC0415
-
     n = len(names)
     values = np.full((n, n), np.nan)
     for pair in pairs:
@@ -148,7 +145,7 @@ def plot_interactions(
     return axes
 
 
-def _ends(pair: PairRow) -> list[tuple[str, str]]:
+def _ends(pair: Row) -> list[tuple[str, str]]:
     """Choice and option of both."""
     return [(one["choice"], one["option"]) for one in (pair["first"], pair["second"])]
 
@@ -161,21 +158,17 @@ def _ticks(bound: float, reach: float) -> list[float]:
     return [*(-tick for tick in reversed(ends)), 0.0, *ends]
 
 
-def _rows(source: SourceNumbers) -> list[tuple[str, OptionRow | None]]:
+def _rows(source: Row) -> list[tuple[str, Row | None]]:
     """A heading for every choice, with its default, and a row for every option."""
-    rows: list[tuple[str, OptionRow | None]] = []
+    rows: list[tuple[str, Row | None]] = []
     for choice in source["choices"]:
         rows.append((f"{choice['name']} ({choice['default']})", None))
         rows += [(option["name"], option) for option in choice["options"]]
     return rows
 
 
-def _scaled_axis(
-    axes: Axes, rows: Sequence[tuple[str, OptionRow | None]], name: str, bound: float
-) -> tuple[float, float]:
+def _scaled_axis(axes: Axes, rows: Sequence[tuple[str, Row | None]], name: str, bound: float) -> tuple[float, float]:
     """Sets scale, band, ends and ticks; what lies beyond the ends of all 95% intervals is to be cut there."""
-    from matplotlib.ticker import FixedLocator, FuncFormatter, NullLocator  # noqa: PLC0415
-
     keys = (name, f"{name}_low", f"{name}_high")
     known = [row[key] for _, row in rows if row is not None for key in keys if row[key] is not None]
     factor = name.endswith("factor")
@@ -201,7 +194,5 @@ def _scaled_axis(
 
 
 def _key(figure: Figure) -> None:
-    from matplotlib.lines import Line2D  # noqa: PLC0415
-
     lines = [Line2D([], [], **mark, markersize=4, linewidth=1.6, label=VERDICTS[name]) for name, mark in _MARKS.items()]
     figure.legend(handles=lines, loc="outside upper center", ncols=len(lines), columnspacing=1.5)

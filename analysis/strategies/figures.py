@@ -4,13 +4,14 @@ Data are those of `summary.summarise`. A strategy has one colour in all of them,
 black. Intervals of curves stand right of a panel, in the order of its key, so that none hides another.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Mapping, Sequence
 from string import ascii_uppercase
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
 from numpy.typing import NDArray
 
 from ...models.grid import ClassGrid
@@ -18,14 +19,9 @@ from ..page.figure_episodes import plot_trajectories
 from ..page.figure_style import ACTIVE, OTHERS, PASSIVE, TWO_COLUMNS, axis_label, label_panel, new_figure, styled
 from ..page.page import Row
 from .findings import FIXED, LOOK, PAPER, TAPS
-from .record import CurvePoint, EqualRow, StrategyNumbers
 from .run import BASE
 
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
-
-type Points = Sequence[CurvePoint]
+type Points = Sequence[Row]
 """A curve over the levels of a rule."""
 
 _BLUE, _ORANGE, _GREEN, _PURPLE = "#0072b2", "#d55e00", "#009e73", "#aa4499"
@@ -62,7 +58,7 @@ _NOTE: dict[str, Any] = {"fontsize": 6, "color": "#555555"}
 
 
 @styled
-def curves(source: StrategyNumbers) -> Figure:
+def curves(source: Row) -> Figure:
     """Object and position errors against mean taps and distance, along the thresholds: a column for each group."""
     drawn = source["powers"][0]["curves"][PAPER]
     groups = grouped(drawn)
@@ -166,7 +162,7 @@ def _way_axis(axes: Axes, most: float) -> None:
 
 
 @styled
-def equal_taps(source: StrategyNumbers) -> Figure:
+def equal_taps(source: Row) -> Figure:
     """Object error minus that of the fixation point at equal taps, by threshold (A to D) and by number (E to H)."""
     first = source["powers"][0]
     names = [name for name in first["strategies"] if name != BASE]
@@ -189,7 +185,7 @@ _DIFFERENCE = "what_error_difference"
 _TOGETHER, _OWN = ("_least", "_most"), ("_low", "_high")
 
 
-def _ends(rows: Sequence[EqualRow], name: str) -> tuple[float, float]:
+def _ends(rows: Sequence[Row], name: str) -> tuple[float, float]:
     """Ends of an axis that holds all differences with their own intervals, and most of what holds together."""
     own, together = (
         [row[name + end] for row in rows for end in ends if row[name + end] is not None]
@@ -202,7 +198,7 @@ def _ends(rows: Sequence[EqualRow], name: str) -> tuple[float, float]:
     return low - pad, high + pad
 
 
-def _differences(axes: Axes, rows: Sequence[EqualRow]) -> None:
+def _differences(axes: Axes, rows: Sequence[Row]) -> None:
     """Draws a panel of differences, a row for each strategy."""
     axes.axvline(0, color=OTHERS, linewidth=0.8, zorder=0)
     if all(row[_DIFFERENCE] is None for row in rows):
@@ -212,7 +208,7 @@ def _differences(axes: Axes, rows: Sequence[EqualRow]) -> None:
         plot_interval(axes, row, _DIFFERENCE, y, _look(row["strategy"])["color"])
 
 
-def plot_interval(axes: Axes, row: EqualRow, name: str, y: float, colour: Any) -> Axes:
+def plot_interval(axes: Axes, row: Row, name: str, y: float, colour: Any) -> Axes:
     """Draws an estimate with both intervals in a row of its own, hollow where it has none.
 
     Intervals that the panel cuts get an arrowhead there; what is not known is said to be not reached.
@@ -237,8 +233,6 @@ def plot_interval(axes: Axes, row: EqualRow, name: str, y: float, colour: Any) -
 
 def _interval_key(figure: Figure, rows: Sequence[Row]) -> None:
     """Tells of both intervals and of none, if they are there."""
-    from matplotlib.lines import Line2D  # noqa: PLC0415
-
     black: dict[str, Any] = {"color": ACTIVE, "markersize": 3.8}
     shown = [Line2D([], [], marker="o", linewidth=1.8, label="95% interval", **black)]
     if any(row[f"{_DIFFERENCE}_least"] is not None for row in rows):
@@ -250,7 +244,7 @@ def _interval_key(figure: Figure, rows: Sequence[Row]) -> None:
 
 
 @styled
-def stopping(source: StrategyNumbers) -> Figure:
+def stopping(source: Row) -> Figure:
     """Each stopping rule beside the paper's, object error against mean taps, and null decisions; fixation point."""
     drawn = {rule: by_strategy[BASE] for rule, by_strategy in source["powers"][0]["curves"].items()}
     others = [rule for rule in drawn if rule != PAPER]
@@ -303,8 +297,6 @@ def _null_decisions(axes: Axes, drawn: Mapping[str, Points], looks: Mapping[str,
 
 
 def _paper_key(figure: Figure) -> None:
-    from matplotlib.lines import Line2D  # noqa: PLC0415
-
     handles = [
         Line2D([], [], label="what (the paper's rule)", **_PAPER_LOOK),
         Line2D([], [], color=ACTIVE, label="rule of the panel"),
@@ -313,7 +305,7 @@ def _paper_key(figure: Figure) -> None:
 
 
 @styled
-def trajectories(source: StrategyNumbers) -> Figure:
+def trajectories(source: Row) -> Figure:
     """Where the sensor stood in trials of one data set under each strategy, up to their decisions; Fig. 6."""
     names = list(source["paths"])
     rows = -(-len(names) // _COLUMNS)
@@ -369,8 +361,6 @@ def _look(name: str) -> dict[str, Any]:
 
 def _group_key(axes: Axes, title: str, names: Sequence[str], rows: int) -> None:
     """Lists strategies above a panel, with empty rows up to this many."""
-    from matplotlib.lines import Line2D  # noqa: PLC0415
-
     lines = [Line2D([], [], **_look(name), label=name) for name in names]
     lines += [Line2D([], [], linestyle="none", label=" ") for _ in range(rows - len(names))]
     axes.legend(

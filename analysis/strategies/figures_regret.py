@@ -3,19 +3,17 @@
 Data are those of `regret_summary.summarise_regret`.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Any
+
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
 
 from ..page.figure_style import ACTIVE, OTHERS, TWO_COLUMNS, label_panel, new_figure, styled
-from .record import RegretCase, RegretPrice, RegretSummary
+from ..page.page import Row
 from .regret_cases import KINDS, LOOKAHEAD, NUMBER, TEST, THRESHOLD
 from .run import BASE
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
 
 _LOOKS: dict[str, dict[str, Any]] = {
     THRESHOLD: {"color": ACTIVE, "marker": "o"},
@@ -31,7 +29,7 @@ _LEAST, _MOST = 4e-4, 3.0  # mm, the ends of the axis
 
 
 @styled
-def regret(summary: RegretSummary) -> Figure:
+def regret(summary: Row) -> Figure:
     """Cost above the minimum: a column for each case, a row for each cost of taps, on a common log axis.
 
     Of the fixation points only the best and the worst by the best threshold are shown.
@@ -55,13 +53,13 @@ def regret(summary: RegretSummary) -> Figure:
     return figure
 
 
-def shown(case: RegretCase) -> dict[str, list[RegretPrice]]:
+def shown(case: Row) -> dict[str, list[Row]]:
     """Prices by strategy, of the fixation points those of the best and the worst."""
-    found: dict[str, list[RegretPrice]] = {}
+    found: dict[str, list[Row]] = {}
     for price in case["prices"]:
         found.setdefault(price["strategy"], []).append(price)
     fixed = sorted((name for name in found if name.startswith(f"{BASE} at ")), key=lambda name: _by_theta(found[name]))
-    kept: dict[str, list[RegretPrice]] = {}
+    kept: dict[str, list[Row]] = {}
     for name, prices in found.items():
         if name not in fixed:
             kept[name] = prices
@@ -70,7 +68,7 @@ def shown(case: RegretCase) -> dict[str, list[RegretPrice]]:
     return kept
 
 
-def plot_prices(axes: Axes, prices: Sequence[RegretPrice], y: float) -> Axes:
+def plot_prices(axes: Axes, prices: Sequence[Row], y: float) -> Axes:
     """Draws one strategy under all kinds of rules, with 95% intervals where costs are drawn, in a row of its own."""
     for price in prices:
         number = KINDS.index(price["kind"])
@@ -82,7 +80,7 @@ def plot_prices(axes: Axes, prices: Sequence[RegretPrice], y: float) -> Axes:
     return axes
 
 
-def _by_theta(prices: Sequence[RegretPrice]) -> float:
+def _by_theta(prices: Sequence[Row]) -> float:
     return next(price["regret"] for price in prices if price["kind"] == THRESHOLD)
 
 
@@ -102,7 +100,5 @@ def _axes(axes: Axes, names: Sequence[str]) -> None:
 
 
 def _key(figure: Figure) -> None:
-    from matplotlib.lines import Line2D  # noqa: PLC0415
-
     marks = [Line2D([], [], linestyle="none", label=kind, **_LOOKS[kind]) for kind in KINDS]
     figure.legend(handles=marks, loc="outside upper center", ncols=len(KINDS))

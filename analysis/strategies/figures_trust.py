@@ -3,21 +3,17 @@
 Data are those of `summary.summarise`.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
 
 from ..page.figure_style import ACTIVE, OTHERS, TWO_COLUMNS, colours, label_panel, new_figure, styled
 from ..page.page import Row
 from .findings import INFORMED
-from .record import StrategyNumbers, TrustRow
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
 
 _PALETTE = (ACTIVE, "#0072b2", "#d55e00", "#009e73", "#aa4499", "#e69f00", "#56b4e9")
 _LEAST, _MOST = 1e-3, 1e4  # miscalibration is shown; beyond, beliefs are one but for rounding
@@ -30,7 +26,7 @@ _ARROWS: dict[str, Any] = {"linewidths": 0, "clip_on": False, "zorder": 4}
 
 
 @styled
-def trust(sources: Sequence[StrategyNumbers]) -> Figure:
+def trust(sources: Sequence[Row]) -> Figure:
     """How far the fixation point and information gain are misled by the model, and what is left of the gain.
 
     A: gain over the fixation point against the miscalibration there; B: miscalibration of both; C: information that was
@@ -127,7 +123,7 @@ def _sources(n: int) -> list[Any]:
     return list(_PALETTE[:n]) if n <= len(_PALETTE) else colours(n)
 
 
-def plot_cross(axes: Axes, row: TrustRow, across: str, up: str, look: Mapping[str, Any]) -> Axes:
+def plot_cross(axes: Axes, row: Row, across: str, up: str, look: Mapping[str, Any]) -> Axes:
     """Draws a known point with its 95% intervals in both directions, moved to the ends of the axes if beyond them.
 
     What is cut off, of intervals or of the point, has an arrowhead where it is; a point that was moved is hollow.
@@ -162,9 +158,7 @@ def _missing(axes: Axes, count: int) -> None:
     )
 
 
-def _trust_key(figure: Figure, sources: Sequence[StrategyNumbers]) -> None:
-    from matplotlib.lines import Line2D  # noqa: PLC0415
-
+def _trust_key(figure: Figure, sources: Sequence[Row]) -> None:
     palette = _sources(len(sources))
     lines = [Line2D([], [], color=c, linewidth=3, label=one["name"]) for one, c in zip(sources, palette, strict=True)]
     shown = dict.fromkeys(power["power"] for source in sources for power in source["powers"])

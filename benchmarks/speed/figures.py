@@ -4,6 +4,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+from matplotlib.patheffects import withStroke
 from solidtouch.analysis.page.figure_style import TWO_COLUMNS, label_panel, new_figure, save, styled
 
 from benchmarks.speed.scaling import Curve
@@ -54,8 +55,6 @@ def _draw(axes: Any, curve: Curve) -> None:
 def _label(axes: Any, curves: Sequence[Curve]) -> None:
     """Names each method behind the end of its passive line, one name clear of the other."""
     ends = sorted((1e9 * curve.medians()[-1], curve) for curve in curves if curve.method.endswith(", passive"))
-    from matplotlib.patheffects import withStroke  # noqa: PLC0415
-
     low, high = axes.get_ylim()
     least = (high / low) ** 0.05
     height = 0.0

@@ -1,11 +1,11 @@
 """Figure of the calibration of the whole chain: credible sets, and how often decisions are wrong."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
 from numpy.typing import NDArray
 from solidtouch.analysis.page.figure_style import (
     ACTIVE,
@@ -17,10 +17,6 @@ from solidtouch.analysis.page.figure_style import (
     new_figure,
     styled,
 )
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
 
 _LOOK = {"what": (DECIDED, "o"), "where": (TRUE, "s"), "joint": (ACTIVE, "^")}
 _LEAST, _MOST = 0.1, 100.0  # factors beyond are drawn at the end of the axis

@@ -1,17 +1,13 @@
 """Figures of the model studies: recovered models, calibration of fits, gain of `session`."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
 from numpy.typing import NDArray
 from solidtouch.analysis.page.figure_style import OTHERS, TWELVE, TWO_COLUMNS, label_panel, new_figure, styled
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
 
 
 @styled

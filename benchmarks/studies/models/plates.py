@@ -7,6 +7,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.patches import FancyArrowPatch, FancyBboxPatch
 from numpyro.infer.inspect import get_model_relations
 from solidtouch.analysis.page.figure_style import OTHERS, TWO_COLUMNS, new_figure, save, styled
 from solidtouch.models.measurement import gaussian, matrix_normal, profile, profile_ar, profile_mvn, smooth, student
@@ -83,8 +84,6 @@ def plot_story(axes: Axes, story: Story) -> Axes:
 
 def _arrow(axes: Axes, start: tuple[float, float], end: tuple[float, float]) -> None:
     """An arrow between two circles, bent below those that stand between."""
-    from matplotlib.patches import FancyArrowPatch  # noqa: PLC0415
-
     passes = start[1] == end[1] and abs(start[0] - end[0]) > _STEP
     axes.add_patch(
         FancyArrowPatch(
@@ -122,8 +121,6 @@ def _box(
     heights: tuple[float, float],
 ) -> None:
     """A box around circles, reaching so far to the left and right, below and above them."""
-    from matplotlib.patches import FancyBboxPatch  # noqa: PLC0415
-
     if not plate_set:
         return
     left, right = min(x for x, _ in places) - sides[0], max(x for x, _ in places) + sides[1]

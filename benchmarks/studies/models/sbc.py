@@ -14,14 +14,17 @@ from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
 
+import jax
+import jax.numpy as jnp
 import numpy as np
 from numpy.typing import NDArray
+from numpyro import handlers
 from scipy.stats import binom, chisquare
 from solidtouch.models.grid import ClassGrid
 from solidtouch.models.measurement import gaussian, matrix_normal, profile, profile_ar, profile_mvn
 from solidtouch.models.measurement.fits.posterior import Posterior
 from solidtouch.models.measurement.fits.priors import CellPrior, Taps
-from solidtouch.models.measurement.histogram import HistogramPosterior
+from solidtouch.models.measurement.histogram import HistogramPosterior, histogram_model
 from solidtouch.models.measurement.histogram import fit as fit_histogram
 from solidtouch.models.measurement.likelihood.bins import find_bins
 from solidtouch.models.measurement.likelihood.forms import GaussianForm
@@ -135,9 +138,6 @@ def _from_story(
     A story that forecasts samples from others of the same tap is told again with the same random numbers and the
     samples so far; each time one sample more, in the order of forecasts, is as it will stay.
     """
-    import jax  # noqa: PLC0415
-    import jax.numpy as jnp  # noqa: PLC0415
-    from numpyro import handlers  # noqa: PLC0415
 
     def one(key: Any) -> dict[str, Any]:
         samples, values = jnp.zeros(shape), {}
@@ -171,17 +171,12 @@ def _as_fitted(drawn: dict[str, NDArray[np.float64]]) -> dict[str, NDArray[np.fl
 
 def _histogram_study(sizes: Sizes) -> Study:
     """Samples are bins; the prior is a Dirichlet of one count per bin, so that no probability is as good as 0."""
-    from solidtouch.models.measurement.histogram import histogram_model  # noqa: PLC0415
-
     pseudocount, shape = 1.0, (sizes.L, sizes.M, sizes.K, sizes.B)
     where, what = own_classes(sizes)
     grid = ClassGrid(np.arange(float(sizes.L)), "mm", None, tuple((str(m),) for m in range(sizes.M)))
     edges = np.arange(sizes.B + 1) - 0.5
 
     def draw(seed: int, n: int) -> tuple[dict[str, NDArray[np.float64]], NDArray[np.float64]]:
-        import jax  # noqa: PLC0415
-        from numpyro import handlers  # noqa: PLC0415
-
         def one(key: Any) -> dict[str, Any]:
             told = handlers.trace(handlers.seed(handlers.uncondition(histogram_model), key))
             none = np.zeros((len(where), sizes.J, sizes.K), dtype=int)

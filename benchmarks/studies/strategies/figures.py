@@ -1,11 +1,11 @@
 """Figures of tuning: error and cost over positions and thresholds, and regret of learners."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
 from numpy.typing import NDArray
 from scipy.stats import t
 from solidtouch.analysis.page.figure_style import (
@@ -23,10 +23,6 @@ from solidtouch.analysis.page.figure_style import (
 from solidtouch.analysis.stats.metrics import CONFIDENCE
 from solidtouch.analysis.tuning.run import Tuning
 from solidtouch.inference.tuning.held_out import Estimate
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
 
 _COLOURS = {"thompson": DECIDED, "random": OTHERS}
 _NAMES = {"thompson": "arms apart", "random": "random pair"}
