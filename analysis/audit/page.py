@@ -1,29 +1,16 @@
 """Page of an audit: the verdict, where the model fails, what that costs, and remedies."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from functools import partial
 from typing import TYPE_CHECKING
 
 from ..page.figure_confusion import confusion
 from ..page.numbers import bounded, factor, interval, number, percent
-from ..page.page import Block, Brief, Cautions, Listing, Note, Page, Picture, Section, Table, Verbatim
+from ..page.page import Block, Brief, Cautions, Listing, Note, Page, Picture, Row, Section, Table, Verbatim
 from . import figures, figures_reliability
 from .figures_checks import figure_checks
-from .record import (
-    AuditSummary,
-    BesideRecord,
-    ComponentsRecord,
-    CostEvidence,
-    SuspectRow,
-    TaxelsRecord,
-    TaxelTest,
-    ThresholdRecord,
-    TimesRecord,
-    Triple,
-    VarianceRecord,
-)
 from .run import Audit
-from .summary import unseen_parts
+from .summary import seen
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -37,7 +24,7 @@ _TESTS = {
 }
 
 
-def audit_page(audit: Audit, summary: AuditSummary) -> Page:
+def audit_page(audit: Audit, summary: Row) -> Page:
     """The page: the verdict, where the model fails, what that costs, and remedies.
 
     Args:
@@ -55,14 +42,14 @@ def audit_page(audit: Audit, summary: AuditSummary) -> Page:
     return Page(summary["title"], [f"{assumed} {summary['parts']}", Verbatim(summary["command"])], sections)
 
 
-def _verdict(summary: AuditSummary) -> Iterator[Block]:
+def _verdict(summary: Row) -> Iterator[Block]:
     yield Brief(Note(summary["verdict"]["sentences"]))
     if summary["simulated"]:
         yield "**These data are simulated.**"
     yield Brief(Cautions(summary["warnings"]))
 
 
-def _where(audit: Audit, summary: AuditSummary) -> Iterator[Block]:
+def _where(audit: Audit, summary: Row) -> Iterator[Block]:
     evidence = summary["first_cause"]["evidence"]
     variance = evidence["variance"]
     if audit.split is not None and variance is not None and variance["classes"]:
@@ -98,7 +85,7 @@ def _where(audit: Audit, summary: AuditSummary) -> Iterator[Block]:
     yield Section("Posterior predictive checks", [made, checks])
 
 
-def _variance(split: "xr.Dataset", variance: VarianceRecord, cause: str) -> Iterator[Block]:
+def _variance(split: "xr.Dataset", variance: Row, cause: str) -> Iterator[Block]:
     said = (
         "The evidence of a tap is its log-likelihood ratio for its own class against the nearest rival. The first row "
         f"is the variance that the evidence of {variance['taps']} taps of one class and session would have if samples "
@@ -129,13 +116,13 @@ def _variance(split: "xr.Dataset", variance: VarianceRecord, cause: str) -> Iter
         "Causes of the variance of the evidence",
         f"Shares of the variance of the evidence of {variance['taps']} taps of one class and session, with 95% "
         "intervals over classes; pale bars are not significant.",
-        partial(figures.causes, _seen(split), cause),
+        partial(figures.causes, seen(split), cause),
     )
     sizes = [(size["words"], interval(size, "value")) for size in variance["sizes"][2:]]
     yield Table((), sizes, "Size of disturbances, from the covariance of samples")
 
 
-def _suspect(row: SuspectRow) -> str:
+def _suspect(row: Row) -> str:
     if row["p"] is None:
         said = (
             "not tested, because it hardly varies within classes and sessions or there are too few taps; its effect "
@@ -154,7 +141,7 @@ def _suspect(row: SuspectRow) -> str:
     return f"“{row['name']}”: {said}"
 
 
-def _taxels(audit: Audit, found: TaxelsRecord) -> Iterator[Block]:
+def _taxels(audit: Audit, found: Row) -> Iterator[Block]:
     sessions = (
         "and sessions"
         if found["within_sessions"]
@@ -189,7 +176,7 @@ def _taxels(audit: Audit, found: TaxelsRecord) -> Iterator[Block]:
     )
 
 
-def _taxel_test(test: TaxelTest) -> list[str]:
+def _taxel_test(test: Row) -> list[str]:
     name = _TESTS[test["test"]]
     if test["reason"]:
         return [name, test["reason"]]
@@ -204,7 +191,7 @@ def _taxel_test(test: TaxelTest) -> list[str]:
     ]
 
 
-def _times(audit: Audit, found: TimesRecord) -> Iterator[Block]:
+def _times(audit: Audit, found: Row) -> Iterator[Block]:
     if found["reason"]:
         yield f"Not tested: {found['reason']}."
     else:
@@ -222,7 +209,7 @@ def _times(audit: Audit, found: TimesRecord) -> Iterator[Block]:
     )
 
 
-def _components(found: ComponentsRecord) -> Iterator[Block]:
+def _components(found: Row) -> Iterator[Block]:
     yield Listing(found["sentences"])
     rows = [
         [
@@ -239,7 +226,7 @@ def _components(found: ComponentsRecord) -> Iterator[Block]:
     yield Table(heads, rows, "Standard deviations from a hierarchical model, with 90% intervals", words={1})
 
 
-def _cost(audit: Audit, summary: AuditSummary) -> Iterator[Block]:
+def _cost(audit: Audit, summary: Row) -> Iterator[Block]:
     cost = summary["miscalibration"]["evidence"]
     rest, judged = cost["at_stopping"], cost["judged"]
     yield (
@@ -289,7 +276,7 @@ def _cost(audit: Audit, summary: AuditSummary) -> Iterator[Block]:
     )
 
 
-def _decisions(cost: CostEvidence) -> Table:
+def _decisions(cost: Row) -> Table:
     """Those of all objects and of each, beside a right model and what the stopping rule promises."""
     rest, judged, guarantees = cost["at_stopping"], cost["judged"], cost["guarantees"]
     rows = []
@@ -321,7 +308,7 @@ def _decisions(cost: CostEvidence) -> Table:
     )
 
 
-def _lost(summary: AuditSummary) -> str:
+def _lost(summary: Row) -> str:
     less, time = summary["miscalibration"]["evidence"]["lost"], summary["remedy"]["evidence"]["reaction_time"]
     if not less["model"]:
         return f"No model below has a significantly lower error at the same mean reaction time of {number(time)} taps."
@@ -333,7 +320,7 @@ def _lost(summary: AuditSummary) -> str:
     )
 
 
-def _cost_pictures(audit: Audit, summary: AuditSummary) -> Iterator[Picture]:
+def _cost_pictures(audit: Audit, summary: Row) -> Iterator[Picture]:
     cost, theta = summary["miscalibration"]["evidence"], summary["threshold"]
     yield Picture(
         "at_stopping",
@@ -360,7 +347,7 @@ def _cost_pictures(audit: Audit, summary: AuditSummary) -> Iterator[Picture]:
         )
 
 
-def _remedy(audit: Audit, summary: AuditSummary) -> Iterator[Block]:
+def _remedy(audit: Audit, summary: Row) -> Iterator[Block]:
     remedy, theta = summary["remedy"]["evidence"], summary["threshold"]
     used_up = f" at threshold {remedy['compared_at']} (higher thresholds use up the test taps)"
     yield (
@@ -411,7 +398,7 @@ def _remedy(audit: Audit, summary: AuditSummary) -> Iterator[Block]:
     )
 
 
-def _remedies(summary: AuditSummary) -> Table:
+def _remedies(summary: Row) -> Table:
     remedy, unit = summary["remedy"]["evidence"], summary["units"]["what"]
     chosen = summary["remedy"]["chosen"]
     error = "P(wrong)" if unit == "P(wrong)" else f"error ({unit})"
@@ -442,7 +429,7 @@ def _remedies(summary: AuditSummary) -> Table:
     return Table(heads, rows, caption, words={7, 8}, dense=True)
 
 
-def _threshold(other: ThresholdRecord, theta: float) -> str:
+def _threshold(other: Row, theta: float) -> str:
     """What another threshold does, chosen on the tuning taps."""
     if other["reached"]:
         said = (
@@ -461,24 +448,18 @@ def _threshold(other: ThresholdRecord, theta: float) -> str:
     )
 
 
-def _provenance(summary: AuditSummary) -> Iterator[Block]:
+def _provenance(summary: Row) -> Iterator[Block]:
     files = ", ".join(f"{name}: {taps}" for name, taps in summary["files"].items())
     yield f"{files}. Seed {summary['seed']}, solidtouch {summary['version']}."
     times = [(stage, str(seconds)) for stage, seconds in summary["elapsed_s"].items()]
     yield Table((), times, "Time spent (s)")
 
 
-def _beside(row: BesideRecord) -> str:
+def _beside(row: Row) -> str:
     """What a right model gives."""
     return factor([row["median"], row["low"], row["high"]])
 
 
-def _triple(values: Triple | None) -> str:
+def _triple(values: Sequence[float | None] | None) -> str:
     """A value with its bounds."""
     return bounded(*(values or ()))
-
-
-def _seen(split: "xr.Dataset") -> "xr.Dataset":
-    """Without the shares of parts that these taps cannot show."""
-    shown = ~split["part"].isin(sorted(unseen_parts(split)))
-    return split.assign({name: split[name].where(shown) for name in ("share", "share_low", "share_high")})

@@ -36,10 +36,10 @@ from ...models.measurement.model import TapModel
 from ...models.setting_file import Setting
 from ...models.taps import TapSet
 from ...models.threads import cores, in_order
+from ..page.page import Row
 from ..stats.decisions import at_equal_taps, play_models, spread_of
-from ..stats.reliability import THETAS, ObjectScores, StoppingRecord, headline, reliability
+from ..stats.reliability import THETAS, headline, reliability
 from ..stats.right_model import SIMULATIONS, Beside, compare, exact, reference_factors
-from .record import LostRecord
 from .remedies import Remedy
 
 _SEQUENCES, _RESAMPLE_SEQUENCES = 20, 6  # of each class, at least; the latter even, for halves
@@ -205,7 +205,7 @@ def count_measurements(remedies: Sequence[Remedy]) -> int:
     return 2 * len(remedies) + SIMULATIONS
 
 
-def lost(measured: Measured) -> LostRecord:
+def lost(measured: Measured) -> Row:
     """Error and reaction time that the setting as it is loses against the best model at the same reaction time.
 
     Returns:
@@ -440,7 +440,7 @@ def _factors(table: TapTable, remedy: Remedy, policy: str, trials: int, seed: in
     )
 
 
-def factor_of(found: ObjectScores) -> tuple[float | None, float | None, float | None]:
+def factor_of(found: Row) -> tuple[float | None, float | None, float | None]:
     """The factor of a part of `headline` with its interval, each `None` where there is none.
 
     A mistake that leaves no doubt refutes beliefs by itself, so an infinite factor has an infinite interval. So has one
@@ -452,7 +452,7 @@ def factor_of(found: ObjectScores) -> tuple[float | None, float | None, float | 
     return value, low, np.inf if high is None and low is not None else high
 
 
-def judge(found: StoppingRecord, model: TapModel, pool: TapPool, reference: NDArray[np.float64]) -> BeliefEvidence:
+def judge(found: Row, model: TapModel, pool: TapPool, reference: NDArray[np.float64]) -> BeliefEvidence:
     """Compares beliefs with outcomes, and with those of a right model on as many taps.
 
     Args:

@@ -15,11 +15,10 @@ from ...models.measurement.model import TapModel
 from ...models.setting_file import Setting
 from ...models.settings import Division, FitSettings, PlaySettings
 from ..experiment.parts import AuditParts, load_parts
-from ..page.page import Page
+from ..page.page import Page, Row
 from ..page.report import StudyReport
 from ..page.stages import Progress, no_progress
 from .page import audit_page
-from .record import AuditedData, AuditSummary
 from .remedies import BASELINE, Remedy
 from .run import Audit, AuditSettings, audit_taps
 from .summary import summarise
@@ -48,7 +47,7 @@ class AuditReport(StudyReport):
     SUMMARY: ClassVar[str] = "audit.json"
 
     found: Audit
-    summary: AuditSummary
+    summary: Row
 
     def _page(self) -> Page:
         return audit_page(self.found, self.summary)
@@ -184,9 +183,7 @@ def audit(
     return AuditReport(found, summarise(found, settings, about))
 
 
-def _about(
-    data: Sequence[TapSource], parts: AuditParts, dropped: Sequence[str], unused: int, command: str
-) -> AuditedData:
+def _about(data: Sequence[TapSource], parts: AuditParts, dropped: Sequence[str], unused: int, command: str) -> Row:
     """The data in words."""
     warnings = []
     if dropped:

@@ -1,4 +1,7 @@
-"""Results of an audit as plain numbers and text, for `audit.json` and the page."""
+"""Results of an audit as plain numbers and text, for `audit.json` and the page.
+
+A number that is missing or infinite is `None`; where an infinite factor has a meaning, `unbounded` says so.
+"""
 
 from collections.abc import Mapping, Sequence
 from importlib.metadata import version
@@ -7,37 +10,13 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
+from ..page.labelled import rows
+from ..page.page import Row
 from ..stats.reliability import after_contacts, headline, interval_sentence, plain
 from ..stats.right_exponent import Tuned, outside
-from ..stats.right_model import Beside
 from .checks import summarise_checks
-from .guarantees import PromiseTest, broken, guarantee_sentence
+from .guarantees import broken, guarantee_sentence
 from .leakage.run import Leakage
-from .record import (
-    AfterTapsRow,
-    AuditedData,
-    AuditSummary,
-    BesideRecord,
-    ComponentRow,
-    ComponentsRecord,
-    EnoughRow,
-    FactorRecord,
-    JudgedRecord,
-    LeakageRecord,
-    OutsideRecord,
-    PartRow,
-    PromiseRecord,
-    RefusedRow,
-    RemedyRow,
-    SizeRow,
-    SuspectRow,
-    TaxelsRecord,
-    TaxelTest,
-    ThresholdRecord,
-    TimesRecord,
-    TunedRecord,
-    VarianceRecord,
-)
 from .remedy_scores import BeliefEvidence, Scored, lost
 from .run import Audit, AuditSettings
 from .variance.causes import SIZES, part_words, suspect_part
@@ -53,6 +32,17 @@ from .verdict import (
     worthwhile,
 )
 
+_ENDS = ("", "_low", "_high")
+_TAXEL_TESTS = (
+    "family_p",
+    "drift_p",
+    "contrasts",
+    "drift_reason",
+    "pairs",
+    "rejected_fraction",
+    "permutations",
+    "reason",
+)
 _SIZE_WORDS = {
     "design_effect": "design effect of the evidence of a tap, median over classes",
     "sequence_effect": "the same of a sequence, all classes",
@@ -64,7 +54,7 @@ _SIZE_WORDS = {
 }
 
 
-def summarise(audit: Audit, settings: AuditSettings, about: AuditedData) -> AuditSummary:
+def summarise(audit: Audit, settings: AuditSettings, about: Row) -> Row:
     """Everything that `audit.json` holds, without NaN or infinity."""
     setting, measured = settings.setting, audit.measured
     at_rest = headline(audit.measured.reliability, measured.policy, setting.play.threshold)
@@ -78,7 +68,7 @@ def summarise(audit: Audit, settings: AuditSettings, about: AuditedData) -> Audi
     if audit.leakage.unjudged:
         sentences.insert(2, audit.leakage.unjudged)
     chosen = recommended(measured)
-    summary: AuditSummary = {
+    summary = {
         "verdict": {
             "state": state,
             "sentences": sentences,
@@ -95,7 +85,7 @@ def summarise(audit: Audit, settings: AuditSettings, about: AuditedData) -> Audi
                 "taxels": _taxels(audit.taxels, by_session=audit.by_session),
                 "times": _times(audit.times),
                 "components": _components(audit),
-                "predictive_checks": _checks(audit.checks),
+                "predictive_checks": rows(summarise_checks(audit.checks), "statistic"),
                 "samples_per_bin": audit.samples_per_bin,
             },
         },
@@ -113,12 +103,12 @@ def summarise(audit: Audit, settings: AuditSettings, about: AuditedData) -> Audi
                 },
                 "after_taps": _after_taps(audit.measured.reliability),
                 "guarantees": broken(audit.guarantees, measured.policy, setting.play.threshold),
-                "exceeded": {name: _promise(promise) for name, promise in audit.exceeded.items()},
+                "exceeded": audit.exceeded,
                 "guarantee_sentence": guarantee_sentence(audit.guarantees),
                 "intervals": interval_sentence(audit.measured.reliability),
                 "lost": lost(measured),
                 "enough": [
-                    EnoughRow(**one.design._asdict(), right=one.right, detectable=one.factor) for one in audit.enough
+                    {**one.design._asdict(), "right": one.right, "detectable": one.factor} for one in audit.enough
                 ],
             },
         },
@@ -136,8 +126,8 @@ def summarise(audit: Audit, settings: AuditSettings, about: AuditedData) -> Audi
                 "ranking": [
                     {**_scored(score, audit), "worthwhile": worthwhile(measured, score)} for score in ranking(measured)
                 ],
-                "refused": [RefusedRow(**item._asdict()) for item in audit.refused],
-                "threshold": ThresholdRecord(**audit.recalibrated._asdict()),
+                "refused": audit.refused,
+                "threshold": audit.recalibrated,
                 "target_error": None if audit.target is None else audit.target.to_dict(),
             },
         },
@@ -155,32 +145,18 @@ def summarise(audit: Audit, settings: AuditSettings, about: AuditedData) -> Audi
     return _clean(summary)
 
 
-def _judged(judged: BeliefEvidence) -> JudgedRecord:
+def _judged(judged: BeliefEvidence) -> Row:
     """By what beliefs were called right or wrong, the factor of each object beside what a right model gives."""
-    each: dict[str, FactorRecord] = {
-        name: {"factor": factor, "unbounded": _unbounded(factor), "beside": BesideRecord(**beside._asdict())}
+    each = {
+        name: {"factor": factor, "unbounded": _unbounded(factor), "beside": beside}
         for name, (factor, beside) in judged.each.items()
     }
-    return {
-        "factor": judged.factor,
-        "wrong": judged.wrong,
-        "beside": BesideRecord(**judged.beside._asdict()),
-        "exact": judged.exact,
-        "each": each,
-        "taps": judged.taps,
-        "few": judged.few,
-        "unbounded": _unbounded(judged.factor),
-    }
+    return {**judged._asdict(), "each": each, "unbounded": _unbounded(judged.factor)}
 
 
 def _unbounded(factor: Sequence[float | None]) -> bool:
     """Whether a factor is infinite, which JSON cannot say."""
     return factor[0] is not None and bool(np.isinf(factor[0]))
-
-
-def _promise(promise: PromiseTest) -> PromiseRecord:
-    beside = promise.beside
-    return {"exceeded": promise.exceeded, "beside": None if beside is None else BesideRecord(**beside._asdict())}
 
 
 def _other_sessions(audit: Audit) -> str:
@@ -196,26 +172,24 @@ def _other_sessions(audit: Audit) -> str:
     return f" In {who}, {span} of the decisions are wrong{held * (None not in audit.measured.judged.factor)}."
 
 
-def _leakage(leaks: Leakage) -> LeakageRecord:
-    rows = []
-    for quantity in leaks.told["quantity"].values:
-        at = leaks.told.sel(quantity=quantity)
-        rows.append(
-            {
-                "quantity": str(quantity),
-                "verdict": leaks.explains[str(quantity)],
-                "chance": float(at["chance"]),
-                **{
-                    str(source): [float(at[name].sel(source=source)) for name in ("accuracy", "low", "high")]
-                    for source in at["source"].values
-                },
-            }
-        )
+def _leakage(leaks: Leakage) -> Row:
+    told = [
+        {
+            "quantity": name,
+            "verdict": explains,
+            "chance": leaks.told["chance"].sel(quantity=name),
+            **{
+                row["source"]: [row[key] for key in ("accuracy", "low", "high")]
+                for row in rows(leaks.told.sel(quantity=name), "source")
+            },
+        }
+        for name, explains in leaks.explains.items()
+    ]
     return {
-        "sentences": list(leaks.sentences),
+        "sentences": leaks.sentences,
         "judged": not leaks.unjudged,
         "before_contact": {"samples": leaks.before.samples, "known_by": leaks.before.known or None},
-        "told": rows,
+        "told": told,
         "blocks": leaks.blocks,
         "test_taps": leaks.test_taps,
     }
@@ -230,167 +204,118 @@ def unseen_parts(split: xr.Dataset) -> set[str]:
     return unseen | {suspect_part(name) for name, p in suspects if not np.isfinite(p)}
 
 
-def _variance(split: xr.Dataset | None, session_p: float) -> VarianceRecord | None:
+def seen(split: xr.Dataset) -> xr.Dataset:
+    """Without the numbers of parts that these taps cannot show."""
+    shown = ~split["part"].isin(sorted(unseen_parts(split)))
+    return split.assign({name: of.where(shown) for name, of in split.data_vars.items() if "part" in of.dims})
+
+
+def _variance(split: xr.Dataset | None, session_p: float) -> Row | None:
     if split is None:
         return None
-    unseen = unseen_parts(split)
-    suspects: list[SuspectRow] = [
-        {"name": name, "p": p, "follows_order": follows}
-        for name, p, follows in zip(
-            *(split.attrs[key] for key in ("suspects", "suspect_p", "suspect_follows_order")), strict=True
-        )
-    ]
-    about = {name: value for name, value in split.attrs.items() if not name.startswith("suspect")}
-    rows = [
-        PartRow(
-            name=part,
-            words=part_words(part),
-            **{
-                f"share{end}": None if part in unseen else float(split[f"share{end}"].sel(part=part))
-                for end in ("", "_low", "_high", "_sure")
-            },
-            ratio=None if part in unseen else float(split["ratio"].sel(part=part)),
-        )
-        for part in map(str, split["part"].values)
-    ]
-    sizes = [
-        SizeRow(name=name, words=_SIZE_WORDS[name], **{f"value{end}": float(split[name + end]) for end in _ENDS})
-        for name in SIZES
-    ]
-    return VarianceRecord(parts=rows, sizes=sizes, session_p=session_p, **about, suspects=suspects)
+    keys = "suspects", "suspect_p", "suspect_follows_order"
+    parts = [*(f"share{end}" for end in (*_ENDS, "_sure")), "ratio"]
+    return {
+        "parts": [
+            {"words": part_words(row["name"]), **row} for row in rows(seen(split)[parts].rename(part="name"), "name")
+        ],
+        "sizes": [
+            {"name": name, "words": _SIZE_WORDS[name], **{f"value{end}": split[name + end] for end in _ENDS}}
+            for name in SIZES
+        ],
+        "session_p": session_p,
+        **{name: value for name, value in split.attrs.items() if name not in keys},
+        "suspects": [
+            {"name": name, "p": p, "follows_order": follows}
+            for name, p, follows in zip(*(split.attrs[key] for key in keys), strict=True)
+        ],
+    }
 
 
-_ENDS = ("", "_low", "_high")
-
-
-def _taxels(data: xr.Dataset, *, by_session: bool) -> TaxelsRecord:
-    tests = []
-    for name in data["test"].values:
-        at = data.sel(test=name)
-        tests.append(
-            TaxelTest(
-                test=str(name),
-                **{f"effect{end}": float(at[f"mean_absolute{end}"]) for end in _ENDS},
-                effect_null=float(at["mean_absolute_null"]),
-                family_p=float(at["family_p"]),
-                drift_p=float(at["drift_p"]),
-                contrasts=int(at["contrasts"]),
-                drift_reason=str(at["drift_reason"].values),
-                pairs=int(at["pairs"]),
-                rejected_fraction=float(at["rejected_fraction"]),
-                permutations=int(at["permutations"]),
-                reason=str(at["reason"].values),
-            )
-        )
+def _taxels(data: xr.Dataset, *, by_session: bool) -> Row:
+    effects = {f"mean_absolute{end}": f"effect{end}" for end in (*_ENDS, "_null")}
+    tests = data[[*effects, *_TAXEL_TESTS]].rename(effects)
     dead = np.flatnonzero(data["dead"].values).tolist()
-    return {"tests": tests, "dead": dead, "taxels": data.sizes["taxel"], "within_sessions": by_session}
-
-
-def _times(data: xr.Dataset) -> TimesRecord:
-    samples, values = ([float(data[f"effective_{name}{end}"]) for end in _ENDS] for name in ("samples", "values"))
-    lag1 = None
-    if data.sizes["lag"] > 1:
-        lag1 = [float(data[f"autocorrelation{end}"].isel(lag=1)) for end in _ENDS]
     return {
-        "effective_samples": samples,
-        "effective_values": values,
+        "tests": rows(tests, "test"),
+        "dead": dead,
+        "taxels": data.sizes["taxel"],
+        "within_sessions": by_session,
+    }
+
+
+def _times(data: xr.Dataset) -> Row:
+    def ends(name: str) -> list[xr.DataArray]:
+        return [data[name + end] for end in _ENDS]
+
+    return {
+        "effective_samples": ends("effective_samples"),
+        "effective_values": ends("effective_values"),
         "samples": data.sizes["lag"],
-        "values": int(data["values"]) if "values" in data else None,
-        "lag1": lag1,
-        "p": {str(test): float(data["p"].sel(test=test)) for test in data["test"].values},
-        "reason": str(data["reason"].values),
+        "values": data.get("values"),
+        "lag1": [one[1] for one in ends("autocorrelation")] if data.sizes["lag"] > 1 else None,
+        "p": {str(test): data["p"].sel(test=test) for test in data["test"].values},
+        "reason": data["reason"],
     }
 
 
-def _checks(tree: xr.DataTree) -> list[dict[str, Any]]:
-    data = summarise_checks(tree)
-    return [
-        {"statistic": str(name), **{str(key): one[key].item() for key in one.data_vars}}
-        for name, one in ((name, data.sel(statistic=name)) for name in data["statistic"].values)
-    ]
-
-
-def _components(audit: Audit) -> ComponentsRecord:
+def _components(audit: Audit) -> Row:
     found = audit.components
-    rows = [
-        ComponentRow(
-            quantity=str(quantity),
-            component=str(component),
-            **{
-                str(name): float(found.summary[name].sel(quantity=quantity, component=component))
-                for name in found.summary.data_vars
-            },
-        )
-        for quantity in found.summary["quantity"].values
-        for component in found.summary["component"].values
-    ]
-    effective = [
-        {"n": int(n), **{str(name): float(found.effective[name].sel(n=n)) for name in found.effective.data_vars}}
-        for n in found.effective["n"].values
-    ]
     return {
-        "sentences": list(found.sentences),
+        "sentences": found.sentences,
         "converged": found.converged,
-        "standard_deviations": rows,
-        "effective_taps": effective,
+        "standard_deviations": rows(found.summary, "quantity", "component"),
+        "effective_taps": rows(found.effective, "n"),
     }
 
 
-def _after_taps(data: xr.Dataset) -> list[AfterTapsRow]:
+def _after_taps(data: xr.Dataset) -> list[Row]:
     part = after_contacts(data)
     names = ("wrong", "doubt", "calibration_error", "log_loss", "brier", "factor")
     return [
-        AfterTapsRow(
-            taps=int(n),
+        {
+            "taps": n,
             **{
-                str(what): {
-                    name: [plain(float(part[name + end].sel(contacts=n, what=what))) for end in _ENDS] for name in names
-                }
+                str(what): {name: [part[name + end].sel(contacts=n, what=what) for end in _ENDS] for name in names}
                 for what in part["what"].values
             },
-        )
+        }
         for n in part["contacts"].values
     ]
 
 
-def _scored(score: Scored, audit: Audit) -> RemedyRow:
+def _scored(score: Scored, audit: Audit) -> Row:
     remedy = next(remedy for remedy in audit.remedies if remedy.name == score.name)
-    n = audit.measured.n
-    return RemedyRow(
-        **score._asdict(),
-        unbounded=_unbounded(score.factor),
-        gain_per_tap=None if score.gain is None else [value / n for value in score.gain],
-        title=remedy.title,
-        assumes=remedy.assumes,
-        how=remedy.how,
-        power=remedy.model.exponent,
-        saturation=remedy.setting.fit.saturation,
-        right_model=None if remedy.beside is None else _tuned(remedy.beside),
-    )
-
-
-def _tuned(tuned: Tuned) -> TunedRecord:
-    """What was tuned beside what a right model gives; a saturation of `MOST_TAPS` is none."""
-    limit = tuned.saturation
     return {
-        "sentence": tuned.sentence,
-        "taps": tuned.taps,
-        "simulations": tuned.simulations,
-        "power": _outside(tuned.power),
-        "saturation": None if limit is None else _outside(limit),
+        **score._asdict(),
+        "unbounded": _unbounded(score.factor),
+        "gain_per_tap": None if score.gain is None else [value / audit.measured.n for value in score.gain],
+        "title": remedy.title,
+        "assumes": remedy.assumes,
+        "how": remedy.how,
+        "power": remedy.model.exponent,
+        "saturation": remedy.setting.fit.saturation,
+        "right_model": None if remedy.beside is None else _tuned(remedy.beside),
     }
 
 
-def _outside(beside: Beside) -> OutsideRecord:
-    return OutsideRecord(**beside._asdict(), outside=outside(beside))
+def _tuned(tuned: Tuned) -> Row:
+    """What was tuned beside what a right model gives; a saturation of `MOST_TAPS` is none."""
+    sides = {
+        name: None if one is None else {**one._asdict(), "outside": outside(one)}
+        for name, one in (("power", tuned.power), ("saturation", tuned.saturation))
+    }
+    return {"sentence": tuned.sentence, **tuned._asdict(), **sides}
 
 
 def _clean(value: Any) -> Any:
-    """The same without NaN, infinities and NumPy's numbers, which JSON does not take."""
+    """The same without NaN, infinities, records and NumPy's numbers, which JSON does not take."""
+    if isinstance(value, tuple) and hasattr(value, "_asdict"):
+        value = value._asdict()  # pyright: ignore[reportAttributeAccessIssue]
     if isinstance(value, Mapping):
         return {str(key): _clean(item) for key, item in value.items()}
     if isinstance(value, list | tuple):
         return [_clean(item) for item in value]
-    if isinstance(value, np.generic):
+    if isinstance(value, np.generic | xr.DataArray):
         value = value.item()
     return plain(value) if isinstance(value, float) else value

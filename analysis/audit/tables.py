@@ -6,14 +6,14 @@ from typing import Any
 import xarray as xr
 
 from ..page.labelled import interval_columns, labelled
-from .record import AuditSummary, FactorRecord, RemedyRow, VarianceRecord
+from ..page.page import Row
 from .variance.causes import suspect_part
 
 
-def calibration_table(summary: AuditSummary) -> xr.Dataset:
+def calibration_table(summary: Row) -> xr.Dataset:
     """Miscalibration of decisions and of a correct model, for all objects and each, dim what."""
     judged = summary["miscalibration"]["evidence"]["judged"]
-    parts: Mapping[str, FactorRecord] = {"all": judged, **judged["each"]}
+    parts: Mapping[str, Row] = {"all": judged, **judged["each"]}
     rows = (
         {
             "what": name,
@@ -31,7 +31,7 @@ def calibration_table(summary: AuditSummary) -> xr.Dataset:
     return table.assign_attrs(verdict=summary["verdict"]["state"], theta=summary["threshold"])
 
 
-def causes_table(summary: AuditSummary) -> xr.Dataset | None:
+def causes_table(summary: Row) -> xr.Dataset | None:
     """Parts of the variance of evidence with their p-values where they have a test, dim cause."""
     variance = summary["first_cause"]["evidence"]["variance"]
     if variance is None:
@@ -45,7 +45,7 @@ def causes_table(summary: AuditSummary) -> xr.Dataset | None:
     return labelled(rows, ["cause"]).drop_vars("name")
 
 
-def independence_table(summary: AuditSummary) -> xr.Dataset:
+def independence_table(summary: Row) -> xr.Dataset:
     """Tests of the independence of taxels and of samples in time, dim test."""
     evidence = summary["first_cause"]["evidence"]
     taxels = ({**row, "test": f"taxels: {row['test']}", "p": row["family_p"]} for row in evidence["taxels"]["tests"])
@@ -53,12 +53,12 @@ def independence_table(summary: AuditSummary) -> xr.Dataset:
     return labelled([*taxels, *times], ["test"]).drop_vars("family_p")
 
 
-def checks_table(summary: AuditSummary) -> xr.Dataset:
+def checks_table(summary: Row) -> xr.Dataset:
     """Statistics of the taps beside those of replicates from the fitted model, dim statistic."""
     return labelled(summary["first_cause"]["evidence"]["predictive_checks"], ["statistic"])
 
 
-def leakage_table(summary: AuditSummary) -> xr.Dataset:
+def leakage_table(summary: Row) -> xr.Dataset:
     """Accuracy of what is inferred without touch, dims quantity and source, and the verdict on each quantity."""
     told = summary["first_cause"]["evidence"]["leakage"]["told"]
     common = "quantity", "verdict", "chance"
@@ -72,7 +72,7 @@ def leakage_table(summary: AuditSummary) -> xr.Dataset:
     return table.merge(labelled(({name: row[name] for name in common} for row in told), ["quantity"]))
 
 
-def after_taps_table(summary: AuditSummary) -> xr.Dataset:
+def after_taps_table(summary: Row) -> xr.Dataset:
     """Scores of beliefs after some taps, dims taps and what."""
     rows = (
         {"taps": row["taps"], "what": what} | _all_columns(scores)
@@ -83,7 +83,7 @@ def after_taps_table(summary: AuditSummary) -> xr.Dataset:
     return labelled(rows, ("taps", "what"))
 
 
-def remedies_table(summary: AuditSummary) -> xr.Dataset:
+def remedies_table(summary: Row) -> xr.Dataset:
     """Gain of each remedy over the current setting, which comes first, dim remedy."""
     evidence = summary["remedy"]["evidence"]
     units = {
@@ -96,7 +96,7 @@ def remedies_table(summary: AuditSummary) -> xr.Dataset:
     return table.assign_attrs(chosen=summary["remedy"]["chosen"] or "none", policy=evidence["policy"])
 
 
-def _remedy(row: RemedyRow) -> dict[str, Any]:
+def _remedy(row: Row) -> dict[str, Any]:
     return {
         "remedy": row["name"],
         **interval_columns("log_score", row["log_score"]),
@@ -121,7 +121,7 @@ def _all_columns(scores: Mapping[str, Sequence[float | None]]) -> dict[str, floa
     }
 
 
-def _cause_p(variance: VarianceRecord) -> dict[str, float | None]:
+def _cause_p(variance: Row) -> dict[str, float | None]:
     """P-values of the causes that have a test of their own."""
     suspects: Iterator[tuple[str, float | None]] = (
         (suspect_part(row["name"]), row["p"]) for row in variance["suspects"]

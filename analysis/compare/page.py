@@ -7,13 +7,12 @@ import numpy as np
 import xarray as xr
 
 from ..page.numbers import bounded, factor_of, in_brackets, interval, number, percent
-from ..page.page import Block, Brief, Cautions, Listing, Note, Page, Picture, Section, Table, Verbatim
+from ..page.page import Block, Brief, Cautions, Listing, Note, Page, Picture, Row, Section, Table, Verbatim
 from . import figures, figures_taps
-from .record import ClassRow, ComparisonSummary, EqualTapsRow, RankCell, TapRow
 from .run import Comparison
 
 
-def comparison_tree(comparison: Comparison, summary: ComparisonSummary) -> xr.DataTree:
+def comparison_tree(comparison: Comparison, summary: Row) -> xr.DataTree:
     """All numbers with their names, dims and units."""
     groups: dict[str, xr.Dataset | None] = {
         "/": xr.Dataset(attrs={"title": summary["title"], "command": summary["command"], "seed": summary["seed"]}),
@@ -33,7 +32,7 @@ def comparison_tree(comparison: Comparison, summary: ComparisonSummary) -> xr.Da
     return xr.DataTree.from_dict({name: group for name, group in groups.items() if group is not None})
 
 
-def comparison_page(comparison: Comparison, summary: ComparisonSummary) -> Page:
+def comparison_page(comparison: Comparison, summary: Row) -> Page:
     """The page: ranks first, then all results.
 
     Args:
@@ -52,7 +51,7 @@ def comparison_page(comparison: Comparison, summary: ComparisonSummary) -> Page:
     return Page(summary["title"], [*_intro(summary)], [section for section in sections if section.blocks])
 
 
-def _intro(summary: ComparisonSummary) -> Iterator[Block]:
+def _intro(summary: Row) -> Iterator[Block]:
     yield from summary["what_was_run"]
     yield Verbatim(summary["command"])
     if summary["simulated"]:
@@ -66,8 +65,8 @@ def _intro(summary: ComparisonSummary) -> Iterator[Block]:
     yield Brief(Cautions([*summary["warnings"], *refused]))
 
 
-def _findings(summary: ComparisonSummary) -> Iterator[Block]:
-    def rank(cell: RankCell | None) -> str:
+def _findings(summary: Row) -> Iterator[Block]:
+    def rank(cell: Row | None) -> str:
         return "–" if cell is None else f"**{cell['rank']}** ({number(cell['value'])})"
 
     yield Brief(Listing(summary["findings"]))
@@ -82,7 +81,7 @@ def _findings(summary: ComparisonSummary) -> Iterator[Block]:
     )
 
 
-def _taps(comparison: Comparison, summary: ComparisonSummary) -> Iterator[Block]:
+def _taps(comparison: Comparison, summary: Row) -> Iterator[Block]:
     yield (
         f"{summary['sessions']} Values are mean log probabilities per tap, in nats, of the same bins for all models, "
         "at power 1. Integrated: over the posterior of the parameters. Plug-in: at the parameters used for decisions. "
@@ -121,7 +120,7 @@ def _taps(comparison: Comparison, summary: ComparisonSummary) -> Iterator[Block]
         yield from _single_taps(comparison.left_out_taps, summary)
 
 
-def _single_taps(left_out: xr.Dataset, summary: ComparisonSummary) -> Iterator[Block]:
+def _single_taps(left_out: xr.Dataset, summary: Row) -> Iterator[Block]:
     rows = [row for row in summary["taps"] if "psis" in row]
     yield Table(
         [
@@ -154,7 +153,7 @@ def _single_taps(left_out: xr.Dataset, summary: ComparisonSummary) -> Iterator[B
     )
 
 
-def _checks(comparison: Comparison, summary: ComparisonSummary) -> Iterator[Block]:
+def _checks(comparison: Comparison, summary: Row) -> Iterator[Block]:
     checks = summary["checks"]
     if not checks or comparison.checks is None:
         return
@@ -187,7 +186,7 @@ def _checks(comparison: Comparison, summary: ComparisonSummary) -> Iterator[Bloc
     )
 
 
-def _classes(comparison: Comparison, summary: ComparisonSummary) -> Iterator[Block]:
+def _classes(comparison: Comparison, summary: Row) -> Iterator[Block]:
     yield (
         "Beliefs after fixed numbers of taps of one class and session, without moves or stopping; all models see the "
         f"same sequences. {summary['class_interval']}"
@@ -229,7 +228,7 @@ def _classes(comparison: Comparison, summary: ComparisonSummary) -> Iterator[Blo
     )
 
 
-def _decisions(comparison: Comparison, summary: ComparisonSummary) -> Iterator[Block]:
+def _decisions(comparison: Comparison, summary: Row) -> Iterator[Block]:
     yield (
         f"{summary['trials']} trials of each model and policy, from the same starts and with the same random numbers. "
         f"{summary['decision_interval']} Errors are compared at equal mean reaction times along the curves; a dash "
@@ -279,14 +278,14 @@ def _decisions(comparison: Comparison, summary: ComparisonSummary) -> Iterator[B
     )
 
 
-def _at_equal_times(rows: list[EqualTapsRow], policy: str, what: str) -> Table:
+def _at_equal_times(rows: list[Row], policy: str, what: str) -> Table:
     times, names = (list(dict.fromkeys(row[key] for row in rows)) for key in ("taps", "name"))
     cells = [[name, *(interval(row, "what_error") for row in rows if row["name"] == name)] for name in names]
     caption = f"{policy.capitalize()}, {what} at equal mean reaction times"
     return Table(["model", *(f"{number(time)} tap{'s' * (time != 1)}" for time in times)], cells, caption, dense=True)
 
 
-def _models(summary: ComparisonSummary) -> Table:
+def _models(summary: Row) -> Table:
     return Table(
         ["model", "assumption dropped", "assumption made instead", "power of decisions", "fit", "seconds"],
         [
@@ -304,7 +303,7 @@ def _models(summary: ComparisonSummary) -> Table:
     )
 
 
-def _provenance(summary: ComparisonSummary) -> Iterator[Block]:
+def _provenance(summary: Row) -> Iterator[Block]:
     grid = summary["grid"]
     yield (
         f"Seed {summary['seed']}; {summary['test_taps']} test taps of {grid['L']} x {grid['M']} (position, object) "
@@ -315,11 +314,11 @@ def _provenance(summary: ComparisonSummary) -> Iterator[Block]:
     yield Section("Time spent (s)", [Table((), times)])
 
 
-def _behind(row: TapRow) -> str:
+def _behind(row: Row) -> str:
     if "behind" not in row or "behind_se" not in row:
         return "–"
     return f"{row['behind']:.1f} ± {row['behind_se']:.1f}".replace("-", "−")
 
 
-def _difference(row: TapRow | ClassRow, name: str) -> str:
+def _difference(row: Row, name: str) -> str:
     return bounded(*(row.get(f"{name}_difference{end}") for end in ("", "_low", "_high")))

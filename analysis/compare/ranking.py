@@ -7,7 +7,7 @@ import numpy as np
 import xarray as xr
 
 from ..page.numbers import number, spanned
-from .record import RankRow
+from ..page.page import Row
 from .run import Comparison
 
 
@@ -69,7 +69,7 @@ def levels(comparison: Comparison) -> list[Criterion]:
     return [level for level in found if level.values]
 
 
-def rank_rows(levels: Sequence[Criterion], names: Sequence[str]) -> list[RankRow]:
+def rank_rows(levels: Sequence[Criterion], names: Sequence[str]) -> list[Row]:
     """A row per model: its rank and value at each level, `None` where it has none."""
     return [
         {

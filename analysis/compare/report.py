@@ -18,11 +18,10 @@ from ...models.measurement.registry import NAMES, split_name
 from ...models.settings import Division, FitSettings, PlaySettings
 from ...models.splits import Split, load_experiment
 from ..experiment.data_warnings import fold_warnings
-from ..page.page import Page
+from ..page.page import Page, Row
 from ..page.report import StudyReport
 from ..page.stages import Progress, no_progress
 from .page import comparison_page, comparison_tree
-from .record import ComparedData, ComparisonSummary
 from .run import CompareSettings, Comparison, compare_models
 from .summary import summarise
 
@@ -37,7 +36,7 @@ class ComparisonReport(StudyReport):
     """
 
     found: Comparison
-    summary: ComparisonSummary
+    summary: Row
 
     def _page(self) -> Page:
         return comparison_page(self.found, self.summary)
@@ -140,7 +139,7 @@ def compare(
 
 def _described(
     data: Sequence[TapSource], parts: Split, grid: ClassGrid, dropped: Sequence[str], test_taps: int, command: str
-) -> ComparedData:
+) -> Row:
     """The data in words."""
     fold = parts.folds[0]
     warnings = [parts.warning] if parts.warning else []

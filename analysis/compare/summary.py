@@ -1,6 +1,9 @@
-"""Summary of a comparison: `summary.json`, from which the page and the printed table are made."""
+"""Summary of a comparison: `summary.json`, from which the page and the printed table are made.
 
-from collections.abc import Sequence
+A number that is missing is `None`, an infinite one a word.
+"""
+
+from collections.abc import Iterable, Sequence
 from typing import Any
 
 import numpy as np
@@ -9,23 +12,13 @@ import xarray as xr
 from ...models.measurement.registry import row
 from ..experiment.settings import SHOWN_THETA
 from ..page.figure_style import short_unit
+from ..page.labelled import rows
 from ..page.numbers import versions
+from ..page.page import Row
 from ..stats.decisions import decision_interval_sentence, too_few_taps
 from ..stats.no_class_left import no_class_left_sentence
 from .classes import class_interval_sentence
 from .ranking import findings, levels, rank_rows
-from .record import (
-    CheckRow,
-    ClassRow,
-    ComparedData,
-    ComparedModel,
-    ComparisonSummary,
-    DecisionRow,
-    EqualTapsRow,
-    SingleTapRow,
-    TapRow,
-    Value,
-)
 from .run import CompareSettings, Comparison
 
 _PACKAGES = ("solidtouch", "numpy", "scipy", "jax", "numpyro", "arviz", "arviz-stats", "xarray", "matplotlib")
@@ -52,7 +45,7 @@ _DECISIONS = (
 )
 
 
-def summarise(comparison: Comparison, settings: CompareSettings, described: ComparedData) -> ComparisonSummary:
+def summarise(comparison: Comparison, settings: CompareSettings, described: Row) -> Row:
     """Content of `summary.json`."""
     grid = comparison.grid
     names = list(comparison.fits)
@@ -77,11 +70,11 @@ def summarise(comparison: Comparison, settings: CompareSettings, described: Comp
         ],
         "taps": _taps(comparison),
         "contacts": [int(n) for n in comparison.classes["contacts"].values],
-        "classes": _classes(comparison.classes),
+        "classes": _rows(comparison.classes, "contacts", names=_CLASS_SCORES),
         "class_interval": class_interval_sentence(),
-        "decisions": _decisions(comparison.curves),
+        "decisions": _rows(comparison.curves, "policy", "theta", names=_DECISIONS),
         "shown_theta": _shown(comparison.curves),
-        "equal_taps": _equal(comparison.equal),
+        "equal_taps": _rows(comparison.equal, "policy", "taps", names=("what_error", "where_error", "what_wrong")),
         "decision_interval": decision_interval_sentence(),
         "checks": _checks(comparison.checks),
         "levels": [{"title": level.title, "unit": level.unit} for level in ranked],
@@ -108,7 +101,7 @@ def _alone(names: Sequence[str]) -> list[str]:
     return [f"Only one model, {names[0]}, could be fitted, so nothing is compared."] if len(names) == 1 else []
 
 
-def _model(comparison: Comparison, name: str, power: str | float) -> ComparedModel:
+def _model(comparison: Comparison, name: str, power: str | float) -> Row:
     relaxes, how = row(name)
     fitted = comparison.fits[name]
     return {
@@ -123,73 +116,32 @@ def _model(comparison: Comparison, name: str, power: str | float) -> ComparedMod
     }
 
 
-def _taps(comparison: Comparison) -> list[TapRow | SingleTapRow]:
+def _taps(comparison: Comparison) -> list[Row]:
     means, single, stacking = comparison.left_out_sessions, comparison.left_out_taps, comparison.stacking
-    rows = []
-    for name in comparison.fits:
-        row = TapRow(name=name)
-        if means is not None and name in means["model"].values:
-            row = TapRow(name=name, **_values(means.sel(model=name)))
-        if means is not None and stacking is not None and name in stacking.index:
+    found: dict[str, dict[str, Any]] = {name: {"name": name} for name in comparison.fits}
+    if means is not None:
+        for row in _rows(means):
+            found[row["name"]] |= row
+        for name, row in () if stacking is None else stacking.iterrows():
             taps = means.attrs["taps"]
-            row["weight"] = float(stacking.loc[name, "weight"])
-            row["behind"] = float(stacking.loc[name, "elpd_diff"]) / taps
-            row["behind_se"] = float(stacking.loc[name, "dse"]) / taps
-        if single is not None and name in single["model"].values:
-            row = _with_single(row, single.sel(model=name))
-        rows.append(row)
-    return rows
+            found[name] |= {"weight": float(row["weight"])}
+            found[name] |= {"behind": float(row["elpd_diff"]) / taps, "behind_se": float(row["dse"]) / taps}
+    if single is not None:
+        for name in map(str, single["model"].values):
+            found[name] |= _single(single.sel(model=name))
+    return list(found.values())
 
 
-def _with_single(row: TapRow, left_out: xr.Dataset) -> SingleTapRow:
-    """Leave-one-tap-out as well; importance sampling counts only where it answers for every tap."""
-    good_k = float(left_out["good_k"])
-    bad = float((left_out["pareto_k"] > good_k).mean())
-    psis = _number(left_out["psis"].mean())
-    found = SingleTapRow(**row, psis=psis, bad_k=bad, good_k=good_k, psis_ranks=bad == 0.0)
-    for name in ("exact", "exact_plug_in"):
-        if name in left_out and np.isfinite(left_out[name]).all():
-            found[name] = float(left_out[name].mean())
-    return found
+def _single(left_out: xr.Dataset) -> Row:
+    """Leave-one-tap-out; importance sampling counts only where it answers for every tap."""
+    bad = float((left_out["pareto_k"] > left_out["good_k"]).mean())
+    found = {"psis": left_out["psis"].mean(), "bad_k": bad, "good_k": left_out["good_k"], "psis_ranks": bad == 0.0}
+    exact = (name for name in ("exact", "exact_plug_in") if name in left_out and np.isfinite(left_out[name]).all())
+    found |= {name: left_out[name].mean() for name in exact}
+    return {name: value if isinstance(value, bool) else _number(value) for name, value in found.items()}
 
 
-def _classes(scores: xr.Dataset) -> list[ClassRow]:
-    return [
-        ClassRow(name=str(name), contacts=int(n), **_values(scores.sel(model=name, contacts=n), _CLASS_SCORES))
-        for n in scores["contacts"].values
-        for name in scores["model"].values
-    ]
-
-
-def _decisions(curves: xr.Dataset) -> list[DecisionRow]:
-    return [
-        DecisionRow(
-            name=str(name),
-            policy=str(policy),
-            theta=float(theta),
-            **_values(curves.sel(model=name, policy=policy, theta=theta), _DECISIONS),
-        )
-        for policy in curves["policy"].values
-        for theta in curves["theta"].values
-        for name in curves["model"].values
-    ]
-
-
-def _equal(equal: xr.Dataset) -> list[EqualTapsRow]:
-    return [
-        EqualTapsRow(
-            name=str(name),
-            policy=str(policy),
-            taps=float(t),
-            **_values(equal.sel(model=name, policy=policy, taps=t), ("what_error", "where_error", "what_wrong")),
-        )
-        for policy in equal["policy"].values
-        for t in equal["taps"].values
-        for name in equal["model"].values
-    ]
-
-
-def _checks(checks: xr.Dataset | None) -> list[CheckRow]:
+def _checks(checks: xr.Dataset | None) -> list[Row]:
     if checks is None:
         return []
     return [
@@ -216,18 +168,15 @@ def _shown(curves: xr.Dataset) -> float:
     return float(thetas[np.abs(thetas - SHOWN_THETA).argmin()])
 
 
-def _values(row: xr.Dataset, names: Sequence[str] | None = None) -> dict[str, Any]:
-    """Numbers of a row, with bounds and differences of the named quantities or of all."""
+def _rows(data: xr.Dataset, *dims: str, names: Iterable[str] | None = None) -> list[Row]:
+    """A row per label of these dimensions and model, with bounds and differences of the named quantities or of all."""
     endings = ("", "_low", "_high", "_difference", "_difference_low", "_difference_high")
-    wanted = (
-        [str(name) for name in row.data_vars]
-        if names is None
-        else [n + e for n in names for e in endings if n + e in row]
-    )
-    return {name: _number(row[name]) for name in wanted}
+    wanted = data.data_vars if names is None else [n + e for n in names for e in endings if n + e in data]
+    found = rows(data[[*wanted]].rename(model="name"), *dims, "name")
+    return [{key: value if key in (*dims, "name") else _number(value) for key, value in row.items()} for row in found]
 
 
-def _number(value: Any) -> Value:
+def _number(value: Any) -> float | str | None:
     """A finite number; infinities as words and NaN as nothing, as JSON has neither."""
     number = float(value)
     if np.isnan(number):

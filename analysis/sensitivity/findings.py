@@ -8,9 +8,9 @@ from collections import Counter
 from collections.abc import Iterator
 
 from ..page.numbers import STORED_ONLY, listed, number
+from ..page.page import Row
 from ..stats.jackknife import FEWEST_UNITS
 from .effects import CLASS_FLOOR, FACTOR_LIMIT, RELEVANT, TAPS_FLOOR
-from .record import OptionList, OptionRow, SensitivitySource, SensitivitySummary, SourceNumbers
 
 WORDS = {
     "what_error": "object error",
@@ -33,13 +33,13 @@ _VERDICTS_OF_MANY = {
 }
 
 
-def worded(summary: SensitivitySummary) -> SensitivitySummary:
+def worded(summary: Row) -> Row:
     """The numbers of an older study with present sentences."""
     return {**summary, "rules": rules(), "sources": [worded_source(source) for source in summary["sources"]]}
 
 
-def worded_source(source: SourceNumbers) -> SensitivitySource:
-    """The numbers of a source with sentences."""
+def worded_source(source: Row) -> Row:
+    """The numbers of a source with their words."""
     return {**source, "findings": findings(source), "lists": [*lists_of(source)]}
 
 
@@ -71,7 +71,7 @@ def rules() -> list[str]:
     ]
 
 
-def findings(source: SourceNumbers) -> list[str]:
+def findings(source: Row) -> list[str]:
     """Main findings, in sentences."""
     rows = options_of(source)
     counted = Counter(option["verdict"] for _, option in rows)
@@ -99,7 +99,7 @@ def findings(source: SourceNumbers) -> list[str]:
     return said
 
 
-def lists_of(source: SourceNumbers) -> Iterator[OptionList]:
+def lists_of(source: Row) -> Iterator[Row]:
     """Options that are too many for a sentence: `key`, `title` and `items` of each list."""
     rows = options_of(source)
     unsure = {f"{name}, {option['name']}": _no_longer_sure(source, option) for name, option in rows}
@@ -124,17 +124,17 @@ def lists_of(source: SourceNumbers) -> Iterator[OptionList]:
         yield {"key": key, "title": title, "items": items}
 
 
-def options_of(source: SourceNumbers) -> list[tuple[str, OptionRow]]:
+def options_of(source: Row) -> list[tuple[str, Row]]:
     """All options of a source with the names of their choices."""
     return [(choice["name"], option) for choice in source["choices"] for option in choice["options"]]
 
 
-def significantly(source: SourceNumbers) -> str:
+def significantly(source: Row) -> str:
     """The word "significantly", with its scope."""
     return f"significantly ({source['scope']})" if source["scope"] else "significantly"
 
 
-def _conclusion(source: SourceNumbers) -> str:
+def _conclusion(source: Row) -> str:
     sure = [WORDS[name] for name in _sure_advantages(source)]
     rest = [WORDS[name] for name in source["advantage"] if WORDS[name] not in sure]
     if not sure:
@@ -146,7 +146,7 @@ def _conclusion(source: SourceNumbers) -> str:
     return start + (f", but not in {listed(rest)}." if rest else ".")
 
 
-def _near_chance(source: SourceNumbers) -> Iterator[str]:
+def _near_chance(source: Row) -> Iterator[str]:
     """A sentence for each option under which every policy is as bad as an answer that needs no tap."""
     blind, unit = source["blind_error"], source["what_unit"]
     for name, option in options_of(source):
@@ -159,11 +159,11 @@ def _near_chance(source: SourceNumbers) -> Iterator[str]:
             )
 
 
-def _sure_advantages(source: SourceNumbers) -> list[str]:
+def _sure_advantages(source: Row) -> list[str]:
     return [name for name, value in source["advantage"].items() if (value["value_least"] or 0.0) > 0]
 
 
-def _no_longer_sure(source: SourceNumbers, option: OptionRow) -> list[str]:
+def _no_longer_sure(source: Row, option: Row) -> list[str]:
     """The advantages that are sure under the defaults but not under an option that keeps the conclusion."""
     if option["verdict"] == "conclusion":
         return []

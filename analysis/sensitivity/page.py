@@ -4,15 +4,14 @@ from collections.abc import Iterator
 from functools import partial
 
 from ..page.numbers import in_brackets, interval, number, percent
-from ..page.page import Block, Brief, Listing, Note, Page, Picture, Section, Table, Verbatim
+from ..page.page import Block, Brief, Listing, Note, Page, Picture, Row, Section, Table, Verbatim
 from . import figures
 from .findings import VERDICTS, options_of
-from .record import OptionRow, SensitivitySource, SensitivitySummary
 
 _ADVANTAGES = ("what_error", "where_error", "taps")
 
 
-def sensitivity_page(summary: SensitivitySummary) -> Page:
+def sensitivity_page(summary: Row) -> Page:
     """The page: a section for each source of data, and the rules of the verdicts."""
     intro = [
         "Each choice that the paper leaves open has a default here. This study runs every other option against the "
@@ -30,7 +29,7 @@ def sensitivity_page(summary: SensitivitySummary) -> Page:
     )
 
 
-def _source(i: int, source: SensitivitySource) -> Iterator[Block]:
+def _source(i: int, source: Row) -> Iterator[Block]:
     """Findings and tables; the figures are `forest-N` and `pairs-N`."""
     yield Brief(Note([*source["findings"], *(Listing(one["items"], one["title"]) for one in source["lists"])]))
     if source["simulated"]:
@@ -72,7 +71,7 @@ def _source(i: int, source: SensitivitySource) -> Iterator[Block]:
         yield Listing(left_out, "Options not run")
 
 
-def _defaults(source: SensitivitySource, what: str, where: str) -> Table:
+def _defaults(source: Row, what: str, where: str) -> Table:
     names = ("what_error", "where_error", "taps", "factor")
     rows = [[row["policy"], *(interval(row, name) for name in names)] for row in source["default"]]
     if source["advantage"]:
@@ -82,7 +81,7 @@ def _defaults(source: SensitivitySource, what: str, where: str) -> Table:
     return Table(heads, rows, "Under the defaults")
 
 
-def _ranking(source: SensitivitySource, what: str) -> Table:
+def _ranking(source: Row, what: str) -> Table:
     last = source["policies"][-1]
     change = f"change of {last} object error{what}"
     heads = ["choice", "the paper", "default", "strongest option", change, "strongest verdict (options)"]
@@ -100,7 +99,7 @@ def _ranking(source: SensitivitySource, what: str) -> Table:
     return Table(heads, rows, "Choices by the effect of their strongest option", words={1, 2, 3, 5}, dense=True)
 
 
-def _options(source: SensitivitySource, what: str, where: str) -> Table:
+def _options(source: Row, what: str, where: str) -> Table:
     last, active = source["policies"][-1], bool(source["advantage"])
     names = [f"{last}_what_error", "equal_taps", *(f"{last}_{name}" for name in ("where_error", "taps", "factor"))]
     heads = ["choice", "option", f"object error{what}", f"object error at equal taps{what}", f"position error{where}"]
@@ -124,7 +123,7 @@ def _options(source: SensitivitySource, what: str, where: str) -> Table:
     return Table([*heads, "verdict"], rows, caption, words={1, len(heads)}, dense=True)
 
 
-def _impossible(option: OptionRow) -> str:
+def _impossible(option: Row) -> str:
     if not option["impossible_trials"]:
         return ""
     return (
@@ -133,6 +132,6 @@ def _impossible(option: OptionRow) -> str:
     )
 
 
-def _verdict(option: OptionRow) -> str:
+def _verdict(option: Row) -> str:
     of, better = ", ".join(option["of"]), ", ".join(option["better"]["surely"])
     return VERDICTS[option["verdict"]] + f": {of}" * bool(of) + f"; significantly lower: {better}" * bool(better)

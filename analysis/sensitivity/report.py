@@ -9,11 +9,10 @@ from ...models.errors import InputError
 from ...models.io.load import TapSource
 from ...models.settings import Division
 from ..experiment.sources import recorded_source, simulated_source
-from ..page.page import Page
+from ..page.page import Page, Row
 from ..page.report import StudyReport, TitleRecord
 from ..page.stages import Progress, no_progress
 from .page import sensitivity_page
-from .record import SensitivitySummary
 from .run import Sensitivity, SensitivitySettings, sensitivity_study
 from .summary import summarise
 from .tables import defaults_table, effects_table, pairs_table
@@ -31,7 +30,7 @@ class SensitivityReport(StudyReport):
     SUMMARY: ClassVar[str] = "sensitivity.json"
 
     found: tuple[Sensitivity, ...]
-    summary: SensitivitySummary
+    summary: Row
 
     def _page(self) -> Page:
         return sensitivity_page(self.summary)

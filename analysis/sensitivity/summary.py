@@ -9,31 +9,19 @@ from ...models.grid import ClassGrid
 from ..experiment.settings import SHOWN_THETA
 from ..page.figure_style import short_unit
 from ..page.numbers import listed, versions
+from ..page.page import Row
 from ..page.report import TitleRecord
 from ..stats.jackknife import Interval, as_factor, as_numbers
 from .choices import Choice, Option
 from .effects import SUMS, Effect, limits, verdict
 from .findings import VERDICTS, WORDS, rules, worded_source
-from .record import (
-    BetterRecord,
-    ChoiceRecord,
-    DefaultRow,
-    OptionName,
-    OptionRow,
-    PairRow,
-    SensitivitySummary,
-    SourceNumbers,
-    ValueRecord,
-)
 from .run import Sensitivity, SensitivitySettings
 
 _ERRORS = ("what_error", "where_error")
 _PACKAGES = ("solidtouch", "numpy", "scipy", "numba", "xarray", "matplotlib")
 
 
-def summarise(
-    studies: Sequence[Sensitivity], settings: SensitivitySettings, described: TitleRecord
-) -> SensitivitySummary:
+def summarise(studies: Sequence[Sensitivity], settings: SensitivitySettings, described: TitleRecord) -> Row:
     """Content of `sensitivity.json`."""
     return {
         **described,
@@ -46,7 +34,7 @@ def summarise(
     }
 
 
-def _source(study: Sensitivity) -> SourceNumbers:
+def _source(study: Sensitivity) -> Row:
     """What came out for one source of data, in numbers."""
     limit = limits(study.default, study.source.grid)
     options = [_option(study, index, limit) for index in range(len(study.effects))]
@@ -65,8 +53,8 @@ def _source(study: Sensitivity) -> SourceNumbers:
         "what_unit": grid.what_error_unit,
         "where_unit": short_unit(grid.where_unit),
         "blind_error": blind_error(grid),
-        "default": [DefaultRow(**_flat(study.default, policy), policy=policy) for policy in study.scale.policies],
-        "advantage": {name: ValueRecord(**as_numbers(value)) for name, value in study.reference.advantage.items()},
+        "default": [{**_flat(study.default, policy), "policy": policy} for policy in study.scale.policies],
+        "advantage": {name: as_numbers(value) for name, value in study.reference.advantage.items()},
         "limits": {f"{p}_{q}": limit[p, q] for p, q in limit},
         "choices": choices,
         "skipped": [
@@ -78,13 +66,13 @@ def _source(study: Sensitivity) -> SourceNumbers:
             for name, reason in choice.not_run
         ],
         "pairs": [
-            PairRow(
-                first=_named(*pair.first),
-                second=_named(*pair.second),
+            {
+                "first": _named(*pair.first),
+                "second": _named(*pair.second),
                 **as_numbers(pair.beyond, "beyond"),
                 **as_numbers(pair.together, "together"),
-                sure=pair.beyond.sure,
-            )
+                "sure": pair.beyond.sure,
+            }
             for pair in study.pairs
         ],
         "pair_options": [_named(choice, study.catalogue.options[index][1]) for choice, index in order],
@@ -97,7 +85,7 @@ def blind_error(grid: ClassGrid) -> float:
     return float(grid.what_error(what[:, np.newaxis], what).mean(axis=1).min())
 
 
-def _choice(study: Sensitivity, choice: Choice, strongest: int, options: Sequence[OptionRow]) -> ChoiceRecord:
+def _choice(study: Sensitivity, choice: Choice, strongest: int, options: Sequence[Row]) -> Row:
     """A choice with its options; `verdict_of` names those of the gravest verdict, the strongest first, or all."""
     own = [i for i, (other, _) in enumerate(study.catalogue.options) if other.name == choice.name]
     gravest = next(key for key in VERDICTS if any(options[i]["verdict"] == key for i in own))
@@ -115,7 +103,7 @@ def _choice(study: Sensitivity, choice: Choice, strongest: int, options: Sequenc
     }
 
 
-def _option(study: Sensitivity, index: int, limit: Mapping[tuple[str, str], float]) -> OptionRow:
+def _option(study: Sensitivity, index: int, limit: Mapping[tuple[str, str], float]) -> Row:
     _, option = study.catalogue.options[index]
     found, last = study.effects[index], study.scale.policies[-1]
     decided, of = verdict(found, study.reference.advantage, limit)
@@ -126,19 +114,19 @@ def _option(study: Sensitivity, index: int, limit: Mapping[tuple[str, str], floa
     changes |= as_numbers(found.equal_taps[last], "equal_taps")
     for name, one in found.advantage.items():
         changes |= as_numbers(one, f"advantage_{name}")
-    return OptionRow(
-        name=option.name,
-        verdict=decided,
-        of=[_quantity(name) for name in of],
+    return {
+        "name": option.name,
+        "verdict": decided,
+        "of": [_quantity(name) for name in of],
         **changes,
-        better=_better(study, found, limit),
-        impossible_taps=study.impossible[index],
-        impossible_trials=float(shares[SUMS.index("impossible")]),
-        stopped=float(shares[SUMS.index("stopped")]),
-    )
+        "better": _better(study, found, limit),
+        "impossible_taps": study.impossible[index],
+        "impossible_trials": float(shares[SUMS.index("impossible")]),
+        "stopped": float(shares[SUMS.index("stopped")]),
+    }
 
 
-def _better(study: Sensitivity, found: Effect, limit: Mapping[tuple[str, str], float]) -> BetterRecord:
+def _better(study: Sensitivity, found: Effect, limit: Mapping[tuple[str, str], float]) -> Row:
     """What an option does better than the default by more than does not matter, surely or by its own interval only."""
     last = study.scale.policies[-1]
     errors = {(p, q): change for (p, q), change in found.change.items() if q in _ERRORS}
@@ -158,7 +146,7 @@ def _quantity(name: str) -> str:
     return " ".join(WORDS.get(word, word) for word in name.split(" "))
 
 
-def _named(choice: Choice, option: Option) -> OptionName:
+def _named(choice: Choice, option: Option) -> Row:
     return {"choice": choice.name, "option": option.name}
 
 

@@ -6,7 +6,7 @@ from typing import Any
 import xarray as xr
 
 from ..page.labelled import distinct, labelled, source_units
-from .record import OptionName, SensitivitySource, SensitivitySummary
+from ..page.page import Row
 
 _ENDS = "", "_low", "_high", "_least", "_most"
 _CHANGES = {
@@ -17,7 +17,7 @@ _CHANGES = {
 }
 
 
-def defaults_table(summary: SensitivitySummary) -> xr.Dataset:
+def defaults_table(summary: Row) -> xr.Dataset:
     """Errors, reaction times and miscalibration of the defaults, and what active perception gains on passive."""
     sources = _sources(summary)
     rows = ({"source": name, **row} for name, source in sources.items() for row in source["default"])
@@ -26,7 +26,7 @@ def defaults_table(summary: SensitivitySummary) -> xr.Dataset:
     return labelled(rows, ("source", "policy"), units).merge(labelled(gains, ["source"], units))
 
 
-def effects_table(summary: SensitivitySummary) -> xr.Dataset:
+def effects_table(summary: Row) -> xr.Dataset:
     """What each option changes."""
     units = source_units(summary["sources"])
     by_policy = (row for name, source in _sources(summary).items() for row in _policy_rows(name, source))
@@ -35,7 +35,7 @@ def effects_table(summary: SensitivitySummary) -> xr.Dataset:
     return labelled(by_policy, (*dims, "policy"), units).merge(labelled(by_option, dims, units))
 
 
-def pairs_table(summary: SensitivitySummary) -> xr.Dataset:
+def pairs_table(summary: Row) -> xr.Dataset:
     """What two options change in the object error together, and beyond the sum of both."""
     rows = (
         {**row, "source": name, "first": _named(row["first"]), "second": _named(row["second"])}
@@ -46,26 +46,26 @@ def pairs_table(summary: SensitivitySummary) -> xr.Dataset:
     return labelled(rows, ("source", "first", "second"), {"beyond": unit, "together": unit})
 
 
-def _sources(summary: SensitivitySummary) -> dict[str, SensitivitySource]:
+def _sources(summary: Row) -> dict[str, Row]:
     """What came out for each source of data, by a name of its own."""
     names = distinct(source["name"] for source in summary["sources"])
     return dict(zip(names, summary["sources"], strict=True))
 
 
-def _advantages(source: SensitivitySource) -> dict[str, Any]:
+def _advantages(source: Row) -> dict[str, Any]:
     """What active perception gains on passive under the defaults."""
     gains = {name: dict(of) for name, of in source["advantage"].items()}
     return {f"{name}_advantage{end}": of[f"value{end}"] for name, of in gains.items() for end in _ENDS}
 
 
-def _options(name: str, source: SensitivitySource) -> Iterator[tuple[dict[str, str], dict[str, Any]]]:
+def _options(name: str, source: Row) -> Iterator[tuple[dict[str, str], dict[str, Any]]]:
     """Labels and numbers of every option."""
     for choice in source["choices"]:
         for option in choice["options"]:
             yield {"source": name, "choice": choice["name"], "option": option["name"]}, dict(option)
 
 
-def _policy_rows(name: str, source: SensitivitySource) -> Iterator[dict[str, Any]]:
+def _policy_rows(name: str, source: Row) -> Iterator[dict[str, Any]]:
     for labels, option in _options(name, source):
         for policy in source["policies"]:
             values = {
@@ -76,7 +76,7 @@ def _policy_rows(name: str, source: SensitivitySource) -> Iterator[dict[str, Any
             yield {**labels, "policy": policy, **values}
 
 
-def _option_rows(name: str, source: SensitivitySource) -> Iterator[dict[str, Any]]:
+def _option_rows(name: str, source: Row) -> Iterator[dict[str, Any]]:
     for labels, option in _options(name, source):
         equal = {f"what_error_at_equal_taps_difference{end}": option[f"equal_taps{end}"] for end in _ENDS}
         gains = {f"{of}_advantage{end}": option[f"advantage_{of}{end}"] for of in source["advantage"] for end in _ENDS}
@@ -84,5 +84,5 @@ def _option_rows(name: str, source: SensitivitySource) -> Iterator[dict[str, Any
         yield {**labels, "verdict": option["verdict"], **equal, **gains, **shares}
 
 
-def _named(option: OptionName) -> str:
+def _named(option: Row) -> str:
     return f"{option['choice']}: {option['option']}"

@@ -15,7 +15,7 @@ everything is also told object by object; objects are those that there are and a
 
 from collections.abc import Sequence
 from functools import partial
-from typing import Any, NamedTuple, TypedDict
+from typing import Any, NamedTuple
 
 import numpy as np
 import xarray as xr
@@ -285,47 +285,17 @@ def after_contacts(data: xr.Dataset) -> xr.Dataset:
     return part.swap_dims(setting="contacts").drop_vars(["setting", "theta"], errors="ignore")
 
 
-class ObjectScores(TypedDict):
-    """Scores of the decisions for an object, each with the ends of its interval."""
-
-    factor: list[float | None]
-    over_promise: list[float | None]
-    wrong: list[float | None]
-    doubt: list[float | None]
-
-
-class StoppingScores(ObjectScores):
-    """The same and more of all decisions."""
-
-    calibration_error: list[float | None]
-    log_loss: list[float | None]
-    brier: list[float | None]
-    taps: list[float | None]
-
-
-_AllTrials = TypedDict("_AllTrials", {"all trials": StoppingScores})
-
-
-class StoppingRecord(StoppingScores, _AllTrials):
-    """Decisions of a policy at a threshold: scores of the trials that stop, of all trials, and of each object."""
-
-    policy: str
-    theta: float
-    decides: str
-    stopped: float | None
-    used_up: float | None
-    few: str
-    each: dict[str, ObjectScores]
-    confusion: list[list[float]]
-
-
-def headline(data: xr.Dataset, policy: str, theta: float) -> StoppingRecord:
+def headline(data: xr.Dataset, policy: str, theta: float) -> dict[str, Any]:
     """Headline numbers at the threshold nearest to a given one: plain for JSON, `None` if missing.
 
     Args:
         data: From `reliability`.
         policy: Which.
         theta: The threshold.
+
+    Returns:
+        Scores with the ends of their intervals: of the trials that stop, of `all trials`, and of `each` object; what
+        they decide about, shares that stopped and used up the stored taps, and the confusion.
     """
     at = at_stopping(data, policy).sel(theta=theta, method="nearest")
     names = [str(name) for name in at["what"].values]
@@ -342,9 +312,9 @@ def headline(data: xr.Dataset, policy: str, theta: float) -> StoppingRecord:
         "stopped": plain(float(at["fraction"].sel(counted="stopped", what=EVERYTHING))),
         "used_up": plain(float(at["used_up"])),
         "few": str(at["few"].values),
-        **StoppingScores(**{key: value(key, "stopped", EVERYTHING) for key in keys}),
-        "all trials": StoppingScores(**{key: value(key, "all", EVERYTHING) for key in keys}),
-        "each": {name: ObjectScores(**{key: value(key, "all", name) for key in keys[:4]}) for name in names[1:]},
+        **{key: value(key, "stopped", EVERYTHING) for key in keys},
+        "all trials": {key: value(key, "all", EVERYTHING) for key in keys},
+        "each": {name: {key: value(key, "all", name) for key in keys[:4]} for name in names[1:]},
         "confusion": at["confusion"].sel(counted="all").values.tolist(),
     }
 

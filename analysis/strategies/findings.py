@@ -9,7 +9,6 @@ from collections.abc import Iterable, Mapping, Sequence
 from ..experiment.settings import SHOWN_THETA
 from ..page.numbers import bounded, listed, number
 from ..page.page import Row
-from .record import CurvePoint, EqualRow, PowerRecord, StrategyNumbers, TrustRow
 
 TAPS = (2, 3, 5, 10)
 """Mean numbers of taps at which strategies are held against each other."""
@@ -21,7 +20,7 @@ INFORMED = ("info-what", "info-joint")
 RULES = {PAPER: "At equal mean taps (by threshold)", FIXED: "After equal numbers of taps"}
 
 
-def source_findings(source: StrategyNumbers) -> list[str]:
+def source_findings(source: Row) -> list[str]:
     """Findings on one kind of data, in sentences."""
     first = source["powers"][0]
     said = []
@@ -34,7 +33,7 @@ def source_findings(source: StrategyNumbers) -> list[str]:
     return [*said, f"Mean travel per decision at threshold {SHOWN_THETA:g}, in {source['where_unit']}: {far}."]
 
 
-def findings(sources: Sequence[StrategyNumbers]) -> list[str]:
+def findings(sources: Sequence[Row]) -> list[str]:
     """Findings across all kinds of data, in sentences; none without data."""
     if not sources:
         return []
@@ -54,7 +53,7 @@ def findings(sources: Sequence[StrategyNumbers]) -> list[str]:
     return said
 
 
-def better_finding(sources: Sequence[StrategyNumbers]) -> str:
+def better_finding(sources: Sequence[Row]) -> str:
     """Whether any strategy has a significantly lower object error than the fixation point, on any data."""
     found = [
         f"{name} on {source['name']}"
@@ -70,7 +69,7 @@ def better_finding(sources: Sequence[StrategyNumbers]) -> str:
     return f"{subject} significantly lower object error than the paper's fixation point at equal taps{on}."
 
 
-def random_findings(sources: Sequence[StrategyNumbers]) -> list[str]:
+def random_findings(sources: Sequence[Row]) -> list[str]:
     """Object error of random moves compared with the fixation point, for each kind of data and both rules."""
     return [
         _random(source["name"], family, source["powers"][0]["equal"][family]) for source in sources for family in RULES
@@ -100,7 +99,7 @@ def _taps(rows: Iterable[Row]) -> list[str]:
     return [str(row["taps"]) for row in rows]
 
 
-def _sure(rows: Sequence[EqualRow], key: str, sign: int) -> dict[str, list[int]]:
+def _sure(rows: Sequence[Row], key: str, sign: int) -> dict[str, list[int]]:
     """Numbers of taps at which strategies surely differ in one direction, by strategy."""
     found: dict[str, list[int]] = {}
     for row in rows:
@@ -122,10 +121,10 @@ def _told(error: str, better: str, worse: str) -> str:
     return f"{error} is significantly {' and '.join(found)} than with the fixation point"
 
 
-def _at_theta(power: PowerRecord, strategy: str) -> CurvePoint:
+def _at_theta(power: Row, strategy: str) -> Row:
     """The point of the paper's rule at `SHOWN_THETA`."""
     return next(row for row in power["curves"][PAPER][strategy] if math.isclose(row["level"], SHOWN_THETA))
 
 
-def _words(row: TrustRow, name: str) -> str:
+def _words(row: Row, name: str) -> str:
     return bounded(row[name], row[f"{name}_low"], row[f"{name}_high"])

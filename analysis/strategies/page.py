@@ -4,12 +4,11 @@ from collections.abc import Iterator
 from functools import partial
 
 from ..page.numbers import factor, in_brackets, interval, number, percent
-from ..page.page import Block, Brief, Folded, Note, Page, Picture, Section, Table, Verbatim
+from ..page.page import Block, Brief, Folded, Note, Page, Picture, Row, Section, Table, Verbatim
 from . import figures
 from .figures_regret import regret
 from .figures_trust import trust
 from .findings import FIXED, PAPER
-from .record import RegretSummary, StrategiesSummary, StrategySource
 
 _EQUAL = {
     PAPER: "At equal mean numbers of taps, with a threshold on the belief in an object",
@@ -18,7 +17,7 @@ _EQUAL = {
 _COMPARED = ("what_error", "where_error", "way")
 
 
-def strategies_page(summary: StrategiesSummary) -> Page:
+def strategies_page(summary: Row) -> Page:
     """The page: findings, a section for each kind of data, overconfidence, regret and method."""
     intro: list[Block] = [
         "The paper moves to a fixation point and stops at a belief threshold. This study compares it with other "
@@ -40,7 +39,7 @@ def strategies_page(summary: StrategiesSummary) -> Page:
     return Page(summary["title"], intro, sections)
 
 
-def _source(i: int, source: StrategySource, theta: float) -> Iterator[Block]:
+def _source(i: int, source: Row, theta: float) -> Iterator[Block]:
     """One kind of data; the number of its figures counts from 1."""
     first, name = source["powers"][0], source["name"]
     error = f"object error ({source['what_unit']})"
@@ -126,7 +125,7 @@ def _source(i: int, source: StrategySource, theta: float) -> Iterator[Block]:
     )
 
 
-def _at_threshold(source: StrategySource, theta: float, error: str, unit: str) -> Table:
+def _at_threshold(source: Row, theta: float, error: str, unit: str) -> Table:
     first = source["powers"][0]
     paired = {row["strategy"]: row for row in first["shown"]}
     heads = ["strategy", error, f"position error{unit}", "taps", "− fixation", f"travel{unit}", "− fixation"]
@@ -153,7 +152,7 @@ def _at_threshold(source: StrategySource, theta: float, error: str, unit: str) -
     )
 
 
-def _trust(summary: StrategiesSummary) -> Iterator[Block]:
+def _trust(summary: Row) -> Iterator[Block]:
     yield Picture(
         "trust",
         "Effect of overconfidence",
@@ -188,7 +187,7 @@ def _trust(summary: StrategiesSummary) -> Iterator[Block]:
     )
 
 
-def _regret(found: RegretSummary) -> Iterator[Block]:
+def _regret(found: Row) -> Iterator[Block]:
     yield (
         "Cost of the strategies above the minimum, in small cases for which the exact rule can be computed and in a "
         "larger case for which a lower bound is known."
@@ -221,7 +220,7 @@ def _regret(found: RegretSummary) -> Iterator[Block]:
         yield Section(title, [f"{case['described']}. {case['said']}", table])
 
 
-def _rules(summary: StrategiesSummary) -> Iterator[Block]:
+def _rules(summary: Row) -> Iterator[Block]:
     if summary["sources"]:
         yield from summary["rules"]
         yield f"{summary['trials']} trials of each data set, strategy and exponent."

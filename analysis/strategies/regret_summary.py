@@ -9,8 +9,8 @@ from scipy.stats import norm
 
 from ...inference.bayes_risk.exact_cost import Cost
 from ..page.numbers import interval, listed, percent
+from ..page.page import Row
 from ..stats.metrics import CONFIDENCE
-from .record import RegretCase, RegretPrice, RegretSummary
 from .regret import Priced, Regrets, RegretSettings
 from .regret_cases import KINDS, THRESHOLD, WAY_COST
 
@@ -29,7 +29,7 @@ RULES = (
 )
 
 
-def summarise_regret(found: Sequence[Regrets], settings: RegretSettings) -> RegretSummary:
+def summarise_regret(found: Sequence[Regrets], settings: RegretSettings) -> Row:
     """Content of `strategies.json` about regret."""
     cases = [_case(one) for one in found]
     return {
@@ -43,7 +43,7 @@ def summarise_regret(found: Sequence[Regrets], settings: RegretSettings) -> Regr
     }
 
 
-def _case(found: Regrets) -> RegretCase:
+def _case(found: Regrets) -> Row:
     grid, case = found.world.model.grid, found.world.case
     rows = [_row(price, found) for price in found.prices]
     sizes = np.asarray(grid.what_value).tolist()
@@ -69,20 +69,20 @@ def _caption(found: Regrets) -> str:
     return f"Cost above the bound (mm), {len(found.prices[0].each):,} trials each"
 
 
-def _row(price: Priced, found: Regrets) -> RegretPrice:
+def _row(price: Priced, found: Regrets) -> Row:
     """A price, its regret and by how much it is more than that of the cheapest, with 95% intervals."""
     regret = _mean(price.each - found.least, "regret")
     shown = f"{regret['regret']:.4f}" if found.world.case.exact else interval(regret, "regret")
-    return RegretPrice(
-        strategy=price.policy,
-        kind=price.kind,
-        rule=price.rule,
-        cost=price.cost,
-        best=found.equals(price),
-        shown=f"{shown} ({price.rule})" if price.rule else shown,
+    return {
+        "strategy": price.policy,
+        "kind": price.kind,
+        "rule": price.rule,
+        "cost": price.cost,
+        "best": found.equals(price),
+        "shown": f"{shown} ({price.rule})" if price.rule else shown,
         **regret,
         **_mean(price.each - found.cheapest.each, "more"),
-    )
+    }
 
 
 def _mean(each: NDArray[np.float64], name: str) -> dict[str, Any]:
@@ -106,7 +106,7 @@ def described(found: Regrets) -> str:
     )
 
 
-def _exactly(found: Regrets, best: Cost, rows: Sequence[RegretPrice]) -> str:
+def _exactly(found: Regrets, best: Cost, rows: Sequence[Row]) -> str:
     """What the exact rule costs, and how near one comes to it."""
     alike = [row for row in rows if row["best"]]
     names = listed([row["strategy"] for row in alike if row["kind"] == alike[0]["kind"]])
@@ -118,7 +118,7 @@ def _exactly(found: Regrets, best: Cost, rows: Sequence[RegretPrice]) -> str:
     )
 
 
-def _bounded(found: Regrets, rows: Sequence[RegretPrice]) -> str:
+def _bounded(found: Regrets, rows: Sequence[Row]) -> str:
     """The bounds, the gap to the cheapest, and what may be as cheap."""
     best = next(row for row in rows if row["best"])
     (name, least), *weaker = found.bounds.items()
@@ -133,7 +133,7 @@ def _bounded(found: Regrets, rows: Sequence[RegretPrice]) -> str:
     )
 
 
-def findings(cases: Sequence[RegretCase]) -> list[str]:
+def findings(cases: Sequence[Row]) -> list[str]:
     """Findings over all cases, in sentences."""
     small = [case for case in cases if case["exact"]]
     said = []
@@ -149,13 +149,13 @@ def findings(cases: Sequence[RegretCase]) -> list[str]:
     return said
 
 
-def _near(case: RegretCase, strategy: str) -> bool:
+def _near(case: Row, strategy: str) -> bool:
     """Whether a strategy with the best threshold costs little more than the exact rule."""
     row = next(row for row in case["prices"] if (row["strategy"], row["kind"]) == (strategy, THRESHOLD))
     return row["regret"] <= NEAR * _least(case)
 
 
-def _gap(case: RegretCase) -> str:
+def _gap(case: Row) -> str:
     best = next(row for row in case["prices"] if row["best"])
     return (
         f"at {case['tap_cost']:g} mm per tap {_named(best)} costs {interval(best, 'regret')} mm "
@@ -163,9 +163,9 @@ def _gap(case: RegretCase) -> str:
     )
 
 
-def _least(case: RegretCase) -> float:
+def _least(case: Row) -> float:
     return max(case["bounds"].values())
 
 
-def _named(row: RegretPrice) -> str:
+def _named(row: Row) -> str:
     return f"{row['strategy']} with {row['kind']}"

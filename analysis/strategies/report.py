@@ -9,12 +9,11 @@ import xarray as xr
 from ...models.errors import InputError
 from ...models.io.load import TapSource
 from ...models.settings import Division
-from ..page.page import Page
+from ..page.page import Page, Row
 from ..page.report import StudyReport, TitleRecord
 from ..page.stages import Progress, no_progress
 from .data import RIGHT, recorded_bench, simulated_bench
 from .page import strategies_page
-from .record import StrategiesSummary
 from .regret import TRIALS, RegretSettings, regret_study
 from .regret_summary import summarise_regret
 from .run import StrategySettings, StrategyStudy, strategy_study
@@ -37,7 +36,7 @@ class StrategiesReport(StudyReport):
     SUMMARY: ClassVar[str] = "strategies.json"
 
     found: tuple[StrategyStudy, ...]
-    summary: StrategiesSummary
+    summary: Row
 
     def _page(self) -> Page:
         return strategies_page(self.summary)

@@ -1,6 +1,7 @@
 """Summary of a comparison of strategies: `strategies.json`, from which page and document are made."""
 
 from collections.abc import Sequence
+from itertools import islice
 from typing import Any
 
 import numpy as np
@@ -9,22 +10,11 @@ from ...inference.moves.control import default_fixation
 from ..experiment.settings import SHOWN_THETA
 from ..page.figure_style import short_unit
 from ..page.numbers import STORED_ONLY, versions
+from ..page.page import Row
 from ..page.report import TitleRecord
 from ..stats.jackknife import Interval, Means, as_factor, as_numbers, interval, jackknife
 from .curves import AT_TAPS, QUANTITIES, at_taps, curve, differences, quantities
 from .findings import FIXED, LOOK, PAPER, RULES, TAPS, findings, source_findings
-from .record import (
-    CurvePoint,
-    EqualRow,
-    PowerRecord,
-    RegretSummary,
-    RuleRow,
-    StrategiesSummary,
-    StrategyNumbers,
-    StrategyRow,
-    StrategySource,
-    TrustRow,
-)
 from .run import BASE, PlayedStrategies, StrategySettings, StrategyStudy
 
 STRATEGY_WORDS = {
@@ -70,8 +60,8 @@ def summarise(
     studies: Sequence[StrategyStudy],
     settings: StrategySettings,
     described: TitleRecord,
-    regret: RegretSummary | None = None,
-) -> StrategiesSummary:
+    regret: Row | None = None,
+) -> Row:
     """Content of `strategies.json`.
 
     Args:
@@ -122,11 +112,11 @@ def rules(settings: StrategySettings) -> list[str]:
     ]
 
 
-def _source(study: StrategyStudy) -> StrategySource:
+def _source(study: StrategyStudy) -> Row:
     """What came out for one kind of data."""
     bench, grid = study.bench, study.bench.grid
     powers = [_power(one, first=i == 0) for i, one in enumerate(study.played)]
-    numbers: StrategyNumbers = {
+    numbers = {
         "name": bench.name,
         "simulated": bench.simulated,
         "units": bench.units,
@@ -142,7 +132,7 @@ def _source(study: StrategyStudy) -> StrategySource:
     return {**numbers, "findings": source_findings(numbers)}
 
 
-def _power(played: PlayedStrategies, *, first: bool) -> PowerRecord:
+def _power(played: PlayedStrategies, *, first: bool) -> Row:
     """One root of the likelihood; only the first has the curves of all rules."""
     strategies = list(played.nats)
     shown = [family for family in played.families if first or family.name in RULES]
@@ -162,7 +152,7 @@ def _power(played: PlayedStrategies, *, first: bool) -> PowerRecord:
     }
 
 
-def _shown(played: PlayedStrategies) -> list[StrategyRow]:
+def _shown(played: PlayedStrategies) -> list[Row]:
     """Taps and way of each strategy at the shown threshold less those of the fixation point, paired."""
     levels = next(family.levels for family in played.families if family.name == PAPER)
     at = int(np.argmin(np.abs(np.array(levels) - SHOWN_THETA)))
@@ -175,7 +165,7 @@ def _shown(played: PlayedStrategies) -> list[StrategyRow]:
         for quantity in ("taps", "way"):
             i = QUANTITIES.index(quantity)
             row |= _numbers(interval(values[i], errors[i], len(base), 1), f"{quantity}_difference")
-        rows.append(StrategyRow(strategy=name, **row))
+        rows.append({"strategy": name, **row})
     return rows
 
 
@@ -187,35 +177,32 @@ def _numbers(value: Interval, name: str) -> dict[str, float | None]:
     return as_numbers(Interval(value.value, *(float(np.clip(end, low, high)) for end in value[1:])), name)
 
 
-def _curve(means: Means, levels: Sequence[float]) -> list[CurvePoint]:
+def _curve(means: Means, levels: Sequence[float]) -> list[Row]:
     """`QUANTITIES` at every level, each with its 95% interval."""
-    rows = []
+    found = []
     for level, row in zip(levels, curve(means), strict=True):
-        point: dict[str, float | None] = {}
+        point: dict[str, float | None] = {"level": float(level)}
         for quantity, value in zip(QUANTITIES, row, strict=True):
-            numbers = _numbers(value, quantity)
-            point |= {f"{quantity}{end}": numbers[f"{quantity}{end}"] for end in ("", "_low", "_high")}
-        rows.append(CurvePoint(level=float(level), **point))
-    return rows
+            point |= islice(_numbers(value, quantity).items(), 3)
+        found.append(point)
+    return found
 
 
-def _equal(played: PlayedStrategies, family: str, strategies: Sequence[str]) -> list[EqualRow]:
+def _equal(played: PlayedStrategies, family: str, strategies: Sequence[str]) -> list[Row]:
     """Each strategy at equal taps, and by how much it differs from the fixation point."""
     base = played.means[BASE, family]
     count = max(1, len(strategies) - 1) * len(TAPS)
     return [
-        EqualRow(strategy=name, **row)
-        for name in strategies
-        for row in _against(played.means[name, family], base, count)
+        {"strategy": name, **row} for name in strategies for row in _against(played.means[name, family], base, count)
     ]
 
 
-def _rules(played: PlayedStrategies) -> list[RuleRow]:
+def _rules(played: PlayedStrategies) -> list[Row]:
     """Stopping rules with the fixation point, held against the paper's at equal mean numbers of taps."""
     base = played.means[BASE, PAPER]
     count = (len(played.families) - 1) * len(TAPS)
     return [
-        RuleRow(rule=family.name, **row)
+        {"rule": family.name, **row}
         for family in played.families
         for row in _against(played.means[BASE, family.name], base, count)
     ]
@@ -235,7 +222,7 @@ def _against(means: Means, base: Means, count: int) -> list[dict[str, Any]]:
     return rows
 
 
-def _trust(played: PlayedStrategies, name: str) -> TrustRow:
+def _trust(played: PlayedStrategies, name: str) -> Row:
     """Miscalibration, gain over the fixation point and what taps were expected to tell, after `LOOK` taps."""
     levels = next(family.levels for family in played.families if family.name == FIXED)
     at = levels.index(LOOK)
@@ -257,4 +244,4 @@ def _trust(played: PlayedStrategies, name: str) -> TrustRow:
     for key, value, error in zip((*names, "excess_difference"), values, errors, strict=True):
         found = interval(value, error, n, 1)
         row |= _numbers(as_factor(found) if "factor" in key else found, key)
-    return TrustRow(strategy=name, given_up=float(quantities(means.mean(axis=0))[_GIVEN_UP]), **row)
+    return {"strategy": name, "given_up": float(quantities(means.mean(axis=0))[_GIVEN_UP]), **row}

@@ -6,14 +6,14 @@ from typing import Any
 import xarray as xr
 
 from ..page.labelled import distinct, labelled, source_units
-from .record import PowerRecord, StrategiesSummary
+from ..page.page import Row
 
 _LEVELS = {"theta": "theta", "taps": "number_of_taps", "cost": "cost"}
 _TRUST = {"expected": "nats", "told": "nats", "excess": "nats", "base_excess": "nats"}
 _REGRET = {"tap_cost": "mm", "cost": "mm", "regret": "mm", "more": "mm"}
 
 
-def curves_tree(summary: StrategiesSummary) -> xr.DataTree:
+def curves_tree(summary: Row) -> xr.DataTree:
     """Errors, reaction times and distances of every strategy at every level of the stopping rules."""
     units = source_units(summary["sources"])
     groups = {}
@@ -32,7 +32,7 @@ def curves_tree(summary: StrategiesSummary) -> xr.DataTree:
     return xr.DataTree.from_dict(groups)
 
 
-def equal_taps_table(summary: StrategiesSummary) -> xr.Dataset:
+def equal_taps_table(summary: Row) -> xr.Dataset:
     """Strategies at equal mean numbers of taps, and their differences from the fixation point."""
     rows = (
         {**labels, "rule": rule, **row}
@@ -43,26 +43,26 @@ def equal_taps_table(summary: StrategiesSummary) -> xr.Dataset:
     return labelled(rows, ("source", "power", "rule", "strategy", "taps"), source_units(summary["sources"]))
 
 
-def at_threshold_table(summary: StrategiesSummary) -> xr.Dataset:
+def at_threshold_table(summary: Row) -> xr.Dataset:
     """Reaction times and distances at the shown threshold, and their differences from the fixation point."""
     rows = ({**labels, **row} for labels, power in _powers(summary) for row in power["shown"])
     table = labelled(rows, ("source", "power", "strategy"), source_units(summary["sources"]))
     return table.assign_attrs(theta=summary["theta"])
 
 
-def rules_table(summary: StrategiesSummary) -> xr.Dataset:
+def rules_table(summary: Row) -> xr.Dataset:
     """Stopping rules with the fixation point at equal mean numbers of taps, and their differences from the paper's."""
     rows = ({**labels, **row} for labels, power in _powers(summary) for row in power["rules"])
     return labelled(rows, ("source", "power", "rule", "taps"), source_units(summary["sources"]))
 
 
-def trust_table(summary: StrategiesSummary) -> xr.Dataset:
+def trust_table(summary: Row) -> xr.Dataset:
     """Miscalibration and information after some taps."""
     rows = ({**labels, **row} for labels, power in _powers(summary) for row in power["trust"])
     return labelled(rows, ("source", "power", "strategy"), _TRUST)
 
 
-def regret_table(summary: StrategiesSummary) -> xr.Dataset | None:
+def regret_table(summary: Row) -> xr.Dataset | None:
     """Cost of strategies and rules, and its excess over that of the exact rule or a bound."""
     if summary["regret"] is None:
         return None
@@ -74,7 +74,7 @@ def regret_table(summary: StrategiesSummary) -> xr.Dataset | None:
     return labelled(rows, ("case", "tap_cost", "strategy", "kind"), _REGRET).drop_vars("shown")
 
 
-def _powers(summary: StrategiesSummary) -> Iterator[tuple[Mapping[str, Any], PowerRecord]]:
+def _powers(summary: Row) -> Iterator[tuple[Mapping[str, Any], Row]]:
     """Labels and results of every root of the likelihood on all data."""
     names = distinct(source["name"] for source in summary["sources"])
     for name, source in zip(names, summary["sources"], strict=True):

@@ -14,7 +14,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
 
-from solidtouch.analysis.audit.record import AuditSummary
+from solidtouch.analysis.page.page import Row
 from solidtouch.models.storage import complete_file
 
 from benchmarks.page import check_block, table, write_block
@@ -43,7 +43,7 @@ def sets(folder: Path, recorded: Path | None) -> Iterator[tuple[str, list[Any]]]
             yield Path(name).stem, [recorded / name, *(word for pair in options if pair[1] for word in pair)]
 
 
-def line(name: str, found: AuditSummary) -> list[str]:
+def line(name: str, found: Row) -> list[str]:
     """A row of the table."""
     judged = found["verdict"]["evidence"]["judged"]
     value, low, high = (number(one) for one in judged["factor"])

@@ -25,7 +25,7 @@ import numpy as np
 from numpy.typing import NDArray
 from solidtouch.analysis.audit.remedy_scores import BeliefEvidence, decisions, factor_of, judge
 from solidtouch.analysis.audit.verdict import calibration
-from solidtouch.analysis.stats.reliability import StoppingRecord, headline
+from solidtouch.analysis.stats.reliability import headline
 from solidtouch.analysis.stats.right_model import LEVEL, Beside, compare, simulate
 from solidtouch.analysis.stats.uniformity import rejected
 from solidtouch.hardware.simulator.model_rig import draw_session
@@ -160,7 +160,7 @@ def called(
     """
     table, verdicts = tap_table(model, test), {}
 
-    def found(theta: float, policy: str, resamples: int) -> StoppingRecord:
+    def found(theta: float, policy: str, resamples: int) -> dict[str, Any]:
         options = {"only": policy, "contacts": (), "resamples": resamples, "trials": TRIALS, "seed": seed}
         return headline(decisions(table, model.grid, setting, [theta], **options), policy, theta)
 

@@ -11,7 +11,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
 
-from solidtouch.analysis.compare.record import ComparisonSummary
+from solidtouch.analysis.page.page import Row
 from solidtouch.models.storage import complete_file
 
 from benchmarks.page import check_block, table, write_block
@@ -31,7 +31,7 @@ def comparisons(folder: Path, recorded: Path | None) -> Iterator[tuple[str, list
         yield BRAILLE, [recorded / "braille_icub.npz"]
 
 
-def told(summary: ComparisonSummary) -> str:
+def told(summary: Row) -> str:
     """Ranks with what is ranked, and the sentences about them."""
     head = ["model", *(f"{one['title']} ({one['unit'] or 'P(wrong)'})" for one in summary["levels"])]
     lines = [

@@ -12,9 +12,9 @@ from pathlib import Path
 
 from solidtouch.analysis.experiment.sources import Source, recorded_source, simulated_source
 from solidtouch.analysis.page.numbers import interval, percent
+from solidtouch.analysis.page.page import Row
 from solidtouch.analysis.sensitivity.figures import forest, interactions
 from solidtouch.analysis.sensitivity.findings import VERDICTS, WORDS, worded
-from solidtouch.analysis.sensitivity.record import ChoiceRecord, OptionList, SensitivitySource, SensitivitySummary
 from solidtouch.analysis.sensitivity.run import SensitivitySettings, sensitivity_study
 from solidtouch.analysis.sensitivity.summary import summarise
 from solidtouch.cli.shared.progress import bars
@@ -28,7 +28,7 @@ RECORDED_BLOCK = "open-choices-recorded"
 _SHORT = {"conclusion": "conclusion", "numbers": "numbers", "not decided": "?", "nothing": "nothing"}
 
 
-def findings(source: SensitivitySource) -> str:
+def findings(source: Row) -> str:
     """What came out first, as a list, and what the defaults give."""
     lines = [[row["policy"], *(interval(row, name) for name in WORDS)] for row in source["default"]]
     advantage = [interval(source["advantage"][name], "value") for name in source["advantage"]]
@@ -39,18 +39,18 @@ def findings(source: SensitivitySource) -> str:
     return f"{source['units']}\n\n{table([*head, 'calibration (factor)'], lines)}\n\n{listed}"
 
 
-def bullets(options: OptionList, indent: str = "") -> str:
+def bullets(options: Row, indent: str = "") -> str:
     """A list of options below its title."""
     title = f"{indent}- {options['title']}:{'' if options['items'] else ' none.'}"
     return "\n".join([title, *(f"{indent}  - {item}" for item in options["items"])])
 
 
-def sections(source: SensitivitySource) -> str:
+def sections(source: Row) -> str:
     """A section for every choice: what the paper says, our default, and what each option changes."""
     return "\n\n".join(section(choice, source) for choice in source["choices"])
 
 
-def section(choice: ChoiceRecord, source: SensitivitySource) -> str:
+def section(choice: Row, source: Row) -> str:
     """One choice."""
     lines = []
     for option in choice["options"]:
@@ -85,7 +85,7 @@ _COLUMNS = (
 )
 
 
-def pairs(source: SensitivitySource) -> str:
+def pairs(source: Row) -> str:
     """Every pair of strong options."""
     lines = [
         [
@@ -100,7 +100,7 @@ def pairs(source: SensitivitySource) -> str:
     return table(["option", "with", f"both ({unit})", f"interaction ({unit})", "significant"], lines)
 
 
-def recorded_table(sources: Sequence[SensitivitySource]) -> str:
+def recorded_table(sources: Sequence[Row]) -> str:
     """The gravest verdict of every choice on every recording, and what the defaults give there."""
     names = list(dict.fromkeys(choice["name"] for source in sources for choice in source["choices"]))
     verdicts = [{choice["name"]: _SHORT[choice["verdict"]] for choice in source["choices"]} for source in sources]
@@ -125,7 +125,7 @@ def recorded_table(sources: Sequence[SensitivitySource]) -> str:
     return f"{table(given, defaults)}\n\n{table(head, lines)}\n\n{units}"
 
 
-def _said(source: SensitivitySource) -> str:
+def _said(source: Row) -> str:
     """What the table of verdicts does not hold, but for what may be chance."""
     said = [sentence for sentence in source["findings"][1:] if not sentence.startswith("Choices")]
     lists = [bullets(one, "  ") for one in source["lists"] if one["key"] == "surely"]
@@ -139,7 +139,7 @@ def recordings(folder: Path | None) -> Iterator[Source]:
             yield recorded_source(folder / name, Division(where_cell=cells[0], what_cell=cells[1]))
 
 
-def measured(options: argparse.Namespace) -> SensitivitySummary:
+def measured(options: argparse.Namespace) -> Row:
     """What comes out on the simulated data sets and the recordings that are there."""
     settings = SensitivitySettings(trials=options.trials, seed=options.seed)
     simulated = [simulated_source("paper", options.data_sets, options.seed)] if options.data_sets else []

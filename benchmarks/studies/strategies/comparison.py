@@ -12,13 +12,13 @@ from pathlib import Path
 
 from solidtouch.analysis.experiment.settings import SHOWN_THETA
 from solidtouch.analysis.page.numbers import factor, interval, number, percent
+from solidtouch.analysis.page.page import Row
 from solidtouch.analysis.page.report import TitleRecord
 from solidtouch.analysis.strategies import figures as figure_strategies
 from solidtouch.analysis.strategies.data import RIGHT, StrategyData, recorded_bench, simulated_bench
 from solidtouch.analysis.strategies.figures_regret import regret
 from solidtouch.analysis.strategies.figures_trust import trust
 from solidtouch.analysis.strategies.findings import FIXED, PAPER, TAPS, better_finding, random_findings
-from solidtouch.analysis.strategies.record import EqualRow, RegretCase, RegretSummary, StrategiesSummary, StrategySource
 from solidtouch.analysis.strategies.regret import RegretSettings, regret_study
 from solidtouch.analysis.strategies.regret_summary import summarise_regret
 from solidtouch.analysis.strategies.run import BASE, StrategySettings, strategy_study
@@ -38,14 +38,14 @@ REGRET = "regret"
 _NAMES = {PAPER: "on average, by threshold", FIXED: "each"}
 
 
-def told(sources: Sequence[StrategySource]) -> str:
+def told(sources: Sequence[Row]) -> str:
     """Units of the intervals and results of random moves, as a list."""
     units = [f"{source['name']}: {source['units']}" for source in sources]
     said = (*units, better_finding(sources), *random_findings(sources))
     return "\n".join(f"- {sentence}" for sentence in said)
 
 
-def shown(source: StrategySource) -> str:
+def shown(source: Row) -> str:
     """Results of each strategy at the shown threshold of the paper's rule."""
     names = ("what_error", "where_error", "taps", "taps_difference", "way")
     first, lines = source["powers"][0], []
@@ -59,7 +59,7 @@ def shown(source: StrategySource) -> str:
     return table(head, lines)
 
 
-def equal(sources: Sequence[StrategySource]) -> str:
+def equal(sources: Sequence[Row]) -> str:
     """Object errors minus those of the fixation point at equal taps, one table for each number of taps and rule."""
     parts = []
     for family in (PAPER, FIXED):
@@ -79,7 +79,7 @@ def equal(sources: Sequence[StrategySource]) -> str:
     return "\n\n".join(parts)
 
 
-def _difference(row: EqualRow | None) -> str:
+def _difference(row: Row | None) -> str:
     """A difference with its interval, in bold where all intervals together exclude zero."""
     if row is None or row["what_error_difference"] is None:
         return "-"
@@ -88,11 +88,11 @@ def _difference(row: EqualRow | None) -> str:
     return f"**{text}**" if low is not None and high is not None and (low > 0 or high < 0) else text
 
 
-def _null(row: EqualRow | None) -> str:
+def _null(row: Row | None) -> str:
     return "-" if row is None else percent(row["given_up"])
 
 
-def rules(source: StrategySource) -> str:
+def rules(source: Row) -> str:
     """Every stopping rule with the fixation point."""
     lines = [
         [
@@ -110,7 +110,7 @@ def rules(source: StrategySource) -> str:
     return table([*head, f"− that of the paper's rule ({unit})", "null decisions"], lines)
 
 
-def trusted(sources: Sequence[StrategySource]) -> str:
+def trusted(sources: Sequence[Row]) -> str:
     """Miscalibration, gain, and expected and gained information, for every exponent of the likelihood."""
     factors, names = ("factor", "factor_ratio"), ("gain", "expected", "told", "excess_difference")
     lines = [
@@ -150,12 +150,12 @@ def benches(data_sets: int, seed: int, folder: Path | None) -> Iterator[Strategy
             yield recorded_bench(folder / name, Division(where_cell=cells[0], what_cell=cells[1]))
 
 
-def regrets(summary: RegretSummary) -> str:
+def regrets(summary: Row) -> str:
     """What strategies cost more than need be: how it is told, and a table for each case and cost of taps."""
     return "\n\n".join([" ".join(summary["rules"]), *(_prices(case, summary["kinds"]) for case in summary["cases"])])
 
 
-def _prices(case: RegretCase, kinds: Sequence[str]) -> str:
+def _prices(case: Row, kinds: Sequence[str]) -> str:
     """A case in a sentence, and its table; the cheapest is bold."""
     lines = []
     for name in case["strategies"]:
@@ -164,7 +164,7 @@ def _prices(case: RegretCase, kinds: Sequence[str]) -> str:
     return f"*{case['described']}.* {case['said']} {case['caption']}:\n\n{table(['strategy', *kinds], lines)}"
 
 
-def played(options: argparse.Namespace) -> StrategiesSummary:
+def played(options: argparse.Namespace) -> Row:
     """The summary of a comparison that is made now."""
     settings = StrategySettings(trials=options.trials, seed=options.seed)
     lost = RegretSettings(seed=options.seed)
@@ -177,7 +177,7 @@ def played(options: argparse.Namespace) -> StrategiesSummary:
     return summarise(found, settings, made_by, above)
 
 
-def compared(sources: Sequence[StrategySource]) -> dict[str, str]:
+def compared(sources: Sequence[Row]) -> dict[str, str]:
     """What stands in the page of the data that were compared, by block."""
     paper = _shown_source(sources)
     right = [source for source in sources if source["name"] == f"preset {RIGHT}"]
@@ -186,7 +186,7 @@ def compared(sources: Sequence[StrategySource]) -> dict[str, str]:
     return dict(zip(BLOCKS, texts, strict=True))
 
 
-def publish_figures(sources: Sequence[StrategySource], document: Path) -> None:
+def publish_figures(sources: Sequence[Row], document: Path) -> None:
     """The figures of the data that were compared."""
     paper = _shown_source(sources)
     for name in ("curves", "equal_taps", "stopping", "trajectories"):
@@ -194,7 +194,7 @@ def publish_figures(sources: Sequence[StrategySource], document: Path) -> None:
     publish(trust([source for source in sources if source["simulated"]] or sources), document, "strategies-trust")
 
 
-def _shown_source(sources: Sequence[StrategySource]) -> StrategySource:
+def _shown_source(sources: Sequence[Row]) -> Row:
     return next((source for source in sources if source["name"] == SHOWN), sources[0])
 
 

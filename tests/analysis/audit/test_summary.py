@@ -7,9 +7,8 @@ import numpy as np
 import pytest
 import xarray as xr
 from solidtouch.analysis.audit.guarantees import PromiseTest
-from solidtouch.analysis.audit.page import _seen
 from solidtouch.analysis.audit.remedy_scores import BeliefEvidence
-from solidtouch.analysis.audit.summary import _clean, _judged, _other_sessions, _promise, _tuned, unseen_parts
+from solidtouch.analysis.audit.summary import _clean, _judged, _other_sessions, _tuned, seen, unseen_parts
 from solidtouch.analysis.stats.right_exponent import Tuned
 from solidtouch.analysis.stats.right_model import Beside
 
@@ -64,8 +63,8 @@ def test_what_intervals_hold_is_said_where_there_are_any(factor, held):
 
 def test_a_promise_says_beside_what_it_is_exceeded():
     """Nothing where nothing was simulated."""
-    assert _promise(PromiseTest(exceeded=False)) == {"exceeded": False, "beside": None}
-    assert _promise(PromiseTest(True, Beside(2.0, 1.0, 0.5, 1.5, 0.01, 1.0))) == {
+    assert _clean(PromiseTest(exceeded=False)) == {"exceeded": False, "beside": None}
+    assert _clean(PromiseTest(True, Beside(2.0, 1.0, 0.5, 1.5, 0.01, 1.0))) == {
         "exceeded": True,
         "beside": {"value": 2.0, "median": 1.0, "low": 0.5, "high": 1.5, "above": 0.01, "below": 1.0},
     }
@@ -94,5 +93,5 @@ def test_the_figure_of_causes_leaves_out_what_taps_cannot_show(covariate, sessio
         {"covariate": covariate, "sessions": sessions, "suspects": [], "suspect_p": []},
     )
     assert unseen_parts(split) == unseen
-    for values in _seen(split).data_vars.values():
+    for values in seen(split).data_vars.values():
         assert set(split["part"].values[np.isnan(values.values)]) == unseen
