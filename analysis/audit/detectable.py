@@ -35,12 +35,7 @@ _MOST = 1e3  # a factor beyond which nothing is detected
 
 
 class Design(NamedTuple):
-    """What is measured on.
-
-    Attributes:
-        sessions: How many.
-        taps: Of each class and session.
-    """
+    """What is measured on."""
 
     sessions: int
     taps: int

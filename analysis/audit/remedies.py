@@ -54,12 +54,7 @@ class Remedy(NamedTuple):
 
 
 class RefusedRemedy(NamedTuple):
-    """A remedy that these taps do not allow.
-
-    Attributes:
-        name: For tables.
-        reason: Why, in a sentence.
-    """
+    """A remedy that these taps do not allow."""
 
     name: str
     reason: str

@@ -1,12 +1,11 @@
 """Audit of the naive-Bayes assumption on recorded taps: where it fails, what that costs, which remedy helps."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import xarray as xr
-from numpy.typing import NDArray
 
 from ...inference.trials.records import tap_table
 from ...models.errors import InputError
@@ -23,7 +22,7 @@ from ..stats.reliability import THETAS
 from ..stats.right_exponent import SIMULATIONS as RIGHT_EXPONENTS
 from ..stats.target_error import FEWEST, TargetError, session_curves, target_error
 from .checks import audit_checks, count_replicates
-from .dependence.drift import Contrasts, against_drift, contrasts, recorded_time
+from .dependence.drift import against_drift, contrasts, recorded_time
 from .dependence.strata import evenly, strata
 from .dependence.taxels import taxel_dependence
 from .dependence.times import time_dependence
@@ -47,17 +46,7 @@ MOST_TAPS = 60
 
 @dataclass(frozen=True)
 class AuditSettings:
-    """Everything that changes the numbers of an audit.
-
-    Attributes:
-        setting: How perception is done now, with the paper's histogram.
-        target_error: Wanted P(wrong), for which a threshold is tuned; `None` for none.
-        pre: Samples at the beginning of each tap that are before contact; `None` for what the taps' record says.
-        covariates: Extra arrays of the taps that are suspected of making evidence vary.
-        permutations: Of every test.
-        trials: Of each remedy and policy.
-        seed: Of every random draw.
-    """
+    """Everything that changes the numbers of an audit, see `report.audit`; `setting` is how perception is done now."""
 
     setting: Setting = field(default_factory=Setting)
     target_error: float | None = None
@@ -149,13 +138,7 @@ class Audit(NamedTuple):
 
 @one_blas_thread()
 def audit_taps(parts: AuditParts, grid: ClassGrid, settings: AuditSettings, progress: Progress) -> Audit:
-    """Audits.
-
-    Args:
-        parts: The taps, see `audit_parts`.
-        grid: The classes.
-        settings: What to do.
-        progress: Called with the name and size of every stage; returns the function that advances it.
+    """Audits taps as `report.audit` divides them.
 
     Raises:
         InputError: A setting is wrong, or the taps cannot be audited at all.
@@ -168,46 +151,40 @@ def audit_taps(parts: AuditParts, grid: ClassGrid, settings: AuditSettings, prog
         )
     clock = StageClock(progress)
     suspects = named_suspects(parts.all_taps, settings.covariates)
-    taps = _inside(parts.all_taps, grid)
+    taps = parts.all_taps.select(np.minimum(*parts.all_taps.indices(grid)) >= 0)
     stratum, by_session = strata(taps, grid)
     some = evenly(stratum, MOST_TAPS)
-    with clock.stage("Checking for leakage", 1) as advance:
+    options: dict[str, Any] = {"permutations": settings.permutations, "seed": seed}
+    with clock.stage("Checking for leakage"):
         known = [parts.train] if parts.halved else [parts.train, *parts.tune]
         leaks = leakage(concatenate(known), parts.measure, grid, seed, settings.pre)
-        advance(1)
     with clock.stage("Testing taxels", 2 * len(np.unique(stratum))) as advance:
         local = contrasts(taps.taps, stratum, recorded_time(taps), taps.session, MOST_TAPS) if by_session else None
-        taxels = _taxels(taps.taps[some], stratum[some], local, settings, advance)
+        whole = taxel_dependence(taps.taps[some], stratum[some], progress=advance, **options)
+        taxels = against_drift(whole, local, progress=advance, **options)
     with clock.stage("Testing times", len(np.unique(stratum))) as advance:
-        times = time_dependence(
-            taps.taps[some], stratum[some], permutations=settings.permutations, seed=seed, progress=advance
-        )
-    with clock.stage("Sampling variance components", 1) as advance:
+        times = time_dependence(taps.taps[some], stratum[some], progress=advance, **options)
+    with clock.stage("Sampling variance components"):
         where, what = taps.indices(grid)
         components = variance_components(taps.taps, where * grid.M + what, taps.session, seed)
-        advance(1)
     with clock.stage("Fitting remedies", count_remedies()) as advance:
         remedies, refused = make_remedies(parts.train, parts.tune, grid, setting, SEQUENCE, seed, advance)
     with clock.stage("Tuning on taps of a correct model", RIGHT_EXPONENTS) as advance:
         remedies = beside_right(remedies, parts.train, parts.tune, SEQUENCE, seed, advance)
     base = remedies[0]
-    with clock.stage("Decomposing the variance", 2) as advance:
+    with clock.stage("Decomposing the variance"):
         split, no_split, p = _split(parts, grid, base, settings, suspects)
-        advance(2)
     with clock.stage("Checking predictions", count_replicates(taps)) as advance:
         checks = audit_checks(taps, _histograms(base.model), seed, progress=advance)
     with clock.stage("Measuring remedies", count_measurements(remedies)) as advance:
         measured = measure(remedies, parts.measure, SEQUENCE, settings.trials, seed, advance)
-    with clock.stage("Checking error bounds", 1) as advance:
+    with clock.stage("Checking error bounds"):
         promised, broken = _promises(base, parts.measure, grid, settings, measured.policy)
-        advance(1)
     with clock.stage("Tuning thresholds", 2) as advance:
         recalibrated = _recalibrate(base, parts, settings)
         advance(1)
-        target = None
-        if settings.target_error is not None:
-            target = _tune_threshold(remedies, measured, parts, settings)
-        advance(1)
+        wanted = settings.target_error
+        target = None if wanted is None else _tune_threshold(remedies, measured, parts, wanted, seed)
     return Audit(
         parts=parts,
         grid=grid,
@@ -234,34 +211,13 @@ def audit_taps(parts: AuditParts, grid: ClassGrid, settings: AuditSettings, prog
     )
 
 
-def _taxels(
-    taps: NDArray[np.floating],
-    stratum: NDArray[np.intp],
-    local: Contrasts | None,
-    settings: AuditSettings,
-    advance: Callable[[int], None],
-) -> xr.Dataset:
-    """Tests of taxels by whole taps and by contrasts."""
-    permutations, seed = settings.permutations, settings.seed
-    whole = taxel_dependence(taps, stratum, permutations=permutations, seed=seed, progress=advance)
-    return against_drift(whole, local, permutations=permutations, seed=seed, progress=advance)
-
-
 def _enough(base: Remedy, measured: Measured, settings: AuditSettings, clock: StageClock) -> list[Detectable]:
     """What other designs could detect, where data are not enough; the last stage."""
     if calibration(measured.judged) != NOT_ENOUGH:
         return []
-    with clock.stage("Estimating detectable miscalibration", 1) as advance:
-        found = enough(
-            base.model,
-            measured.table,
-            settings.setting,
-            measured.policy,
-            settings.trials // 2,
-            settings.seed,
-        )
-        advance(1)
-    return found
+    with clock.stage("Estimating detectable miscalibration"):
+        trials, seed = settings.trials // 2, settings.seed
+        return enough(base.model, measured.table, settings.setting, measured.policy, trials, seed)
 
 
 def samples_per_bin(model: TapModel) -> float:
@@ -277,10 +233,6 @@ def _histograms(model: TapModel) -> HistogramModel:
     if not isinstance(model, HistogramModel):
         raise TypeError(f"The model {model.name} has no histograms.")
     return model
-
-
-def _inside(taps: TapSet, grid: ClassGrid) -> TapSet:
-    return taps.select(np.minimum(*taps.indices(grid)) >= 0)
 
 
 def _split(
@@ -361,17 +313,9 @@ def _recalibrate(base: Remedy, parts: AuditParts, settings: AuditSettings) -> Re
 
 
 def _tune_threshold(
-    remedies: list[Remedy], measured: Measured, parts: AuditParts, settings: AuditSettings
+    remedies: list[Remedy], measured: Measured, parts: AuditParts, wanted: float, seed: int
 ) -> TargetError:
     """The threshold for the wanted error, with the model that is recommended."""
-    name = recommended(measured)
-    chosen = next(remedy for remedy in remedies if remedy.name == (name or remedies[0].name))
-    setting = chosen.setting
-    return target_error(
-        chosen.model,
-        parts.tune,
-        settings.target_error or 0.0,
-        chosen.grid,
-        seed=settings.seed,
-        play=setting.play,
-    )
+    name = recommended(measured) or remedies[0].name
+    chosen = next(remedy for remedy in remedies if remedy.name == name)
+    return target_error(chosen.model, parts.tune, wanted, chosen.grid, seed=seed, play=chosen.setting.play)

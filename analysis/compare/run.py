@@ -40,17 +40,9 @@ _FEWEST_DRAWS = 100
 
 @dataclass(frozen=True)
 class CompareSettings:
-    """Everything that changes the numbers of a comparison.
+    """Everything that changes the numbers of a comparison, see `report.compare`.
 
-    Attributes:
-        models: Names, the reference first.
-        fit: How they are fitted.
-        draws: From each posterior, for leaving out single taps; 0 skips that and the predictive checks.
-        trials: Of each model and policy.
-        thresholds: theta_W.
-        play: How trials are played; the figures show the threshold nearest to its own.
-        seed: Of every random draw.
-        one_recording: Whether sessions of the same number in training and test taps are the same session.
+    With `one_recording`, sessions of the same number in training and test taps are the same session.
     """
 
     models: tuple[str, ...]
@@ -190,13 +182,12 @@ def _fit_all(
     seconds: dict[str, float] = {}
     for name in names:
         stage = f"Fitting {name}"
-        with clock.stage(stage, 1) as advance:
+        with clock.stage(stage):
             try:
                 fits[name], power = fit_tempered(name, train, grid, fit)
                 learned |= {} if power is None else {name: power.sentence}
             except InputError as error:
                 refused[name] = str(error)
-            advance(1)
         seconds[name] = clock.elapsed_s[stage]
     if not fits:
         raise InputError("No model can be fitted. " + " ".join(dict.fromkeys(refused.values())))

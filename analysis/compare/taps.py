@@ -30,13 +30,7 @@ MOST_FOLDS = 6
 
 
 class SessionFold(NamedTuple):
-    """One group of sessions left out.
-
-    Attributes:
-        name: Which.
-        train: All others.
-        test: These.
-    """
+    """One group of sessions left out."""
 
     name: str
     train: TapSet

@@ -1,6 +1,6 @@
 """The conformance kit for Python: `solidtouch.conformance` and its reports."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from copy import deepcopy
 from dataclasses import dataclass
 from pathlib import Path
@@ -12,7 +12,7 @@ import xarray as xr
 from ...models.errors import InputError
 from ..page.page import Brief, Page, Table
 from ..page.report import Report
-from ..page.stages import Progress, no_progress
+from ..page.stages import Progress, counted, no_progress
 from .answers import FIT, QUANTITIES
 from .case import Case
 from .catalogue import expected as exact_answers
@@ -21,7 +21,7 @@ from .causes import with_causes
 from .kit import export_kit
 from .program import split_command
 from .routes import ROUTES
-from .run import Asked, Implementation, Told, check_answers, check_function, check_program, run_route
+from .run import Asked, Implementation, check_answers, check_function, check_program, run_route
 from .tolerance import Precision
 from .verdict import Verdict, described, summary
 
@@ -140,9 +140,7 @@ def run(
     """
     title = f"Conformance of {getattr(implementation, '__name__', type(implementation).__name__)}"
     asked = _asked(precision, without)
-    return _report(
-        title, names, asked, progress, lambda chosen, told: check_function(implementation, chosen, asked, told)
-    )
+    return _report(title, names, asked, progress, lambda chosen: check_function(implementation, chosen, asked))
 
 
 def run_program(
@@ -175,13 +173,8 @@ def run_program(
     """
     asked = _asked(precision, without, timeout)
     words = split_command(command) if isinstance(command, str) else list(command)
-    return _report(
-        f"Conformance of {words[0]}",
-        names,
-        asked,
-        progress,
-        lambda chosen, told: check_program(words, chosen, asked, together, told),
-    )
+    title = f"Conformance of {words[0]}"
+    return _report(title, names, asked, progress, lambda chosen: check_program(words, chosen, asked, together))
 
 
 def run_files(
@@ -219,7 +212,7 @@ def run_files(
         raise InputError(f"--answers {folder}: not a folder.")
     asked = _asked(precision, without)
     title = f"Conformance of answers in {folder}"
-    return _report(title, names, asked, progress, lambda chosen, told: check_answers(Path(folder), chosen, asked, told))
+    return _report(title, names, asked, progress, lambda chosen: check_answers(Path(folder), chosen, asked))
 
 
 def run_engine(engine: str, names: Sequence[str] = (), *, progress: Progress = no_progress) -> ConformanceReport:
@@ -239,13 +232,8 @@ def run_engine(engine: str, names: Sequence[str] = (), *, progress: Progress = n
     """
     if engine not in ROUTES:
         raise InputError(f"--engine {engine}: it must be one of {', '.join(ROUTES)}.")
-    return _report(
-        f"Conformance of engine {engine}",
-        names,
-        Asked(),
-        progress,
-        lambda chosen, told: run_route(engine, chosen, told),
-    )
+    title = f"Conformance of engine {engine}"
+    return _report(title, names, Asked(), progress, lambda chosen: run_route(engine, chosen))
 
 
 def export(
@@ -303,12 +291,12 @@ def _report(
     names: Sequence[str],
     asked: Asked,
     progress: Progress,
-    work: Callable[[list[Case], Told], list[Verdict]],
+    work: Callable[[list[Case]], Iterator[Verdict]],
 ) -> ConformanceReport:
     """The verdicts with their causes, which are likelier the more cases they explain."""
     chosen = select(names)
     advance = progress("Cases", len(chosen))
-    verdicts = work(chosen, lambda _: advance(1))
+    verdicts = list(counted(work(chosen), advance))
     wrong = sum(verdict.quantity != "" for verdict in verdicts)
     if wrong:
         verdicts = with_causes(verdicts, asked.precision, asked.without, progress("Looking for causes", wrong))

@@ -1,7 +1,7 @@
 """Runs all cases through the engines of this software, a program or a Python function."""
 
 import re
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from copy import deepcopy
 from dataclasses import replace
 from itertools import islice
@@ -24,9 +24,6 @@ _CASE = re.compile(r'"case"\s*:\s*"([^"]*)"')
 type Implementation = Callable[[Case], Iterable[Mapping[str, Any]]]
 """An implementation under test: gives the answers to the taps of a case, one after the other."""
 
-type Told = Callable[[Verdict], None]
-"""Told each verdict as it comes."""
-
 
 class Asked(NamedTuple):
     """What is asked of a foreign program.
@@ -42,19 +39,9 @@ class Asked(NamedTuple):
     timeout: float = 10.0
 
 
-def run_route(route: str, cases: Sequence[Case], told: Told = lambda _: None) -> list[Verdict]:
-    """The verdicts on an engine of this software.
-
-    Args:
-        route: One of `routes.ROUTES`.
-        cases: Which ones.
-        told: Called with each verdict.
-    """
-    verdicts = []
-    for case in cases:
-        verdicts.append(_own(route, case))
-        told(verdicts[-1])
-    return verdicts
+def run_route(route: str, cases: Sequence[Case]) -> Iterator[Verdict]:
+    """The verdicts on an engine of this software, one of `routes.ROUTES`."""
+    return (_own(route, case) for case in cases)
 
 
 def _own(route: str, case: Case) -> Verdict:
@@ -70,9 +57,7 @@ def _own(route: str, case: Case) -> Verdict:
     return verdict if found is None else Verdict(case.name, "differs", found.sentence, found.tap, found.quantity)
 
 
-def check_program(
-    words: list[str], cases: Sequence[Case], asked: Asked, together: bool = False, told: Told = lambda _: None
-) -> list[Verdict]:
+def check_program(words: list[str], cases: Sequence[Case], asked: Asked, together: bool = False) -> Iterator[Verdict]:
     """The verdicts on a foreign program.
 
     Args:
@@ -80,27 +65,22 @@ def check_program(
         cases: Which ones.
         asked: How it is judged.
         together: Whether it is started once for all cases, in place of once for each.
-        told: Called with each verdict.
 
     Raises:
         InputError: There is no such program.
     """
     if not together:
-        return _each(cases, asked, lambda case: run_program(words, case.lines(), asked.timeout), told)
+        return _each(cases, asked, lambda case: run_program(words, case.lines(), asked.timeout))
     due = [case for case in cases if left_out(case, asked.precision) is None]
     lines = (line for case in due for line in case.lines())
     ended = run_program(words, lines, asked.timeout * max(1, len(due)))
     parts = _by_case(ended, due)
-    return _each(cases, asked, lambda case: parts[case.name], told)
+    return _each(cases, asked, lambda case: parts[case.name])
 
 
-def check_function(implementation: Implementation, cases: Sequence[Case], asked: Asked, told: Told) -> list[Verdict]:
+def check_function(implementation: Implementation, cases: Sequence[Case], asked: Asked) -> Iterator[Verdict]:
     """The verdicts on a Python function."""
-    verdicts = []
-    for case in cases:
-        verdicts.append(left_out(case, asked.precision) or _called(implementation, case, asked))
-        told(verdicts[-1])
-    return verdicts
+    return (left_out(case, asked.precision) or _called(implementation, case, asked) for case in cases)
 
 
 def _called(implementation: Implementation, case: Case, asked: Asked) -> Verdict:
@@ -130,18 +110,14 @@ def _called(implementation: Implementation, case: Case, asked: Asked) -> Verdict
     return replace(judge_broken(case, answers, broken, asked.precision, asked.without), error=raised)
 
 
-def check_answers(folder: Path, cases: Sequence[Case], asked: Asked, told: Told = lambda _: None) -> list[Verdict]:
+def check_answers(folder: Path, cases: Sequence[Case], asked: Asked) -> Iterator[Verdict]:
     """The verdicts on answers that are files already, `NAME.jsonl` for each case."""
-    return _each(cases, asked, lambda case: read_answers(folder, case.name), told)
+    return _each(cases, asked, lambda case: read_answers(folder, case.name))
 
 
-def _each(cases: Sequence[Case], asked: Asked, output: Callable[[Case], Ended], told: Told) -> list[Verdict]:
-    verdicts = []
+def _each(cases: Sequence[Case], asked: Asked, output: Callable[[Case], Ended]) -> Iterator[Verdict]:
     for case in cases:
-        verdict = left_out(case, asked.precision) or judge_output(case, output(case), asked.precision, asked.without)
-        verdicts.append(verdict)
-        told(verdict)
-    return verdicts
+        yield left_out(case, asked.precision) or judge_output(case, output(case), asked.precision, asked.without)
 
 
 def _by_case(ended: Ended, cases: Sequence[Case]) -> dict[str, Ended]:

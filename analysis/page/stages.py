@@ -1,7 +1,7 @@
 """Stages of long work with progress bars and durations, and timed checks."""
 
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from typing import NamedTuple
@@ -11,15 +11,7 @@ type Progress = Callable[[str, int], Callable[[int], None]]
 
 
 class Check(NamedTuple):
-    """A check of `validate`, one line of its table.
-
-    Attributes:
-        name: What was checked.
-        against: Against what.
-        found: What came out, in words.
-        passed: Whether it is as it must be.
-        seconds: How long it took.
-    """
+    """A check of `validate`, one line of its table."""
 
     name: str
     against: str
@@ -30,18 +22,13 @@ class Check(NamedTuple):
 
 @dataclass
 class StageClock:
-    """Stages with their progress bars and seconds.
-
-    Attributes:
-        progress: Called for every stage.
-        elapsed_s: Seconds of the finished ones.
-    """
+    """Stages with their progress bars and seconds."""
 
     progress: Progress
     elapsed_s: dict[str, float] = field(default_factory=dict)
 
     @contextmanager
-    def stage(self, name: str, total: int) -> Iterator[Callable[[int], None]]:
+    def stage(self, name: str, total: int = 1) -> Iterator[Callable[[int], None]]:
         """Times one stage; gives the function that advances its bar, which is full when the stage has ended."""
         began, left = time.perf_counter(), total
         told = self.progress(name, total)
@@ -67,3 +54,10 @@ def timed_check(name: str, against: str, work: Callable[[], tuple[str, bool]]) -
     began = time.monotonic()
     found, passed = work()
     return Check(name, against, found, passed, time.monotonic() - began)
+
+
+def counted[T](results: Iterable[T], advance: Callable[[int], object]) -> Iterator[T]:
+    """The same results, each counted when it comes."""
+    for result in results:
+        advance(1)
+        yield result

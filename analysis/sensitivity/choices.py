@@ -79,12 +79,7 @@ class Reading:
 
 
 class Option(NamedTuple):
-    """One of the ways to settle a choice.
-
-    Attributes:
-        name: For print.
-        changes: Fields of the reading and their values.
-    """
+    """One of the ways to settle a choice."""
 
     name: str
     changes: Mapping[str, Any]
@@ -119,12 +114,7 @@ class Choice:
 
 @dataclass(frozen=True)
 class Catalogue:
-    """The choices that can be run on some data.
-
-    Attributes:
-        choices: With the options that make sense there.
-        skipped: Choice, option and reason of the others.
-    """
+    """The choices that can be run on some data."""
 
     choices: tuple[Choice, ...]
     skipped: tuple[tuple[str, str, str], ...] = field(default=())

@@ -1,6 +1,6 @@
 """Sensitivity study: the same trials on the same data under each option, and under pairs of options."""
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import partial
 from itertools import combinations
@@ -21,7 +21,7 @@ from ...models.taps import TapSet
 from ...models.threads import cores, in_order, one_blas_thread
 from ..experiment.settings import SHOWN_THETA
 from ..experiment.sources import Source
-from ..page.stages import Progress
+from ..page.stages import Progress, counted
 from ..stats.jackknife import Interval, Means
 from ..stats.resampled_units import resampled_tables, units_of
 from .choices import CHOICES, Catalogue, Choice, Option, Reading, applicable, changed
@@ -34,15 +34,7 @@ type Options = tuple[Option, ...]
 
 @dataclass(frozen=True)
 class SensitivitySettings:
-    """Settings of a sensitivity study.
-
-    Attributes:
-        trials: Of each data set, policy and reading; all thresholds share them.
-        seed: Of every random draw.
-        strongest: Choices of which all pairs are tried.
-        choices: What is tried.
-        workers: Data sets at a time; `None` for as many as there are cores. Changes the speed only.
-    """
+    """Settings of a sensitivity study, see `report.sensitivity`; `choices` are tried."""
 
     trials: int = 1000
     seed: int = 0
@@ -52,14 +44,7 @@ class SensitivitySettings:
 
 
 class Pair(NamedTuple):
-    """Two options of different choices together.
-
-    Attributes:
-        first: A choice and its option.
-        second: Another.
-        beyond: Change of the object error beyond the sum of both.
-        together: Change of the object error by both.
-    """
+    """Two options of different choices together."""
 
     first: tuple[Choice, Option]
     second: tuple[Choice, Option]
@@ -280,15 +265,9 @@ def _run(
     tasks = [partial(_play_fold, source, number, readings, settings) for number in range(source.folds)]
     advance = progress(name, len(tasks))
     with one_blas_thread():
-        played = list(_counted(in_order(tasks, cores(settings.workers)), advance))
+        played = list(counted(in_order(tasks, cores(settings.workers)), advance))
     means = [np.concatenate([one.means[i] for one in played]) for i in range(len(tried))]
     return means, np.mean([one.impossible for one in played], axis=0).tolist()
-
-
-def _counted[T](results: Iterator[T], advance: Callable[[int], None]) -> Iterator[T]:
-    for result in results:
-        advance(1)
-        yield result
 
 
 def _strongest(catalogue: Catalogue, strength: Sequence[float]) -> list[tuple[Choice, int]]:

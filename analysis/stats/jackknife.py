@@ -23,15 +23,7 @@ type Means = NDArray[np.float64]
 
 
 class Interval(NamedTuple):
-    """A number with its 95% interval, and one that holds together with all others of the same source.
-
-    Attributes:
-        value: The estimate.
-        low: Lower end.
-        high: Upper end.
-        least: Lower end of the simultaneous interval.
-        most: Its upper end.
-    """
+    """A number with its 95% interval, and one that holds together with all others of the same source."""
 
     value: float
     low: float

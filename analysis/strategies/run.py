@@ -99,12 +99,7 @@ class PlayedStrategies(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class StrategyStudy:
-    """What came out for one kind of data.
-
-    Attributes:
-        bench: The data.
-        played: One for each root of the likelihood.
-    """
+    """What came out for one kind of data."""
 
     bench: StrategyData
     played: tuple[PlayedStrategies, ...]

@@ -18,12 +18,7 @@ _MOST = 1000
 
 
 class Batch(NamedTuple):
-    """Cells of one data set that go to a worker together.
-
-    Attributes:
-        cells: One or more.
-        deaths: Workers that died of the only cell.
-    """
+    """Cells of one data set that go to a worker together."""
 
     cells: tuple[Cell, ...]
     deaths: int = 0

@@ -12,7 +12,7 @@ from ..conformance.verdict import Verdict, described
 from ..correctness.sbc import LEVEL, SHORT, calibrate
 from ..experiment.crosscheck import CrossCheck, crosscheck_model
 from ..experiment.sources import right_model
-from ..page.stages import Check, Progress, timed_check
+from ..page.stages import Check, Progress, counted, timed_check
 
 _EPISODES, _TAPS = 4, 20
 _CALLED = {"arrays": "Monte Carlo in arrays", "cpu": "Monte Carlo trials"}
@@ -70,7 +70,7 @@ def _calibration(progress: Progress, route: str, trials: int, seed: int) -> Call
 def _conformance(progress: Progress, route: str) -> tuple[str, bool]:
     cases = list(catalogue().values())
     advance = progress(f"Conformance, {route}", len(cases))
-    verdicts = run_route(route, cases, lambda _: advance(1))
+    verdicts = list(counted(run_route(route, cases), advance))
     wrong = [verdict for verdict in verdicts if verdict.status not in ("pass", "left out")]
     passed, left = _count(verdicts, "pass"), _count(verdicts, "left out")
     asked = f"{passed} of {len(verdicts) - left} cases pass"

@@ -58,9 +58,6 @@ class Witness:
 
     Args:
         bench: Whose finger is watched; a `Service` answers for it.
-
-    Attributes:
-        presses: How often it went half way to the deepest point or deeper.
     """
 
     def __init__(self, bench: EmulatedBench) -> None:
@@ -100,12 +97,7 @@ class Witness:
 
 @dataclass
 class Known:
-    """What a recording held when it was last looked at.
-
-    Attributes:
-        ended: Taps, with a label or without, accepted or not.
-        taps: Samples of the accepted ones by their trial.
-    """
+    """What a recording held when it was last looked at."""
 
     ended: int = 0
     taps: dict[int, NDArray[np.float64]] = field(default_factory=dict)

@@ -50,14 +50,7 @@ TRAINING_TAPS = 400
 
 
 class Knob(NamedTuple):
-    """A knob turned to one value.
-
-    Attributes:
-        name: For print.
-        cause: What should be named.
-        value: For print.
-        rig: The simulated rig.
-    """
+    """A knob turned to one value."""
 
     name: str
     cause: str

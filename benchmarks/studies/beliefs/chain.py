@@ -63,15 +63,7 @@ class Planted(NamedTuple):
 
 
 class Rate(NamedTuple):
-    """How often an error is found.
-
-    Attributes:
-        name: The error.
-        trials: Of each policy in a repetition.
-        repetitions: How many.
-        found: Repetitions in which any test fails.
-        kinds: Repetitions in which a test of a kind fails.
-    """
+    """How often an error is found."""
 
     name: str
     trials: int

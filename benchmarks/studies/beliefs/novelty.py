@@ -165,12 +165,7 @@ def episodes(seed: int, n: int) -> Iterator[tuple[str, list[Ending]]]:
 
 
 class Case(NamedTuple):
-    """An object of a recording before a model that knows it or not.
-
-    Attributes:
-        what: The object by its number in the whole grid.
-        model: Fitted to the training taps, with the object or without.
-    """
+    """An object of a recording before a model that knows it or not."""
 
     what: int
     model: HistogramModel

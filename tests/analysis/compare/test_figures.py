@@ -1,8 +1,5 @@
 """Figures that compare models, drawn from small made-up datasets."""
 
-import subprocess
-import sys
-
 import numpy as np
 import pytest
 import xarray as xr
@@ -91,16 +88,6 @@ CASES = {
 
 def panels(figure):
     return [axes for axes in figure.axes if axes.get_visible()]
-
-
-def test_importing_the_figures_does_not_import_matplotlib():
-    """Matplotlib is loaded when the first figure is drawn."""
-    code = "import sys, solidtouch.analysis.compare.figures; print('matplotlib' in sys.modules)"
-
-    assert (
-        subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout.strip()
-        == "False"
-    )
 
 
 @pytest.mark.parametrize("name", CASES)

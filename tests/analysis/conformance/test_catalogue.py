@@ -83,7 +83,7 @@ def test_small_priors_loosen_the_tolerance_of_beliefs():
 
 @pytest.mark.parametrize("route", ["numpy", "montecarlo"])
 def test_engines_pass_the_short_cases(route):
-    verdicts = run_route(route, SHORT)
+    verdicts = list(run_route(route, SHORT))
 
     assert {verdict.status for verdict in verdicts} == {"pass"}
 
@@ -91,7 +91,7 @@ def test_engines_pass_the_short_cases(route):
 @pytest.mark.slow
 @pytest.mark.parametrize("route", ROUTES)
 def test_engines_pass_all_cases(route):
-    verdicts = run_route(route, list(catalogue().values()))
+    verdicts = list(run_route(route, list(catalogue().values())))
     left_out = {verdict.case for verdict in verdicts if verdict.status == "left out"}
 
     assert {verdict.status for verdict in verdicts} - {"left out"} == {"pass"}

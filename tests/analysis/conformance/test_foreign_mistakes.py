@@ -63,7 +63,7 @@ LIMITS = {"linear-underflow": ("long-and-back",), "linear-likelihood": ("episode
 
 
 def verdicts(words, names=()):
-    return with_causes(check_program(words, select(names), Asked()), "double")
+    return with_causes(list(check_program(words, select(names), Asked())), "double")
 
 
 def test_the_c_program_passes_every_case(solid_c):

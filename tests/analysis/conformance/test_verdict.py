@@ -42,7 +42,7 @@ def test_a_line_is_plain_json():
 def test_a_program_that_is_started_once_has_the_time_of_all_cases(monkeypatch, number):
     given = []
     monkeypatch.setattr(run, "run_program", lambda _, __, seconds: given.append(seconds) or Ended("", ""))
-    check_program(["program"], [CASE, FIT, IMPOSSIBLE][:number], Asked(timeout=7.0), together=True)
+    list(check_program(["program"], [CASE, FIT, IMPOSSIBLE][:number], Asked(timeout=7.0), together=True))
     assert given == [7.0 * number]
 
 
@@ -226,7 +226,7 @@ def test_a_program_need_not_read_its_input():
 
 def test_a_missing_program_is_named():
     with pytest.raises(InputError, match=r"--command: ./no-such cannot be run: No such file or directory."):
-        check_program(["./no-such"], [CASE], Asked())
+        list(check_program(["./no-such"], [CASE], Asked()))
 
 
 ECHO = """
@@ -248,8 +248,8 @@ def test_a_program_may_be_started_for_each_case_or_for_all(together, tmp_path):
     cases = [catalogue()[name] for name in ("root-j", "fit", "root-jk", "root-none")]
     (tmp_path / "answers.json").write_text(json.dumps({case.name: output(case) for case in cases}))
     words = [sys.executable, "-c", ECHO, str(tmp_path / "answers.json")]
-    well = check_program(words, cases, Asked(), together)
-    dead = check_program([*words, "die"], cases, Asked(), together)
+    well = list(check_program(words, cases, Asked(), together))
+    dead = list(check_program([*words, "die"], cases, Asked(), together))
 
     assert [verdict.status for verdict in well] == ["pass"] * 4
     assert [verdict.status for verdict in dead] == ["pass", "pass", "failed", "failed" if together else "pass"]
@@ -268,7 +268,7 @@ def test_verdicts_before_a_program_hangs_are_kept(tmp_path):
     turned = {name: [dict(reversed(line.items())) for line in answers] for name, answers in lines.items()}
     (tmp_path / "answers.json").write_text(json.dumps(turned))
     words = [sys.executable, "-c", LAST, str(tmp_path / "answers.json"), "hang"]
-    found = check_program(words, cases, Asked(timeout=0.5), together=True)
+    found = list(check_program(words, cases, Asked(timeout=0.5), together=True))
 
     assert [verdict.status for verdict in found] == ["pass", "pass", "pass", "failed"]
     assert "was stopped" in found[3].sentence
@@ -291,7 +291,7 @@ def test_what_a_program_says_does_not_paint_the_terminal():
 
 def test_answers_in_files_are_judged(tmp_path):
     (tmp_path / "fit.jsonl").write_text(output(FIT))
-    verdicts = check_answers(tmp_path, [FIT, CASE], Asked())
+    verdicts = list(check_answers(tmp_path, [FIT, CASE], Asked()))
 
     assert [verdict.status for verdict in verdicts] == ["pass", "failed"]
     assert "No such file" in described(verdicts[1])
