@@ -2,6 +2,7 @@
 
 import re
 import shutil
+from argparse import ArgumentParser, Namespace
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any
@@ -38,6 +39,14 @@ def share_interval(hits: int, n: int) -> str:
     return f"{hits / n:.3f} [{interval.low:.3f}, {interval.high:.3f}]"
 
 
+def parsed(parser: ArgumentParser, *blocks: str) -> Namespace:
+    """The options of a study, with `--document`, a page to update that has a place for each of its blocks."""
+    parser.add_argument("--document", type=Path, help="page to update")
+    options = parser.parse_args()
+    check_block(options.document, *blocks)
+    return options
+
+
 def check_block(document: Path | None, *names: str) -> None:
     """Checks that a page has a place for each block, before hours are spent on their content.
 
@@ -50,11 +59,13 @@ def check_block(document: Path | None, *names: str) -> None:
             raise ValueError(f"{document} has no lines <!-- begin {name} --> and <!-- end {name} -->.")
 
 
-def write_block(document: Path, name: str, text: str) -> None:
-    """Replaces what stands between the lines `<!-- begin NAME -->` and `<!-- end NAME -->` of a page.
+def write_block(document: Path | None, name: str, text: str) -> None:
+    """Replaces what stands between the lines `<!-- begin NAME -->` and `<!-- end NAME -->` of a page, if there is one.
 
     Negative numbers outside code get a real minus sign.
     """
+    if document is None:
+        return
     page = document.read_text(encoding="utf-8")
     text = _CODE_OR_MINUS.sub(lambda found: found["code"] or "−", text)
     page = _place(name).sub(lambda found: f"{found[1]}{text}\n{found[2]}", page)

@@ -50,8 +50,7 @@ def run_one(work: str, quick: bool, document: Path | None) -> None:
     where = "\n".join(machine_list(machine()).splitlines()[:2])  # processor and vector instructions
     text = f"{where}\n\n{all_works(_say(work, _module(work).rows)(quick))}"
     print(text)
-    if document is not None:
-        write_block(document, work, text)
+    write_block(document, work, text)
 
 
 def run(quick: bool, out: Path, document: Path | None) -> None:

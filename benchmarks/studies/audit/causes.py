@@ -14,7 +14,6 @@ from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import partial
-from pathlib import Path
 from typing import NamedTuple
 
 from solidtouch.analysis.audit.leakage.run import leakage
@@ -35,7 +34,7 @@ from solidtouch.models.seeds import Purpose, data_set_seed, derived_seed
 from solidtouch.models.setting_file import Setting
 from solidtouch.models.taps import TapSet, concatenate
 
-from benchmarks.page import check_block, share_interval, table, write_block
+from benchmarks.page import parsed, share_interval, table, write_block
 from benchmarks.study import until_interrupted, write_json
 
 SESSIONS = 3
@@ -175,9 +174,7 @@ def main() -> None:
     parser.add_argument("--repetitions", type=int, default=200, help="data sets for which independence holds")
     parser.add_argument("--alone", type=int, default=5, help="complete audits of each kind")
     parser.add_argument("--seed", type=int, default=1)
-    parser.add_argument("--document", type=Path, help="page to update")
-    options = parser.parse_args()
-    check_block(options.document, "knobs", "unbroken", "alone")
+    options = parsed(parser, "knobs", "unbroken", "alone")
     seeds = [data_set_seed(options.seed, d) for d in range(options.data_sets)]
     knob_tasks = [partial(turned, knob, seed) for knob in knobs() for seed in seeds]
     model = source(options.seed)

@@ -10,7 +10,6 @@
 import argparse
 from collections.abc import Callable, Sequence
 from functools import partial
-from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
@@ -28,7 +27,7 @@ from solidtouch.models.preprocessing import Preprocessing
 from solidtouch.models.taps import TapSet, concatenate
 from solidtouch.models.threads import one_blas_thread
 
-from benchmarks.page import check_block, share_interval, table, write_block
+from benchmarks.page import parsed, share_interval, table, write_block
 from benchmarks.study import until_interrupted, write_json
 
 ALPHA, NAMED_ALPHA = 0.05, 0.01
@@ -220,9 +219,7 @@ def main() -> None:
         help="data sets per row of the taxel study; the suspect study uses a quarter",
     )
     parser.add_argument("--seed", type=int, default=1)
-    parser.add_argument("--document", type=Path, help="page to update")
-    options = parser.parse_args()
-    check_block(options.document, "audit-drift", "audit-suspects")
+    options = parsed(parser, "audit-drift", "audit-suspects")
     with one_blas_thread():
         across = _run("taxels", COURSES, taxels, options.data_sets, options.seed)
         named = _run("suspects", SUSPICIONS, suspects, options.data_sets // 4, options.seed)

@@ -17,7 +17,7 @@ from typing import Any
 from solidtouch.analysis.page.page import Row
 from solidtouch.models.storage import complete_file
 
-from benchmarks.page import check_block, table, write_block
+from benchmarks.page import parsed, table, write_block
 from benchmarks.study import RECORDED, solidtouch
 
 PRESETS = ("ideal", "paper", "broken")
@@ -69,9 +69,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--recorded", type=Path, help="folder of recordings")
     parser.add_argument("--out", type=Path, help="keep the audits in this folder")
-    parser.add_argument("--document", type=Path, help="page to update")
-    options = parser.parse_args()
-    check_block(options.document, BLOCK)
+    options = parsed(parser, BLOCK)
     rows, said = [], []
     with TemporaryDirectory() as temporary:
         out = options.out or Path(temporary) / "audits"
@@ -89,8 +87,7 @@ def main() -> None:
                     shutil.copyfile(out / SHOWN.replace(" ", "-") / f"{figure}.svg", temporary_file)
     head = ["data", "factor", "a correct model gives", "beliefs are", "main cause", "recommended"]
     text = f"{table(head, rows)}\n\nThe verdicts in full:\n\n" + "\n".join(said)
-    if options.document is not None:
-        write_block(options.document, BLOCK, text)
+    write_block(options.document, BLOCK, text)
 
 
 if __name__ == "__main__":

@@ -12,7 +12,6 @@ import argparse
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import partial
-from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
@@ -24,7 +23,7 @@ from solidtouch.models.measurement.histogram import fit
 from solidtouch.models.seeds import data_set_seed
 from solidtouch.models.settings import PlaySettings
 
-from benchmarks.page import check_block, share_interval, table, write_block
+from benchmarks.page import parsed, share_interval, table, write_block
 from benchmarks.study import until_interrupted, write_json
 
 TUNING = 5
@@ -164,9 +163,7 @@ def main() -> None:
     parser.add_argument("--rigs", nargs="*", choices=list(rigs()), default=list(rigs()))
     parser.add_argument("--trials", type=int, default=1000, help="trials per session")
     parser.add_argument("--seed", type=int, default=300)
-    parser.add_argument("--document", type=Path, help="page to update")
-    options = parser.parse_args()
-    check_block(options.document, "target-error")
+    options = parsed(parser, "target-error")
     seeds = [data_set_seed(options.seed, d) for d in range(options.data_sets)]
     tasks: list[Callable[[], tuple[str, dict[str, list[Outcome]]]]] = [
         partial(_named, name, seed, options.trials) for seed in seeds for name in options.rigs

@@ -27,7 +27,7 @@ from solidtouch.inference.reference import Border
 from solidtouch.models.measurement.histogram import HistogramModel
 from solidtouch.models.seeds import Purpose, derived_seed, generator
 
-from benchmarks.page import check_block, publish, share_interval, table, write_block
+from benchmarks.page import parsed, publish, share_interval, table, write_block
 from benchmarks.studies.beliefs.figures import CalibrationPanel, calibration_figure
 from benchmarks.studies.models.sbc import DRAWS, distribution, simultaneous_band
 from benchmarks.study import until_interrupted, write_json
@@ -261,9 +261,7 @@ def main() -> None:
         "--false-alarms", type=int, nargs=3, default=Sizes().right, help="repetitions without an error, for each size"
     )
     parser.add_argument("--seed", type=int, default=1)
-    parser.add_argument("--document", type=Path, help="page to update")
-    options = parser.parse_args()
-    check_block(options.document, "calibration-right", "calibration-planted")
+    options = parsed(parser, "calibration-right", "calibration-planted")
     sizes = Sizes(options.trials, planted=options.repetitions, right=tuple(options.false_alarms))
     truth = right_model(options.seed)
     for name, study in STUDIES.items():

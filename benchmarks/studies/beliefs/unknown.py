@@ -234,8 +234,7 @@ def main() -> None:
     for block in blocks:
         text = table(heads[block], rows[block])
         print(f"\n{text}")
-        if options.document is not None:
-            write_block(options.document, block, text)
+        write_block(options.document, block, text)
 
 
 if __name__ == "__main__":

@@ -18,7 +18,6 @@ from collections.abc import Sequence
 from dataclasses import replace
 from functools import partial
 from itertools import product
-from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -42,7 +41,7 @@ from solidtouch.models.setting_file import Setting
 from solidtouch.models.settings import PlaySettings
 from solidtouch.models.taps import TapSet
 
-from benchmarks.page import check_block, share_interval, table, write_block
+from benchmarks.page import parsed, share_interval, table, write_block
 from benchmarks.studies.intervals.coverage import SYMBOLS, grid_of
 from benchmarks.study import processes, write_json
 
@@ -201,9 +200,7 @@ def main() -> None:
     parser.add_argument("--rigs", type=int, default=200, help="data sets per simulated rig; 0 to skip")
     parser.add_argument("--seed", type=int, default=0, help="random seed")
     parser.add_argument("--sizes", nargs="*", choices=SIZES, default=list(SIZES))
-    parser.add_argument("--document", type=Path, help="page to update")
-    options = parser.parse_args()
-    check_block(options.document, *BLOCKS)
+    options = parsed(parser, *BLOCKS)
     lines: dict[str, list[list[str]]] = {block: [] for block in BLOCKS}
     measured = []
 

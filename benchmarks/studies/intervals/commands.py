@@ -8,7 +8,6 @@ Test taps are drawn from the tables that the filter uses, so a large pool of the
 import argparse
 from collections.abc import Iterator
 from functools import cache, partial
-from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
@@ -34,7 +33,7 @@ from solidtouch.models.preprocessing import Preprocessing
 from solidtouch.models.settings import PlaySettings
 from solidtouch.models.taps import TapSet, concatenate
 
-from benchmarks.page import check_block, share_interval, table, write_block
+from benchmarks.page import parsed, share_interval, table, write_block
 from benchmarks.study import until_interrupted
 
 L, M, K, B = 6, 3, 4, 8
@@ -199,9 +198,7 @@ def main() -> None:
     """Measures, prints and writes."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--data-sets", type=int, default=300, help="number of data sets")
-    parser.add_argument("--document", type=Path, help="page to update")
-    options = parser.parse_args()
-    check_block(options.document, BLOCK)
+    options = parsed(parser, BLOCK)
     tasks = [partial(outcomes, number, SIZES) for number in range(options.data_sets)]
     done = list(until_interrupted("Data sets", tasks))
     text = (
@@ -210,8 +207,7 @@ def main() -> None:
         f"{coverage([one for of in done for one in of])}"
     )
     print(text)
-    if options.document is not None:
-        write_block(options.document, BLOCK, text)
+    write_block(options.document, BLOCK, text)
 
 
 if __name__ == "__main__":

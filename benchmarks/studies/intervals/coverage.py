@@ -14,7 +14,6 @@ from collections import defaultdict
 from collections.abc import Iterator
 from functools import partial
 from itertools import product
-from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -29,7 +28,7 @@ from solidtouch.models import seeds
 from solidtouch.models.grid import ClassGrid
 from solidtouch.models.settings import PlaySettings
 
-from benchmarks.page import check_block, share_interval, table, write_block
+from benchmarks.page import parsed, share_interval, table, write_block
 from benchmarks.study import OUT, processes, write_json
 
 SIZES = {"6 x 3": (6, 3), "16 x 5": (16, 5)}
@@ -235,15 +234,12 @@ def main() -> None:
     parser.add_argument(
         "--add", action="store_true", help="add to the results of the last run; with an empty --sizes only write them"
     )
-    parser.add_argument("--document", type=Path, help="page to update")
-    options = parser.parse_args()
-    check_block(options.document, BLOCK)
+    options = parsed(parser, BLOCK)
     rows: list[tuple[Any, ...]] = []
 
     def write() -> None:
         write_json("intervals", [[size, n, name, *found] for size, n, name, found in rows])
-        if options.document is not None:
-            write_block(options.document, BLOCK, document(rows))
+        write_block(options.document, BLOCK, document(rows))
 
     if options.add:
         wanted = set(product(options.sizes, options.taps))

@@ -13,7 +13,6 @@ import argparse
 import json
 from functools import partial
 from itertools import product
-from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
@@ -31,7 +30,7 @@ from solidtouch.models.setting_file import Setting
 from solidtouch.models.settings import FitSettings
 from solidtouch.models.taps import TapSet, concatenate
 
-from benchmarks.page import check_block, share_interval, table, write_block
+from benchmarks.page import parsed, share_interval, table, write_block
 from benchmarks.studies.intervals.calibration import SIZES, TAPS
 from benchmarks.studies.intervals.coverage import SYMBOLS, grid_of
 from benchmarks.study import OUT, processes, write_json
@@ -149,9 +148,7 @@ def main() -> None:
     parser.add_argument(
         "--add", action="store_true", help="add the rows missing from the last run with the same options"
     )
-    parser.add_argument("--document", type=Path, help="page to update")
-    options = parser.parse_args()
-    check_block(options.document, LEVEL_BLOCK, POWER_BLOCK)
+    options = parsed(parser, LEVEL_BLOCK, POWER_BLOCK)
     measured: list[tuple[Design, list[list[bool]]]] = []
     if options.add:
         try:
@@ -170,9 +167,8 @@ def main() -> None:
             measured.append((design, found))
             print(*design, len(found), *shares(np.array(found)), flush=True)
             write_json("exponent_level", [[*design, found] for design, found in measured])
-            if options.document is not None:
-                for block, text in tables(measured).items():
-                    write_block(options.document, block, text)
+            for block, text in tables(measured).items():
+                write_block(options.document, block, text)
 
 
 if __name__ == "__main__":

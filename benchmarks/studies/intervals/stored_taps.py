@@ -8,7 +8,6 @@ drawn with replacement, and without using any tap twice. The true miscalibration
 
 import argparse
 from functools import partial
-from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,7 +16,7 @@ from solidtouch.inference.episode import DEADLINE
 from solidtouch.inference.trials.records import plan_trials
 from solidtouch.models.settings import PlaySettings
 
-from benchmarks.page import check_block, mean_interval, table, write_block
+from benchmarks.page import mean_interval, parsed, table, write_block
 from benchmarks.studies.intervals.coverage import SIZES, TAPS, THETA, TRIALS, draw
 from benchmarks.study import processes
 
@@ -44,9 +43,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--data-sets", type=int, default=100, help="number of data sets")
     parser.add_argument("--seed", type=int, default=0, help="random seed")
-    parser.add_argument("--document", type=Path, help="page to update")
-    options = parser.parse_args()
-    check_block(options.document, BLOCK)
+    options = parsed(parser, BLOCK)
     rows = []
     with processes() as pool:
         for size, (L, M) in SIZES.items():
@@ -58,8 +55,7 @@ def main() -> None:
                     rows.append([size, str(taps), policy, *(mean_interval(ratio[:, i, j]) for j in range(2))])
                     print(*rows[-1], flush=True)
     text = table(["size", "taps per class", "policy", "stored taps", "fresh taps"], rows)
-    if options.document is not None:
-        write_block(options.document, BLOCK, text)
+    write_block(options.document, BLOCK, text)
 
 
 if __name__ == "__main__":

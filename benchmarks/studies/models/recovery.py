@@ -12,7 +12,6 @@ from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import partial
-from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
@@ -32,7 +31,7 @@ from solidtouch.models.measurement.story import ParametricModel
 from solidtouch.models.settings import FitSettings
 from solidtouch.models.taps import TapSet, concatenate
 
-from benchmarks.page import check_block, publish, share_interval, table, write_block
+from benchmarks.page import parsed, publish, share_interval, table, write_block
 from benchmarks.studies.models.figures import recovery_figure
 from benchmarks.study import thinned, until_interrupted, write_json
 
@@ -343,9 +342,7 @@ def main() -> None:
     parser.add_argument("--replicates", type=int, default=6, help="data sets per model")
     parser.add_argument("--models", nargs="*", default=MODELS, choices=MODELS)
     parser.add_argument("--seed", type=int, default=1)
-    parser.add_argument("--document", type=Path, help="page to update")
-    options = parser.parse_args()
-    check_block(options.document, "recovery")
+    options = parsed(parser, "recovery")
     sizes, models = Sizes(), list(options.models)
     fitted = sources(models, sizes, options.seed)
     tasks: list[Callable[[], Replicate]] = [

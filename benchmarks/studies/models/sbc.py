@@ -11,7 +11,6 @@ with simulation-based calibration", 2018). Ranks are tested by their distributio
 import argparse
 from collections.abc import Callable, Sequence
 from functools import partial
-from pathlib import Path
 from typing import Any, NamedTuple
 
 import jax
@@ -35,7 +34,7 @@ from solidtouch.models.preprocessing import Preprocessing
 from solidtouch.models.seeds import Purpose, derived_seed, generator
 from solidtouch.models.taps import TapSet
 
-from benchmarks.page import check_block, publish, table, write_block
+from benchmarks.page import parsed, publish, table, write_block
 from benchmarks.studies.models.figures import RankPanel, rank_figure
 from benchmarks.study import until_interrupted, write_json
 
@@ -396,9 +395,7 @@ def main() -> None:
     parser.add_argument("--repetitions", type=int, default=500, help="data sets per model")
     parser.add_argument("--models", nargs="*", help="models to run")
     parser.add_argument("--seed", type=int, default=1)
-    parser.add_argument("--document", type=Path, help="page to update")
-    options = parser.parse_args()
-    check_block(options.document, "sbc")
+    options = parsed(parser, "sbc")
     sizes = Sizes()
     chosen = [study for study in studies(sizes) if not options.models or study.name in options.models]
     results = [run(study, options.repetitions, options.seed) for study in chosen]

@@ -10,7 +10,6 @@ and with an exponent fitted for each model.
 import argparse
 from collections.abc import Callable, Sequence
 from functools import partial
-from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
@@ -25,7 +24,7 @@ from solidtouch.models.seeds import data_set_seed
 from solidtouch.models.settings import FitSettings
 from solidtouch.models.taps import TapSet, concatenate
 
-from benchmarks.page import check_block, mean_interval, publish, table, write_block
+from benchmarks.page import mean_interval, parsed, publish, table, write_block
 from benchmarks.studies.models.figures import Gain, session_figure
 from benchmarks.study import thinned, until_interrupted, write_json
 
@@ -246,9 +245,7 @@ def main() -> None:
     parser.add_argument("--presets", nargs="*", default=["paper", "nodrift"])
     parser.add_argument("--pairs", nargs="*", default=[pair.name for pair in PAIRS])
     parser.add_argument("--seed", type=int, default=100)
-    parser.add_argument("--document", type=Path, help="page to update")
-    options = parser.parse_args()
-    check_block(options.document, "sessions")
+    options = parsed(parser, "sessions")
     tasks: list[Callable[[], Result]] = [
         partial(compare, name, preset(name), pair, data_set_seed(options.seed, i))
         for pair in PAIRS

@@ -14,7 +14,7 @@ from typing import Any
 from solidtouch.analysis.page.page import Row
 from solidtouch.models.storage import complete_file
 
-from benchmarks.page import check_block, table, write_block
+from benchmarks.page import parsed, table, write_block
 from benchmarks.study import solidtouch
 
 SIMULATED, SKIN, BRAILLE = BLOCKS = "simulated", "skin", "braille"
@@ -52,9 +52,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--recorded", type=Path, help="folder of recordings")
     parser.add_argument("--only", choices=BLOCKS, help="update one block only")
-    parser.add_argument("--document", type=Path, help="page to update")
-    options = parser.parse_args()
-    check_block(options.document, *BLOCKS)
+    options = parsed(parser, *BLOCKS)
     with TemporaryDirectory() as temporary:
         for block, words in comparisons(Path(temporary), options.recorded):
             if options.only not in (None, block):

@@ -19,7 +19,7 @@ from solidtouch.models.grid import ClassGrid
 from solidtouch.models.io.load import load_taps
 from solidtouch.models.taps import TapSet
 
-from benchmarks.page import check_block, table, write_block
+from benchmarks.page import parsed, table, write_block
 from benchmarks.studies.results.reproduce import told
 from benchmarks.study import RECORDED, solidtouch
 
@@ -93,9 +93,7 @@ def main() -> None:
     """Runs the commands and writes."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--recorded", type=Path, help="folder of recordings")
-    parser.add_argument("--document", type=Path, help="page to update")
-    options = parser.parse_args()
-    check_block(options.document, BLOCK)
+    options = parsed(parser, BLOCK)
     lines = []
     with TemporaryDirectory() as temporary:
         folder = Path(temporary)
@@ -103,8 +101,7 @@ def main() -> None:
             for holes in HOLES:
                 lines.append(line(folder, name, files, words, holes))
                 print(*lines[-1], sep=" | ", flush=True)
-    if options.document is not None:
-        write_block(options.document, BLOCK, table(HEAD, lines))
+    write_block(options.document, BLOCK, table(HEAD, lines))
 
 
 if __name__ == "__main__":

@@ -20,7 +20,7 @@ from solidtouch.analysis.sensitivity.summary import summarise
 from solidtouch.cli.shared.progress import bars
 from solidtouch.models.settings import Division
 
-from benchmarks.page import check_block, publish, table, write_block
+from benchmarks.page import parsed, publish, table, write_block
 from benchmarks.study import RECORDED, write_json
 
 BLOCKS = ("open-choices-findings", "open-choices", "open-choices-pairs", "open-choices-rules")
@@ -163,9 +163,7 @@ def main() -> None:
     parser.add_argument(
         "--from", dest="measured", type=Path, help="rewrite text, tables and figures from these measurements"
     )
-    parser.add_argument("--document", type=Path, help="page to update")
-    options = parser.parse_args()
-    check_block(options.document, *BLOCKS, RECORDED_BLOCK)
+    options = parsed(parser, *BLOCKS, RECORDED_BLOCK)
     if options.measured is None:
         summary = measured(options)
     else:
@@ -181,8 +179,7 @@ def main() -> None:
         texts[RECORDED_BLOCK] = recorded_table(recorded)
     for name, text in texts.items():
         print(text, end="\n\n")
-        if options.document is not None:
-            write_block(options.document, name, text)
+        write_block(options.document, name, text)
     if options.document is not None:
         for one in simulated:
             publish(forest(one), options.document, "open-choices")

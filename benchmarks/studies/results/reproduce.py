@@ -16,7 +16,7 @@ from solidtouch.analysis.page.page import Row
 from solidtouch.analysis.reproduce.record import AccuracyRow, ReproductionSummary
 from solidtouch.models.storage import complete_file
 
-from benchmarks.page import check_block, table, write_block
+from benchmarks.page import parsed, table, write_block
 from benchmarks.study import solidtouch
 
 _FRESH_DIGITS = {"what_error": 2, "where_error": 3, "taps": 1}
@@ -129,14 +129,11 @@ def main() -> None:
     """Runs everything and writes."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--recorded", type=Path, help="folder of recordings")
-    parser.add_argument("--document", type=Path, help="page to update")
-    options = parser.parse_args()
-    check_block(options.document, *BLOCKS)
+    options = parsed(parser, *BLOCKS)
 
     def write(block: str, text: str) -> None:
         print(text, flush=True)
-        if options.document is not None:
-            write_block(options.document, block, text)
+        write_block(options.document, block, text)
 
     with TemporaryDirectory() as temporary:
         folder = Path(temporary)

@@ -26,7 +26,7 @@ from solidtouch.analysis.strategies.summary import summarise
 from solidtouch.cli.shared.progress import bars
 from solidtouch.models.settings import Division
 
-from benchmarks.page import check_block, publish, table, write_block
+from benchmarks.page import parsed, publish, table, write_block
 from benchmarks.study import write_json
 
 RECORDED = {"barrett_ballcyl.npz": (None, None), "eflesh_grid.npz": ("3mm", "3mm")}
@@ -206,9 +206,7 @@ def main() -> None:
     parser.add_argument("--seed", type=int, default=0, help="random seed")
     parser.add_argument("--recorded", type=Path, help="folder of recordings")
     parser.add_argument("--summary", type=Path, nargs="+", help="strategies.json of finished runs")
-    parser.add_argument("--document", type=Path, help="page to update")
-    options = parser.parse_args()
-    check_block(options.document, *BLOCKS, REGRET)
+    options = parsed(parser, *BLOCKS, REGRET)
     if options.summary:
         summaries = [json.loads(path.read_text("utf-8")) for path in options.summary]
     else:
@@ -219,8 +217,7 @@ def main() -> None:
     texts = (compared(sources) if sources else {}) | ({REGRET: regrets(lost)} if lost else {})
     for name, text in texts.items():
         print(text, end="\n\n")
-        if options.document is not None:
-            write_block(options.document, name, text)
+        write_block(options.document, name, text)
     if options.document is not None and sources:
         publish_figures(sources, options.document)
     if options.document is not None and lost:

@@ -11,7 +11,6 @@ method could know. On the same session learners find both from the costs of sing
 import argparse
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
-from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -30,7 +29,7 @@ from solidtouch.models.setting_file import Setting
 from solidtouch.models.settings import PlaySettings
 from solidtouch.models.taps import TapSet, concatenate
 
-from benchmarks.page import check_block, mean_interval, publish, table, write_block
+from benchmarks.page import mean_interval, parsed, publish, table, write_block
 from benchmarks.studies.strategies.figures import regret_figure, tuning_figure
 from benchmarks.studies.strategies.learning_regret import regrets
 from benchmarks.study import until_interrupted, write_json
@@ -172,9 +171,7 @@ def main() -> None:
     parser.add_argument("--trials", type=int, default=1000, help="trials per part of the training taps")
     parser.add_argument("--episodes", type=int, default=1000, help="episodes per learner")
     parser.add_argument("--seed", type=int, default=500)
-    parser.add_argument("--document", type=Path, help="page to update")
-    options = parser.parse_args()
-    check_block(options.document, *BLOCKS)
+    options = parsed(parser, *BLOCKS)
     seeds = [data_set_seed(options.seed, d) for d in range(options.data_sets)]
     tasks: list[Callable[[], tuple[str, Found]]] = [
         partial(_named, name, seed, options.trials, options.episodes) for seed in seeds for name in options.presets
