@@ -58,10 +58,12 @@ def labelled(
 def rows(data: xr.Dataset, *dims: str) -> list[dict[str, Any]]:
     """The inverse: a row of plain numbers and texts for each combination of labels, the last dimension fastest.
 
+    Coordinates that are no dimensions are left out.
+
     >>> rows(xr.Dataset({"taps": ("policy", [3.2, 2.5])}, {"policy": ["passive", "active"]}), "policy")
     [{'policy': 'passive', 'taps': 3.2}, {'policy': 'active', 'taps': 2.5}]
     """
-    frame = data.to_dataframe(dim_order=dims).reset_index()
+    frame = data.reset_coords(drop=True).to_dataframe(dim_order=dims).reset_index()
     return [{str(name): value for name, value in row.items()} for row in frame.to_dict("records")]
 
 

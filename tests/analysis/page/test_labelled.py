@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from solidtouch.analysis.page.labelled import interval_columns, labelled, source_units, with_units
+from solidtouch.analysis.page.labelled import interval_columns, labelled, rows, source_units, with_units
 
 
 def test_rows_fill_a_grid_and_missing_ones_are_empty():
@@ -35,6 +35,16 @@ def test_two_rows_of_one_name_are_refused():
 
 def test_no_rows_are_an_empty_data_set():
     assert labelled([], ["a"]).sizes == {"a": 0}
+
+
+def test_rows_of_a_grid_are_plain_and_without_other_coordinates():
+    """Numbers, words and truths as JSON takes them, in the order of the dimensions that are named."""
+    data = labelled([{"a": a, "b": b, "n": b, "true": a == "x"} for a in "xy" for b in (1, 2)], ["a", "b"])
+    found = rows(data.assign_coords(c=("a", [5, 6]), d=7.0), "b", "a")
+
+    assert found[1] == {"b": 1, "a": "y", "n": 1, "true": False}
+    assert [(row["b"], row["a"]) for row in found] == [(1, "x"), (1, "y"), (2, "x"), (2, "y")]
+    assert {type(value) for row in found for value in row.values()} == {int, str, bool}
 
 
 def test_units_go_to_bounds_and_differences_of_a_quantity_and_leave_the_original_alone():
