@@ -125,7 +125,9 @@ def summarise_checks(tree: xr.DataTree) -> xr.Dataset:
     low, high = np.quantile(values, [tail, 1 - tail], axis=1)
     z = np.divide(seen - mean, sd, out=np.copysign(np.inf, seen - mean), where=sd > 0)
     z[seen == mean] = 0.0
-    above, below = ((side.sum(axis=1) + 1) / (values.shape[1] + 1) for side in _sides(values, seen))
+    above, below = (
+        (side.sum(axis=1) + 1) / (values.shape[1] + 1) for side in (values >= seen[:, None], values <= seen[:, None])
+    )
     outside = (seen < values.min(axis=1)) | (seen > values.max(axis=1))
     text = {
         key: np.array([observed[name].attrs[attribute] for name in names], dtype=np.str_)
@@ -134,8 +136,3 @@ def summarise_checks(tree: xr.DataTree) -> xr.Dataset:
     numbers = {"observed": seen, "mean": mean, "low": low, "high": high, "z": z}
     numbers |= {"p": np.minimum(1.0, 2 * np.minimum(above, below)), "differs": outside & (np.abs(z) > _FAR)}
     return xr.Dataset({key: ("statistic", value) for key, value in (numbers | text).items()}, {"statistic": names})
-
-
-def _sides(values: NDArray[np.float64], seen: NDArray[np.float64]) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
-    """Which replicates are at or above and at or below what was observed, both of the shape of the values."""
-    return values >= seen[:, np.newaxis], values <= seen[:, np.newaxis]

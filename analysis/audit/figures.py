@@ -76,7 +76,8 @@ def plot_causes(axes: Axes, split: xr.Dataset, named: str | None) -> Axes:
         if not np.isfinite(share[i]):
             axes.annotate("not estimable", (0, i), xytext=(4, 0), textcoords="offset points", va="center")
             continue
-        kind = "other" if not is_cause(part) else "first" if part == named else _kind(split["share_sure"].values[i])
+        there = "there" if split["share_sure"].values[i] > 0 else "perhaps"
+        kind = "other" if not is_cause(part) else "first" if part == named else there
         axes.barh(i, share[i], height=0.7, color=_BAR_COLOURS[kind])
         if np.isfinite([low[i], high[i]]).all():
             axes.plot([low[i], high[i]], [i, i], color="black", linewidth=0.8)
@@ -89,10 +90,6 @@ def plot_causes(axes: Axes, split: xr.Dataset, named: str | None) -> Axes:
     axes.spines["left"].set_visible(False)
     axes.set_xlabel(f"share of the variance of the evidence of {split.attrs.get('taps', 'some')} taps (%)")
     return axes
-
-
-def _kind(sure: float) -> str:
-    return "there" if sure > 0 else "perhaps"
 
 
 def _padded(values: NDArray[np.float64]) -> tuple[float, float]:
@@ -147,7 +144,7 @@ def plot_taxel_map(axes: Axes, one: xr.Dataset) -> Axes:
     axes.imshow(np.ma.masked_array(np.ones((K, K)), ~np.eye(K, dtype=bool)), cmap="Greys", vmin=1, vmax=2, **place)
     bar = axes.figure.colorbar(image, ax=axes, orientation="horizontal", pad=0.02, shrink=0.9, aspect=25)
     bar.set_label(str(one["effect_unit"].values))
-    bar.locator = _few(5)
+    bar.locator = MaxNLocator(nbins=5, steps=[1, 2, 5, 10])
     bar.update_ticks()
     pairs = int(below.sum())
     axes.set_title(f"{int((rejected & below).sum())} of {pairs} pair{'s' * (pairs != 1)}")
@@ -400,10 +397,6 @@ def _effective(dependence: xr.Dataset) -> str:
     value, low, high = (float(dependence[f"effective_samples{end}"]) for end in ("", "_low", "_high"))
     J = dependence.sizes["lag"]
     return f"{J} samples are worth {value:.3g} ({low:.3g} to {high:.3g})" if np.isfinite(value) else ""
-
-
-def _few(n: int) -> Any:
-    return MaxNLocator(nbins=n, steps=[1, 2, 5, 10])
 
 
 def _hatched(corner: tuple[float, float], side: float) -> Any:

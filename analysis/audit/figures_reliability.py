@@ -114,7 +114,7 @@ def plot_curves(axes: Axes, data: xr.Dataset) -> Axes:
     axes.axline((0, 0), slope=1, color="grey", linewidth=0.8, linestyle=":")
     counts = np.unique(data["contacts"].values)
     counts = counts[np.unique(np.linspace(0, len(counts) - 1, _CURVES).round().astype(int))]
-    for n, colour in zip(counts, _ramp(len(counts)), strict=True):
+    for n, colour in zip(counts, mpl.colormaps["Reds"](np.linspace(0.35, 1.0, len(counts))), strict=True):
         part = data.sel(contacts=n)
         belief, right = part["curve_belief"].values, part["curve_right"].values
         full = np.isfinite(belief)
@@ -259,7 +259,8 @@ def plot_sessions(axes: Axes, result: TargetError) -> Axes:
     axes.axhline(result.target, color=PASSIVE, linewidth=0.8, linestyle="--", label="wanted")
     left = result.left_out
     axes.plot(1 - left.theta, left.error, "x", color=TRUE, label="left out, tuned on the others", clip_on=False)
-    axes.plot([1 - chosen.theta], [chosen.error], "o", color=DECIDED, markersize=5, label=_chosen_label(result))
+    label = "chosen" if result.reachable else "lowest; the target is not reachable"
+    axes.plot([1 - chosen.theta], [chosen.error], "o", color=DECIDED, markersize=5, label=label)
     axes.plot([1 - result.default.theta], [result.default.error], "s", color=ACTIVE, label="default")
     axes.set_ylim(0, min(1.02, max(1.1 * float(high.max()), 1.1 * result.target)))
     axes.set_ylabel("fraction of wrong decisions")
@@ -280,10 +281,6 @@ def plot_times(axes: Axes, result: TargetError) -> Axes:
     axes.set_ylabel("mean reaction time (taps)")
     _threshold_axis(axes, curves.theta)
     return axes
-
-
-def _chosen_label(result: TargetError) -> str:
-    return "chosen" if result.reachable else "lowest; the target is not reachable"
 
 
 def _objects(data: xr.Dataset) -> list[tuple[str, dict[str, Any]]]:
@@ -357,11 +354,6 @@ def _threshold_axis(axes: Axes, theta: NDArray[np.float64]) -> None:
     axes.xaxis.set_minor_locator(NullLocator())
     axes.set_xlim(1.15 * (1 - theta.min()), (1 - theta.max()) / 1.15)
     axes.set_xlabel("belief threshold")
-
-
-def _ramp(n: int) -> list[Any]:
-    """Colours from light to dark red."""
-    return list(mpl.colormaps["Reds"](np.linspace(0.35, 1.0, n)))
 
 
 def _key(figure: Figure, axes: Axes) -> None:

@@ -6,7 +6,7 @@ from functools import partial
 import numpy as np
 import xarray as xr
 
-from ..page.numbers import bounded, factor_of, in_brackets, interval, number, percent
+from ..page.numbers import factor_of, in_brackets, interval, number, percent
 from ..page.page import Block, Brief, Cautions, Listing, Note, Page, Picture, Row, Section, Table, Verbatim
 from . import figures, figures_taps
 from .run import Comparison
@@ -98,9 +98,9 @@ def _taps(comparison: Comparison, summary: Row) -> Iterator[Block]:
                     [
                         row["name"],
                         interval(row, "integrated"),
-                        _difference(row, "integrated"),
+                        interval(row, "integrated_difference"),
                         interval(row, "plug_in"),
-                        _difference(row, "plug_in"),
+                        interval(row, "plug_in_difference"),
                         _behind(row),
                         f"{row['weight']:.2f}" if "weight" in row else "–",
                     ]
@@ -205,7 +205,7 @@ def _classes(comparison: Comparison, summary: Row) -> Iterator[Block]:
                 [
                     row["name"],
                     interval(row, "log_score_joint"),
-                    _difference(row, "log_score_joint"),
+                    interval(row, "log_score_joint_difference"),
                     *(interval(row, name) for name in others.values()),
                 ]
                 for row in summary["classes"]
@@ -318,7 +318,3 @@ def _behind(row: Row) -> str:
     if "behind" not in row or "behind_se" not in row:
         return "–"
     return f"{row['behind']:.1f} ± {row['behind_se']:.1f}".replace("-", "−")
-
-
-def _difference(row: Row, name: str) -> str:
-    return bounded(*(row.get(f"{name}_difference{end}") for end in ("", "_low", "_high")))

@@ -117,7 +117,7 @@ def _option(study: Sensitivity, index: int, limit: Mapping[tuple[str, str], floa
     return {
         "name": option.name,
         "verdict": decided,
-        "of": [_quantity(name) for name in of],
+        "of": [" ".join(WORDS.get(word, word) for word in name.split(" ")) for name in of],
         **changes,
         "better": _better(study, found, limit),
         "impossible_taps": study.impossible[index],
@@ -139,11 +139,6 @@ def _better(study: Sensitivity, found: Effect, limit: Mapping[tuple[str, str], f
         "surely": [words[name] for name, change in large.items() if change.most < 0],
         "perhaps": [words[name] for name, change in large.items() if change.most >= 0 > change.high],
     }
-
-
-def _quantity(name: str) -> str:
-    """`active what_error` or `what_error reversed` in words."""
-    return " ".join(WORDS.get(word, word) for word in name.split(" "))
 
 
 def _named(choice: Choice, option: Option) -> Row:

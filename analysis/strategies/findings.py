@@ -7,7 +7,7 @@ import math
 from collections.abc import Iterable, Mapping, Sequence
 
 from ..experiment.settings import SHOWN_THETA
-from ..page.numbers import bounded, listed, number
+from ..page.numbers import interval, listed, number
 from ..page.page import Row
 
 TAPS = (2, 3, 5, 10)
@@ -40,7 +40,7 @@ def findings(sources: Sequence[Row]) -> list[str]:
     said = [better_finding(sources), *random_findings(sources)]
     for name in INFORMED:
         gains = [
-            f"{source['name']} at power {power['power']} {_words(row, 'gain')}"
+            f"{source['name']} at power {power['power']} {interval(row, 'gain')}"
             for source in sources
             for power in source["powers"]
             for row in power["trust"]
@@ -124,7 +124,3 @@ def _told(error: str, better: str, worse: str) -> str:
 def _at_theta(power: Row, strategy: str) -> Row:
     """The point of the paper's rule at `SHOWN_THETA`."""
     return next(row for row in power["curves"][PAPER][strategy] if math.isclose(row["level"], SHOWN_THETA))
-
-
-def _words(row: Row, name: str) -> str:
-    return bounded(row[name], row[f"{name}_low"], row[f"{name}_high"])

@@ -3,7 +3,7 @@
 from collections.abc import Iterator
 from functools import partial
 
-from ..page.numbers import factor, in_brackets, interval, number, percent
+from ..page.numbers import factor_of, in_brackets, interval, number, percent
 from ..page.page import Block, Brief, Folded, Note, Page, Picture, Row, Section, Table, Verbatim
 from . import figures
 from .figures_regret import regret
@@ -170,7 +170,7 @@ def _trust(summary: Row) -> Iterator[Block]:
             str(power["power"]),
             number(power["exponent"]),
             row["strategy"],
-            *(factor([row[name + end] for end in ("", "_low", "_high")]) for name in ("factor", "factor_ratio")),
+            *(factor_of(row, name) for name in ("factor", "factor_ratio")),
             *(interval(row, name) for name in ("gain", "expected", "told", "excess", "excess_difference")),
             percent(row["given_up"]),
         ]

@@ -11,7 +11,7 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 from solidtouch.analysis.experiment.settings import SHOWN_THETA
-from solidtouch.analysis.page.numbers import factor, interval, number, percent
+from solidtouch.analysis.page.numbers import factor_of, interval, number, percent
 from solidtouch.analysis.page.page import Row
 from solidtouch.analysis.page.report import TitleRecord
 from solidtouch.analysis.strategies import figures as figure_strategies
@@ -118,7 +118,7 @@ def trusted(sources: Sequence[Row]) -> str:
             source["name"],
             f"{power['power']} ({number(power['exponent'], 2)})",
             row["strategy"],
-            *(factor([row[f"{name}{end}"] for end in ("", "_low", "_high")]) for name in factors),
+            *(factor_of(row, name) for name in factors),
             *(interval(row, name) for name in names),
             percent(row["given_up"]),
         ]
