@@ -8,8 +8,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..models.errors import InputError
 from ..models.grid import ClassGrid
+from ..models.io.load import TapSource, taps_of
 from ..models.preprocessing import Preprocessing
-from ..models.taps import TapSet
 from .sensor import check_class, clipped_move
 
 
@@ -83,11 +83,24 @@ def as_uniforms(chance: Chance | None) -> Iterator[float]:
         InputError: It is neither.
     """
     if isinstance(chance, Iterator):
-        return chance
+        return _checked(chance)
     generator = np.random.default_rng(0) if chance is None else chance
     if not isinstance(generator, np.random.Generator):
         raise InputError(f"Random numbers are an iterator or a NumPy generator, got {type(chance).__name__}.")
     return iter(generator.random, None)
+
+
+def _checked(numbers: Iterator[float]) -> Iterator[float]:
+    """The same numbers.
+
+    Raises:
+        InputError: On reading: one lies outside [0, 1), or none is left.
+    """
+    for number in numbers:
+        if not 0 <= number < 1:
+            raise InputError(f"Random numbers must lie in [0, 1), got {number!r}.")
+        yield number
+    raise InputError("There are fewer random numbers than taps or moves.")
 
 
 class ReplayRig:
@@ -102,7 +115,7 @@ class ReplayRig:
     ((50, 12), 2, 5)
 
     Args:
-        taps: The recording.
+        taps: The recording or its file.
         grid: Class grid.
         start: Index of the first position.
         what: Index of the object.
@@ -118,9 +131,9 @@ class ReplayRig:
         InputError: The start lies outside the grid or the object has no tap.
     """
 
-    def __init__(self, taps: TapSet, grid: ClassGrid, start: int, what: int, uniforms: Chance | None = None) -> None:
+    def __init__(self, taps: TapSource, grid: ClassGrid, start: int, what: int, uniforms: Chance | None = None) -> None:
         check_class(grid, start, what)
-        self._taps = taps
+        self._taps = taps = taps_of(taps)
         self._last = grid.L - 1
         self._step = np.diff(grid.where_value)
         self._pool = tap_pool(*taps.indices(grid), grid.shape)

@@ -1,6 +1,6 @@
 """Interface of a sensor for perception; simulated, replayed and real rigs implement it."""
 
-from numbers import Integral
+from numbers import Integral, Real
 from typing import Protocol
 
 import numpy as np
@@ -11,6 +11,7 @@ from ..models.grid import ClassGrid
 from ..models.preprocessing import Preprocessing
 
 _ROUNDING = 1e-6  # of a step
+_FARTHEST = 2**53  # positions, that a number counts exactly
 
 
 class TouchSensor(Protocol):
@@ -63,9 +64,24 @@ def check_sensor(sensor: object) -> None:
             raise InputError(f"A sensor needs {name!r}, see TouchSensor; got {type(sensor).__name__}.")
 
 
+def check_move(delta: object) -> int:
+    """A move as an integer.
+
+    Raises:
+        InputError: It is no integer number of positions.
+    """
+    if not (isinstance(delta, Real) and float(delta).is_integer() and abs(float(delta)) < _FARTHEST):
+        raise InputError(f"A move must be an integer number of positions, got {delta!r}.")
+    return int(float(delta))
+
+
 def clipped_move(delta: int, room: tuple[int, int]) -> int:
-    """Steps of a move that fit into the room left."""
-    return max(-room[0], min(int(delta), room[1]))
+    """Steps of a move that fit into the room left.
+
+    Raises:
+        InputError: As `check_move`.
+    """
+    return max(-room[0], min(check_move(delta), room[1]))
 
 
 def check_step(step: ArrayLike, grid: ClassGrid, name: str = "The sensor") -> None:
@@ -95,5 +111,7 @@ def check_class(grid: ClassGrid, where: int, what: int) -> None:
     Raises:
         InputError: It does not, or an index is no integer.
     """
+    if not isinstance(grid, ClassGrid):
+        raise InputError(f"grid must be a ClassGrid, got {type(grid).__name__}.")
     if not (isinstance(where, Integral) and isinstance(what, Integral) and 0 <= where < grid.L and 0 <= what < grid.M):
         raise InputError(f"Class ({where!r}, {what!r}) is outside the grid of {grid.L} x {grid.M} classes.")

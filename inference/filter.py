@@ -10,13 +10,13 @@ Models with states carry a belief over hypotheses, shape (L, H) with H = S M, se
 use its sum over the states.
 """
 
-from numbers import Real
 from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..models.errors import InputError
+from ..hardware.sensor import check_move
+from ..models.errors import InputError, check_numbers
 from ..models.io.model_file import ModelSource, model_of
 from . import reference
 from .engines.engine import Engine, make_engine
@@ -125,7 +125,7 @@ class Filter:
             InputError: The tap does not have the size of the training taps, or a sample is NaN or infinite.
             ZeroEvidenceError: The tap is impossible under every class. The belief is as before.
         """
-        tap, model = np.asarray(tap), self.engine.model
+        tap, model = check_numbers(tap, "A tap"), self.engine.model
         if tap.shape != (model.preprocessing.samples, model.K):
             raise InputError(f"A tap must have shape ({model.preprocessing.samples}, {model.K}), got {tap.shape}.")
         self._carried, log_evidence = self.engine.update(self._carried, tap)
@@ -141,9 +141,7 @@ class Filter:
         Raises:
             InputError: It is no whole number.
         """
-        if not (isinstance(delta, Real) and float(delta).is_integer()):
-            raise InputError(f"A move must be an integer number of positions, got {delta!r}.")
-        self._carried = self.engine.shift(self._carried, int(delta))
+        self._carried = self.engine.shift(self._carried, check_move(delta))
 
     @property
     def log_hypotheses(self) -> NDArray[np.float64]:

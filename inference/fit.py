@@ -46,6 +46,10 @@ def fit(
     if isinstance(taps, Sequence) and not isinstance(taps, str):
         taps = concatenate([taps_of(part) for part in taps], names_of(taps))
     taps = taps_of(taps)
+    if grid is not None and not isinstance(grid, ClassGrid):
+        raise InputError(f"grid must be a ClassGrid, got {type(grid).__name__}.")
+    if grid is not None and "" not in (units := {grid.where_unit, taps.where_unit}) and len(units) > 1:
+        raise InputError(f"The grid has positions in {grid.where_unit!r}, the taps in {taps.where_unit!r}.")
     grid, dropped = trim(taps.grid() if grid is None else grid, [taps])
     fitted, _ = fit_tempered(model, taps, grid, given, "taps given to fit")
     scored: Any = fitted.model.with_scores(taps)

@@ -1,6 +1,10 @@
-"""Errors that a user can fix, and checks of single numbers."""
+"""Errors that a user can fix, and checks of numbers."""
 
 from numbers import Integral, Real
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
 
 
 class InputError(ValueError):
@@ -22,6 +26,17 @@ def check_count(value: object, name: str, least: int = 1) -> int:
     return int(value)
 
 
+def check_counts(least: int = 1, **values: object) -> None:
+    """Checks options that are integers of at least `least`, or `None` for their default.
+
+    Raises:
+        InputError: One is none; the message names the option.
+    """
+    for name, value in values.items():
+        if value is not None:
+            check_count(value, f"--{name.replace('_', '-')}", least)
+
+
 def check_probability(value: object, name: str) -> float:
     """A number from 0 to 1, as a Python number.
 
@@ -31,3 +46,18 @@ def check_probability(value: object, name: str) -> float:
     if not isinstance(value, Real) or isinstance(value, bool) or not 0 <= float(value) <= 1:
         raise InputError(f"{name} must be a number from 0 to 1, got {value!r}.")
     return float(value)
+
+
+def check_numbers(values: ArrayLike, name: str) -> NDArray[Any]:
+    """Real numbers as an array, with their type.
+
+    Raises:
+        InputError: They are none, or rows differ in length.
+    """
+    try:
+        array = np.asarray(values)
+    except ValueError:
+        raise InputError(f"{name}: rows differ in length.") from None
+    if array.dtype.kind not in "fiub":
+        raise InputError(f"{name} must hold numbers, got {array.dtype}.")
+    return array

@@ -13,7 +13,7 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from .errors import InputError
+from .errors import InputError, check_numbers
 
 _LENGTHS_M = {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "um": 1e-6, "µm": 1e-6}
 _MOST_CELLS = 1e6
@@ -214,10 +214,7 @@ def _numbers(values: ArrayLike | None, name: str) -> NDArray[np.float64] | None:
     """
     if values is None:
         return None
-    try:
-        numbers = np.asarray(values, dtype=np.float64)
-    except (TypeError, ValueError):
-        numbers = np.array(np.nan)
+    numbers = check_numbers(values, f"{name} of a class grid").astype(np.float64)
     if numbers.ndim != 1 or not np.isfinite(numbers).all():
         raise InputError(f"{name} of a class grid must be a list of finite numbers, got {values!r}.")
     return numbers
@@ -249,7 +246,7 @@ def parse_length(text: str, unit: str, option: str) -> float:
     Raises:
         InputError: The text is not a positive number, or its unit cannot be converted.
     """
-    match = re.fullmatch(r"\s*([0-9.]+(?:[eE][-+]?\d+)?)\s*(\S*)\s*", text)
+    match = re.fullmatch(r"\s*([0-9.]+(?:[eE][-+]?\d+)?)\s*(\S*)\s*", str(text))
     try:
         number = float(match[1]) if match else 0.0
     except ValueError:

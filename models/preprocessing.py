@@ -11,7 +11,7 @@ from typing import Literal, NamedTuple, Self, cast
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from .errors import InputError
+from .errors import InputError, check_count, check_numbers
 
 type _Pair = tuple[NDArray[np.float64], NDArray[np.float64]]  # SciPy's return types depend on its options
 
@@ -54,10 +54,10 @@ class Preprocessing:
             InputError: A field contradicts another or lies outside its range.
         """
         for name in ("rate_hz", "highpass_hz", "trigger_level"):
-            if not np.isfinite(getattr(self, name) or 0.0):
+            if not np.isfinite(check_numbers(getattr(self, name) or 0.0, name)):
                 raise InputError(f"{name} must be finite, got {getattr(self, name)}.")
-        if self.samples < 1:
-            raise InputError(f"samples must be at least 1, got {self.samples}.")
+        for name, least in (("samples", 1), ("tare_samples", 0), ("pre_samples", 0)):
+            object.__setattr__(self, name, check_count(getattr(self, name), name, least))
         if self.rate_hz is not None and not self.rate_hz > 0:
             raise InputError(f"rate_hz must be positive, got {self.rate_hz}.")
         if self.tare not in ("none", "stream", "tap"):

@@ -9,6 +9,8 @@ from enum import IntEnum, unique
 
 import numpy as np
 
+from .errors import check_count
+
 
 @unique
 class Purpose(IntEnum):
@@ -72,7 +74,11 @@ def seed_sequence(seed: int, purpose: Purpose, *key: int) -> np.random.SeedSeque
         seed: 0 or more.
         purpose: What the random numbers are for.
         key: Numbers that tell streams of this purpose apart, from 0 to 2^32 - 1; always as many for one purpose.
+
+    Raises:
+        InputError: The seed is no integer of at least 0.
     """
+    check_count(seed, "seed", 0)
     return np.random.SeedSequence(seed, spawn_key=(int(purpose), *key))
 
 

@@ -30,6 +30,8 @@ def check_writable(path: str | Path, force: bool = False) -> Path:
     Raises:
         InputError: The file exists and `force` is not set, it is a directory, or its folder cannot be written.
     """
+    if not isinstance(path, str | os.PathLike):
+        raise InputError(f"A file is named by its path, got {type(path).__name__}.")
     path = Path(path)
     if path.is_dir():
         raise InputError(f"{path}: is a folder, expected a file name.")

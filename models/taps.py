@@ -32,7 +32,7 @@ import numpy as np
 import xarray as xr
 from numpy.typing import ArrayLike, NDArray
 
-from .errors import InputError
+from .errors import InputError, check_numbers
 from .grid import ClassGrid, group, parse_length, values_from_names
 from .preprocessing import Preprocessing
 from .storage import complete_file
@@ -76,6 +76,8 @@ class TapSet:
 
     def __post_init__(self) -> None:
         """Checks the dataset."""
+        if not isinstance(self.dataset, xr.Dataset):
+            raise InputError(f"A TapSet holds an xarray dataset, got {type(self.dataset).__name__}; see from_arrays.")
         _validate(self.dataset)
 
     @classmethod
@@ -126,12 +128,14 @@ class TapSet:
         Raises:
             InputError: As the class.
         """
-        taps = np.asarray(taps)
+        taps = check_numbers(taps, "taps")
         if taps.ndim != 3:
             raise InputError(f"taps must have three axes (tap, sample, taxel), got shape {taps.shape}.")
         n = len(taps)
-        where = np.zeros(n) if where is None else np.asarray(where, dtype=np.float64)
-        where_value = np.unique(where) if where_value is None else np.asarray(where_value, dtype=np.float64)
+        if not isinstance(preprocessing, Preprocessing):
+            raise InputError(f"preprocessing must be a Preprocessing record, got {type(preprocessing).__name__}.")
+        where = np.zeros(n) if where is None else check_numbers(where, "where").astype(np.float64)
+        where_value = np.unique(where) if where_value is None else check_numbers(where_value, "where_value")
         rate = preprocessing.rate_hz
         coords: dict[str, Any] = {
             "what": ("tap", np.asarray(what)),
@@ -144,18 +148,18 @@ class TapSet:
                 {"units": "sample" if rate is None else "s"},
             ),
             "what_name": ("what_class", np.asarray(what_name, dtype=np.str_)),
-            "where_value": ("where_class", where_value, {"units": where_unit}),
+            "where_value": ("where_class", where_value.astype(np.float64), {"units": where_unit}),
         }
         if what_value is not None:
             coords["what_value"] = (
                 "what_class",
-                np.asarray(what_value, dtype=np.float64),
+                check_numbers(what_value, "what_value").astype(np.float64),
                 {"units": what_unit},
             )
         if where_edges is not None:
             coords["where_edges"] = (
                 "where_edge",
-                np.asarray(where_edges, dtype=np.float64),
+                check_numbers(where_edges, "where_edges").astype(np.float64),
                 {"units": where_unit},
             )
         if taxel_position is not None:
@@ -234,9 +238,19 @@ class TapSet:
         return self.dataset.sizes["tap"]
 
     def select(self, index: ArrayLike) -> Self:
-        """Taps at these indices or where this mask is True, with the same tables."""
+        """Taps at these indices or where this mask is True, with the same tables.
+
+        Raises:
+            InputError: No tap is selected, or there is none at an index.
+        """
         index = np.asarray(index)
-        return type(self)(self.dataset.isel(tap=np.flatnonzero(index) if index.dtype == bool else index))
+        if index.dtype == bool and index.shape != (len(self),):
+            raise InputError(f"A mask of {len(self)} taps must have shape ({len(self)},), got {index.shape}.")
+        if index.dtype == bool or not index.size:
+            index = np.flatnonzero(index)
+        if index.dtype.kind not in "iu" or not ((-len(self) <= index) & (index < len(self))).all():
+            raise InputError(f"Taps are selected by a mask or by indices from 0 to {len(self) - 1}.")
+        return type(self)(self.dataset.isel(tap=index))
 
     def grid(self, where_cell: str | None = None, what_cell: str | None = None) -> ClassGrid:
         """Class grid of the tables, optionally grouped into cells, or with finer positions.

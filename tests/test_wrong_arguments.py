@@ -16,6 +16,15 @@ class Case(NamedTuple):
     rig: st.ReplayRig
 
 
+def tapset(samples, **more):
+    return st.TapSet.from_arrays(samples, [0], ["a"], preprocessing=st.Preprocessing(samples=1), **more)
+
+
+def replay(case, numbers):
+    rig = st.ReplayRig(case.taps, case.model.grid, 0, 1, iter(numbers))
+    return st.perceive(rig, case.model, 1.0, st.passive(), 8)
+
+
 @pytest.fixture(scope="module")
 def taps(make_taps):
     return make_taps(sessions=2)
@@ -33,7 +42,65 @@ def rig(taps, model):
 
 THRESHOLD = "threshold on a belief must be a number from 0 to 1, got"
 GRID = "of a class grid must be"
+COUNT = "must be an integer of at least"
 CALLS = {
+    "data sets below 0": (lambda _: st.reproduce(data_sets=-1), f"--data-sets {COUNT} 1, got -1"),
+    "no trials": (lambda case: st.reproduce(case.taps, trials=0), f"--trials {COUNT} 1, got 0"),
+    "half a trial": (lambda case: st.trials(case.model, case.taps, 1.5), f"--trials {COUNT} 1, got 1.5"),
+    "draws in words": (lambda case: st.compare(case.taps, draws="many"), f"--draws {COUNT} 0, got 'many'"),
+    "a seed below 0": (lambda case: st.tune(case.taps, seed=-1), f"--seed {COUNT} 0, got -1"),
+    "no episodes": (lambda case: st.crosscheck(case.taps, episodes=0), f"--episodes {COUNT} 1, got 0"),
+    "half a permutation": (lambda case: st.audit(case.taps, permutations=99.5), f"--permutations {COUNT} 0, got 99.5"),
+    "no workers": (lambda case: st.sensitivity(case.taps, workers=0), f"--workers {COUNT} 1, got 0"),
+    "sets below 0": (lambda _: st.strategies(data_sets=-1), f"--data-sets {COUNT} 1, got -1"),
+    "one episode": (lambda case: st.tune_online(case.taps, episodes=1), f"--online {COUNT} 2, got 1"),
+    "no models": (lambda case: st.compare(case.taps, models=[]), "--models must name at least one model"),
+    "trials above 1": (
+        lambda case: st.trials(case.model, case.taps, 10, stop=1.5),
+        "--thresholds must be distinct",
+    ),
+    "trials NaN": (
+        lambda case: st.trials(case.model, case.taps, 10, stop=[0.5, np.nan]),
+        "got .0.5,nan.",
+    ),
+    "thresholds below 0": (lambda case: st.reproduce(case.taps, thresholds=[-0.1]), "--thresholds .* got '-0.1'"),
+    "thresholds in words": (lambda case: st.reproduce(case.taps, thresholds="high"), "--thresholds must hold numbers"),
+    "no sessions": (lambda _: st.simulate("ideal", 0), f"sessions {COUNT} 1, got 0"),
+    "a seed in words": (lambda _: st.simulate("ideal", seed="x"), f"seed {COUNT} 0, got 'x'"),
+    "a number as rig": (lambda _: st.simulate(7), "name of a preset or RigSettings, got int"),
+    "a session below 0": (lambda _: st.SimulatedRig("ideal", 1, -1, 2.5, 1), f"session {COUNT} 0, got -1"),
+    "half an object": (lambda _: st.SimulatedRig("ideal", 1, 0, 2.5, 0.5), "Unknown object 0.5"),
+    "a place of the rig in words": (
+        lambda _: st.SimulatedRig("ideal", 1, 0, "left", 1),
+        "position_mm must hold",
+    ),
+    "ragged taps": (lambda _: tapset([[[1.0, 2.0], [1.0]]]), "taps: rows differ in length"),
+    "taps in words": (lambda _: tapset([[["a", "b"]]]), "taps must hold numbers"),
+    "places of taps in words": (lambda _: tapset([[[1.0]]], where=["left"]), "where must hold numbers"),
+    "no record": (lambda _: st.TapSet.from_arrays([[[1.0]]], [0], ["a"], preprocessing={}), "must be a Preprocessing"),
+    "no dataset": (lambda _: st.TapSet(None), "A TapSet holds an xarray dataset, got NoneType"),
+    "an index too far": (lambda case: case.taps.select([10**6]), "by a mask or by indices from 0 to 167"),
+    "a mask too short": (lambda case: case.taps.select([True]), r"must have shape \(168,\), got \(1,\)"),
+    "an index in words": (lambda case: case.taps.select("a"), "by a mask or by indices"),
+    "a number as path": (lambda case: case.taps.save(3), "A file is named by its path, got int"),
+    "samples in words": (lambda _: st.Preprocessing(samples="5"), f"samples {COUNT} 1, got '5'"),
+    "a rate in words": (lambda _: st.Preprocessing(samples=5, rate_hz="fast"), "rate_hz must hold numbers"),
+    "no taps": (lambda _: st.fit([]), "There are no taps"),
+    "a number as model name": (lambda case: st.fit(case.taps, 3), "Unknown model 3"),
+    "a word as grid": (lambda case: st.fit(case.taps, grid="fine"), "grid must be a ClassGrid, got str"),
+    "a grid in another unit": (
+        lambda case: st.fit(case.taps, grid=st.ClassGrid([0.0], "cm", None, ["rod 2 mm"])),
+        "The grid has positions in 'cm', the taps in 'mm'",
+    ),
+    "edges in words": (lambda case: st.fit(case.taps, edges="fine"), "edges must hold numbers"),
+    "a ragged tap": (lambda case: st.Filter(case.model).update([[1.0], [1.0, 2.0]]), "A tap: rows differ in length"),
+    "a complex tap": (lambda case: st.Filter(case.model).update(case.taps.taps[0] * 1j), "A tap must hold numbers"),
+    "an endless move": (lambda case: st.Filter(case.model).move(10**30), "integer number of positions"),
+    "half a step": (lambda case: case.rig.move(0.5), "integer number of positions, got 0.5"),
+    "a replay of nothing": (lambda case: st.ReplayRig(None, case.model.grid, 0, 0), "Taps are a TapSet or the path"),
+    "a replay without grid": (lambda case: st.ReplayRig(case.taps, None, 0, 0), "grid must be a ClassGrid"),
+    "too few numbers": (lambda case: replay(case, [0.5]), "fewer random numbers than taps or moves"),
+    "numbers above 1": (lambda case: replay(case, [1.5]), r"Random numbers must lie in \[0, 1\), got 1.5"),
     "a number as model": (
         lambda _: st.Filter(7),
         "A model is a fitted model or the path of its file, got int",
@@ -73,7 +140,7 @@ CALLS = {
         lambda case: st.ReplayRig(case.taps, case.model.grid, 0.5, 1),
         r"Class \(0.5, 1\) is outside the grid",
     ),
-    "a place in words": (lambda _: st.ClassGrid(["left"], "mm", None, ["a"]), f"where_value {GRID}"),
+    "a place in words": (lambda _: st.ClassGrid(["left"], "mm", None, ["a"]), "where_value of a class grid must hold"),
     "an infinite place": (lambda _: st.ClassGrid([np.inf], "mm", None, ["a"]), f"where_value {GRID}"),
     "places in a table": (lambda _: st.ClassGrid([[1, 2]], "mm", None, ["a"]), f"where_value {GRID}"),
     "one name": (lambda _: st.ClassGrid([1, 2], "mm", None, "ball"), f"what_members {GRID}"),

@@ -8,7 +8,7 @@ from typing import ClassVar
 import xarray as xr
 
 from ...inference.moves.control import check_fixation
-from ...models.errors import InputError
+from ...models.errors import InputError, check_counts
 from ...models.io.load import TapSource, names_of
 from ...models.measurement.histogram import trim
 from ...models.measurement.model import TapModel
@@ -157,6 +157,7 @@ def audit(
     Raises:
         InputError: The taps or a setting cannot be used.
     """
+    check_counts(0, permutations=permutations, trials=trials, pre=pre, seed=seed)
     for name, value in (("--theta", play.threshold), ("--target-error", target_error)):
         if value is not None and not 0 < value < 1:
             raise InputError(f"{name} must lie between 0 and 1, got {value}.")

@@ -9,7 +9,7 @@ import xarray as xr
 
 from ...inference.moves.control import check_fixation
 from ...inference.trials.run import checked_thresholds
-from ...models.errors import InputError
+from ...models.errors import InputError, check_counts
 from ...models.grid import ClassGrid
 from ...models.io.load import TapSource, names_of
 from ...models.measurement.histogram import trim
@@ -110,6 +110,8 @@ def compare(
     Raises:
         InputError: The taps or a setting cannot be used.
     """
+    check_counts(trials=trials)
+    check_counts(0, draws=draws, seed=seed)
     models = [models] if isinstance(models, str) else models
     for name in models:
         split_name(name)

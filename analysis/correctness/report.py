@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import xarray as xr
 
 from ...inference.reference import ZeroEvidenceError
-from ...models.errors import InputError
+from ...models.errors import InputError, check_counts
 from ...models.io.load import TapSource
 from ...models.measurement.histogram import trim
 from ...models.measurement.registry import PAPER, split_name
@@ -88,6 +88,8 @@ def crosscheck(
     Raises:
         InputError: The taps or a setting cannot be used, or no model can be checked.
     """
+    check_counts(episodes=episodes, length=length)
+    check_counts(0, sequence_taps=sequence_taps, seed=seed)
     for name in models:
         split_name(name)
     settings = ExperimentSettings(fit=fit.changed(seed=seed), play=play, seed=seed)

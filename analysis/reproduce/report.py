@@ -12,7 +12,7 @@ from ...hardware.simulator.settings import preset as preset_settings
 from ...inference.moves.control import check_fixation
 from ...inference.trials.resampling import RESAMPLES
 from ...inference.trials.run import checked_thresholds
-from ...models.errors import InputError
+from ...models.errors import InputError, check_counts
 from ...models.io.load import TapSource, names_of
 from ...models.measurement.histogram import trim
 from ...models.measurement.registry import PAPER
@@ -133,6 +133,8 @@ def reproduce(
         InputError: The taps or a setting cannot be used.
     """
     _check_kind(data, preset, data_sets, division)
+    check_counts(data_sets=data_sets, trials=trials, episodes=episodes)
+    check_counts(0, sequence_taps=sequence_taps, seed=seed)
     settings = ExperimentSettings(
         model=model,
         fit=fit.changed(seed=seed),

@@ -5,7 +5,7 @@ from typing import ClassVar
 
 import xarray as xr
 
-from ...models.errors import InputError
+from ...models.errors import InputError, check_counts
 from ...models.io.load import TapSource
 from ...models.settings import Division
 from ..experiment.sources import recorded_source, simulated_source
@@ -86,6 +86,8 @@ def sensitivity(
     Raises:
         InputError: The taps or a setting cannot be used.
     """
+    check_counts(trials=trials, workers=workers)
+    check_counts(0, data_sets=data_sets, strongest=strongest, seed=seed)
     if not data_sets and not data:
         raise InputError("--data-sets 0 requires a file of recorded taps.")
     for option, width in (("--where-cell", division.where_cell), ("--what-cell", division.what_cell)):

@@ -6,7 +6,7 @@ from typing import ClassVar
 
 import xarray as xr
 
-from ...models.errors import InputError
+from ...models.errors import InputError, check_counts
 from ...models.io.load import TapSource
 from ...models.settings import Division
 from ..page.page import Page, Row
@@ -115,6 +115,8 @@ def strategies(
     Raises:
         InputError: The taps or a setting cannot be used.
     """
+    check_counts(data_sets=data_sets, trials=trials, workers=workers)
+    check_counts(0, regret=regret, seed=seed)
     regret = TRIALS * bool(presets) if regret is None else regret
     if not presets and not data and not regret:
         raise InputError("--presets none requires a file of recorded taps, or --regret.")

@@ -15,7 +15,7 @@ from ...inference.moves.control import check_fixation
 from ...inference.trials.records import tap_table
 from ...inference.trials.run import checked_thresholds
 from ...inference.trials.tally import Tally, tally_trials
-from ...models.errors import InputError
+from ...models.errors import InputError, check_counts
 from ...models.grid import ClassGrid
 from ...models.io.load import TapSource, named, names_of, taps_of
 from ...models.io.model_file import ModelSource, model_of
@@ -130,6 +130,9 @@ def trials(
     Raises:
         InputError: The model, the taps or a setting cannot be used.
     """
+    check_counts(trials=number, workers=workers)
+    check_counts(0, start=start, seed=seed)
+    theta = checked_thresholds(stop)
     if move is not None:
         if move not in ("fixation", "passive"):
             raise InputError(f"move must be 'fixation' or 'passive', got {move!r}.")
@@ -148,7 +151,6 @@ def trials(
     with named(taps):
         tested = fitted.usable(tested)
     table = tap_table(fitted, tested)
-    theta = checked_thresholds(stop if stop is None else [*np.atleast_1d(stop)])
     if start is not None and not 0 <= start < grid.L:
         raise InputError(f"--start must be an index from 0 to {grid.L - 1}, got {start}.")
     point = check_fixation(play.fixation, grid.L)

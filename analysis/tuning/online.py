@@ -25,7 +25,7 @@ from ...inference.tuning.online import (
     recommended,
     save_learner,
 )
-from ...models.errors import InputError
+from ...models.errors import InputError, check_counts
 from ...models.grid import ClassGrid
 from ...models.io.load import TapSource
 from ...models.measurement.model import TapModel
@@ -210,8 +210,7 @@ def tune_online(
     for option, given in (("--object", what is not None), ("--home", home)):
         if given and named is None:
             raise InputError(f"{option} requires --rig.")
-    if episodes < _FEWEST:
-        raise InputError(f"--online must be at least {_FEWEST}, got {episodes}.")
+    check_counts(_FEWEST, online=episodes)
     price = Price(cost_error, wrong)
     setting = Setting(model=model, fit=fit, where_cell=division.where_cell, what_cell=division.what_cell, play=play)
     theta = ONLINE_THRESHOLDS if thresholds is None else checked_thresholds(thresholds)

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 from ...inference.trials.run import checked_thresholds
+from ...models.errors import check_counts
 from ...models.io.load import TapSource
 from ...models.measurement.registry import PAPER
 from ...models.setting_file import Setting
@@ -82,6 +83,8 @@ def tune(
     >>> report.setting.play.threshold in (0.5, 0.9)
     True
     """
+    check_counts(trials=trials)
+    check_counts(0, seed=seed)
     price = Price(cost_error, wrong, target_error)
     setting = Setting(model=model, fit=fit, where_cell=division.where_cell, what_cell=division.what_cell, play=play)
     chosen = None if thresholds is None else checked_thresholds(thresholds)

@@ -3,11 +3,11 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from ...models.errors import InputError
+from ...models.errors import InputError, check_numbers
 from ...models.preprocessing import Preprocessing
 from ..sensor import clipped_move
 from .session import TapStream
-from .settings import RigSettings, preset
+from .settings import RigSettings, settings_of
 from .signal_chain import Purpose
 
 
@@ -52,11 +52,12 @@ class SimulatedRig:
         run: int = 0,
         settling_taps: int | None = None,
     ) -> None:
-        self.settings = settings = preset(settings) if isinstance(settings, str) else settings
+        self.settings = settings = settings_of(settings)
         self._stream = TapStream(settings, seed, session, Purpose.LIVE, run)
         self._settling_taps = settings.settling_taps if settling_taps is None else settling_taps
         self.clamped = 0
-        self.place(position_mm, what)
+        self.what = what
+        self.place(position_mm)
 
     @property
     def preprocessing(self) -> Preprocessing:
@@ -85,14 +86,15 @@ class SimulatedRig:
             InputError: The position is outside the range, or the object is unknown.
         """
         settings = self.settings
-        if not settings.start_mm <= position_mm <= settings.end_mm:
+        if not settings.start_mm <= check_numbers(position_mm, "position_mm") <= settings.end_mm:
             raise InputError(
                 f"Position {position_mm} mm is outside the range, {settings.start_mm} to {settings.end_mm} mm."
             )
-        if what is not None and not 0 <= what < len(settings.rods):
-            raise InputError(f"Unknown object {what}; choose 0 to {len(settings.rods) - 1}.")
+        what = self.what if what is None else what
+        if not (isinstance(what, int | np.integer) and 0 <= what < len(settings.rods)):
+            raise InputError(f"Unknown object {what!r}; choose 0 to {len(settings.rods) - 1}.")
         self.position_mm = float(position_mm)
-        self.what = self.what if what is None else what
+        self.what = int(what)
         self._unsettled = self._settling_taps
 
     def tap(self) -> NDArray[np.float64]:

@@ -3,12 +3,12 @@
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ...models.errors import InputError
+from ...models.errors import check_count
 from ...models.preprocessing import TapCutter
 from ...models.seeds import Purpose, seed_sequence
 from ...models.taps import TapSet
 from .physics import peak_depth_mm, press_profile, taxel_indentation_mm, taxel_positions_mm
-from .settings import RigSettings, preset
+from .settings import RigSettings, settings_of
 from .signal_chain import SignalChain, session_nuisances
 
 
@@ -27,9 +27,8 @@ def simulate(rig: str | RigSettings, sessions: int = 1, seed: int = 0) -> list[T
     Raises:
         InputError: The preset is unknown, or no session is requested.
     """
-    if sessions < 1:
-        raise InputError(f"sessions must be at least 1, got {sessions}.")
-    settings = preset(rig) if isinstance(rig, str) else rig
+    check_count(sessions, "sessions")
+    settings = settings_of(rig)
     return [simulate_session(settings, seed, session) for session in range(sessions)]
 
 
@@ -83,6 +82,8 @@ class TapStream:
     """
 
     def __init__(self, settings: RigSettings, seed: int, session: int, purpose: Purpose, number: int) -> None:
+        check_count(session, "session", 0)
+        check_count(number, "run", 0)
         self._settings = settings
         self._nuisances = session_nuisances(settings, seed, session)
         hand, noise = seed_sequence(seed, purpose, session, number).spawn(2)

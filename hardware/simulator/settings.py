@@ -293,6 +293,19 @@ PRESETS = {
 with identical sessions."""
 
 
+def settings_of(rig: RigSettings | str) -> RigSettings:
+    """Settings of a rig, or those of the preset of this name.
+
+    Raises:
+        InputError: It is neither.
+    """
+    if isinstance(rig, RigSettings):
+        return rig
+    if not isinstance(rig, str):
+        raise InputError(f"A simulated rig is the name of a preset or RigSettings, got {type(rig).__name__}.")
+    return preset(rig)
+
+
 def preset(name: str, others: Sequence[str] = ()) -> RigSettings:
     """Settings of a preset.
 

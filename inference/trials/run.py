@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ...hardware.replay import TapPool
-from ...models.errors import InputError
+from ...models.errors import InputError, check_numbers
 from ...models.settings import PlaySettings, check_saturation
 from ...models.threads import cores, in_order
 from ..engines.compiled import border_number, classes, likelihoods, refuse_border, scaled_belief
@@ -30,7 +30,7 @@ _AT_ONCE, _TAPS_AT_ONCE = 8192, 1 << 20  # trials and taps between two looks at 
 _PIECES = 8  # of each thread at least, so that all end together
 
 
-def checked_thresholds(thresholds: Sequence[float] | None) -> tuple[float, ...]:
+def checked_thresholds(thresholds: float | Sequence[float] | None) -> tuple[float, ...]:
     """Increasing belief thresholds; `THRESHOLDS` by default.
 
     Raises:
@@ -38,9 +38,10 @@ def checked_thresholds(thresholds: Sequence[float] | None) -> tuple[float, ...]:
     """
     if thresholds is None:
         return THRESHOLDS
-    checked = tuple(sorted(map(float, thresholds)))
+    numbers = check_numbers(thresholds, "--thresholds").astype(np.float64).ravel()
+    checked = tuple(np.sort(numbers).tolist())
     if not checked or not all(0 <= theta <= 1 for theta in checked) or len(set(checked)) < len(checked):
-        given = ",".join(f"{theta:g}" for theta in thresholds)
+        given = ",".join(f"{theta:g}" for theta in numbers)
         raise InputError(f"--thresholds must be distinct numbers from 0 to 1, got {given!r}.")
     return checked
 

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from ..errors import InputError
+from ..errors import InputError, check_numbers
 from ..grid import ClassGrid
 from ..settings import FitSettings
 from ..taps import TapSet
@@ -42,7 +42,7 @@ def _checked(settings: FitSettings, taps: TapSet) -> FitSettings:
     """Settings with valid edges, and with the number of bins that these define."""
     if settings.edges is None:
         return settings
-    edges, K = np.asarray(settings.edges, dtype=np.float64), taps.dataset.sizes["taxel"]
+    edges, K = check_numbers(settings.edges, "edges").astype(np.float64), taps.dataset.sizes["taxel"]
     if edges.shape[:-1] not in {(), (K,)} or edges.ndim == 0 or edges.shape[-1] < 2:
         raise InputError(f"edges must have shape (B + 1,) or ({K}, B + 1), got {edges.shape}.")
     if not (np.isfinite(edges).all() and (np.diff(edges) > 0).all()):

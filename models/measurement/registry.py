@@ -28,10 +28,10 @@ def split_name(name: str) -> tuple[str, bool]:
     Raises:
         InputError: The model is unknown.
     """
-    wrapper, colon, kind = name.partition(":")
+    wrapper, colon, kind = str(name).partition(":")
     in_states = wrapper == SESSION
     if not in_states:
-        kind = name
+        kind = str(name)
     elif not colon:
         kind = PAPER
     if kind not in KINDS:

@@ -293,7 +293,7 @@ def test_a_rig_of_the_caller_is_learned_on(taps, tmp_path):
         st.tune_online(*taps, **options)
     with pytest.raises(st.InputError, match="The true object is unknown; name it with --object, one of"):
         st.tune_online(*taps, episodes=6, rig=nobody_knows)
-    with pytest.raises(st.InputError, match="--online must be at least 2, got 1"):
+    with pytest.raises(st.InputError, match="--online must be an integer of at least 2, got 1"):
         st.tune_online(*taps, episodes=1)
     with pytest.raises(st.InputError, match="--home requires --rig"):
         st.tune_online(*taps, rig=bench, home=True)
