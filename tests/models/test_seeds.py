@@ -19,7 +19,7 @@ EXEMPT = {
     "hardware/emulator/skin_board.py",
     "models/measurement/student.py",  # the start of an optimisation, and a key drawn from a generator
     "inference/bayes_risk/problem.py",  # hashing
-    "inference/episode.py",  # the default for callers in Python
+    "hardware/replay.py",  # the default for callers in Python
 }
 
 
