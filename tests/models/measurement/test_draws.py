@@ -10,14 +10,15 @@ from solidtouch.models.measurement.draws import posterior_draws
 from solidtouch.models.measurement.likelihood.forms import TableForm, in_states
 from solidtouch.models.settings import FitSettings
 
-L, M, J, K, B = 3, 2, 4, 5, 7
+L, M, J, K, B = 3, 4, 6, 5, 9
 CHAINS, DRAWS = 2, 3
 NAMES = [*registry.NAMES, "session:profile-mvn"]
 
 
 @pytest.fixture(scope="module")
 def taps(make_taps):
-    return make_taps(L, M, J, K, sessions=2, repeats=4)
+    """Those of the tests of model files, for which XLA has compiled the fits by then."""
+    return make_taps(L, M, J, K, sessions=2, repeats=2)
 
 
 @pytest.fixture(scope="module")
@@ -75,7 +76,7 @@ def test_draws_gather_around_the_parameters_that_decide(fitted, taps, name):
 
 
 def test_taps_of_no_trained_class_are_left_out(fitted, taps, make_taps):
-    other = make_taps(L + 1, M, J, K, sessions=2, repeats=4)
+    other = make_taps(L + 1, M, J, K, sessions=2, repeats=2)
 
     assert posterior_draws(fitted["gaussian"], other, 1, 1, 0).log_likelihood.shape == (1, 1, len(taps))
 
