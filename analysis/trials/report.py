@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ...inference.moves.control import check_fixation
 from ...inference.trials.records import tap_table
-from ...inference.trials.run import checked_thresholds
+from ...inference.trials.run import check_device, checked_thresholds
 from ...inference.trials.tally import Tally, tally_trials
 from ...models.errors import InputError, check_counts
 from ...models.grid import ClassGrid
@@ -150,6 +150,7 @@ def trials(
         note(sentence)
     with named(taps):
         tested = fitted.usable(tested)
+    check_device(device)
     table = tap_table(fitted, tested)
     if start is not None and not 0 <= start < grid.L:
         raise InputError(f"--start must be an index from 0 to {grid.L - 1}, got {start}.")

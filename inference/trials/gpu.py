@@ -6,7 +6,7 @@ beliefs in float64.
 """
 
 from functools import partial
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -159,6 +159,18 @@ class _Slot(NamedTuple):
     record: _Record
 
 
+def jax_device(platform: str) -> Any:
+    """The first device of a platform.
+
+    Raises:
+        InputError: JAX finds none.
+    """
+    try:
+        return jax.devices(platform)[0]
+    except RuntimeError as error:
+        raise InputError("JAX finds no GPU; --device gpu requires one and a jax package built for it.") from error
+
+
 class ArrayPlayer:
     """Plays trials on a JAX device.
 
@@ -175,10 +187,7 @@ class ArrayPlayer:
     """
 
     def __init__(self, table: TapTable, rule: Rule, platform: str) -> None:
-        try:
-            self._device = jax.devices(platform)[0]
-        except RuntimeError as error:
-            raise InputError("JAX finds no GPU; --device gpu requires one and a jax package built for it.") from error
+        self._device = jax_device(platform)
         self._saturates = bool(table.saturation < rule.deadline)
         self.at_once, self._slots, self._rule = _AT_ONCE[platform], _SLOTS[platform], rule
         trained = holes(table.trained)

@@ -134,15 +134,28 @@ def make_player(table: TapTable, rule: Rule, device: str = "cpu") -> Player:
         )
     check_saturation(table.saturation)
     refuse_border(rule.border, hypotheses, M)
+    check_device(device)
     if device == "cpu":
         return LoopPlayer(table, rule)
     if rule.fresh:
         raise InputError(f"Trials on fresh taps require device cpu, got {device!r}.")
-    if device in ("gpu", "xla-cpu"):
-        from .gpu import ArrayPlayer  # noqa: PLC0415 - JAX takes half a second to import
+    from .gpu import ArrayPlayer  # noqa: PLC0415 - JAX takes half a second to import
 
-        return ArrayPlayer(table, rule, "cpu" if device == "xla-cpu" else device)
-    raise InputError(f"device must be cpu, gpu or xla-cpu, got {device!r}.")
+    return ArrayPlayer(table, rule, "cpu" if device == "xla-cpu" else device)
+
+
+def check_device(device: str) -> None:
+    """Refuses a device that is unknown or not there.
+
+    Raises:
+        InputError: It is.
+    """
+    if device not in ("cpu", "gpu", "xla-cpu"):
+        raise InputError(f"device must be cpu, gpu or xla-cpu, got {device!r}.")
+    if device == "gpu":
+        from .gpu import jax_device  # noqa: PLC0415 - JAX takes half a second to import
+
+        jax_device(device)
 
 
 class LoopPlayer:
