@@ -48,6 +48,7 @@ class Exact:
         self.case = case
         self.L, self.M, self.K, self.J, self.B = case.sizes.values()
         self.prior: Matrix = [[MP.mpf(p) for p in row] for row in case.prior.tolist()]
+        self._log_probability = lru_cache(maxsize=None)(self.log_probability)
 
     def answers(self) -> Iterator[Answer]:
         """One answer after the other; it ends with a tap that is impossible."""
@@ -131,7 +132,7 @@ class Exact:
     def log_product(self, l: int, m: int, bins: list[list[int | None]]) -> Number:
         """Log of the product over samples and taxels under one class; no bin is no factor."""
         times = Counter((k, b) for sample in bins for k, b in enumerate(sample) if b is not None)
-        return MP.fsum(n * self.log_probability(l, m, k, b) for (k, b), n in times.items())
+        return MP.fsum(n * self._log_probability(l, m, k, b) for (k, b), n in times.items())
 
     def step(self, belief: Matrix, move: int, log_likelihood: Matrix) -> tuple[Matrix, Matrix, Number]:
         """Beliefs before and after a tap that follows a move, and the log evidence."""
