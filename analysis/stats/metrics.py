@@ -145,7 +145,8 @@ def by_place(
     result = data_sets[[*QUANTITIES, *FRACTIONS]].mean("data_set", keep_attrs=True)
     times = result["taps"] if slowest is None else slowest
     trials = data_sets["trials"].mean("data_set").broadcast_like(times)
-    independent = sets * np.minimum(spread.taps / parts / times.values, trials.transpose(*times.dims).values)
+    with np.errstate(divide="ignore", invalid="ignore"):  # differences of reaction times may be 0
+        independent = sets * np.minimum(spread.taps / parts / times.values, trials.transpose(*times.dims).values)
     for name in QUANTITIES:
         own = Range(*data_sets.attrs[f"range_{name}"])
         least, most = (-np.inf, np.inf) if difference else own[:2]
