@@ -27,7 +27,8 @@ from ...models.errors import InputError
 from ...models.grid import ClassGrid
 from ...models.measurement.model import TapModel
 from ...models.settings import PlaySettings
-from ..stats.reliability import EVERYTHING, TRIALS, Subject, decided_about, independent_decisions, plain
+from ..stats.decided import Subject, decided_about, independent_decisions
+from ..stats.reliability import EVERYTHING, TRIALS, plain
 from ..stats.right_model import LEVEL, SIMULATIONS, Beside, compare, simulate
 from ..stats.uniformity import rejected
 

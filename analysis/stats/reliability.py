@@ -37,12 +37,19 @@ from ...inference.trials.resampling import (
     trial_noise,
     widened,
 )
-from ...inference.trials.run import run_trials
 from ...inference.trials.selections import sessions_drawn
 from ...models.compiled import compiled
 from ...models.errors import InputError
-from ...models.grid import ClassGrid, policies
+from ...models.grid import ClassGrid
 from ...models.settings import PlaySettings
+from .decided import (
+    DecidedTrials,
+    Subject,
+    decided_about,
+    decided_trials,
+    decisions_of,
+    independent_decisions,
+)
 from .metrics import SHARE, Range, confusion, of_taps
 
 CONTACTS = (1, 2, 5, 10, 20, 50)
@@ -72,40 +79,6 @@ _SCORES = ("log_loss", "brier")
 _ENOUGH = 0.9  # of the classes must have as many taps as are looked at after
 _ROUNDING = 1e-9  # of beliefs
 _LEAST_DOUBT = np.finfo(np.float64).eps  # 1 - belief is not known better
-
-
-class Subject(NamedTuple):
-    """Subject of decisions: object or position.
-
-    Attributes:
-        kind: `"object"`, or `"place"` where there is one object only.
-        names: What can be decided for, M of them.
-        table: Test taps, whose what classes these are.
-        policies: Passive, and active where the finger can move.
-    """
-
-    kind: str
-    names: tuple[str, ...]
-    table: TapTable
-    policies: tuple[str, ...]
-
-
-class DecidedTrials(NamedTuple):
-    """How n trials ended at one threshold or after one number of taps; all of shape (n,).
-
-    Attributes:
-        true: What class that was there.
-        decided: What class that was decided for.
-        belief: In the latter.
-        stopped: Whether the threshold was crossed; where there is none, always.
-        taps: How many it took.
-    """
-
-    true: NDArray[np.intp]
-    decided: NDArray[np.intp]
-    belief: NDArray[np.float64]
-    stopped: NDArray[np.bool_]
-    taps: NDArray[np.int64]
 
 
 class Sums(NamedTuple):
@@ -223,56 +196,6 @@ def _answerable(pool: TapPool, contacts: Sequence[int]) -> list[int]:
     return [n for n in dict.fromkeys(contacts) if (count >= n).mean() >= _ENOUGH]
 
 
-def decided_about(table: TapTable, grid: ClassGrid) -> Subject:
-    """What the decisions of trials are about, and the table to play them on.
-
-    Raises:
-        InputError: The table holds other classes, or there is one object at one place.
-    """
-    if table.pool.nearest.shape != grid.shape:
-        raise InputError(f"The classes of the table do not match the grid of {grid.L} x {grid.M}.")
-    if grid.shape == (1, 1):
-        raise InputError("With one object at one position there is nothing to decide.")
-    if grid.M > 1:
-        return Subject("object", grid.what_name, table, policies(grid))
-    order, first, count, _ = table.pool
-    places = tuple(grid.where_label(l) for l in range(grid.L))
-    pool = TapPool(order, first.T.copy(), count.T.copy(), np.where(count.T > 0, 0, -1))
-    turned = table._replace(
-        log_likelihood=_turned(table.log_likelihood),
-        pool=pool,
-        log_prior=_turned(table.log_prior[np.newaxis])[0],
-        given_trained=None,
-    )
-    return Subject("place", places, turned, ("passive",))
-
-
-def decided_trials(
-    table: TapTable, plan: TrialPlan, thresholds: ArrayLike, play: PlaySettings, seed: int, *, fresh: bool = False
-) -> list[DecidedTrials]:
-    """Plays trials and gives how they end at each threshold."""
-    return decisions_of(run_trials(table, plan, thresholds, play=play, seed=seed, fresh=fresh), plan)
-
-
-def decisions_of(trials: Trials, plan: TrialPlan) -> list[DecidedTrials]:
-    """How trials end at each threshold."""
-    columns = trials.what.T, trials.belief.T, trials.stopped.T, trials.taps.T
-    return [DecidedTrials(plan.what, *column) for column in zip(*columns, strict=True)]
-
-
-def independent_decisions(pool: TapPool, m: int | None, trials: int, taps: float) -> float:
-    """How many decisions the test taps make if none is used twice, at most the number of trials and at least 1.
-
-    Args:
-        pool: The test taps.
-        m: Of which object; `None` for all.
-        trials: That were played.
-        taps: Mean number of taps of a decision.
-    """
-    count = pool.count.sum() if m is None else pool.count[:, m].sum()
-    return float(max(1.0, min(trials, count / max(taps, 1.0))))
-
-
 def at_stopping(data: xr.Dataset, policy: str) -> xr.Dataset:
     """What `reliability` says of trials that stop by themselves, with the dim `theta` for `setting`."""
     chosen = (data["policy"] == policy).values & (data["contacts"] == 0).values
@@ -333,11 +256,6 @@ def interval_sentence(data: xr.Dataset) -> str:
         "fresh: no trial uses a tap twice. A trial that uses up the stored taps of a class decides there; intervals "
         "cover any outcome of further taps."
     )
-
-
-def _turned(values: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Values over (N, L, S) of one object in S states as those of L objects at one place, (N, 1, S L)."""
-    return np.ascontiguousarray(values.swapaxes(1, 2)).reshape(len(values), 1, -1)
 
 
 def _edges(decisions: DecidedTrials, stopped_only: bool, M: int) -> NDArray[np.float64]:

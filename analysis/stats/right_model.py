@@ -27,7 +27,7 @@ from ...models.setting_file import Setting
 from ...models.settings import PlaySettings
 from ...models.taps import TapSet
 from ...models.threads import cores, in_order
-from .reliability import decided_about
+from .decided import decided_about
 
 type Floats = NDArray[np.float64]
 

@@ -29,7 +29,7 @@ from ...models.grid import ClassGrid
 from ...models.measurement.model import TapModel
 from ...models.settings import PlaySettings
 from ...models.taps import TapSet
-from .reliability import decided_about, decided_trials
+from .decided import decided_about, decided_trials
 
 FEWEST = 5
 """Sessions that a threshold can be tuned on."""

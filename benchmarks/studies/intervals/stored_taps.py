@@ -11,7 +11,7 @@ from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
-from solidtouch.analysis.stats.reliability import decided_trials
+from solidtouch.analysis.stats.decided import decided_trials
 from solidtouch.inference.episode import DEADLINE
 from solidtouch.inference.trials.records import plan_trials
 from solidtouch.models.settings import PlaySettings

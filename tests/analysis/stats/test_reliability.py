@@ -9,6 +9,7 @@ import xarray as xr
 from even_taps import even_table
 from solidtouch.analysis.audit.guarantees import PROMISED, USED, broken, exceeded, guarantee_sentence, guarantees
 from solidtouch.analysis.stats import reliability as reliability_module
+from solidtouch.analysis.stats.decided import decided_about, independent_decisions
 from solidtouch.analysis.stats.reliability import (
     BINS,
     COUNTED,
@@ -16,9 +17,7 @@ from solidtouch.analysis.stats.reliability import (
     after_contacts,
     at_stopping,
     bin_edges,
-    decided_about,
     headline,
-    independent_decisions,
     interval_sentence,
     reliability,
 )
