@@ -1,10 +1,10 @@
 """Errors that a user can fix, and checks of numbers."""
 
 from numbers import Integral, Real
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-import numpy as np
-from numpy.typing import ArrayLike, NDArray
+if TYPE_CHECKING:
+    from numpy.typing import ArrayLike, NDArray
 
 
 class InputError(ValueError):
@@ -48,12 +48,14 @@ def check_probability(value: object, name: str) -> float:
     return float(value)
 
 
-def check_numbers(values: ArrayLike, name: str) -> NDArray[Any]:
+def check_numbers(values: "ArrayLike", name: str) -> "NDArray[Any]":
     """Real numbers as an array, with their type.
 
     Raises:
         InputError: They are none, or rows differ in length.
     """
+    import numpy as np  # noqa: PLC0415 - commands begin without it
+
     try:
         array = np.asarray(values)
     except ValueError:

@@ -237,13 +237,13 @@ class TapSet:
     def __len__(self) -> int:
         return self.dataset.sizes["tap"]
 
-    def select(self, index: ArrayLike) -> Self:
-        """Taps at these indices or where this mask is True, with the same tables.
+    def select(self, index: ArrayLike | slice) -> Self:
+        """Taps at these indices, in this slice or where this mask is True, with the same tables.
 
         Raises:
             InputError: No tap is selected, or there is none at an index.
         """
-        index = np.asarray(index)
+        index = np.arange(len(self))[index] if isinstance(index, slice) else np.asarray(index)
         if index.dtype == bool and index.shape != (len(self),):
             raise InputError(f"A mask of {len(self)} taps must have shape ({len(self)},), got {index.shape}.")
         if index.dtype == bool or not index.size:

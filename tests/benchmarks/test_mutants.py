@@ -80,7 +80,7 @@ def test_tests_of_a_module_come_first():
     """
     tests = mutants.Tests()
     own, later = tests.of("hardware.skin.monitor")
-    assert own[0].name == "test_tap_quality.py"
+    assert own[0].name == "test_monitor.py"
     assert later
     assert not set(own) & set(later)
     assert "test_resets.py" in {test.name for test in tests.of("hardware.emulator.grbl.controller")[0]}
@@ -99,7 +99,7 @@ def test_a_caught_error_is_told_from_a_survivor(tmp_path):
     rows = mutants._known(tmp_path / "results.jsonl")
 
     assert rows[caught.key]["outcome"] == "caught"
-    assert rows[caught.key]["test"].startswith("tests/hardware/rig/test_tap_quality.py::")
+    assert rows[caught.key]["test"].startswith("tests/hardware/skin/test_monitor.py::")
     assert rows[harmless.key]["outcome"] == "survived"
     table = mutants.report(list(rows.values()), {harmless.key: "Parentheses."})
     assert "| hardware | 2 | 1 | 0 | 1 | 0 | 1.000" in table

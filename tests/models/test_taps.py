@@ -151,6 +151,7 @@ def test_selected_taps_keep_their_labels_and_tables(make_taps):
     assert set(some.what) == {2}
     assert some.what_name == taps.what_name
     assert taps.select([5, 3]).trial.tolist() == [5, 3]
+    assert taps.select(slice(2, 8, 3)).trial.tolist() == [2, 5]
     with pytest.raises(InputError, match="must not be empty"):
         taps.select(np.zeros(168, bool))
 
