@@ -75,8 +75,8 @@ def informative(
         about: Whether the information is about the object, the position or both.
         border: Interpretation of Eq. 9 at the ends of the range.
         candidates: Positions to consider; default: all.
-        per: Cost of a move between each two positions with the tap after it, shape (L, L), see `moves.costs`; if given,
-            the information per cost is maximised.
+        per: Cost of a move between each two positions with the tap after it, shape (L, L), see
+            `strategies.way_costs`; if given, the information per cost is maximised.
 
     Raises:
         InputError: An argument is invalid.
