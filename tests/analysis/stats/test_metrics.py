@@ -354,3 +354,19 @@ def test_a_difference_of_errors_that_were_not_seen_is_not_known_exactly(grid, da
 
     np.testing.assert_allclose(result["what_error_high"], beyond)
     np.testing.assert_allclose(result["what_error_low"], -beyond)
+
+
+def test_the_mean_over_places_has_as_many_trials_as_all_of_them(grid, dataset):
+    """Resamples with half the trials, and trials of one outcome: half the noise of resamples stays in the variance."""
+    data = never_wrong(grid, dataset)
+    steps = np.linspace(-1, 1, 20)
+    values = np.broadcast_to(steps[:, np.newaxis, np.newaxis], (20, 3, 2))
+    drawn = data["what_error_resampled"].copy(data=values[np.newaxis])
+    noise = data["what_error_resampled_noise"].copy(data=np.full((1, 3, 2), 0.1))
+    data = data.assign(what_error_resampled=drawn, what_error_resampled_noise=noise)
+    result = over_places(data, Spread(1.0), difference=True)
+    seen = int((dataset["trials"] > 0).sum())
+    present = 0.1 * 3 / seen**2
+    variance = steps.var(ddof=1) - present + 0.5 * present
+
+    np.testing.assert_allclose(result["what_error_high"], np.sqrt(variance) * t.isf(0.025, 19))
