@@ -104,7 +104,7 @@ def _check_objects(plan: "Plan", settings: "RigFile") -> None:
     Raises:
         InputError: An object is missing.
     """
-    from ..hardware.link.clock import SocketConnection
+    from ..hardware.emulator.shared_clock import SocketConnection
 
     if settings.emulator is None:
         return

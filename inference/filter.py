@@ -106,6 +106,7 @@ class Filter:
     def __init__(self, model: ModelSource | Engine, *, border: Border | None = None, stop: float = 0.95) -> None:
         check_threshold(stop)
         self.engine, self.stop = engine_of(model, border), stop
+        self._M = self.engine.model.grid.M
         self.reset()
 
     def reset(self) -> None:
@@ -125,9 +126,9 @@ class Filter:
             InputError: The tap does not have the size of the training taps, or a sample is NaN or infinite.
             ZeroEvidenceError: The tap is impossible under every class. The belief is as before.
         """
-        tap, model = check_numbers(tap, "A tap"), self.engine.model
-        if tap.shape != (model.preprocessing.samples, model.K):
-            raise InputError(f"A tap must have shape ({model.preprocessing.samples}, {model.K}), got {tap.shape}.")
+        tap, shape = check_numbers(tap, "A tap"), self.engine.model.tap_shape
+        if tap.shape != shape:
+            raise InputError(f"A tap must have shape {shape}, got {tap.shape}.")
         self._carried, log_evidence = self.engine.update(self._carried, tap)
         self.taps += 1
         self._what = reference.what_marginal(np.exp(self.log_belief))
@@ -151,12 +152,12 @@ class Filter:
     @property
     def log_belief(self) -> NDArray[np.float64]:
         """Log belief in every class, shape (L, M)."""
-        return log_fold(self.log_hypotheses, self.engine.model.grid.M)
+        return log_fold(self.log_hypotheses, self._M)
 
     @property
     def log_states(self) -> NDArray[np.float64]:
         """Log belief in the states of the episode, shape (S,); one zero for a model without states."""
-        hypotheses, M = self.log_hypotheses, self.engine.model.grid.M
+        hypotheses, M = self.log_hypotheses, self._M
         L, H = hypotheses.shape
         return np.zeros(1) if H == M else np.logaddexp.reduce(hypotheses.reshape(L, H // M, M), axis=(0, 2))
 

@@ -1,4 +1,4 @@
-"""Grid of classes: positions (where) times objects (what).
+"""Grid of classes, positions (where) times objects (what), and which taps belong to each class.
 
 Letters are the paper's throughout: `L` positions, `M` objects, `N = L M` joint classes,
 `K` taxels, `J` samples of a tap, `B` histogram bins, `T` taps of a sequence. Arrays over classes have the axes
@@ -8,7 +8,7 @@ Letters are the paper's throughout: `L` positions, `M` objects, `N = L M` joint 
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, Self
+from typing import Any, NamedTuple, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -294,3 +294,71 @@ def can_act(grid: ClassGrid) -> bool:
 def policies(grid: ClassGrid) -> tuple[str, ...]:
     """The policies that mean anything; the last one is the one that comparisons are about."""
     return ("passive", "active") if can_act(grid) else ("passive",)
+
+
+def nearest_trained(trained: NDArray[np.bool_]) -> NDArray[np.intp]:
+    """Nearest trained position of the same object, the lower of two equally near; shape (L, M).
+
+    0 for objects without a trained class.
+    """
+    L = len(trained)
+    distance = np.abs(np.arange(L)[:, np.newaxis] - np.arange(L)).astype(np.float64)
+    return np.where(trained.T, distance[:, np.newaxis], np.inf).argmin(axis=-1)
+
+
+class TapPool(NamedTuple):
+    """Tap indices by class.
+
+    The taps of class (l, m) are `order[first[l, m] : first[l, m] + count[l, m]]`, in the order of the file.
+
+    Attributes:
+        order: Tap indices, class by class, shape (taps inside the grid,).
+        first: Index in `order` of the first tap of each class, shape (L, M).
+        count: Number of taps of each class, shape (L, M).
+        nearest: Nearest position with a tap of the object (the lower of two equally near), -1 if the object has no
+            tap, shape (L, M).
+    """
+
+    order: NDArray[np.intp]
+    first: NDArray[np.intp]
+    count: NDArray[np.intp]  # pyright: ignore[reportIncompatibleMethodOverride]
+    nearest: NDArray[np.intp]
+
+    def pick(self, where: int, what: int, uniform: float) -> int:
+        """Index of the tap of a class that a uniform number in [0, 1) selects; the class must have a tap."""
+        return int(self.order[self.first[where, what] + int(uniform * self.count[where, what])])
+
+
+def tap_pool(where: ArrayLike, what: ArrayLike, shape: tuple[int, int]) -> TapPool:
+    """Pool of taps with these classes.
+
+    Args:
+        where: Position index of each tap, -1 for taps outside the grid, shape (N,).
+        what: Object index of each tap, likewise.
+        shape: (L, M).
+
+    Raises:
+        InputError: No tap lies inside the grid.
+    """
+    where, what = np.asarray(where, dtype=np.intp), np.asarray(what, dtype=np.intp)
+    _, M = shape
+    inside = np.flatnonzero((where >= 0) & (what >= 0))
+    if not len(inside):
+        raise InputError("No tap belongs to a class of the grid.")
+    return pool_of(inside, where[inside] * M + what[inside], shape)
+
+
+def pool_of(taps: NDArray[np.intp], cell: NDArray[np.intp], shape: tuple[int, int]) -> TapPool:
+    """Pool of some taps, possibly with repetitions.
+
+    Args:
+        taps: Tap indices, shape (n,).
+        cell: Class of each as l M + m, shape (n,).
+        shape: (L, M).
+    """
+    L, M = shape
+    count = np.bincount(cell, minlength=L * M).reshape(L, M)
+    first = np.cumsum(count).reshape(L, M) - count
+    nearest = nearest_trained(count > 0)
+    nearest[:, count.sum(axis=0) == 0] = -1
+    return TapPool(taps[np.argsort(cell, kind="stable")], first, count, nearest)

@@ -109,7 +109,7 @@ class Setting(Checked, frozen=True, kw_only=True):
         """
         ours: dict[str, str | float] = {
             "model": "session" if self.model == "session:histogram" else self.model,
-            "power": likelihood_exponent(self.fit.power, model.preprocessing.samples, model.K),
+            "power": likelihood_exponent(self.fit.power, *model.tap_shape),
             "saturation": self.fit.limit,
             "bins": self.fit.bins,
         }

@@ -1,8 +1,8 @@
 """Taps of a grid whose classes all have as many, told better than by chance."""
 
 import numpy as np
-from solidtouch.hardware.replay import tap_pool
 from solidtouch.inference.trials.records import TapTable
+from solidtouch.models.grid import tap_pool
 
 
 def even_table(L: int, M: int, repeats: int, seed: int = 0, skill: float = 1.0, states: int = 1) -> TapTable:

@@ -21,7 +21,7 @@ class NumberedTaps:
     log_prior: NDArray[np.float64]
     M: int
     preprocessing = Preprocessing(samples=1)
-    saturation, K = np.inf, 1
+    saturation, tap_shape = np.inf, (1, 1)
 
     @cached_property
     def grid(self) -> ClassGrid:

@@ -1,8 +1,8 @@
 """Taps of a small grid whose classes have different numbers of them, one class none."""
 
 import numpy as np
-from solidtouch.hardware.replay import TapPool, tap_pool
 from solidtouch.inference.trials.records import TapTable
+from solidtouch.models.grid import TapPool, tap_pool
 
 L, M = 3, 2
 COUNT = np.array([[4, 1], [0, 7], [5, 2]])

@@ -19,9 +19,9 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.optimize import root_scalar
 from scipy.stats import gamma
 
-from ...hardware.replay import tap_pool
 from ...inference.trials.records import TapTable
 from ...models.errors import InputError
+from ...models.grid import tap_pool
 from ...models.measurement.model import TapModel
 from ...models.setting_file import Setting
 from ..stats.right_model import LEVEL, equivalent, quantiles, reference_factors

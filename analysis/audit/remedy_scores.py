@@ -15,7 +15,6 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from ...hardware.replay import TapPool, tap_pool
 from ...inference.filter import share
 from ...inference.trials.judged_sequences import Sequences, log_beliefs, without_replacement
 from ...inference.trials.records import TapTable, tap_table
@@ -31,7 +30,7 @@ from ...inference.trials.run import THRESHOLDS
 from ...inference.trials.selections import sessions_drawn, thinned_pools
 from ...models import seeds
 from ...models.errors import InputError
-from ...models.grid import ClassGrid, can_act
+from ...models.grid import ClassGrid, TapPool, can_act, tap_pool
 from ...models.measurement.model import TapModel
 from ...models.setting_file import Setting
 from ...models.taps import TapSet

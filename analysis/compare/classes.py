@@ -11,7 +11,6 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from ...hardware.replay import TapPool
 from ...inference.filter import log_fold, share
 from ...inference.trials.judged_sequences import without_replacement
 from ...inference.trials.records import TapTable
@@ -19,6 +18,7 @@ from ...inference.trials.resampling import CONFIDENCE, spread
 from ...inference.trials.selections import thinned_pools
 from ...models import seeds
 from ...models.errors import InputError
+from ...models.grid import TapPool
 from ..stats.contacts import CONTACTS
 from ..stats.pairing import check_tables, reference_name, with_intervals
 

@@ -8,9 +8,9 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from ...hardware.replay import TapPool
 from ...inference.trials.records import TapTable, TrialPlan, Trials, trial_uniforms
 from ...inference.trials.run import run_trials
+from ...models.grid import TapPool
 from ...models.settings import PlaySettings
 from .answers import Answer
 from .case import Case

@@ -10,11 +10,11 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
-from ...hardware.replay import tap_pool
 from ...hardware.simulator.model_rig import bin_tables
 from ...inference.moves.control import default_fixation
 from ...inference.trials.records import TapTable, TrialPlan, Trials, plan_trials
 from ...inference.trials.run import run_trials
+from ...models.grid import tap_pool
 from ...models.settings import PlaySettings
 from ..stats.uniformity import JudgedBeliefs
 from .sbc_arrays import draw

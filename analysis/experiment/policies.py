@@ -8,7 +8,6 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from ...hardware.replay import TapPool
 from ...inference.trials.records import (
     Farthest,
     TapTable,
@@ -22,7 +21,7 @@ from ...inference.trials.records import (
 from ...inference.trials.resampling import RESAMPLE_TRIALS, Spread, spread
 from ...inference.trials.run import LoopPlayer, empty_trials, make_rule, run_trials
 from ...inference.trials.selections import resampled_pools, thinned_pools
-from ...models.grid import ClassGrid
+from ...models.grid import ClassGrid, TapPool
 from ...models.threads import cores, in_order
 from ..stats.metrics import Means, confusion, mean_outcomes, outcomes_dataset
 from .settings import ExperimentSettings

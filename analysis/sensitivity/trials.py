@@ -10,10 +10,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ...inference.moves.shifts import log_sum
-from ...inference.trials import random as draws
 from ...inference.trials.lockstep import drawn_taps, shift_beliefs
 from ...inference.trials.records import Rule, TapTable, TrialPlan, Trials, checked_plan
 from ...inference.trials.run import empty_trials, make_rule
+from ...models import seeds
 from ...models.settings import PlaySettings
 from .choices import Reading
 
@@ -81,7 +81,7 @@ def play_open(
     n, H = len(plan.where), len(rule.thresholds)
     done = OpenTrials(empty_trials(n, H), np.zeros((n, H), np.int64), np.zeros((n, H), np.int64), np.zeros(n, np.bool_))
     decided = np.zeros((n, H), np.bool_)
-    words = draws.words(seed, plan.stream, draws.TAPS, 0, rule.deadline)
+    words = seeds.words(seed, plan.stream, seeds.TAPS, 0, rule.deadline)
     at = table.pool.nearest[plan.where, plan.what]
     zero = np.zeros(n, np.int64)
     belief = np.broadcast_to(table.log_prior, (n, *table.log_prior.shape))
@@ -126,7 +126,7 @@ def _draw(
         which, column = np.nonzero(inside & again[:, np.newaxis])
         used[state.row[which], tap[which, column]] = False
         free[again] = inside[again]
-    number = draws.below(word, free.sum(axis=1).astype(np.uint64)).astype(np.int64)
+    number = seeds.below(word, free.sum(axis=1).astype(np.uint64)).astype(np.int64)
     chosen = (free.cumsum(axis=1) > number[:, np.newaxis]).argmax(axis=1)
     tap = tap[np.arange(len(tap)), chosen]
     used[state.row, tap] = True

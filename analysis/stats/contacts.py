@@ -8,11 +8,11 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import t
 
-from ...hardware.replay import TapPool
 from ...inference.filter import fold, share, temper
 from ...inference.trials.records import TapTable
 from ...inference.trials.resampling import Spread, widened
 from ...models import seeds
+from ...models.grid import TapPool
 from ...models.threads import cores, in_order
 from .metrics import CONFIDENCE, NO_SPREAD, with_noise
 

@@ -8,11 +8,10 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ...hardware.replay import TapPool
 from ...inference.trials.records import TapTable, TrialPlan, Trials
 from ...inference.trials.run import run_trials
 from ...models.errors import InputError
-from ...models.grid import ClassGrid, policies
+from ...models.grid import ClassGrid, TapPool, policies
 from ...models.settings import PlaySettings
 
 

@@ -21,7 +21,6 @@ import numpy as np
 import xarray as xr
 from numpy.typing import ArrayLike, NDArray
 
-from ...hardware.replay import TapPool
 from ...inference.moves.control import check_fixation
 from ...inference.trials.records import Farthest, TapTable, TrialPlan, Trials, endings, plan_trials
 from ...inference.trials.resampling import (
@@ -40,7 +39,7 @@ from ...inference.trials.resampling import (
 from ...inference.trials.selections import sessions_drawn
 from ...models.compiled import compiled
 from ...models.errors import InputError
-from ...models.grid import ClassGrid
+from ...models.grid import ClassGrid, TapPool
 from ...models.settings import PlaySettings
 from .decided import (
     DecidedTrials,

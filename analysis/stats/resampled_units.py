@@ -11,11 +11,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import t
 
-from ...hardware.replay import tap_pool
 from ...inference.trials.records import TapTable
 from ...inference.trials.resampling import CONFIDENCE, Spread, spread
 from ...inference.trials.selections import resampled_pools
-from ...models.grid import ClassGrid
+from ...models.grid import ClassGrid, tap_pool
 from ...models.taps import TapSet
 
 RESAMPLES = 40

@@ -29,7 +29,7 @@ from rich.table import Table
 from solidtouch.hardware.emulator.emulated_bench import EmulatedBench, emulated_bench
 from solidtouch.hardware.emulator.rig_file import write_rig
 from solidtouch.hardware.emulator.service import Service
-from solidtouch.hardware.link.clock import SocketConnection
+from solidtouch.hardware.emulator.shared_clock import SocketConnection
 from solidtouch.hardware.recording.plan import load_plan
 from solidtouch.models.io.rig import read_rig
 from solidtouch.models.io.rig_reader import RecordingReader

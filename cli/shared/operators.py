@@ -7,7 +7,7 @@ import termios
 from collections.abc import Callable
 from contextlib import suppress
 
-from ...hardware.link.clock import Connection
+from ...hardware.emulator.shared_clock import Connection
 from ...hardware.recording.plan import ObjectSettings
 from ...models.errors import InputError
 

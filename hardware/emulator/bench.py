@@ -5,8 +5,8 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from ...models.errors import InputError
-from ..link.clock import Advanced
 from .link import Link
+from .shared_clock import Advanced
 
 
 class Bench:

@@ -6,7 +6,6 @@ from pathlib import Path
 from typing import NamedTuple
 
 from ...models.errors import InputError
-from ..link.clock import SharedClock
 from ..rig.settings import RigFile, StageSettings
 from ..simulator.settings import PRESETS, RigSettings
 from .adapter import Adapter
@@ -18,6 +17,7 @@ from .grbl.controller import Controller, ControllerSettings
 from .line_array import LineArray
 from .link import Device, Link
 from .rig_file import SensorKind, emulated_rig
+from .shared_clock import SharedClock
 from .skin_board import SkinBoard
 
 _UNHOMED_MM = (-5.0, -5.0, -5.0)

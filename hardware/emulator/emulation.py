@@ -14,9 +14,9 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import Any, Protocol
 
 from ...models.errors import InputError
-from ..link.clock import Advanced
 from .bench import Bench
 from .faults import Switches
+from .shared_clock import Advanced
 
 
 class Touching(Protocol):

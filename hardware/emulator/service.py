@@ -15,8 +15,8 @@ from typing import Any, Self
 import msgspec
 
 from ...models.errors import InputError
-from ..link.clock import socket_path
 from .emulation import Emulation
+from .shared_clock import socket_path
 
 _LONGEST_WAIT_S = 0.05
 _SEND_S = 1.0

@@ -1,4 +1,4 @@
-"""Serial ports, lines and clocks that stage and skin share.
+"""Serial ports, lines and rig time that stage and skin share.
 
 Start with `port`, the only file that imports pySerial, and `loop`, which reads it. `stage` and `skin` decode the
 bytes.

@@ -1,16 +1,58 @@
-"""Single-threaded loop that reads all ports of a rig during every wait.
+"""Rig time, and the single-threaded loop that reads all ports of a rig during every wait.
+
+Drivers read one clock and wait only on it: the host's monotonic clock, or that of emulated devices.
 
 Drivers never read their ports; the loop passes them their bytes. Whoever waits for an answer, the end of a motion or a
 complete tap runs the loop meanwhile, so frames arrive while the stage moves, and guards see every frame.
 """
 
-from collections.abc import Callable, Iterator
+import select
+import time
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
+from typing import Protocol
 
 from ..errors import NoAnswer, PortBusy, PortLost
 from ..journal import Journal
-from .clock import Clock
 from .port import Port
+
+_POLL_S = 0.001
+
+
+class Clock(Protocol):
+    """Rig time, in seconds that never go backwards."""
+
+    def now(self) -> float:
+        """Time in seconds."""
+        ...
+
+    def wait(self, ports: Sequence[Port], until: float) -> None:
+        """Waits until a port has bytes or is lost, at most until rig time `until`.
+
+        Args:
+            ports: Open ports with all earlier bytes read.
+            until: Rig time in seconds.
+        """
+        ...
+
+
+class HostClock:
+    """The monotonic clock of this computer."""
+
+    def now(self) -> float:
+        """Time in seconds since an arbitrary origin."""
+        return time.monotonic()
+
+    def wait(self, ports: Sequence[Port], until: float) -> None:
+        """Waits until a port has bytes or is lost, at most until time `until`."""
+        files = [port.fileno() for port in ports]
+        known = [file for file in files if file is not None]
+        if len(known) == len(files):
+            select.select(known, [], [], max(0.0, until - time.monotonic()))
+            return
+        while not any(port.waiting() for port in ports) and (left := until - time.monotonic()) > 0:
+            time.sleep(min(_POLL_S, left))
+
 
 Receiver = Callable[[bytes, float], None]
 """Receives bytes and the rig time at which they were read."""

@@ -3,10 +3,10 @@
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
 
+from ..emulator.shared_clock import SharedClock, SocketConnection
 from ..errors import NotAtRest, RigError
 from ..journal import Journal
-from ..link.clock import Clock, HostClock, SharedClock, SocketConnection
-from ..link.loop import Loop
+from ..link.loop import Clock, HostClock, Loop
 from ..skin.fingertip import make_skin
 from ..stage.stage import Stage
 from .rig import Rig, still_pressing

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...models.preprocessing import Preprocessing, TapCutter
+from ..emulator.shared_clock import Connection
 from ..errors import (
     NotAtRest,
     OutOfLimits,
@@ -25,7 +26,6 @@ from ..errors import (
     StageFault,
 )
 from ..journal import Journal
-from ..link.clock import Connection
 from ..link.loop import Loop
 from ..sensor import clipped_move
 from ..skin.monitor import Skin, implausible

@@ -11,8 +11,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ...models.errors import InputError
+from ...models.grid import nearest_trained
 from ...models.measurement.model import TapModel
-from ..moves.holes import nearest_trained
 from ..reference import BORDERS, Border, ZeroEvidenceError
 from ..trials import kernel
 from ..trials.records import Classes, Likelihoods, ScaledBelief

@@ -6,6 +6,7 @@ The rule is that of `reference.shift`; here it is written for arrays.
 import numpy as np
 from numpy.typing import NDArray
 
+from ...models.grid import nearest_trained
 from ..reference import Border
 
 type Floats = NDArray[np.float64]
@@ -16,16 +17,6 @@ type Mask = NDArray[np.bool_]
 def holes(trained: Mask | None) -> Mask | None:
     """Mask of trained classes (L, M), or `None` if all are trained."""
     return None if trained is None or trained.all() else trained
-
-
-def nearest_trained(trained: Mask) -> Integers:
-    """Nearest trained position of the same object, the lower of two equally near; shape (L, M).
-
-    0 for objects without a trained class.
-    """
-    L = len(trained)
-    distance = np.abs(np.arange(L)[:, np.newaxis] - np.arange(L)).astype(np.float64)
-    return np.where(trained.T, distance[:, np.newaxis], np.inf).argmin(axis=-1)
 
 
 def landing(trained: Mask, delta: int, border: Border) -> Integers:

@@ -15,6 +15,7 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
+from ...models import seeds
 from ...models.errors import InputError
 from ...models.grid import ClassGrid
 from ...models.measurement.model import TapModel
@@ -24,7 +25,6 @@ from ...models.taps import TapSet
 from ..engines.compiled import border_number, refuse_border
 from ..filter import log_fold, share, temper
 from ..reference import Border
-from ..trials import random as draws
 from ..trials.lockstep import drawn_taps, shifted, updated
 from ..trials.records import TapTable, plan_trials
 from ..tuning.held_out import held_out
@@ -223,7 +223,7 @@ def _tried(
     """Every target after 1 to `BEFORE` taps at one position: estimates (n,), target and losses (n,)."""
     L, M = table.pool.nearest.shape
     plan = plan_trials(table.pool, trials, seed)
-    words = draws.words(seed, plan.stream, draws.TAPS, 0, BEFORE + taps)
+    words = seeds.words(seed, plan.stream, seeds.TAPS, 0, BEFORE + taps)
     carried = np.broadcast_to(table.log_prior, (trials, *table.log_prior.shape))
     for before in range(BEFORE):
         tap = drawn_taps(table, plan.where, plan.what, words[:, before])

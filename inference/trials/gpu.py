@@ -13,10 +13,10 @@ import jax.numpy as jnp
 import numpy as np
 from jax.scipy.special import logsumexp
 
+from ...models import seeds
 from ...models.errors import InputError
 from ..moves.holes import holes
 from ..reference import BORDERS
-from . import random as draws
 from .records import Rule, TapTable, TrialPlan, Trials
 
 _SLOTS = {"cpu": 1024, "gpu": 1 << 16}
@@ -293,7 +293,7 @@ def _tap(
     row = jnp.minimum(slot.trial, len(plan.where) - 1)
     held = plan.what[row]
     word = _word(tables.key, plan.stream[row], slot.tap)
-    number = draws.below(word, tables.size[slot.at, held].astype(jnp.uint64)).astype(jnp.int64)
+    number = seeds.below(word, tables.size[slot.at, held].astype(jnp.uint64)).astype(jnp.int64)
     index = tables.order[tables.first[slot.at, held] + number]
     log_belief, log_evidence = update(slot.log_belief, tables.log_likelihood[index])
     none_left = jnp.isneginf(log_evidence)
@@ -341,7 +341,7 @@ def _move(
 
 
 def _word(key: tuple[jax.Array, jax.Array], stream: jax.Array, tap: jax.Array) -> jax.Array:
-    """Random word of a tap, as in `trials.random.words`."""
+    """Random word of a tap, as in `seeds.words`."""
     stream, tap = stream.astype(jnp.uint64), tap.astype(jnp.uint64)
-    block = draws.philox(tap // np.uint64(draws.PER_BLOCK), draws.TAPS, stream & draws.LOW, stream >> draws.HALF, *key)
-    return jnp.stack(block)[tap % np.uint64(draws.PER_BLOCK)]
+    block = seeds.philox(tap // np.uint64(seeds.PER_BLOCK), seeds.TAPS, stream & seeds.LOW, stream >> seeds.HALF, *key)
+    return jnp.stack(block)[tap % np.uint64(seeds.PER_BLOCK)]

@@ -15,9 +15,9 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from ...hardware.replay import TapPool
 from ...models.compiled import compiled
-from .random import HALF, LOW, TAPS, philox
+from ...models.grid import TapPool
+from ...models.seeds import HALF, LOW, TAPS, philox
 from .records import Classes, Likelihoods, Rule, ScaledBelief, TrialPlan, Trials
 
 type Floats = NDArray[np.float64]

@@ -12,6 +12,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from ...models import seeds
 from ...models.errors import InputError
 from ..engines.compiled import border_number, refuse_border
 from ..episode import DEADLINE
@@ -21,7 +22,6 @@ from ..moves.holes import Mask
 from ..moves.shifts import log_sum, shift_all
 from ..reference import Border
 from ..stopping.stopping import Watch
-from . import random as draws
 from .records import TapTable, TrialPlan, checked_plan
 
 type Floats = NDArray[np.float64]
@@ -128,8 +128,8 @@ def play(
     refuse_border(border_number(border), hypotheses, M)
     n = len(plan.where)
     record = _empty(n, deadline, M, plan.what)
-    numbers = draws.words(seed, plan.stream, draws.TAPS, 0, deadline)
-    chance = draws.uniform(draws.words(seed, plan.stream, draws.CHANCE, 0, deadline))
+    numbers = seeds.words(seed, plan.stream, seeds.TAPS, 0, deadline)
+    chance = seeds.uniform(seeds.words(seed, plan.stream, seeds.CHANCE, 0, deadline))
     at = table.pool.nearest[plan.where, plan.what]
     zero = np.zeros(n, np.int64)
     state = _Running(
@@ -184,7 +184,7 @@ def updated(log_belief: Floats, log_likelihood: Floats) -> tuple[Floats, NDArray
 def drawn_taps(table: TapTable, at: Integers, held: Integers, word: NDArray[np.uint64]) -> Integers:
     """Test tap of each trial's class selected by a random word, as in `run_trials`; shape (n,)."""
     pool = table.pool
-    number = draws.below(word, pool.count[at, held].astype(np.uint64)).astype(np.int64)
+    number = seeds.below(word, pool.count[at, held].astype(np.uint64)).astype(np.int64)
     return pool.order[pool.first[at, held] + number]
 
 

@@ -7,12 +7,11 @@ from typing import NamedTuple, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from ...hardware.replay import TapPool, tap_pool
+from ...models import seeds
 from ...models.errors import InputError
-from ...models.grid import ClassGrid
+from ...models.grid import ClassGrid, TapPool, tap_pool
 from ...models.measurement.model import TapModel
 from ...models.taps import TapSet
-from . import random as draws
 
 
 class TapTable(NamedTuple):
@@ -246,8 +245,8 @@ def plan_trials(
     """
     if trials < 1:
         raise InputError(f"trials must be at least 1, got {trials}.")
-    if not 0 <= first_stream <= draws.MOST_STREAM - trials:
-        raise InputError(f"Streams must be from 0 to {draws.MOST_STREAM}, got {first_stream} and following.")
+    if not 0 <= first_stream <= seeds.MOST_STREAM - trials:
+        raise InputError(f"Streams must be from 0 to {seeds.MOST_STREAM}, got {first_stream} and following.")
     cells = np.argwhere(pool.count > 0)
     if where is not None:
         cells = cells[cells[:, 0] == where]
@@ -255,7 +254,7 @@ def plan_trials(
         raise InputError(f"Position {where} has no test tap to start from.")
     stream = first_stream + np.arange(trials)
     word = _start_words(seed, first_stream, trials)
-    start = cells[draws.below(word, np.uint64(len(cells))).astype(np.intp)]
+    start = cells[seeds.below(word, np.uint64(len(cells))).astype(np.intp)]
     where_class, what_class = (np.ascontiguousarray(column) for column in start.T)
     return TrialPlan(where_class, what_class, np.full(trials, fixation, dtype=np.intp), stream)
 
@@ -263,7 +262,7 @@ def plan_trials(
 @lru_cache(maxsize=512)
 def _start_words(seed: int, first_stream: int, trials: int) -> NDArray[np.uint64]:
     """Random words that select the start of trials; the same for resamples of every model and policy."""
-    word = draws.words(seed, first_stream + np.arange(trials), draws.STARTS, 0, 1)[:, 0]
+    word = seeds.words(seed, first_stream + np.arange(trials), seeds.STARTS, 0, 1)[:, 0]
     word.flags.writeable = False
     return word
 
@@ -275,12 +274,12 @@ def join_plans(plans: Sequence[TrialPlan]) -> TrialPlan:
 
 def trial_uniforms(seed: int, stream: int, taps: int) -> NDArray[np.float64]:
     """Random numbers of a trial, one per tap; number u selects tap floor(u * count) of the class."""
-    return draws.uniform(draws.words(seed, stream, draws.TAPS, 0, taps)[0])
+    return seeds.uniform(seeds.words(seed, stream, seeds.TAPS, 0, taps)[0])
 
 
 def trial_chances(seed: int, stream: int, taps: int) -> NDArray[np.float64]:
     """Random numbers for the control strategy in a trial, one after each tap."""
-    return draws.uniform(draws.words(seed, stream, draws.CHANCE, 0, taps)[0])
+    return seeds.uniform(seeds.words(seed, stream, seeds.CHANCE, 0, taps)[0])
 
 
 def checked_plan(plan: TrialPlan, pool: TapPool) -> TrialPlan:

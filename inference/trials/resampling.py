@@ -27,7 +27,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.special import stdtrit
 
-from ...hardware.replay import TapPool
+from ...models.grid import TapPool
 from ...models.settings import PlaySettings
 from ...models.threads import cores, in_order
 from .records import TapTable, TrialPlan, Trials, checked_plan, plan_trials

@@ -15,13 +15,13 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ...hardware.replay import TapPool
+from ...models import seeds
 from ...models.errors import InputError, check_numbers
+from ...models.grid import TapPool
 from ...models.settings import PlaySettings, check_saturation
 from ...models.threads import cores, in_order
 from ..engines.compiled import border_number, classes, likelihoods, refuse_border, scaled_belief
 from . import kernel
-from . import random as draws
 from .records import Rule, TapTable, TrialPlan, Trials, checked_plan
 
 # The paper's range of belief thresholds; its spacing is not given.
@@ -114,7 +114,7 @@ def make_rule(thresholds: ArrayLike, play: PlaySettings, seed: int) -> Rule:
         raise InputError("thresholds must have at least one value, and no NaN.")
     never = np.where(thresholds >= 1, np.inf, thresholds)
     column = np.argsort(never, kind="stable")
-    return Rule(never[column], column, play.move_threshold, border_number(play.border), play.deadline, *draws.key(seed))
+    return Rule(never[column], column, play.move_threshold, border_number(play.border), play.deadline, *seeds.key(seed))
 
 
 def make_player(table: TapTable, rule: Rule, device: str = "cpu") -> Player:

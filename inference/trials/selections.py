@@ -6,8 +6,8 @@ from typing import NamedTuple, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from ...hardware.replay import TapPool, pool_of
 from ...models import seeds
+from ...models.grid import TapPool, pool_of
 from .records import TapTable
 
 LEFT_OUT = 1 / 3

@@ -10,9 +10,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ...hardware.replay import tap_pool
 from ...hardware.simulator.model_rig import draw_session
 from ...models.errors import InputError
+from ...models.grid import tap_pool
 from ...models.measurement.model import TapModel
 from ...models.seeds import Purpose, generator
 from .records import TapTable

@@ -16,8 +16,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ...hardware.replay import TapPool
 from ...models.errors import InputError
+from ...models.grid import TapPool
 from ...models.settings import PlaySettings
 from ..moves.control import default_fixation
 from ..trials.records import Farthest, TapTable, TrialPlan, endings, join_plans, plan_trials

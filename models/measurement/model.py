@@ -156,6 +156,11 @@ class TapModel(ABC):
         """Number of taxels."""
 
     @cached_property
+    def tap_shape(self) -> tuple[int, int]:
+        """Numbers of samples and taxels of a tap, (J, K)."""
+        return self.preprocessing.samples, self.K
+
+    @cached_property
     def log_prior(self) -> NDArray[np.float64]:
         """Log belief before the first tap, uniform over the trained classes, shape (L, H); see `states`."""
         trained = np.where(self.trained, -np.log(self.trained.sum()), -np.inf)
@@ -164,7 +169,7 @@ class TapModel(ABC):
     @cached_property
     def exponent(self) -> float:
         """Exponent of the likelihood, from `power`."""
-        return likelihood_exponent(self.power, self.preprocessing.samples, self.K)
+        return likelihood_exponent(self.power, *self.tap_shape)
 
     def bins(self, taps: ArrayLike) -> NDArray[np.intp]:
         """Histogram bin of each sample, in the shape of `taps` (..., J, K); values beyond the edges in end bins.
@@ -191,7 +196,7 @@ class TapModel(ABC):
             raise InputError("Samples must not be NaN or infinite.")
 
     def _check_shape(self, taps: NDArray[np.floating]) -> None:
-        J, K = self.preprocessing.samples, self.K
+        J, K = self.tap_shape
         if taps.shape[-2:] != (J, K):
             raise InputError(f"Taps must have {J} samples and {K} taxels as in the model, got shape {taps.shape}.")
 

@@ -266,7 +266,7 @@ class ParametricModel(TapModel):
 
 
 def _check_parameters(model: ParametricModel) -> None:
-    grid, J, K, story = model.grid, model.preprocessing.samples, model.K, model.story
+    grid, (J, K), story = model.grid, model.tap_shape, model.story
     _check_array("centre", model.scaling.centre, (K,))
     _check_array("unit", model.scaling.unit, (K,))
     sizes = {"where": grid.L, "what": grid.M, "taxel": K, "from_taxel": K, "other_taxel": K, "sample": J}

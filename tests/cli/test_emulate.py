@@ -9,7 +9,7 @@ from contextlib import contextmanager
 import pytest
 from solidtouch.cli.emulate import switch_on
 from solidtouch.hardware.emulator.faults import Switches
-from solidtouch.hardware.link.clock import SharedClock, SocketConnection
+from solidtouch.hardware.emulator.shared_clock import SharedClock, SocketConnection
 from solidtouch.hardware.link.port import Port
 from solidtouch.hardware.rig.settings import load_rig
 from solidtouch.models.errors import InputError
@@ -87,7 +87,7 @@ def test_in_real_time_the_rig_is_driven_by_the_clock_of_the_host(tmp_path, host_
 
 @pytest.fixture
 def host_clock():
-    from solidtouch.hardware.link.clock import HostClock
+    from solidtouch.hardware.link.loop import HostClock
 
     return HostClock()
 

@@ -1,8 +1,8 @@
-"""Recorded taps by class, and the rig that replays them."""
+"""The rig that replays recorded taps."""
 
 import numpy as np
 import pytest
-from solidtouch.hardware.replay import ReplayRig, as_uniforms, tap_pool
+from solidtouch.hardware.replay import ReplayRig, as_uniforms
 from solidtouch.models.errors import InputError
 from solidtouch.models.preprocessing import Preprocessing
 from solidtouch.models.taps import TapSet
@@ -28,33 +28,6 @@ def recording():
 
 def replay(recording, grid, start, numbers=(0.0,), what=0):
     return ReplayRig(recording, grid, start, what, iter(numbers))
-
-
-def test_pool_lists_taps_class_by_class_in_file_order(rng):
-    """Every tap inside the grid stands once in the pool, in its class, in the order of the file."""
-    where, what = rng.integers(-1, 4, 60), rng.integers(-1, 3, 60)
-    pool = tap_pool(where, what, (4, 3))
-
-    for l in range(4):
-        for m in range(3):
-            expected = np.flatnonzero((where == l) & (what == m))
-            assert expected.tolist() == pool.order[pool.first[l, m] : pool.first[l, m] + pool.count[l, m]].tolist()
-    assert pool.count.sum() == len(pool.order)
-
-
-def test_nearest_class_is_the_lower_of_two_equally_near():
-    """Classes with taps are their own nearest; an object without a tap has none."""
-    pool = tap_pool([0, 4, 2], [0, 0, 2], (5, 3))
-
-    assert pool.nearest[:, 0].tolist() == [0, 0, 0, 4, 4]
-    assert pool.nearest[:, 1].tolist() == [-1] * 5
-    assert pool.nearest[:, 2].tolist() == [2] * 5
-
-
-def test_a_pool_without_a_tap_is_refused():
-    """Taps that all lie outside the grid are no pool."""
-    with pytest.raises(InputError, match="No tap belongs to a class of the grid"):
-        tap_pool([-1, 0], [0, -1], (5, 3))
 
 
 def test_a_number_picks_the_tap_at_its_share_of_the_class(recording, grid):

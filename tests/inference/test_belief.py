@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from solidtouch.analysis.compare.classes import class_scores
 from solidtouch.analysis.stats.contacts import accuracy
-from solidtouch.hardware.replay import ReplayRig, tap_pool
+from solidtouch.hardware.replay import ReplayRig
 from solidtouch.inference.engines.engine import make_engine
 from solidtouch.inference.episode import perceive, steps
 from solidtouch.inference.filter import fold, log_fold, share, temper
@@ -17,6 +17,7 @@ from solidtouch.inference.trials.records import TapTable, TrialPlan, plan_trials
 from solidtouch.inference.trials.run import run_trials
 from solidtouch.inference.trials.tally import tally_trials
 from solidtouch.models.errors import InputError
+from solidtouch.models.grid import tap_pool
 from solidtouch.models.measurement.catalogue import fit_model
 from solidtouch.models.settings import FitSettings, PlaySettings
 

@@ -1,11 +1,11 @@
-"""Labels and values to class indices and back."""
+"""Labels and values to class indices and back, and the taps of each class."""
 
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from solidtouch.models.errors import InputError
-from solidtouch.models.grid import ClassGrid, group, parse_length, values_from_names
+from solidtouch.models.grid import ClassGrid, group, parse_length, tap_pool, values_from_names
 
 
 def grid(where=(0.0, 1.0, 4.0), edges=None, members=(("a",), ("b", "c")), value=None, unit="mm"):
@@ -163,3 +163,30 @@ def test_multiples_of_the_width_begin_their_own_cell(width, cells):
     values = width * np.array([0, *cells])
 
     assert group(values, width).tolist() == [0, *cells]
+
+
+def test_pool_lists_taps_class_by_class_in_file_order(rng):
+    """Every tap inside the grid stands once in the pool, in its class, in the order of the file."""
+    where, what = rng.integers(-1, 4, 60), rng.integers(-1, 3, 60)
+    pool = tap_pool(where, what, (4, 3))
+
+    for l in range(4):
+        for m in range(3):
+            expected = np.flatnonzero((where == l) & (what == m))
+            assert expected.tolist() == pool.order[pool.first[l, m] : pool.first[l, m] + pool.count[l, m]].tolist()
+    assert pool.count.sum() == len(pool.order)
+
+
+def test_nearest_class_is_the_lower_of_two_equally_near():
+    """Classes with taps are their own nearest; an object without a tap has none."""
+    pool = tap_pool([0, 4, 2], [0, 0, 2], (5, 3))
+
+    assert pool.nearest[:, 0].tolist() == [0, 0, 0, 4, 4]
+    assert pool.nearest[:, 1].tolist() == [-1] * 5
+    assert pool.nearest[:, 2].tolist() == [2] * 5
+
+
+def test_a_pool_without_a_tap_is_refused():
+    """Taps that all lie outside the grid are no pool."""
+    with pytest.raises(InputError, match="No tap belongs to a class of the grid"):
+        tap_pool([-1, 0], [0, -1], (5, 3))

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from solidtouch.inference.trials import random as draws
+from solidtouch.models import seeds
 from solidtouch.models.seeds import Purpose, data_set_seed, derived_seed, generator
 
 ROOT = Path(__file__).parents[2]
@@ -69,8 +69,8 @@ def test_streams_of_neighbouring_seeds_purposes_and_numbers_share_no_numbers():
 def test_trials_of_neighbouring_seeds_share_no_numbers():
     """Two 32-bit words together, at all streams and for all purposes of trials."""
     numbers = [
-        draws.words(data_set_seed(seed, number), np.arange(30), purpose, 0, 40).reshape(-1, 2) @ (2**32, 1)
-        for seed, number, purpose in product(range(4), range(4), (draws.TAPS, draws.STARTS, draws.CHANCE))
+        seeds.words(data_set_seed(seed, number), np.arange(30), purpose, 0, 40).reshape(-1, 2) @ (2**32, 1)
+        for seed, number, purpose in product(range(4), range(4), (seeds.TAPS, seeds.STARTS, seeds.CHANCE))
     ]
 
     assert len(np.unique(numbers)) == np.size(numbers)

@@ -6,12 +6,12 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from solidtouch.hardware.replay import TapPool
 from solidtouch.hardware.simulator.session import simulate_session
 from solidtouch.hardware.simulator.settings import preset
-from solidtouch.inference.trials import random as draws
 from solidtouch.inference.trials.records import TapTable, TrialPlan, Trials, plan_trials, tap_table
 from solidtouch.inference.trials.run import empty_trials, make_player, make_rule, run_trials
+from solidtouch.models import seeds
+from solidtouch.models.grid import TapPool
 from solidtouch.models.measurement.histogram import fit
 from solidtouch.models.settings import PlaySettings
 
@@ -77,7 +77,7 @@ def make_job(
     L, M = table.log_prior.shape
     count = int(table.pool.count[0, 0])
     plan = plan_trials(table.pool, trials, SEED, fixation=(L - 1) // 2)
-    words = draws.words(SEED, plan.stream, draws.TAPS, 0, deadline)
+    words = seeds.words(SEED, plan.stream, seeds.TAPS, 0, deadline)
     largest = table.log_likelihood.max(axis=(1, 2), keepdims=True)
     return Job(
         table=table,
@@ -86,7 +86,7 @@ def make_job(
         theta_x=POLICIES[policy],
         deadline=deadline,
         tap=table.pool.order.reshape(L, M, count),
-        number=draws.below(words, np.uint64(count)).astype(np.intp),
+        number=seeds.below(words, np.uint64(count)).astype(np.intp),
         likelihood=np.exp(table.log_likelihood - largest),
         prior=np.exp(table.log_prior),
     )

@@ -21,11 +21,10 @@ import xarray as xr
 from solidtouch.analysis.compare.classes import class_scores
 from solidtouch.analysis.stats.decisions import at_equal_taps, decision_curves, play_models, spread_of
 from solidtouch.analysis.stats.reliability import EVERYTHING, at_stopping, reliability
-from solidtouch.hardware.replay import tap_pool
 from solidtouch.inference.trials.records import ENDINGS, TapTable
 from solidtouch.inference.trials.resampling import FEW, RESAMPLES
 from solidtouch.models import seeds
-from solidtouch.models.grid import ClassGrid
+from solidtouch.models.grid import ClassGrid, tap_pool
 from solidtouch.models.settings import PlaySettings
 
 from benchmarks.page import parsed, share_interval, table, write_block

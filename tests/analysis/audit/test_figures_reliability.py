@@ -7,9 +7,8 @@ from solidtouch.analysis.audit.guarantees import guarantees
 from solidtouch.analysis.page.figure_style import save
 from solidtouch.analysis.stats.reliability import EVERYTHING, reliability
 from solidtouch.analysis.stats.target_error import Curves, TargetError, choose, leave_out, predicted
-from solidtouch.hardware.replay import tap_pool
 from solidtouch.inference.trials.records import TapTable
-from solidtouch.models.grid import ClassGrid
+from solidtouch.models.grid import ClassGrid, tap_pool
 
 
 def make(L=5, M=3, skill=1.0, scale=1.0):

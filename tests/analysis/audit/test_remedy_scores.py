@@ -8,12 +8,12 @@ import xarray as xr
 from scipy.stats import norm
 from solidtouch.analysis.audit import remedy_scores
 from solidtouch.analysis.audit.remedy_scores import _against, _gains, _log_belief, _log_beliefs, _sequences
-from solidtouch.hardware.replay import tap_pool
 from solidtouch.inference.trials.judged_sequences import without_replacement
 from solidtouch.inference.trials.records import TapTable
 from solidtouch.inference.trials.resampling import Spread, spread
 from solidtouch.inference.trials.selections import thinned_pools
 from solidtouch.models import seeds
+from solidtouch.models.grid import tap_pool
 
 GENERATOR = np.random.default_rng(0)
 

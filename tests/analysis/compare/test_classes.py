@@ -15,10 +15,10 @@ from solidtouch.analysis.compare.classes import (
 )
 from solidtouch.analysis.stats.contacts import accuracy
 from solidtouch.analysis.stats.pairing import with_intervals
-from solidtouch.hardware.replay import tap_pool
 from solidtouch.inference.trials.records import TapTable
 from solidtouch.inference.trials.resampling import Spread
 from solidtouch.models.errors import InputError
+from solidtouch.models.grid import tap_pool
 
 L, M, S, N = 3, 2, 4, 90
 

@@ -6,10 +6,9 @@ import xarray as xr
 from solidtouch.analysis.experiment.policies import make_plans, most_trials, play_policies, resamples_of
 from solidtouch.analysis.experiment.settings import ExperimentSettings
 from solidtouch.analysis.stats import metrics
-from solidtouch.hardware.replay import tap_pool
 from solidtouch.inference.trials.records import TapTable
 from solidtouch.inference.trials.run import run_trials
-from solidtouch.models.grid import ClassGrid
+from solidtouch.models.grid import ClassGrid, tap_pool
 from solidtouch.models.settings import PlaySettings
 
 L, M, SYMBOLS = 5, 3, 6

@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 from solidtouch.analysis.sensitivity.choices import Reading
 from solidtouch.analysis.sensitivity.trials import play_open
-from solidtouch.hardware.replay import tap_pool
 from solidtouch.hardware.simulator.session import simulate_session
 from solidtouch.hardware.simulator.settings import preset
 from solidtouch.inference import reference
 from solidtouch.inference.reference import BORDERS
 from solidtouch.inference.trials.records import TapTable, TrialPlan, plan_trials, tap_table, trial_uniforms
 from solidtouch.inference.trials.run import THRESHOLDS, run_trials
+from solidtouch.models.grid import tap_pool
 from solidtouch.models.measurement.histogram import fit
 from solidtouch.models.settings import PlaySettings
 

@@ -5,10 +5,10 @@ import pytest
 from scipy.stats import t
 from solidtouch.analysis.compare.classes import class_scores
 from solidtouch.analysis.stats.contacts import Accuracy, accuracy, summarise
-from solidtouch.hardware.replay import tap_pool
 from solidtouch.inference.trials.records import TapTable
 from solidtouch.inference.trials.resampling import Spread, share_beyond, spread
 from solidtouch.inference.trials.selections import thinned_pools
+from solidtouch.models.grid import tap_pool
 
 L, M = 2, 3
 

@@ -22,11 +22,10 @@ from solidtouch.analysis.stats.reliability import (
     reliability,
 )
 from solidtouch.analysis.stats.right_model import Reference
-from solidtouch.hardware.replay import tap_pool
 from solidtouch.inference.trials.records import TapTable, plan_trials
 from solidtouch.inference.trials.run import run_trials
 from solidtouch.models.errors import InputError
-from solidtouch.models.grid import ClassGrid
+from solidtouch.models.grid import ClassGrid, tap_pool
 from solidtouch.models.measurement.histogram import HistogramModel
 from solidtouch.models.preprocessing import Preprocessing
 from solidtouch.models.settings import PlaySettings

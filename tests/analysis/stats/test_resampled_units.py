@@ -11,9 +11,9 @@ from solidtouch.analysis.stats.resampled_units import (
     resampled_tables,
     units_of,
 )
-from solidtouch.hardware.replay import tap_pool
 from solidtouch.inference.trials.records import TapTable
 from solidtouch.inference.trials.resampling import Spread, spread
+from solidtouch.models.grid import tap_pool
 
 L, M, N = 2, 3, 12
 

@@ -16,10 +16,9 @@ from solidtouch.analysis.stats.right_model import (
     reference_factors,
     simulate,
 )
-from solidtouch.hardware.replay import tap_pool
 from solidtouch.inference.trials.records import TapTable, plan_trials
 from solidtouch.inference.trials.run import run_trials
-from solidtouch.models.grid import ClassGrid
+from solidtouch.models.grid import ClassGrid, tap_pool
 from solidtouch.models.measurement.catalogue import fit_model
 from solidtouch.models.measurement.histogram import HistogramModel
 from solidtouch.models.preprocessing import Preprocessing

@@ -7,7 +7,8 @@ from solidtouch.hardware.emulator.bench import Bench
 from solidtouch.hardware.emulator.emulation import Emulation
 from solidtouch.hardware.emulator.faults import Switches
 from solidtouch.hardware.emulator.link import Link
-from solidtouch.hardware.link.clock import HostClock, SharedClock
+from solidtouch.hardware.emulator.shared_clock import SharedClock
+from solidtouch.hardware.link.loop import HostClock
 from solidtouch.hardware.link.port import Port
 
 

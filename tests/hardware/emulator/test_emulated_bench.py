@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 from solidtouch.hardware.emulator.emulated_bench import emulated_bench
 from solidtouch.hardware.emulator.service import Service
+from solidtouch.hardware.emulator.shared_clock import SocketConnection
 from solidtouch.hardware.errors import PositionUnknown
 from solidtouch.hardware.journal import NoJournal
-from solidtouch.hardware.link.clock import SocketConnection
 from solidtouch.hardware.rig.open_rig import build_rig, connected, open_rig
 from solidtouch.hardware.simulator.settings import PRESETS
 

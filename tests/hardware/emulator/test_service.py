@@ -6,8 +6,8 @@ import threading
 
 import pytest
 from solidtouch.hardware.emulator.service import Service
+from solidtouch.hardware.emulator.shared_clock import SharedClock, SocketConnection
 from solidtouch.hardware.errors import PortBusy, PortError, PortLost
-from solidtouch.hardware.link.clock import SharedClock, SocketConnection
 from solidtouch.models.errors import InputError
 
 

@@ -4,7 +4,7 @@ import os
 import tty
 
 import pytest
-from solidtouch.hardware.link.clock import HostClock
+from solidtouch.hardware.link.loop import HostClock
 from solidtouch.hardware.link.port import Port
 
 

@@ -4,9 +4,10 @@ import threading
 
 import msgspec
 import pytest
+from solidtouch.hardware.emulator.shared_clock import SharedClock, SocketConnection
 from solidtouch.hardware.errors import NotAtRest, PortError, RigError, StageFault
 from solidtouch.hardware.journal import NoJournal
-from solidtouch.hardware.link.clock import HostClock, SharedClock, SocketConnection
+from solidtouch.hardware.link.loop import HostClock
 from solidtouch.hardware.rig import open_rig as opening
 from solidtouch.hardware.rig.open_rig import connected, open_rig, unconnected
 

@@ -8,8 +8,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from solidtouch.hardware.errors import NoAnswer, WrongDevice
 from solidtouch.hardware.journal import NoJournal
-from solidtouch.hardware.link.clock import HostClock
-from solidtouch.hardware.link.loop import Loop
+from solidtouch.hardware.link.loop import HostClock, Loop
 from solidtouch.hardware.rig.settings import IcubSettings
 from solidtouch.hardware.skin.fingertip import Fingertip, make_skin
 

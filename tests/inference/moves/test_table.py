@@ -2,14 +2,14 @@
 
 import numpy as np
 import pytest
-from solidtouch.hardware.replay import ReplayRig, tap_pool
+from solidtouch.hardware.replay import ReplayRig
 from solidtouch.inference import reference
 from solidtouch.inference.engines.engine import make_engine
 from solidtouch.inference.moves.table import BEFORE, held_out_tables, learn_table, load_table, lookup, save_table
 from solidtouch.inference.reference import BORDERS
 from solidtouch.inference.trials.records import TapTable, plan_trials, tap_table, trial_uniforms
 from solidtouch.models.errors import InputError
-from solidtouch.models.grid import ClassGrid
+from solidtouch.models.grid import ClassGrid, tap_pool
 from solidtouch.models.measurement.histogram import fit
 from solidtouch.models.seeds import Purpose, derived_seed
 

@@ -4,14 +4,14 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from solidtouch.hardware.replay import tap_pool
 from solidtouch.inference import reference
 from solidtouch.inference.engines.compiled import likelihoods, scaled_belief
 from solidtouch.inference.reference import BORDERS, ZeroEvidenceError
 from solidtouch.inference.trials import kernel
-from solidtouch.inference.trials import random as draws
 from solidtouch.inference.trials.records import TapTable, TrialPlan, trial_uniforms
 from solidtouch.inference.trials.run import run_trials
+from solidtouch.models import seeds
+from solidtouch.models.grid import tap_pool
 from solidtouch.models.settings import PlaySettings
 
 NEAR_TIE = 1e-6
@@ -138,7 +138,7 @@ def fresh_trial(table, where, what, fixation, stream, thresholds, theta_x, borde
 
     Each tap takes one of those that are left of the class, which then stand in the order of Fisher and Yates.
     """
-    pool, words = table.pool, draws.words(seed, stream, draws.TAPS, 0, deadline)[0]
+    pool, words = table.pool, seeds.words(seed, stream, seeds.TAPS, 0, deadline)[0]
     L = len(table.log_prior)
     left = [list(pool.order[pool.first[l, what] : pool.first[l, what] + pool.count[l, what]]) for l in range(L)]
     log_belief, at, open_, rows, drawn = table.log_prior, int(pool.nearest[where, what]), list(thresholds), {}, []
@@ -264,7 +264,7 @@ def test_classes_that_lead_in_turn_from_any_depth():
     trials, deadline = 20_000, 7
     plan = TrialPlan(*np.zeros((3, trials), dtype=int), np.arange(trials))
     played = run_trials(table, plan, (1.0,), play=PlaySettings(theta_x=1.0, deadline=deadline))
-    taps = draws.below(draws.words(0, plan.stream, draws.TAPS, 0, deadline), np.uint64(3)).astype(int)
+    taps = seeds.below(seeds.words(0, plan.stream, seeds.TAPS, 0, deadline), np.uint64(3)).astype(int)
     log_belief = table.log_prior + steps[taps].sum(axis=1)
     belief = np.exp(log_belief - np.logaddexp.reduce(log_belief, axis=1)[:, np.newaxis])
 
@@ -283,7 +283,7 @@ def test_random_walks_of_beliefs_over_hundreds_of_units(seed):
     trials, deadline = 200, 40
     plan = TrialPlan(*np.zeros((3, trials), dtype=int), np.arange(trials))
     played = run_trials(table, plan, (1.0,), play=PlaySettings(theta_x=1.0, deadline=deadline), workers=1)
-    taps = draws.below(draws.words(0, plan.stream, draws.TAPS, 0, deadline), np.uint64(N)).astype(int)
+    taps = seeds.below(seeds.words(0, plan.stream, seeds.TAPS, 0, deadline), np.uint64(N)).astype(int)
     log_belief = steps[taps].sum(axis=(1, 2))
     belief = np.exp(log_belief - np.logaddexp.reduce(log_belief, axis=1)[:, np.newaxis])
 

@@ -5,7 +5,7 @@ from functools import cache
 
 import numpy as np
 import pytest
-from solidtouch.hardware.replay import ReplayRig, tap_pool
+from solidtouch.hardware.replay import ReplayRig
 from solidtouch.inference import reference
 from solidtouch.inference.engines.engine import make_engine
 from solidtouch.inference.episode import perceive
@@ -18,6 +18,7 @@ from solidtouch.inference.trials.lockstep import play, shift_beliefs
 from solidtouch.inference.trials.records import TapTable, TrialPlan, tap_table, trial_chances, trial_uniforms
 from solidtouch.inference.trials.run import run_trials
 from solidtouch.models.errors import InputError
+from solidtouch.models.grid import tap_pool
 from solidtouch.models.measurement.states import States
 from solidtouch.models.settings import PlaySettings
 

@@ -2,7 +2,6 @@
 
 import numpy as np
 import pytest
-from solidtouch.hardware.replay import tap_pool
 from solidtouch.inference.moves.control import fixation, passive, random_place
 from solidtouch.inference.trials import lockstep_tally
 from solidtouch.inference.trials.lockstep import play
@@ -11,6 +10,7 @@ from solidtouch.inference.trials.records import TapTable, plan_trials
 from solidtouch.inference.trials.run import run_trials
 from solidtouch.inference.trials.tally import tally_trials
 from solidtouch.models.errors import InputError
+from solidtouch.models.grid import tap_pool
 from solidtouch.models.settings import PlaySettings
 
 L, M, N, TRIALS = 5, 3, 90, 70

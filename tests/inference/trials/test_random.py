@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from solidtouch.inference.trials import kernel
-from solidtouch.inference.trials import random as draws
+from solidtouch.models import seeds
 
 WORDS = st.integers(0, 2**32 - 1)
 
@@ -26,35 +26,35 @@ KNOWN = [
 def test_the_generator_gives_the_published_answers(given_words, expected):
     words = [np.uint64(word) for word in given_words]
 
-    assert tuple(int(word) for word in draws.philox(*words)) == expected
+    assert tuple(int(word) for word in seeds.philox(*words)) == expected
 
 
 @given(st.tuples(*[WORDS] * 6))
 def test_compiled_and_on_arrays_it_is_the_same(given_words):
     words = [np.uint64(word) for word in given_words]
-    expected = tuple(int(word) for word in draws.philox(*words))
+    expected = tuple(int(word) for word in seeds.philox(*words))
 
     assert tuple(int(word) for word in kernel._philox(*words)) == expected
     with jax.enable_x64(True):
-        assert tuple(int(word) for word in draws.philox(*(jnp.asarray(word) for word in words))) == expected
+        assert tuple(int(word) for word in seeds.philox(*(jnp.asarray(word) for word in words))) == expected
 
 
 def test_words_do_not_depend_on_how_many_are_asked_for():
     """Streams and numbers can be cut anywhere that is a multiple of a block."""
     streams = np.array([0, 3, 2**32 - 1, 2**32, 2**40 + 5])
-    whole = draws.words(7, streams, draws.TAPS, 0, 23)
+    whole = seeds.words(7, streams, seeds.TAPS, 0, 23)
 
     assert whole.shape == (5, 23)
-    np.testing.assert_array_equal(draws.words(7, streams[2:], draws.TAPS, 8, 5), whole[2:, 8:13])
-    np.testing.assert_array_equal(draws.words(7, 3, draws.TAPS, 0, 1), whole[[1], :1])
+    np.testing.assert_array_equal(seeds.words(7, streams[2:], seeds.TAPS, 8, 5), whole[2:, 8:13])
+    np.testing.assert_array_equal(seeds.words(7, 3, seeds.TAPS, 0, 1), whole[[1], :1])
 
 
 def test_seeds_streams_purposes_and_taps_have_numbers_of_their_own():
     """Among 2^15 words of 32 bits a handful may be equal by chance."""
     parts = [
-        draws.words(seed, streams, purpose, 0, 16)
+        seeds.words(seed, streams, purpose, 0, 16)
         for seed in (0, 1, 2**32, 2**63)
-        for purpose in (draws.TAPS, draws.STARTS)
+        for purpose in (seeds.TAPS, seeds.STARTS)
         for streams in (np.arange(128), np.arange(128) + 2**32)
     ]
     words = np.concatenate([part.ravel() for part in parts])
@@ -65,15 +65,15 @@ def test_seeds_streams_purposes_and_taps_have_numbers_of_their_own():
 @given(WORDS, st.integers(1, 2**21))
 def test_a_number_below_a_count_is_that_of_the_uniform(word, count):
     """`floor(u * count)` in floating point and the integer product agree exactly."""
-    below = int(draws.below(np.uint64(word), np.uint64(count)))
+    below = int(seeds.below(np.uint64(word), np.uint64(count)))
 
     assert 0 <= below < count
-    assert below == int(draws.uniform(np.float64(word)) * count)
+    assert below == int(seeds.uniform(np.float64(word)) * count)
 
 
 def test_numbers_are_uniform():
     """Chi-square over 20 values stays below its 99.99% point of 53."""
-    words = draws.words(3, np.arange(5000), draws.TAPS, 0, 4)
-    counts = np.bincount(draws.below(words, np.uint64(20)).ravel().astype(int), minlength=20)
+    words = seeds.words(3, np.arange(5000), seeds.TAPS, 0, 4)
+    counts = np.bincount(seeds.below(words, np.uint64(20)).ravel().astype(int), minlength=20)
 
     assert ((counts - 1000.0) ** 2 / 1000.0).sum() < 53

@@ -4,7 +4,7 @@ from functools import cache
 
 import numpy as np
 import pytest
-from solidtouch.hardware.replay import ReplayRig, tap_pool
+from solidtouch.hardware.replay import ReplayRig
 from solidtouch.hardware.simulator.model_rig import draw_taps
 from solidtouch.inference.engines.engine import make_engine
 from solidtouch.inference.episode import perceive
@@ -15,6 +15,7 @@ from solidtouch.inference.trials import run as montecarlo
 from solidtouch.inference.trials.records import TapTable, TrialPlan, join_plans, plan_trials, tap_table, trial_uniforms
 from solidtouch.inference.trials.run import run_trials
 from solidtouch.models.errors import InputError
+from solidtouch.models.grid import tap_pool
 from solidtouch.models.settings import PlaySettings
 
 COUNT = np.array([[2, 0, 5], [1, 4, 3], [0, 6, 2], [3, 1, 0], [2, 2, 7]])

@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 from scattered_taps import COUNT, L, M, table_of, taps_of
-from solidtouch.hardware.replay import pool_of, tap_pool
 from solidtouch.inference.trials.records import TapTable
 from solidtouch.inference.trials.resampling import play_resamples, spread
 from solidtouch.inference.trials.selections import resampled_pools, sessions_drawn, thinned_pools
+from solidtouch.models.grid import pool_of, tap_pool
 from solidtouch.models.settings import PlaySettings
 
 

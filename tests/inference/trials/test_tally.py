@@ -2,12 +2,12 @@
 
 import numpy as np
 import pytest
-from solidtouch.hardware.replay import tap_pool
 from solidtouch.inference.trials import run as montecarlo
 from solidtouch.inference.trials.records import TapTable, plan_trials
 from solidtouch.inference.trials.run import run_trials
 from solidtouch.inference.trials.tally import Tally, tally, tally_trials
 from solidtouch.models.errors import InputError
+from solidtouch.models.grid import tap_pool
 from solidtouch.models.settings import PlaySettings
 
 L, M, TRIALS, DEADLINE = 4, 3, 200, 9

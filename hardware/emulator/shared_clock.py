@@ -1,14 +1,13 @@
-"""Rig time: drivers read one clock and wait only on it.
+"""The clock of emulated devices as their drivers read it, and the connection to the emulator.
 
-A real rig uses the host's monotonic clock. Emulated devices provide their own (`SharedClock`), which stands still while
-the driver computes. When the driver waits, it reports how many bytes it has written to each port and until when it
-waits; the emulator reads those bytes, advances time until a device writes, and reports how many bytes it wrote. So a
-run depends neither on the load of the machine nor on delays in the system, and is as fast as both sides compute.
+The clock stands still while the driver computes. When the driver waits, it reports how many bytes it has written to
+each port and until when it waits; the emulator reads those bytes, advances time until a device writes, and reports how
+many bytes it wrote. So a run depends neither on the load of the machine nor on delays in the system, and is as fast as
+both sides compute.
 """
 
 import select
 import socket
-import time
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple, Protocol, Self
@@ -17,45 +16,8 @@ import msgspec
 
 from ...models.errors import InputError
 from ..errors import NoAnswer, PortBusy, PortError, PortLost
-from .port import Port
-
-_POLL_S = 0.001
-
-
-class Clock(Protocol):
-    """Rig time, in seconds that never go backwards."""
-
-    def now(self) -> float:
-        """Time in seconds."""
-        ...
-
-    def wait(self, ports: Sequence[Port], until: float) -> None:
-        """Waits until a port has bytes or is lost, at most until rig time `until`.
-
-        Args:
-            ports: Open ports with all earlier bytes read.
-            until: Rig time in seconds.
-        """
-        ...
-
-
-class HostClock:
-    """The monotonic clock of this computer."""
-
-    def now(self) -> float:
-        """Time in seconds since an arbitrary origin."""
-        return time.monotonic()
-
-    def wait(self, ports: Sequence[Port], until: float) -> None:
-        """Waits until a port has bytes or is lost, at most until time `until`."""
-        files = [port.fileno() for port in ports]
-        known = [file for file in files if file is not None]
-        if len(known) == len(files):
-            select.select(known, [], [], max(0.0, until - time.monotonic()))
-            return
-        while not any(port.waiting() for port in ports) and (left := until - time.monotonic()) > 0:
-            time.sleep(min(_POLL_S, left))
-
+from ..link.loop import HostClock
+from ..link.port import Port
 
 MOST_PATH_BYTES = 107
 """Longest path of a Unix socket on Linux, in bytes."""
