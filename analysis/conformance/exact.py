@@ -33,6 +33,12 @@ def _log(probability: Number) -> Number:
     return MP.log(probability) if probability > 0 else MP.ninf
 
 
+@lru_cache(maxsize=256)
+def _likelihoods(case: Case, steps: tuple[Any, ...]) -> dict[int, Matrix]:  # noqa: ARG001 - they are the key
+    """Log-likelihoods of a case by tap, as far as known; most mistakes share those of the equations."""
+    return {}
+
+
 class NoEvidence(ArithmeticError):
     """A tap is impossible under every class."""
 
@@ -42,21 +48,39 @@ class Exact:
 
     Args:
         case: What is given.
+        taps: How many of its taps are answered, default all.
     """
 
-    def __init__(self, case: Case) -> None:
+    LIKELIHOOD = (
+        "edges",
+        "range_edges",
+        "counts",
+        "bin",
+        "log_probability",
+        "probability",
+        "exponent",
+        "log_likelihood",
+        "log_product",
+    )
+    """The steps that lead to the log-likelihoods of a tap."""
+
+    def __init__(self, case: Case, taps: int | None = None) -> None:
         self.case = case
+        self._taps = taps
         self.L, self.M, self.K, self.J, self.B = case.sizes.values()
         self.prior: Matrix = [[MP.mpf(p) for p in row] for row in case.prior.tolist()]
         self._log_probability = lru_cache(maxsize=None)(self.log_probability)
+        self._likelihoods = _likelihoods(case, tuple(getattr(type(self), step) for step in self.LIKELIHOOD))
 
     def answers(self) -> Iterator[Answer]:
         """One answer after the other; it ends with a tap that is impossible."""
         if self.case.training is not None:
             yield Answer(0, {"edges": self.edges_told(), "counts": np.array(self.counts, dtype=np.float64)})
         belief = self.prior
-        for t, (tap, move) in enumerate(zip(self.case.taps.tolist(), self.case.moves.tolist(), strict=True)):
-            log_likelihood = self.log_likelihood(tap)
+        for t, move in enumerate(self.case.moves[: self._taps].tolist()):
+            if t not in self._likelihoods:
+                self._likelihoods[t] = self.log_likelihood(self.case.taps[t].tolist())
+            log_likelihood = self._likelihoods[t]
             try:
                 before, belief, log_evidence = self.step(belief, move, log_likelihood)
             except NoEvidence:
@@ -117,7 +141,7 @@ class Exact:
         pseudocount = MP.mpf(self.case.pseudocount)
         return (counts[b] + pseudocount) / (sum(counts) + pseudocount * len(counts))
 
-    @property
+    @cached_property
     def exponent(self) -> Number:
         """The root of Eq. 1."""
         named = {"J": MP.mpf(1) / self.J, "JK": MP.mpf(1) / (self.J * self.K), "none": MP.mpf(1)}

@@ -38,13 +38,13 @@ class _ShiftDirection(Exact):
 
 
 class _MeanOverTaxels(Exact):
-    @property
+    @cached_property
     def exponent(self) -> Number:
         return super().exponent / self.K
 
 
 class _NoRoot(Exact):
-    @property
+    @cached_property
     def exponent(self) -> Number:
         return MP.mpf(1)
 
@@ -320,8 +320,8 @@ def explains(
     """
     if not found.quantity:
         return False
-    short = replace(case, taps=case.taps[: max(found.tap, 1)], moves=case.moves[: max(found.tap, 1)])
-    forms = (rules for rules in mistake.rules if _explains(rules(short), actual, found, tolerances, without))
+    taps = max(found.tap, 1)
+    forms = (rules for rules in mistake.rules if _explains(rules(case, taps), actual, found, tolerances, without))
     return any(not refuted(rules) for rules in forms)
 
 

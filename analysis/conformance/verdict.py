@@ -107,8 +107,7 @@ def judge_broken(
 def _all_underflow(case: Case, tap: int) -> bool:
     """Whether plain products of probabilities are zero under every class at a tap, so that 0 / 0 follows."""
     plain = next(mistake for mistake in MISTAKES if mistake.name == "linear-likelihood").rules[0]
-    short = replace(case, taps=case.taps[:tap], moves=case.moves[:tap])
-    return any(answer.error is not None for answer in plain(short).answers())
+    return any(answer.error is not None for answer in plain(case, tap).answers())
 
 
 def judge(case: Case, answers: Sequence[Answer], precision: Precision, without: Sequence[str] = ()) -> Verdict:

@@ -11,6 +11,7 @@ from solidtouch.analysis.conformance import exact
 from solidtouch.analysis.conformance.cases.scene import Scene, make
 from solidtouch.analysis.conformance.catalogue import catalogue
 from solidtouch.analysis.conformance.exact import MP, Exact
+from solidtouch.analysis.conformance.mistakes import MISTAKES
 
 
 def whole_sequences(case):
@@ -48,15 +49,15 @@ def test_beliefs_and_evidence_are_sums_over_all_ways_in_fractions():
 
 
 @pytest.mark.parametrize("name", ["root-j", "episode-uniform", "episode-prior", "empty-bins", "fit", "subnormal-prior"])
-def test_more_digits_change_no_double(name, monkeypatch):
+def test_more_digits_change_no_double(name):
     """Sixty digits are enough."""
-    few = list(Exact(catalogue()[name]).answers())
-    exact._log.cache_clear()
-    monkeypatch.setattr(MP, "dps", 90)
-    many = list(Exact(catalogue()[name]).answers())
-    monkeypatch.undo()
-    exact._log.cache_clear()
-    for a, b in zip(few, many, strict=True):
+    answers = []
+    for digits in (90, 60):
+        exact._log.cache_clear()
+        exact._likelihoods.cache_clear()
+        with MP.workdps(digits):
+            answers.append(list(Exact(catalogue()[name]).answers()))
+    for a, b in zip(*answers, strict=True):
         for quantity, value in a.values.items():
             np.testing.assert_array_equal(value, b.values[quantity])
 
@@ -68,6 +69,16 @@ def test_the_root_makes_repeated_samples_count_once():
     twice = replace(once, taps=np.repeat(once.taps, 2, axis=1), power="J")
     for a, b in zip(Exact(once).answers(), Exact(twice).answers(), strict=True):
         np.testing.assert_allclose(a.values["posterior"], b.values["posterior"], rtol=1e-15)
+
+
+def test_log_likelihoods_of_a_mistake_are_its_own():
+    """Also where the equations, and mistakes behind the likelihood, have had those of the same case before."""
+    case = catalogue()["fit"]
+    for mistake in MISTAKES:
+        for rules in mistake.rules:
+            shared = [answer.line(case.name) for answer in rules(case).answers()]
+            alone = [answer.line(case.name) for answer in rules(replace(case)).answers()]
+            assert shared == alone, rules
 
 
 @pytest.mark.parametrize("border", ["uniform", "uniform_what", "prior", "clamp", "circular"])
