@@ -98,9 +98,11 @@ def fit(taps: Taps) -> StudentPosterior:
     # In every run the rate falls to a fiftieth.
     svi = SVI(story, guide, Adam(lambda step: _RATE * 0.02 ** ((step % _STEPS) / _STEPS)), Trace_ELBO())
     data: Any = taps._replace(samples=jnp.asarray(taps.samples, dtype=jnp.float32))
-    state, losses, change = None, [], np.inf
+    key, losses, change = jax.random.key(0), [], np.inf
+    # Compiled as one program instead of one per operation. The guide keeps tracers, of which it reads only the shapes.
+    state: Any = jax.jit(lambda: svi.init(key, data))()
     while change > _STILL and len(losses) < _RUNS:
-        result = svi.run(jax.random.key(0), _STEPS, data, progress_bar=False, init_state=state)
+        result = svi.run(key, _STEPS, data, progress_bar=False, init_state=state)
         state = result.state
         losses.append(np.asarray(result.losses, dtype=np.float64) / len(taps.where))
         change = float(abs(losses[-1][-_WINDOW:].mean() - losses[-1][-2 * _WINDOW : -_WINDOW].mean()))

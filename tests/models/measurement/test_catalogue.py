@@ -88,6 +88,7 @@ def test_own_probabilities_are_those_among_all(name):
     assert (best == where * M + what).mean() > 0.9
     assert model.name == name
     assert model.kind == split_name(name)[0]
+    assert model.groups()["constant_data"].sizes["state"] == len(model.states.gain)  # parameters have their dims, too
 
 
 @pytest.mark.parametrize("name", [*FAST, "student"])
