@@ -3,6 +3,7 @@
 import csv
 import json
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -10,6 +11,8 @@ import h5py
 import numpy as np
 import pytest
 from scipy.io import savemat
+from solidtouch.models.measurement.registry import measurement_model
+from solidtouch.models.measurement.story import ParametricModel
 from solidtouch.models.taps import TapSet
 
 
@@ -124,3 +127,16 @@ def writers() -> dict[str, tuple[str, Callable[[TapSet, Path], None]]]:
         "mat73": (".mat", write_mat73),
         "csv": (".csv", lambda taps, path: write_table(csv_table(taps), path)),
     }
+
+
+@pytest.fixture(scope="session")
+def as_student() -> Callable[[ParametricModel], ParametricModel]:
+    """A function that makes a `student` of a `gaussian` without a fit, which takes long."""
+
+    def make(gaussian: ParametricModel) -> ParametricModel:
+        level, variance = gaussian.parameters["level"], gaussian.parameters["variance"]
+        freedom = np.geomspace(2.5, 30.0, gaussian.K)
+        parameters = {"level": level, "scale": variance**0.5, "freedom": freedom}
+        return replace(gaussian, story=measurement_model("student"), parameters=parameters)
+
+    return make

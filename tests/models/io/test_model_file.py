@@ -15,7 +15,6 @@ from solidtouch.models.measurement.draws import posterior_draws
 from solidtouch.models.measurement.histogram import fit
 from solidtouch.models.measurement.model import Fitted
 from solidtouch.models.measurement.novelty import NoveltyScores
-from solidtouch.models.measurement.registry import measurement_model
 from solidtouch.models.measurement.student import StudentPosterior
 from solidtouch.models.preprocessing import Preprocessing
 from solidtouch.models.settings import FitSettings
@@ -36,19 +35,13 @@ def grid(taps):
 
 
 @pytest.fixture(scope="module")
-def fitted(taps, grid):
+def fitted(taps, grid, as_student):
     """All models by name; `student`, whose fit takes long, with the parameters of `gaussian`."""
     settings = FitSettings(bins=B, unconverged=True, gain_sd=0.1, offset_sd=0.2)
     models = {name: fit_model(name, taps, grid, settings, "taps.nc: all of it") for name in NAMES if name != "student"}
-    gaussian = models["gaussian"].model
-    parameters = {
-        "level": gaussian.parameters["level"],
-        "scale": gaussian.parameters["variance"] ** 0.5,
-        "freedom": np.linspace(2.5, 30.0, K),
-    }
-    model = replace(gaussian, story=measurement_model("student"), parameters=parameters)
-    posterior = StudentPosterior(parameters, None, None, 600, 0.1, np.linspace(9.0, 2.0, 600))
-    return models | {"student": Fitted(model, posterior, posterior.convergence())}
+    student = as_student(models["gaussian"].model)
+    posterior = StudentPosterior(student.parameters, None, None, 600, 0.1, np.linspace(9.0, 2.0, 600))
+    return models | {"student": Fitted(student, posterior, posterior.convergence())}
 
 
 def without(taps, *cells):

@@ -316,12 +316,13 @@ def test_draws_are_parameters_of_the_same_model(name):
     fitted, taps = plain(name), taps_of()
     point = fitted.posterior.point()
     drawn = fitted.posterior.draw(np.random.default_rng(1))
-    again = fitted.posterior.draw(np.random.default_rng(1))
+    again, other = (fitted.posterior.draw(np.random.default_rng(seed)) for seed in (1, 2))
 
     assert {n: v.shape for n, v in drawn.items()} == {n: v.shape for n, v in point.items()}
     for key, value in drawn.items():
         np.testing.assert_array_equal(again[key], value)
         assert not np.array_equal(value, point[key])
+        assert not np.array_equal(value, other[key])
     own = fitted.model.form_of(drawn).own(taps.taps, fitted.model.edges, *taps.indices(fitted.model.grid))
     assert own.mean() > own_log_likelihood(fitted.model, taps).mean() - 1.5 * J * K
 

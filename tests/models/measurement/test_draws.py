@@ -1,7 +1,10 @@
 """Draws of parameters, and what they say of the training taps."""
 
+from typing import NamedTuple
+
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 from solidtouch.inference.filter import log_fold
 from solidtouch.models.errors import InputError
 from solidtouch.models.measurement import registry
@@ -17,15 +20,25 @@ NAMES = [*registry.NAMES, "session:profile-mvn"]
 
 @pytest.fixture(scope="module")
 def taps(make_taps):
-    """Those of the tests of model files, for which XLA has compiled the fits by then."""
     return make_taps(L, M, J, K, sessions=2, repeats=2)
 
 
+class Varied(NamedTuple):
+    """A posterior of all parameters within some percent."""
+
+    parameters: dict[str, NDArray[np.float64]]
+
+    def draw(self, generator):
+        return {k: v * np.exp(0.03 * generator.standard_normal(v.shape)) for k, v in self.parameters.items()}
+
+
 @pytest.fixture(scope="module")
-def fitted(taps):
-    """All models by name."""
+def fitted(taps, as_student):
+    """All models by name; `student`, whose fit takes long, with the parameters of `gaussian`."""
     settings = FitSettings(bins=B, unconverged=True, gain_sd=0.05, offset_sd=0.4)
-    return {name: fit_model(name, taps, taps.grid(), settings) for name in NAMES}
+    models = {name: fit_model(name, taps, taps.grid(), settings) for name in NAMES if name != "student"}
+    student = as_student(models["gaussian"].model)
+    return models | {"student": models["gaussian"]._replace(model=student, posterior=Varied(student.parameters))}
 
 
 @pytest.mark.parametrize("name", NAMES)

@@ -1,7 +1,6 @@
 """The story of variance components: its collapsed density is that of all taps, and its posterior is calibrated."""
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 import pytest
 from numpyro.infer import MCMC, NUTS, init_to_value
@@ -41,11 +40,11 @@ def test_the_collapsed_density_is_that_of_all_taps(rng):
     session, own = (np.repeat(index.ravel(), count.ravel()) for index in np.indices((R, C)))
     value, error = rng.normal(size=(Q, len(own))), rng.uniform(0.1, 0.6, size=(Q, R, C))
     cells = cells_of(value, error, session, own, R, C)
-    gaps = []
+    collapsed, gaps = jax.jit(lambda sds: log_density(components, (cells,), {}, sds)[0]), []
     for _ in range(5):
         sds = {name: rng.uniform(0.05, 0.6, size=Q) for name in COMPONENTS}
         with jax.enable_x64(True):
-            density, _ = log_density(components, (cells,), {}, {name: jnp.array(sd) for name, sd in sds.items()})
+            density = collapsed(sds)
         prior = sum(stats.halfnorm(scale=PRIOR_SD).logpdf(sd).sum() for sd in sds.values())
         brute = sum(
             restricted_density(value[q], session, own, error[q], {name: sd[q] for name, sd in sds.items()})
@@ -60,10 +59,11 @@ def test_levels_do_not_matter(rng):
     """Any constant may be added to a class, and to a session where it is free to be anything."""
     R, C = 3, 5
     mean, variance, present = rng.normal(size=(1, R, C)), rng.uniform(0.5, 2, size=(1, R, C)), np.ones((R, C), bool)
+    compiled = jax.jit(lambda values, sd: means_log_density(values, present, sd, variance)[0])
     with jax.enable_x64(True):
 
         def density(values, sd):
-            return float(means_log_density(values, present, jnp.array([sd]), variance)[0])
+            return float(compiled(values, np.array([sd])))
 
         assert density(mean + rng.normal(size=C), 0.7) == pytest.approx(density(mean, 0.7))
         assert density(mean + 3.0, 0.0) == pytest.approx(density(mean, 0.0))

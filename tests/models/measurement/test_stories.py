@@ -27,10 +27,15 @@ def cell_prior(strength, rng):
     return CellPrior(0.7, strength, rng.uniform(1.5, 3, K), rng.uniform(0.5, 2, K))
 
 
-def joint(story, arguments, parameters):
-    """Log density of samples and parameters."""
-    with jax.enable_x64(True):
-        return float(log_density(story, arguments, {}, parameters)[0])
+def joint(story, *arguments):
+    """Log density of samples and parameters as a function of the parameters, compiled once."""
+    compiled = jax.jit(lambda parameters: log_density(story, arguments, {}, parameters)[0])
+
+    def log_joint(parameters):
+        with jax.enable_x64(True):
+            return float(compiled(parameters))
+
+    return log_joint
 
 
 def cells_log_density(cells, parameters):
@@ -47,9 +52,9 @@ def cells_log_density(cells, parameters):
 def test_cells_have_the_exact_posterior(rng, story, fitted, strength):
     """Joint density over posterior density is one number, whatever the parameters; with a flat level too."""
     taps, prior = random_taps(rng), cell_prior(strength, rng)
-    posterior = fitted(taps, prior)
+    posterior, log_joint = fitted(taps, prior), joint(story, taps, prior)
     constants = [
-        joint(story, (taps, prior), drawn) - cells_log_density(posterior.cells, drawn)
+        log_joint(drawn) - cells_log_density(posterior.cells, drawn)
         for drawn in (posterior.draw(rng) for _ in range(DRAWS))
     ]
 
@@ -60,7 +65,7 @@ def test_cells_have_the_exact_posterior(rng, story, fitted, strength):
 def test_slopes_in_time_have_the_exact_posterior(rng, strength):
     """The cells given any slopes, and the slopes themselves up to the resolution of their grid."""
     taps, prior = random_taps(rng), cell_prior(strength, rng)
-    posterior = profile_ar.fit(taps, prior)
+    posterior, log_joint = profile_ar.fit(taps, prior), joint(profile_ar.story, taps, prior)
     constants = []
     for _ in range(DRAWS):
         index = rng.integers(20, 80, size=K)
@@ -69,7 +74,7 @@ def test_slopes_in_time_have_the_exact_posterior(rng, strength):
         drawn = cells.draw(rng)
         log_weight = np.log(posterior.weight[np.arange(K), index]).sum()
         log_posterior = cells_log_density(cells, drawn) + log_weight
-        constants.append(joint(profile_ar.story, (taps, prior), {"rho": rho, **drawn}) - log_posterior)
+        constants.append(log_joint({"rho": rho, **drawn}) - log_posterior)
 
     np.testing.assert_allclose(constants, constants[0], atol=1e-8)
 
@@ -80,13 +85,14 @@ def test_histograms_have_the_exact_posterior(make_taps, rng):
     grid = recorded.grid()
     model = fit(recorded, grid, bins=6, pseudocount=0.7)
     posterior, (where, what) = HistogramPosterior.of(model), recorded.indices(grid)
-    arguments = find_bins(recorded.taps, model.edges), where, what, model.counts.shape, 0.7
+    bins = find_bins(recorded.taps, model.edges)
+    log_joint = joint(histogram_model, bins, where, what, model.counts.shape, 0.7)
     alpha = posterior.concentration
     constants = []
     for _ in range(DRAWS):
         log_prob = posterior.draw(rng)["log_prob"]
         dirichlet = (gammaln(alpha.sum(-1)) - gammaln(alpha).sum(-1) + ((alpha - 1) * log_prob).sum(-1)).sum()
-        constants.append(joint(histogram_model, arguments, {"p": np.exp(log_prob)}) - dirichlet)
+        constants.append(log_joint({"p": np.exp(log_prob)}) - dirichlet)
 
     np.testing.assert_allclose(constants, constants[0], atol=1e-7)
 
@@ -120,7 +126,7 @@ def test_taxels_are_forecast_from_those_before(rng):
         + stats.norm.logpdf(parameters["level"], 0.7, deviation).sum()
     )
 
-    assert joint(profile_mvn.story, (taps, prior, typical, 9.0), parameters) == pytest.approx(expected, rel=1e-10)
+    assert joint(profile_mvn.story, taps, prior, typical, 9.0)(parameters) == pytest.approx(expected, rel=1e-10)
 
 
 @pytest.mark.parametrize("strength", [0.0, 0.4])
@@ -140,7 +146,7 @@ def test_matrix_normal_is_that_of_scipy(rng, strength):
         expected += stats.matrix_normal.logpdf(tap, level[l, m], rows, columns[l, m])
 
     parameters = {"time": time, "taxel": taxel, "level": level}
-    assert joint(matrix_normal.story, (taps, prior), parameters) == pytest.approx(expected, rel=1e-9)
+    assert joint(matrix_normal.story, taps, prior)(parameters) == pytest.approx(expected, rel=1e-9)
 
 
 def _positive(rng, D):
@@ -166,7 +172,8 @@ def test_student_and_smooth_are_loops(rng):
         return stats.t.logpdf(taps.samples, p["freedom"], p["level"][own], p["scale"][own]).sum()
 
     prior_change = stats.norm.logpdf(moved["level"]).sum() - stats.norm.logpdf(tails["level"]).sum()
-    change = joint(student.story, (taps,), moved) - joint(student.story, (taps,), tails)
+    log_joint = joint(student.story, taps)
+    change = log_joint(moved) - log_joint(tails)
     assert change == pytest.approx(samples(moved) - samples(tails) + prior_change, rel=1e-9)
 
     prior = CurvePrior(rng.normal(size=(N, D)), rng.uniform(1, 2, (D, K)), np.full(K, 2.0), np.full(K, 1.5))
@@ -177,7 +184,7 @@ def test_student_and_smooth_are_loops(rng):
         + stats.norm.logpdf(curve["weight"], 0.0, prior.width[:, None, None]).sum()
         + stats.invgamma.logpdf(curve["variance"], 2.0, scale=1.5).sum()
     )
-    assert joint(smooth.story, (taps, prior), curve) == pytest.approx(expected, rel=1e-9)
+    assert joint(smooth.story, taps, prior)(curve) == pytest.approx(expected, rel=1e-9)
 
 
 def test_first_samples_have_no_forecast(rng):
@@ -195,4 +202,4 @@ def test_first_samples_have_no_forecast(rng):
         + stats.norm.logpdf(p["level"], 0.7, np.sqrt(p["variance"] / 0.6)).sum()
     )
 
-    assert joint(profile_ar.story, (taps, prior), p) == pytest.approx(expected, rel=1e-10)
+    assert joint(profile_ar.story, taps, prior)(p) == pytest.approx(expected, rel=1e-10)

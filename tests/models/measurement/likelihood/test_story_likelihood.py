@@ -24,17 +24,15 @@ TOLERANCE = 1e-9
 
 
 @pytest.fixture(scope="module")
-def fitted(make_taps):
+def fitted(make_taps, as_student):
     """Every kind of model with parameters that all differ; those of slow fits are made from others."""
     taps = make_taps(L=L, M=M, J=J, K=K)
     rng = np.random.default_rng(0)
     taps.dataset["taps"][:] += rng.normal(size=(len(taps), J, K))
     fast = [kind for kind in KINDS if kind not in ("student", "smooth", "matrix-normal")]
     models = {kind: fit_model(kind, taps, taps.grid(), FitSettings(bins=20)).model for kind in fast}
-    gaussian, profile = models["gaussian"], models["profile"]
-    variance = gaussian.parameters["variance"]
-    parameters = {"level": gaussian.parameters["level"], "scale": variance**0.5, "freedom": np.array([2.5, 4.0, 30.0])}
-    models["student"] = replace(gaussian, story=measurement_model("student"), parameters=parameters)
+    profile = models["profile"]
+    models["student"] = as_student(models["gaussian"])
     basis = np.stack([np.eye(L), 0.8 * np.eye(L) + 0.2 * np.roll(np.eye(L), 1, axis=1)])
     weight = {"weight": np.moveaxis(profile.parameters["level"], 0, -1), "variance": profile.parameters["variance"]}
     models["smooth"] = replace(profile, story=measurement_model("smooth"), basis=basis, parameters=weight)
