@@ -244,10 +244,13 @@ def parameters_of(sites: Sites) -> Sites:
 
 def given(parameters: Parameters, _: NDArray[np.float64]) -> Given:
     """`story` at fixed precisions, with any prior."""
-    J, K = parameters["level"].shape[-2:]
-    prior = KroneckerPrior(J + 1.0, np.eye(J), K + 1.0, np.eye(K), 1.0)
     precisions = {name: np.linalg.inv(parameters[f"{name}_covariance"]) for name in ("time", "taxel")}
-    return Given({**parameters, **precisions}, lambda *_: (prior,))
+    return Given({**parameters, **precisions}, _any_prior)
+
+
+def _any_prior(taps: Taps, _: Any) -> tuple[KroneckerPrior]:
+    _, J, K = taps.samples.shape
+    return (KroneckerPrior(J + 1.0, np.eye(J), K + 1.0, np.eye(K), 1.0),)
 
 
 def form(parameters: Parameters, frame: Measure) -> GaussianForm:

@@ -200,7 +200,11 @@ def parameters_of(sites: Sites) -> Sites:
 def given(parameters: Parameters, _: NDArray[np.float64]) -> Given:
     """`story` at fixed slopes of pairs, with any prior."""
     pairs = np.tril_indices(parameters["slope"].shape[-1], -1)
-    return Given({**parameters, "slope": parameters["slope"][..., *pairs]}, lambda *_: (ANY_CELLS, 0.0, np.ones(())))
+    return Given({**parameters, "slope": parameters["slope"][..., *pairs]}, _any_prior)
+
+
+def _any_prior(*_: Any) -> tuple[Any, ...]:
+    return ANY_CELLS, 0.0, np.ones(())
 
 
 def form(parameters: Parameters, frame: Measure) -> GaussianForm:

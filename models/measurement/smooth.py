@@ -272,16 +272,12 @@ def parameters_of(sites: Sites) -> Sites:
 
 def given(parameters: Parameters, basis: NDArray[np.float64]) -> Given:
     """`story` at fixed parameters, with the basis as the first axis; curves at each position in a class."""
-    import jax.numpy as jnp
+    return Given({**parameters, "weight": np.moveaxis(parameters["weight"], -1, 0)}, _any_curves, len(basis))
 
-    K, D = parameters["weight"].shape[-2:]
-    at, one, width = jnp.asarray(basis), np.ones(K), np.ones((D, K))
 
-    def curves(taps: Taps, place: Any) -> tuple[Any, ...]:
-        functions: Any = at[place, taps.where]
-        return (CurvePrior(functions, width, one, one),)
-
-    return Given({**parameters, "weight": np.moveaxis(parameters["weight"], -1, 0)}, curves, len(basis))
+def _any_curves(taps: Taps, functions: Any) -> tuple[CurvePrior]:
+    K, D = taps.samples.shape[2], functions.shape[1]
+    return (CurvePrior(functions, np.ones((D, K)), np.ones(K), np.ones(K)),)
 
 
 def form(parameters: Parameters, frame: Measure) -> GaussianForm:

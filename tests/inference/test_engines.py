@@ -357,8 +357,8 @@ def test_ten_thousand_taps_with_moves(border):
         return device.shift(log_belief, tap[1], BORDERS.index(border)), evidence
 
     with jax.enable_x64(True):
-        prior = jnp.log(jnp.full(shape, 1 / 6))
-        actual, evidences = jax.lax.scan(step, prior, (jnp.asarray(log_likelihood), jnp.asarray(deltas)))
+        prior = np.log(np.full(shape, 1 / 6))
+        actual, evidences = jax.lax.scan(step, jnp.asarray(prior), (jnp.asarray(log_likelihood), jnp.asarray(deltas)))
         actual, evidences = np.asarray(actual), np.asarray(evidences)
 
     assert np.isfinite(evidences).all()

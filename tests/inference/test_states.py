@@ -25,6 +25,8 @@ TRIALS, DEADLINE, SEED = 40, 13, 6
 THETAS = (0.9, 0.6, 1.0, 0.97)
 ALLOWED = [border for border in BORDERS if border != "prior"]
 DEVICES = ["cpu", "xla-cpu"]
+LAWS = [*((border, "cpu") for border in ALLOWED), ("uniform", "xla-cpu")]
+"""Arrays are compiled for every border, and are compared with loops in all of them."""
 
 
 def hypotheses(values):
@@ -234,8 +236,7 @@ def test_without_states_steps_hold_the_engines_belief(case):
         log_belief = engine.shift(log_belief, step.move or 0)
 
 
-@pytest.mark.parametrize("border", ALLOWED)
-@pytest.mark.parametrize("device", DEVICES)
+@pytest.mark.parametrize(("border", "device"), LAWS)
 def test_states_with_the_same_likelihoods_change_nothing(case, border, device):
     """Whatever is believed of them at first."""
     alone, states = case.state(0), np.log([0.2, 0.7, 0.1])
@@ -247,8 +248,7 @@ def test_states_with_the_same_likelihoods_change_nothing(case, border, device):
     assert 0.1 < expected.stopped[:, 0].mean() < 1
 
 
-@pytest.mark.parametrize("border", ALLOWED)
-@pytest.mark.parametrize("device", DEVICES)
+@pytest.mark.parametrize(("border", "device"), LAWS)
 @pytest.mark.parametrize("s", range(S))
 def test_a_state_that_is_certain_is_the_model_of_that_state(case, border, device, s):
     """The others count as little as if they were not there."""

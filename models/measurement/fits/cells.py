@@ -142,4 +142,8 @@ def prior_of_cells(_: Taps, posterior: Any) -> tuple[CellPrior]:
 
 def given_cells(parameters: Parameters, _: NDArray[np.float64]) -> Given:
     """Cell model at fixed parameters."""
-    return Given(parameters, lambda *_: (ANY_CELLS,))
+    return Given(parameters, _any_cells)
+
+
+def _any_cells(*_: Any) -> tuple[CellPrior]:
+    return (ANY_CELLS,)

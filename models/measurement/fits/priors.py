@@ -53,7 +53,8 @@ class Given(NamedTuple):
 
     Attributes:
         sites: Values of its sites by name.
-        arguments: What it takes beside taps, from the taps and the number of a place in the class.
+        arguments: What it takes beside taps, from the taps and their basis functions, shape (N, D). One function for
+            all parameters, so that programs compiled for one model serve others of the same story and sizes.
         places: How many places in a class are equally likely.
     """
 

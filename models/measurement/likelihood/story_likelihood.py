@@ -7,6 +7,7 @@ interval-censored samples. Forms and the compiled loops behind a model take no p
 """
 
 from collections.abc import Callable
+from functools import partial
 from typing import Any, NamedTuple
 
 import jax
@@ -21,7 +22,7 @@ from numpyro.handlers import block, seed, substitute, trace
 from numpyro.infer.util import log_density
 from numpyro.primitives import Messenger
 
-from ..fits.priors import Given, Taps
+from ..fits.priors import Taps
 from ..histogram import HistogramModel
 from ..model import TapModel
 from ..story import ParametricModel
@@ -43,6 +44,40 @@ class Binned(NamedTuple):
     samples: jax.Array
     lower: jax.Array
     upper: jax.Array
+
+
+class _Law(NamedTuple):
+    """A generative model as programs are compiled for it.
+
+    Attributes:
+        story: Generative model.
+        arguments: See `Given`.
+        places: Positions in a class.
+        shape: (L, M).
+    """
+
+    story: Callable[..., None]
+    arguments: Callable[[Taps, Any], tuple[Any, ...]]
+    places: int
+    shape: tuple[int, int]
+
+
+class _Numbers(NamedTuple):
+    """The numbers of a fitted model that programs are run on.
+
+    Attributes:
+        sites: Values of the sites of the story.
+        centre: Of the scaling, as `unit`.
+        unit: Shape (K,).
+        least: See `_least`.
+        basis: Basis functions, shape (Q, L, D), or (0, 0, 0).
+    """
+
+    sites: dict[str, jax.Array]
+    centre: jax.Array
+    unit: jax.Array
+    least: jax.Array
+    basis: jax.Array
 
 
 class InBin(dist.Distribution):
@@ -121,46 +156,49 @@ def log_likelihoods(model: TapModel, taps: NDArray[np.floating]) -> NDArray[np.f
         return _by_bins(model, taps)
 
 
-def _given(model: ParametricModel) -> Given:
+def _given(model: ParametricModel) -> tuple[_Law, _Numbers]:
     """Generative model at fitted parameters."""
     given = model.story.given(model.parameters, model.basis)
     sites: Any = {name: jnp.asarray(values) for name, values in given.sites.items()}
-    return given._replace(sites=sites)
+    arrays: Any = (*model.scaling, _least(model), model.basis)
+    law = _Law(model.story.story, given.arguments, given.places, model.grid.shape)
+    return law, _Numbers(sites, *(jnp.asarray(array) for array in arrays))
 
 
-def _told(model: ParametricModel, given: Given, samples: Any, own: Any, place: Any) -> Callable[[], Any]:
-    """Log probability of taps (n, J, K) of known class l M + m, shape (n,), at one position in the class."""
-    L, M = model.grid.shape
-    taps = Taps(samples, own // M, own % M, (L, M), least=_least(model))
-    sites: Any = given.sites
-    told = substitute(lambda: model.story.story(taps, *given.arguments(taps, place)), data=sites)
+def _told(law: _Law, numbers: _Numbers, samples: Any, own: Any, place: Any) -> Callable[[], Any]:
+    """Generative model of taps (n, J, K) of known class l M + m, at one position in the class."""
+    M = law.shape[1]
+    taps = Taps(samples, own // M, own % M, law.shape, least=numbers.least)
+    functions = numbers.basis[place, taps.where] if numbers.basis.size else None
+    sites: Any = numbers.sites
+    told = substitute(lambda: law.story(taps, *law.arguments(taps, functions)), data=sites)
     return seed(told, 0)  # some sites have no part in a sample
 
 
 def _by_samples(model: ParametricModel, taps: NDArray[np.floating]) -> NDArray[np.float64]:
     """As `log_likelihoods`; a state's offset and gain are removed from samples and edges."""
-    centre, unit = (jnp.asarray(part) for part in model.scaling)
-    given, (L, M) = _given(model), model.grid.shape
-    least, held = jnp.asarray(_least(model)), _held(model, taps)
-    N, J, K = taps.shape
-    step = max(1, _AT_ONCE // (J * K))
-
-    @jax.jit
-    def everywhere(scaled: Binned) -> jax.Array:
-        def at(index: jax.Array) -> jax.Array:
-            n, q, c = jnp.unravel_index(index, (N, given.places, L * M))
-            one = Binned(*(part[n][None] for part in scaled))
-            story = _told(model, given, one.samples, c[None], q)
-            observed = block(_Censored(story, one, least), hide_fn=lambda site: site["name"] != _OBSERVED)
-            return jnp.asarray(log_density(observed, (), {}, {})[0])
-
-        log_prob = jax.lax.map(at, jnp.arange(N * given.places * L * M), batch_size=step)
-        each = log_prob.reshape(N, given.places, L, M)
-        return logsumexp(each, axis=1) - jnp.log(given.places)
-
-    states = zip(model.states.gain, model.states.offset, strict=True)
-    parts = [everywhere(_scaled(held, gain, offset, centre, unit)) for gain, offset in states]
+    law, numbers = _given(model)
+    held, states = _held(model, taps), zip(model.states.gain, model.states.offset, strict=True)
+    parts = [_everywhere(held, gain, offset, numbers, law) for gain, offset in states]
     return np.concatenate([np.asarray(part) for part in parts], axis=2)
+
+
+@partial(jax.jit, static_argnames="law")
+def _everywhere(held: Binned, gain: Any, offset: Any, numbers: _Numbers, law: _Law) -> jax.Array:
+    """Log probability of taps under every class in one state, shape (N, L, M)."""
+    scaled = _scaled(held, gain, offset, numbers)
+    (L, M), (N, J, K) = law.shape, held.samples.shape
+
+    def at(index: jax.Array) -> jax.Array:
+        n, q, c = jnp.unravel_index(index, (N, law.places, L * M))
+        one = Binned(*(part[n][None] for part in scaled))
+        story = _told(law, numbers, one.samples, c[None], q)
+        observed = block(_Censored(story, one, numbers.least), hide_fn=lambda site: site["name"] != _OBSERVED)
+        return jnp.asarray(log_density(observed, (), {}, {})[0])
+
+    log_prob = jax.lax.map(at, jnp.arange(N * law.places * L * M), batch_size=max(1, _AT_ONCE // (J * K)))
+    each = log_prob.reshape(N, law.places, L, M)
+    return logsumexp(each, axis=1) - jnp.log(law.places)
 
 
 def _by_bins(model: TapModel, taps: NDArray[np.floating]) -> NDArray[np.float64]:
@@ -231,28 +269,35 @@ def _bin_log_prob(model: TapModel) -> jax.Array:
         return jnp.log(jnp.asarray(model.probabilities))
     if not isinstance(model, ParametricModel):
         raise TypeError(f"A model of type {type(model).__name__} has no generative model.")
-    K, (L, M) = model.K, model.grid.shape
-    edges = np.broadcast_to(model.edges, (K, model.edges.shape[-1]))
-    B = edges.shape[1] - 1
-    centres = jnp.asarray(0.5 * (edges[:, :-1] + edges[:, 1:])).T[None]  # one tap with a sample in each bin
-    centre, unit = (jnp.asarray(part) for part in model.scaling)
-    one = _scaled(_held(model, centres), 1.0, 0.0, centre, unit)
+    edges = np.broadcast_to(model.edges, (model.K, model.edges.shape[-1]))
+    centres = 0.5 * (edges[:, :-1] + edges[:, 1:]).T[None]  # one tap with a sample in each bin
+    law, numbers = _given(model)
+    return _of_each_bin(_held(model, centres), numbers, law)
+
+
+@partial(jax.jit, static_argnames="law")
+def _of_each_bin(held: Binned, numbers: _Numbers, law: _Law) -> jax.Array:
+    """Log probability of the bins of exchangeable samples, held by one tap (1, B, K) in order; shape (L, M, K, B)."""
+    (L, M), (_, B, K) = law.shape, held.samples.shape
+    one = _scaled(held, 1.0, 0.0, numbers)
     samples = jnp.broadcast_to(one.samples, (L * M, B, K))
-    story = _told(model, _given(model), samples, np.arange(L * M), 0)
-    site = trace(_Censored(story, one, jnp.asarray(_least(model)))).get_trace()[_OBSERVED]
+    story = _told(law, numbers, samples, np.arange(L * M), 0)
+    site = trace(_Censored(story, one, numbers.least)).get_trace()[_OBSERVED]
     return jnp.moveaxis(site["fn"].log_prob(samples).reshape(L, M, B, K), 2, 3)
 
 
 def _held(model: TapModel, taps: ArrayLike) -> Binned:
     """Samples with their bin edges."""
     samples = jnp.asarray(np.asarray(taps, dtype=np.float64))
-    lower, upper = jax.vmap(bin_of, (0, None))(samples, jnp.asarray(model.edges))
-    return Binned(samples, lower, upper)
+    return Binned(samples, *_bins_of(samples, jnp.asarray(model.edges)))
 
 
-def _scaled(taps: Binned, gain: float, offset: float, centre: jax.Array, unit: jax.Array) -> Binned:
+_bins_of = jax.jit(jax.vmap(bin_of, (0, None)))
+
+
+def _scaled(taps: Binned, gain: Any, offset: Any, numbers: _Numbers) -> Binned:
     """Values before gain and offset, in the units of the generative model."""
-    return Binned(*(((part - offset) / gain - centre) / unit for part in taps))
+    return Binned(*(((part - offset) / gain - numbers.centre) / numbers.unit for part in taps))
 
 
 def _least(model: ParametricModel) -> NDArray[np.float64]:
