@@ -15,6 +15,10 @@ class InputError(ValueError):
     """
 
 
+class NotConvergedError(InputError):
+    """A fit did not converge, and `unconverged` was not set."""
+
+
 def check_count(value: object, name: str, least: int = 1) -> int:
     """An integer of at least `least`, as a Python integer.
 

@@ -44,10 +44,10 @@ from .inference.moves.control import random_place as random_place
 from .inference.moves.control import random_step as random_step
 from .inference.reference import ZeroEvidenceError as ZeroEvidenceError
 from .models.errors import InputError as InputError
+from .models.errors import NotConvergedError as NotConvergedError
 from .models.grid import ClassGrid as ClassGrid
 from .models.io.load import load_taps as load_taps
 from .models.io.model_file import load_model as load_model
-from .models.measurement.fits.posterior import NotConvergedError as NotConvergedError
 from .models.measurement.model import TapModel as TapModel
 from .models.preprocessing import Preprocessing as Preprocessing
 from .models.settings import Division as Division

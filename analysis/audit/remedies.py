@@ -13,9 +13,9 @@ import numpy as np
 from ...inference.tuning.tempering import best_power, learn_saturation
 from ...models.errors import InputError
 from ...models.grid import ClassGrid
-from ...models.measurement.catalogue import fit_model
 from ...models.measurement.histogram import trim
 from ...models.measurement.model import TapModel
+from ...models.measurement.registry import fit_model
 from ...models.setting_file import Setting
 from ...models.settings import FitSettings
 from ...models.taps import TapSet

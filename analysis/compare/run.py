@@ -12,10 +12,9 @@ from ...inference.trials.run import THRESHOLDS
 from ...inference.tuning.tempering import fit_tempered
 from ...models.errors import InputError
 from ...models.grid import ClassGrid
-from ...models.measurement.catalogue import fit_model
 from ...models.measurement.likelihood.bins import bin_edges
 from ...models.measurement.model import Fitted
-from ...models.measurement.registry import split_name
+from ...models.measurement.registry import fit_model, split_name
 from ...models.settings import FitSettings, PlaySettings
 from ...models.taps import TapSet
 from ..page.stages import Progress, StageClock

@@ -19,8 +19,8 @@ from numpy.typing import NDArray
 
 from ...models.errors import InputError
 from ...models.grid import ClassGrid
-from ...models.measurement.catalogue import fit_model
 from ...models.measurement.model import Fitted, TapModel
+from ...models.measurement.registry import fit_model
 from ...models.seeds import Purpose, generator
 from ...models.settings import FitSettings, learned_taps
 from ...models.taps import TapSet

@@ -1,4 +1,4 @@
-"""Registry of measurement models by name.
+"""Registry of measurement models by name, and their fit.
 
 A model is one file of this folder, whose `MODEL` holds all that is known of it: its story, its fits, what its
 parameters mean for the bins of a tap, and what it refuses. A further model is a file more and its name here. Files are
@@ -6,12 +6,17 @@ imported when their model is asked for.
 """
 
 from importlib import import_module
+from math import inf
 from typing import TYPE_CHECKING
 
-from ..errors import InputError
+from ..errors import InputError, NotConvergedError, check_numbers
+from ..threads import one_blas_thread
 
 if TYPE_CHECKING:
-    from .model import MeasurementModel, Row
+    from ..grid import ClassGrid
+    from ..settings import FitSettings
+    from ..taps import TapSet
+    from .model import Fitted, MeasurementModel, Row
 
 PAPER = "histogram"
 """The paper's model."""
@@ -52,3 +57,43 @@ def row(name: str) -> "Row":
     """
     kind, in_states = split_name(name)
     return import_module(".shared_gain", __package__).ROW if in_states else measurement_model(kind).row
+
+
+def fit_model(name: str, taps: "TapSet", grid: "ClassGrid", settings: "FitSettings", trained_on: str = "") -> "Fitted":
+    """Fitted measurement model, with its posterior and convergence.
+
+    Args:
+        name: Name of the model.
+        taps: Training taps.
+        grid: The classes.
+        settings: How.
+        trained_on: Description of the training taps.
+
+    Raises:
+        InputError: The model is unknown, the taps are not sufficient, or an argument is out of range.
+        NotConvergedError: The fit did not converge, and `unconverged` is not set.
+    """
+    kind, in_states = split_name(name)
+    settings = _checked(settings, taps)
+    with one_blas_thread():
+        fitted = measurement_model(kind).fit(taps, grid, settings, trained_on)
+    if not (fitted.convergence.converged or settings.unconverged):
+        raise NotConvergedError(
+            f"{name} did not converge: {fitted.convergence.sentence} Use it anyway with --allow-unconverged."
+        )
+    if not in_states:
+        return fitted
+    session = import_module(".shared_gain", __package__)
+    return session.with_shared_gain(fitted, taps, grid, settings.gain_sd, settings.offset_sd)
+
+
+def _checked(settings: "FitSettings", taps: "TapSet") -> "FitSettings":
+    """Settings with valid edges, and with the number of bins that these define."""
+    if settings.edges is None:
+        return settings
+    edges, K = check_numbers(settings.edges, "edges").astype(float), taps.dataset.sizes["taxel"]
+    if edges.shape[:-1] not in {(), (K,)} or edges.ndim == 0 or edges.shape[-1] < 2:
+        raise InputError(f"edges must have shape (B + 1,) or ({K}, B + 1), got {edges.shape}.")
+    if not ((abs(edges) < inf).all() and (edges[..., 1:] > edges[..., :-1]).all()):
+        raise InputError("edges must be finite and increase.")
+    return settings.changed(edges=edges, bins=edges.shape[-1] - 1)

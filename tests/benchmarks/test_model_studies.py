@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 from solidtouch.hardware.simulator.settings import preset
-from solidtouch.models.measurement.catalogue import fit_model
+from solidtouch.models.measurement.registry import fit_model
 from solidtouch.models.settings import FitSettings
 
 from benchmarks.page import check_block, publish, write_block

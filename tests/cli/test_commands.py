@@ -9,8 +9,7 @@ import xarray as xr
 from solidtouch.analysis.experiment.crosscheck import CrossCheck, RouteDifference
 from solidtouch.inference.fit import fit
 from solidtouch.models.io.model_file import load_model
-from solidtouch.models.measurement.catalogue import fit_model
-from solidtouch.models.measurement.registry import NAMES
+from solidtouch.models.measurement.registry import NAMES, fit_model
 from solidtouch.models.settings import FitSettings
 from solidtouch.models.taps import TapSet
 

@@ -10,8 +10,8 @@ from solidtouch.hardware.simulator.model_rig import draw_taps
 from solidtouch.hardware.simulator.session import simulate_session
 from solidtouch.hardware.simulator.settings import PRESETS
 from solidtouch.models.errors import InputError
-from solidtouch.models.measurement.catalogue import fit_model
 from solidtouch.models.measurement.histogram import fit
+from solidtouch.models.measurement.registry import fit_model
 from solidtouch.models.settings import FitSettings
 from solidtouch.models.taps import TapSet
 

@@ -13,8 +13,8 @@ from solidtouch.hardware.simulator.settings import preset
 from solidtouch.inference.trials.records import plan_trials, tap_table
 from solidtouch.inference.trials.resampling import RESAMPLES
 from solidtouch.inference.trials.run import run_trials
-from solidtouch.models.measurement.catalogue import fit_model
 from solidtouch.models.measurement.histogram import fit
+from solidtouch.models.measurement.registry import fit_model
 from solidtouch.models.settings import FitSettings, PlaySettings
 from solidtouch.models.taps import concatenate
 

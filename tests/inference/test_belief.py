@@ -18,7 +18,7 @@ from solidtouch.inference.trials.run import run_trials
 from solidtouch.inference.trials.tally import tally_trials
 from solidtouch.models.errors import InputError
 from solidtouch.models.grid import tap_pool
-from solidtouch.models.measurement.catalogue import fit_model
+from solidtouch.models.measurement.registry import fit_model
 from solidtouch.models.settings import FitSettings, PlaySettings
 
 L, M, TRIALS, DEADLINE, SEED = 5, 3, 14, 17, 6

@@ -22,8 +22,8 @@ from solidtouch.inference.engines.enumeration import (
 from solidtouch.inference.reference import BORDERS, ZeroEvidenceError
 from solidtouch.inference.trials import gpu as device
 from solidtouch.models.errors import InputError
-from solidtouch.models.measurement.catalogue import fit_model
 from solidtouch.models.measurement.histogram import fit
+from solidtouch.models.measurement.registry import fit_model
 from solidtouch.models.measurement.states import States
 from solidtouch.models.settings import FitSettings
 from solidtouch.models.touch import KERNEL_BORDERS

@@ -14,9 +14,9 @@ from solidtouch.inference.novelty import EXPONENTS, Novelty, Promise, UnknownTes
 from solidtouch.inference.reference import bin_index
 from solidtouch.models.errors import InputError
 from solidtouch.models.io.model_file import load_model
-from solidtouch.models.measurement.catalogue import fit_model
 from solidtouch.models.measurement.histogram import fit
 from solidtouch.models.measurement.novelty import calibrating, misfit, misfits, own_excess
+from solidtouch.models.measurement.registry import fit_model
 from solidtouch.models.settings import FitSettings
 
 

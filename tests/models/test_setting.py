@@ -5,7 +5,7 @@ import json
 import numpy as np
 import pytest
 from solidtouch.models.errors import InputError
-from solidtouch.models.measurement.catalogue import fit_model
+from solidtouch.models.measurement.registry import fit_model
 from solidtouch.models.setting_file import KEYS, Setting, load_setting
 from solidtouch.models.settings import FitSettings
 

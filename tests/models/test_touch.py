@@ -10,7 +10,7 @@ from numpyro import handlers
 from solidtouch.inference import reference
 from solidtouch.inference.engines import enumeration
 from solidtouch.inference.engines.enumeration import log_joint, log_likelihoods, observed, touch_tables
-from solidtouch.models.measurement.catalogue import fit_model
+from solidtouch.models.measurement.registry import fit_model
 from solidtouch.models.measurement.states import States
 from solidtouch.models.settings import FitSettings
 from solidtouch.models.touch import KERNEL_BORDERS, TapCounts, move_kernel, one_tap, split_prior

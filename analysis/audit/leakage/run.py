@@ -27,7 +27,7 @@ from scipy.stats import norm
 from ....models import seeds
 from ....models.errors import InputError
 from ....models.grid import ClassGrid
-from ....models.measurement.catalogue import fit_model
+from ....models.measurement.registry import fit_model
 from ....models.settings import FitSettings
 from ....models.taps import TapSet, check_compatible
 from ...experiment.data_warnings import in_blocks, recorded_order

@@ -22,8 +22,8 @@ from solidtouch.analysis.audit.remedies import BASELINE, EXPONENT, FALLING, Reme
 from solidtouch.analysis.stats.right_exponent import Tuned, learned_beside, outside
 from solidtouch.hardware.simulator.model_rig import draw_session
 from solidtouch.inference.tuning.tempering import best_power, fit_tempered, learn_saturation
-from solidtouch.models.measurement.catalogue import fit_model
 from solidtouch.models.measurement.histogram import HistogramModel
+from solidtouch.models.measurement.registry import fit_model
 from solidtouch.models.preprocessing import Preprocessing
 from solidtouch.models.seeds import Purpose, derived_seed
 from solidtouch.models.setting_file import Setting

@@ -20,11 +20,11 @@ from solidtouch.hardware.simulator.session import simulate_session
 from solidtouch.hardware.simulator.settings import ICUB_FINGERTIP, PAPER_RODS, preset
 from solidtouch.models import seeds
 from solidtouch.models.grid import ClassGrid
-from solidtouch.models.measurement.catalogue import fit_model
 from solidtouch.models.measurement.draws import integrated
 from solidtouch.models.measurement.likelihood.forms import GaussianForm, TableForm
 from solidtouch.models.measurement.likelihood.shapes import Parameters
 from solidtouch.models.measurement.model import Fitted
+from solidtouch.models.measurement.registry import fit_model
 from solidtouch.models.measurement.smooth import CurvePosterior
 from solidtouch.models.measurement.states import States
 from solidtouch.models.measurement.story import ParametricModel

@@ -18,8 +18,8 @@ from solidtouch.hardware.simulator.session import simulate_session
 from solidtouch.hardware.simulator.settings import RigSettings, preset
 from solidtouch.inference.filter import log_fold
 from solidtouch.models.grid import ClassGrid
-from solidtouch.models.measurement.catalogue import fit_model
 from solidtouch.models.measurement.model import TapModel
+from solidtouch.models.measurement.registry import fit_model
 from solidtouch.models.seeds import data_set_seed
 from solidtouch.models.settings import FitSettings
 from solidtouch.models.taps import TapSet, concatenate

@@ -10,10 +10,6 @@ from ..likelihood.shapes import Parameters
 from .priors import Taps
 
 
-class NotConvergedError(InputError):
-    """A fit did not converge, and `unconverged` was not set."""
-
-
 class Convergence(NamedTuple):
     """Convergence of a fit.
 

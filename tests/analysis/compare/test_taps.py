@@ -13,7 +13,7 @@ from solidtouch.analysis.compare.taps import (
     stacked,
 )
 from solidtouch.analysis.stats.checks import STATISTICS, predictive_checks
-from solidtouch.models.measurement.catalogue import fit_model
+from solidtouch.models.measurement.registry import fit_model
 from solidtouch.models.preprocessing import Preprocessing
 from solidtouch.models.settings import FitSettings
 from solidtouch.models.taps import TapSet

@@ -12,7 +12,7 @@ from solidtouch.inference.engines.engine import make_engine
 from solidtouch.inference.reference import BORDERS
 from solidtouch.models.errors import InputError
 from solidtouch.models.measurement import registry
-from solidtouch.models.measurement.catalogue import fit_model
+from solidtouch.models.measurement.registry import fit_model
 from solidtouch.models.settings import FitSettings
 from solidtouch.models.touch import KERNEL_BORDERS
 

@@ -23,8 +23,8 @@ from solidtouch.hardware.simulator.model_rig import draw_session
 from solidtouch.inference.tuning.tempering import best_power, fit_tempered
 from solidtouch.models.errors import InputError
 from solidtouch.models.grid import ClassGrid
-from solidtouch.models.measurement.catalogue import fit_model
 from solidtouch.models.measurement.histogram import HistogramModel
+from solidtouch.models.measurement.registry import fit_model
 from solidtouch.models.preprocessing import Preprocessing
 from solidtouch.models.setting_file import Setting
 from solidtouch.models.settings import FitSettings

@@ -19,8 +19,8 @@ from solidtouch.analysis.stats.right_model import (
 from solidtouch.inference.trials.records import TapTable, plan_trials
 from solidtouch.inference.trials.run import run_trials
 from solidtouch.models.grid import ClassGrid, tap_pool
-from solidtouch.models.measurement.catalogue import fit_model
 from solidtouch.models.measurement.histogram import HistogramModel
+from solidtouch.models.measurement.registry import fit_model
 from solidtouch.models.preprocessing import Preprocessing
 from solidtouch.models.setting_file import Setting
 from solidtouch.models.settings import FitSettings, PlaySettings

@@ -15,8 +15,8 @@ from solidtouch.inference.trials.lockstep_tally import tally_policy
 from solidtouch.inference.trials.records import plan_trials, tap_table
 from solidtouch.inference.trials.run import run_trials
 from solidtouch.inference.tuning.tempering import learn_power
-from solidtouch.models.measurement.catalogue import fit_model
 from solidtouch.models.measurement.histogram import fit
+from solidtouch.models.measurement.registry import fit_model
 from solidtouch.models.settings import FitSettings, PlaySettings
 from sweep_study import first_cell
 

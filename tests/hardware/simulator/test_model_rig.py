@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from solidtouch.hardware.simulator.model_rig import ModelRig, bin_tables, draw_session, draw_taps
 from solidtouch.models.errors import InputError
-from solidtouch.models.measurement.catalogue import fit_model
+from solidtouch.models.measurement.registry import fit_model
 from solidtouch.models.preprocessing import Preprocessing
 from solidtouch.models.settings import FitSettings
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from solidtouch.inference.engines.engine import make_engine
 from solidtouch.inference.engines.latency import TimedEngine, _likely_tap, warm_up
-from solidtouch.models.measurement.catalogue import fit_model
+from solidtouch.models.measurement.registry import fit_model
 from solidtouch.models.settings import FitSettings
 
 

@@ -9,8 +9,8 @@ from solidtouch.inference.information import ABOUT, information_of_moves, tap_ou
 from solidtouch.inference.moves import information as control_information
 from solidtouch.inference.moves.information import informative, state_mean, training_outcomes
 from solidtouch.models.errors import InputError
-from solidtouch.models.measurement.catalogue import fit_model
 from solidtouch.models.measurement.histogram import fit
+from solidtouch.models.measurement.registry import fit_model
 from solidtouch.models.settings import FitSettings
 from solidtouch.models.taps import concatenate
 

@@ -10,7 +10,7 @@ from solidtouch.inference.trials.records import tap_table
 from solidtouch.inference.tuning.tempering import LEAST, MOST, best_power, fit_tempered, learn_power, learn_saturation
 from solidtouch.models.errors import InputError
 from solidtouch.models.io.model_file import load_model
-from solidtouch.models.measurement.catalogue import fit_model
+from solidtouch.models.measurement.registry import fit_model
 from solidtouch.models.settings import FitSettings
 
 L, M, J, K, B, REPEATS = 3, 2, 6, 5, 7, 4

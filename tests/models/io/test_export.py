@@ -15,9 +15,8 @@ from solidtouch.models.errors import InputError
 from solidtouch.models.io.export import Decisions, exported, log_tables, save_exported
 from solidtouch.models.io.export_reader import load_exported
 from solidtouch.models.io.model_file import load_model
-from solidtouch.models.measurement.catalogue import fit_model
 from solidtouch.models.measurement.histogram import HistogramModel, fit
-from solidtouch.models.measurement.registry import measurement_model
+from solidtouch.models.measurement.registry import fit_model, measurement_model
 from solidtouch.models.measurement.table import TableModel
 from solidtouch.models.preprocessing import Preprocessing, TapCutter
 from solidtouch.models.settings import FitSettings

@@ -10,11 +10,11 @@ import xarray as xr
 from solidtouch.models.errors import InputError
 from solidtouch.models.io.model_file import Draws, load_model, save_model
 from solidtouch.models.measurement import registry
-from solidtouch.models.measurement.catalogue import fit_model
 from solidtouch.models.measurement.draws import posterior_draws
 from solidtouch.models.measurement.histogram import fit
 from solidtouch.models.measurement.model import Fitted
 from solidtouch.models.measurement.novelty import NoveltyScores
+from solidtouch.models.measurement.registry import fit_model
 from solidtouch.models.measurement.student import StudentPosterior
 from solidtouch.models.preprocessing import Preprocessing
 from solidtouch.models.settings import FitSettings

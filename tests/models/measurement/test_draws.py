@@ -8,9 +8,9 @@ from numpy.typing import NDArray
 from solidtouch.inference.filter import log_fold
 from solidtouch.models.errors import InputError
 from solidtouch.models.measurement import registry
-from solidtouch.models.measurement.catalogue import fit_model
 from solidtouch.models.measurement.draws import posterior_draws
 from solidtouch.models.measurement.likelihood.forms import TableForm, in_states
+from solidtouch.models.measurement.registry import fit_model
 from solidtouch.models.settings import FitSettings
 
 L, M, J, K, B = 3, 4, 6, 5, 9

@@ -8,10 +8,9 @@ import pytest
 from scipy.special import gammaln
 from scipy.stats import multivariate_t
 from solidtouch.models.grid import ClassGrid
-from solidtouch.models.measurement.catalogue import fit_model
 from solidtouch.models.measurement.draws import drawn, integrated, plug_in
 from solidtouch.models.measurement.histogram import HistogramPosterior
-from solidtouch.models.measurement.registry import NAMES
+from solidtouch.models.measurement.registry import NAMES, fit_model
 from solidtouch.models.measurement.states import States
 from solidtouch.models.preprocessing import Preprocessing
 from solidtouch.models.settings import FitSettings

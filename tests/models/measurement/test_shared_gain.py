@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from solidtouch.models.errors import InputError
-from solidtouch.models.measurement.catalogue import fit_model
+from solidtouch.models.measurement.registry import fit_model
 from solidtouch.models.measurement.shared_gain import session_spread, state_grid
 from solidtouch.models.preprocessing import Preprocessing
 from solidtouch.models.settings import FitSettings

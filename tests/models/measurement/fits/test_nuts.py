@@ -4,11 +4,11 @@ import arviz as az
 import numpy as np
 import pytest
 from solidtouch.models.measurement import matrix_normal, profile, profile_mvn, smooth
-from solidtouch.models.measurement.catalogue import fit_model
 from solidtouch.models.measurement.fits import nuts as fit_nuts
 from solidtouch.models.measurement.fits.nuts import sample_story
 from solidtouch.models.measurement.fits.posterior import SamplePosterior
 from solidtouch.models.measurement.fits.priors import Taps
+from solidtouch.models.measurement.registry import fit_model
 from solidtouch.models.preprocessing import Preprocessing
 from solidtouch.models.settings import FitSettings
 from solidtouch.models.taps import TapSet

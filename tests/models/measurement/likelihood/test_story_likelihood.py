@@ -9,10 +9,9 @@ import numpy as np
 import numpyro.distributions as dist
 import pytest
 from scipy.stats import norm
-from solidtouch.models.measurement.catalogue import fit_model
 from solidtouch.models.measurement.likelihood import shapes
 from solidtouch.models.measurement.likelihood.story_likelihood import InBin, in_state, log_likelihoods
-from solidtouch.models.measurement.registry import measurement_model
+from solidtouch.models.measurement.registry import fit_model, measurement_model
 from solidtouch.models.measurement.shared_gain import state_grid
 from solidtouch.models.measurement.story import ParametricModel
 from solidtouch.models.settings import FitSettings
