@@ -1,6 +1,6 @@
 """Likelihood of a tap under every form of measurement model, in plain NumPy and SciPy.
 
-Written for reading: loops where the formulas of `models.measurement.likelihood.forms` have sums, all places and
+Written for reading: loops where the formulas of `models.measurement.likelihood` have sums, all places and
 hypotheses at once. The compiled loops of `models.measurement.likelihood.innovations` and the distribution of
 `models.measurement.likelihood.binned` are checked against it. Letters are those of `reference`; H stands for
 hypotheses, objects or objects in states, and Q for the parts of a mixture.
@@ -10,7 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import log_ndtr
 
-from ..models.measurement.likelihood.forms import Form, GaussianForm, TableForm
+from ..models.measurement.likelihood.bins import TableForm
+from ..models.measurement.likelihood.forms import Form, GaussianForm
 from . import reference
 
 

@@ -22,7 +22,8 @@ from numpyro.contrib.funsor import markov
 from numpyro.ops.indexing import Vindex
 
 from .measurement.likelihood.binned import BinnedTap
-from .measurement.likelihood.forms import Form, TableForm
+from .measurement.likelihood.bins import TableForm
+from .measurement.likelihood.forms import Form
 
 KERNEL_BORDERS = ("uniform", "uniform_what", "clamp", "circular")
 

@@ -16,10 +16,9 @@ from numpy.typing import NDArray
 from ...models import seeds
 from ...models.grid import ClassGrid
 from ...models.measurement.histogram import HistogramModel
-from ...models.measurement.likelihood.bins import find_bins
-from ...models.measurement.likelihood.forms import TableForm, in_states
+from ...models.measurement.likelihood.bins import TableForm, find_bins
 from ...models.measurement.likelihood.shapes import Parameters
-from ...models.measurement.model import Fitted, TapModel
+from ...models.measurement.model import Fitted, TapModel, in_states
 from ...models.taps import TapSet
 from .evidence import halves, rivals
 

@@ -19,7 +19,7 @@ from numpy.typing import ArrayLike, NDArray
 from numpyro.infer.util import log_density
 
 from ...models.errors import InputError
-from ...models.measurement.likelihood.forms import TableForm
+from ...models.measurement.likelihood.bins import TableForm
 from ...models.measurement.model import TapModel
 from ...models.touch import (
     KERNEL_BORDERS,

@@ -6,7 +6,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ...models.measurement.likelihood.forms import TableForm
+from ...models.measurement.likelihood.bins import TableForm
 from ...models.measurement.model import TapModel
 from .engine import Engine
 

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ...models.errors import InputError, check_probability
-from ...models.measurement.likelihood.forms import TableForm
+from ...models.measurement.likelihood.bins import TableForm
 from ...models.measurement.model import TapModel
 
 GO_ON, DECIDE, GIVE_UP = 0, 1, 2

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from ..errors import InputError
 from ..measurement.histogram import HistogramModel
-from ..measurement.likelihood.forms import TableForm
+from ..measurement.likelihood.bins import TableForm
 from ..measurement.model import TapModel
 from ..measurement.table import TableModel
 from ..storage import complete_file

@@ -6,8 +6,9 @@ from numpy.typing import NDArray
 from .fits.cells import CellPosterior, cell_posterior, estimated_prior, given_cells, prior_of_cells
 from .fits.posterior import check_cells
 from .fits.priors import CellPrior, Taps
+from .likelihood.bins import TableForm
 from .likelihood.forecasts import Unseen, log_normal_probability, log_student_probability
-from .likelihood.forms import TableForm, bin_gaps
+from .likelihood.forms import bin_gaps
 from .likelihood.shapes import Measure, Parameters, standardised
 from .model import Row
 from .scaling import Moments

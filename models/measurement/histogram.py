@@ -25,8 +25,7 @@ from ..settings import FitSettings, likelihood_exponent
 from ..taps import TapSet
 from ..training import tap_digests
 from .fits.posterior import EXACT, Convergence
-from .likelihood.bins import bin_edges, count_taps, find_bins
-from .likelihood.forms import TableForm
+from .likelihood.bins import TableForm, bin_edges, count_taps, find_bins
 from .likelihood.shapes import Parameters
 from .likelihood.true_class import Own
 from .model import Fitted, Row, TapModel

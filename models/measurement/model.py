@@ -1,7 +1,7 @@
 """Interface of all measurement models, before and after a fit.
 
-A model gives the likelihood of a tap under each class through its form (see `forms`). Everything behind it, engines,
-trials, sweeps and comparisons, knows models by this file only.
+A model gives the likelihood of a tap under each class through its form (see `likelihood`). Everything behind it,
+engines, trials, sweeps and comparisons, knows models by this file only.
 """
 
 import json
@@ -21,7 +21,6 @@ from ..settings import check_saturation, likelihood_exponent
 from ..storage import write_groups
 from ..training import training_taps
 from .likelihood.bins import find_bins
-from .likelihood.forms import in_states
 from .states import ONE_STATE, States
 
 if TYPE_CHECKING:
@@ -30,7 +29,8 @@ if TYPE_CHECKING:
     from ..settings import FitSettings
     from ..taps import TapSet
     from .fits.posterior import Convergence, Posterior
-    from .likelihood.forms import Form, PreparedGaussian, PreparedTable
+    from .likelihood.bins import PreparedTable
+    from .likelihood.forms import Form, PreparedGaussian
     from .likelihood.shapes import Parameters
     from .likelihood.true_class import Own
     from .novelty import NoveltyScores
@@ -320,6 +320,15 @@ class TapModel(ABC):
             InputError: The file cannot be written, or exists and `force` is not set.
         """
         write_groups(self.groups(), path, force)
+
+
+def in_states(form: "Form", states: States, edges: NDArray[np.float64]) -> "Form":
+    """Form over hypotheses (L, S M) from one over objects (L, M) and S states."""
+    if len(states.gain) == 1 and states.gain[0] == 1 and states.offset[0] == 0:
+        return form
+    pairs = zip(states.gain.tolist(), states.offset.tolist(), strict=True)
+    parts: list[Any] = [form.in_state(gain, offset, edges) for gain, offset in pairs]
+    return form.joined(parts)
 
 
 class Fitted(NamedTuple):

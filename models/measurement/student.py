@@ -7,8 +7,8 @@ from numpy.typing import NDArray
 
 from .fits.posterior import Convergence, check_cells
 from .fits.priors import Taps
+from .likelihood.bins import TableForm
 from .likelihood.forecasts import log_student_probability
-from .likelihood.forms import TableForm
 from .likelihood.shapes import Measure, Parameters, standardised
 from .model import Row
 from .scaling import Moments

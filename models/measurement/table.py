@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import InputError
-from .likelihood.forms import TableForm
+from .likelihood.bins import TableForm
 from .model import TapModel
 
 

@@ -11,7 +11,8 @@ from scipy.stats import norm
 from solidtouch.inference import reference
 from solidtouch.inference import reference_models as plain
 from solidtouch.models.measurement.likelihood.binned import BinnedTap
-from solidtouch.models.measurement.likelihood.forms import GaussianForm, TableForm
+from solidtouch.models.measurement.likelihood.bins import TableForm
+from solidtouch.models.measurement.likelihood.forms import GaussianForm
 from solidtouch.models.measurement.states import States
 
 Q, L, H, J, K, B = 2, 3, 4, 5, 6, 7

@@ -21,7 +21,8 @@ from solidtouch.hardware.simulator.settings import ICUB_FINGERTIP, PAPER_RODS, p
 from solidtouch.models import seeds
 from solidtouch.models.grid import ClassGrid
 from solidtouch.models.measurement.draws import integrated
-from solidtouch.models.measurement.likelihood.forms import GaussianForm, TableForm
+from solidtouch.models.measurement.likelihood.bins import TableForm
+from solidtouch.models.measurement.likelihood.forms import GaussianForm
 from solidtouch.models.measurement.likelihood.shapes import Parameters
 from solidtouch.models.measurement.model import Fitted
 from solidtouch.models.measurement.registry import fit_model

@@ -1,11 +1,12 @@
-"""Bins of sample values and histograms of taps; text around Eq. 2 of the paper."""
+"""Bins of sample values, histograms of taps, and their likelihood from tables; Eq. 1 and the text around Eq. 2."""
 
-from collections.abc import Iterator
-from typing import NamedTuple
+from collections.abc import Iterator, Sequence
+from typing import NamedTuple, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
+from ...compiled import compiled
 from ...errors import InputError
 
 _CHUNK = 1 << 24  # counts held at a time, 128 MiB
@@ -75,6 +76,17 @@ def find_bins(samples: NDArray[np.floating], edges: NDArray[np.float64]) -> NDAr
     return (bins if finite else np.where(cells < 0, -1, bins)).reshape(samples.shape)
 
 
+def known_bins(samples: NDArray[np.floating], edges: NDArray[np.float64]) -> NDArray[np.intp]:
+    """As `find_bins`.
+
+    Raises:
+        InputError: A sample is NaN or infinite.
+    """
+    if not np.isfinite(samples).all():
+        raise InputError("Samples must not be NaN or infinite.")
+    return find_bins(samples, edges)
+
+
 def count_taps(samples: NDArray[np.floating], edges: NDArray[np.float64]) -> Iterator[tuple[slice, SparseCounts]]:
     """Histograms of taps, in chunks of limited memory.
 
@@ -126,3 +138,154 @@ def _layout(edges: NDArray[np.float64], K: int) -> _Layout:
         scale = lower.shape[1] / (edges[:, -1] - edges[:, 0])
     lower[:, 0], upper[:, -1] = np.finfo(np.float64).min, np.inf  # infinite samples lie outside, see `find`
     return _Layout(edges[:, 0].copy(), scale, lower.ravel(), upper.ravel())
+
+
+class TableForm(NamedTuple):
+    """Independent samples with one distribution over the bins per taxel; the product of Eq. 1 at power 1.
+
+    Attributes:
+        log_prob: log P_k(b | hypothesis), shape (L, H, K, B).
+    """
+
+    log_prob: NDArray[np.float64]
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """(L, H)."""
+        return self.log_prob.shape[0], self.log_prob.shape[1]
+
+    def in_state(self, gain: float, offset: float, edges: NDArray[np.float64]) -> Self:
+        """Form of `gain` times a sample plus `offset`.
+
+        Within a bin samples are taken for uniform. Where the range moves inwards, the bins left empty at its ends get
+        the density of the end bin, so that no sample becomes impossible by the state alone.
+        """
+        K, B = self.log_prob.shape[2:]
+        edges = np.broadcast_to(edges, (K, B + 1))
+        moved = np.empty_like(self.log_prob)
+        for k in range(K):
+            place = _in_bins((edges[k] - offset) / gain, edges[k])
+            cuts = np.union1d(np.arange(B + 1.0), np.append(place, [min(place[0], 0.0), max(place[-1], B)]))
+            source = np.clip(np.floor(0.5 * (cuts[:-1] + cuts[1:])), 0, B - 1).astype(np.intp)
+            pieces = self.log_prob[:, :, k, source] + np.log(np.diff(cuts))
+            first = np.append(0, np.searchsorted(cuts, place[1:-1]))
+            moved[:, :, k] = np.logaddexp.reduceat(pieces, first, axis=-1)
+        return type(self)(moved - np.logaddexp.reduce(moved, axis=-1, keepdims=True))
+
+    def prepare(self, impossible: NDArray[np.bool_]) -> "PreparedTable":
+        """Precomputed form; hypotheses in the mask `impossible`, shape (L, H), have likelihood 0."""
+        L, H, K, B = self.log_prob.shape
+        table = self.log_prob.reshape(L * H, K * B).T.copy()
+        table[:, impossible.ravel()] = -np.inf
+        return PreparedTable(table, impossible.shape)
+
+    def own(
+        self, taps: NDArray[np.floating], edges: NDArray[np.float64], where: NDArray[np.intp], what: NDArray[np.intp]
+    ) -> NDArray[np.float64]:
+        """Log probability of the bins of taps (N, J, K) under their own hypotheses, shape (N,)."""
+        bins = known_bins(taps, edges)
+        where, what = where[:, None, None], what[:, None, None]
+        return self.log_prob[where, what, np.arange(taps.shape[-1]), bins].sum(axis=(1, 2))
+
+    def sample(
+        self,
+        where: NDArray[np.intp],
+        what: NDArray[np.intp],
+        edges: NDArray[np.float64],
+        J: int,
+        generator: np.random.Generator,
+    ) -> NDArray[np.float64]:
+        """Taps of `J` samples under hypotheses (N,), at the centres of their bins, shape (N, J, K).
+
+        Raises:
+            InputError: A hypothesis has no distribution.
+        """
+        K, B = self.log_prob.shape[2:]
+        edges = np.broadcast_to(edges, (K, B + 1))
+        centre = 0.5 * (edges[:, :-1] + edges[:, 1:])
+        return centre.ravel()[self.sample_bins(where, what, J, generator) + np.arange(K) * B]
+
+    def sample_bins(
+        self, where: NDArray[np.intp], what: NDArray[np.intp], J: int, generator: np.random.Generator
+    ) -> NDArray[np.uint32]:
+        """Bins of taps as in `sample`, shape (N, J, K); raises as `sample`."""
+        cumulative = np.exp(self.log_prob).cumsum(axis=-1)
+        if not (cumulative[where, what, :, -1] > 0).all():
+            raise InputError("A tap cannot be drawn from a class without a distribution.")
+        bins = np.empty((len(where), J, cumulative.shape[2]), dtype=np.uint32)
+        H = cumulative.shape[1]
+        used, row = np.unique(where * H + what, return_inverse=True)
+        _draw(cumulative[used // H, used % H], row, generator.random((len(where), bins.shape[2], J)), bins)
+        return bins
+
+    @staticmethod
+    def joined(parts: Sequence["TableForm"]) -> "TableForm":
+        """Form over the hypotheses of several forms, one after another."""
+        return TableForm(np.concatenate([part.log_prob for part in parts], axis=1))
+
+
+class PreparedTable(NamedTuple):
+    """Precomputed `TableForm`.
+
+    Attributes:
+        table: Log probabilities from cells to hypotheses, shape (K B, L H).
+        shape: (L, H).
+    """
+
+    table: NDArray[np.float64]
+    shape: tuple[int, ...]
+
+    def log_likelihood(
+        self, taps: NDArray[np.floating], edges: NDArray[np.float64], exponent: float, out: NDArray[np.float64]
+    ) -> None:
+        """Writes `exponent` times the log probability of the bins of taps (N, J, K) to `out`, shape (N, L, H).
+
+        Taps are counted and multiplied in chunks, so that nothing but the result has to fit into memory, and with
+        `out` on disk not even that.
+        """
+        from .counting import multiply
+
+        for which, counts in count_taps(taps, edges):
+            part = np.empty((len(counts.first) - 1, self.table.shape[1]))
+            multiply(*counts, self.table, exponent, part)
+            out[which] = part.reshape(-1, *self.shape)
+
+
+@compiled
+def _draw(
+    cumulative: NDArray[np.float64],
+    row: NDArray[np.intp],
+    uniform: NDArray[np.float64],
+    bins: NDArray[np.uint32],
+) -> None:
+    """Writes bins (N, J, K) for random numbers (N, K, J) under cumulative distributions (C, K, B).
+
+    Numbers in each of B equal parts of the whole are searched from the bin in which the part before begins: starting
+    one part early leaves room for rounding.
+    """
+    C, K, B = cumulative.shape
+    start = np.zeros((C, K, B), dtype=np.uint32)
+    for c in range(C):
+        for k in range(K):
+            b = 0
+            for part in range(B):
+                while b < B - 1 and cumulative[c, k, b] * B <= (part - 1) * cumulative[c, k, B - 1]:
+                    b += 1
+                start[c, k, part] = b
+    N, _, J = uniform.shape
+    for i in range(N):
+        for k in range(K):
+            upto = cumulative[row[i], k]
+            for j in range(J):
+                value = uniform[i, k, j] * upto[B - 1]
+                b = start[row[i], k, int(uniform[i, k, j] * B)]
+                while b < B - 1 and upto[b] <= value:
+                    b += 1
+                bins[i, j, k] = b
+
+
+def _in_bins(values: NDArray[np.float64], edges: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Values (...) in units of bins from the lowest edge; end bins set the scale beyond the edges."""
+    width = np.diff(edges)
+    inside = np.interp(values, edges, np.arange(len(edges)))
+    return inside + np.minimum(values - edges[0], 0.0) / width[0] + np.maximum(values - edges[-1], 0.0) / width[-1]

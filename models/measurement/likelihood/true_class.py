@@ -4,8 +4,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..states import States
-from .bins import find_bins
-from .forms import Form, TableForm, bin_gaps
+from .bins import TableForm, find_bins
+from .forms import Form, bin_gaps
 from .innovations import true_class_log_probability
 
 type Own = tuple[NDArray[np.intp], NDArray[np.intp]]
@@ -54,4 +54,4 @@ def in_one_state(form: Form, gain: float, offset: float, edges: NDArray[np.float
     """Form in one state."""
     if gain == 1 and offset == 0:
         return form
-    return form.in_state(gain, offset, edges) if isinstance(form, TableForm) else form.in_state(gain, offset)
+    return form.in_state(gain, offset, edges)

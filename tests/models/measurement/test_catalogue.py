@@ -8,8 +8,7 @@ from solidtouch.models.errors import InputError, NotConvergedError
 from solidtouch.models.grid import ClassGrid
 from solidtouch.models.measurement.fits.posterior import check_places
 from solidtouch.models.measurement.fits.priors import Taps
-from solidtouch.models.measurement.likelihood.bins import bin_edges
-from solidtouch.models.measurement.likelihood.forms import TableForm
+from solidtouch.models.measurement.likelihood.bins import TableForm, bin_edges
 from solidtouch.models.measurement.registry import NAMES, fit_model, split_name
 from solidtouch.models.measurement.shared_gain import session_spread, state_grid
 from solidtouch.models.preprocessing import Preprocessing

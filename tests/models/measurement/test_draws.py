@@ -9,7 +9,8 @@ from solidtouch.inference.filter import log_fold
 from solidtouch.models.errors import InputError
 from solidtouch.models.measurement import registry
 from solidtouch.models.measurement.draws import posterior_draws
-from solidtouch.models.measurement.likelihood.forms import TableForm, in_states
+from solidtouch.models.measurement.likelihood.bins import TableForm
+from solidtouch.models.measurement.model import in_states
 from solidtouch.models.measurement.registry import fit_model
 from solidtouch.models.settings import FitSettings
 

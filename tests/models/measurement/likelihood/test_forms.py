@@ -5,13 +5,14 @@ import pytest
 from scipy import stats
 from solidtouch.models.errors import InputError
 from solidtouch.models.measurement.likelihood import forms, innovations
-from solidtouch.models.measurement.likelihood.bins import find_bins
+from solidtouch.models.measurement.likelihood.bins import TableForm, find_bins
 from solidtouch.models.measurement.likelihood.forecasts import (
     log_normal_probability,
     log_student_probability,
 )
-from solidtouch.models.measurement.likelihood.forms import GaussianForm, TableForm, bin_gaps, in_states
+from solidtouch.models.measurement.likelihood.forms import GaussianForm, bin_gaps
 from solidtouch.models.measurement.likelihood.innovations import class_log_probability, log_interval
+from solidtouch.models.measurement.model import in_states
 from solidtouch.models.measurement.states import ONE_STATE, States
 
 L, H, J, K, Q, B = 2, 3, 4, 5, 2, 7
@@ -387,7 +388,7 @@ def test_gain_one_and_offset_zero_change_nothing(rng):
 
     np.testing.assert_allclose(table.in_state(1.0, 0.0, edges).log_prob, table.log_prob, rtol=1e-12, atol=1e-12)
     form = gaussian_form(rng)
-    np.testing.assert_array_equal(form.in_state(1.0, 0.0).mean, form.mean)
+    np.testing.assert_array_equal(form.in_state(1.0, 0.0, edges).mean, form.mean)
     assert in_states(table, ONE_STATE, edges) is table
 
 
@@ -404,7 +405,7 @@ def test_taps_and_edges_moved_alike_keep_their_probabilities(rng, gain, offset):
     edges, taps = np.linspace(-3, 3, B + 1), rng.normal(size=(4, J, K))
     own = np.zeros(4, int), np.ones(4, int)
     form = gaussian_form(rng)
-    moved = form.in_state(gain, offset).own(gain * taps + offset, gain * edges + offset, *own)
+    moved = form.in_state(gain, offset, edges).own(gain * taps + offset, gain * edges + offset, *own)
 
     np.testing.assert_allclose(moved, form.own(taps, edges, *own), rtol=1e-9)
 
