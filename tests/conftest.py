@@ -1,5 +1,6 @@
 """What several folders of tests share: one random generator, recorded data, and small tap sets."""
 
+import gc
 import hashlib
 import importlib.util
 import shutil
@@ -22,6 +23,9 @@ from solidtouch.models.measurement.histogram import HistogramModel
 from solidtouch.models.preprocessing import Preprocessing
 from solidtouch.models.taps import TapSet
 from threadpoolctl import threadpool_limits
+
+# Collecting the tests makes a million objects that stay; at the default pace, looking for garbage takes a sixth of it.
+gc.set_threshold(200_000, 20, 100)
 
 # How long an example takes depends on the machine, and on whether it is the first that compiles.
 settings.register_profile("solidtouch", deadline=None)

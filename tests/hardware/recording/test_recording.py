@@ -1,5 +1,6 @@
 """The recorder loses nothing that it was told, whatever happens to its process or its disk."""
 
+import os
 import resource
 import signal
 import stat
@@ -287,39 +288,51 @@ def test_another_plan_or_rig_is_refused_by_name(about, fake_rig, tmp_path):
 
 
 CHILD = """
-import itertools, sys, time
+import itertools, os, sys
 sys.path.insert(0, sys.argv[1])
 from fake_rig import FakeRig, fake_plan, fake_settings
 from solidtouch.hardware.recording.settings import about_rig
 from solidtouch.hardware.recording.recording import Recorder
 
-plan = fake_plan()
-recorder = Recorder.create(sys.argv[2], about_rig(fake_settings(), "", plan))
-rig = FakeRig(recorder).connect()
-for trial in itertools.count():
-    rig.label = {"trial": trial, "what": 0, "where_mm": 1.5, "session": 0}
-    rig.tap()
-    print(trial, flush=True)
+def record(path):
+    recorder = Recorder.create(path, about_rig(fake_settings(), "", fake_plan()))
+    rig = FakeRig(recorder).connect()
+    for trial in itertools.count():
+        rig.label = {"trial": trial, "what": 0, "where_mm": 1.5, "session": 0}
+        rig.tap()
+        print(f"{trial}\\n", end="", flush=True)  # at once, so that no half of a line is said
+
+for path in sys.argv[2:]:
+    child = os.fork()
+    if not child:
+        print(os.getpid(), flush=True)
+        record(path)
+    os.waitpid(child, 0)
+    print("killed", flush=True)
 """
 
 
 def test_a_killed_process_loses_nothing_but_the_tap_in_progress(about, fake_rig, tmp_path, rng):
     """Killed at several random moments; every tap that was reported done is in the file."""
-    for n, wait_s in enumerate(rng.uniform(0.0, 0.05, size=3)):
-        path = tmp_path / f"{n}.mcap"
-        folder = Path(fake_rig.__file__).parent
-        with subprocess.Popen([sys.executable, "-c", CHILD, folder, path], stdout=subprocess.PIPE) as child:
-            child.stdout.readline()
+    folder = Path(fake_rig.__file__).parent
+    paths = [tmp_path / f"{n}.mcap" for n in range(3)]
+    with subprocess.Popen(
+        [sys.executable, "-c", CHILD, folder, *paths], stdout=subprocess.PIPE, text=True
+    ) as recorders:
+        said = iter(recorders.stdout.readline, "")
+        for path, wait_s in zip(paths, rng.uniform(0.0, 0.05, size=len(paths)), strict=True):
+            child = int(next(said))
+            next(said)
             time.sleep(wait_s)
-            child.send_signal(signal.SIGKILL)
-            done = 1 + len(child.stdout.read().splitlines())
-        read = read_rig(path)
+            os.kill(child, signal.SIGKILL)
+            done = 1 + len([*iter(said.__next__, "killed\n")])
+            read = read_rig(path)
 
-        assert [tap.label.trial for tap in read.taps] == list(range(len(read.taps)))
-        assert done <= len(read.taps) <= done + 1
-        recovered = resume_recording(path, about)
-        with recovered.recorder:
-            assert recovered.trials == frozenset(range(len(read.taps)))
+            assert [tap.label.trial for tap in read.taps] == list(range(len(read.taps)))
+            assert done <= len(read.taps) <= done + 1
+            recovered = resume_recording(path, about)
+            with recovered.recorder:
+                assert recovered.trials == frozenset(range(len(read.taps)))
 
 
 def test_a_copy_that_was_killed_is_overwritten(about, fake_rig, tmp_path):
