@@ -226,9 +226,9 @@ class ArrayPlayer:
                 getattr(trials, name)[first:last][:, rule.column] = values
 
 
-@partial(jax.jit, static_argnums=(2, 3, 4, 5, 6))
+@partial(jax.jit, static_argnums=(2, 3, 5, 6))
 def _play(
-    tables: _Tables, plan: _Plan, slots: int, border: int, deadline: int, moving: bool, saturates: bool
+    tables: _Tables, plan: _Plan, slots: int, border: int, deadline: Any, moving: bool, saturates: bool
 ) -> _Record:
     """Decisions of all trials of a plan."""
     n, H = len(plan.where), len(tables.thresholds)
@@ -287,7 +287,7 @@ def _fresh(tables: _Tables, plan: _Plan, trial: jax.Array) -> _Slot:
 
 
 def _tap(
-    tables: _Tables, plan: _Plan, slot: _Slot, *, border: int, deadline: int, moving: bool, saturates: bool
+    tables: _Tables, plan: _Plan, slot: _Slot, *, border: int, deadline: Any, moving: bool, saturates: bool
 ) -> _Slot:
     """One tap of one trial and the move after it; the order of `episode.perceive`."""
     row = jnp.minimum(slot.trial, len(plan.where) - 1)
@@ -311,7 +311,7 @@ def _tap(
 
 
 def _decide(
-    tables: _Tables, slot: _Slot, where: jax.Array, what: jax.Array, deadline: int, none_left: jax.Array
+    tables: _Tables, slot: _Slot, where: jax.Array, what: jax.Array, deadline: Any, none_left: jax.Array
 ) -> _Slot:
     """Records thresholds crossed for the first time, or all others at the deadline or with no class left."""
     order = jnp.arange(len(tables.thresholds))

@@ -187,7 +187,7 @@ def test_full_grids_are_bit_for_bit_as_without_a_mask(rng, make_model, border):
 def test_engines_agree_with_the_sum_over_all_paths(make_model, draw_samples, pattern, border):
     """Of classes, by brute force: the likelihoods of all taps and the transitions written down above."""
     model = make_model(L, M, 2, 3, 5, seed=3, taps=9, untrained=PATTERNS[pattern])
-    taps, deltas = draw_samples(model, 4, seed=1), [2, -3, 1]
+    taps, deltas = draw_samples(model, 3, seed=1), [2, -3]
     likelihood = np.exp(model.log_likelihood(taps)).reshape(len(taps), -1)
     joint = np.exp(model.log_prior).ravel() * likelihood[0]
     filtered = [joint / joint.sum()]
@@ -253,14 +253,17 @@ def recorded(make_model, draw_samples):
 @pytest.mark.parametrize("pseudocount", [0.01, 0.0])
 @pytest.mark.parametrize("pattern", ["checkerboard", "half of one object", "one missing"])
 def test_trials_are_episodes_on_grids_with_holes(recorded, pattern, pseudocount):
-    """Compiled, in step, as arrays and tap by tap; without a pseudocount some end with no class left."""
+    """Compiled, in step, as arrays and tap by tap; without a pseudocount some end with no class left.
+
+    Arrays are compiled for every border, so two do: the moves of all of them are compared above.
+    """
     model, taps = recorded(pattern, pseudocount)
     table, thetas, deadline = tap_table(model, taps), (0.5, 0.9, 1.0), 12
     plan = plan_trials(table.pool, 25, 0, fixation=4)
     for border in BORDERS:
         how = {"play": PlaySettings(theta_x=0.0, border=border, deadline=deadline)}
         trials = run_trials(table, plan, thetas, **how)
-        if pattern == "half of one object" and not pseudocount:
+        if pattern == "half of one object" and not pseudocount and border in ("uniform", "clamp"):
             arrays = run_trials(table, plan, thetas, **how, device="xla-cpu")
             for name in trials._fields:
                 np.testing.assert_allclose(getattr(arrays, name), getattr(trials, name), atol=1e-10, err_msg=name)
