@@ -19,8 +19,8 @@ from ..errors import SensorFault, StaleSensor
 from ..journal import Journal
 from ..link.loop import Loop
 from ..link.port import Port
-from .reading_loss import LossTracker
-from .skin import Baseline, SkinCounts, SkinFrame, SkinLimits, taxel_names
+from .skin import SkinCounts, SkinFrame, SkinLimits, taxel_names
+from .tracking import Baseline, LossTracker
 
 STALE_PERIODS = 3.5
 """Periods without a reading after which a sensor is stale: three readings overdue, the last by half a period."""

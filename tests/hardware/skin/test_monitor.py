@@ -7,7 +7,8 @@ import pytest
 from solidtouch.hardware.errors import BaselineRefused, SensorFault, StaleSensor
 from solidtouch.hardware.journal import NoJournal
 from solidtouch.hardware.skin.monitor import SkinMonitor
-from solidtouch.hardware.skin.skin import Baseline, SkinFrame, SkinLimits, taxel_names
+from solidtouch.hardware.skin.skin import SkinFrame, SkinLimits, taxel_names
+from solidtouch.hardware.skin.tracking import Baseline
 
 LIMITS = SkinLimits("skin", 3, 50.0, 225.0, 255.0, 254.5, noise_limit=4.0, overload=253.0, stuck_readings=25)
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from solidtouch.hardware.skin.reading_loss import LossTracker
+from solidtouch.hardware.skin.tracking import LossTracker
 
 PERIOD_S = 0.02
 
