@@ -88,12 +88,12 @@ def families(model: TapModel, at: int, deadline: int) -> tuple[Family, ...]:
 def decided_sums(record: Record, family: Family, grid: ClassGrid) -> NDArray[np.float64]:
     """`SUMS` of every trial at every level, shape (trials, levels, `SUMS`)."""
     way = travelled(record, grid)
-    rows = np.arange(len(record.held))
+    rows, objects, beliefs = np.arange(len(record.held)), record.what, record.what_belief
     values = np.empty((len(rows), len(family.levels), len(SUMS)))
     for h, level in enumerate(family.levels):
         stopped = stops(family.rule(level), record)
         last = stopped.taps - 1
-        what, answers = record.what[rows, last], stopped.answer != GIVE_UP
+        what, answers = objects[rows, last], stopped.answer != GIVE_UP
         values[:, h] = np.column_stack(
             [
                 answers,
@@ -102,7 +102,7 @@ def decided_sums(record: Record, family: Family, grid: ClassGrid) -> NDArray[np.
                 stopped.taps,
                 way[rows, last],
                 answers * (what != record.held),
-                answers * np.maximum(1.0 - record.what_belief[rows, last], 0.0),
+                answers * np.maximum(1.0 - beliefs[rows, last], 0.0),
                 ~answers,
                 answers & (stopped.answer != DECIDE),
             ]
