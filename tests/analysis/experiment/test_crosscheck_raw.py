@@ -303,7 +303,7 @@ def test_an_error_in_the_recursion_of_the_route_is_found(taps, monkeypatch, comp
         pytest.param("barrett_ballcyl", {"split": "leave-one-session-out"}, marks=pytest.mark.slow),
     ],
 )
-def test_recorded_taps(shared_data, name, more):
+def test_recorded_taps(shared_data, compiled_loops_alone, name, more):
     """One object, one position, empty classes, one sample: whatever recordings have."""
     parts, grid = load_experiment([shared_data / f"{name}.npz"], Division(**more))
     fold = parts.folds[0]
