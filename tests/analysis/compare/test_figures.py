@@ -1,5 +1,7 @@
 """Figures that compare models, drawn from small made-up datasets."""
 
+from functools import cache
+
 import numpy as np
 import pytest
 import xarray as xr
@@ -86,6 +88,12 @@ CASES = {
 }
 
 
+@cache
+def drawn(name):
+    """The figure of a case, which tests only read."""
+    return CASES[name]()
+
+
 def panels(figure):
     return [axes for axes in figure.axes if axes.get_visible()]
 
@@ -93,7 +101,7 @@ def panels(figure):
 @pytest.mark.parametrize("name", CASES)
 def test_nothing_overlaps(name):
     """Panels with their labels and the key below them stand apart, within the figure, and draw without a warning."""
-    figure = CASES[name]()
+    figure = drawn(name)
     figure.draw_without_rendering()
     boxes = [part.get_tightbbox() for part in (*panels(figure), *figure.legends)]
 
@@ -105,7 +113,7 @@ def test_nothing_overlaps(name):
 
 def test_a_figure_of_ten_models_is_written(tmp_path):
     """In both formats, small enough to be mailed."""
-    png, svg = save(CASES["curves, ten models"](), tmp_path, "figure")
+    png, svg = save(drawn("curves, ten models"), tmp_path, "figure")
 
     assert png.read_bytes().startswith(b"\x89PNG")
     assert svg.stat().st_size < 1_500_000
@@ -123,7 +131,7 @@ def test_eleven_models_look_different():
 
 def test_models_look_the_same_with_and_without_the_reference():
     """Differences leave it out, and colours stay."""
-    curves, differences = panels(CASES["curves"]())[0], panels(CASES["differences"]())[0]
+    curves, differences = panels(drawn("curves"))[0], panels(drawn("differences"))[0]
     colours = {line.get_label(): line.get_color() for line in curves.lines if line.get_label() in NAMES}
 
     assert list(colours) == NAMES[:3]
@@ -162,7 +170,7 @@ def test_class_scores_have_a_panel_for_each_question():
 
 def test_models_stand_beside_each_other():
     """At one number of contacts no two share a place, and their middle is at the number."""
-    axes = panels(CASES["scores"]())[0]
+    axes = panels(drawn("scores"))[0]
     x = np.array([bars.lines[0].get_xdata() for bars in axes.containers])
 
     assert (np.diff(x, axis=0) > 0).all()
@@ -192,14 +200,14 @@ def triangles(axes, edge):
 
 def test_endless_scores_are_triangles_at_the_edge():
     """In the model's colour and at its place; nothing else is drawn there."""
-    figure = CASES["scores, endless"]()
+    figure = drawn("scores, endless")
     colour = figure_compare.model_styles(NAMES[:3], NAMES[0])[NAMES[1]]["color"]
     first = panels(figure)[0]
 
     assert triangles(first, 0) == [(colour, 5.0)]
     assert len(first.containers[1].lines[0].get_xdata()) == 3
     assert not triangles(panels(figure)[3], 0)
-    assert [len(triangles(panels(CASES["score differences, endless"]())[0], edge)) for edge in (0, 1)] == [1, 1]
+    assert [len(triangles(panels(drawn("score differences, endless"))[0], edge)) for edge in (0, 1)] == [1, 1]
 
 
 def test_scores_far_below_guessing_do_not_flatten_the_others():
@@ -243,7 +251,7 @@ def test_wide_bands_of_errors_do_not_flatten_the_lines():
 
 def test_decisions_have_a_row_per_error_and_a_column_per_policy():
     """Where nothing moves or nothing is elsewhere, one of each."""
-    whole, passive = panels(CASES["curves"]()), panels(CASES["curves, passive"]())
+    whole, passive = panels(drawn("curves")), panels(drawn("curves, passive"))
 
     assert [axes.get_title(loc="left") for axes in whole] == ["A", "B", "C", "D"]
     assert [axes.get_title() for axes in whole] == ["passive", "active"] * 2
@@ -274,13 +282,13 @@ def test_missing_times_are_left_out_and_none_at_all_is_said():
     panel = figure_compare.plot_differences(axes[0, 0], data, "what_error", "passive")
 
     assert [len(bars.lines[0].get_xdata()) for bars in panel.containers] == [2, 3]
-    for empty in panels(CASES["differences, no time"]()):
+    for empty in panels(drawn("differences, no time")):
         assert [text.get_text() for text in empty.texts] == ["no common reaction time"]
 
 
 def test_miscalibration_has_a_line_where_beliefs_are_right():
     """On a logarithmic scale, at one."""
-    left, right = panels(CASES["miscalibration"]())
+    left, right = panels(drawn("miscalibration"))
 
     assert left.get_yscale() == right.get_yscale() == "log"
     assert set(left.lines[0].get_ydata()) == {1}
