@@ -5,9 +5,11 @@ import re
 import shlex
 import subprocess
 import sys
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
+from solidtouch.cli.main import run as run_command
 
 TUTORIALS = Path(__file__).parents[1] / "docs" / "tutorials"
 PAGE = TUTORIALS / "bring-your-own-recordings.md"
@@ -19,10 +21,9 @@ def blocks(page: Path) -> list[tuple[str, str]]:
     return re.findall(r"^```(\w+)\n(.*?)^```$", page.read_text(encoding="utf-8"), flags=re.MULTILINE | re.DOTALL)
 
 
-def run_page(page: Path, folder: Path, commands: tuple[str, ...] | None) -> dict[str, str]:
-    """Runs a page in a folder, of its shell lines those with one of the commands; returns what each line printed."""
-    path = os.pathsep.join([str(Path(sys.executable).parent), os.environ["PATH"]])
-    printed = {}
+def run_page(page: Path, folder: Path, run: Callable[[list[str]], str], commands: tuple[str, ...] | None) -> str:
+    """Runs a page in a folder, of its shell lines those with one of the commands; returns what they printed."""
+    printed = ""
     for language, content in blocks(page):
         if language == "text":
             continue
@@ -33,36 +34,61 @@ def run_page(page: Path, folder: Path, commands: tuple[str, ...] | None) -> dict
             words = shlex.split(line)
             assert words[0] == "solidtouch"
             if commands is None or words[1] in commands:
-                done = subprocess.run(
-                    words, cwd=folder, env=os.environ | {"PATH": path}, capture_output=True, text=True, check=False
-                )
-                assert done.returncode == 0, f"{line}\n{done.stdout}{done.stderr}"
-                printed[line] = done.stdout
+                printed += run(words)
     return printed
 
 
-def test_the_page_converts_and_inspects_its_recordings(tmp_path):
+@pytest.fixture
+def here(tmp_path, monkeypatch, capsys):
+    """A function that runs a command in the folder of the page, in this process, and returns what it printed."""
+    monkeypatch.chdir(tmp_path)
+
+    def run(words):
+        monkeypatch.setattr(sys, "argv", words)
+        with pytest.raises(SystemExit, match=r"^0$"):
+            run_command()
+        return capsys.readouterr().out
+
+    return run
+
+
+@pytest.fixture
+def installed(tmp_path):
+    """The same by the installed program."""
+    path = os.pathsep.join([str(Path(sys.executable).parent), os.environ["PATH"]])
+    options = {"cwd": tmp_path, "env": os.environ | {"PATH": path}, "capture_output": True, "text": True}
+
+    def run(words):
+        done = subprocess.run(words, check=False, **options)
+        assert done.returncode == 0, f"{words}\n{done.stdout}{done.stderr}"
+        return done.stdout
+
+    return run
+
+
+def test_the_page_converts_and_inspects_its_recordings(tmp_path, here, installed):
     """180 taps in 6 streams, none lost, and the warning that the page speaks of."""
-    printed = " ".join(" ".join(run_page(PAGE, tmp_path, RECORDED).values()).split())
+    printed = " ".join(run_page(PAGE, tmp_path, here, RECORDED).split())
 
     assert "180 taps from 6 streams, 0 incomplete taps left out" in printed
     assert "taps.nc: 180 taps of 20 samples from 3 taxels." in printed
     assert "cut.nc: 40 taps of 5 samples from 2 taxels." in printed
     assert "Recorded in blocks" in printed
+    assert "Recorded in blocks" in installed(["solidtouch", "inspect", "taps.nc"])
 
 
 @pytest.mark.slow
-def test_the_page_ends_in_the_report(tmp_path):
-    run_page(PAGE, tmp_path, None)
+def test_the_page_ends_in_the_report(tmp_path, installed):
+    run_page(PAGE, tmp_path, installed, None)
 
     assert (tmp_path / "model.nc").is_file()
     assert (tmp_path / "report" / "report.html").is_file()
 
 
 @pytest.mark.slow
-def test_the_first_steps_print_what_the_page_shows(tmp_path):
+def test_the_first_steps_print_what_the_page_shows(tmp_path, installed):
     page = TUTORIALS / "first-steps.md"
-    printed = "".join(run_page(page, tmp_path, None).values())
+    printed = run_page(page, tmp_path, installed, None)
 
     shown = [content for language, content in blocks(page) if language == "text"]
     assert len(shown) == 2

@@ -9,6 +9,7 @@ import sys
 from pathlib import Path
 
 import pytest
+from solidtouch.cli.main import run as run_command
 
 import solidtouch
 
@@ -39,8 +40,11 @@ def blocks(page):
     return re.findall(r"^```python\n(.*?)^```$", text, flags=re.MULTILINE | re.DOTALL)
 
 
-def run(code, folder):
-    subprocess.run([sys.executable, "-c", code], cwd=folder, check=True)
+@pytest.fixture
+def run(tmp_path, monkeypatch):
+    """A function that runs code in an empty folder."""
+    monkeypatch.chdir(tmp_path)
+    return lambda code: exec(code, {"__name__": "page"})  # noqa: S102
 
 
 @pytest.mark.parametrize("module", MODULES)
@@ -80,33 +84,36 @@ def test_what_python_blocks_import_is_there(page, tmp_path):
                 assert all(importlib.import_module(name) for name in names)
 
 
-def test_the_page_about_scikit_learn_runs(tmp_path):
+def test_the_page_about_scikit_learn_runs(run):
     pytest.importorskip("sklearn", reason="scikit-learn is not installed")
-    run("\n".join(blocks("docs/how-to/scikit-learn.md")), tmp_path)
+    run("\n".join(blocks("docs/how-to/scikit-learn.md")))
 
 
-def test_the_page_about_conformance_finds_its_mistake(tmp_path):
+def test_the_page_about_conformance_finds_its_mistake(run, capsys):
     """And prints what the page shows."""
     page = "docs/reference/conformance/README.md"
     (block,) = blocks(page)
-    done = subprocess.run([sys.executable, "-c", block], cwd=tmp_path, check=True, capture_output=True, text=True)
-    printed = [" ".join(line.split()) for line in done.stdout.splitlines()]
+    run(block)
+    printed = [" ".join(line.split()) for line in capsys.readouterr().out.splitlines()]
     shown = (ROOT / page).read_text(encoding="utf-8").partition("print(report)\n```")[2].split("```")[1]
 
     assert [" ".join(line.split()) for line in shown.splitlines()[1:]] == printed
     assert "the belief is shifted in the wrong direction" in " ".join(printed)
 
 
-def test_the_file_of_a_model_is_compared_by_arviz(tmp_path):
+@pytest.mark.filterwarnings("ignore:Estimated shape parameter")
+def test_the_file_of_a_model_is_compared_by_arviz(run, tmp_path, monkeypatch, make_taps):
     """After the command that the page names; models that are wrong make ArviZ warn."""
     (block,) = blocks("docs/reference/models.md")
-    solidtouch.simulate("paper", seed=4)[0].save(tmp_path / "taps.nc")
-    fitting = [sys.executable, "-m", "solidtouch.cli", "fit", "taps.nc", "--split", "parity", "--out", "model.nc"]
-    subprocess.run([*fitting, "--model", "gaussian"], cwd=tmp_path, check=True, capture_output=True)
-    run(block, tmp_path)
+    make_taps().save(tmp_path / "taps.nc")
+    words = ["fit", "taps.nc", "--split", "parity", "--out", "model.nc", "--model", "gaussian"]
+    monkeypatch.setattr(sys, "argv", ["solidtouch", *words])
+    with pytest.raises(SystemExit, match="0"):
+        run_command()
+    run(block)
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("page", ["docs/explanation/calibration.md", "docs/how-to/tuning.md", "docs/reference/api.md"])
 def test_a_page_runs_from_its_first_block_to_its_last(page, tmp_path):
-    run("\n".join(blocks(page)), tmp_path)
+    subprocess.run([sys.executable, "-c", "\n".join(blocks(page))], cwd=tmp_path, check=True)

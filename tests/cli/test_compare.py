@@ -100,7 +100,7 @@ def test_wrong_options_are_one_sentence(command, recordings, tmp_path, options, 
     assert not (tmp_path / "out").exists()
 
 
-def test_a_single_model_is_named(command, recordings, tmp_path):
+def test_a_single_model_is_named(command, recordings, tmp_path, sketched):
     result = command("compare", *recordings, "--models", "histogram", *QUICK, "--out", tmp_path / "out")
 
     assert result.code == 0

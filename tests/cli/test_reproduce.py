@@ -28,7 +28,7 @@ def summary_of(folder):
     return json.loads((folder / "summary.json").read_text())
 
 
-def test_simulated_data_give_the_whole_folder(command, tmp_path):
+def test_simulated_data_give_the_whole_folder(command, tmp_path, sketched):
     """Figures in both formats, every curve with its interval, a summary and one page, and nothing else."""
     done = command("reproduce", *SMALL, "--out", tmp_path / "run")
 
