@@ -217,7 +217,7 @@ def test_it_survives_pickling(taps, labels):
 def test_without_scikit_learn_only_its_use_is_refused():
     code = """
 import sys; sys.modules["sklearn"] = None
-from solidtouch import *
+from solidtouch import TapClassifier
 try:
     TapClassifier(bins=3)
 except ImportError as error:

@@ -440,6 +440,7 @@ def test_sequences_of_other_lengths_are_refused(make_model, T, moves):
 IMPORT_ALL = """
 import importlib, pkgutil, sys
 import jax
+sys.modules["sklearn"] = None
 before = dict(jax.config.values)
 for package in ("models", "hardware", "inference", "analysis", "cli"):
     root = importlib.import_module("solidtouch." + package)
@@ -453,7 +454,7 @@ assert "matplotlib.pyplot" not in sys.modules
 
 
 def test_imports_change_nothing():
-    """No module of the packages sets JAX up or imports pyplot, which would choose a backend."""
+    """No module of the packages sets JAX up, imports pyplot, which would choose a backend, or needs scikit-learn."""
     run = subprocess.run([sys.executable, "-c", IMPORT_ALL], capture_output=True, text=True, check=False)
 
     assert (run.returncode, run.stderr) == (0, "")

@@ -74,7 +74,7 @@ def test_integrated_is_the_mean_over_draws_where_taps_are_short(name, monkeypatc
         name, small, small.grid(), SETTINGS.changed(bins=6 if name == "histogram" else 60, unconverged=True)
     )
     own = small.indices(small.grid())
-    rows = np.array([values for _, values in drawn(fitted, small, 4000, seed=1)])
+    rows = np.array([values for _, values in drawn(fitted, small, 2000, seed=1)])
     mean = np.logaddexp.reduce(rows, axis=0) - np.log(len(rows))
     spread = np.exp(rows - mean).std(axis=0) / np.sqrt(len(rows))
     exact = integrated(fitted, small.taps, own, np.random.default_rng(2))
