@@ -145,7 +145,7 @@ def test_intervals_are_as_wide_as_the_taps_leave_a_mean():
     """
     repeats = 40
     table = table_of(1, 2, skill=0.5, repeats=repeats)
-    played = play_models({"one": table}, grid_of(1, 2), (0.5,), 4000, 0, play=PlaySettings(deadline=1), resamples=1500)
+    played = play_models({"one": table}, grid_of(1, 2), (0.5,), 4000, 0, play=PlaySettings(deadline=1), resamples=1000)
     curves = decision_curves(played).isel(model=0, policy=0, theta=0)
     right = table.log_likelihood[:, 0].argmax(axis=1) == np.repeat([0, 1], repeats)
     variance = np.mean([own.var(ddof=1) for own in np.split(right.astype(float), 2)]) / (2 * repeats)
