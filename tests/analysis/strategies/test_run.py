@@ -10,8 +10,9 @@ from solidtouch.analysis.page.numbers import STORED_ONLY
 from solidtouch.analysis.page.stages import no_progress
 from solidtouch.analysis.stats.resampled_units import RESAMPLES
 from solidtouch.analysis.strategies import figures as figure_strategies
+from solidtouch.analysis.strategies import run as strategies_run
 from solidtouch.analysis.strategies import summary as strategies_summary
-from solidtouch.analysis.strategies.curves import differences
+from solidtouch.analysis.strategies.curves import differences, families
 from solidtouch.analysis.strategies.data import (
     RIGHT,
     StrategyData,
@@ -191,16 +192,18 @@ def test_tables_hold_the_numbers_of_the_summary(summary):
         for family in power["families"]:
             name, level = family["parameter"], levels[family["parameter"]]
             curves = report.curves[name].to_dataset()
-            for strategy, points in power["curves"][family["name"]].items():
-                one = curves.sel({**at, "rule": family["name"], "strategy": strategy})
-                for end in ("what_error", "what_error_high", "taps_low", "way", "factor"):
-                    expected = np.array([point[end] for point in points], dtype=float)
-                    np.testing.assert_array_equal(one[end].sel({level: [point["level"] for point in points]}), expected)
+            points = power["curves"][family["name"]]
+            known = [point["level"] for point in points[BASE]]
+            one = curves.sel({**at, "rule": family["name"], "strategy": list(points), level: known})
+            for end in ("what_error", "what_error_high", "taps_low", "way", "factor"):
+                expected = np.array([[point[end] for point in of] for of in points.values()], dtype=float)
+                np.testing.assert_array_equal(one[end].transpose("strategy", level), expected)
+        ends = ("what_error", "what_error_difference", "what_error_difference_least")
+        equal_taps = report.equal_taps[list(ends)].sel(at)
         for rule, found in power["equal"].items():
             for row in found:
-                one = report.equal_taps.sel({**at, "rule": rule, "strategy": row["strategy"], "taps": row["taps"]})
-                for end in ("what_error", "what_error_difference", "what_error_difference_least"):
-                    np.testing.assert_array_equal(one[end], np.array(row[end], dtype=float))
+                one = equal_taps.sel(rule=rule, strategy=row["strategy"], taps=row["taps"])
+                np.testing.assert_array_equal([one[end] for end in ends], np.array([row[end] for end in ends], float))
         for row in power["rules"]:
             one = report.rules.sel({**at, "rule": row["rule"], "taps": row["taps"]})
             np.testing.assert_array_equal(one["given_up"], np.array(row["given_up"], dtype=float))
@@ -341,8 +344,13 @@ def test_recordings_are_compared_over_sessions_or_resampled_taps(make_taps, tmp_
     assert equal(summary, FIXED, "random")[0]["way_low"] > 0
 
 
-def test_intervals_of_one_recording_hold_its_taps_and_not_only_trials(make_taps, tmp_path):
+def test_intervals_of_one_recording_hold_its_taps_and_not_only_trials(make_taps, tmp_path, monkeypatch):
     """With four test taps of a class: 0.11 mm would be that of 400 trials."""
+
+    def two(*arguments):
+        return tuple(family for family in families(*arguments) if family.name in (PAPER, FIXED))
+
+    monkeypatch.setattr(strategies_run, "families", two)
     make_taps(sessions=2, repeats=4).save(tmp_path / "two.nc")
     bench, passive = (
         recorded_bench(tmp_path / "two.nc")._replace(powers=("J",)),
