@@ -1,5 +1,7 @@
 """Figures of reliability, promises and wanted errors are drawn from small data, plain and awkward."""
 
+from functools import cache
+
 import numpy as np
 import pytest
 from solidtouch.analysis.audit import figures_reliability as figure_reliability
@@ -74,9 +76,16 @@ def test_an_infinite_factor_is_a_mark_at_the_top():
     assert (mark.get_ydata() == axes.get_ylim()[1]).all()
 
 
+@cache
+def plain_reliability():
+    """After 1, 2 and 3 taps; tests put factors of their own into it."""
+    grid, table = CASES["plain"]
+    return reliability(table, grid, (0.9,), 0, trials=120, contacts=(1, 2, 3), resamples=5)
+
+
 def factor_panel(factor, low, high):
     """The figure after taps, and its panel of factors, for these factors after 1, 2 and 3 taps."""
-    data = reliability(make()[1], make()[0], (0.9,), 0, trials=120, contacts=(1, 2, 3), resamples=5)
+    data = plain_reliability()
     ends = {"": factor, "_low": low, "_high": high}
     values = {f"factor{end}": data["factor"].copy() for end in ends}
     for end, value in ends.items():

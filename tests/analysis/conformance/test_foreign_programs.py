@@ -58,7 +58,7 @@ def test_the_c_program_behaves_as_defined(options, kit, tmp_path):
 
     done = play(command, kit[0])
     assert (done.returncode, done.stderr) == (0, "")
-    for text in bad_inputs().values():
+    for text in BAD_INPUTS.values():
         done = play(command, text)
         assert (done.returncode, done.stderr.count("\n")) == (2, 1), done.stderr
 
@@ -120,10 +120,27 @@ def bad_inputs():
     }
 
 
-@pytest.mark.parametrize("name", bad_inputs())
-def test_bad_input_is_refused_with_a_sentence(program, name):
+BAD_INPUTS = bad_inputs()
+
+
+@pytest.fixture(scope="module")
+def refused():
+    """A function that plays a bad input once for all tests that ask what a program says to it."""
+    done = {}
+
+    def refuse(program, name):
+        key = str(program[0]), name
+        if key not in done:
+            done[key] = play(program, BAD_INPUTS[name])
+        return done[key]
+
+    return refuse
+
+
+@pytest.mark.parametrize("name", BAD_INPUTS)
+def test_bad_input_is_refused_with_a_sentence(program, refused, name):
     """It names the line, and the exit code is 2."""
-    done = play(program, bad_inputs()[name])
+    done = refused(program, name)
 
     assert (done.returncode, done.stderr.count("\n")) == (2, 1), done.stderr
     assert done.stderr.startswith("solid: line ")
@@ -131,9 +148,9 @@ def test_bad_input_is_refused_with_a_sentence(program, name):
 
 
 @pytest.mark.parametrize("name", ["border", "power", "prior", "counts", "edges", "fixation", "samples", "move"])
-def test_the_sentence_names_case_line_and_key(program, name):
+def test_the_sentence_names_case_line_and_key(program, refused, name):
     """So that the person who made the input finds it."""
-    sentence = play(program, bad_inputs()[name]).stderr
+    sentence = refused(program, name).stderr
 
     assert f'line {2 if name in ("samples", "move") else 1}, case "bad"' in sentence
     assert f'"{name}"' in sentence
