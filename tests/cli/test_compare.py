@@ -98,10 +98,3 @@ def test_wrong_options_are_one_sentence(command, recordings, tmp_path, options, 
     assert result.code == 2
     assert message in result.err
     assert not (tmp_path / "out").exists()
-
-
-def test_a_single_model_is_named(command, recordings, tmp_path, sketched):
-    result = command("compare", *recordings, "--models", "histogram", *QUICK, "--out", tmp_path / "out")
-
-    assert result.code == 0
-    assert "Only one model, histogram, could be fitted, so nothing is compared." in " ".join(result.out.split())

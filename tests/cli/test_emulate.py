@@ -28,8 +28,16 @@ def emulating(folder, *options) -> Iterator[subprocess.Popen]:
         process.communicate()
 
 
-@pytest.mark.parametrize(("number", "code"), [(signal.SIGINT, 0), (signal.SIGTERM, 143)])
-def test_it_serves_until_a_signal_and_leaves_only_its_settings(tmp_path, number, code):
+def assert_ends(process, folder, number, code):
+    """A signal ends it, and it leaves only its settings."""
+    process.send_signal(number)
+
+    assert process.wait(10) == code
+    assert "Traceback" not in process.stderr.read()
+    assert list(folder.iterdir()) == [folder / "rig.toml"]
+
+
+def test_it_serves_until_ctrl_c(tmp_path):
     folder = tmp_path / "bench"
     with emulating(folder, "--preset", "ideal") as process:
         assert f"solidtouch rig check {folder / 'rig.toml'}" in process.said[1]
@@ -45,44 +53,36 @@ def test_it_serves_until_a_signal_and_leaves_only_its_settings(tmp_path, number,
             assert clock.control({"object": 4})["object_name"] == "12 mm rod"
 
             port.close()
-        process.send_signal(number)
-
-        assert process.wait(10) == code
-        assert "Traceback" not in process.stderr.read()
-
-    assert list(folder.iterdir()) == [folder / "rig.toml"]
+        assert_ends(process, folder, signal.SIGINT, 0)
 
 
-def test_a_second_one_leaves_the_first_alone(tmp_path, command):
-    with emulating(tmp_path):
+def test_in_real_time_it_is_driven_by_the_clock_of_the_host_and_a_second_one_leaves_it_alone(
+    tmp_path, host_clock, command
+):
+    with emulating(tmp_path, "--real-time", "--sensor", "lines", "--fault", "reset_on_open:times=1") as process:
         second = command("emulate", "--out", tmp_path)
 
         assert second.code == 2
         assert "control: another emulator is running there" in second.err
 
         rig = load_rig(tmp_path / "rig.toml")
+        sensor, stage = Port(rig.sensor.port), Port(rig.stage.port)
+        sensor.open()
+        host_clock.wait([sensor], host_clock.now() + 5.0)
+
+        assert sensor.read()
+        assert not rig.emulator.shared_clock
+
         with SocketConnection(rig.emulator.control) as connection:
-            port = Port(rig.stage.port)
-            port.open()
+            assert connection.control({})["faults"] == ["reset_on_open"]
+
+            stage.open()
 
             assert connection.control({})["open"]["stage"]
 
-            port.close()
-
-
-def test_in_real_time_the_rig_is_driven_by_the_clock_of_the_host(tmp_path, host_clock):
-    with emulating(tmp_path, "--real-time", "--sensor", "lines", "--fault", "reset_on_open:times=1"):
-        rig = load_rig(tmp_path / "rig.toml")
-        port = Port(rig.sensor.port)
-        port.open()
-        host_clock.wait([port], host_clock.now() + 5.0)
-
-        assert port.read()
-        assert not rig.emulator.shared_clock
-
-        port.close()
-        with SocketConnection(rig.emulator.control) as connection:
-            assert connection.control({})["faults"] == ["reset_on_open"]
+        stage.close()
+        sensor.close()
+        assert_ends(process, tmp_path, signal.SIGTERM, 143)
 
 
 @pytest.fixture
