@@ -252,14 +252,6 @@ def test_a_split_of_one_session_carries_a_warning(command, tmp_path, make_taps):
     assert "Warning: Training and test taps come from the same session" in done.out
 
 
-def test_crosscheck_prints_agreement(command, taps_file):
-    done = command("crosscheck", taps_file, "--episodes", 2, "--length", 5, "--sequence-taps", 3, "--bins", 6)
-
-    assert done.code == 0
-    assert "All routes agree." in done.out
-    assert "numpyro sequence" in done.out
-
-
 def test_crosscheck_leaves_numpyro_out_where_the_border_is_no_kernel(command, taps_file):
     done = command("crosscheck", taps_file, "--episodes", 1, "--length", 4, "--border", "prior", "--bins", 6)
 

@@ -181,6 +181,8 @@ def test_a_crosscheck_prints_what_the_command_does(files, command, monkeypatch, 
 
     assert done.code == 0
     assert done.out.rstrip() == repr(report)
+    assert "All routes agree." in done.out
+    assert "numpyro sequence" in done.out
     assert report.passed
     assert report.differences["largest"].dims == ("model", "routes", "quantity")
     for name, check in report.found.items():
