@@ -1,13 +1,16 @@
 """Commands run as a person runs them, but in this process."""
 
+import base64
 import sys
 from collections.abc import Callable
 from typing import NamedTuple
 
 import pytest
 from solidtouch.analysis.page import html
-from solidtouch.analysis.page.figure_style import styled
+from solidtouch.analysis.trials import spread
 from solidtouch.cli.main import run
+
+PIXEL = base64.b64decode("iVBORw0KGgoAAAANSUhEUgAAAAEAAAABCAAAAAA6fptVAAAACklEQVR42mP4DwABAQEAHLCMmQAAAABJRU5ErkJggg==")
 
 
 class Done(NamedTuple):
@@ -34,17 +37,22 @@ def command(monkeypatch, capsys) -> Callable[..., Done]:
     return call
 
 
+@pytest.fixture(autouse=True)
+def _few_selected(monkeypatch) -> None:
+    """Intervals of `trials` come from few trials on each selection of taps; tests of them set more."""
+    monkeypatch.setattr(spread, "SELECTED_TRIALS", 50)
+    monkeypatch.setattr(spread, "FRESH_TRIALS", 50)
+
+
 @pytest.fixture
 def sketched(monkeypatch) -> None:
-    """Figures of a report are drawn once and coarsely, without the layout; their drawings stay empty.
+    """Figures of a report are made but not drawn: their files hold one pixel and an empty drawing.
 
     What figures look like, and that both formats are written, is tested beside the code that draws them.
     """
 
-    @styled
-    def sketch(figure, folder, name):
-        figure.set_layout_engine("none")
-        figure.savefig(folder / f"{name}.png", dpi=30)
+    def sketch(_, folder, name):
+        (folder / f"{name}.png").write_bytes(PIXEL)
         (folder / f"{name}.svg").write_text("<svg/>")
         return folder / f"{name}.png", folder / f"{name}.svg"
 

@@ -17,7 +17,7 @@ def recordings(tmp_path):
     """Two sessions of two objects at three positions."""
     for session in (0, 1):
         generator = np.random.default_rng(session)
-        where, what = (axis.ravel() for axis in np.meshgrid(np.repeat(np.arange(3), 6), np.arange(2)))
+        where, what = (axis.ravel() for axis in np.meshgrid(np.repeat(np.arange(3), 3), np.arange(2)))
         shape = np.linspace(0.5, 2, J)[:, None] * np.arange(1, K + 1)
         taps = (where + 2.5 * what)[:, None, None] * shape + generator.normal(size=(len(where), J, K))
         TapSet.from_arrays(
@@ -65,13 +65,13 @@ def test_models_that_the_data_cannot_carry_are_named(command, tmp_path, sketched
     paths = []
     for session in (0, 1):
         generator = np.random.default_rng(session)
-        what = np.repeat([0, 1], 8)
+        what = np.repeat([0, 1], 5)
         paths.append(tmp_path / f"{session}.nc")
         TapSet.from_arrays(
-            generator.normal(size=(16, 1, 2)) + what[:, None, None],
+            generator.normal(size=(10, 1, 2)) + what[:, None, None],
             what,
             ["a", "b"],
-            session=np.full(16, session),
+            session=np.full(10, session),
             preprocessing=Preprocessing(samples=1),
         ).save(paths[-1])
     out = tmp_path / "out"

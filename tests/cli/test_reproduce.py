@@ -13,6 +13,7 @@ import sys
 import numpy as np
 import pytest
 import xarray as xr
+from solidtouch.analysis.experiment.crosscheck import crosscheck_model
 from solidtouch.analysis.experiment.study import study
 from solidtouch.models.errors import InputError
 from solidtouch.models.seeds import data_set_seed
@@ -28,8 +29,18 @@ def summary_of(folder):
     return json.loads((folder / "summary.json").read_text())
 
 
-def test_simulated_data_give_the_whole_folder(command, tmp_path, sketched):
-    """Figures in both formats, every curve with its interval, a summary and one page, and nothing else."""
+def test_simulated_data_give_the_whole_folder(command, tmp_path, sketched, monkeypatch):
+    """Figures in both formats, every curve with its interval, a summary and one page, and nothing else.
+
+    Routes are compared on short episodes, as on long ones in tests of the cross-check.
+    """
+    asked = {}
+
+    def compared(*models, **more):
+        asked.update(more)
+        return crosscheck_model(*models, **{**more, "episodes": 2, "length": 5, "sequence_taps": 2})
+
+    monkeypatch.setattr("solidtouch.analysis.reproduce.results.crosscheck_model", compared)
     done = command("reproduce", *SMALL, "--out", tmp_path / "run")
 
     assert done.code == 0
@@ -45,6 +56,7 @@ def test_simulated_data_give_the_whole_folder(command, tmp_path, sketched):
         for name in ("what_error", "where_error", "taps"):
             assert row[f"{name}_low"] <= row[name] <= row[f"{name}_high"]
     assert summary["crosscheck"]["passed"]
+    assert (asked["episodes"], asked["sequence_taps"]) == (4, 8)
     assert summary["fixation"] == {"index": 7, "value": 7.5}
     with xr.open_datatree(tmp_path / "run" / "results.nc", engine="h5netcdf") as tree:
         assert tree["active/by_fixation"]["what_error_low"].dims == ("place", "theta")

@@ -8,6 +8,7 @@ import time
 import numpy as np
 import pytest
 import xarray as xr
+from solidtouch.analysis.trials import spread
 from solidtouch.hardware.simulator.session import simulate_session
 from solidtouch.hardware.simulator.settings import preset
 from solidtouch.inference.trials.records import plan_trials, tap_table
@@ -113,10 +114,12 @@ def test_any_fitted_model_is_played(command, make_taps, tmp_path, name):
     assert ("border 'prior' does not support models that carry a state" in prior.err) == name.startswith("session")
 
 
-def test_intervals_are_over_taps_and_not_over_trials(files, command, tmp_path):
+def test_intervals_are_over_taps_and_not_over_trials(files, command, tmp_path, monkeypatch):
     """Twenty times the trials take out their chance alone; both kinds have intervals, and the page says what of."""
     folder, model, test = files
     words = "trials", folder / "model.nc", folder / "taps.nc", "--thresholds", "0.5,0.999", "--deadline", 30
+    monkeypatch.setattr(spread, "SELECTED_TRIALS", 1000)
+    monkeypatch.setattr(spread, "FRESH_TRIALS", 4000)
     widths = []
     for number in (3000, 60_000):
         printed = command(*words, "--trials", number, "--out", tmp_path / f"{number}.nc").out
@@ -151,8 +154,9 @@ def test_intervals_are_over_taps_and_not_over_trials(files, command, tmp_path):
     assert words.endswith("This applies to theta 0.999.")
 
 
-def test_sessions_are_drawn_where_several_test(command, make_taps, tmp_path):
+def test_sessions_are_drawn_where_several_test(command, make_taps, tmp_path, monkeypatch):
     """Errors that differ between sessions only: intervals are much wider than where the same taps are of one."""
+    monkeypatch.setattr(spread, "SELECTED_TRIALS", 400)
     taps = make_taps(sessions=5, repeats=12)
     widths = []
     for session in (taps.session, np.minimum(taps.session, 1)):

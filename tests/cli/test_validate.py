@@ -5,6 +5,7 @@ from dataclasses import replace
 import pytest
 from solidtouch.analysis.conformance import run
 from solidtouch.analysis.conformance.catalogue import catalogue
+from solidtouch.analysis.correctness import sbc_trials
 from solidtouch.analysis.validation import checks
 from solidtouch.cli.main import app
 from typer.testing import CliRunner
@@ -12,10 +13,17 @@ from typer.testing import CliRunner
 NAMES = ("root-j", "shift-prior", "episode-clamp")
 
 
+@pytest.fixture(scope="module")
+def cases():
+    every = catalogue()
+    return {name: every[name] for name in NAMES}
+
+
 @pytest.fixture
-def short(monkeypatch):
-    """Three cases and few episodes."""
-    cases = {name: catalogue()[name] for name in NAMES}
+def short(monkeypatch, cases):
+    """Three cases, few episodes and as few taps as they need."""
+    monkeypatch.setattr(sbc_trials, "_PER_CLASS", 100)
+    monkeypatch.setattr(sbc_trials, "_AT_FIXATION", 500)
     monkeypatch.setattr(checks, "catalogue", lambda: cases)
     monkeypatch.setattr(checks, "SHORT", {"filter": 60, "cpu": 60})
     monkeypatch.setattr(checks, "ROUTES", ("numpy", "montecarlo"))
@@ -53,7 +61,7 @@ def test_beliefs_that_are_too_cautious_are_found(short, monkeypatch):
     def rooted(truth, trials, **options):
         return calibrate(truth, trials, believed=replace(truth, power="J"), **options)
 
-    monkeypatch.setattr(checks, "SHORT", {"filter": 300})
+    monkeypatch.setattr(checks, "SHORT", {"filter": 120})
     monkeypatch.setattr(checks, "calibrate", rooted)
     done = CliRunner().invoke(app, ["validate"])
 
