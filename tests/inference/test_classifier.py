@@ -2,8 +2,6 @@
 
 import inspect
 import pickle
-import subprocess
-import sys
 
 import numpy as np
 import pytest
@@ -212,17 +210,3 @@ def test_it_survives_pickling(taps, labels):
     again = pickle.loads(pickle.dumps(classifier))  # noqa: S301
 
     np.testing.assert_array_equal(again.predict_proba(taps.taps), classifier.predict_proba(taps.taps))
-
-
-def test_without_scikit_learn_only_its_use_is_refused():
-    code = """
-import sys; sys.modules["sklearn"] = None
-from solidtouch import TapClassifier
-try:
-    TapClassifier(bins=3)
-except ImportError as error:
-    print(error)
-"""
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-
-    assert done.stdout == "TapClassifier requires scikit-learn: pip install 'solidtouch[sklearn]'.\n"

@@ -1,7 +1,5 @@
 """All ways of computing the posterior agree, with each other and with sums over every path of classes."""
 
-import subprocess
-import sys
 from dataclasses import replace
 from itertools import product
 
@@ -433,28 +431,3 @@ def test_sequences_of_other_lengths_are_refused(make_model, T, moves):
     """1 to 20 taps with a move between two."""
     with pytest.raises(InputError, match=f"got {T} taps and {moves} moves"):
         enumerate_sequence(make_model(), np.zeros((T, 5, 2)), [0] * moves)
-
-
-# Side effects of imports
-
-IMPORT_ALL = """
-import importlib, pkgutil, sys
-import jax
-sys.modules["sklearn"] = None
-before = dict(jax.config.values)
-for package in ("models", "hardware", "inference", "analysis", "cli"):
-    root = importlib.import_module("solidtouch." + package)
-    for module in pkgutil.walk_packages(root.__path__, root.__name__ + "."):
-        if not module.name.endswith("__main__"):
-            importlib.import_module(module.name)
-assert dict(jax.config.values) == before
-assert not jax.config.jax_enable_x64
-assert "matplotlib.pyplot" not in sys.modules
-"""
-
-
-def test_imports_change_nothing():
-    """No module of the packages sets JAX up, imports pyplot, which would choose a backend, or needs scikit-learn."""
-    run = subprocess.run([sys.executable, "-c", IMPORT_ALL], capture_output=True, text=True, check=False)
-
-    assert (run.returncode, run.stderr) == (0, "")

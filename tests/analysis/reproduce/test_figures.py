@@ -1,7 +1,6 @@
 """The figures of a report."""
 
 import re
-import subprocess
 import sys
 
 import numpy as np
@@ -119,17 +118,6 @@ CASES = {
 
 def axis_labels(figure):
     return [(axes.get_xlabel(), axes.get_ylabel()) for axes in figure.axes]
-
-
-def test_importing_the_figures_does_not_import_matplotlib():
-    """Matplotlib is loaded when the first figure is drawn."""
-    modules = "solidtouch.analysis.reproduce.figures, solidtouch.analysis.page.page"
-    code = f"import sys, {modules}; print('matplotlib' in sys.modules)"
-
-    assert (
-        subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout.strip()
-        == "False"
-    )
 
 
 LARGE = [name for name in CASES if re.search(r"31|66 taxels|many", name)]

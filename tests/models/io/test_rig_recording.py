@@ -107,14 +107,20 @@ def test_other_readers_find_messages_schemas_and_a_summary(made):
 
 
 def test_a_file_cut_at_any_byte_gives_every_tap_before_the_cut(killed):
-    """No length is an error, nothing that came before is missing, and every byte is either read or counted lost."""
+    """No length is an error, nothing that came before is missing, and every byte is either read or counted lost.
+
+    Within the data of a message, where one cut is as another, only every seventh byte is tried.
+    """
     path, taps = killed
     whole = path.read_bytes()
     ends = [end for entry, end in _entries_with_ends(path) if entry.topic == "/tap" and entry.content.accepted]
     assert len(ends) == len(taps) == 3
     cut = path.with_name("cut.mcap")
     cut.write_bytes(whole)
+    borders = {end + more for _, end in _entries_with_ends(path) for more in range(-9, 32)}
     for size in range(len(whole), -1, -1):
+        if size % 7 and size not in borders and size > 4000:
+            continue
         os.truncate(cut, size)
         reader = RecordingReader(cut)
         entries = list(reader)

@@ -1,12 +1,9 @@
 """Models by name: what a file of a model holds, and what asking for one loads."""
 
-import subprocess
-import sys
 from pathlib import Path
 
 import pytest
 from solidtouch.models.errors import InputError
-from solidtouch.models.measurement import registry
 from solidtouch.models.measurement.registry import KINDS, NAMES, measurement_model, row, split_name
 from solidtouch.models.measurement.story import Story
 
@@ -41,22 +38,6 @@ def test_unknown_names_are_refused():
     assert split_name("session") == ("histogram", True)
     assert split_name("session:profile") == ("profile", True)
     assert split_name("student") == ("student", False)
-
-
-def test_asking_for_models_loads_no_jax():
-    """And the names alone load no NumPy."""
-    code = f"""
-import sys
-from {registry.__name__} import KINDS, measurement_model
-
-assert "numpy" not in sys.modules
-for kind in KINDS:
-    measurement_model(kind)
-print(*sys.modules)
-"""
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True, timeout=60)
-
-    assert not {"jax", "numpyro", "arviz"} & set(done.stdout.split())
 
 
 def test_a_model_is_known_to_its_file_and_the_registry():
