@@ -198,7 +198,7 @@ def assert_enumerated(model, taps, deltas, border, log_evidence, smoothed):
 
 
 @pytest.mark.parametrize("border", KERNEL_BORDERS)
-@pytest.mark.parametrize("sizes", [(2, 3, 4, 1, 5, 4), (4, 1, 2, 5, 6, 3), (1, 3, 2, 5, 6, 4), (1, 1, 2, 3, 4, 2)])
+@pytest.mark.parametrize("sizes", [(2, 3, 4, 1, 5, 3), (4, 1, 2, 5, 6, 3), (1, 3, 2, 5, 6, 2), (1, 1, 2, 3, 4, 2)])
 @pytest.mark.parametrize("pseudocount", [0.0, 0.3])
 def test_enumerated_sequences_agree_with_all_paths(make_model, draw_samples, rng, border, sizes, pseudocount):
     """Smoothed posteriors and evidence are the sums over all paths, filtered ones those of the recursion."""
@@ -216,9 +216,9 @@ def test_enumerated_sequences_agree_with_all_paths(make_model, draw_samples, rng
 def test_enumerated_sequences_hold_every_power(make_model, draw_samples, power):
     """The exponent scales every tap, not the moves."""
     model = make_model(2, 3, 4, 1, 5, power=power, seed=4)
-    taps = draw_samples(model, 3)
-    posterior = enumerate_sequence(model, taps, [1, -1], "clamp")
-    log_evidence, smoothed = over_all_paths(model.log_likelihood(taps), model.log_prior, [1, -1], "clamp")
+    taps = draw_samples(model, 2)
+    posterior = enumerate_sequence(model, taps, [-1], "clamp")
+    log_evidence, smoothed = over_all_paths(model.log_likelihood(taps), model.log_prior, [-1], "clamp")
 
     np.testing.assert_allclose(posterior.smoothed, smoothed, rtol=0, atol=1e-10)
     assert posterior.log_evidence[-1] == pytest.approx(log_evidence, abs=1e-10)

@@ -1,14 +1,16 @@
 """Remedies are tuned on sessions that they are not measured on, and what they buy is what their beliefs say."""
 
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 import pytest
+from solidtouch.analysis.audit import remedy_scores
 from solidtouch.analysis.audit.remedies import BASELINE, FINER, MODELS, count_remedies, make_remedies
 from solidtouch.analysis.audit.remedy_scores import count_measurements, lost, measure
 from solidtouch.analysis.audit.verdict import worthwhile
 from solidtouch.analysis.stats.decisions import spread_of
-from solidtouch.analysis.stats.right_model import SIMULATIONS
+from solidtouch.analysis.stats.right_model import reference_factors
 from solidtouch.hardware.simulator.session import simulate_session
 from solidtouch.hardware.simulator.settings import PAPER_RODS, preset
 from solidtouch.inference.trials.resampling import USED_UP_SELECTED
@@ -33,6 +35,13 @@ def made(sessions):
     told = []
     remedies, refused = make_remedies(sessions[0], [sessions[1]], sessions[0].grid(), SETTING, TAPS, 0, told.append)
     return remedies, refused, sum(told)
+
+
+@pytest.fixture
+def rough(monkeypatch):
+    """Few data sets of a right model."""
+    monkeypatch.setattr(remedy_scores, "SIMULATIONS", 9)
+    monkeypatch.setattr(remedy_scores, "reference_factors", partial(reference_factors, simulations=9))
 
 
 @pytest.fixture(scope="module")
@@ -79,7 +88,7 @@ def test_the_finer_grid_has_twice_as_many_positions(made):
     assert all(remedy.grid.shape == (4, 3) for remedy in made[0][:-1])
 
 
-def test_a_fixation_point_stays_where_it_is(measured, sessions):
+def test_a_fixation_point_stays_where_it_is(measured, sessions, rough):
     """On the finer grid it has another index; in measurements it is the setting's, not the middle."""
     at_end = SETTING.changed(fixation=3)
     grid = sessions[0].grid()
@@ -120,7 +129,7 @@ def test_places_that_do_not_vary_need_no_finer_grid():
     assert [(item.name, "lie at the same position" in item.reason) for item in refused] == [(FINER, True)]
 
 
-def test_a_remedy_compared_with_itself_gains_nothing(made, sessions):
+def test_a_remedy_compared_with_itself_gains_nothing(made, sessions, rough):
     """Neither in log score nor in errors, and nothing is lost against it.
 
     What trials that ran out of taps would have come to is not known, not even that it is the same.
@@ -139,11 +148,11 @@ def test_a_remedy_compared_with_itself_gains_nothing(made, sessions):
         == (found.scores[0])
     )
     assert lost(found)["model"] is None
-    assert sum(told) == 4 + SIMULATIONS == count_measurements([base, base])
+    assert sum(told) == 4 + 9 == count_measurements([base, base])
 
 
 @pytest.mark.parametrize("factor", [1 + 1e-14, 1 - 1e-14])
-def test_a_gain_by_rounding_is_none(made, sessions, factor):
+def test_a_gain_by_rounding_is_none(made, sessions, factor, rough):
     """A remedy whose exponent differs in the last digits gains nothing either way, and so does not help."""
     base = made[0][0]
     near = base._replace(name="near", model=replace(base.model, power=factor / 50))
@@ -154,7 +163,7 @@ def test_a_gain_by_rounding_is_none(made, sessions, factor):
     assert lost(found)["model"] is None
 
 
-def test_scores_after_one_tap_are_those_of_bayes_rule(made, sessions):
+def test_scores_after_one_tap_are_those_of_bayes_rule(made, sessions, rough):
     """With one tap per class the score is the mean log belief in the object by the paper's equations written out."""
     base, sharper = made[0][0], made[0][1]
     test = sessions[2]
@@ -251,13 +260,13 @@ def test_what_is_lost_is_the_gain_of_the_best(measured):
     assert lost(nothing) == {"model": None, "error": 0.0, "low": None, "high": None, "taps": None}
 
 
-def test_a_passive_setting_is_measured_passive(made, sessions):
+def test_a_passive_setting_is_measured_passive(made, sessions, rough):
     base = made[0][0]
     passive = base._replace(setting=SETTING.changed(passive=True))
     assert measure([passive], sessions[2], TAPS, 100, 0, lambda _: None).policy == "passive"
 
 
-def test_results_repeat_with_the_seed(made, sessions):
+def test_results_repeat_with_the_seed(made, sessions, rough):
     """Of both the tuning and the measurement."""
     some = made[0][:2]
     one, again, other = (measure(some, sessions[2], TAPS, 100, seed, lambda _: None).scores for seed in (3, 3, 4))

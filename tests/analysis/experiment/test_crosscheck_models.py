@@ -5,6 +5,7 @@ from itertools import product
 
 import numpy as np
 import pytest
+from solidtouch.analysis.experiment import trial_check
 from solidtouch.analysis.experiment.crosscheck import STORY, crosscheck_model
 from solidtouch.inference import reference_models as plain
 from solidtouch.inference.engines import enumeration
@@ -39,6 +40,12 @@ def by_hand(name, fitted):
         basis=basis,
         parameters={"weight": weight, "variance": profile.parameters["variance"]},
     )
+
+
+@pytest.fixture
+def compiled_loops_alone(monkeypatch):
+    """Trials without XLA, which compiles for every number of them."""
+    monkeypatch.setattr(trial_check, "DEVICES", ("cpu",))
 
 
 @pytest.fixture(scope="module")
@@ -146,7 +153,7 @@ def bent(form):
 
 
 @pytest.mark.parametrize("name", NAMES)
-def test_an_error_of_a_millionth_in_one_engine_is_found(models, taps, monkeypatch, name):
+def test_an_error_of_a_millionth_in_one_engine_is_found(models, taps, monkeypatch, compiled_loops_alone, name):
     """In the tables of the NumPyro model, of the compiled loops and of the yardstick, on every model."""
     model = models[name]
     sizes = {"episodes": 1, "length": LENGTH, "sequence_taps": 0}
@@ -168,7 +175,7 @@ def test_an_error_of_a_millionth_in_one_engine_is_found(models, taps, monkeypatc
         assert {"numpy, numpyro", "numpy, filter"} <= failed(crosscheck_model(model, taps, **sizes))
 
 
-def test_an_error_that_all_engines_share_is_found(models, taps):
+def test_an_error_that_all_engines_share_is_found(models, taps, compiled_loops_alone):
     """In the form of the model: only the story knows better."""
     for name in ("gaussian", "profile-mvn"):
         wrong = replace(models[name])
@@ -178,7 +185,7 @@ def test_an_error_that_all_engines_share_is_found(models, taps):
         assert failed(check) == {STORY}
 
 
-def test_a_route_that_leaks_between_states_is_found(models, taps, monkeypatch):
+def test_a_route_that_leaks_between_states_is_found(models, taps, monkeypatch, compiled_loops_alone):
     """Moves that mix the belief of two states a little."""
     right = enumeration.NumpyroEngine.shift
 

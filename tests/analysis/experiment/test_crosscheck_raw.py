@@ -66,7 +66,7 @@ OPTIONS = [
 
 
 @pytest.mark.parametrize(("more", "border"), OPTIONS, ids=str)
-def test_all_routes_agree_with_the_one_from_raw_taps(taps, more, border):
+def test_all_routes_agree_with_the_one_from_raw_taps(taps, compiled_loops_alone, more, border):
     """Whatever the user chooses."""
     found = check(taps, settings=fitted_by(**({"bins": 8} | more)), border=border)
 
@@ -88,7 +88,7 @@ def test_small_worlds(make_taps, compiled_loops_alone, L, M, J, K):
     assert check(make_taps(L=L, M=M, J=J, K=K)).passed
 
 
-def test_a_grid_with_holes(make_taps):
+def test_a_grid_with_holes(make_taps, compiled_loops_alone):
     """A checkerboard, and one object with every second position only."""
     made = make_taps(L=6, M=3)
     where, what = made.indices(made.grid())
@@ -97,7 +97,7 @@ def test_a_grid_with_holes(make_taps):
     assert check(made.select((what != 1) | (where % 2 == 0)), length=8, border="clamp").passed
 
 
-def test_without_pseudocount_trials_end_without_a_class(make_taps):
+def test_without_pseudocount_trials_end_without_a_class(make_taps, compiled_loops_alone):
     """For all routes alike."""
     made = make_taps(L=3, M=2, J=2, K=2)
     found = check(made, settings=fitted_by(bins=40, pseudocount=0.0), length=8)

@@ -174,14 +174,14 @@ def test_equal_beliefs_share_a_bin():
 def kept_promises():
     """Of both policies, by a right model."""
     table, play = calibrated(), PlaySettings(deadline=400)
-    return guarantees(table, table, grid_of(), (0.6, 0.8, 0.9), 1, play=play, trials=6000, resamples=40)
+    return guarantees(table, table, grid_of(), (0.6, 0.8, 0.9), 1, play=play, trials=4000, resamples=40)
 
 
 @pytest.mark.parametrize("policy", ["passive", "active"])
 def test_a_right_model_has_factor_one_and_keeps_the_promises(policy, kept_promises):
     """Within the interval, overall; promises hold for each object too, and some decisions are wrong."""
     table, promises = calibrated(), kept_promises
-    more, play = {"trials": 6000, "resamples": 100}, PlaySettings(border="clamp", deadline=400)
+    more, play = {"trials": 4000, "resamples": 40}, PlaySettings(border="clamp", deadline=400)
     data = reliability(table, grid_of(), (0.6, 0.8, 0.9), 1, play=play, contacts=(4,), only=policy, **more)
     at = at_stopping(data, policy).sel(what=EVERYTHING, counted="stopped")
     kept = promises.sel(setup=PROMISED, policy=policy)
@@ -204,8 +204,8 @@ def test_a_likelihood_counted_three_times_breaks_what_it_promises():
     """The factor is well above 1, and the promise at a high threshold is broken beyond its interval."""
     table = calibrated(evenness=0.4)
     bold = table._replace(log_likelihood=3 * table.log_likelihood)
-    data = reliability(bold, grid_of(), (0.95,), 1, trials=3000, contacts=(5,), resamples=40)
-    promises = guarantees(bold, table, grid_of(), (0.95,), 1, trials=3000, resamples=40)
+    data = reliability(bold, grid_of(), (0.95,), 1, trials=1500, contacts=(5,), resamples=40, only="passive")
+    promises = guarantees(bold, table, grid_of(), (0.95,), 1, trials=1500, resamples=40)
     at = at_stopping(data, "passive").sel(theta=0.95, what=EVERYTHING, counted="stopped")
 
     assert at.factor_low > 2
@@ -389,7 +389,9 @@ def test_few_taps_give_the_factor_of_fresh_ones():
 
 def test_intervals_cover_the_truth_of_other_taps():
     """Of 20 data sets of taps, the interval of the wrong fraction holds that of very many taps in most."""
-    truth = reliability(calibrated(evenness=0.4), grid_of(), (0.8,), 0, trials=20000, contacts=(), resamples=1)
+    truth = reliability(
+        calibrated(evenness=0.4), grid_of(), (0.8,), 0, trials=20000, contacts=(), resamples=1, only="passive"
+    )
     true = at_stopping(truth, "passive").wrong.sel(what=EVERYTHING, counted="all").item()
     table, rng, held = calibrated(evenness=0.4), np.random.default_rng(8), 0
     where, what, _ = (index.ravel() for index in np.indices((L, M, 60)))
@@ -405,7 +407,7 @@ def test_intervals_cover_the_truth_of_other_taps():
 def test_more_trials_at_one_place_do_not_narrow_intervals():
     """They repeat each other, and intervals hold the truth of other taps."""
     table, grid = calibrated(L=1, symbols=9, evenness=1.0), grid_of(1)
-    truth = reliability(table, grid, (0.8,), 0, trials=20000, contacts=(), resamples=1)
+    truth = reliability(table, grid, (0.8,), 0, trials=20000, contacts=(), resamples=1, only="passive")
     true = at_stopping(truth, "passive").wrong.sel(what=EVERYTHING, counted="all").item()
     rng, held, widths = np.random.default_rng(8), 0, []
     where, what, _ = (index.ravel() for index in np.indices((1, M, 80)))
@@ -415,8 +417,8 @@ def test_more_trials_at_one_place_do_not_narrow_intervals():
             tap_pool(where, what, (1, M)),
             table.log_prior,
         )
-        for trials in (100, 4000) if seed < 6 else (4000,):
-            data = reliability(part, grid, (0.8,), seed, trials=trials, contacts=(), resamples=40)
+        for trials in (100, 2000) if seed < 6 else (2000,):
+            data = reliability(part, grid, (0.8,), seed, trials=trials, contacts=(), resamples=40, only="passive")
             at = at_stopping(data, "passive").sel(what=EVERYTHING, counted="all", theta=0.8)
             widths.append(float(at.wrong_high - at.wrong_low))
         held += at.wrong_low.item() <= true <= at.wrong_high.item()

@@ -302,9 +302,8 @@ def test_an_impossible_tap_ends_the_trial_undecided(where_to, deadline):
 def test_a_first_tap_may_be_impossible(where_to):
     """Also where it would have decided at once."""
     table = impossible_table()._replace(log_prior=np.array([[-np.inf, 0.0]]))
-    table = table._replace(pool=tap_pool([0], [0], (1, 2)))
-    table.log_likelihood[0] = [[0.0, -np.inf]]
-    plan = TrialPlan(*np.zeros((4, 3), dtype=int))
+    table.log_likelihood[:] = [[0.0, -np.inf]]
+    plan = TrialPlan(*np.array([[0] * 64, [1] * 64, [0] * 64, range(64)]))
     trials = run_trials(table, plan, (-1.0, 0.5), play=PlaySettings(theta_x=1.0, deadline=1), device=where_to)
 
     assert trials.no_class_left.all()

@@ -116,7 +116,10 @@ def sampled():
     taps, own, session, gain, _ = made(
         np.random.default_rng(6), R=8, C=9, n=6, session=0.08, mounting=0.05, tap=0.1, offset=0.5, noise=0.3
     )
-    return variance_components(taps, own, session, seed=1), gain, session
+    with pytest.MonkeyPatch.context() as patch:  # half as many draws as usual, which are enough to converge
+        patch.setattr(module, "WARM_UP", 150)
+        patch.setattr(module, "DRAWS", 250)
+        return variance_components(taps, own, session, seed=1), gain, session
 
 
 def test_variance_components_are_recovered(sampled):
