@@ -15,7 +15,8 @@ if TYPE_CHECKING:
     from ..models.taps import TapSet
 
 _Method = Annotated[
-    Literal["closed", "nuts"], Option("--fit", help="Fast fit of the model, or NUTS sampling of its generative model.")
+    Literal["closed", "svi", "nuts", "map", "laplace"],
+    Option("--fit", help="Fast fit of the model, or NUTS sampling of it; for a function of yours svi is the fast fit."),
 ]
 _GainSd = Annotated[
     float | None,

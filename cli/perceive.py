@@ -9,7 +9,7 @@ from typer import Argument, Context, Option
 from ..models.errors import InputError
 from ..models.settings import PlaySettings
 from .shared.interrupt import loading, terminable
-from .shared.options import Fields, Force, Seed, SettingFile, TrainingTaps, given, merged, spelled_out
+from .shared.options import Fields, Force, Seed, SettingFile, Story, TrainingTaps, given, merged, spelled_out
 from .shared.recording import check_record, kept, recording
 from .shared.untrained import untrained
 
@@ -108,6 +108,7 @@ def perceive(
         Option("--record", metavar="FILE.mcap", help="Record all data of the rig to this file; requires a rig.toml."),
     ] = None,
     home: Annotated[bool, Option("--home", help="Home the stage first; it moves to its limit switches.")] = False,
+    story: Story = None,
     training_taps: TrainingTaps = False,
     setting: SettingFile = None,
     seed: Seed = 0,
@@ -139,7 +140,7 @@ def perceive(
         from .shared.showing import latency_sentence, show
         from .shared.stopping import choose_ends
 
-        fitted = load_model(model)
+        fitted = load_model(model, story)
         if read is not None:
             read.check_model(fitted, str(model), str(setting))
         name = move or ("passive" if play.passive else f"fixation:{play.theta_x!r}")

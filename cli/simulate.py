@@ -10,7 +10,7 @@ from ..models.errors import InputError
 from ..models.seeds import data_set_seed
 from ..models.storage import check_writable
 from .shared.interrupt import loading
-from .shared.options import Seed
+from .shared.options import Seed, Story
 
 if TYPE_CHECKING:
     from ..models.taps import TapSet
@@ -30,6 +30,7 @@ def simulate(
     ] = 0,
     force: Annotated[bool, Option("--force", help="Overwrite existing files.")] = False,
     model: Annotated[Path | None, Option(help="With --preset model: fitted model to draw taps from.")] = None,
+    story: Story = None,
     samples: Annotated[
         int | None, Option(help="With --preset model: samples per tap; default: as in the model.")
     ] = None,
@@ -45,7 +46,7 @@ def simulate(
     if not drawn and any(option is not None for option in (model, samples, taps_per_class)):
         raise InputError("--model, --samples and --taps-per-class require --preset model.")
     own = data_set_seed(seed, data_set)
-    make = _from_model(model, samples, taps_per_class, own) if drawn else _from_rig(preset, own)
+    make = _from_model(model, story, samples, taps_per_class, own) if drawn else _from_rig(preset, own)
     paths = [_folder(out) / f"session-{session}.nc" for session in range(sessions)]
     for path in paths:
         check_writable(path, force)
@@ -65,7 +66,7 @@ def _from_rig(name: str, seed: int) -> Callable[[int], "TapSet"]:
 
 
 def _from_model(
-    path: Path | None, samples: int | None, taps_per_class: int | None, seed: int
+    path: Path | None, story: str | None, samples: int | None, taps_per_class: int | None, seed: int
 ) -> Callable[[int], "TapSet"]:
     with loading():
         from ..hardware.simulator.model_rig import draw_session
@@ -73,7 +74,7 @@ def _from_model(
 
     if path is None:
         raise InputError("--preset model requires --model, the file of a fitted model.")
-    model = load_model(path)
+    model = load_model(path, story)
     n = 20 if taps_per_class is None else taps_per_class
     return lambda session: draw_session(model, n, seed, session, samples)
 

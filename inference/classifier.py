@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 from ..models.errors import InputError
 from ..models.measurement.histogram import HistogramModel
 from ..models.measurement.model import TapModel
+from ..models.measurement.registry import AnyModel, model_name
 from ..models.preprocessing import Preprocessing
 from ..models.settings import FitSettings
 from ..models.taps import TapSet
@@ -57,7 +58,8 @@ class TapClassifier(ClassifierMixin, BaseEstimator):  # pyright: ignore[reportGe
         power: Exponent of the likelihood of a tap.
         value_range: Whether bins span the range of all taxels together or of each.
         edges: Bin edges, shape (B + 1,) or (K, B + 1), instead of those of the training taps; they replace `bins`.
-        method: `"closed"` or `"nuts"`.
+        method: `"closed"`, `"nuts"`, or for functions `"svi"`, `"map"` or `"laplace"`.
+        integrate: Number of draws from the posterior over which decisions are integrated.
         unconverged: Whether a fit that did not converge may be used.
         gain_sd: Session models: standard deviation of the log gain between sessions.
         offset_sd: Session models: standard deviation of the offset between sessions.
@@ -71,7 +73,7 @@ class TapClassifier(ClassifierMixin, BaseEstimator):  # pyright: ignore[reportGe
 
     def __init__(
         self,
-        model: str = "histogram",
+        model: AnyModel = "histogram",
         *,
         bins: int = 100,
         pseudocount: float = 0.01,
@@ -79,6 +81,7 @@ class TapClassifier(ClassifierMixin, BaseEstimator):  # pyright: ignore[reportGe
         value_range: str = "global",
         edges: ArrayLike | None = None,
         method: str = "closed",
+        integrate: int = 0,
         unconverged: bool = False,
         gain_sd: float | None = None,
         offset_sd: float | None = None,
@@ -91,6 +94,7 @@ class TapClassifier(ClassifierMixin, BaseEstimator):  # pyright: ignore[reportGe
         self.value_range = value_range
         self.edges = edges
         self.method = method
+        self.integrate = integrate
         self.unconverged = unconverged
         self.gain_sd = gain_sd
         self.offset_sd = offset_sd
@@ -199,8 +203,9 @@ class TapClassifier(ClassifierMixin, BaseEstimator):  # pyright: ignore[reportGe
             session=None if session is None else np.unique(np.asarray(session), return_inverse=True)[1],
         )
         given = FitSettings(**settings)
-        check_used(self.model, given)
-        fitted, _ = fit_tempered(self.model, labelled, labelled.grid(), given, "TapClassifier")
+        name = model_name(self.model)
+        check_used(name, given)
+        fitted, _ = fit_tempered(name, labelled, labelled.grid(), given, "TapClassifier")
         return fitted.model
 
 

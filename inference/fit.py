@@ -9,14 +9,18 @@ from ..models.grid import ClassGrid
 from ..models.io.load import TapSource, names_of, taps_of
 from ..models.measurement.histogram import trim
 from ..models.measurement.model import TapModel
-from ..models.measurement.registry import PAPER, split_name
+from ..models.measurement.registry import KINDS, PAPER, AnyModel, model_name, split_name
 from ..models.settings import FitSettings
 from ..models.taps import concatenate
 from .tuning.tempering import fit_tempered
 
 
 def fit(
-    taps: TapSource | Sequence[TapSource], model: str = "histogram", *, grid: ClassGrid | None = None, **settings: Any
+    taps: TapSource | Sequence[TapSource],
+    model: AnyModel = "histogram",
+    *,
+    grid: ClassGrid | None = None,
+    **settings: Any,
 ) -> TapModel:
     """Measurement model fitted to training taps.
 
@@ -28,7 +32,7 @@ def fit(
 
     Args:
         taps: Training taps or their file, in one set or several whose sessions differ in number.
-        model: Its name, see docs/reference/models.md.
+        model: Its name, see docs/reference/models.md, or a NumPyro function, see docs/how-to/your-own-model.md.
         grid: The classes; those of the taps' own tables where none are given. Objects without a tap and empty ends of
             the range are taken out and named in `left_out`, so classes are counted as in the `grid` of the model.
         settings: Fields of `FitSettings`, such as `bins=100`, `pseudocount=0.01` or `power="J"`; a power may also be
@@ -42,7 +46,8 @@ def fit(
     if unknown := sorted(set(settings) - set(FitSettings.__struct_fields__)):
         raise InputError(f"Unknown fit setting {unknown[0]!r}; choose from {', '.join(FitSettings.__struct_fields__)}.")
     given = FitSettings(**settings)
-    check_used(model, given)
+    name = model_name(model)
+    check_used(name, given)
     if isinstance(taps, Sequence) and not isinstance(taps, str):
         taps = concatenate([taps_of(part) for part in taps], names_of(taps))
     taps = taps_of(taps)
@@ -51,7 +56,7 @@ def fit(
     if grid is not None and "" not in (units := {grid.where_unit, taps.where_unit}) and len(units) > 1:
         raise InputError(f"The grid has positions in {grid.where_unit!r}, the taps in {taps.where_unit!r}.")
     grid, dropped = trim(taps.grid() if grid is None else grid, [taps])
-    fitted, _ = fit_tempered(model, taps, grid, given, "taps given to fit")
+    fitted, _ = fit_tempered(name, taps, grid, given, "taps given to fit")
     scored: Any = fitted.model.with_scores(taps)
     return replace(scored, left_out=(*dropped, *scored.left_out))
 
@@ -66,5 +71,13 @@ def check_used(model: str, settings: FitSettings) -> None:
     if not in_states and (settings.gain_sd is not None or settings.offset_sd is not None):
         options = "gain_sd and offset_sd (--gain-sd, --offset-sd)"
         raise InputError(f"{options} require a session model, got {model}.")
-    if kind == PAPER and settings.method == "nuts":
-        raise InputError("The fit of the histogram model is exact; method 'nuts' (--fit nuts) requires another model.")
+    if kind == PAPER and settings.method != "closed":
+        raise InputError(
+            f"The fit of the histogram model is exact; method {settings.method!r} (--fit {settings.method}) requires "
+            "another model."
+        )
+    if kind in KINDS and settings.method not in ("closed", "nuts"):
+        raise InputError(
+            f"Method {settings.method!r} (--fit {settings.method}) is for functions; {kind} has a fast fit of its own, "
+            "and nuts."
+        )

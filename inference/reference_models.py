@@ -10,8 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import log_ndtr
 
+from ..models.measurement.likelihood.any_form import Form
 from ..models.measurement.likelihood.bins import TableForm
-from ..models.measurement.likelihood.forms import Form, GaussianForm
+from ..models.measurement.likelihood.forms import GaussianForm
+from ..models.measurement.likelihood.mixture import MixtureForm
 from . import reference
 
 
@@ -28,7 +30,14 @@ def log_likelihood(
     """
     if isinstance(form, TableForm):
         return reference.tap_log_likelihood(reference.tap_bins(tap, edges), form.log_prob, exponent)
-    return exponent * _log_mixture(np.asarray(tap, dtype=np.float64), form, edges)
+    if isinstance(form, GaussianForm):
+        return exponent * _log_mixture(np.asarray(tap, dtype=np.float64), form, edges)
+    if isinstance(form, MixtureForm):
+        each = [log_likelihood(tap, part, edges, 1.0) for part in form.parts]
+        return exponent * (np.logaddexp.reduce(each, axis=0) - np.log(len(each)))
+    out = np.empty((1, *form.shape))  # a generative model has no formula but its own
+    form.prepare(np.zeros(form.shape, dtype=bool)).log_likelihood(np.asarray(tap)[None], edges, exponent, out)
+    return out[0]
 
 
 def _log_mixture(tap: NDArray[np.float64], form: GaussianForm, edges: NDArray[np.float64]) -> NDArray[np.float64]:

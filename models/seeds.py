@@ -39,6 +39,9 @@ class Purpose(IntEnum):
     REPEAT = 12  # of a study in benchmarks; number of the repetition
     # models and inference
     CHAINS = 13
+    INTEGRATED = 40  # draws over which decisions are integrated; number of the draw
+    NEW_SESSION = 41  # of a model that decides at one value; number of the draw
+    CENTRE = 42  # of draws of a guide; number of the draw
     PARAMETERS = 14  # draws from a posterior; number of the draw
     SEQUENCES = 15  # for learned powers; taps of a sequence, session
     ARM = 16  # of an online learner; episode

@@ -88,6 +88,7 @@ def learned_taps(power: str | float) -> int | None:
 
 type ValueRange = Literal["global", "taxel"]
 type Border = Literal["uniform", "uniform_what", "prior", "clamp", "circular"]
+type Method = Literal["closed", "svi", "nuts", "map", "laplace"]
 _LARGEST = sys.float_info.max
 
 
@@ -151,7 +152,9 @@ class FitSettings(Checked, frozen=True, kw_only=True):
             no limit.
         value_range: Whether bins span the range of all taxels together or of each.
         edges: Bin edges, shape (B + 1,) or (K, B + 1), instead of those of the training taps; they replace `bins`.
-        method: `"closed"` for the fast fit of each model, `"nuts"` to sample its story.
+        method: `"closed"` for the fast fit of each model, which for a function of the user's is `"svi"`; `"nuts"` to
+            sample its story, `"svi"`, `"map"` or `"laplace"` for functions.
+        integrate: Number of draws from the posterior over which decisions are integrated; 0 decides at one value.
         unconverged: Whether a fit that did not converge may be used.
         gain_sd: Session models: standard deviation of the log gain between sessions; `None` to estimate it from the
             training taps.
@@ -165,7 +168,8 @@ class FitSettings(Checked, frozen=True, kw_only=True):
     saturation: Annotated[float, wanted("a positive number of taps", gt=0, le=_LARGEST)] | None = None
     value_range: ValueRange = "global"
     edges: Any = None
-    method: Literal["closed", "nuts"] = "closed"
+    method: Method = "closed"
+    integrate: Annotated[int, wanted("an integer of at least 0", ge=0)] = 0
     unconverged: bool = False
     gain_sd: _Spread | None = None
     offset_sd: _Spread | None = None

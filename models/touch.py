@@ -19,11 +19,12 @@ import numpyro.distributions as dist
 from jax.typing import ArrayLike
 from numpy.typing import NDArray
 from numpyro.contrib.funsor import markov
+from numpyro.infer.util import log_density
 from numpyro.ops.indexing import Vindex
 
-from .measurement.likelihood.binned import BinnedTap
+from .measurement.likelihood.binned import BinnedTap, bin_indices
 from .measurement.likelihood.bins import TableForm
-from .measurement.likelihood.forms import Form
+from .measurement.likelihood.forms import GaussianForm
 
 KERNEL_BORDERS = ("uniform", "uniform_what", "clamp", "circular")
 
@@ -38,10 +39,25 @@ class TouchTables(NamedTuple):
         exponent: Power of the likelihood, 1/J in Eq. 1.
     """
 
-    form: Form
+    form: Any
     edges: jax.Array
     log_trained: jax.Array
     exponent: float
+
+
+class StackedForm(NamedTuple):
+    """A `MixtureForm` whose parts stand side by side in every array.
+
+    Attributes:
+        parts: A form whose arrays have the axis of the parts in front.
+    """
+
+    parts: Any
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """(L, H)."""
+        return jax.tree.map(lambda values: values[0], self.parts).shape
 
 
 class SplitPrior(NamedTuple):
@@ -195,17 +211,34 @@ def observe_tap(tables: TouchTables, where: Any, hypothesis: Any, tap: ArrayLike
         tables: The fitted measurement model.
         where: Index of the position.
         hypothesis: Index of the object in its state.
-        tap: Bin of each sample and taxel under a `TableForm`, the samples themselves under a `GaussianForm`; shape
-            (J, K).
+        tap: Bin of each sample and taxel under a `TableForm`, the samples themselves otherwise; shape (J, K).
     """
     form, (J, K) = tables.form, jnp.shape(tap)
     if isinstance(form, TableForm):
         with numpyro.plate("J", J, dim=-2), numpyro.plate("K", K, dim=-1):
             numpyro.sample("bins", dist.CategoricalLogits(logits=form.log_prob[where, hypothesis]), obs=tap)
         return
+    if not isinstance(form, GaussianForm):
+        numpyro.factor("tap", _log_probability(tables, where, hypothesis, tap))
+        return
     taxel = jnp.broadcast_to(form.taxel, (*form.shape, *form.taxel.shape[2:]))[where, hypothesis]
     mean, scale = form.mean[:, where, hypothesis], form.scale[:, where, hypothesis]
     numpyro.sample("tap", BinnedTap(mean, scale, form.time, taxel, form.log_weight, tables.edges), obs=tap)
+
+
+def _log_probability(tables: TouchTables, where: Any, hypothesis: Any, tap: ArrayLike) -> jax.Array:
+    """Log probability of the bins of a tap, of a mixture as the mean over its parts."""
+
+    def of(part: Any) -> jax.Array:
+        seen = bin_indices(jnp.asarray(tap), tables.edges) if isinstance(part, TableForm) else tap
+        arguments = (tables._replace(form=part), where, hypothesis, seen)
+        return jnp.asarray(log_density(observe_tap, arguments, {}, {})[0])
+
+    with numpyro.handlers.block():  # sites of the parts are none of the whole
+        if not isinstance(tables.form, StackedForm):
+            return tables.form.log_probability(jnp.asarray(tap), tables.edges, where, hypothesis)
+        each = jax.lax.map(of, tables.form.parts)
+    return jax.nn.logsumexp(each) - jnp.log(len(each))
 
 
 def tap_sequence(

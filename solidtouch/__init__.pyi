@@ -48,7 +48,9 @@ from .models.errors import NotConvergedError as NotConvergedError
 from .models.grid import ClassGrid as ClassGrid
 from .models.io.load import load_taps as load_taps
 from .models.io.model_file import load_model as load_model
+from .models.measurement.generic.contract import measurement_model as measurement_model
 from .models.measurement.model import TapModel as TapModel
+from .models.measurement.registry import register as register
 from .models.preprocessing import Preprocessing as Preprocessing
 from .models.settings import Division as Division
 from .models.settings import FitSettings as FitSettings

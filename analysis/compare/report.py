@@ -14,7 +14,7 @@ from ...models.grid import ClassGrid
 from ...models.io.load import TapSource, names_of
 from ...models.measurement.histogram import trim
 from ...models.measurement.model import TapModel
-from ...models.measurement.registry import NAMES, split_name
+from ...models.measurement.registry import NAMES, AnyModel, model_name, split_name
 from ...models.settings import Division, FitSettings, PlaySettings
 from ...models.splits import Split, load_experiment
 from ..experiment.data_warnings import fold_warnings
@@ -80,7 +80,7 @@ class ComparisonReport(StudyReport):
 
 def compare(
     *data: TapSource,
-    models: Sequence[str] = NAMES,
+    models: Sequence[AnyModel] = NAMES,
     division: Division = Division(),
     fit: FitSettings = FitSettings(),
     draws: int = 400,
@@ -95,7 +95,8 @@ def compare(
 
     Args:
         data: One tap set or file that is divided, or two, of which the first trains and the second tests.
-        models: Names, the reference first, or one name; see docs/reference/models.md.
+        models: Names, the reference first, or one name, see docs/reference/models.md; also NumPyro functions, see
+            docs/how-to/your-own-model.md.
         division: How taps are grouped into classes, and how one tap set is divided.
         fit: How models are fitted; their seed is `seed`.
         draws: Draws from each posterior, to leave out single taps, at least 100; 0 skips that and the predictive
@@ -112,8 +113,8 @@ def compare(
     """
     check_counts(trials=trials)
     check_counts(0, draws=draws, seed=seed)
-    models = [models] if isinstance(models, str) else models
-    for name in models:
+    names = [model_name(model) for model in ([models] if isinstance(models, str) or callable(models) else models)]
+    for name in names:
         split_name(name)
     parts, grid = load_experiment(data, division)
     if len(parts.folds) != 1:
@@ -125,7 +126,7 @@ def compare(
     grid, dropped = trim(grid, [fold.train])
     check_fixation(play.fixation, grid.L)
     settings = CompareSettings(
-        models=tuple(models),
+        models=tuple(names),
         fit=fit.changed(seed=seed),
         draws=draws,
         trials=trials,

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
+from ...models.measurement.model import BINS
 from ...models.measurement.registry import row
 from ..experiment.settings import SHOWN_THETA
 from ..page.figure_style import short_unit
@@ -67,6 +68,7 @@ def summarise(comparison: Comparison, settings: CompareSettings, described: Row)
             *too_few_taps(comparison.curves, _shown(comparison.curves)),
             *_no_class_left(comparison),
             *_alone(names),
+            *_measures(comparison),
         ],
         "taps": _taps(comparison),
         "contacts": [int(n) for n in comparison.classes["contacts"].values],
@@ -139,6 +141,22 @@ def _single(left_out: xr.Dataset) -> Row:
     exact = (name for name in ("exact", "exact_plug_in") if name in left_out and np.isfinite(left_out[name]).all())
     found |= {name: left_out[name].mean() for name in exact}
     return {name: value if isinstance(value, bool) else _number(value) for name, value in found.items()}
+
+
+def _measures(comparison: Comparison) -> list[str]:
+    """A warning where models are not on one measure."""
+    by = {name: fit.model.measure for name, fit in comparison.fits.items()}
+    others = [name for name, measure in by.items() if measure != BINS]
+    if not others:
+        return []
+    are = "gives densities" if len(others) == 1 else "give densities"
+    told = f"{', '.join(others)} {are} of samples, taken times the widths of bins"
+    if len(others) == len(by):
+        return [f"{told}; scores are not probabilities of bins."]
+    return [
+        f"{told}; the other models give probabilities of bins. Scores of taps compare them only as far as densities "
+        "are flat within a bin; classes and decisions are compared in any case."
+    ]
 
 
 def _checks(checks: xr.Dataset | None) -> list[Row]:

@@ -9,7 +9,7 @@ from ...inference.reference import ZeroEvidenceError
 from ...models.errors import InputError, check_counts
 from ...models.io.load import TapSource
 from ...models.measurement.histogram import trim
-from ...models.measurement.registry import PAPER, split_name
+from ...models.measurement.registry import PAPER, AnyModel, model_name, split_name
 from ...models.settings import Division, FitSettings, PlaySettings
 from ...models.splits import Split, load_experiment
 from ..experiment.crosscheck import CrossCheck, crosscheck_model
@@ -52,7 +52,7 @@ class CrossCheckReport(Report):
 
 def crosscheck(
     *data: TapSource,
-    models: Sequence[str] = (PAPER,),
+    models: Sequence[AnyModel] = (PAPER,),
     division: Division = Division(),
     fit: FitSettings = FitSettings(),
     play: PlaySettings = PlaySettings(),
@@ -90,7 +90,8 @@ def crosscheck(
     """
     check_counts(episodes=episodes, length=length)
     check_counts(0, sequence_taps=sequence_taps, seed=seed)
-    for name in models:
+    names = [model_name(model) for model in models]
+    for name in names:
         split_name(name)
     settings = ExperimentSettings(fit=fit.changed(seed=seed), play=play, seed=seed)
     split, grid = load_experiment(data, division)
@@ -100,7 +101,7 @@ def crosscheck(
     def check(name: str) -> CrossCheck:
         chosen = settings.changed(model=name)
         fitted = chosen.fitted(fold.train, grid)
-        advance = progress("Cross-checking engines" if len(models) == 1 else f"Cross-checking {name}", episodes)
+        advance = progress("Cross-checking engines" if len(names) == 1 else f"Cross-checking {name}", episodes)
         return crosscheck_model(
             fitted,
             fitted.usable(fold.test),
@@ -114,11 +115,11 @@ def crosscheck(
             progress=lambda: advance(1),
         )
 
-    if len(models) == 1:
-        return CrossCheckReport({models[0]: check(models[0])}, {}, split)
+    if len(names) == 1:
+        return CrossCheckReport({names[0]: check(names[0])}, {}, split)
     found: dict[str, CrossCheck] = {}
     refused: dict[str, str] = {}
-    for name in models:
+    for name in names:
         try:
             found[name] = check(name)
         except (InputError, ZeroEvidenceError) as error:

@@ -15,7 +15,7 @@ from ...inference.trials.run import checked_thresholds
 from ...models.errors import InputError, check_counts
 from ...models.io.load import TapSource, names_of
 from ...models.measurement.histogram import trim
-from ...models.measurement.registry import PAPER
+from ...models.measurement.registry import PAPER, AnyModel, model_name
 from ...models.seeds import data_set_seed
 from ...models.settings import Division, FitSettings, PlaySettings
 from ...models.splits import Fold, Split, load_experiment
@@ -100,7 +100,7 @@ def reproduce(
     trials: int = 1000,
     thresholds: Sequence[float] | None = None,
     play: PlaySettings = PlaySettings(),
-    model: str = PAPER,
+    model: AnyModel = PAPER,
     division: Division = Division(),
     fit: FitSettings = FitSettings(),
     episodes: int = 10,
@@ -136,7 +136,7 @@ def reproduce(
     check_counts(data_sets=data_sets, trials=trials, episodes=episodes)
     check_counts(0, sequence_taps=sequence_taps, seed=seed)
     settings = ExperimentSettings(
-        model=model,
+        model=model_name(model),
         fit=fit.changed(seed=seed),
         play=play,
         trials=trials,

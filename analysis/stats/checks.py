@@ -17,6 +17,7 @@ from ...models import seeds
 from ...models.grid import ClassGrid
 from ...models.measurement.histogram import HistogramModel
 from ...models.measurement.likelihood.bins import TableForm, find_bins
+from ...models.measurement.likelihood.forms import GaussianForm
 from ...models.measurement.likelihood.shapes import Parameters
 from ...models.measurement.model import Fitted, TapModel, in_states
 from ...models.taps import TapSet
@@ -333,7 +334,7 @@ def replicate(parameters: Parameters, model: TapModel, labels: TapLabels, genera
     J = labels.taps.taps.shape[1]
     if isinstance(form, TableForm):
         return BinnedTaps.of(labels, form.sample_bins(where, hypothesis, J, generator), model.edges)
-    if len(form.log_weight) == 1 or model.grid.where_edges is None:
+    if not isinstance(form, GaussianForm) or len(form.log_weight) == 1 or model.grid.where_edges is None:
         made = form.sample(where, hypothesis, model.edges, J, generator)
     else:
         edges, Q = model.grid.where_edges, len(form.log_weight)

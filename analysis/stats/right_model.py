@@ -21,7 +21,6 @@ from ...inference.moves.control import check_fixation
 from ...inference.trials.records import TapTable, plan_trials
 from ...inference.trials.run import LoopPlayer, empty_trials, make_rule
 from ...models import seeds
-from ...models.measurement.likelihood.forms import GaussianForm
 from ...models.measurement.model import TapModel
 from ...models.setting_file import Setting
 from ...models.settings import PlaySettings
@@ -169,7 +168,7 @@ def exact(model: TapModel) -> bool:
     """Whether beliefs are right in the reference, the border aside; a saturation makes them cautious there."""
     J = model.preprocessing.samples
     worth = model.exponent * J
-    fewest = J if isinstance(model.form, GaussianForm) else 1  # samples of a model of their times cannot be fewer
+    fewest = 1 if model.form.exchangeable else J  # samples of a model of their times cannot be fewer
     whole = bool(np.isclose(worth, round(worth))) and fewest <= round(worth) <= J
     return whole and bool(np.isinf(model.saturation))
 
@@ -178,7 +177,7 @@ def equivalent(model: TapModel) -> TapModel:
     """The model of taps with as many samples as its exponent counts, under which it means the same."""
     J = model.preprocessing.samples
     worth = model.exponent * J
-    samples = J if isinstance(model.form, GaussianForm) else int(np.clip(round(worth), 1, J))
+    samples = int(np.clip(round(worth), 1, J)) if model.form.exchangeable else J
     record = replace(model.preprocessing, samples=samples)
     return replace(model, preprocessing=record, power=worth / samples)  # pyright: ignore[reportArgumentType]
 

@@ -29,7 +29,7 @@ from ...models.errors import InputError, check_counts
 from ...models.grid import ClassGrid
 from ...models.io.load import TapSource
 from ...models.measurement.model import TapModel
-from ...models.measurement.registry import PAPER
+from ...models.measurement.registry import PAPER, AnyModel, model_name
 from ...models.setting_file import Setting
 from ...models.settings import Division, FitSettings, PlaySettings
 from ...models.storage import check_writable
@@ -149,7 +149,7 @@ def tune_online(
     cost_error: float = 50.0,
     wrong: bool = False,
     thresholds: Sequence[float] | None = None,
-    model: str = PAPER,
+    model: AnyModel = PAPER,
     division: Division = Division(),
     fit: FitSettings = FitSettings(),
     play: PlaySettings = PlaySettings(),
@@ -212,9 +212,10 @@ def tune_online(
             raise InputError(f"{option} requires --rig.")
     check_counts(_FEWEST, online=episodes)
     price = Price(cost_error, wrong)
-    setting = Setting(model=model, fit=fit, where_cell=division.where_cell, what_cell=division.what_cell, play=play)
+    name, cells = model_name(model), (division.where_cell, division.what_cell)
+    setting = Setting(model=name, fit=fit, where_cell=cells[0], what_cell=cells[1], play=play)
     theta = ONLINE_THRESHOLDS if thresholds is None else checked_thresholds(thresholds)
-    training = training_data(data, division, model, fit.changed(seed=seed), progress)
+    training = training_data(data, division, name, fit.changed(seed=seed), progress)
     check_objects(training.grid)
     check_price(price, training.sessions)
     note(training.described)

@@ -7,7 +7,7 @@ from typing import Literal
 from ...inference.trials.run import checked_thresholds
 from ...models.errors import check_counts
 from ...models.io.load import TapSource
-from ...models.measurement.registry import PAPER
+from ...models.measurement.registry import PAPER, AnyModel, model_name
 from ...models.setting_file import Setting
 from ...models.settings import Division, FitSettings, PlaySettings
 from ..page.page import Brief, Page
@@ -46,7 +46,7 @@ def tune(
     target_error: float | None = None,
     by: Literal["active", "passive"] = "active",
     thresholds: Sequence[float] | None = None,
-    model: str = PAPER,
+    model: AnyModel = PAPER,
     division: Division = Division(),
     fit: FitSettings = FitSettings(),
     play: PlaySettings = PlaySettings(),
@@ -86,9 +86,10 @@ def tune(
     check_counts(trials=trials)
     check_counts(0, seed=seed)
     price = Price(cost_error, wrong, target_error)
-    setting = Setting(model=model, fit=fit, where_cell=division.where_cell, what_cell=division.what_cell, play=play)
+    name, cells = model_name(model), (division.where_cell, division.what_cell)
+    setting = Setting(model=name, fit=fit, where_cell=cells[0], what_cell=cells[1], play=play)
     chosen = None if thresholds is None else checked_thresholds(thresholds)
-    training = training_data(data, division, model, fit.changed(seed=seed), progress)
+    training = training_data(data, division, name, fit.changed(seed=seed), progress)
     check_objects(training.grid)
     check_price(price, training.sessions)
     note(training.described)

@@ -45,7 +45,19 @@ SplitMethod = Annotated[
 TrainSessions = Annotated[str | None, typer.Option("--train", metavar="LIST", help="Training sessions, such as 0,1.")]
 TestSessions = Annotated[str | None, typer.Option("--test", metavar="LIST", help="Test sessions, such as 2.")]
 Force = Annotated[bool, typer.Option("--force", help="Overwrite existing files.")]
-_MODEL_HELP = f"Measurement model: {', '.join(NAMES)}; session:NAME adds an unknown gain and offset to any model"
+_MODEL_HELP = (
+    f"Measurement model: {', '.join(NAMES)}, or FILE.py:FUNCTION for a NumPyro function of yours; session:NAME adds an "
+    "unknown gain and offset to any model"
+)
+Story = Annotated[
+    str | None,
+    typer.Option(
+        "--story",
+        metavar="FILE.py:FUNCTION",
+        help="NumPyro function of the fitted model, if it is one of yours and the fit needs its code.",
+        show_default=False,
+    ),
+]
 Model = Annotated[str, typer.Option("--model", metavar="NAME", help=f"{_MODEL_HELP}.")]
 ModelOrAll = Annotated[
     str, typer.Option("--model", metavar="NAME", help=f"{_MODEL_HELP}; all checks each model in turn.")
@@ -91,6 +103,15 @@ ValueRange = Annotated[
     Literal["global", "taxel"],
     typer.Option("--range", help="Range of the bins: common to all taxels, or of each taxel."),
 ]
+Integrate = Annotated[
+    int,
+    typer.Option(
+        "--integrate",
+        metavar="D",
+        min=0,
+        help="Decide by the mean likelihood over D draws from the posterior; 0 decides at one value.",
+    ),
+]
 Border = Annotated[
     Literal["uniform", "uniform_what", "prior", "clamp", "circular"],
     typer.Option("--border", help="How to treat belief shifted beyond the range."),
@@ -126,6 +147,7 @@ OPTIONS: dict[str, Any] = {
     "power": Power,
     "saturation": Saturation,
     "value_range": ValueRange,
+    "integrate": Integrate,
     "unconverged": AllowUnconverged,
     "threshold": Theta,
     "theta_x": ThetaX,
@@ -143,7 +165,7 @@ OPTIONS: dict[str, Any] = {
 """Default command-line options of the fields of settings records."""
 
 
-FITTING = "bins", "pseudocount", "power", "value_range"
+FITTING = "bins", "pseudocount", "power", "value_range", "integrate"
 CELLS = "where_cell", "what_cell"
 DIVIDED = *CELLS, "split", "train", "test"
 

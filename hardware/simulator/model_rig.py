@@ -15,7 +15,6 @@ from ...models import seeds
 from ...models.errors import InputError
 from ...models.grid import ClassGrid
 from ...models.measurement.histogram import HistogramModel
-from ...models.measurement.likelihood.forms import GaussianForm
 from ...models.measurement.model import TapModel
 from ...models.preprocessing import Preprocessing
 from ...models.taps import TapSet
@@ -191,11 +190,11 @@ def draw_session(
             its own.
     """
     record = model.preprocessing if samples is None else replace(model.preprocessing, samples=samples)
-    if isinstance(model, HistogramModel) and len(model.states.gain) == 1:
+    if isinstance(model, HistogramModel) and model.form is model.plain_form:
         return draw_taps(
             model.grid, model.probabilities, model.edges, record, taps_per_class, seed, session, model.trained
         )
-    if isinstance(model.form, GaussianForm) and record.samples != model.preprocessing.samples:
+    if not model.form.exchangeable and record.samples != model.preprocessing.samples:
         raise InputError(
             f"The {model.name} model describes taps of {model.preprocessing.samples} samples; cannot draw taps of "
             f"{samples}."

@@ -102,7 +102,7 @@ class NumpyEngine:
     def _log_likelihood(self, tap: NDArray[np.floating]) -> NDArray[np.float64]:
         """Eq. 1 under the model's assumptions, shape (L, H)."""
         model = self.model
-        if isinstance(model, HistogramModel) and self._states == 1:
+        if isinstance(model, HistogramModel) and model.form is model.plain_form:
             bins = reference.tap_bins(tap, model.edges)
             return reference.tap_log_likelihood(bins, self.log_prob, model.exponent)
         log_likelihood = plain.log_likelihood(tap, model.form, model.edges, model.exponent)

@@ -9,7 +9,7 @@ sequences, so it serves as a check for up to 20 taps.
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property, partial
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -20,12 +20,15 @@ from numpyro.infer.util import log_density
 
 from ...models.errors import InputError
 from ...models.measurement.likelihood.bins import TableForm
+from ...models.measurement.likelihood.forms import GaussianForm
+from ...models.measurement.likelihood.mixture import MixtureForm
 from ...models.measurement.model import TapModel
 from ...models.touch import (
     KERNEL_BORDERS,
     CountedTaps,
     MoveKernel,
     SplitPrior,
+    StackedForm,
     TouchTables,
     WeighedTaps,
     move_kernel,
@@ -42,6 +45,7 @@ MAX_SEQUENCE = 20
 # matter in float64, above its underflow at -745.
 _IMPOSSIBLE = -600.0
 _PRECISION = 1e-16
+_COPIES = 8  # numbers per sample and class that a generative model holds
 _AT_ONCE = 1 << 23  # numbers that one step of an enumeration holds
 
 
@@ -65,9 +69,11 @@ class SequencePosterior(NamedTuple):
 
 def touch_tables(model: TapModel) -> TouchTables:
     """The fitted model as float64 JAX arrays; requires x64 to be enabled."""
-    form = model.form
+    form: Any = model.form
+    if isinstance(form, MixtureForm):
+        form = StackedForm(jax.tree.map(lambda *parts: jnp.stack([jnp.asarray(part) for part in parts]), *form.parts))
     return TouchTables(
-        type(form)(*(jnp.asarray(part) for part in form)),  # pyright: ignore[reportArgumentType]
+        jax.tree.map(jnp.asarray, form),
         jnp.asarray(model.edges),
         jnp.asarray(np.where(model.trained, 0.0, -np.inf)),
         model.exponent,
@@ -116,7 +122,11 @@ def _everywhere(at: Callable[[jax.Array], jax.Array], tables: TouchTables, tap: 
     """`at` for every position and hypothesis c = l H + h, in batches that fit into memory; shape (L, H)."""
     L, H = tables.form.shape
     form = tables.form
-    copies = form.log_prob.shape[-1] if isinstance(form, TableForm) else len(form.log_weight)
+    copies = _COPIES
+    if isinstance(form, TableForm):
+        copies = form.log_prob.shape[-1]
+    elif isinstance(form, GaussianForm):
+        copies = len(form.log_weight)
     step = max(1, _AT_ONCE // (copies * tap.size))
     cells = jnp.arange(L * H)
     values = jax.vmap(at)(cells) if step >= L * H else jax.lax.map(at, cells, batch_size=step)

@@ -7,7 +7,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ...models.measurement.likelihood.bins import TableForm
+from ...models.measurement.likelihood.forms import GaussianForm
 from ...models.measurement.model import TapModel
+from ...models.seeds import Purpose, generator
 from .engine import Engine
 
 
@@ -85,8 +87,11 @@ def _likely_tap(model: TapModel) -> NDArray[np.float64]:
     """Likely tap of the most probable class: its mean, or the mode of each taxel throughout; shape (J, K)."""
     l, h = np.unravel_index(model.log_prior.argmax(), model.log_prior.shape)
     form = model.form
-    if not isinstance(form, TableForm):
+    if isinstance(form, GaussianForm):
         return form.mean[0, l, h]
+    if not isinstance(form, TableForm):
+        drawn = generator(0, Purpose.MODEL)
+        return form.sample(np.array([l]), np.array([h]), model.edges, model.preprocessing.samples, drawn)[0]
     edges = np.broadcast_to(model.edges, (model.K, model.edges.shape[-1]))
     taxel, b = np.arange(model.K), form.log_prob[l, h].argmax(axis=-1)
     frame = (edges[taxel, b] + edges[taxel, b + 1]) / 2

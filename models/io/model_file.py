@@ -7,6 +7,7 @@ root                   attributes: ``kind``, ``format``, settings, class grid, h
 ``constant_data``      bin edges, training data needed by the model, states, digests of the taps
 ``parameters``         parameters for decisions (not for the histogram, whose counts are data)
 ``posterior``          draws of the parameters, dims (chain, draw, ...), if requested; see `measurement.draws`
+``integrated``         parameters over which decisions are integrated, dims (integrated, ...), if requested
 ``sample_stats``       convergence statistics of the fit
 ``log_likelihood``     ``bins``: of each training tap under its own class at power 1, dims (chain, draw, tap)
 =====================  =====================================================================================
@@ -17,6 +18,7 @@ then is unlimited.
 
 import json
 import os
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -28,6 +30,7 @@ from numpy.typing import NDArray
 from ..errors import InputError
 from ..grid import ClassGrid
 from ..measurement.fits.posterior import Convergence
+from ..measurement.generic.opened import StoryError, read_generic
 from ..measurement.model import FORMAT, TapModel
 from ..measurement.novelty import NoveltyScores
 from ..measurement.registry import KINDS, PAPER, measurement_model
@@ -89,8 +92,11 @@ def save_model(
     write_groups(groups, path, force)
 
 
-def load_model(path: str | Path) -> TapModel:
+def load_model(path: str | Path, story: Callable[..., Any] | str | None = None) -> TapModel:
     """Fitted model from a file; names ending in `.json` are exported models.
+
+    The code of a model that is a function of the user's is not run to open its fit. Where its samples are exchangeable,
+    the tables of the fit decide without it; otherwise it must be named.
 
     >>> from pathlib import Path
     >>> from tempfile import TemporaryDirectory
@@ -100,18 +106,25 @@ def load_model(path: str | Path) -> TapModel:
     ...     load_model(Path(folder, "model.nc"))
     <histogram model: 16 x 5 classes, 50 samples of 12 taxels, 100 bins, power J>
 
+    Args:
+        path: The file.
+        story: Function of the user's that was fitted, or where it is, as "FILE.py:FUNCTION".
+
     Raises:
-        InputError: The file is missing, damaged or not a fitted model.
+        InputError: The file is missing, damaged or not a fitted model, or needs a function that is not named or has
+            changed since the fit.
     """
     if not isinstance(path, str | os.PathLike):
         raise InputError(f"A model is a fitted model or the path of its file, got {type(path).__name__}.")
     if Path(path).suffix.lower() == ".json":
         return load_exported(path)
-    attributes, data, parameters = _read(Path(path))
+    attributes, data, parameters, draws = _read(Path(path))
     try:
-        model = _model(attributes, data, parameters)
+        model = _model(attributes, data, parameters, draws, story)
     except KeyError as error:
         raise InputError(f"{path}: damaged: missing {error}.") from error
+    except StoryError as error:
+        raise InputError(f"{path}: {error}") from error
     except (TypeError, ValueError) as error:
         raise InputError(f"{path}: damaged: {error}") from error
     return model
@@ -126,8 +139,8 @@ def model_of(source: ModelSource) -> TapModel:
     return source if isinstance(source, TapModel) else load_model(source)
 
 
-def _read(path: Path) -> tuple[dict[str, Any], xr.Dataset, xr.Dataset]:
-    """Attributes, constant data and parameters; draws are left on disk."""
+def _read(path: Path) -> tuple[dict[str, Any], xr.Dataset, xr.Dataset, xr.Dataset]:
+    """Attributes, constant data, parameters, and those integrated over; other draws are left on disk."""
     if path.is_dir():
         raise InputError(f"{path}: is a folder, expected a file.")
     if not path.exists():
@@ -137,24 +150,40 @@ def _read(path: Path) -> tuple[dict[str, Any], xr.Dataset, xr.Dataset]:
             file.visititems(lambda *_: None)  # if this fails, xarray would leave the file open
             groups = set(file)
         root = xr.load_dataset(path, engine="h5netcdf", decode_times=False)
-        data, parameters = (
+        data, parameters, draws = (
             xr.load_dataset(path, group=group, engine="h5netcdf", decode_times=False)
             if group in groups
             else xr.Dataset()
-            for group in ("constant_data", "parameters")
+            for group in ("constant_data", "parameters", "integrated")
         )
     except Exception as error:  # on damaged bytes these libraries raise almost any exception
         raise InputError(f"{path}: not a netCDF file, or truncated.") from error
     attributes = dict(root.attrs)
     version = attributes.get("format")
     if attributes.get("kind") == PAPER and version == _FIRST_FORMAT:
-        return attributes, root, parameters
-    if attributes.get("kind") not in KINDS or version != FORMAT:
+        return attributes, root, parameters, draws
+    if (attributes.get("kind") not in KINDS and "digest" not in attributes) or version != FORMAT:
         raise InputError(f"{path}: not a fitted model of format {FORMAT} or {_FIRST_FORMAT}.")
-    return attributes, data, parameters
+    return attributes, data, parameters, draws
 
 
-def _model(attributes: dict[str, Any], data: xr.Dataset, parameters: xr.Dataset) -> TapModel:
+def _draws(draws: xr.Dataset) -> tuple[dict[str, NDArray[np.float64]], ...]:
+    """Parameters over which decisions are integrated."""
+    if not draws:
+        return ()
+    return tuple(
+        {str(name): values.values[d] for name, values in draws.data_vars.items()}
+        for d in range(draws.sizes["integrated"])
+    )
+
+
+def _model(
+    attributes: dict[str, Any],
+    data: xr.Dataset,
+    parameters: xr.Dataset,
+    draws: xr.Dataset,
+    story: Callable[..., Any] | str | None,
+) -> TapModel:
     grid = ClassGrid.from_dict(json.loads(attributes["grid"]))
     common: dict[str, Any] = {
         "grid": grid,
@@ -168,8 +197,12 @@ def _model(attributes: dict[str, Any], data: xr.Dataset, parameters: xr.Dataset)
         "novelty": _novelty(data),
         "training": data["training"].values if "training" in data else np.empty(0, np.uint64),
         "states": _states(data),
+        "draws": _draws(draws),
     }
-    model = measurement_model(attributes["kind"]).read(attributes, data, parameters, common)
+    if attributes["kind"] in KINDS:
+        model = measurement_model(attributes["kind"]).read(attributes, data, parameters, common)
+    else:
+        model = read_generic(attributes, data, parameters, common, story)
     if not (np.diff(model.edges) > 0).all():
         raise ValueError("edges do not increase.")
     return model

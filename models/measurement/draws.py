@@ -15,6 +15,7 @@ from ..io.model_file import Draws
 from ..seeds import Purpose, generator
 from ..taps import TapSet
 from ..threads import cores, in_order, one_blas_thread
+from .generic.story import GenericModel
 from .likelihood.shapes import Parameters
 from .likelihood.true_class import Own, OwnTaps
 from .model import Fitted, TapModel
@@ -91,6 +92,8 @@ def drawn(fitted: Fitted, taps: TapSet, draws: int, seed: int) -> Iterator[tuple
 
 
 def _threads(model: TapModel) -> int:
+    if isinstance(model, GenericModel):  # NumPyro runs models in one thread at a time
+        return 1
     return 1 if isinstance(model, ParametricModel) and model.story.own_threads else cores(None)
 
 

@@ -148,7 +148,7 @@ class HistogramModel(TapModel):
         groups = super().groups()
         bins = self.dims["log_prob"]
         own = {"counts": (bins, self.counts), "probabilities": (bins, self.probabilities)}
-        return {
+        return groups | {
             "/": groups["/"].assign_attrs(pseudocount=self.pseudocount),
             "constant_data": groups["constant_data"].assign(own),
         }

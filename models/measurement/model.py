@@ -7,20 +7,22 @@ engines, trials, sweeps and comparisons, knows models by this file only.
 import json
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
-from dataclasses import KW_ONLY, dataclass, field
+from dataclasses import KW_ONLY, dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
+from typing import TYPE_CHECKING, Any, NamedTuple, Protocol, Self
 
 import numpy as np
 import xarray as xr
 from numpy.typing import ArrayLike, NDArray
 
 from ..errors import InputError
+from ..seeds import Purpose, generator
 from ..settings import check_saturation, likelihood_exponent
 from ..storage import write_groups
 from ..training import training_taps
 from .likelihood.bins import find_bins
+from .likelihood.mixture import MixtureForm
 from .states import ONE_STATE, States
 
 if TYPE_CHECKING:
@@ -29,12 +31,12 @@ if TYPE_CHECKING:
     from ..settings import FitSettings
     from ..taps import TapSet
     from .fits.posterior import Convergence, Posterior
-    from .likelihood.bins import PreparedTable
-    from .likelihood.forms import Form, PreparedGaussian
+    from .likelihood.any_form import Form, Prepared
     from .likelihood.shapes import Parameters
     from .likelihood.true_class import Own
     from .novelty import NoveltyScores
 
+BINS = "bins"
 FORMAT = 2
 """Format number of model files."""
 
@@ -55,6 +57,7 @@ class TapModel(ABC):
         novelty: How badly the training taps fit their classes; without it no tap can be called new.
         training: Digests of the training taps, see `tap_digests`; none where a file of an older version has none.
         states: What all taps of an episode share and nobody knows before it; one state for most models.
+        draws: Parameters from the posterior over which decisions are integrated; none to decide at one value.
         saturation: How many taps' evidence the taps of an episode carry at most, see `inference.filter`.
 
     Raises:
@@ -73,6 +76,7 @@ class TapModel(ABC):
     training: NDArray[np.uint64] = field(default_factory=lambda: np.empty(0, np.uint64))
     states: States = ONE_STATE
     saturation: float = np.inf
+    draws: "tuple[Parameters, ...]" = ()
 
     def __post_init__(self) -> None:
         """Checks the saturation."""
@@ -142,11 +146,14 @@ class TapModel(ABC):
 
     @cached_property
     def form(self) -> "Form":
-        """Likelihood form over positions and hypotheses, at power 1."""
+        """Likelihood form over positions and hypotheses, at power 1, integrated over the draws if there are any."""
+        if self.draws:
+            parts = tuple(self.form_of(parameters) for parameters in self.draws)
+            return in_states(MixtureForm(parts), self.states, self.edges)
         return in_states(self.plain_form, self.states, self.edges)
 
     @cached_property
-    def prepared(self) -> "PreparedTable | PreparedGaussian":
+    def prepared(self) -> "Prepared":
         """Precomputed form; untrained classes are impossible."""
         return self.form.prepare(np.isneginf(self.log_prior))
 
@@ -165,6 +172,11 @@ class TapModel(ABC):
         """Log belief before the first tap, uniform over the trained classes, shape (L, H); see `states`."""
         trained = np.where(self.trained, -np.log(self.trained.sum()), -np.inf)
         return np.concatenate([trained + log_prior for log_prior in self.states.log_prior], axis=1)
+
+    @property
+    def measure(self) -> str:
+        """What its likelihoods are: probabilities of `bins`, or `density` times the widths of bins."""
+        return BINS
 
     @cached_property
     def exponent(self) -> float:
@@ -303,7 +315,14 @@ class TapModel(ABC):
                 "novelty_reference": (("where", "what", "taxel", "bin"), self.novelty.reference),
                 "novelty_edges": (edge, self.novelty.edges),
             }
-        return {"/": xr.Dataset(attrs=attributes), "constant_data": xr.Dataset(data, self.grid.coords())}
+        groups = {"/": xr.Dataset(attrs=attributes), "constant_data": xr.Dataset(data, self.grid.coords())}
+        if self.draws:
+            stacked = {
+                name: (("integrated", *dims), np.stack([draw[name] for draw in self.draws]))
+                for name, dims in self.dims.items()
+            }
+            groups["integrated"] = xr.Dataset(stacked, self.grid.coords())
+        return groups
 
     def to_datatree(self) -> xr.DataTree:
         """The model as a labelled tree of datasets, as in its file.
@@ -343,6 +362,22 @@ class Fitted(NamedTuple):
     model: TapModel
     posterior: "Posterior | None"
     convergence: "Convergence"
+
+    def integrated(self, draws: int, seed: int) -> Self:
+        """Fit whose model decides by the mean over draws from its posterior.
+
+        Raises:
+            InputError: It has no posterior.
+        """
+        posterior = self.posterior
+        if posterior is None:
+            raise InputError(
+                f"A {self.model.name} model without a pseudocount has no posterior to integrate over: its prior is "
+                "improper."
+            )
+        model: Any = self.model  # every kind is a dataclass
+        each = (posterior.draw(generator(seed, Purpose.INTEGRATED, number)) for number in range(draws))
+        return self._replace(model=replace(model, draws=tuple(each)))
 
 
 class Row(NamedTuple):

@@ -1,18 +1,22 @@
 """Registry of measurement models by name, and their fit.
 
-A model is one file of this folder, whose `MODEL` holds all that is known of it: its story, its fits, what its
-parameters mean for the bins of a tap, and what it refuses. A further model is a file more and its name here. Files are
-imported when their model is asked for.
+A built-in model is one file of this folder, whose `MODEL` holds all that is known of it: its story, its fits, what its
+parameters mean for the bins of a tap, and what it refuses. A further one is a file more and its name here. Files are
+imported when their model is asked for. Models of users are functions, see `generic.source`.
 """
 
+import re
 from importlib import import_module
 from math import inf
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from ..errors import InputError, NotConvergedError, check_numbers
 from ..threads import one_blas_thread
+from .generic import source
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     from ..grid import ClassGrid
     from ..settings import FitSettings
     from ..taps import TapSet
@@ -27,6 +31,10 @@ NAMES = (*KINDS, SESSION)
 """Names of the models and `session`, short for `session:histogram`; `session:` may precede any other name."""
 
 
+type AnyModel = "str | Callable[..., Any]"
+"""A model given by its name or as a NumPyro function, see docs/how-to/your-own-model.md."""
+
+
 def split_name(name: str) -> tuple[str, bool]:
     """Kind of a model name, and whether it has states.
 
@@ -39,14 +47,56 @@ def split_name(name: str) -> tuple[str, bool]:
         kind = str(name)
     elif not colon:
         kind = PAPER
-    if kind not in KINDS:
-        raise InputError(f"Unknown model {name!r}; choose from {', '.join(NAMES)} and session:NAME.")
+    if kind not in KINDS and not source.has_name(kind):
+        names = ", ".join((*NAMES, *source.known()))
+        raise InputError(f"Unknown model {name!r}; choose from {names}, session:NAME and FILE.py:FUNCTION.")
     return kind, in_states
+
+
+def register(function: "Callable[..., Any]", name: str | None = None) -> str:
+    """Makes a NumPyro function a measurement model of this process, under a name that all studies take.
+
+    >>> import solidtouch as st
+    >>> def constant(where, what, taps=None, *, L, M, J, K): ...
+    >>> st.register(constant)
+    'constant'
+
+    Args:
+        function: The function, see docs/how-to/your-own-model.md.
+        name: Its name; default that of the function.
+
+    Returns:
+        The name.
+
+    Raises:
+        InputError: The function does not keep the contract, or the name is none or that of another model.
+    """
+    name = str(getattr(function, "__name__", "")) if name is None else name
+    if not re.fullmatch(r"[\w.-]+", name) or name in NAMES:
+        raise InputError(f"{name!r} cannot be the name of a model; choose one of letters that no model has.")
+    source.add(function, name)
+    return name
+
+
+def model_name(model: AnyModel) -> str:
+    """Name of a model that is given by name or as a function, which is registered under its own name.
+
+    Raises:
+        InputError: As `register`.
+    """
+    return register(model) if callable(model) else str(model)
 
 
 def measurement_model(kind: str) -> "MeasurementModel":
     """Model of a name without `session`."""
-    return import_module(f".{kind.replace('-', '_')}", __package__).MODEL
+    if kind in KINDS:
+        return import_module(f".{kind.replace('-', '_')}", __package__).MODEL
+    story = source.named(kind)
+    if story is None:
+        raise InputError(f"Unknown model {kind!r}.")
+    from .generic.story import GenericStory
+
+    return GenericStory(story)
 
 
 def row(name: str) -> "Row":
@@ -81,6 +131,8 @@ def fit_model(name: str, taps: "TapSet", grid: "ClassGrid", settings: "FitSettin
         raise NotConvergedError(
             f"{name} did not converge: {fitted.convergence.sentence} Use it anyway with --allow-unconverged."
         )
+    if settings.integrate:
+        fitted = fitted.integrated(settings.integrate, settings.seed)
     if not in_states:
         return fitted
     session = import_module(".shared_gain", __package__)

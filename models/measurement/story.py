@@ -31,9 +31,9 @@ from ..taps import TapSet
 from ..training import tap_digests
 from .fits.posterior import Posterior, SamplePosterior, Sites
 from .fits.priors import Given, Taps, no_arguments
+from .likelihood.any_form import Form
 from .likelihood.bins import bin_edges
 from .likelihood.forecasts import Unseen, log_mean
-from .likelihood.forms import Form
 from .likelihood.shapes import Measure, Parameters
 from .likelihood.true_class import Own
 from .model import Fitted, Row, TapModel

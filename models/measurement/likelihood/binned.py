@@ -72,11 +72,17 @@ class BinnedTap(dist.Distribution):
 
 def bin_of(samples: jax.Array, edges: jax.Array) -> tuple[jax.Array, jax.Array]:
     """Lower and upper bin edge of each sample, both of shape (J, K); end bins extend to infinity."""
+    inner = bin_indices(samples, edges)
     edges = jnp.broadcast_to(edges, (samples.shape[1], edges.shape[-1]))
-    inner = jax.vmap(lambda row, column: jnp.searchsorted(row[1:-1], column, side="right"))(edges, samples.T).T
     open_edges = edges.at[:, 0].set(-jnp.inf).at[:, -1].set(jnp.inf)
     taxel = jnp.arange(samples.shape[1])
     return open_edges[taxel, inner], open_edges[taxel, inner + 1]
+
+
+def bin_indices(samples: jax.Array, edges: jax.Array) -> jax.Array:
+    """Bin of each sample (J, K), those beyond the edges in end bins."""
+    edges = jnp.broadcast_to(edges, (samples.shape[1], edges.shape[-1]))
+    return jax.vmap(lambda row, column: jnp.searchsorted(row[1:-1], column, side="right"))(edges, samples.T).T
 
 
 def log_interval(a: jax.Array, b: jax.Array) -> jax.Array:

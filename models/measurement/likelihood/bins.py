@@ -154,6 +154,9 @@ class TableForm(NamedTuple):
         """(L, H)."""
         return self.log_prob.shape[0], self.log_prob.shape[1]
 
+    exchangeable = True
+    """Whether a tap may have any number of samples."""
+
     def in_state(self, gain: float, offset: float, edges: NDArray[np.float64]) -> Self:
         """Form of `gain` times a sample plus `offset`.
 

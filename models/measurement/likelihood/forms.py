@@ -48,6 +48,9 @@ class GaussianForm(NamedTuple):
         """(L, H)."""
         return self.mean.shape[1], self.mean.shape[2]
 
+    exchangeable = False
+    """Whether a tap may have any number of samples."""
+
     def in_state(self, gain: float, offset: float, edges: NDArray[np.float64]) -> Self:  # noqa: ARG002 - as TableForm
         """Form of `gain` times a tap plus `offset`."""
         return self._replace(mean=gain * self.mean + offset, scale=gain * self.scale)

@@ -7,6 +7,7 @@ interval-censored samples. Forms and the compiled loops behind a model take no p
 """
 
 from collections.abc import Callable
+from dataclasses import replace
 from functools import partial
 from typing import Any, NamedTuple
 
@@ -15,35 +16,22 @@ import jax.numpy as jnp
 import numpy as np
 import numpyro
 import numpyro.distributions as dist
-from jax.scipy.linalg import solve_triangular
-from jax.scipy.special import betainc, log_ndtr, logsumexp
+from jax.scipy.special import logsumexp
 from numpy.typing import ArrayLike, NDArray
 from numpyro.handlers import block, seed, substitute, trace
 from numpyro.infer.util import log_density
-from numpyro.primitives import Messenger
 
 from ..fits.priors import Taps
+from ..generic.observed import Binned, Censored
+from ..generic.story import GenericModel
 from ..histogram import HistogramModel
 from ..model import TapModel
 from ..story import ParametricModel
-from .binned import bin_of
+from .bins import TableForm
+from .shapes import Parameters
 
 _OBSERVED = "sample"  # the site of the samples in every story
 _AT_ONCE = 1 << 22  # samples under classes that one step holds
-
-
-class Binned(NamedTuple):
-    """Samples and their bin edges, in the units of the generative model; shape (..., J, K) each.
-
-    Attributes:
-        samples: Exact values, from which later samples are forecast.
-        lower: Lower edge of the bin, -inf in the first.
-        upper: Upper edge, inf in the last.
-    """
-
-    samples: jax.Array
-    lower: jax.Array
-    upper: jax.Array
 
 
 class _Law(NamedTuple):
@@ -80,67 +68,6 @@ class _Numbers(NamedTuple):
     basis: jax.Array
 
 
-class InBin(dist.Distribution):
-    """Distribution of the bin of a normal or Student's t sample.
-
-    Args:
-        base: Distribution of the sample given those before it.
-        lower: Lower edge of the bin.
-        upper: Upper edge.
-        least: No scale counts for less.
-    """
-
-    support = dist.constraints.real  # pyright: ignore
-
-    def __init__(self, base: Any, lower: jax.Array, upper: jax.Array, least: jax.Array) -> None:
-        self.base, self.least = base, least
-        self.lower, self.upper = lower, upper
-        super().__init__(np.broadcast_shapes(base.batch_shape, lower.shape))
-
-    def log_prob(self, value: ArrayLike, intermediates: object = None) -> jax.Array:  # noqa: ARG002
-        """Log probability of the bin of the sample, given by its edges."""
-        scale = jnp.maximum(self.base.scale, self.least)
-        lower, upper = (self.lower - self.base.loc) / scale, (self.upper - self.base.loc) / scale
-        right = lower + upper > 0  # mirrored to the side where distribution functions are small and exact
-        low, high = jnp.where(right, -upper, lower), jnp.where(right, -lower, upper)
-        log_high = self._log_cdf(high)
-        return log_high + jnp.log(-jnp.expm1(self._log_cdf(low) - log_high))
-
-    def _log_cdf(self, z: jax.Array) -> jax.Array:
-        if isinstance(self.base, dist.Normal):
-            return log_ndtr(z)  # beyond 20 deviations within 4e-9, a relative error of 2e-11
-        freedom = jnp.broadcast_to(self.base.df, z.shape)
-        tail = 0.5 * betainc(0.5 * freedom, 0.5, freedom / (freedom + z**2))
-        return jnp.log(jnp.where(z < 0, tail, 1 - tail))
-
-
-class _Censored(Messenger):
-    """Handler that makes a generative model observe bins instead of samples."""
-
-    def __init__(self, story: Callable[..., Any], taps: Binned, least: jax.Array) -> None:
-        self._taps, self._least = taps, least
-        super().__init__(story)
-
-    def process_message(self, msg: dict[str, Any]) -> None:
-        if msg["type"] == "sample" and msg["name"] == _OBSERVED:
-            msg["fn"] = InBin(_given_those_before(msg["fn"], self._taps.samples), *self._taps[1:], self._least)
-
-
-def _given_those_before(fn: Any, samples: jax.Array) -> Any:
-    """Distribution of each sample (n, J, K) given earlier times and, at the same time, earlier taxels."""
-    while isinstance(fn, dist.ExpandedDistribution | dist.Independent):
-        fn = fn.base_dist
-    if not isinstance(fn, dist.MatrixNormal):
-        return fn
-    normal: Any = fn
-    rows, columns = normal.scale_tril_row, normal.scale_tril_column
-    in_time: Any = solve_triangular(rows, samples - normal.loc, lower=True)
-    white = solve_triangular(columns, in_time.mT, lower=True).mT
-    row_scale, column_scale = (jnp.diagonal(root, axis1=-2, axis2=-1) for root in (rows, columns))
-    deviation = row_scale[..., :, None] * column_scale[..., None, :]
-    return dist.Normal(samples - deviation * white, deviation)
-
-
 def log_likelihoods(model: TapModel, taps: NDArray[np.floating]) -> NDArray[np.float64]:
     """Log-likelihoods of taps under every class at power 1 from the generative model, shape (N, L, H).
 
@@ -150,10 +77,25 @@ def log_likelihoods(model: TapModel, taps: NDArray[np.floating]) -> NDArray[np.f
         model: A fitted model.
         taps: Prepared samples, shape (N, J, K).
     """
+    if model.draws:
+        each = [_at_one(model, draw, taps) for draw in model.draws]
+        return np.logaddexp.reduce(each, axis=0) - np.log(len(each))
+    return _at_one(model, None, taps)
+
+
+def _at_one(model: TapModel, draw: Parameters | None, taps: NDArray[np.floating]) -> NDArray[np.float64]:
+    """As `log_likelihoods`, at the parameters of one draw or at those with which the model decides."""
+    if draw is not None and isinstance(model, ParametricModel | GenericModel):
+        model = replace(model, parameters=draw, draws=())
     with jax.enable_x64(True):
+        in_tables = isinstance(model.plain_form, TableForm) and len(model.states.gain) > 1
+        if isinstance(model, GenericModel) and not in_tables:
+            out = np.empty((len(taps), *model.form.shape))
+            model.story_form.prepare(np.zeros(model.form.shape, dtype=bool)).log_likelihood(taps, model.edges, 1.0, out)
+            return out
         if isinstance(model, ParametricModel) and (not model.story.exchangeable or len(model.states.gain) == 1):
             return _by_samples(model, taps)
-        return _by_bins(model, taps)
+        return _by_bins(model, draw, taps)
 
 
 def _given(model: ParametricModel) -> tuple[_Law, _Numbers]:
@@ -186,14 +128,14 @@ def _by_samples(model: ParametricModel, taps: NDArray[np.floating]) -> NDArray[n
 @partial(jax.jit, static_argnames="law")
 def _everywhere(held: Binned, gain: Any, offset: Any, numbers: _Numbers, law: _Law) -> jax.Array:
     """Log probability of taps under every class in one state, shape (N, L, M)."""
-    scaled = _scaled(held, gain, offset, numbers)
+    scaled = held.scaled(gain, offset, numbers.centre, numbers.unit)
     (L, M), (N, J, K) = law.shape, held.samples.shape
 
     def at(index: jax.Array) -> jax.Array:
         n, q, c = jnp.unravel_index(index, (N, law.places, L * M))
         one = Binned(*(part[n][None] for part in scaled))
         story = _told(law, numbers, one.samples, c[None], q)
-        observed = block(_Censored(story, one, numbers.least), hide_fn=lambda site: site["name"] != _OBSERVED)
+        observed = block(Censored(story, _OBSERVED, one, numbers.least), hide_fn=lambda site: site["name"] != _OBSERVED)
         return jnp.asarray(log_density(observed, (), {}, {})[0])
 
     log_prob = jax.lax.map(at, jnp.arange(N * law.places * L * M), batch_size=max(1, _AT_ONCE // (J * K)))
@@ -201,9 +143,9 @@ def _everywhere(held: Binned, gain: Any, offset: Any, numbers: _Numbers, law: _L
     return logsumexp(each, axis=1) - jnp.log(law.places)
 
 
-def _by_bins(model: TapModel, taps: NDArray[np.floating]) -> NDArray[np.float64]:
+def _by_bins(model: TapModel, draw: Parameters | None, taps: NDArray[np.floating]) -> NDArray[np.float64]:
     """As `log_likelihoods`, for exchangeable samples with one probability per bin."""
-    plain = _bin_log_prob(model)
+    plain = _bin_log_prob(model, draw)
     L, M, K, B = plain.shape
     bins = jnp.asarray(model.bins(taps))
     edges = jnp.asarray(np.broadcast_to(model.edges, (K, B + 1)))
@@ -263,10 +205,13 @@ def in_state(log_prob: jax.Array, edges: jax.Array, gain: Any, offset: Any) -> j
     return jax.lax.map(of, log_prob)
 
 
-def _bin_log_prob(model: TapModel) -> jax.Array:
+def _bin_log_prob(model: TapModel, draw: Parameters | None) -> jax.Array:
     """Log probability of every bin of a sample in the state of gain 1 and offset 0, shape (L, M, K, B)."""
     if isinstance(model, HistogramModel):
-        return jnp.log(jnp.asarray(model.probabilities))
+        return jnp.log(jnp.asarray(model.probabilities)) if draw is None else jnp.asarray(draw["log_prob"])
+    form = model.plain_form
+    if isinstance(model, GenericModel) and isinstance(form, TableForm):
+        return jnp.asarray(form.log_prob)
     if not isinstance(model, ParametricModel):
         raise TypeError(f"A model of type {type(model).__name__} has no generative model.")
     edges = np.broadcast_to(model.edges, (model.K, model.edges.shape[-1]))
@@ -279,25 +224,19 @@ def _bin_log_prob(model: TapModel) -> jax.Array:
 def _of_each_bin(held: Binned, numbers: _Numbers, law: _Law) -> jax.Array:
     """Log probability of the bins of exchangeable samples, held by one tap (1, B, K) in order; shape (L, M, K, B)."""
     (L, M), (_, B, K) = law.shape, held.samples.shape
-    one = _scaled(held, 1.0, 0.0, numbers)
+    one = held.scaled(1.0, 0.0, numbers.centre, numbers.unit)
     samples = jnp.broadcast_to(one.samples, (L * M, B, K))
     story = _told(law, numbers, samples, np.arange(L * M), 0)
-    site = trace(_Censored(story, one, numbers.least)).get_trace()[_OBSERVED]
+    site = trace(Censored(story, _OBSERVED, one, numbers.least)).get_trace()[_OBSERVED]
     return jnp.moveaxis(site["fn"].log_prob(samples).reshape(L, M, B, K), 2, 3)
 
 
 def _held(model: TapModel, taps: ArrayLike) -> Binned:
     """Samples with their bin edges."""
-    samples = jnp.asarray(np.asarray(taps, dtype=np.float64))
-    return Binned(samples, *_bins_of(samples, jnp.asarray(model.edges)))
+    return _in_bins(jnp.asarray(np.asarray(taps, dtype=np.float64)), jnp.asarray(model.edges))
 
 
-_bins_of = jax.jit(jax.vmap(bin_of, (0, None)))
-
-
-def _scaled(taps: Binned, gain: Any, offset: Any, numbers: _Numbers) -> Binned:
-    """Values before gain and offset, in the units of the generative model."""
-    return Binned(*(((part - offset) / gain - numbers.centre) / numbers.unit for part in taps))
+_in_bins = jax.jit(Binned.of)
 
 
 def _least(model: ParametricModel) -> NDArray[np.float64]:

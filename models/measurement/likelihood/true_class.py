@@ -4,8 +4,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..states import States
+from .any_form import Form
 from .bins import TableForm, find_bins
-from .forms import Form, bin_gaps
+from .forms import GaussianForm, bin_gaps
 from .innovations import true_class_log_probability
 
 type Own = tuple[NDArray[np.intp], NDArray[np.intp]]
@@ -25,6 +26,7 @@ class OwnTaps:
     def __init__(self, taps: NDArray[np.floating], own: Own, edges: NDArray[np.float64], states: States) -> None:
         self._states, self._edges = states, edges
         self._where, self._what = own
+        self._taps = taps
         self._gaps = bin_gaps(taps, edges)
         self._bins = find_bins(taps, edges)
 
@@ -44,6 +46,8 @@ class OwnTaps:
         if isinstance(form, TableForm):
             own = self._where[:, np.newaxis, np.newaxis], self._what[:, np.newaxis, np.newaxis]
             return form.log_prob[*own, np.arange(self._bins.shape[2]), self._bins].sum(axis=(1, 2))
+        if not isinstance(form, GaussianForm):
+            return form.own(self._taps, self._edges, self._where, self._what)
         ready = form.prepare(np.zeros(form.shape, dtype=bool))
         out = np.empty(len(self._where))
         true_class_log_probability(*self._gaps, self._where * form.shape[1] + self._what, *ready[:-1], out)

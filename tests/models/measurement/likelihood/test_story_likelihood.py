@@ -9,8 +9,9 @@ import numpy as np
 import numpyro.distributions as dist
 import pytest
 from scipy.stats import norm
+from solidtouch.models.measurement.generic.observed import Binned, InBin
 from solidtouch.models.measurement.likelihood import shapes
-from solidtouch.models.measurement.likelihood.story_likelihood import InBin, in_state, log_likelihoods
+from solidtouch.models.measurement.likelihood.story_likelihood import in_state, log_likelihoods
 from solidtouch.models.measurement.registry import fit_model, measurement_model
 from solidtouch.models.measurement.shared_gain import state_grid
 from solidtouch.models.measurement.story import ParametricModel
@@ -164,7 +165,8 @@ def test_an_error_in_the_least_deviation_is_found(fitted, monkeypatch):
 def of_bin(lower, upper):
     """Log probability of a bin under a normal and a Student's t."""
     bases = dist.Normal(0.0, 1.0), dist.StudentT(4.0, 0.0, 1.0)
-    return jnp.stack([InBin(base, lower, upper, jnp.zeros(())).log_prob(0.0) for base in bases])
+    taps = Binned(*map(jnp.asarray, (lower, lower, upper, upper - lower)))
+    return jnp.stack([InBin(base, taps).log_prob(0.0) for base in bases])
 
 
 @pytest.mark.parametrize(("lower", "upper"), [(-0.1, 0.2), (4.0, 4.1), (-12.1, -12.0), (30.0, 30.2), (19.95, 20.05)])

@@ -1,0 +1,279 @@
+"""Posteriors of any generative model: variational, by chains, or at and around the most probable values.
+
+Hoffman and Gelman, JMLR 15 (2014) 1593 (NUTS); Kucukelbir et al., JMLR 18 (2017) 14 (automatic variational inference).
+"""
+
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import jax
+import numpy as np
+import numpyro
+from numpy.typing import NDArray
+from numpyro.handlers import block, seed, trace
+from numpyro.infer import SVI, Trace_ELBO, TraceEnum_ELBO
+from numpyro.infer.autoguide import AutoDelta, AutoLaplaceApproximation, AutoNormal
+from numpyro.infer.initialization import init_to_median
+from numpyro.infer.util import constrain_fn, unconstrain_fn
+from numpyro.optim import Adam
+
+from ...errors import InputError
+from ...seeds import Purpose, derived_seed, generator
+from ..fits.nuts import sample_story
+from ..fits.posterior import Convergence, SamplePosterior
+from ..likelihood.shapes import Parameters
+from .contract import StoryCall, StoryFunction
+from .form import key_from
+from .observed import peeled
+from .structure import OBSERVED, Structure
+
+STARTS, TRIED, STEPS, RUNS = 3, 200, 800, 5
+"""Of a variational fit: random starts, steps of each, then steps of a run from the best one, and runs at most."""
+_RATE, _WINDOW = 0.03, 100
+_STILL, _PER_SAMPLE = 0.5, 1e-3  # change between windows in nats per tap, and per sample, whichever allows more
+_CENTRED = 200  # draws of a guide whose mean is taken
+_TRIES = 3  # draws from the prior at which a density is looked at
+_MOST_CURVED = 5000  # dimensions of a Laplace approximation
+
+
+class GuidePosterior(NamedTuple):
+    """Posterior given by a guide of NumPyro.
+
+    Attributes:
+        centre: Latent variables at the mean of the unconstrained ones, by name.
+        sampled: From a key of JAX to a draw.
+        told: How it was found.
+    """
+
+    centre: Parameters
+    sampled: Callable[[Any], dict[str, Any]]
+    told: Convergence
+
+    def point(self) -> Parameters:
+        """Latent variables at the mean of the unconstrained ones."""
+        return self.centre
+
+    def convergence(self) -> Convergence:
+        """Convergence of the fit."""
+        return self.told
+
+    def draw(self, generator: np.random.Generator) -> Parameters:
+        """Latent variables from the posterior."""
+        with jax.enable_x64(True):
+            found = self.sampled(key_from(generator))
+        return {name: np.asarray(found[name], dtype=np.float64) for name in self.centre}
+
+
+class ChainPosterior(NamedTuple):
+    """Posterior given by Markov chains.
+
+    Attributes:
+        centre: As in `GuidePosterior`.
+        chains: All draws.
+    """
+
+    centre: Parameters
+    chains: SamplePosterior
+
+    def point(self) -> Parameters:
+        """Latent variables at the mean of the unconstrained ones."""
+        return self.centre
+
+    def convergence(self) -> Convergence:
+        """R-hat, effective sample size and divergences."""
+        return self.chains.convergence()
+
+    def draw(self, generator: np.random.Generator) -> Parameters:
+        """One of the draws."""
+        return self.chains.draw(generator)
+
+
+class Fit(NamedTuple):
+    """What a fit works on.
+
+    Attributes:
+        story: The model.
+        structure: Its sites.
+        batch: The training taps' classes.
+        samples: Their samples in the units of the model, shape (N, J, K).
+        seed: Random seed.
+    """
+
+    story: StoryFunction
+    structure: Structure
+    batch: StoryCall
+    samples: NDArray[np.float64]
+    seed: int
+
+    def run(self, samples: Any) -> Any:
+        """The model on the training taps."""
+        return self.story(self.batch, samples)
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the continuous latent variables."""
+        return tuple(self.structure.dims)
+
+
+def posterior(fit: Fit, method: str) -> GuidePosterior | ChainPosterior:
+    """Posterior of the latent variables.
+
+    Args:
+        fit: What to fit.
+        method: `svi`, `nuts`, `map` or `laplace`.
+
+    Raises:
+        InputError: The model fails, its density is nowhere finite, or there are too many latent variables for
+            `laplace`.
+    """
+    with jax.enable_x64(True), numpyro.validation_enabled(False):
+        try:
+            _check_density(fit)
+            if method == "nuts":
+                return _chains(fit)
+            if method == "laplace":
+                _check_size(fit)
+            return _guided(fit, method)
+        except InputError:
+            raise
+        except Exception as error:  # whatever a user's function raises
+            told = (str(error).splitlines() or [""])[0]
+            raise InputError(f"{fit.story.name} cannot be fitted: {type(error).__name__}: {told}") from error
+
+
+def _check_size(fit: Fit) -> None:
+    latents = _latents(fit)
+    size = sum(int(np.size(values)) for values in latents.values())
+    if size > _MOST_CURVED:
+        raise InputError(
+            f"--fit laplace inverts a matrix of all latent variables; {fit.story.name} has {size}, at most "
+            f"{_MOST_CURVED} are possible. Use svi."
+        )
+
+
+def _latents(fit: Fit) -> dict[str, Any]:
+    """Latent variables from the prior, for their shapes."""
+    sites = trace(seed(fit.run, 0)).get_trace(fit.samples)
+    return {name: sites[name]["value"] for name in fit.names}
+
+
+def _guided(fit: Fit, method: str) -> GuidePosterior:
+    hidden = block(fit.run, hide=list(fit.structure.enumerated)) if fit.structure.enumerated else fit.run
+    kinds: dict[str, Any] = {"svi": AutoNormal, "map": AutoDelta, "laplace": AutoLaplaceApproximation}
+    if method == "svi" and fit.story.guide is not None:
+        guide: Any = lambda samples: fit.story.guide_of(fit.batch, samples)  # noqa: E731
+    else:
+        guide = kinds[method](hidden, init_loc_fn=init_to_median)
+    model, loss = _summed(fit)
+    # In every run the rate falls to a fiftieth.
+    svi = SVI(model, guide, Adam(lambda step: _RATE * 0.02 ** ((step % STEPS) / STEPS)), loss)
+    N, J, K = fit.samples.shape
+    data = jax.numpy.asarray(fit.samples)
+
+    def run(steps: int, number: int, state: Any = None) -> tuple[Any, NDArray[np.float64]]:
+        key = jax.random.key(derived_seed(fit.seed, Purpose.CHAINS, number))
+        result = svi.run(key, steps, data, progress_bar=False, init_state=state)
+        return result.state, np.asarray(result.losses, dtype=np.float64) / N
+
+    begun = [run(TRIED, number) for number in range(STARTS if method == "svi" else 1)]
+    ends = [float(losses[-_WINDOW:].mean()) for _, losses in begun]
+    if not np.isfinite(ends).any():
+        raise InputError(f"The log density of {fit.story.name} is not finite at any start; check scales and supports.")
+    state, losses = begun[int(np.nanargmin(ends))]
+    still, change, runs = max(_STILL, _PER_SAMPLE * J * K), np.inf, 0
+    while change > still and runs < RUNS:
+        state, more = run(STEPS, STARTS + runs, state)
+        losses, runs = np.append(losses, more), runs + 1
+        change = _change(losses)
+    params = svi.get_params(state)
+    told = _told(method, change, still, losses, ends)
+    if isinstance(guide, AutoNormal | AutoDelta | AutoLaplaceApproximation):
+        automatic: Any = guide
+        centre = automatic.median(params)
+
+        def sampled(key: Any) -> dict[str, Any]:
+            return automatic.sample_posterior(key, params)
+    else:
+        from numpyro.infer import Predictive
+
+        def sampled(key: Any) -> dict[str, Any]:
+            drawn: Any = Predictive(guide, params=params, num_samples=1)(key, data)
+            return {name: drawn[name][0] for name in fit.names}
+
+        many = [sampled(key_from(generator(fit.seed, Purpose.CENTRE, number))) for number in range(_CENTRED)]
+        centre = _centre(fit, {name: np.stack([one[name] for one in many]) for name in fit.names})
+    centre = {name: np.asarray(centre[name], dtype=np.float64) for name in fit.names}
+    return GuidePosterior(centre, sampled, told)
+
+
+def _summed(fit: Fit) -> tuple[Any, Any]:
+    """The model and the loss of a variational fit, discrete latent variables summed out."""
+    if not fit.structure.enumerated:
+        return fit.run, Trace_ELBO()
+    from numpyro.contrib.funsor import config_enumerate
+
+    return config_enumerate(fit.run), TraceEnum_ELBO(max_plate_nesting=8)
+
+
+def _change(losses: NDArray[np.float64]) -> float:
+    return float(abs(losses[-_WINDOW:].mean() - losses[-2 * _WINDOW : -_WINDOW].mean()))
+
+
+def _told(method: str, change: float, still: float, losses: NDArray[np.float64], starts: list[float]) -> Convergence:
+    names = {"svi": "Variational inference", "map": "Most probable values", "laplace": "Laplace approximation"}
+    best = f" from the best of {len(starts)} starts" if len(starts) > 1 else ""
+    sentence = (
+        f"{names[method]}, {len(losses)} steps{best}; the mean loss of the last "
+        f"{_WINDOW} differs by {change:.2g} nats per tap from that of the {_WINDOW} before (at most {still:.2g})."
+    )
+    fine = bool(np.isfinite(losses[-1]) and change <= still)
+    return Convergence(fine, sentence, {"loss": losses, "change": np.array(change)})
+
+
+def _chains(fit: Fit) -> ChainPosterior:
+    chains = sample_story(
+        fit.run, (jax.numpy.asarray(fit.samples),), lambda sites: {name: sites[name] for name in fit.names}, fit.seed
+    )
+    flat = {name: values.reshape(-1, *values.shape[2:]) for name, values in chains.samples.items()}
+    return ChainPosterior(_centre(fit, flat), chains)
+
+
+def _centre(fit: Fit, draws: dict[str, NDArray[np.float64]]) -> Parameters:
+    """Mean of draws (n, ...) in unconstrained space, constrained."""
+    model = seed(fit.run, 0)
+
+    def loose(values: dict[str, Any]) -> Any:
+        return unconstrain_fn(model, (fit.samples,), {}, values)
+
+    mean = jax.tree.map(lambda values: values.mean(axis=0), jax.lax.map(loose, draws))
+    found = constrain_fn(model, (fit.samples,), {}, mean)
+    return {name: np.asarray(found[name], dtype=np.float64) for name in fit.names}
+
+
+def _check_density(fit: Fit) -> None:
+    """Checks the log density of the training taps at values drawn from the prior.
+
+    Raises:
+        InputError: That of a tap is no number, or the distribution excludes a tap, whatever is drawn.
+    """
+    outside = np.ones(len(fit.samples), dtype=bool)
+    for number in range(_TRIES):
+        with numpyro.validation_enabled(False):
+            site = trace(seed(fit.run, number)).get_trace(fit.samples)[OBSERVED]
+        value, fn = site["value"], site["fn"]
+        if (bad := _taps_where(np.isnan(np.asarray(fn.log_prob(value))))).any():
+            raise InputError(f"The log density of {fit.story.name} is not a number {_place(fit, bad)}.")
+        outside &= _taps_where(~np.asarray(peeled(fn).support(value)))
+    if outside.any():
+        raise InputError(
+            f"{fit.story.name} gives samples that occur no density, {_place(fit, outside)}; see its support."
+        )
+
+
+def _taps_where(wrong: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    return wrong.reshape(len(wrong), -1).any(axis=1)
+
+
+def _place(fit: Fit, bad: NDArray[np.bool_]) -> str:
+    first = int(bad.argmax())
+    return f"for a tap of position {fit.batch.where[first]} and object {fit.batch.what[first]}"

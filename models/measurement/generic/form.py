@@ -1,0 +1,280 @@
+"""Likelihood of taps under a generative model at given latent variables, by running it once for every class.
+
+The model's own function is run by NumPyro for one tap of one class, with bins in place of samples (see `observed`), and
+vectorised over classes and taps. Nothing is known of the model but the contract.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property, partial
+from itertools import chain
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from numpy.typing import NDArray
+from numpyro.handlers import block, seed, substitute, trace
+from numpyro.infer.util import log_density
+
+from ...errors import InputError
+from ...threads import cores, in_order
+from ..scaling import Scaling
+from .contract import StoryCall, StoryFunction
+from .observed import Binned, Censored, InBin, peeled
+from .structure import OBSERVED, Structure
+
+_AT_ONCE = 1 << 22  # samples under classes that one step holds
+
+
+@dataclass(frozen=True, eq=False)
+class Program:
+    """A generative model with what does not depend on its latent variables; one object, one compiled program.
+
+    Attributes:
+        story: The model.
+        structure: Its sites.
+        batch: Its arguments, with no tap.
+    """
+
+    story: StoryFunction
+    structure: Structure
+    batch: StoryCall
+
+    def of(self, where: Any, what: Any, session: Any) -> StoryCall:
+        """Arguments for taps of these classes."""
+        return replace(self.batch, where=where, what=what, session=session)
+
+
+def _log_probability(program: Program, latents: Any, taps: Binned, where: Any, what: Any) -> jax.Array:
+    """Log probability of the bins of one tap (J, K) of class (where, what)."""
+    one = Binned(*(part[None] for part in taps))
+    batch = program.of(where[None], what[None], _new_session(program, latents))
+    story = seed(substitute(lambda: program.story(batch, one.samples), data=latents), 0)
+    censored = Censored(story, OBSERVED, one.swapped() if program.structure.swapped else one)
+    if not program.structure.enumerated:
+        observed = block(censored, hide_fn=lambda site: site["name"] != OBSERVED)
+        return jnp.asarray(log_density(observed, (), {}, {})[0])
+    from numpyro.contrib.funsor import config_enumerate, enum
+    from numpyro.contrib.funsor import log_density as summed
+
+    kept = {OBSERVED, *program.structure.enumerated}
+    local = block(censored, hide_fn=lambda site: site["type"] == "sample" and site["name"] not in kept)
+    return jnp.asarray(summed(enum(config_enumerate(local), first_available_dim=-8), (), {}, {})[0])
+
+
+def _new_session(program: Program, latents: Any) -> NDArray[np.intp]:
+    """Index of the last session that the latent variables know, shape (1,)."""
+    for name, axis in program.structure.by_session.items():
+        return np.array([jnp.shape(latents[name])[axis] - 1])
+    return np.zeros(1, dtype=np.intp)
+
+
+@partial(jax.jit, static_argnums=0)
+def _under_all(program: Program, latents: Any, taps: Binned) -> jax.Array:
+    """Log probability of taps (n, J, K) under every class, shape (n, L M)."""
+    L, M, _, _ = program.batch.shape
+    where, what = jnp.divmod(jnp.arange(L * M), M)
+    each = jax.vmap(lambda one, l, m: _log_probability(program, latents, one, l, m), (None, 0, 0))
+    return jax.vmap(lambda one: each(one, where, what))(taps)
+
+
+@partial(jax.jit, static_argnums=0)
+def _under_own(program: Program, latents: Any, taps: Binned, where: jax.Array, what: jax.Array) -> jax.Array:
+    """Log probability of taps (n, J, K) under their own classes, shape (n,)."""
+    return jax.vmap(lambda one, l, m: _log_probability(program, latents, one, l, m))(taps, where, what)
+
+
+@partial(jax.jit, static_argnums=0)
+def _bin_table(program: Program, latents: Any, bins: Binned) -> jax.Array:
+    """Log probability of every bin (1, B, K) of exchangeable samples, shape (L M, B, K)."""
+    L, M, J, K = program.batch.shape
+    where, what = np.divmod(np.arange(L * M), M)
+    batch = program.of(where, what, np.repeat(_new_session(program, latents), L * M))
+    story = seed(substitute(lambda: program.story(batch, jnp.zeros((L * M, J, K))), data=latents), 0)
+    site = trace(block(story, hide_fn=lambda site: site["name"] != OBSERVED)).get_trace()[OBSERVED]
+    log_prob = InBin(peeled(site["fn"]), bins).log_prob(bins.samples)
+    return jnp.broadcast_to(log_prob, (L * M, *bins.samples.shape[1:]))
+
+
+@partial(jax.jit, static_argnums=(0, 2))
+def drawn(program: Program, latents: Any, J: int, where: Any, what: Any, key: Any) -> jax.Array:
+    """Samples (N, J, K) of taps of known class."""
+    L, M, _, K = program.batch.shape
+    session = jnp.broadcast_to(_new_session(program, latents), where.shape)
+    batch = replace(program.of(where, what, session), shape=(L, M, J, K))
+    story = seed(substitute(lambda: program.story(batch), data=latents), key)
+    value = trace(story).get_trace()[OBSERVED]["value"]
+    return jnp.swapaxes(value, 1, 2) if program.structure.swapped else value
+
+
+@dataclass(frozen=True, eq=False)
+class GenericForm:
+    """Likelihood of whole taps under a generative model; see `forms` for what a form is.
+
+    Attributes:
+        program: The model.
+        latents: Its latent variables, by name.
+        scaling: Units in which it describes samples.
+        gain: Of each state, shape (S,).
+        offset: Likewise.
+    """
+
+    program: Program
+    latents: dict[str, NDArray[np.float64]]
+    scaling: Scaling
+    gain: NDArray[np.float64]
+    offset: NDArray[np.float64]
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """(L, H)."""
+        L, M, _, _ = self.program.batch.shape
+        return L, M * len(self.gain)
+
+    @cached_property
+    def known(self) -> dict[str, jax.Array]:
+        """Latent variables on the device."""
+        with jax.enable_x64(True):
+            return {name: jnp.asarray(values, dtype=jnp.float64) for name, values in self.latents.items()}
+
+    exchangeable = False
+    """Whether a tap may have any number of samples."""
+
+    def in_state(self, gain: float, offset: float, edges: NDArray[np.float64]) -> "GenericForm":  # noqa: ARG002 - as TableForm
+        """Form of `gain` times a tap plus `offset`."""
+        return replace(self, gain=gain * self.gain, offset=gain * self.offset + offset)
+
+    @staticmethod
+    def joined(parts: Sequence["GenericForm"]) -> "GenericForm":
+        """Form over the hypotheses of the same model in several states, one after another."""
+        gain, offset = (
+            np.concatenate(values) for values in zip(*((part.gain, part.offset) for part in parts), strict=True)
+        )
+        return replace(parts[0], gain=gain, offset=offset)
+
+    def log_probability(self, tap: jax.Array, edges: jax.Array, where: Any, hypothesis: Any) -> jax.Array:
+        """Log probability of the bins of one tap (J, K) under one hypothesis, in JAX."""
+        state, what = jnp.divmod(hypothesis, self.program.batch.shape[1])
+        return _log_probability(
+            self.program, self.latents, _first(self._scaled(Binned.of(tap[None], edges), state)), where, what
+        )
+
+    def log_prob(self, taps: Any, edges: Any) -> jax.Array:
+        """Log probability of the bins of taps (n, J, K) under every hypothesis, shape (n, L, H), in JAX."""
+        L, M, _, _ = self.program.batch.shape
+        seen = _on_device(taps, edges)
+        parts = [_under_all(self.program, self.known, self._scaled(seen, s)) for s in range(len(self.gain))]
+        return jnp.concatenate([part.reshape(-1, L, M) for part in parts], axis=2)
+
+    def prepare(self, impossible: NDArray[np.bool_]) -> "PreparedGeneric":
+        """Precomputed form; hypotheses in the mask `impossible`, shape (L, H), have likelihood 0."""
+        return PreparedGeneric(self, impossible)
+
+    def own(
+        self, taps: NDArray[np.floating], edges: NDArray[np.float64], where: NDArray[np.intp], what: NDArray[np.intp]
+    ) -> NDArray[np.float64]:
+        """Log probability of the bins of taps (N, J, K) under their own hypotheses, shape (N,)."""
+        _, M, J, K = self.program.batch.shape
+        state, what = np.divmod(what, M)
+        out, step = np.empty(len(taps)), max(1, _AT_ONCE // (J * K))
+        with jax.enable_x64(True):
+            for s in np.unique(state):
+                for rows in _blocks(np.flatnonzero(state == s), step):
+                    seen = self._scaled(_on_device(taps[rows], edges), s)
+                    out[rows] = _under_own(self.program, self.known, seen, where[rows], what[rows])
+        return out
+
+    def sample(
+        self,
+        where: NDArray[np.intp],
+        what: NDArray[np.intp],
+        edges: NDArray[np.float64],  # noqa: ARG002 - as TableForm
+        J: int,
+        generator: np.random.Generator,
+    ) -> NDArray[np.float64]:
+        """Taps under hypotheses (N,), shape (N, J, K)."""
+        state, what = np.divmod(what, self.program.batch.shape[1])
+        with jax.enable_x64(True):
+            key = key_from(generator)
+            taps = np.asarray(drawn(self.program, self.known, J, jnp.asarray(where), jnp.asarray(what), key))
+        taps = taps * self.scaling.unit + self.scaling.centre
+        return taps * self.gain[state, None, None] + self.offset[state, None, None]
+
+    def _scaled(self, seen: Binned, s: Any) -> Binned:
+        """Samples and bins before gain and offset, in the units of the model."""
+        return seen.scaled(self.gain[s], self.offset[s], *self.scaling)
+
+
+jax.tree_util.register_dataclass(
+    GenericForm, data_fields=["latents", "scaling", "gain", "offset"], meta_fields=["program"]
+)
+
+
+@dataclass(frozen=True, eq=False)
+class PreparedGeneric:
+    """A `GenericForm` with impossible hypotheses."""
+
+    form: GenericForm
+    impossible: NDArray[np.bool_]
+
+    def log_likelihood(
+        self, taps: NDArray[np.floating], edges: NDArray[np.float64], exponent: float, out: NDArray[np.float64]
+    ) -> None:
+        """Writes `exponent` times the log probability of the bins of taps (N, J, K) to `out`, shape (N, L, H)."""
+        (J, K), (L, H) = taps.shape[1:], self.impossible.shape
+        step = int(np.clip(_AT_ONCE // (J * K * L * H), 1, len(taps)))
+
+        def part(rows: NDArray[np.intp]) -> NDArray[np.float64]:
+            with jax.enable_x64(True):
+                padded = np.resize(rows, step)  # a last block of another size would be compiled anew
+                return np.asarray(self.form.log_prob(taps[padded], edges))[: len(rows)]
+
+        first, *others = _blocks(np.arange(len(taps)), step)
+        # NumPyro runs models in one thread at a time: the first block is compiled before the others are begun.
+        tasks = (partial(part, rows) for rows in others)
+        parts = chain([part(first)], in_order(tasks, cores(None) if len(others) > 1 else 1))
+        for rows, values in zip([first, *others], parts, strict=True):
+            out[rows] = np.where(self.impossible, -np.inf, exponent * values)
+
+
+def _first(taps: Binned) -> Binned:
+    return Binned(*(part[0] for part in taps))
+
+
+def key_from(generator: np.random.Generator) -> jax.Array:
+    """Key of JAX from a random generator."""
+    return jax.random.key(int(generator.integers(2**31)))
+
+
+def _blocks(rows: NDArray[np.intp], step: int) -> list[NDArray[np.intp]]:
+    return [rows[start : start + step] for start in range(0, len(rows), step)]
+
+
+def _on_device(taps: Any, edges: Any) -> Binned:
+    """Samples (n, J, K) with their bins, in double precision.
+
+    Raises:
+        InputError: A sample is NaN or infinite.
+    """
+    if not np.isfinite(taps).all():
+        raise InputError("Samples must not be NaN or infinite.")
+    return _held(jnp.asarray(taps, dtype=jnp.float64), jnp.asarray(edges, dtype=jnp.float64))
+
+
+_held = jax.jit(Binned.of)
+
+
+def bin_table(
+    program: Program, latents: dict[str, Any], scaling: Scaling, edges: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Log probability of every bin of exchangeable samples, shape (L, M, K, B)."""
+    L, M, _, K = program.batch.shape
+    edges = np.broadcast_to(edges, (K, edges.shape[-1]))
+    centres = 0.5 * (edges[:, :-1] + edges[:, 1:])
+    with jax.enable_x64(True):
+        seen = _on_device(centres.T[None], edges)
+        bins = seen.scaled(1.0, 0.0, *scaling)
+        known = {name: jnp.asarray(values, dtype=jnp.float64) for name, values in latents.items()}
+        table = np.asarray(_bin_table(program, known, bins))
+    return np.moveaxis(table.reshape(L, M, -1, K), 2, 3)

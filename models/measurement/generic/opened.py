@@ -1,0 +1,103 @@
+"""Fits of generative models from files: the code of a user does not run because a file is opened."""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+import xarray as xr
+from numpy.typing import NDArray
+
+from ...errors import InputError
+from ..likelihood.bins import TableForm
+from ..model import TapModel
+from . import source
+from .story import GenericStory
+
+
+class StoryError(InputError):
+    """The function of a fit is not known, or is another than that which was fitted."""
+
+
+def read_generic(
+    attributes: Mapping[str, Any],
+    data: xr.Dataset,
+    parameters: xr.Dataset,
+    common: dict[str, Any],
+    story: Callable[..., Any] | str | None,
+) -> TapModel:
+    """Model from the groups of a file, with its function if that is known, else by its tables.
+
+    Args:
+        attributes: Attributes of the file.
+        data: Group `constant_data`.
+        parameters: Group `parameters`.
+        common: What all models have, as arguments.
+        story: The function, or where it is, as FILE.py:FUNCTION; default one of its name that was named before.
+
+    Raises:
+        StoryError: Another function than that of the fit is given, or none and the fit has no tables.
+        InputError: There is no such function.
+    """
+    name = attributes["kind"]
+    known = source.registered(name) if story is None else source.function_of(story)
+    if known is not None and source.digest(known) == attributes["digest"]:
+        return GenericStory(known).read(attributes, data, parameters, common)
+    if story is not None:
+        raise StoryError(
+            f"{known.name if known else story} is not the code that was fitted: its file has changed since. Fit again"
+            + (", or leave it out: the tables of the fit still work." if "table" in data else ".")
+        )
+    if "table" not in data or common["draws"]:
+        raise StoryError(
+            f"this fit needs the code of {name}, which opening a file does not run; name it with --story {name}, in "
+            "Python load_model(path, story=...)."
+        )
+    return OpenedModel(name_of_function=name, table=data["table"].values, **common)
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class OpenedModel(TapModel):
+    """A fit of a generative model whose code did not run: its tables decide as before, draws need the code.
+
+    Attributes:
+        name_of_function: Name of the function.
+        table: Log probability of every bin, shape (L, M, K, B); NaN for untrained classes.
+    """
+
+    name_of_function: str
+    table: NDArray[np.float64]
+
+    @property
+    def kind(self) -> str:
+        """Name of the function."""
+        return self.name_of_function
+
+    @property
+    def dims(self) -> dict[str, tuple[str, ...]]:
+        """Empty, as its latent variables are not read."""
+        return {}
+
+    @property
+    def K(self) -> int:  # noqa: N802
+        """Number of taxels."""
+        return self.table.shape[2]
+
+    @cached_property
+    def trained(self) -> NDArray[np.bool_]:
+        """Mask of the classes with training taps, shape (L, M)."""
+        return ~np.isnan(self.table).any(axis=(2, 3))
+
+    @cached_property
+    def plain_form(self) -> TableForm:
+        """The tables; flat for untrained classes, which have prior 0."""
+        return TableForm(np.where(np.isnan(self.table), -np.log(self.table.shape[3]), self.table))
+
+    def groups(self) -> dict[str, xr.Dataset]:
+        """Always raises, as it would lose the latent variables.
+
+        Raises:
+            InputError: Always.
+        """
+        raise InputError(f"A fit of {self.kind} is saved with its code at hand; name it with load_model(path, story=).")

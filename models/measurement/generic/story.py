@@ -1,0 +1,242 @@
+"""A generative model that keeps the contract, as a measurement model: its fit, and the fitted model."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from functools import cached_property
+from importlib.metadata import version
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import xarray as xr
+from numpy.typing import NDArray
+
+from ...errors import InputError
+from ...seeds import Purpose, generator
+from ...settings import FitSettings, likelihood_exponent
+from ...training import tap_digests
+from ..fits.priors import Taps
+from ..likelihood.any_form import Form
+from ..likelihood.bins import TableForm, bin_edges
+from ..likelihood.forecasts import log_mean
+from ..likelihood.mixture import MixtureForm
+from ..likelihood.shapes import Parameters
+from ..likelihood.true_class import Own
+from ..model import Fitted, Row, TapModel, in_states
+from ..scaling import Scaling
+from . import source
+from .contract import StoryCall, StoryFunction
+
+if TYPE_CHECKING:
+    from ...grid import ClassGrid
+    from ...taps import TapSet
+    from ..fits.posterior import Posterior
+    from .form import Program
+
+_MANY_DRAWS = 100  # of an integral over the posterior
+_SESSIONS = 32  # draws of a new session where the model decides at one value
+
+
+@dataclass(frozen=True, eq=False)
+class GenericStory:
+    """A generative model as an entry of the registry, see `MeasurementModel`.
+
+    Attributes:
+        function: The model.
+    """
+
+    function: StoryFunction
+
+    @property
+    def row(self) -> Row:
+        """Its own first sentence."""
+        return Row("as its author says", self.function.sentence)
+
+    def fit(self, taps: "TapSet", grid: "ClassGrid", settings: FitSettings, trained_on: str = "") -> Fitted:
+        """Model fitted to training taps.
+
+        Raises:
+            InputError: The function does not keep the contract or fails, the taps cannot carry it, or an argument is
+                out of range.
+        """
+        from .fit import Fit, posterior
+        from .form import Program
+        from .sessions import InNewSessions
+        from .structure import structure_of
+
+        where, what = taps.indices(grid)
+        inside = (where >= 0) & (what >= 0)
+        if not inside.any():
+            raise InputError("No training tap belongs to a class of the grid.")
+        used = taps if inside.all() else taps.select(inside)
+        samples = used.taps.astype(np.float64)
+        likelihood_exponent(settings.power, *samples.shape[1:])
+        edges = bin_edges(used.taps, settings.bins, settings.value_range) if settings.edges is None else settings.edges
+        known = Taps(samples, where[inside], what[inside], grid.shape, used.where)
+        K = samples.shape[2]
+        scaling = Scaling(np.zeros(K), np.ones(K)) if self.function.raw else Scaling.of(known, edges)
+        batch = batch_of(grid, taps.preprocessing, K)
+        structure = structure_of(self.function, batch)
+        session = np.unique(used.session, return_inverse=True)[1]
+        full = replace(batch, where=known.where, what=known.what, session=session)
+        fit = Fit(self.function, structure, full, scaling.scaled(known).samples, settings.seed)
+        found: Posterior = posterior(fit, "svi" if settings.method == "closed" else settings.method)
+        covered = np.zeros(grid.shape, dtype=bool)
+        covered[known.where, known.what] = True
+        model = GenericModel(
+            story=self,
+            program=Program(self.function, structure, batch),
+            scaling=scaling,
+            parameters=found.point(),
+            covered=covered,
+            grid=grid,
+            edges=edges,
+            power=settings.power,
+            preprocessing=taps.preprocessing,
+            left_out=grid.untouched(covered),
+            trained_on=trained_on,
+            version=version("solidtouch"),
+            training=tap_digests(used.taps),
+            saturation=settings.limit,
+        )
+        if structure.by_session:
+            found = InNewSessions(found, model.program)
+        return Fitted(model, found, found.convergence())
+
+    def read(
+        self, _: Mapping[str, Any], data: xr.Dataset, parameters: xr.Dataset, common: dict[str, Any]
+    ) -> "GenericModel":
+        """Model from the groups of a file, see `MeasurementModel.read`."""
+        from .form import Program
+        from .structure import structure_of
+
+        scaling = Scaling(data["centre"].values, data["unit"].values)
+        batch = batch_of(common["grid"], common["preprocessing"], len(scaling.unit))
+        structure = structure_of(self.function, batch)
+        return GenericModel(
+            story=self,
+            program=Program(self.function, structure, batch),
+            scaling=scaling,
+            parameters={name: parameters[name].values for name in structure.dims},
+            covered=data["covered"].values.astype(bool),
+            **common,
+        )
+
+
+def batch_of(grid: "ClassGrid", preprocessing: Any, K: int) -> StoryCall:
+    """Arguments of a generative model for taps of this kind, with no tap."""
+    none, J, rate = np.zeros(0, dtype=np.intp), preprocessing.samples, preprocessing.rate_hz
+    times = None if rate is None else np.arange(J) / rate
+    return StoryCall(none, none, (*grid.shape, J, K), grid.where_value, grid.what_value, none, times)
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class GenericModel(TapModel):
+    """A generative model at fitted latent variables, see `TapModel`.
+
+    Attributes:
+        story: The model as it was named.
+        program: The same with its sites.
+        scaling: Units of its samples.
+        parameters: Latent variables with which it decides.
+        covered: Classes with training taps, shape (L, M).
+    """
+
+    story: GenericStory
+    program: "Program"
+    scaling: Scaling
+    parameters: Parameters
+    covered: NDArray[np.bool_]
+
+    @property
+    def kind(self) -> str:
+        """Name of the function."""
+        return self.story.function.name
+
+    @property
+    def K(self) -> int:  # noqa: N802
+        """Number of taxels."""
+        return len(self.scaling.unit)
+
+    @cached_property
+    def trained(self) -> NDArray[np.bool_]:
+        """Mask of the classes with training taps, shape (L, M)."""
+        return self.covered
+
+    @property
+    def dims(self) -> dict[str, tuple[str, ...]]:
+        """Dims of the latent variables."""
+        return self.program.structure.dims
+
+    @property
+    def measure(self) -> str:
+        """See `observed`."""
+        return self.program.structure.measure
+
+    @cached_property
+    def plain_form(self) -> Form:
+        """Likelihood form of the parameters; of a model with sessions, the mean over new ones."""
+        if not self.program.structure.by_session:
+            return self.form_of(self.parameters)
+        return MixtureForm(tuple(map(self._form, self._in_new_sessions())))
+
+    @property
+    def story_form(self) -> Form:
+        """Likelihood form that runs the model for every tap, whatever faster form there is."""
+        from .form import GenericForm
+
+        known = [dict(self.parameters)]
+        if self.program.structure.by_session:
+            known = self._in_new_sessions()
+        forms = [GenericForm(self.program, latents, self.scaling, np.ones(1), np.zeros(1)) for latents in known]
+        return in_states(forms[0] if len(forms) == 1 else MixtureForm(tuple(forms)), self.states, self.edges)
+
+    def form_of(self, parameters: Parameters) -> Form:
+        """Likelihood form of other parameters; their last session is the one at perception."""
+        return self._form(dict(parameters))
+
+    def _in_new_sessions(self) -> list[dict[str, NDArray[np.float64]]]:
+        """The parameters with new sessions."""
+        from .sessions import with_new_session
+
+        generators = (generator(0, Purpose.NEW_SESSION, number) for number in range(_SESSIONS))
+        return [with_new_session(self.program, self.parameters, each) for each in generators]
+
+    def _form(self, latents: dict[str, NDArray[np.float64]]) -> Form:
+        from .form import GenericForm, bin_table
+
+        if self.program.structure.exchangeable:
+            return TableForm(bin_table(self.program, latents, self.scaling, self.edges))
+        return GenericForm(self.program, latents, self.scaling, np.ones(1), np.zeros(1))
+
+    def integrated(
+        self,
+        posterior: Any,
+        taps: NDArray[np.floating],
+        own: Own,
+        generator: np.random.Generator,
+        gain: float,
+        offset: float,
+    ) -> NDArray[np.float64]:
+        """Predictive log probability, averaged over draws."""
+        taps, edges = (taps - offset) / gain, (self.edges - offset) / gain
+        forms = (self.form_of(posterior.draw(generator)) for _ in range(_MANY_DRAWS))
+        return log_mean([form.own(taps, edges, *own) for form in forms])
+
+    def groups(self) -> dict[str, xr.Dataset]:
+        """Groups of the file, with parameters and their scaling."""
+        groups = super().groups()
+        data: dict[str, Any] = {
+            "centre": ("taxel", self.scaling.centre),
+            "unit": ("taxel", self.scaling.unit),
+            "covered": (("where", "what"), self.covered),
+        }
+        parameters = {name: (dims, self.parameters[name]) for name, dims in self.dims.items()}
+        if not self.draws and isinstance(self.plain_form, TableForm):
+            table = np.where(self.covered[:, :, None, None], self.plain_form.log_prob, np.nan)
+            data["table"] = (("where", "what", "taxel", "bin"), table)
+        told = {"measure": self.program.structure.measure, "digest": source.digest(self.story.function)}
+        return groups | {
+            "/": groups["/"].assign_attrs(told),
+            "constant_data": groups["constant_data"].assign(data),
+            "parameters": xr.Dataset(parameters, self.grid.coords()),
+        }

@@ -1,0 +1,184 @@
+"""What a generative model consists of, found by running it on a few made-up taps.
+
+A wrong site is refused here, in one sentence, before a fit spends time on it.
+"""
+
+from typing import Any, NamedTuple
+
+import numpy as np
+import numpyro
+from numpyro.handlers import seed, trace
+
+from ...errors import InputError
+from .contract import StoryCall, StoryFunction
+from .observed import elementwise, measure_of, peeled
+
+OBSERVED = "taps"
+"""The site of the samples."""
+_DIMS = {"L": "where", "M": "what", "J": "sample", "K": "taxel"}
+
+
+class Structure(NamedTuple):
+    """Sites of a generative model.
+
+    Attributes:
+        dims: Dims of each latent variable by name.
+        swapped: Whether the observed site has taxels before times.
+        measure: See `observed`.
+        exchangeable: Whether all samples of a taxel are independent and have one distribution.
+        enumerated: Names of the discrete latent variables of single taps, which are summed over.
+        by_session: Axis of sessions of the latent variables that have one, by name.
+    """
+
+    dims: dict[str, tuple[str, ...]]
+    swapped: bool
+    measure: str
+    exchangeable: bool
+    enumerated: tuple[str, ...]
+    by_session: dict[str, int]
+
+
+def structure_of(story: StoryFunction, batch: StoryCall) -> Structure:
+    """Structure of a generative model.
+
+    Args:
+        story: The model.
+        batch: Taps of the kind that it is for; how many does not matter.
+
+    Raises:
+        InputError: The function fails, has no site `taps` or one of another shape, or latent variables that cannot be
+            fitted.
+    """
+    few, more = (_run(story, _some(batch, n), n) for n in (2, 3))
+    site = _observed(story, more, batch)
+    swapped = _is_swapped(story, site, _probe(batch, 3))
+    latents = {name: s for name, s in more.items() if s["type"] == "sample" and not s["is_observed"]}
+    enumerated = []
+    for name, latent in latents.items():
+        local, discrete = np.shape(few[name]["value"]) != np.shape(latent["value"]), latent["fn"].support.is_discrete
+        _check_latent(story, name, latent, local, discrete)
+        if discrete:
+            enumerated.append(name)
+    kept = {name: latent for name, latent in latents.items() if name not in enumerated}
+    return Structure(
+        {name: _dims(name, latent, batch.shape) for name, latent in kept.items()},
+        swapped,
+        measure_of(site["fn"]),
+        not enumerated and not swapped and _is_exchangeable(site) and not _looks_back(story, batch),
+        tuple(enumerated),
+        _session_axes(story, batch, kept),
+    )
+
+
+def _some(batch: StoryCall, n: int) -> StoryCall:
+    """StoryCall of n taps of its classes in turn."""
+    L, M, _, _ = batch.shape
+    index = np.arange(n)
+    return StoryCall(**{**vars(batch), "where": index % L, "what": index % M, "session": np.zeros(n, dtype=np.intp)})
+
+
+def _probe(batch: StoryCall, n: int) -> Any:
+    """Made-up samples, all different."""
+    _, _, J, K = batch.shape
+    return np.arange(1.0, 1.0 + n * J * K).reshape(n, J, K)
+
+
+def _run(story: StoryFunction, batch: StoryCall, n: int, taps: Any = None) -> dict[str, Any]:
+    taps = _probe(batch, n) if taps is None else taps
+    try:
+        with numpyro.validation_enabled(False):
+            return trace(seed(story, 0)).get_trace(batch, taps)
+    except InputError:
+        raise
+    except NotImplementedError as error:
+        raise InputError(
+            f"{story.name} has a latent variable without a proper prior, which cannot be drawn ({error}); give it one."
+        ) from error
+    except Exception as error:  # whatever a user's function raises
+        told = (str(error).splitlines() or [""])[0]
+        raise InputError(f"{story.name} failed on {n} made-up taps: {type(error).__name__}: {told}") from error
+
+
+def _observed(story: StoryFunction, sites: dict[str, Any], batch: StoryCall) -> dict[str, Any]:
+    """The observed site, of the right shape."""
+    site = sites.get(OBSERVED)
+    if site is None or site["type"] != "sample" or not site["is_observed"]:
+        names = ", ".join(name for name, s in sites.items() if s["type"] == "sample") or "none"
+        raise InputError(
+            f"{story.name} must observe the samples at a site {OBSERVED!r} with obs=taps; its sites: {names}."
+        )
+    _, _, J, K = batch.shape
+    shape = tuple(site["fn"].batch_shape) + tuple(site["fn"].event_shape)
+    if shape not in {(3, J, K), (3, K, J)}:
+        raise InputError(
+            f"The site {OBSERVED!r} of {story.name} has shape {shape} for 3 taps, expected (3, {J}, {K}): tap, sample, "
+            "taxel."
+        )
+    return site
+
+
+def _is_swapped(story: StoryFunction, site: dict[str, Any], probe: Any) -> bool:
+    value = np.asarray(site["value"])
+    for swapped, expected in ((False, probe), (True, probe.swapaxes(1, 2))):
+        if value.shape == expected.shape and np.allclose(value, expected):
+            return swapped
+    raise InputError(f"The site {OBSERVED!r} of {story.name} must observe taps themselves, not values made from them.")
+
+
+def _check_latent(story: StoryFunction, name: str, latent: dict[str, Any], local: bool, discrete: bool) -> None:
+    if discrete and not (local and latent["fn"].has_enumerate_support):
+        kind = "cannot be enumerated" if local else "is shared by all taps"
+        raise InputError(
+            f"The discrete latent variable {name!r} of {story.name} {kind}; sum it out in the model, for example by "
+            "numpyro.distributions.MixtureSameFamily."
+        )
+    if local and not discrete:
+        raise InputError(
+            f"The latent variable {name!r} of {story.name} has a value for every tap, so that no tap could be judged "
+            "without a fit; integrate it out in the model, or let it depend on class, taxel or session."
+        )
+
+
+def _dims(name: str, latent: dict[str, Any], shape: tuple[int, int, int, int]) -> tuple[str, ...]:
+    """Dims of a latent variable, from its plates."""
+    sizes = dict(zip(_DIMS, shape, strict=True))
+    value, event = np.shape(latent["value"]), latent["fn"].event_dim
+    dims = [f"{name}_dim_{axis}" for axis in range(len(value))]
+    for frame in latent["cond_indep_stack"]:
+        axis = len(value) - event + frame.dim
+        if 0 <= axis < len(value) and value[axis] == frame.size:
+            known = sizes.get(frame.name) == frame.size
+            dims[axis] = _DIMS[frame.name] if known else f"{name}_{frame.name}"
+    return tuple(dims)
+
+
+def _is_exchangeable(site: dict[str, Any]) -> bool:
+    """Whether samples are independent and no parameter varies along a tap."""
+    base = peeled(site["fn"])
+    plain = site.get("scale") is None and site["infer"].get("mask") is None
+    same = len(base.batch_shape) < 2 or base.batch_shape[-2] == 1
+    return plain and elementwise(site["fn"]) and same
+
+
+def _looks_back(story: StoryFunction, batch: StoryCall) -> bool:
+    """Whether the distribution of samples depends on samples, as in a forecast from those before."""
+    import jax
+
+    some, probe = _some(batch, 3), _probe(batch, 3)
+    runs = (_run(story, some, 3, taps) for taps in (probe, -2 * probe))  # latent variables have the same seed
+    one, two = (jax.tree.leaves(peeled(run[OBSERVED]["fn"])) for run in runs)
+    return any(not np.array_equal(a, b) for a, b in zip(one, two, strict=True))
+
+
+def _session_axes(story: StoryFunction, batch: StoryCall, latents: dict[str, Any]) -> dict[str, int]:
+    """Axis of sessions of each latent variable that has one."""
+    if "session" not in story.wanted:
+        return {}
+    some = _some(batch, 3)
+    sites = _run(story, StoryCall(**{**vars(some), "session": np.arange(3)}), 3)
+    axes = {}
+    for name, latent in latents.items():
+        one, three = np.shape(latent["value"]), np.shape(sites[name]["value"])
+        if one != three:
+            axes[name] = next(axis for axis, (a, b) in enumerate(zip(one, three, strict=True)) if a != b)
+    return axes

@@ -1,0 +1,79 @@
+"""Commands with a model that is a function of the user's."""
+
+import sys
+from pathlib import Path
+
+import pytest
+from solidtouch.cli.main import run as run_command
+from solidtouch.models.measurement.generic import fit as fits
+from solidtouch.models.measurement.generic import source
+
+
+@pytest.fixture
+def run(tmp_path, monkeypatch, capsys, make_taps):
+    """A function that runs a command beside a file of models and two sessions of taps, and returns what it says."""
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(source, "_registered", {})
+    for name, value in {"TRIED": 20, "STEPS": 40, "_WINDOW": 10, "RUNS": 1, "STARTS": 1}.items():
+        monkeypatch.setattr(fits, name, value)
+    Path("my_models.py").write_text((Path(__file__).parents[1] / "own_stories.py").read_text("utf-8"), "utf-8")
+    taps = make_taps(J=6, K=3, repeats=4)
+    for session in (0, 1):
+        taps.select(taps.session == session).save(f"session-{session}.nc")
+
+    def command(line, code=0):
+        monkeypatch.setattr(sys, "argv", ["solidtouch", *line.split()])
+        with pytest.raises(SystemExit) as ended:
+            run_command()
+        told = capsys.readouterr()
+        assert ended.value.code == code, told
+        return told.out + told.err
+
+    return command
+
+
+def test_a_function_is_fitted_perceives_and_simulates(run):
+    fitted = "--allow-unconverged --draws 2"
+    assert "my_models.py:walk: Variational" in run(f"fit session-0.nc --model my_models.py:walk --out walk.nc {fitted}")
+    run(f"fit session-0.nc --model my_models.py:laplace --out l.nc --integrate 3 --fit map {fitted}")
+    source._registered.clear()
+    play = "--rig replay:session-1.nc --json --deadline 3"
+
+    assert "walk.nc: this fit needs the code of my_models.py:walk" in run(f"perceive walk.nc {play}", 2)
+    told = run(f"perceive walk.nc {play} --story my_models.py:walk --shadow --engine numpy")
+    assert '"decision"' in told
+    run("simulate --preset model --model walk.nc --story my_models.py:walk --sessions 1 --out drawn")
+    assert Path("drawn/session-0.nc").exists()
+    assert "has changed since" in _changed(run)
+
+
+def _changed(run):
+    with Path("my_models.py").open("a", encoding="utf-8") as file:
+        file.write("\n")
+    source._registered.clear()
+    return run("simulate --preset model --model walk.nc --story my_models.py:walk --sessions 1 --out more", 2)
+
+
+def test_functions_are_compared_and_cross_checked_with_built_in_models(run):
+    models = "gaussian,my_models.py:laplace,my_models.py:heavy"
+    found = run(
+        f"compare session-0.nc session-1.nc --models {models} --allow-unconverged --draws 0 --trials 50 --out compared"
+    )
+
+    assert "my_models.py:laplace" in found
+    assert "gives densities of samples" in " ".join(found.split())
+    check = "--episodes 1 --length 3 --sequence-taps 2 --allow-unconverged"
+    assert "All routes agree" in run(f"crosscheck session-0.nc session-1.nc --model my_models.py:levels {check}")
+
+
+@pytest.mark.parametrize(
+    ("line", "message"),
+    [
+        ("fit session-0.nc --model my_models.py:nothing --out a.nc", "my_models.py: no function 'nothing'"),
+        ("fit session-0.nc --model none.py:walk --out a.nc", "none.py: no such file"),
+        ("fit session-0.nc --model gaussian --fit svi --out a.nc", "--fit svi"),
+        ("fit session-0.nc --model histogram --fit map --out a.nc", "--fit map"),
+    ],
+)
+def test_what_cannot_be_fitted_is_refused_in_a_sentence(run, line, message):
+    assert message in run(line, 2)

@@ -1,0 +1,175 @@
+"""Functions that keep the contract of a generative model, and how others are refused."""
+
+import jax.numpy as jnp
+import numpy as np
+import numpyro
+import numpyro.distributions as dist
+import pytest
+from own_stories import alike, correlated, heavy, laplace, levels, shifted, two_levels, walk
+from solidtouch.models.errors import InputError
+from solidtouch.models.measurement.generic.contract import StoryCall, StoryFunction, measurement_model
+from solidtouch.models.measurement.generic.structure import structure_of
+
+L, M, J, K = 3, 2, 5, 4
+
+
+def call(**more):
+    none = np.zeros(0, dtype=int)
+    values = {"where_value": np.arange(3.0), "what_value": None, "time_s": None, **more}
+    return StoryCall(none, none, (L, M, J, K), session=none, **values)
+
+
+def structure(function, **more):
+    return structure_of(StoryFunction.of(function, "story"), call(**more))
+
+
+def test_sites_have_the_dims_of_their_plates():
+    assert structure(laplace).dims == {"loc": ("where", "what", "taxel"), "scale": ("where", "what", "taxel")}
+    assert structure(levels).dims == {"level": ("where", "what", "sample", "taxel")}
+    assert structure(correlated).dims["root"] == ("root_dim_0", "root_dim_1")
+
+
+@pytest.mark.parametrize(
+    ("function", "expected"),
+    [
+        (laplace, (False, "bins", True)),
+        (alike, (False, "bins", True)),
+        (levels, (False, "bins", False)),
+        (two_levels, (False, "bins", False)),
+        (walk, (True, "bins", False)),
+        (correlated, (False, "bins", False)),
+        (heavy, (False, "density", False)),
+    ],
+)
+def test_what_the_observed_site_is(function, expected):
+    found = structure(function)
+
+    assert (found.swapped, found.measure, found.exchangeable) == expected
+
+
+def test_discrete_variables_of_samples_are_to_be_summed_out():
+    found = structure(two_levels)
+
+    assert found.enumerated == ("upper",)
+    assert set(found.dims) == {"low", "gap"}
+
+
+def test_variables_of_sessions_are_known_by_their_axis():
+    assert structure(shifted).by_session == {"shift": 0}
+    assert structure(laplace).by_session == {}
+
+
+def test_a_forecast_from_samples_before_is_not_exchangeable():
+    def looks_back(where, what, taps=None, *, L, M, J, K):
+        scale = numpyro.sample("scale", dist.LogNormal(0.0, 1.0))
+        mean = 0.0 if taps is None else jnp.asarray(taps).mean(axis=(1, 2), keepdims=True)
+        with numpyro.plate("tap", len(where), dim=-3), numpyro.plate("J", J, dim=-2), numpyro.plate("K", K, dim=-1):
+            numpyro.sample("taps", dist.Normal(mean, scale), obs=taps)
+
+    assert not structure(looks_back).exchangeable
+
+
+def test_arguments_that_are_named_are_filled_in():
+    seen = {}
+
+    def curious(where, what, taps=None, *, L, K, J, where_value, what_value, time_s, session, width=2.0):
+        seen.update(where_value=where_value, what_value=what_value, time_s=time_s, width=width, session=session)
+        with numpyro.plate("tap", len(where), dim=-3), numpyro.plate("J", J, dim=-2), numpyro.plate("K", K, dim=-1):
+            numpyro.sample("taps", dist.Normal(0.0, width), obs=taps)
+
+    structure(curious, what_value=np.array([2.0, 4.0]), time_s=np.arange(J) / 50)
+
+    np.testing.assert_array_equal(seen["what_value"], [2.0, 4.0])
+    np.testing.assert_array_equal(seen["where_value"], np.arange(3.0))
+    assert (len(seen["time_s"]), seen["width"]) == (J, 2.0)
+
+
+@pytest.mark.parametrize(
+    ("name", "missing"), [("what_value", "the objects have no sizes"), ("time_s", "sampling rate is unknown")]
+)
+def test_values_that_the_taps_lack_are_refused(name, missing):
+    with pytest.raises(InputError, match=missing):
+        call().arguments((name,))
+
+
+def test_a_decorated_function_says_what_it_takes():
+    @measurement_model(raw=True)
+    def marked(where, what, taps=None): ...
+
+    assert StoryFunction.of(marked, "marked").raw
+    assert not StoryFunction.of(laplace, "laplace").raw
+
+
+def taps_only(shape, obs=lambda taps: taps, site="taps"):
+    """A story with one observed site."""
+
+    def story(where, what, taps=None, *, J, K):
+        sizes = {"N": len(where), "J": J, "K": K, "1": 1}
+        dims = [sizes[axis] for axis in shape]
+        numpyro.sample(site, dist.Normal(0.0, 1.0).expand(dims), obs=None if taps is None else obs(taps))
+
+    return story
+
+
+def local(distribution):
+    def story(where, what, taps=None, *, J, K):
+        with numpyro.plate("tap", len(where), dim=-3):
+            own = numpyro.sample("own", distribution)
+            with numpyro.plate("J", J, dim=-2), numpyro.plate("K", K, dim=-1):
+                numpyro.sample("taps", dist.Normal(own, 1.0), obs=taps)
+
+    return story
+
+
+def shared(distribution):
+    def story(where, what, taps=None, *, J, K):
+        own = numpyro.sample("own", distribution)
+        with numpyro.plate("tap", len(where), dim=-3), numpyro.plate("J", J, dim=-2), numpyro.plate("K", K, dim=-1):
+            numpyro.sample("taps", dist.Normal(own, 1.0), obs=taps)
+
+    return story
+
+
+def fails(where, what, taps=None):
+    raise KeyError("a key")
+
+
+@pytest.mark.parametrize(
+    ("story", "message"),
+    [
+        (taps_only("NJK", site="samples"), "site 'taps' with obs=taps; its sites: samples"),
+        (taps_only("N1K", obs=lambda taps: taps[:, :1]), r"has shape \(3, 1, 4\) for 3 taps, expected \(3, 5, 4\)"),
+        (taps_only("NJK", obs=lambda taps: taps**2), "must observe taps themselves"),
+        (local(dist.Normal(0.0, 1.0)), "'own' of story has a value for every tap"),
+        (local(dist.Poisson(2.0)), "'own' of story cannot be enumerated"),
+        (shared(dist.Bernoulli(0.5)), "'own' of story is shared by all taps"),
+        (shared(dist.ImproperUniform(dist.constraints.real, (), ())), "without a proper prior"),
+        (fails, "failed on 2 made-up taps: KeyError: 'a key'"),
+    ],
+)
+def test_a_function_that_cannot_be_a_model_is_refused(story, message):
+    with pytest.raises(InputError, match=message):
+        structure(story)
+
+
+def without_what(where, taps=None): ...
+
+
+def without_default(where, what, taps): ...
+
+
+def with_more(where, what, taps=None, *, width): ...
+
+
+@pytest.mark.parametrize(
+    ("function", "message"),
+    [
+        (without_what, "must begin with the arguments where, what, taps=None"),
+        (without_default, "must begin with the arguments where, what, taps=None"),
+        (with_more, "an argument 'width' that nothing fills in"),
+        (3, "is no function but of type int"),
+    ],
+)
+def test_other_arguments_are_refused(function, message):
+    with pytest.raises(InputError, match=message):
+        StoryFunction.of(function, "story")

@@ -1,0 +1,379 @@
+"""Models from functions of users: likelihoods, fits, files, decisions."""
+
+from dataclasses import replace
+
+import jax.numpy as jnp
+import numpy as np
+import numpyro
+import numpyro.distributions as dist
+import pytest
+from own_stories import alike, correlated, counts, heavy, laplace, levels, normal, shifted, two_levels, walk
+from scipy import stats
+from scipy.special import logsumexp
+from solidtouch.inference.engines.engine import make_engine
+from solidtouch.models.errors import InputError
+from solidtouch.models.io.model_file import load_model
+from solidtouch.models.measurement import registry
+from solidtouch.models.measurement.generic import fit as fits
+from solidtouch.models.measurement.generic import source
+from solidtouch.models.measurement.likelihood.bins import TableForm
+from solidtouch.models.measurement.likelihood.story_likelihood import log_likelihoods
+from solidtouch.models.measurement.registry import fit_model, model_name
+from solidtouch.models.settings import FitSettings
+from solidtouch.models.threads import one_blas_thread
+
+L, M, J, K, B = 3, 2, 5, 4, 12
+STORIES = {story.__name__: story for story in (laplace, levels, two_levels, walk, correlated, heavy, shifted)}
+
+
+@pytest.fixture(scope="module")
+def taps(make_taps):
+    return make_taps(L, M, J, K, repeats=5)
+
+
+@pytest.fixture(scope="module", autouse=True)
+def _few_steps():
+    """The numbers do not matter here, only that they are the same everywhere."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(fits, "TRIED", 20)
+        patch.setattr(fits, "STEPS", 40)
+        patch.setattr(fits, "_WINDOW", 10)
+        patch.setattr(fits, "RUNS", 1)
+        patch.setattr(fits, "STARTS", 2)
+        yield
+
+
+def quick(story, taps, **more):
+    settings = FitSettings(**{"method": "map", "bins": B, "unconverged": True, "power": "none", **more})
+    return fit_model(model_name(story), taps, taps.grid(), settings)
+
+
+@pytest.fixture(scope="module")
+def fitted(taps):
+    return {name: quick(story, taps) for name, story in STORIES.items()}
+
+
+def scaled(model, taps):
+    """Samples and bins in the units of the model, shapes (N, 1, 1, J, K)."""
+    bins = model.bins(taps.taps)
+    opened = model.edges.copy()
+    opened[0], opened[-1] = -np.inf, np.inf
+    parts = taps.taps, opened[bins], opened[bins + 1]
+    return [((part - model.scaling.centre) / model.scaling.unit)[:, None, None] for part in parts]
+
+
+def log_probability(normal, lower, upper):
+    with np.errstate(divide="ignore"):
+        return np.log(normal.cdf(upper) - normal.cdf(lower))
+
+
+def by_hand(name, model, taps):
+    """Log-likelihoods from SciPy, shape (N, L, M)."""
+    samples, lower, upper = scaled(model, taps)
+    own = {key: np.asarray(values) for key, values in model.parameters.items()}
+    if name == "laplace":
+        base = stats.laplace(own["loc"][:, :, None], own["scale"][:, :, None])
+        return log_probability(base, lower, upper).sum(axis=(-2, -1))
+    if name == "levels":
+        return log_probability(stats.norm(own["level"], 1.0), lower, upper).sum(axis=(-2, -1))
+    if name == "two_levels":
+        parts = [
+            np.log(weight) + log_probability(stats.norm(own["low"][:, :, None] + shift, 1.0), lower, upper)
+            for weight, shift in ((0.7, 0.0), (0.3, own["gap"][:, :, None]))
+        ]
+        return logsumexp(parts, axis=0).sum(axis=(-2, -1))
+    before = np.concatenate([np.zeros_like(samples[..., :1, :]), samples[..., :-1, :]], axis=-2)
+    return log_probability(stats.norm(before, own["scale"][:, :, None]), lower, upper).sum(axis=(-2, -1))
+
+
+@pytest.mark.parametrize("name", ["laplace", "levels", "two_levels", "walk"])
+def test_a_class_has_the_likelihood_of_its_story(name, fitted, taps):
+    model = fitted[name].model
+    few = taps.select(np.arange(0, len(taps), 5))
+    expected = by_hand(name, model, few)
+
+    assert model.log_likelihood(few.taps).shape == (len(few), L, M)
+    likely = expected > -300  # where differences of distribution functions have digits enough
+    assert likely.mean() > 0.3
+    np.testing.assert_allclose(model.log_likelihood(few.taps)[likely], expected[likely], rtol=1e-9, atol=1e-7)
+
+
+@pytest.mark.parametrize("name", STORIES)
+def test_all_ways_to_a_likelihood_agree(name, fitted, taps):
+    """Compiled, by the story run for every tap, under true classes, by engines; also in states."""
+    plain = fitted[name].model
+    states = registry.fit_model("session:gaussian", taps, taps.grid(), FitSettings(bins=B)).model.states
+    few = taps.select(np.arange(0, len(taps), 9))
+    where, what = few.indices(plain.grid)
+    for model in (plain, replace(plain, states=states) if name in ("laplace", "walk") else plain):
+        found = model.log_likelihood(few.taps)
+        np.testing.assert_allclose(log_likelihoods(model, few.taps), found, rtol=1e-9, atol=1e-9)
+        own = model.form.own(few.taps, model.edges, where, what)
+        np.testing.assert_allclose(own, found[np.arange(len(few)), where, what], rtol=1e-9, atol=1e-9)
+    engines = [make_engine(engine, plain) for engine in ("numpy", "numpyro", "filter")]
+    beliefs = [engine.update(plain.log_prior, few.taps[0])[0] for engine in engines]
+    for belief in beliefs[1:]:
+        np.testing.assert_allclose(np.exp(belief), np.exp(beliefs[0]), atol=1e-10)
+
+
+def test_exchangeable_samples_have_a_table_and_others_none(fitted):
+    assert {name for name, fit in fitted.items() if isinstance(fit.model.plain_form, TableForm)} == {"laplace"}
+
+
+def test_a_built_in_story_has_the_likelihood_of_its_fast_form(taps):
+    built_in = fit_model("gaussian", taps, taps.grid(), FitSettings(bins=B, power="none")).model
+    parameters = {name: values[:, :, 0] for name, values in built_in.parameters.items()}
+    own = replace(quick(normal, taps).model, parameters=parameters)
+
+    np.testing.assert_allclose(own.log_likelihood(taps.taps), built_in.log_likelihood(taps.taps), rtol=1e-9)
+
+
+def test_counts_have_the_probabilities_of_the_integers_in_their_bins(taps, make_taps, rng):
+    what = taps.indices(taps.grid())[1]
+    values = rng.poisson(2.0 + 3.0 * what[:, None, None], size=(len(taps), J, K)).astype(float)
+    counted = taps.__class__(taps.dataset.assign(taps=(taps.dataset["taps"].dims, values)))
+    model = quick(counts, counted, edges=np.arange(-0.5, 21.0, 3.0)).model
+    rate = model.parameters["rate"][0, 1, 2]
+    edges = np.append(model.edges[:-1], np.inf)
+    expected = np.diff(stats.poisson(rate).cdf(np.ceil(edges) - 1))
+
+    assert (model.scaling.centre == 0).all()
+    np.testing.assert_allclose(np.exp(model.plain_form.log_prob[0, 1, 2]), expected, rtol=1e-9)
+
+
+def test_a_new_session_is_drawn_from_its_prior(fitted, taps):
+    """At the fitted values the likelihood is the mean over shifts, wider than in a known session."""
+    model = fitted["shifted"].model
+    parts = model.plain_form.parts
+    shifts = np.array([part.log_prob.argmax(axis=-1)[0, 0, 0] for part in parts])
+    each = np.array([part.own(taps.taps, model.edges, *taps.indices(model.grid)) for part in parts])
+
+    assert len(set(shifts.tolist())) > 1
+    mean = logsumexp(each, axis=0) - np.log(len(parts))
+    where, what = taps.indices(model.grid)
+    np.testing.assert_allclose(model.log_likelihood(taps.taps)[np.arange(len(taps)), where, what], mean, rtol=1e-9)
+
+
+def test_every_draw_has_a_new_session_of_its_own(taps):
+    """Shifts are drawn again and again, also relative to their spread."""
+    draws = quick(shifted, taps, method="svi", integrate=4).model.draws
+    new = np.array([draw["shift"][-1] / draw["drift"] for draw in draws])
+
+    assert draws[0]["shift"].shape == (3, K)
+    assert len(np.unique(new.round(6))) == new.size
+
+
+def test_a_story_that_ignores_labels_tells_no_classes_apart(taps):
+    model = quick(alike, taps).model
+    found = model.log_likelihood(taps.taps)
+
+    np.testing.assert_allclose(found, np.broadcast_to(found[:, :1, :1], found.shape), rtol=1e-12)
+
+
+@pytest.mark.parametrize("name", ["laplace", "walk", "correlated"])
+def test_drawn_taps_follow_the_story(name, fitted):
+    """Their mean log probability per bin is that of its own expectation: taps of other classes are less likely."""
+    model, n = fitted[name].model, 300
+    where, what = np.full(n, 1), np.arange(n) % 2
+    made = model.form.sample(where, what, model.edges, J, np.random.default_rng(1))
+    own = model.form.own(made, model.edges, where, what)
+    other = model.form.own(made, model.edges, where, 1 - what)
+
+    assert made.shape == (n, J, K)
+    assert (own - other).mean() > 3 * (own - other).std() / np.sqrt(n)
+
+
+@pytest.mark.parametrize("name", ["laplace", "walk"])
+def test_decisions_are_integrated_over_draws(name, taps):
+    """By the mean likelihood of whole taps over the draws, in every route."""
+    fit = quick(STORIES[name], taps, method="svi", integrate=4)
+    model, few = fit.model, taps.select(np.arange(0, len(taps), 9))
+    each = [replace(model, parameters=draw, draws=()).log_likelihood(few.taps) for draw in model.draws]
+    expected = logsumexp(each, axis=0) - np.log(4)
+
+    assert np.abs(each[0] - each[1]).max() > 1e-3
+    np.testing.assert_allclose(model.log_likelihood(few.taps), expected, rtol=1e-9)
+    np.testing.assert_allclose(log_likelihoods(model, few.taps), expected, rtol=1e-9)
+    beliefs = [
+        make_engine(engine, model).update(model.log_prior, few.taps[0])[0] for engine in ("numpy", "numpyro", "filter")
+    ]
+    for belief in beliefs[1:]:
+        np.testing.assert_allclose(np.exp(belief), np.exp(beliefs[0]), atol=1e-10)
+
+
+@pytest.mark.parametrize("name", ["histogram", "gaussian", "profile", "session:gaussian"])
+def test_built_in_models_are_integrated_too(name, taps, tmp_path):
+    """And their file keeps the draws."""
+    settings = FitSettings(bins=B, integrate=3, power="none")
+    with one_blas_thread():
+        fit = fit_model(name, taps, taps.grid(), settings)
+    model, few = fit.model, taps.select(np.arange(0, len(taps), 9))
+    plain = replace(model, draws=())
+    forms = [plain.form_of(draw) for draw in model.draws]
+    if name == "histogram":
+        each = [part.own(few.taps, model.edges, *few.indices(model.grid)) for part in forms]
+        where, what = few.indices(model.grid)
+        expected, found = logsumexp(each, axis=0) - np.log(3), model.log_likelihood(few.taps)
+        np.testing.assert_allclose(found[np.arange(len(few)), where, what], expected, rtol=1e-9)
+    assert len(forms) == 3
+    assert np.abs(model.log_likelihood(few.taps) - plain.log_likelihood(few.taps)).max() > 1e-3
+    np.testing.assert_allclose(log_likelihoods(model, few.taps), model.log_likelihood(few.taps), rtol=1e-9)
+    belief = [make_engine(e, model).update(model.log_prior, few.taps[0])[0] for e in ("numpy", "numpyro", "filter")]
+    np.testing.assert_allclose(np.exp(belief[1]), np.exp(belief[0]), atol=1e-10)
+    np.testing.assert_allclose(np.exp(belief[2]), np.exp(belief[0]), atol=1e-10)
+    model.save(tmp_path / "model.nc")
+    np.testing.assert_array_equal(
+        load_model(tmp_path / "model.nc").log_likelihood(few.taps), model.log_likelihood(few.taps)
+    )
+
+
+def test_a_histogram_without_a_posterior_cannot_be_integrated(taps):
+    with pytest.raises(InputError, match="has no posterior to integrate over"):
+        fit_model("histogram", taps, taps.grid(), FitSettings(pseudocount=0, integrate=2))
+
+
+@pytest.fixture
+def in_file(tmp_path, monkeypatch):
+    """A function of a file that leaves a mark whenever the file is run."""
+
+    def write(body="dist.Normal(0.0, 1.0)"):
+        path = tmp_path / "my_models.py"
+        path.write_text(
+            f"""from pathlib import Path
+import numpyro, numpyro.distributions as dist
+Path({str(tmp_path / "mark")!r}).touch()
+def mine(where, what, taps=None, *, L, M, J, K):
+    "A level of each class."
+    with numpyro.plate("L", L, dim=-3), numpyro.plate("M", M, dim=-2), numpyro.plate("K", K, dim=-1):
+        loc = numpyro.sample("loc", {body})
+    with numpyro.plate("tap", len(where), dim=-3), numpyro.plate("J", J, dim=-2), numpyro.plate("taxel", K, dim=-1):
+        numpyro.sample("taps", dist.Normal(loc[where, what][:, None], 1.0), obs=taps)
+def timed(where, what, taps=None, *, L, M, J, K):
+    with numpyro.plate("M", M, dim=-2), numpyro.plate("J", J, dim=-1):
+        loc = numpyro.sample("loc", {body})
+    with numpyro.plate("tap", len(where), dim=-3), numpyro.plate("J", J, dim=-2), numpyro.plate("taxel", K, dim=-1):
+        numpyro.sample("taps", dist.Normal(loc[what][:, :, None], 1.0), obs=taps)
+""",
+            encoding="utf-8",
+        )
+        return path
+
+    monkeypatch.setattr(source, "_registered", {})
+    return write
+
+
+def forget(monkeypatch, tmp_path):
+    monkeypatch.setattr(source, "_registered", {})
+    (tmp_path / "mark").unlink()
+
+
+def test_opening_a_fit_runs_no_code(in_file, taps, tmp_path, monkeypatch):
+    """Its tables decide as before; a fit without tables asks for the code."""
+    path = in_file()
+    fit = quick_named(f"{path}:mine", taps)
+    fit.model.save(tmp_path / "fit.nc")
+    quick_named(f"{path}:timed", taps).model.save(tmp_path / "timed.nc")
+    forget(monkeypatch, tmp_path)
+    opened = load_model(tmp_path / "fit.nc")
+
+    np.testing.assert_array_equal(opened.log_likelihood(taps.taps), fit.model.log_likelihood(taps.taps))
+    assert opened.name == f"{path}:mine"
+    with pytest.raises(InputError, match=r"timed\.nc: this fit needs the code of .*--story"):
+        load_model(tmp_path / "timed.nc")
+    assert not (tmp_path / "mark").exists()
+    with pytest.raises(InputError, match="code at hand"):
+        opened.save(tmp_path / "again.nc")
+    named = load_model(tmp_path / "timed.nc", f"{path}:timed")
+    assert named.log_likelihood(taps.taps).shape == (len(taps), L, M)
+
+
+def quick_named(name, taps):
+    settings = FitSettings(method="map", bins=B, unconverged=True, power="none")
+    return fit_model(name, taps, taps.grid(), settings)
+
+
+def test_changed_code_is_not_taken_for_that_of_the_fit(in_file, taps, tmp_path, monkeypatch):
+    path = in_file()
+    quick_named(f"{path}:mine", taps).model.save(tmp_path / "fit.nc")
+    quick_named(f"{path}:timed", taps).model.save(tmp_path / "timed.nc")
+    forget(monkeypatch, tmp_path)
+    in_file("dist.Normal(0.0, 2.0)")
+
+    with pytest.raises(InputError, match=r"fit\.nc: .*changed since. Fit again, or leave it out: the tables"):
+        load_model(tmp_path / "fit.nc", f"{path}:mine")
+    with pytest.raises(InputError, match=r"timed\.nc: .*changed since. Fit again\.$"):
+        load_model(tmp_path / "timed.nc", f"{path}:timed")
+    assert load_model(tmp_path / "fit.nc").grid.shape == (L, M)
+
+
+@pytest.mark.parametrize("name", ["laplace", "walk", "shifted"])
+def test_a_model_survives_its_file(name, fitted, taps, tmp_path):
+    fitted[name].model.save(tmp_path / "model.nc")
+    again = load_model(tmp_path / "model.nc")
+
+    assert again.name == name
+    np.testing.assert_array_equal(again.log_likelihood(taps.taps), fitted[name].model.log_likelihood(taps.taps))
+
+
+@pytest.mark.parametrize(
+    ("content", "message"),
+    [
+        ("raise RuntimeError('no')", r"my\.py: running it failed: RuntimeError: no"),
+        ("def other(): ...", r"my\.py: no function 'mine'; it has other"),
+        ("mine = 3", "is no function"),
+    ],
+)
+def test_a_file_without_the_function_is_refused(content, message, tmp_path):
+    (tmp_path / "my.py").write_text(content, encoding="utf-8")
+
+    with pytest.raises(InputError, match=message):
+        source.named(f"{tmp_path}/my.py:mine")
+
+
+def test_a_missing_file_and_an_unknown_name_are_refused(tmp_path):
+    with pytest.raises(InputError, match="no such file"):
+        source.named(f"{tmp_path}/my.py:mine")
+    with pytest.raises(InputError, match=r"FILE\.py:FUNCTION"):
+        registry.split_name("laplacian")
+    with pytest.raises(InputError, match="cannot be the name"):
+        registry.register(laplace, "gaussian")
+
+
+def test_too_many_variables_for_a_laplace_approximation_are_refused(taps, monkeypatch):
+    monkeypatch.setattr(fits, "_MOST_CURVED", 10)
+
+    with pytest.raises(InputError, match=r"laplace has 48, at most 10"):
+        quick(laplace, taps, method="laplace")
+
+
+def level_of(distribution):
+    """A story of one level, whose samples are distributed as the function of the level and positions says."""
+
+    def story(where, what, taps=None, *, J, K):
+        loc = numpyro.sample("loc", dist.Normal(0.0, 1.0))
+        with numpyro.plate("tap", len(where), dim=-3), numpyro.plate("J", J, dim=-2), numpyro.plate("taxel", K, dim=-1):
+            numpyro.sample("taps", distribution(loc, jnp.asarray(where)[:, None, None]), obs=taps)
+
+    return story
+
+
+@pytest.mark.parametrize(
+    ("distribution", "message"),
+    [
+        (
+            lambda loc, where: dist.Normal(jnp.where(where == 1, jnp.log(-1.0 - loc**2), loc), 1.0),
+            "story is not a number for a tap of position 1 and object 0",
+        ),
+        (
+            lambda loc, where: dist.Normal(loc + 0.0 * where, -1.0),
+            "story is not a number for a tap of position 0 and object 0",
+        ),
+        (
+            lambda loc, where: dist.HalfNormal(1.0 + loc**2 + 0.0 * where),
+            "story gives samples that occur no density, for a tap of position 0",
+        ),
+    ],
+)
+def test_a_density_that_is_not_finite_is_told_with_its_class(distribution, message, taps):
+    with pytest.raises(InputError, match=message):
+        quick(level_of(distribution), taps)
