@@ -60,6 +60,16 @@ def summary(study):
     return summarise([study], SETTINGS, DESCRIBED)
 
 
+@pytest.fixture
+def two_families(monkeypatch):
+    """Stopping rules of the paper and after a number of taps."""
+
+    def two(*arguments):
+        return tuple(family for family in families(*arguments) if family.name in (PAPER, FIXED))
+
+    monkeypatch.setattr(strategies_run, "families", two)
+
+
 def equal(summary, family, strategy):
     rows = summary["sources"][0]["powers"][0]["equal"][family]
     return [row for row in rows if row["strategy"] == strategy]
@@ -331,7 +341,7 @@ def test_data_that_allow_no_comparison_are_refused(make_taps, tmp_path):
         simulated_bench("nowhere", 3, 0)
 
 
-def test_recordings_are_compared_over_sessions_or_resampled_taps(make_taps, tmp_path):
+def test_recordings_are_compared_over_sessions_or_resampled_taps(make_taps, tmp_path, two_families):
     """Three sessions are left out in turn, and each pair of the others can teach a power; two are one fold."""
     for sessions in (2, 3):
         make_taps(sessions=sessions).save(tmp_path / f"{sessions}.nc")
@@ -344,13 +354,8 @@ def test_recordings_are_compared_over_sessions_or_resampled_taps(make_taps, tmp_
     assert equal(summary, FIXED, "random")[0]["way_low"] > 0
 
 
-def test_intervals_of_one_recording_hold_its_taps_and_not_only_trials(make_taps, tmp_path, monkeypatch):
+def test_intervals_of_one_recording_hold_its_taps_and_not_only_trials(make_taps, tmp_path, two_families):
     """With four test taps of a class: 0.11 mm would be that of 400 trials."""
-
-    def two(*arguments):
-        return tuple(family for family in families(*arguments) if family.name in (PAPER, FIXED))
-
-    monkeypatch.setattr(strategies_run, "families", two)
     make_taps(sessions=2, repeats=4).save(tmp_path / "two.nc")
     bench, passive = (
         recorded_bench(tmp_path / "two.nc")._replace(powers=("J",)),

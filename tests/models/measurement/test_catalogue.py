@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from solidtouch.models.errors import InputError, NotConvergedError
 from solidtouch.models.grid import ClassGrid
+from solidtouch.models.measurement import smooth
 from solidtouch.models.measurement.fits.posterior import check_places
 from solidtouch.models.measurement.fits.priors import Taps
 from solidtouch.models.measurement.likelihood.bins import TableForm, bin_edges
@@ -19,6 +20,14 @@ L, M, J, K, B = 4, 3, 6, 5, 20
 FAST = [name for name in NAMES if name not in ("student", "session")]
 WRAPPED = ["session", "session:gaussian", "session:profile-mvn"]
 SETTINGS = FitSettings(bins=B, power="none")
+
+
+@pytest.fixture(scope="module", autouse=True)
+def few_length_scales():
+    """Fits of `smooth` choose among three of their eight length scales, each of which takes long."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(smooth, "LENGTHS", smooth.LENGTHS[::3])
+        yield
 
 
 def taps_of(
