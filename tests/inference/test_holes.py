@@ -114,7 +114,7 @@ def test_belief_in_an_untrained_class_is_an_error_of_the_caller():
 
 @settings(max_examples=60)
 @given(
-    sizes=st.sampled_from([(6, 3), (5, 1), (2, 4)]),
+    sizes=st.sampled_from([(6, 3), (5, 1)]),
     share=st.sampled_from([0.3, 0.6, 0.9, 1.0]),
     depth=st.sampled_from([1.0, 400.0]),
     seed=st.integers(0, 2**32 - 1),

@@ -265,10 +265,10 @@ def test_a_setting_is_played_as_it_says():
 
 
 def test_the_test_has_its_level():
-    """A hundred data sets of the model itself: p-values are uniform, so one in ten is at most a tenth, either side."""
+    """Sixty data sets of the model itself: p-values are uniform, so one in ten is at most a tenth, either side."""
     model = model_of(L=2, M=2, B=4, seed=3)
-    p = []
-    for seed in range(100):
+    p, n = [], 60
+    for seed in range(n):
         table = data_of(model, 10, seed)
         options = OPTIONS | {
             "seed": seed,
@@ -284,8 +284,8 @@ def test_the_test_has_its_level():
         p.append(compare(value, reference)[4:])
     for above in (0.1, 0.3, 0.5):
         found = (np.array(p) <= above).sum(axis=0)
-        assert (found <= binom.ppf(0.999, 100, above)).all()
-        assert (found >= binom.ppf(0.001, 100, above)).all()
+        assert (found <= binom.ppf(0.999, n, above)).all()
+        assert (found >= binom.ppf(0.001, n, above)).all()
 
 
 def test_the_verdict_finds_the_side():
