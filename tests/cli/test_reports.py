@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 import xarray as xr
 from matplotlib.figure import Figure
+from solidtouch.analysis.experiment.crosscheck import CrossCheck, RouteDifference
 from solidtouch.analysis.page.stages import Check
 
 import solidtouch as st
@@ -120,8 +121,10 @@ def test_trials_are_labelled(taps):
     assert moved.about["policy"] == "passive"
 
 
-def test_a_reproduction_is_labelled():
+def test_a_reproduction_is_labelled(monkeypatch):
     """With the numbers of its summary, on stored and on fresh taps."""
+    agreeing = CrossCheck((RouteDifference("posterior", "numpy, filter", 0.0, 1e-10),), 1, 5, 0, 0, 0, 0, ())
+    monkeypatch.setattr("solidtouch.analysis.reproduce.results.crosscheck_model", lambda *_, **__: agreeing)
     report = st.reproduce(data_sets=2, trials=10, thresholds=[0.9, 0.5], episodes=1, sequence_taps=0, seed=1)
     decisions, summary = report.decisions, report.summary
     shown = [("", row) for row in (*summary["results"], *summary["differences"])]
@@ -219,14 +222,14 @@ def test_a_validation_prints_what_the_command_does(command, monkeypatch):
     assert report.checks["passed"].sel(check="beliefs").item() is report.passed is False
 
 
-def test_tuning_chooses_what_the_command_does(taps, command, tmp_path):
-    for name, part in zip(("train", "test"), taps, strict=True):
+def test_tuning_chooses_what_the_command_does(few_taps, command, tmp_path):
+    for name, part in zip(("train", "test"), few_taps, strict=True):
         part.save(tmp_path / f"{name}.nc")
     done = command(
         *("tune", tmp_path / "train.nc", tmp_path / "test.nc", "--trials", 100, "--thresholds", "0.5,0.9", "--seed", 2),
         *("--out", tmp_path / "command.json"),
     )
-    report = st.tune(*taps, trials=100, thresholds=[0.9, 0.5], seed=2)
+    report = st.tune(*few_taps, trials=100, thresholds=[0.9, 0.5], seed=2)
     report.save(tmp_path / "function.json")
 
     assert done.code == 0

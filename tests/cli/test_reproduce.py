@@ -38,7 +38,7 @@ def test_simulated_data_give_the_whole_folder(command, tmp_path, sketched, monke
 
     def compared(*models, **more):
         asked.update(more)
-        return crosscheck_model(*models, **{**more, "episodes": 2, "length": 5, "sequence_taps": 2})
+        return crosscheck_model(*models, **{**more, "episodes": 2, "length": 5, "sequence_taps": 0})
 
     monkeypatch.setattr("solidtouch.analysis.reproduce.results.crosscheck_model", compared)
     done = command("reproduce", *SMALL, "--out", tmp_path / "run")
