@@ -125,8 +125,7 @@ def test_bins_of_each_taxel_and_untrained_classes_survive(taps, grid, tmp_path, 
     np.testing.assert_array_equal(loaded.log_likelihood(taps.taps), model.log_likelihood(taps.taps))
 
 
-@pytest.mark.parametrize("name", ["histogram", "profile-ar"])
-@pytest.mark.parametrize("saturation", [2.75, 3, np.inf])
+@pytest.mark.parametrize(("name", "saturation"), [("histogram", 2.75), ("histogram", np.inf), ("profile-ar", 3)])
 def test_a_saturation_survives(fitted, tmp_path, name, saturation):
     """Also none; a file of an older version has none."""
     model, path = replace(fitted[name].model, saturation=saturation), tmp_path / "model.nc"
