@@ -113,7 +113,33 @@ def test_the_file_of_a_model_is_compared_by_arviz(run, tmp_path, monkeypatch, ma
     run(block)
 
 
+def test_the_stories_of_the_page_about_own_models_keep_the_contract(make_taps):
+    """The first one is fitted where all of the page runs, and stories like them are by tests of the contract."""
+    from solidtouch.models.measurement.generic.contract import StoryFunction
+    from solidtouch.models.measurement.generic.story import batch_of
+    from solidtouch.models.measurement.generic.structure import structure_of
+
+    first, *others = blocks("docs/how-to/your-own-model.md")
+    stories = {}
+    exec("\n".join([first.partition("train, test =")[0], *others]), stories)  # noqa: S102
+    taps = make_taps(J=6, K=3)
+    batch = batch_of(taps.grid(), taps.preprocessing, 3)
+    names = ("laplace", "two_levels", "walk", "shifted")
+    found = [structure_of(StoryFunction.of(stories[name], name), batch) for name in names]
+
+    assert [s.enumerated for s in found] == [(), ("upper",), (), ()]
+    assert [list(s.by_session) for s in found] == [[], [], [], ["shift"]]
+
+
 @pytest.mark.slow
-@pytest.mark.parametrize("page", ["docs/explanation/calibration.md", "docs/how-to/tuning.md", "docs/reference/api.md"])
+@pytest.mark.parametrize(
+    "page",
+    [
+        "docs/explanation/calibration.md",
+        "docs/how-to/tuning.md",
+        "docs/how-to/your-own-model.md",
+        "docs/reference/api.md",
+    ],
+)
 def test_a_page_runs_from_its_first_block_to_its_last(page, tmp_path):
     subprocess.run([sys.executable, "-c", "\n".join(blocks(page))], cwd=tmp_path, check=True)

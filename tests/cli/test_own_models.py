@@ -54,16 +54,12 @@ def _changed(run):
     return run("simulate --preset model --model walk.nc --story my_models.py:walk --sessions 1 --out more", 2)
 
 
-def test_functions_are_compared_and_cross_checked_with_built_in_models(run):
-    models = "gaussian,my_models.py:laplace,my_models.py:heavy"
-    found = run(
-        f"compare session-0.nc session-1.nc --models {models} --allow-unconverged --draws 0 --trials 50 --out compared"
-    )
+def test_a_function_is_compared_with_a_built_in_model(run):
+    """And the page warns that they are on different measures."""
+    models = "--models gaussian,my_models.py:heavy --allow-unconverged"
+    told = run(f"compare session-0.nc session-1.nc {models} --draws 0 --trials 50 --thresholds 0.9 --out compared")
 
-    assert "my_models.py:laplace" in found
-    assert "gives densities of samples" in " ".join(found.split())
-    check = "--episodes 1 --length 3 --sequence-taps 2 --allow-unconverged"
-    assert "All routes agree" in run(f"crosscheck session-0.nc session-1.nc --model my_models.py:levels {check}")
+    assert "my_models.py:heavy gives densities of samples" in " ".join(told.split())
 
 
 @pytest.mark.parametrize(

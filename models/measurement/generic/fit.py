@@ -170,8 +170,13 @@ def _guided(fit: Fit, method: str) -> GuidePosterior:
     N, J, K = fit.samples.shape
     data = jax.numpy.asarray(fit.samples)
 
+    # Compiled as one program instead of one per operation. Guides keep tracers, of which they read only the shapes.
+    begin = jax.jit(lambda key: svi.init(key, data))
+
     def run(steps: int, number: int, state: Any = None) -> tuple[Any, NDArray[np.float64]]:
         key = jax.random.key(derived_seed(fit.seed, Purpose.CHAINS, number))
+        if state is None and method != "laplace":  # which keeps more of its start than shapes
+            state = begin(key)
         result = svi.run(key, steps, data, progress_bar=False, init_state=state)
         return result.state, np.asarray(result.losses, dtype=np.float64) / N
 

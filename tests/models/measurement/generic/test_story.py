@@ -201,7 +201,7 @@ def test_decisions_are_integrated_over_draws(name, taps):
         np.testing.assert_allclose(np.exp(belief), np.exp(beliefs[0]), atol=1e-10)
 
 
-@pytest.mark.parametrize("name", ["histogram", "gaussian", "profile", "session:gaussian"])
+@pytest.mark.parametrize("name", ["histogram", "profile", "session:gaussian"])
 def test_built_in_models_are_integrated_too(name, taps, tmp_path):
     """And their file keeps the draws."""
     settings = FitSettings(bins=B, integrate=3, power="none")
