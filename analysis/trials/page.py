@@ -16,7 +16,7 @@ from .spread import SPREAD, TapSpread
 type Floats = NDArray[np.float64]
 
 _LEGEND = (
-    "P(wrong): fraction of wrong decisions about the object; belief: mean belief in the decided object. Stored: "
+    "Wrong: fraction of wrong decisions about the object; belief: mean belief in the decided object. Stored: "
     "trials draw taps with replacement up to the deadline; repeated taps make beliefs overconfident. Fresh: no trial "
     "draws a tap twice; a trial that uses up the taps of its class decides there."
 )

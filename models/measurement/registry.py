@@ -72,8 +72,11 @@ def register(function: "Callable[..., Any]", name: str | None = None) -> str:
         InputError: The function does not keep the contract, or the name is none or that of another model.
     """
     name = str(getattr(function, "__name__", "")) if name is None else name
-    if not re.fullmatch(r"[\w.-]+", name) or name in NAMES:
-        raise InputError(f"{name!r} cannot be the name of a model; choose one of letters that no model has.")
+    if name in NAMES or not re.fullmatch(r"[\w.-]+", name):
+        why = "is a built-in model" if name in NAMES else "cannot be the name of a model"
+        raise InputError(
+            f'{name!r} {why}; register the function under another name: st.register(function, "my-model").'
+        )
     source.add(function, name)
     return name
 
@@ -84,7 +87,9 @@ def model_name(model: AnyModel) -> str:
     Raises:
         InputError: As `register`.
     """
-    return register(model) if callable(model) else str(model)
+    if not (isinstance(model, str) or callable(model)):
+        raise InputError(f"A model is a name or a NumPyro function, got {model!r}.")
+    return model if isinstance(model, str) else register(model)
 
 
 def measurement_model(kind: str) -> "MeasurementModel":

@@ -22,7 +22,9 @@ OPTIONAL = ("where_value", "what_value", "session", "time_s")
 """Arguments that are filled in where a function names them."""
 
 
-def measurement_model(*, raw: bool = False, guide: Callable[..., Any] | None = None) -> Callable[..., Any]:
+def measurement_model(
+    function: Callable[..., Any] | None = None, /, *, raw: bool = False, guide: Callable[..., Any] | None = None
+) -> Callable[..., Any]:
     """Decorator of a NumPyro function that is to be a measurement model; one without options needs none.
 
     >>> import solidtouch as st
@@ -32,6 +34,7 @@ def measurement_model(*, raw: bool = False, guide: Callable[..., Any] | None = N
     True
 
     Args:
+        function: The function, where the decorator has no parentheses.
         raw: Whether samples are given as they are; by default each taxel has mean 0, and 1 is its standard deviation
             within classes and times.
         guide: Guide of `--fit svi`, called as the function; default a normal distribution of each unconstrained
@@ -43,7 +46,7 @@ def measurement_model(*, raw: bool = False, guide: Callable[..., Any] | None = N
         marked.raw, marked.guide = raw, guide
         return function
 
-    return mark
+    return mark if function is None else mark(function)
 
 
 @dataclass(frozen=True)

@@ -25,7 +25,7 @@ from ..likelihood.shapes import Parameters
 from .contract import StoryCall, StoryFunction
 from .form import key_from
 from .observed import peeled
-from .structure import OBSERVED, Structure
+from .structure import OBSERVED, Structure, told_in
 
 STARTS, TRIED, STEPS, RUNS = 3, 200, 800, 5
 """Of a variational fit: random starts, steps of each, then steps of a run from the best one, and runs at most."""
@@ -137,8 +137,7 @@ def posterior(fit: Fit, method: str) -> GuidePosterior | ChainPosterior:
         except InputError:
             raise
         except Exception as error:  # whatever a user's function raises
-            told = (str(error).splitlines() or [""])[0]
-            raise InputError(f"{fit.story.name} cannot be fitted: {type(error).__name__}: {told}") from error
+            raise InputError(f"{fit.story.name} cannot be fitted{told_in(fit.story, error)}") from error
 
 
 def _check_size(fit: Fit) -> None:
@@ -267,12 +266,15 @@ def _check_density(fit: Fit) -> None:
             site = trace(seed(fit.run, number)).get_trace(fit.samples)[OBSERVED]
         value, fn = site["value"], site["fn"]
         if (bad := _taps_where(np.isnan(np.asarray(fn.log_prob(value))))).any():
-            raise InputError(f"The log density of {fit.story.name} is not a number {_place(fit, bad)}.")
+            raise InputError(f"The log density of {fit.story.name} is not a number {_place(fit, bad)}; {_hint(fit)}.")
         outside &= _taps_where(~np.asarray(peeled(fn).support(value)))
     if outside.any():
-        raise InputError(
-            f"{fit.story.name} gives samples that occur no density, {_place(fit, outside)}; see its support."
-        )
+        raise InputError(f"{fit.story.name} excludes samples that occur, {_place(fit, outside)}; {_hint(fit)}.")
+
+
+def _hint(fit: Fit) -> str:
+    signs = "" if fit.story.raw else ", which are standardised and of both signs"
+    return f"check its scales, and that its support holds the samples{signs}"
 
 
 def _taps_where(wrong: NDArray[np.bool_]) -> NDArray[np.bool_]:

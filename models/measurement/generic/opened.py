@@ -15,6 +15,8 @@ from ..model import TapModel
 from . import source
 from .story import GenericStory
 
+_WORKS = "Name the right one, fit again, or leave it out: the tables of the fit still work."
+
 
 class StoryError(InputError):
     """The function of a fit is not known, or is another than that which was fitted."""
@@ -37,17 +39,20 @@ def read_generic(
         story: The function, or where it is, as FILE.py:FUNCTION; default one of its name that was named before.
 
     Raises:
-        StoryError: Another function than that of the fit is given, or none and the fit has no tables.
-        InputError: There is no such function.
+        StoryError: There is no such function, or another than that of the fit is given, or none and the fit has no
+            tables.
     """
     name = attributes["kind"]
-    known = source.registered(name) if story is None else source.function_of(story)
+    try:
+        known = source.registered(name) if story is None else source.function_of(story)
+    except InputError as error:
+        raise StoryError(f"this fit is of {name}. {error}") from error
     if known is not None and source.digest(known) == attributes["digest"]:
         return GenericStory(known).read(attributes, data, parameters, common)
     if story is not None:
         raise StoryError(
-            f"{known.name if known else story} is not the code that was fitted: its file has changed since. Fit again"
-            + (", or leave it out: the tables of the fit still work." if "table" in data else ".")
+            f"{known.name if known else story} is not what was fitted, {name}: it is another function, or its code has "
+            f"changed since. {_WORKS if 'table' in data else 'Name the right one, or fit again.'}"
         )
     if "table" not in data or common["draws"]:
         raise StoryError(

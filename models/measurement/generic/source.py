@@ -96,11 +96,12 @@ def _from_file(path: Path, function: str) -> Any:
 
 
 def digest(story: StoryFunction) -> str:
-    """Digest of the file of a generative model, or of its own source where there is no file."""
-    source = inspect.getsourcefile(story.function)
+    """Digest of a generative model: of its name and file, or of its own code where there is no file."""
+    function = inspect.unwrap(story.function)
+    source, name = inspect.getsourcefile(function), getattr(function, "__qualname__", "").encode()
     if source is not None and Path(source).is_file():
-        return _digest(Path(source).read_bytes())
-    return _digest(story.function.__code__.co_code)
+        return _digest(name + b"\0" + Path(source).read_bytes())
+    return _digest(name + b"\0" + function.__code__.co_code + repr(function.__code__.co_consts).encode())
 
 
 def _digest(content: bytes) -> str:

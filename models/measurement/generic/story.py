@@ -63,6 +63,8 @@ class GenericStory:
         from .sessions import InNewSessions
         from .structure import structure_of
 
+        if settings.integrate and settings.method == "map":
+            raise InputError("A fit by map has one value and no draws to integrate over; use svi, nuts or laplace.")
         where, what = taps.indices(grid)
         inside = (where >= 0) & (what >= 0)
         if not inside.any():

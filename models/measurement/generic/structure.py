@@ -3,6 +3,8 @@
 A wrong site is refused here, in one sentence, before a fit spends time on it.
 """
 
+import inspect
+from traceback import extract_tb
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -59,6 +61,8 @@ def structure_of(story: StoryFunction, batch: StoryCall) -> Structure:
         _check_latent(story, name, latent, local, discrete)
         if discrete:
             enumerated.append(name)
+    if len(enumerated) == len(latents):
+        raise InputError(f"{story.name} has no latent variable to fit; a model needs at least one.")
     kept = {name: latent for name, latent in latents.items() if name not in enumerated}
     return Structure(
         {name: _dims(name, latent, batch.shape) for name, latent in kept.items()},
@@ -95,8 +99,15 @@ def _run(story: StoryFunction, batch: StoryCall, n: int, taps: Any = None) -> di
             f"{story.name} has a latent variable without a proper prior, which cannot be drawn ({error}); give it one."
         ) from error
     except Exception as error:  # whatever a user's function raises
-        told = (str(error).splitlines() or [""])[0]
-        raise InputError(f"{story.name} failed on {n} made-up taps: {type(error).__name__}: {told}") from error
+        raise InputError(f"{story.name} failed when it was tried on {n} taps{told_in(story, error)}") from error
+
+
+def told_in(story: StoryFunction, error: Exception) -> str:
+    """Where an error arose in the file of a function, and what it says."""
+    file = inspect.getsourcefile(inspect.unwrap(story.function))
+    lines = [frame.lineno for frame in extract_tb(error.__traceback__) if frame.filename == file]
+    place = f", line {lines[-1]} of its file" if lines else ""
+    return f"{place}: {type(error).__name__}: {(str(error).splitlines() or [''])[0]}"
 
 
 def _observed(story: StoryFunction, sites: dict[str, Any], batch: StoryCall) -> dict[str, Any]:

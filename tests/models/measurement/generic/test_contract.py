@@ -74,8 +74,9 @@ def test_arguments_that_are_named_are_filled_in():
 
     def curious(where, what, taps=None, *, L, K, J, where_value, what_value, time_s, session, width=2.0):
         seen.update(where_value=where_value, what_value=what_value, time_s=time_s, width=width, session=session)
+        loc = numpyro.sample("loc", dist.Normal(0.0, 1.0))
         with numpyro.plate("tap", len(where), dim=-3), numpyro.plate("J", J, dim=-2), numpyro.plate("K", K, dim=-1):
-            numpyro.sample("taps", dist.Normal(0.0, width), obs=taps)
+            numpyro.sample("taps", dist.Normal(loc, width), obs=taps)
 
     structure(curious, what_value=np.array([2.0, 4.0]), time_s=np.arange(J) / 50)
 
@@ -96,7 +97,11 @@ def test_a_decorated_function_says_what_it_takes():
     @measurement_model(raw=True)
     def marked(where, what, taps=None): ...
 
+    @measurement_model
+    def plain(where, what, taps=None): ...
+
     assert StoryFunction.of(marked, "marked").raw
+    assert not StoryFunction.of(plain, "plain").raw
     assert not StoryFunction.of(laplace, "laplace").raw
 
 
@@ -139,12 +144,13 @@ def fails(where, what, taps=None):
     [
         (taps_only("NJK", site="samples"), "site 'taps' with obs=taps; its sites: samples"),
         (taps_only("N1K", obs=lambda taps: taps[:, :1]), r"has shape \(3, 1, 4\) for 3 taps, expected \(3, 5, 4\)"),
+        (taps_only("NJK"), "has no latent variable to fit"),
         (taps_only("NJK", obs=lambda taps: taps**2), "must observe taps themselves"),
         (local(dist.Normal(0.0, 1.0)), "'own' of story has a value for every tap"),
         (local(dist.Poisson(2.0)), "'own' of story cannot be enumerated"),
         (shared(dist.Bernoulli(0.5)), "'own' of story is shared by all taps"),
         (shared(dist.ImproperUniform(dist.constraints.real, (), ())), "without a proper prior"),
-        (fails, "failed on 2 made-up taps: KeyError: 'a key'"),
+        (fails, r"failed when it was tried on 2 taps, line \d+ of its file: KeyError: 'a key'"),
     ],
 )
 def test_a_function_that_cannot_be_a_model_is_refused(story, message):

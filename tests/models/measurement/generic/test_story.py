@@ -299,9 +299,11 @@ def test_changed_code_is_not_taken_for_that_of_the_fit(in_file, taps, tmp_path, 
     forget(monkeypatch, tmp_path)
     in_file("dist.Normal(0.0, 2.0)")
 
-    with pytest.raises(InputError, match=r"fit\.nc: .*changed since. Fit again, or leave it out: the tables"):
+    with pytest.raises(
+        InputError, match=r"fit\.nc: .*changed since\. Name the right one, fit again, or leave it out: the tables"
+    ):
         load_model(tmp_path / "fit.nc", f"{path}:mine")
-    with pytest.raises(InputError, match=r"timed\.nc: .*changed since. Fit again\.$"):
+    with pytest.raises(InputError, match=r"timed\.nc: .*changed since\. Name the right one, or fit again\.$"):
         load_model(tmp_path / "timed.nc", f"{path}:timed")
     assert load_model(tmp_path / "fit.nc").grid.shape == (L, M)
 
@@ -335,8 +337,31 @@ def test_a_missing_file_and_an_unknown_name_are_refused(tmp_path):
         source.named(f"{tmp_path}/my.py:mine")
     with pytest.raises(InputError, match=r"FILE\.py:FUNCTION"):
         registry.split_name("laplacian")
-    with pytest.raises(InputError, match="cannot be the name"):
+    with pytest.raises(InputError, match="'gaussian' is a built-in model; register the function under another name"):
         registry.register(laplace, "gaussian")
+    with pytest.raises(InputError, match="'<lambda>' cannot be the name of a model"):
+        registry.model_name(lambda: None)
+    with pytest.raises(InputError, match="a name or a NumPyro function, got 3"):
+        registry.model_name(3)
+
+
+def test_another_function_of_the_same_file_is_not_taken_for_the_fitted_one(in_file, taps, tmp_path):
+    path = in_file()
+    quick_named(f"{path}:mine", taps).model.save(tmp_path / "fit.nc")
+
+    for story, message in (
+        (f"{path}:timed", "it is another function"),
+        (f"{path}", "fit is of .*mine. No function"),
+        (laplace, "it is another function"),
+        (lambda taps: taps, "must begin with the arguments"),
+    ):
+        with pytest.raises(InputError, match=rf"fit\.nc: .*{message}"):
+            load_model(tmp_path / "fit.nc", story)
+
+
+def test_one_value_cannot_be_integrated_over(taps):
+    with pytest.raises(InputError, match="map has one value and no draws"):
+        quick(laplace, taps, integrate=3)
 
 
 def test_too_many_variables_for_a_laplace_approximation_are_refused(taps, monkeypatch):
@@ -370,7 +395,7 @@ def level_of(distribution):
         ),
         (
             lambda loc, where: dist.HalfNormal(1.0 + loc**2 + 0.0 * where),
-            "story gives samples that occur no density, for a tap of position 0",
+            "story excludes samples that occur, for a tap of position 0.*of both signs",
         ),
     ],
 )
