@@ -86,7 +86,7 @@ CALLS = {
     "samples in words": (lambda _: st.Preprocessing(samples="5"), f"samples {COUNT} 1, got '5'"),
     "a rate in words": (lambda _: st.Preprocessing(samples=5, rate_hz="fast"), "rate_hz must hold numbers"),
     "no taps": (lambda _: st.fit([]), "There are no taps"),
-    "a number as model name": (lambda case: st.fit(case.taps, 3), "Unknown model 3"),
+    "a number as model name": (lambda case: st.fit(case.taps, 3), "a name or a NumPyro function, got 3"),
     "a word as grid": (lambda case: st.fit(case.taps, grid="fine"), "grid must be a ClassGrid, got str"),
     "a grid in another unit": (
         lambda case: st.fit(case.taps, grid=st.ClassGrid([0.0], "cm", None, ["rod 2 mm"])),
