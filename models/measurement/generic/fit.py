@@ -3,6 +3,7 @@
 Hoffman and Gelman, JMLR 15 (2014) 1593 (NUTS); Kucukelbir et al., JMLR 18 (2017) 14 (automatic variational inference).
 """
 
+import warnings
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
@@ -11,7 +12,7 @@ import numpy as np
 import numpyro
 from numpy.typing import NDArray
 from numpyro.handlers import block, seed, trace
-from numpyro.infer import SVI, Trace_ELBO, TraceEnum_ELBO
+from numpyro.infer import SVI, Predictive, Trace_ELBO, TraceEnum_ELBO
 from numpyro.infer.autoguide import AutoDelta, AutoLaplaceApproximation, AutoNormal
 from numpyro.infer.initialization import init_to_median
 from numpyro.infer.util import constrain_fn, unconstrain_fn
@@ -194,11 +195,14 @@ def _guided(fit: Fit, method: str) -> GuidePosterior:
     if isinstance(guide, AutoNormal | AutoDelta | AutoLaplaceApproximation):
         automatic: Any = guide
         centre = automatic.median(params)
+        if method == "laplace" and _singular(lambda: automatic.get_posterior(params)):
+            told = told._replace(
+                converged=False, sentence=f"{told.sentence} The curvature there is singular: nothing can be drawn."
+            )
 
         def sampled(key: Any) -> dict[str, Any]:
             return automatic.sample_posterior(key, params)
     else:
-        from numpyro.infer import Predictive
 
         def sampled(key: Any) -> dict[str, Any]:
             drawn: Any = Predictive(guide, params=params, num_samples=1)(key, data)
@@ -208,6 +212,17 @@ def _guided(fit: Fit, method: str) -> GuidePosterior:
         centre = _centre(fit, {name: np.stack([one[name] for one in many]) for name in fit.names})
     centre = {name: np.asarray(centre[name], dtype=np.float64) for name in fit.names}
     return GuidePosterior(centre, sampled, told)
+
+
+def _singular(posterior: Callable[[], Any]) -> bool:
+    """Whether NumPyro warns that a normal approximation has no covariance."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        try:
+            posterior()
+        except UserWarning:
+            return True
+    return False
 
 
 def _summed(fit: Fit) -> tuple[Any, Any]:

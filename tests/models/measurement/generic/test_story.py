@@ -16,6 +16,7 @@ from solidtouch.models.io.model_file import load_model
 from solidtouch.models.measurement import registry
 from solidtouch.models.measurement.generic import fit as fits
 from solidtouch.models.measurement.generic import source
+from solidtouch.models.measurement.generic.contract import measurement_model
 from solidtouch.models.measurement.likelihood.bins import TableForm
 from solidtouch.models.measurement.likelihood.story_likelihood import log_likelihoods
 from solidtouch.models.measurement.registry import fit_model, model_name
@@ -357,6 +358,54 @@ def test_another_function_of_the_same_file_is_not_taken_for_the_fitted_one(in_fi
     ):
         with pytest.raises(InputError, match=rf"fit\.nc: .*{message}"):
             load_model(tmp_path / "fit.nc", story)
+
+
+def test_a_singular_curvature_is_told(taps, monkeypatch):
+    """After few steps, far from the most probable values, there is no normal distribution around them."""
+    for name, value in {"TRIED": 1, "STEPS": 20}.items():
+        monkeypatch.setattr(fits, name, value)
+
+    convergence = quick(laplace, taps, method="laplace").convergence
+    assert not convergence.converged
+    assert "curvature there is singular" in convergence.sentence
+
+
+@pytest.mark.slow
+def test_all_fits_find_the_same_levels(taps, monkeypatch):
+    """And draw around them as widely, up to what a factorised guide leaves out."""
+    for name, value in {"TRIED": 200, "STEPS": 800, "_WINDOW": 100, "RUNS": 5}.items():
+        monkeypatch.setattr(fits, name, value)
+
+    def guide(where, what, taps=None, *, L, M, K, **_):
+        place = numpyro.param("place", jnp.zeros((L, M, K)))
+        width = numpyro.param("width", 0.1 * jnp.ones((L, M, K)), constraint=dist.constraints.positive)
+        with numpyro.plate("L", L, dim=-3), numpyro.plate("M", M, dim=-2), numpyro.plate("K", K, dim=-1):
+            numpyro.sample("loc", dist.Normal(place, width))
+
+    def known_scale(where, what, taps=None, *, L, M, J, K):
+        with numpyro.plate("L", L, dim=-3), numpyro.plate("M", M, dim=-2), numpyro.plate("K", K, dim=-1):
+            loc = numpyro.sample("loc", dist.Normal(0.0, 3.0))
+        with numpyro.plate("tap", len(where), dim=-3), numpyro.plate("J", J, dim=-2), numpyro.plate("taxel", K, dim=-1):
+            numpyro.sample("taps", dist.Normal(loc[where, what][:, None], 1.0), obs=taps)
+
+    def guided(where, what, taps=None, *, L, M, J, K):
+        known_scale(where, what, taps, L=L, M=M, J=J, K=K)
+
+    measurement_model(guide=guide)(guided)
+    found = {method: quick(known_scale, taps, method=method) for method in ("svi", "nuts", "map", "laplace")}
+    found["guide"] = quick(guided, taps, method="svi")
+    n = 2 * 5 * J  # samples of a class and taxel
+    model = found["svi"].model
+    where, what = taps.indices(model.grid)
+    samples = (taps.taps - model.scaling.centre) / model.scaling.unit
+    means = np.array([[samples[(where == l) & (what == m)].mean(axis=(0, 1)) for m in range(M)] for l in range(L)])
+    exact = means * n / (n + 1 / 9)
+    for name, fit in found.items():
+        within = {"svi": 0.8, "guide": 0.8, "nuts": 0.3}.get(name, 0.15) * n**-0.5  # of a posterior deviation
+        np.testing.assert_allclose(fit.model.parameters["loc"], exact, atol=within, err_msg=name)
+        if name != "map":
+            draws = [fit.posterior.draw(np.random.default_rng(seed))["loc"] for seed in range(200)]
+            np.testing.assert_allclose(np.std(draws, axis=0).mean(), (n + 1 / 9) ** -0.5, rtol=0.15, err_msg=name)
 
 
 def test_one_value_cannot_be_integrated_over(taps):
