@@ -166,9 +166,8 @@ def _dims(name: str, latent: dict[str, Any], shape: tuple[int, int, int, int]) -
 def _is_exchangeable(site: dict[str, Any]) -> bool:
     """Whether samples are independent and no parameter varies along a tap."""
     base = peeled(site["fn"])
-    plain = site.get("scale") is None and site["infer"].get("mask") is None
     same = len(base.batch_shape) < 2 or base.batch_shape[-2] == 1
-    return plain and elementwise(site["fn"]) and same
+    return site.get("scale") is None and elementwise(site["fn"]) and same
 
 
 def _looks_back(story: StoryFunction, batch: StoryCall) -> bool:
