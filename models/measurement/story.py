@@ -31,15 +31,15 @@ from ..taps import TapSet
 from ..training import tap_digests
 from .fits.posterior import Posterior, SamplePosterior, Sites
 from .fits.priors import Given, Taps, no_arguments
+from .fitted_parameters import ModelOfParameters
 from .likelihood.any_form import Form
 from .likelihood.bins import bin_edges
-from .likelihood.forecasts import Unseen, log_mean
+from .likelihood.forecasts import Unseen
 from .likelihood.shapes import Measure, Parameters
 from .likelihood.true_class import Own
-from .model import Fitted, Row, TapModel
+from .model import Fitted, Row
 from .scaling import Scaling, least_deviation
 
-_MANY_DRAWS = 100  # where nothing is integrated exactly
 _NO_BASIS = np.zeros((0, 0, 0))
 
 
@@ -180,37 +180,21 @@ class Story:
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class ParametricModel(TapModel):
-    """A generative model at fitted parameters, see `TapModel`.
+class ParametricModel(ModelOfParameters):
+    """A built-in generative model at fitted parameters.
 
     Attributes:
         story: Its story, and what is known of it.
-        scaling: Units of the parameters.
         basis: Basis functions at Q places in each where class, shape (Q, L, D), or (0, 0, 0).
-        parameters: With which it decides, as the story names them.
-        covered: Which classes it can speak about, shape (L, M).
     """
 
     story: Story
-    scaling: Scaling
     basis: NDArray[np.float64]
-    parameters: Parameters
-    covered: NDArray[np.bool_]
 
     @property
     def kind(self) -> str:
         """Name of the generative model."""
         return self.story.name
-
-    @property
-    def K(self) -> int:  # noqa: N802
-        """Number of taxels."""
-        return len(self.scaling.unit)
-
-    @cached_property
-    def trained(self) -> NDArray[np.bool_]:
-        """Mask of the classes with parameters, shape (L, M)."""
-        return self.covered
 
     @property
     def frame(self) -> Measure:
@@ -223,20 +207,12 @@ class ParametricModel(TapModel):
         return dict(self.story.dims)
 
     def groups(self) -> dict[str, xr.Dataset]:
-        """Groups of the file, with parameters and their scaling."""
+        """Groups of the file, with basis functions if there are any."""
         groups = super().groups()
-        own: dict[str, Any] = {
-            "centre": ("taxel", self.scaling.centre),
-            "unit": ("taxel", self.scaling.unit),
-            "covered": (("where", "what"), self.covered),
-        }
-        if self.basis.size:
-            own["basis"] = (("place", "where", "basis_function"), self.basis)
-        parameters = {name: (dims, self.parameters[name]) for name, dims in self.dims.items()}
-        return groups | {
-            "constant_data": groups["constant_data"].assign(own),
-            "parameters": xr.Dataset(parameters, self.grid.coords()),
-        }
+        if not self.basis.size:
+            return groups
+        own = {"basis": (("place", "where", "basis_function"), self.basis)}
+        return groups | {"constant_data": groups["constant_data"].assign(own)}
 
     @cached_property
     def plain_form(self) -> Form:
@@ -257,12 +233,10 @@ class ParametricModel(TapModel):
         offset: float,
     ) -> NDArray[np.float64]:
         """Predictive log probability, by the model itself or averaged over draws."""
-        # Taps in the state of gain 1 and offset 0; bins go with them, so probabilities stay those of the same bins.
-        taps, edges = (taps - offset) / gain, (self.edges - offset) / gain
-        if self.story.integrated is not None and not isinstance(posterior, SamplePosterior):
-            return self.story.integrated(posterior, self.frame, Unseen(taps, edges, own), generator)
-        forms = (self.form_of(posterior.draw(generator)) for _ in range(_MANY_DRAWS))
-        return log_mean([form.own(taps, edges, *own) for form in forms])
+        if self.story.integrated is None or isinstance(posterior, SamplePosterior):
+            return super().integrated(posterior, taps, own, generator, gain, offset)
+        unseen = Unseen((taps - offset) / gain, (self.edges - offset) / gain, own)  # as in the state of gain 1
+        return self.story.integrated(posterior, self.frame, unseen, generator)
 
 
 def _check_parameters(model: ParametricModel) -> None:

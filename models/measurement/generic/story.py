@@ -15,13 +15,12 @@ from ...seeds import Purpose, generator
 from ...settings import FitSettings, likelihood_exponent
 from ...training import tap_digests
 from ..fits.priors import Taps
+from ..fitted_parameters import ModelOfParameters
 from ..likelihood.any_form import Form
 from ..likelihood.bins import TableForm, bin_edges
-from ..likelihood.forecasts import log_mean
 from ..likelihood.mixture import MixtureForm
 from ..likelihood.shapes import Parameters
-from ..likelihood.true_class import Own
-from ..model import Fitted, Row, TapModel, in_states
+from ..model import Fitted, Row, in_states
 from ..scaling import Scaling
 from . import source
 from .contract import StoryCall, StoryFunction
@@ -32,7 +31,6 @@ if TYPE_CHECKING:
     from ..fits.posterior import Posterior
     from .form import Program
 
-_MANY_DRAWS = 100  # of an integral over the posterior
 _SESSIONS = 32  # draws of a new session where the model decides at one value
 
 
@@ -132,37 +130,21 @@ def batch_of(grid: "ClassGrid", preprocessing: Any, K: int) -> StoryCall:
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class GenericModel(TapModel):
-    """A generative model at fitted latent variables, see `TapModel`.
+class GenericModel(ModelOfParameters):
+    """A generative model of the contract at fitted latent variables.
 
     Attributes:
         story: The model as it was named.
         program: The same with its sites.
-        scaling: Units of its samples.
-        parameters: Latent variables with which it decides.
-        covered: Classes with training taps, shape (L, M).
     """
 
     story: GenericStory
     program: "Program"
-    scaling: Scaling
-    parameters: Parameters
-    covered: NDArray[np.bool_]
 
     @property
     def kind(self) -> str:
         """Name of the function."""
         return self.story.function.name
-
-    @property
-    def K(self) -> int:  # noqa: N802
-        """Number of taxels."""
-        return len(self.scaling.unit)
-
-    @cached_property
-    def trained(self) -> NDArray[np.bool_]:
-        """Mask of the classes with training taps, shape (L, M)."""
-        return self.covered
 
     @property
     def dims(self) -> dict[str, tuple[str, ...]]:
@@ -210,35 +192,14 @@ class GenericModel(TapModel):
             return TableForm(bin_table(self.program, latents, self.scaling, self.edges))
         return GenericForm(self.program, latents, self.scaling, np.ones(1), np.zeros(1))
 
-    def integrated(
-        self,
-        posterior: Any,
-        taps: NDArray[np.floating],
-        own: Own,
-        generator: np.random.Generator,
-        gain: float,
-        offset: float,
-    ) -> NDArray[np.float64]:
-        """Predictive log probability, averaged over draws."""
-        taps, edges = (taps - offset) / gain, (self.edges - offset) / gain
-        forms = (self.form_of(posterior.draw(generator)) for _ in range(_MANY_DRAWS))
-        return log_mean([form.own(taps, edges, *own) for form in forms])
-
     def groups(self) -> dict[str, xr.Dataset]:
-        """Groups of the file, with parameters and their scaling."""
+        """Groups of the file, with a table where there is one, and the digest of the code."""
         groups = super().groups()
-        data: dict[str, Any] = {
-            "centre": ("taxel", self.scaling.centre),
-            "unit": ("taxel", self.scaling.unit),
-            "covered": (("where", "what"), self.covered),
-        }
-        parameters = {name: (dims, self.parameters[name]) for name, dims in self.dims.items()}
+        table = {}
         if not self.draws and isinstance(self.plain_form, TableForm):
-            table = np.where(self.covered[:, :, None, None], self.plain_form.log_prob, np.nan)
-            data["table"] = (("where", "what", "taxel", "bin"), table)
-        told = {"measure": self.program.structure.measure, "digest": source.digest(self.story.function)}
+            known = np.where(self.covered[:, :, None, None], self.plain_form.log_prob, np.nan)
+            table["table"] = (("where", "what", "taxel", "bin"), known)
         return groups | {
-            "/": groups["/"].assign_attrs(told),
-            "constant_data": groups["constant_data"].assign(data),
-            "parameters": xr.Dataset(parameters, self.grid.coords()),
+            "/": groups["/"].assign_attrs(measure=self.measure, digest=source.digest(self.story.function)),
+            "constant_data": groups["constant_data"].assign(table),
         }

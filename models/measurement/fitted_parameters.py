@@ -1,0 +1,71 @@
+"""Fitted models that decide with parameters of a generative model, whoever wrote it."""
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+import xarray as xr
+from numpy.typing import NDArray
+
+from .likelihood.forecasts import log_mean
+from .likelihood.shapes import Parameters
+from .likelihood.true_class import Own
+from .model import TapModel
+from .scaling import Scaling
+
+_MANY_DRAWS = 100  # where nothing is integrated exactly
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class ModelOfParameters(TapModel):
+    """A generative model at fitted parameters, see `TapModel`.
+
+    Attributes:
+        scaling: Units of the samples in the generative model.
+        parameters: With which it decides, by name.
+        covered: Which classes it can speak about, shape (L, M).
+    """
+
+    scaling: Scaling
+    parameters: Parameters
+    covered: NDArray[np.bool_]
+
+    @property
+    def K(self) -> int:  # noqa: N802
+        """Number of taxels."""
+        return len(self.scaling.unit)
+
+    @cached_property
+    def trained(self) -> NDArray[np.bool_]:
+        """Mask of the classes with parameters, shape (L, M)."""
+        return self.covered
+
+    def integrated(
+        self,
+        posterior: Any,
+        taps: NDArray[np.floating],
+        own: Own,
+        generator: np.random.Generator,
+        gain: float,
+        offset: float,
+    ) -> NDArray[np.float64]:
+        """Predictive log probability, averaged over draws."""
+        # Taps in the state of gain 1 and offset 0; bins go with them, so probabilities stay those of the same bins.
+        taps, edges = (taps - offset) / gain, (self.edges - offset) / gain
+        forms = (self.form_of(posterior.draw(generator)) for _ in range(_MANY_DRAWS))
+        return log_mean([form.own(taps, edges, *own) for form in forms])
+
+    def groups(self) -> dict[str, xr.Dataset]:
+        """Groups of the file, with parameters and their scaling."""
+        groups = super().groups()
+        own: dict[str, Any] = {
+            "centre": ("taxel", self.scaling.centre),
+            "unit": ("taxel", self.scaling.unit),
+            "covered": (("where", "what"), self.covered),
+        }
+        parameters = {name: (dims, self.parameters[name]) for name, dims in self.dims.items()}
+        return groups | {
+            "constant_data": groups["constant_data"].assign(own),
+            "parameters": xr.Dataset(parameters, self.grid.coords()),
+        }
